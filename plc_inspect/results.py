@@ -1,0 +1,217 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Results of the pipeline: frozen, complete, without ROS or files.
+
+Lengths are metres, angles radians, coordinates in the frame of the input cloud.  Arrays that
+belong to points are parallel to the cloud that was given to the pipeline.
+"""
+
+from dataclasses import dataclass, field
+import enum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float64 = NDArray[np.float64]
+Float32 = NDArray[np.float32]
+Int32 = NDArray[np.int32]
+Int64 = NDArray[np.int64]
+UInt8 = NDArray[np.uint8]
+Bool = NDArray[np.bool_]
+
+
+class PointClass(enum.IntEnum):
+    """ASPRS LAS 1.4 classes that the pipeline writes."""
+
+    OTHER = 1
+    GROUND = 2
+    VEGETATION = 5
+    WIRE = 14
+    TOWER = 15
+
+
+class Decision(enum.IntEnum):
+    """The stage that decided what a point is; in ``points.laz`` as ``decision``."""
+
+    NOT_FINITE = 0
+    GROUND = 1
+    TOO_LOW = 2
+    NOT_LINEAR = 3
+    OUTLIER = 4
+    NO_SECTION = 5
+    NO_CLUSTER = 6
+    NO_CATENARY = 7
+    WIRE = 8
+    SUPPORT = 9
+
+
+class HazardKind(enum.IntEnum):
+    """What a hazard is about; ``kind`` in files and messages."""
+
+    VEGETATION = 1
+    GROUND = 2
+    STRUCTURE = 3
+    INTERFERENCE = 4
+    SAG = 5
+
+
+class Severity(enum.IntEnum):
+    """How bad a hazard is; ``severity`` in files and messages."""
+
+    NOTICE = 1
+    WARNING = 2
+    CRITICAL = 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Span:
+    """
+    One conductor between two supports, modelled by a catenary.
+
+    z(x) = a + c cosh((x - b) / c), where x is the horizontal distance from ``start`` towards
+    ``end`` and z is in the frame of the cloud (paper Eq. 6).
+    """
+
+    line_id: int
+    span_id: int
+    start: Float64
+    """(3,) first end, on the curve [m]."""
+    end: Float64
+    """(3,) second end, on the curve [m]."""
+    azimuth: float
+    """Direction from start to end, counter-clockwise from x (REP-103) [rad]."""
+    length: float
+    """Horizontal distance from start to end [m]."""
+    a: float
+    b: float
+    c: float
+    quadratic: tuple[float, float, float]
+    """a2, a1, a0 of the quadratic form over the same x."""
+    sag: float
+    """Greatest vertical distance from chord to curve [m]."""
+    lowest: Float64
+    """(3,) lowest point of the curve between start and end [m]."""
+    open_start: bool
+    """The span goes on beyond ``start``, which is only the last point seen."""
+    open_end: bool
+    rmse: float
+    """Root mean square vertical residual of the inliers [m]."""
+    num_points: int
+    coverage: float
+    """Share of the length that holds points, 0 to 1."""
+    sigma: dict[str, float]
+    """Standard deviations of a, b, c and sag [m]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Support:
+    """A tower or pole that carries conductors."""
+
+    support_id: int
+    position: Float64
+    """(3,) foot of the support on the ground [m]."""
+    height: float
+    """Height of the highest point of the support or attachment above the foot [m]."""
+    kind: str
+    """'tower', 'pole', or 'unseen' where only the conductors tell of it."""
+    line_ids: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Hazard:
+    """One place where a clearance rule is broken."""
+
+    hazard_id: int
+    line_id: int
+    span_id: int
+    kind: HazardKind
+    severity: Severity
+    position: Float64
+    """(3,) the offending point nearest to the conductor [m]."""
+    clearance: float
+    """Measured distance to the conductor [m]; for SAG, the sag in excess of its peers."""
+    required: float
+    """Distance that the rule asks for [m]; for SAG, the deviation that is tolerated."""
+    horizontal: float
+    """Horizontal part of the clearance [m]."""
+    vertical: float
+    """Vertical part of the clearance, positive where the conductor is above [m]."""
+    sigma: float
+    """Standard deviation of the clearance [m]."""
+    along_span: float
+    """Horizontal distance from the start of the span [m]."""
+    num_points: int
+    extent: Float64
+    """(2, 3) lower and upper corner of the offending points [m]."""
+    rule: str
+    edition: str
+    source: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StageReport:
+    """What one stage kept and dropped, and why."""
+
+    name: str
+    num_in: int
+    num_kept: int
+    dropped: dict[str, int] = field(default_factory=dict)
+    """Reason to count."""
+    values: dict[str, Any] = field(default_factory=dict)
+    """Thresholds used and values derived from the data, JSON-serialisable."""
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class InspectionResult:
+    """Everything that one run of the pipeline found in one cloud of N points."""
+
+    spans: tuple[Span, ...]
+    """Ordered by line_id, then span_id."""
+    supports: tuple[Support, ...]
+    hazards: tuple[Hazard, ...]
+    line_id: Int32
+    """(N,) conductor of each point, -1 none."""
+    span_id: Int32
+    """(N,) span of each point, -1 none; set for wire and corridor points."""
+    residual: Float32
+    """(N,) distance of a wire point to its curve [m], NaN elsewhere."""
+    clearance: Float32
+    """(N,) distance to the nearest conductor [m], NaN beyond the corridor."""
+    classification: UInt8
+    """(N,) PointClass."""
+    decision: UInt8
+    """(N,) Decision."""
+    ground_height: Float32
+    """(N,) height above local ground [m]."""
+    corridor: Int64
+    """(K,) ascending indices of the points of the corridor (PLC), wires included."""
+    corridor_line_id: Int32
+    """(K,) nearest conductor of each corridor point."""
+    corridor_span_id: Int32
+    """(K,) nearest span of each corridor point."""
+    stages: tuple[StageReport, ...]
+
+    @property
+    def num_points(self) -> int:
+        """Number of points of the cloud."""
+        return len(self.line_id)
+
+    @property
+    def num_lines(self) -> int:
+        """Number of different conductors."""
+        return len({span.line_id for span in self.spans})
