@@ -1,0 +1,82 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Installs plc_inspect as an ament_python package and as a plain Python package."""
+
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = 'plc_inspect'
+
+COMMANDS = {
+    'plc_survey': 'plc_inspect.offline.survey:main',
+    'plc_replay': 'plc_inspect.offline.replay:main',
+}
+
+
+def list_files(folder: str, *patterns: str) -> list[str]:
+    """List the files of one folder that match any of the patterns, sorted."""
+    return sorted(str(path) for pattern in patterns for path in Path(folder).glob(pattern))
+
+
+setup(
+    name=NAME,
+    version='0.1.0',
+    description='Power line inspection from LiDAR: conductors, corridor and hazards',
+    long_description=Path('README.md').read_text(encoding='utf-8'),
+    long_description_content_type='text/markdown',
+    author='plc_inspect contributors',
+    maintainer='plc_inspect contributors',
+    maintainer_email='plc_inspect@example.org',
+    license='Apache-2.0',
+    packages=find_packages(include=[NAME, f'{NAME}.*']),
+    package_data={NAME: ['offline/templates/*']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
+        (f'share/{NAME}', ['package.xml']),
+        (f'share/{NAME}/config', list_files('config', '*.yaml', '*.rviz', '*.json', '*.xml')),
+        (f'share/{NAME}/launch', list_files('launch', '*.launch.py')),
+    ],
+    python_requires='>=3.11',
+    install_requires=[
+        'setuptools',
+        'jinja2>=3.1',
+        'laspy[lazrs]>=2.5',
+        'numba>=0.58',
+        'numpy>=1.26',
+        'pyproj>=3.6',
+        'PyYAML>=6.0',
+        'rosbags>=0.10',
+        'scikit-learn>=1.4',
+        'scipy>=1.11',
+        'tqdm>=4.65',
+    ],
+    extras_require={
+        'dev': [
+            'hypothesis>=6.90',
+            'matplotlib>=3.8',
+            'mypy>=1.10',
+            'pytest>=8.0',
+            'pytest-xdist>=3.5',
+            'ruff>=0.8',
+            'types-PyYAML',
+            'types-tqdm',
+        ],
+    },
+    zip_safe=False,
+    entry_points={
+        'console_scripts': [f'{name} = {target}' for name, target in COMMANDS.items()],
+    },
+)
