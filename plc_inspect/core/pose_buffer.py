@@ -1,0 +1,382 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Poses of the vehicle over time, bounded, and what may be interpolated between them.
+
+Frames: a pose is ``T_map_base``, the base of the vehicle in the frame of the odometry.  Stamps
+are int64 nanoseconds, quaternions x y z w of unit length.
+"""
+
+from collections import Counter
+from dataclasses import dataclass
+import enum
+import math
+
+from numba import njit
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from plc_inspect.config import InputSettings
+from plc_inspect.errors import DataError
+from plc_inspect.results import Float64, Int64, UInt8
+
+DEFAULT_CAPACITY = 8192
+"""Poses kept: 80 s at 100 Hz, 8 s at 1 kHz."""
+
+MAX_TURN_RATE = 35.0
+"""Fastest believable turn between two poses, 2000 degrees/s as gyroscopes measure [rad/s]."""
+
+QUATERNION_TOLERANCE = 0.01
+"""Largest difference of a quaternion's length from 1."""
+
+RESTART_AFTER = 10
+"""So many poses in a row that agree with one another and not with the buffer restart it."""
+
+
+class PoseStatus(enum.Enum):
+    """What became of a pose that was offered to the buffer."""
+
+    ACCEPTED = 'accepted'
+    RESTARTED = 'accepted, buffer restarted after stamps went back'
+    NOT_FINITE = 'not finite'
+    BAD_QUATERNION = 'quaternion not of unit length'
+    NOT_LATER = 'stamp repeated or backward'
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the pose is now in the buffer."""
+        return self in (PoseStatus.ACCEPTED, PoseStatus.RESTARTED)
+
+
+class Bracket(enum.IntEnum):
+    """Whether a stamp lies between two poses that may be interpolated."""
+
+    OK = 0
+    BEFORE = 1
+    """Earlier than all poses of the buffer."""
+    AFTER = 2
+    """Later than all poses of the buffer."""
+    GAP = 3
+    """The poses on both sides are farther apart than ``max_pose_gap``."""
+    JUMP = 4
+    """The poses on both sides imply more than ``max_speed`` or MAX_TURN_RATE."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseSamples:
+    """Poses at N stamps."""
+
+    positions: Float64
+    """(N, 3) base in the map frame [m], NaN where ``bracket`` is not OK."""
+    quaternions: Float64
+    """(N, 4) x y z w, NaN where ``bracket`` is not OK."""
+    bracket: UInt8
+    """(N,) Bracket."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseArrays:
+    """The poses of a buffer, ascending in time; views, valid until the next insertion."""
+
+    stamps: Int64
+    """(M,) [ns]."""
+    positions: Float64
+    """(M, 3) [m]."""
+    quaternions: Float64
+    """(M, 4) x y z w, unit length."""
+    intervals: UInt8
+    """(M,) Bracket (OK, GAP or JUMP) of the interval that ends at each pose; the first: OK."""
+
+
+class PoseBuffer:
+    """
+    Bounded buffer of poses in order of time; the oldest make room.
+
+    Poses that are not finite, whose quaternion is not of unit length or whose stamp is not later
+    than the newest are rejected and counted.  When RESTART_AFTER poses in a row are rejected for
+    their stamps although their own stamps ascend, the odometry has gone back in time: the buffer
+    is emptied and starts again with the last of them.
+
+    Parameters
+    ----------
+    settings : InputSettings
+        ``max_pose_gap`` and ``max_speed`` are used.
+    capacity : int
+        Number of poses kept, at least 2.
+
+    Raises
+    ------
+    DataError
+        The capacity is less than 2.
+
+    """
+
+    def __init__(self, settings: InputSettings, capacity: int = DEFAULT_CAPACITY) -> None:
+        if capacity < 2:
+            raise DataError(f'a pose buffer holds at least 2 poses, got capacity {capacity}')
+        self._max_gap_ns = round(settings.max_pose_gap * 1e9)
+        self._max_speed = settings.max_speed
+        self._capacity = capacity
+        # Twice the capacity, so that the live poses are always one contiguous slice.
+        self._stamps: Int64 = np.empty(2 * capacity, dtype=np.int64)
+        self._poses: Float64 = np.empty((2 * capacity, 7), dtype=np.float64)
+        self._intervals: UInt8 = np.empty(2 * capacity, dtype=np.uint8)
+        self._counts: Counter[PoseStatus] = Counter()
+        self._interval_counts: Counter[Bracket] = Counter()
+        self.clear()
+
+    def __len__(self) -> int:
+        """Return the number of poses in the buffer."""
+        return self._end - self._start
+
+    @property
+    def first_stamp(self) -> int | None:
+        """Stamp of the oldest pose [ns], None when empty."""
+        return int(self._stamps[self._start]) if len(self) else None
+
+    @property
+    def last_stamp(self) -> int | None:
+        """Stamp of the newest pose [ns], None when empty."""
+        return int(self._stamps[self._end - 1]) if len(self) else None
+
+    @property
+    def counts(self) -> dict[PoseStatus, int]:
+        """How often each status was given since the buffer was made."""
+        return dict(self._counts)
+
+    @property
+    def num_gaps(self) -> int:
+        """Intervals longer than ``max_pose_gap`` since the buffer was made."""
+        return self._interval_counts[Bracket.GAP]
+
+    @property
+    def num_jumps(self) -> int:
+        """Intervals that imply too fast a motion since the buffer was made."""
+        return self._interval_counts[Bracket.JUMP]
+
+    def clear(self) -> None:
+        """Forget all poses; the counts stay."""
+        self._start = 0
+        self._end = 0
+        self._num_backward = 0
+        self._last_backward = 0
+
+    def insert(self, stamp_ns: int, position: ArrayLike, quaternion: ArrayLike) -> PoseStatus:
+        """
+        Add one pose.
+
+        Parameters
+        ----------
+        stamp_ns : int
+            Time of the pose [ns].
+        position : array_like
+            (3,) base in the map frame [m].
+        quaternion : array_like
+            (4,) x y z w.
+
+        Returns
+        -------
+        PoseStatus
+            Whether the pose was accepted, and if not, why.
+
+        """
+        pose = np.empty(7, dtype=np.float64)
+        pose[:3] = position
+        pose[3:] = quaternion
+        status = self._check(stamp_ns, pose)
+        self._counts[status] += 1
+        if status is PoseStatus.RESTARTED:
+            self.clear()
+        if status.accepted:
+            self._append(stamp_ns, pose)
+        return status
+
+    def _check(self, stamp_ns: int, pose: Float64) -> PoseStatus:
+        if not np.isfinite(pose).all():
+            return PoseStatus.NOT_FINITE
+        norm = math.sqrt(float(pose[3:] @ pose[3:]))
+        if abs(norm - 1.0) > QUATERNION_TOLERANCE:
+            return PoseStatus.BAD_QUATERNION
+        pose[3:] /= norm
+        last = self.last_stamp
+        if last is None or stamp_ns > last:
+            self._num_backward = 0
+            return PoseStatus.ACCEPTED
+        ascending = self._num_backward == 0 or stamp_ns > self._last_backward
+        self._num_backward = self._num_backward + 1 if ascending else 1
+        self._last_backward = stamp_ns
+        restart = self._num_backward >= RESTART_AFTER
+        return PoseStatus.RESTARTED if restart else PoseStatus.NOT_LATER
+
+    def _append(self, stamp_ns: int, pose: Float64) -> None:
+        if self._end == 2 * self._capacity:
+            live = slice(self._end - self._capacity + 1, self._end)
+            for array in (self._stamps, self._poses, self._intervals):
+                array[: self._capacity - 1] = array[live]
+            self._start, self._end = 0, self._capacity - 1
+        end = self._end
+        interval = Bracket.OK
+        if end > self._start:
+            interval = self._judge(stamp_ns, pose)
+            self._interval_counts[interval] += 1
+        self._stamps[end] = stamp_ns
+        self._poses[end] = pose
+        self._intervals[end] = interval
+        self._end = end + 1
+        self._start = max(self._start, self._end - self._capacity)
+
+    def _judge(self, stamp_ns: int, pose: Float64) -> Bracket:
+        """Say whether the interval from the newest pose to this one may be interpolated."""
+        last = self._poses[self._end - 1]
+        gap_ns = stamp_ns - int(self._stamps[self._end - 1])
+        seconds = gap_ns * 1e-9
+        if gap_ns > self._max_gap_ns:
+            return Bracket.GAP
+        cosine = min(1.0, abs(float(last[3:] @ pose[3:])))
+        angle = 2.0 * math.acos(cosine)
+        if (
+            math.dist(last[:3], pose[:3]) > self._max_speed * seconds
+            or angle > MAX_TURN_RATE * seconds
+        ):
+            return Bracket.JUMP
+        return Bracket.OK
+
+    def arrays(self) -> PoseArrays:
+        """Return the live poses as views, without a copy."""
+        live = slice(self._start, self._end)
+        poses = self._poses[live]
+        return PoseArrays(self._stamps[live], poses[:, :3], poses[:, 3:], self._intervals[live])
+
+    def interpolate(self, stamps_ns: NDArray[np.int64]) -> PoseSamples:
+        """
+        Interpolate poses: positions linearly, orientations by slerp.
+
+        Nothing is extrapolated: a stamp gets a pose only where it lies between two poses, ends
+        included, that are near enough in time and motion; elsewhere its row is NaN.
+
+        Parameters
+        ----------
+        stamps_ns : NDArray[np.int64]
+            (N,) times in any order [ns].
+
+        Returns
+        -------
+        PoseSamples
+            N poses and what bracketed each.
+
+        """
+        stamps = np.asarray(stamps_ns, dtype=np.int64)
+        poses = self.arrays()
+        upper, bracket = bracket_stamps(stamps, poses.stamps, poses.intervals)
+        positions = np.full((len(stamps), 3), np.nan)
+        quaternions = np.full((len(stamps), 4), np.nan)
+        _interpolate(
+            stamps, poses.stamps, poses.positions, poses.quaternions,
+            upper, bracket, positions, quaternions,
+        )
+        return PoseSamples(positions, quaternions, bracket)
+
+
+@njit(cache=True, nogil=True)
+def bracket_stamps(
+    stamps: Int64, pose_stamps: Int64, intervals: UInt8
+) -> tuple[Int64, UInt8]:
+    """
+    Find the pose that ends the interval in which each stamp lies.
+
+    Parameters
+    ----------
+    stamps : Int64
+        (N,) times in any order [ns]; nearly ordered ones cost O(1) each, others O(log M).
+    pose_stamps : Int64
+        (M,) ascending [ns].
+    intervals : UInt8
+        (M,) Bracket of the interval that ends at each pose.
+
+    Returns
+    -------
+    tuple[Int64, UInt8]
+        (N,) index of the later pose, and (N,) Bracket; the index means nothing unless OK.
+
+    """
+    num_poses = len(pose_stamps)
+    upper = np.zeros(len(stamps), dtype=np.int64)
+    bracket = np.zeros(len(stamps), dtype=np.uint8)
+    k = 1
+    for i in range(len(stamps)):
+        stamp = stamps[i]
+        if num_poses == 0 or stamp > pose_stamps[-1]:
+            bracket[i] = 2
+            continue
+        if stamp < pose_stamps[0]:
+            bracket[i] = 1
+            continue
+        if num_poses == 1:
+            bracket[i] = 2
+            continue
+        if not (pose_stamps[k - 1] <= stamp <= pose_stamps[k]):
+            if k + 1 < num_poses and pose_stamps[k] <= stamp <= pose_stamps[k + 1]:
+                k += 1
+            else:
+                k = min(max(np.searchsorted(pose_stamps, stamp), 1), num_poses - 1)
+        found = k
+        # A stamp that equals a pose belongs to both its intervals: take the good one.
+        if intervals[k] != 0:
+            if stamp == pose_stamps[k] and k + 1 < num_poses and intervals[k + 1] == 0:
+                found = k + 1
+            elif stamp == pose_stamps[k - 1] and k > 1 and intervals[k - 1] == 0:
+                found = k - 1
+        upper[i] = found
+        bracket[i] = intervals[found]
+    return upper, bracket
+
+
+@njit(cache=True, nogil=True)
+def _interpolate(
+    stamps: Int64,
+    pose_stamps: Int64,
+    pose_positions: Float64,
+    pose_quaternions: Float64,
+    upper: Int64,
+    bracket: UInt8,
+    positions: Float64,
+    quaternions: Float64,
+) -> None:
+    for i in range(len(stamps)):
+        if bracket[i] != 0:
+            continue
+        k = upper[i]
+        share = (stamps[i] - pose_stamps[k - 1]) / (pose_stamps[k] - pose_stamps[k - 1])
+        for j in range(3):
+            start = pose_positions[k - 1, j]
+            positions[i, j] = start + share * (pose_positions[k, j] - start)
+        cosine = 0.0
+        for j in range(4):
+            cosine += pose_quaternions[k - 1, j] * pose_quaternions[k, j]
+        sign = 1.0 if cosine >= 0.0 else -1.0
+        angle = math.acos(min(1.0, sign * cosine))
+        first, second = 1.0 - share, share
+        if angle > 1e-4:
+            first = math.sin((1.0 - share) * angle) / math.sin(angle)
+            second = math.sin(share * angle) / math.sin(angle)
+        norm = 0.0
+        for j in range(4):
+            value = (
+                first * pose_quaternions[k - 1, j] + sign * second * pose_quaternions[k, j]
+            )
+            quaternions[i, j] = value
+            norm += value * value
+        for j in range(4):
+            quaternions[i, j] /= math.sqrt(norm)

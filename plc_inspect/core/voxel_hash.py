@@ -1,0 +1,192 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Open addressing hash of voxel keys, in numba.
+
+A key packs three voxel indices relative to the map's origin, 21 bits each.  The table holds
+slot + 1, 0 where free, at a load of at most one half, with linear probing.
+"""
+
+from numba import njit
+import numpy as np
+
+from plc_inspect.results import Float32, Float64, Int32, Int64
+
+KEY_BITS = 21
+KEY_HALF_RANGE = 1 << (KEY_BITS - 1)
+_MASK = (1 << KEY_BITS) - 1
+
+
+def build_table(keys: Int64, capacity: int) -> Int32:
+    """
+    Build the hash table of some keys.
+
+    Parameters
+    ----------
+    keys : Int64
+        (M,) different keys; key m gets slot m.
+    capacity : int
+        Number of keys that the table must take, at least M.
+
+    Returns
+    -------
+    Int32
+        Slot + 1, or 0 where free; the length is a power of two, at least twice the capacity.
+
+    """
+    length = 1 << max(4, (2 * capacity - 1).bit_length())
+    table: Int32 = np.zeros(length, dtype=np.int32)
+    _fill_table(keys, table)
+    return table
+
+
+def unpack_keys(keys: Int64) -> Int64:
+    """Return the (M, 3) voxel indices, relative to the origin, of (M,) packed keys."""
+    return np.column_stack(
+        (keys >> (2 * KEY_BITS), (keys >> KEY_BITS) & _MASK, keys & _MASK)
+    ) - np.int64(KEY_HALF_RANGE)
+
+
+@njit(cache=True, nogil=True)
+def locate_voxels(
+    points: Float64, origin: Int64, voxel_size: float
+) -> tuple[Int64, Float32, int]:
+    """
+    Find the voxel of each point and the point's offset from its centre.
+
+    Parameters
+    ----------
+    points : Float64
+        (N, 3) points [m].
+    origin : Int64
+        (3,) voxel index of the origin of the keys.
+    voxel_size : float
+        Edge of a voxel [m].
+
+    Returns
+    -------
+    tuple[Int64, Float32, int]
+        (N,) packed keys, (N, 3) offsets [m], and the first point that is not finite or has no
+        key, -1 if there is none; after such a point the arrays mean nothing.
+
+    """
+    keys = np.empty(len(points), dtype=np.int64)
+    offsets = np.empty((len(points), 3), dtype=np.float32)
+    for i in range(len(points)):
+        key = np.int64(0)
+        for j in range(3):
+            scaled = np.floor(points[i, j] / voxel_size)
+            relative = scaled - origin[j] + KEY_HALF_RANGE
+            if not 0.0 <= relative < 2.0 * KEY_HALF_RANGE:
+                return keys, offsets, i
+            key = (key << KEY_BITS) | np.int64(relative)
+            offsets[i, j] = points[i, j] - (scaled + 0.5) * voxel_size
+        keys[i] = key
+    return keys, offsets, -1
+
+
+@njit(cache=True, nogil=True)
+def _hash(key: int) -> int:
+    value = np.uint64(key)
+    value ^= value >> np.uint64(33)
+    value *= np.uint64(0xFF51AFD7ED558CCD)
+    value ^= value >> np.uint64(33)
+    value *= np.uint64(0xC4CEB9FE1A85EC53)
+    value ^= value >> np.uint64(33)
+    return np.int64(value)
+
+
+@njit(cache=True, nogil=True)
+def _fill_table(keys: Int64, table: Int32) -> None:
+    mask = len(table) - 1
+    for slot in range(len(keys)):
+        place = _hash(keys[slot]) & mask
+        while table[place] != 0:
+            place = (place + 1) & mask
+        table[place] = slot + 1
+
+
+@njit(cache=True, nogil=True)
+def accumulate_points(
+    keys: Int64,
+    offsets: Float32,
+    start: int,
+    sequence: int,
+    size: int,
+    final: bool,
+    table: Int32,
+    slot_keys: Int64,
+    counts: Int32,
+    moments: Float32,
+    touched: Int32,
+) -> tuple[int, int, int]:
+    """
+    Add points to their voxels until all are in or there is no room.
+
+    Parameters
+    ----------
+    keys, offsets : Int64, Float32
+        As from ``locate_voxels``.
+    start : int
+        First point to add.
+    sequence : int
+        Number of this insertion.
+    size : int
+        Voxels in use.
+    final : bool
+        There is no more room to be had: refuse points instead of stopping.
+    table, slot_keys, counts, moments, touched
+        The map's arrays, changed in place.
+
+    Returns
+    -------
+    tuple[int, int, int]
+        Voxels in use now, first point that was not looked at, points refused.
+
+    """
+    mask = len(table) - 1
+    refused = 0
+    for i in range(start, len(keys)):
+        key = keys[i]
+        place = _hash(key) & mask
+        slot = table[place] - 1
+        while slot >= 0 and slot_keys[slot] != key:
+            place = (place + 1) & mask
+            slot = table[place] - 1
+        if slot < 0:
+            if size == len(slot_keys):
+                if final:
+                    refused += 1
+                    continue
+                return size, i, refused
+            slot = size
+            slot_keys[slot] = key
+            table[place] = slot + 1
+            size += 1
+        counts[slot] += 1
+        touched[slot] = sequence
+        share = np.float32(1.0) / np.float32(counts[slot])
+        x, y, z = offsets[i, 0], offsets[i, 1], offsets[i, 2]
+        row = moments[slot]
+        row[0] += (x - row[0]) * share
+        row[1] += (y - row[1]) * share
+        row[2] += (z - row[2]) * share
+        row[3] += (x * x - row[3]) * share
+        row[4] += (x * y - row[4]) * share
+        row[5] += (x * z - row[5]) * share
+        row[6] += (y * y - row[6]) * share
+        row[7] += (y * z - row[7]) * share
+        row[8] += (z * z - row[8]) * share
+    return size, len(keys), refused
