@@ -241,13 +241,23 @@ class OutlierSettings(_Checked):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AlignmentSettings(_Checked):
-    """Straight sections and their azimuth (regularisation, R_z)."""
+    """Direction votes and windows of one azimuth (regularisation, R_z)."""
 
-    max_turn_deg: float = _setting(
-        4.0, 'direction change that ends a section', unit='deg', low=0.5, high=45.0
+    reach: float = _setting(
+        8.0, 'others within this distance vote for a candidate', unit='m', low=2.0, high=50.0
     )
-    min_length: float = _setting(
-        12.0, 'shortest section', unit='m', low=1.0, high=1000.0
+    min_votes: int = _setting(
+        5, 'bins of 16 along its axis that must hold others', low=1, high=16
+    )
+    tile_size: float = _setting(
+        8.0, 'plan tile that gets a window for each azimuth in it', unit='m', low=2.0, high=100.0
+    )
+    half_length: float = _setting(
+        6.0, 'half the length of a window along the line', unit='m', low=1.0, high=100.0
+    )
+    max_turn_deg: float = _setting(
+        5.0, 'azimuths of a tile farther apart belong to two windows', unit='deg',
+        low=0.5, high=45.0,
     )
 
 
@@ -263,8 +273,15 @@ class ClusteringSettings(_Checked):
         50, 'points of a core neighbourhood (min_pts of Table 1), at full sampling',
         low=1, high=10_000
     )
+    max_thickness: float = _setting(
+        0.15, 'thicker clusters are not one conductor (rms)', unit='m', low=0.01, high=2.0
+    )
     max_gap: float = _setting(
-        0.0, 'radius along the line, 0: from the spacing', unit='m', low=0.0, high=200.0
+        20.0, 'pieces of conductor this far apart are joined along the line', unit='m',
+        low=1.0, high=200.0,
+    )
+    join_tolerance: float = _setting(
+        0.12, 'pieces that are joined meet within this', unit='m', low=0.01, high=2.0
     )
 
 

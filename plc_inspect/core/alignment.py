@@ -1,0 +1,223 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Regularisation: the direction of the line, place by place."""
+
+from dataclasses import dataclass
+import math
+
+from numba import njit, prange
+import numpy as np
+
+from plc_inspect.config import AlignmentSettings
+from plc_inspect.core.linearity import LinearityResult, principal_axis
+from plc_inspect.core.plan_index import build_plan_index
+from plc_inspect.core.voxels import add_shifted
+from plc_inspect.results import Bool, Float64, Int32, Int64
+
+POINT = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+"""Moments of one point about itself."""
+NUM_BINS = 16
+"""Bins along a candidate's axis that are checked for others in line with it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AlignmentResult:
+    """Windows of the cloud in which lines run straight and in one direction."""
+
+    voted: Bool
+    """(M,) candidates that enough others lie in line with."""
+    votes: Int64
+    """(M,) occupied bins along the axis of each candidate, at most NUM_BINS."""
+    center: Float64
+    """(W, 3) mean of the candidates of each window [m]."""
+    azimuth: Float64
+    """(W,) direction of the lines in the window, from x, in (-pi/2, pi/2] [rad]."""
+    slope: Float64
+    """(W,) rise over run along the azimuth."""
+    seed_start: Int32
+    """(W + 1,) first of each window's candidates in ``seeds``."""
+    seeds: Int32
+    """Candidates, window by window."""
+    half_length: float
+    """Half the length of a window along the line [m]."""
+
+
+def align(candidates: LinearityResult, settings: AlignmentSettings) -> AlignmentResult:
+    """
+    Turn oriented candidates into windows that each have one azimuth.
+
+    A wire is long: candidates with fewer than ``min_votes`` others in line with them, within
+    ``reach``, are dropped.  The azimuth of the rest is that of the positions in line with them,
+    which is far steadier than that of one neighbourhood, and is the angle of the rotation R_z
+    of the paper.  Each plan tile gets one window for each azimuth found in it, so that lines
+    may bend at supports and cross.
+
+    Parameters
+    ----------
+    candidates : LinearityResult, M oriented places
+    settings : AlignmentSettings
+
+    Returns
+    -------
+    AlignmentResult
+
+    """
+    num = len(candidates.position)
+    if num == 0:
+        return _no_windows(np.zeros(0, dtype=np.int64), settings)
+    index = build_plan_index(candidates.position, np.arange(num), settings.reach)
+    votes, direction = _vote(
+        candidates.position,
+        candidates.direction,
+        index.start,
+        index.order,
+        index.origin,
+        index.cell_size,
+        index.shape[0],
+        index.shape[1],
+        settings.reach,
+    )
+    voted = votes >= settings.min_votes
+    kept = np.flatnonzero(voted)
+    if not len(kept):
+        return _no_windows(votes, settings)
+    azimuth = np.arctan2(direction[kept, 1], direction[kept, 0])
+    slope = direction[kept, 2] / np.maximum(np.hypot(direction[kept, 0], direction[kept, 1]), 1e-9)
+    azimuth, slope = _half_turn(azimuth, slope)
+    position = candidates.position[kept]
+    window = _split_azimuths(
+        np.floor(position[:, :2] / settings.tile_size).astype(np.int64),
+        azimuth,
+        math.radians(settings.max_turn_deg),
+    )
+    order = np.argsort(window, kind='stable')
+    num_windows = int(window.max()) + 1
+    start = np.searchsorted(window[order], np.arange(num_windows + 1)).astype(np.int32)
+    weight = votes[kept].astype(np.float64)
+    total = np.bincount(window, weight, num_windows)
+    center = np.stack(
+        [np.bincount(window, weight * position[:, k], num_windows) / total for k in range(3)], axis=1
+    )
+    mean_azimuth = (
+        np.arctan2(
+            np.bincount(window, weight * np.sin(2 * azimuth), num_windows),
+            np.bincount(window, weight * np.cos(2 * azimuth), num_windows),
+        )
+        / 2
+    )
+    turned = np.abs(np.cos(azimuth - mean_azimuth[window])) * np.sign(
+        np.cos(azimuth - mean_azimuth[window])
+    )
+    mean_slope = np.bincount(window, weight * slope * np.sign(turned), num_windows) / total
+    return AlignmentResult(
+        voted=voted,
+        votes=votes,
+        center=center,
+        azimuth=mean_azimuth,
+        slope=mean_slope,
+        seed_start=start,
+        seeds=kept[order].astype(np.int32),
+        half_length=settings.half_length,
+    )
+
+
+def _no_windows(votes: Int64, settings: AlignmentSettings) -> AlignmentResult:
+    return AlignmentResult(
+        voted=np.zeros(len(votes), dtype=bool),
+        votes=votes,
+        center=np.zeros((0, 3)),
+        azimuth=np.zeros(0),
+        slope=np.zeros(0),
+        seed_start=np.zeros(1, dtype=np.int32),
+        seeds=np.zeros(0, dtype=np.int32),
+        half_length=settings.half_length,
+    )
+
+
+def _half_turn(azimuth: Float64, slope: Float64) -> tuple[Float64, Float64]:
+    """Bring azimuths into (-pi/2, pi/2], turning the slope with them."""
+    back = (azimuth > math.pi / 2) | (azimuth <= -math.pi / 2)
+    turned = np.where(back, azimuth - np.sign(azimuth) * math.pi, azimuth)
+    return turned, np.where(back, -slope, slope)
+
+
+def _split_azimuths(tile: Int64, azimuth: Float64, gap: float) -> Int64:
+    """Number the groups of equal tile whose azimuths, sorted, have no gap wider than given."""
+    order = np.lexsort((azimuth, tile[:, 1], tile[:, 0]))
+    sorted_tile, sorted_azimuth = tile[order], azimuth[order]
+    new_tile = np.ones(len(order), dtype=bool)
+    new_tile[1:] = (sorted_tile[1:] != sorted_tile[:-1]).any(axis=1)
+    new_group = new_tile.copy()
+    new_group[1:] |= np.diff(sorted_azimuth) > gap
+    group = np.cumsum(new_group) - 1
+    # azimuths are cyclic: join the last group of a tile with its first across +-pi/2
+    starts = np.flatnonzero(new_tile)
+    ends = np.append(starts[1:], len(order)) - 1
+    wraps = sorted_azimuth[starts] + math.pi - sorted_azimuth[ends] <= gap
+    for begin, end in zip(starts[wraps], ends[wraps]):
+        group[group == group[end]] = group[begin]
+    _, number = np.unique(group, return_inverse=True)
+    result = np.empty(len(order), dtype=np.int64)
+    result[order] = number
+    return result
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _vote(  # type: ignore[no-untyped-def]
+    position, direction, start, order, origin, cell, rows, columns, reach
+):
+    """Occupied bins along each candidate's axis, and the axis of what lies in line with it."""
+    num = len(position)
+    votes = np.zeros(num, dtype=np.int64)
+    axis = direction.copy()
+    for i in prange(num):
+        occupied = np.zeros(NUM_BINS, dtype=np.int64)
+        total = np.zeros(10)
+        ux, uy, uz = direction[i, 0], direction[i, 1], direction[i, 2]
+        row = int((position[i, 1] - origin[1]) / cell)
+        column = int((position[i, 0] - origin[0]) / cell)
+        for r in range(max(row - 1, 0), min(row + 2, rows)):
+            first = start[r * columns + max(column - 1, 0)]
+            last = start[r * columns + min(column + 1, columns - 1) + 1]
+            for k in range(first, last):
+                j = order[k]
+                dx = position[j, 0] - position[i, 0]
+                dy = position[j, 1] - position[i, 1]
+                dz = position[j, 2] - position[i, 2]
+                along = dx * ux + dy * uy + dz * uz
+                if abs(along) >= reach:
+                    continue
+                off = math.sqrt(max(dx * dx + dy * dy + dz * dz - along * along, 0.0))
+                if off > 0.3 + 0.08 * abs(along):
+                    continue
+                cosine = ux * direction[j, 0] + uy * direction[j, 1] + uz * direction[j, 2]
+                if abs(cosine) < 0.97:
+                    continue
+                occupied[int((along + reach) * NUM_BINS / (2.0 * reach))] = 1
+                add_shifted(total, POINT, dx, dy, dz)
+        votes[i] = occupied.sum()
+        if votes[i] >= 3:
+            n = total[0]
+            mx, my, mz = total[1] / n, total[2] / n, total[3] / n
+            _, _, _, vx, vy, vz = principal_axis(
+                total[4] / n - mx * mx,
+                total[5] / n - mx * my,
+                total[6] / n - mx * mz,
+                total[7] / n - my * my,
+                total[8] / n - my * mz,
+                total[9] / n - mz * mz,
+            )
+            axis[i, 0], axis[i, 1], axis[i, 2] = vx, vy, vz
+    return votes, axis

@@ -1,0 +1,406 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""High elevation extraction: height above local ground, and its histogram."""
+
+from dataclasses import dataclass
+import math
+
+from numba import njit, prange
+import numpy as np
+
+from plc_inspect.config import HeightSettings
+from plc_inspect.results import Bool, Float32, Float64, Int64
+
+MAX_CELLS = 16_000_000
+"""Bound of the ground grid; a wider area gets larger cells."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HeightResult:
+    """Heights of N points above local ground, and which of them are high."""
+
+    height: Float32
+    """(N,) height above local ground [m]; NaN where no ground is known or not finite."""
+    high: Bool
+    """(N,) True for points to be searched for wires."""
+    num_not_finite: int
+    threshold: float
+    """Least height of a high point [m]."""
+    histogram: Int64
+    """(num_bins,) points per bin of height."""
+    edges: Float64
+    """(num_bins + 1,) bin edges [m]."""
+    ground: Float32
+    """(rows, columns) ground height at cell centres, y by x [m]; NaN where unknown."""
+    origin: Float64
+    """(2,) x, y of the lower corner of the grid [m]."""
+    cell_size: float
+
+
+def extract_high(points: Float64, settings: HeightSettings) -> HeightResult:
+    """
+    Find the points that stand high above the ground below them.
+
+    The lowest point of each cell makes a surface; a slope-limited lower envelope of it, freed of
+    stray low points, is the ground.  The histogram of heights above it has its peak at the
+    ground; points more than ``beta`` above that peak are high (paper, High Elevation
+    Extraction).  Points under which no ground is known are kept.  Time and memory are linear in
+    N and in the covered area.
+
+    Parameters
+    ----------
+    points : (N, 3) float64, map frame [m]; not-finite rows are counted and never high
+    settings : HeightSettings
+
+    Returns
+    -------
+    HeightResult
+
+    """
+    low, high, num_finite = bounds(points)
+    if num_finite == 0:
+        return _empty(len(points), settings)
+    extent = high[:2] - low[:2]
+    cell = max(settings.cell_size, math.sqrt(float(extent[0] * extent[1]) / MAX_CELLS))
+    shape = (int(extent[1] / cell) + 1, int(extent[0] / cell) + 1)
+    lowest = _lowest_points(points, low, cell, shape[0], shape[1])
+    ground = _estimate_ground(lowest, cell, math.tan(math.radians(settings.max_slope_deg)))
+    height, extremes = _heights(points, ground, low, cell)
+    if extremes[0] > extremes[1]:  # no ground known anywhere
+        known = np.isfinite(points).all(axis=1)
+        return HeightResult(
+            height=height,
+            high=known,
+            num_not_finite=len(points) - num_finite,
+            threshold=-math.inf,
+            histogram=np.zeros(settings.num_bins, dtype=np.int64),
+            edges=np.linspace(0.0, 1.0, settings.num_bins + 1),
+            ground=ground,
+            origin=low[:2],
+            cell_size=cell,
+        )
+    top = max(float(extremes[1]), settings.beta)
+    bottom = max(float(extremes[0]), -top)
+    edges = np.linspace(bottom, top, settings.num_bins + 1)
+    histogram = _histogram(height, bottom, top, settings.num_bins)
+    peak = _ground_peak(histogram, edges, settings.beta)
+    threshold = peak + settings.beta
+    return HeightResult(
+        height=height,
+        high=_is_high(points, height, threshold),
+        num_not_finite=len(points) - num_finite,
+        threshold=threshold,
+        histogram=histogram,
+        edges=edges,
+        ground=ground,
+        origin=low[:2],
+        cell_size=cell,
+    )
+
+
+def _empty(num: int, settings: HeightSettings) -> HeightResult:
+    return HeightResult(
+        height=np.full(num, np.nan, dtype=np.float32),
+        high=np.zeros(num, dtype=bool),
+        num_not_finite=num,
+        threshold=math.inf,
+        histogram=np.zeros(settings.num_bins, dtype=np.int64),
+        edges=np.linspace(0.0, 1.0, settings.num_bins + 1),
+        ground=np.full((1, 1), np.nan, dtype=np.float32),
+        origin=np.zeros(2),
+        cell_size=settings.cell_size,
+    )
+
+
+def _ground_peak(histogram: Int64, edges: Float64, beta: float) -> float:
+    """Height of the fullest bin within beta of the ground surface; 0 where it is bare."""
+    centers = (edges[:-1] + edges[1:]) / 2
+    near = np.abs(centers) < beta
+    if not near.any() or histogram[near].max() == 0:
+        return 0.0
+    return float(centers[near][np.argmax(histogram[near])])
+
+
+def _estimate_ground(lowest: Float32, cell: float, max_slope: float) -> Float32:
+    """Ground at cell centres from the lowest point of each cell; NaN where unknown."""
+    surface = _drop_stray_lows(lowest, cell, max_slope)
+    envelope = _lower_envelope(surface, cell, max_slope)
+    seen = np.isfinite(surface) & (surface <= envelope + 0.3 + 0.5 * cell * max_slope)
+    seen &= _is_areal(seen)
+    filled: Float32 = _fill(np.where(seen, surface, np.float32(np.nan)))
+    return filled
+
+
+def _is_areal(seen: Bool) -> Bool:
+    """
+    Tell cells that have seen cells on all sides of them from those in thin lines.
+
+    A wire-only cloud has lowest points too, but they are no ground.
+    """
+    reach = 7
+    area = _box_sum(seen.astype(np.float32), reach)
+    rows, columns = seen.shape
+    available = _box_sum(np.ones((rows, columns), dtype=np.float32), reach)
+    result: Bool = area >= 0.2 * np.maximum(available, (2 * reach + 1) ** 2 / 2)
+    return result
+
+
+def _box_sum(values: Float32, reach: int) -> Float32:
+    """Sum over the (2 reach + 1)^2 cells about each cell."""
+    result = values.astype(np.float64)
+    for axis in (0, 1):
+        total = np.cumsum(result, axis=axis)
+        padding = [(0, 0), (0, 0)]
+        padding[axis] = (reach + 1, reach)
+        total = np.pad(total, padding, mode='edge')
+        lead = [slice(None), slice(None)]
+        lead[axis] = slice(0, reach + 1)
+        total[tuple(lead)] = 0.0
+        size = result.shape[axis]
+        upper = [slice(None), slice(None)]
+        upper[axis] = slice(2 * reach + 1, 2 * reach + 1 + size)
+        lower = [slice(None), slice(None)]
+        lower[axis] = slice(0, size)
+        result = total[tuple(upper)] - total[tuple(lower)]
+    return result.astype(np.float32)
+
+
+def _fill(values: Float32) -> Float32:
+    """Fill NaN cells from a pyramid of means; all NaN stays NaN."""
+    if not np.isnan(values).any():
+        return values
+    if max(values.shape) == 1:
+        return values
+    rows, columns = values.shape
+    padded = np.pad(values, ((0, rows % 2), (0, columns % 2)), constant_values=np.nan)
+    quads = padded.reshape(padded.shape[0] // 2, 2, padded.shape[1] // 2, 2)
+    known = np.isfinite(quads)
+    count = known.sum(axis=(1, 3))
+    total = np.where(known, quads, 0.0).sum(axis=(1, 3), dtype=np.float64)
+    coarse = np.full(count.shape, np.nan, dtype=np.float32)
+    np.divide(total, count, out=coarse, where=count > 0, casting='unsafe')
+    coarse = _fill(coarse)
+    row = np.clip((np.arange(rows) - 0.5) / 2, 0, coarse.shape[0] - 1)
+    column = np.clip((np.arange(columns) - 0.5) / 2, 0, coarse.shape[1] - 1)
+    fine = _bilinear(coarse, row, column)
+    return np.where(np.isfinite(values), values, fine)
+
+
+def _bilinear(grid: Float32, row: Float64, column: Float64) -> Float32:
+    """Grid values at fractional rows and columns (outer product of both)."""
+    r0 = np.minimum(row.astype(np.int64), max(grid.shape[0] - 2, 0))
+    c0 = np.minimum(column.astype(np.int64), max(grid.shape[1] - 2, 0))
+    r1 = np.minimum(r0 + 1, grid.shape[0] - 1)
+    c1 = np.minimum(c0 + 1, grid.shape[1] - 1)
+    fr = (row - r0).astype(np.float32)[:, None]
+    fc = (column - c0).astype(np.float32)[None, :]
+    upper = grid[np.ix_(r0, c0)] * (1 - fc) + grid[np.ix_(r0, c1)] * fc
+    lower = grid[np.ix_(r1, c0)] * (1 - fc) + grid[np.ix_(r1, c1)] * fc
+    return (upper * (1 - fr) + lower * fr).astype(np.float32)
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def bounds(points):  # type: ignore[no-untyped-def]
+    """
+    Return the least and greatest finite coordinates and the number of finite points.
+
+    Parameters
+    ----------
+    points : (N, 3) float64 [m]
+
+    Returns
+    -------
+    low, high : (3,) float64; inf and -inf without finite points
+    num_finite : int
+
+    """
+    num_parts = 8
+    low = np.full((num_parts, 3), np.inf)
+    high = np.full((num_parts, 3), -np.inf)
+    count = np.zeros(num_parts, dtype=np.int64)
+    num = len(points)
+    for part in prange(num_parts):
+        for i in range(part * num // num_parts, (part + 1) * num // num_parts):
+            x, y, z = points[i, 0], points[i, 1], points[i, 2]
+            if not (np.isfinite(x) and np.isfinite(y) and np.isfinite(z)):
+                continue
+            count[part] += 1
+            low[part, 0] = min(low[part, 0], x)
+            low[part, 1] = min(low[part, 1], y)
+            low[part, 2] = min(low[part, 2], z)
+            high[part, 0] = max(high[part, 0], x)
+            high[part, 1] = max(high[part, 1], y)
+            high[part, 2] = max(high[part, 2], z)
+    for part in range(1, num_parts):
+        for k in range(3):
+            low[0, k] = min(low[0, k], low[part, k])
+            high[0, k] = max(high[0, k], high[part, k])
+    return low[0], high[0], count.sum()
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _lowest_points(points, low, cell, rows, columns):  # type: ignore[no-untyped-def]
+    num_parts = 2
+    grids = np.full((num_parts, rows, columns), np.inf, dtype=np.float32)
+    num = len(points)
+    for part in prange(num_parts):
+        grid = grids[part]
+        for i in range(part * num // num_parts, (part + 1) * num // num_parts):
+            z = points[i, 2] - low[2]
+            if not (np.isfinite(points[i, 0]) and np.isfinite(points[i, 1]) and np.isfinite(z)):
+                continue
+            row = int((points[i, 1] - low[1]) / cell)
+            column = int((points[i, 0] - low[0]) / cell)
+            if z < grid[row, column]:
+                grid[row, column] = z
+    lowest = np.empty((rows, columns), dtype=np.float32)
+    for row in prange(rows):
+        for column in range(columns):
+            value = min(grids[0, row, column], grids[1, row, column])
+            lowest[row, column] = value + low[2] if np.isfinite(value) else np.nan
+    return lowest
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _drop_stray_lows(lowest, cell, max_slope):  # type: ignore[no-untyped-def]
+    """Clear cells that lie far below everything within 8 m: multiple returns, noise."""
+    reach = max(2, int(np.ceil(8.0 / cell)))
+    rows, columns = lowest.shape
+    result = lowest.copy()
+    for row in prange(rows):
+        for column in range(columns):
+            z = lowest[row, column]
+            if np.isnan(z):
+                continue
+            supported = 0
+            others = 0
+            for dr in range(-reach, reach + 1):
+                r = row + dr
+                if r < 0 or r >= rows:
+                    continue
+                for dc in range(-reach, reach + 1):
+                    c = column + dc
+                    if c < 0 or c >= columns or (dr == 0 and dc == 0):
+                        continue
+                    other = lowest[r, c]
+                    if np.isnan(other):
+                        continue
+                    others += 1
+                    if other < z + 1.0 + max_slope * cell * np.sqrt(dr * dr + dc * dc) * 0.5:
+                        supported += 1
+                        if supported >= 4:
+                            break
+                if supported >= 4:
+                    break
+            if supported < 4 and others >= 20:
+                result[row, column] = np.nan
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _lower_envelope(surface, cell, max_slope):  # type: ignore[no-untyped-def]
+    """Greatest surface under the given one that is nowhere steeper than max_slope."""
+    rows, columns = surface.shape
+    result = np.where(np.isnan(surface), np.float32(np.inf), surface)
+    straight = np.float32(max_slope * cell)
+    diagonal = np.float32(max_slope * cell * np.sqrt(2.0))
+    for _ in range(2):
+        for row in range(rows):
+            for column in range(columns):
+                value = result[row, column]
+                if column > 0:
+                    value = min(value, result[row, column - 1] + straight)
+                if row > 0:
+                    value = min(value, result[row - 1, column] + straight)
+                    if column > 0:
+                        value = min(value, result[row - 1, column - 1] + diagonal)
+                    if column < columns - 1:
+                        value = min(value, result[row - 1, column + 1] + diagonal)
+                result[row, column] = value
+        for row in range(rows - 1, -1, -1):
+            for column in range(columns - 1, -1, -1):
+                value = result[row, column]
+                if column < columns - 1:
+                    value = min(value, result[row, column + 1] + straight)
+                if row < rows - 1:
+                    value = min(value, result[row + 1, column] + straight)
+                    if column < columns - 1:
+                        value = min(value, result[row + 1, column + 1] + diagonal)
+                    if column > 0:
+                        value = min(value, result[row + 1, column - 1] + diagonal)
+                result[row, column] = value
+    return result
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _heights(points, ground, low, cell):  # type: ignore[no-untyped-def]
+    num_parts = 8
+    num = len(points)
+    height = np.empty(num, dtype=np.float32)
+    extremes = np.empty((num_parts, 2), dtype=np.float32)
+    extremes[:, 0] = np.inf
+    extremes[:, 1] = -np.inf
+    rows, columns = ground.shape
+    for part in prange(num_parts):
+        for i in range(part * num // num_parts, (part + 1) * num // num_parts):
+            x, y = (points[i, 0] - low[0]) / cell - 0.5, (points[i, 1] - low[1]) / cell - 0.5
+            if not (np.isfinite(x) and np.isfinite(y) and np.isfinite(points[i, 2])):
+                height[i] = np.nan
+                continue
+            c0, r0 = max(int(np.floor(x)), 0), max(int(np.floor(y)), 0)
+            c1, r1 = min(c0 + 1, columns - 1), min(r0 + 1, rows - 1)
+            fc, fr = min(max(x - c0, 0.0), 1.0), min(max(y - r0, 0.0), 1.0)
+            below = (ground[r0, c0] * (1 - fc) + ground[r0, c1] * fc) * (1 - fr) + (
+                ground[r1, c0] * (1 - fc) + ground[r1, c1] * fc
+            ) * fr
+            value = np.float32(points[i, 2] - below)
+            height[i] = value
+            if value < extremes[part, 0]:
+                extremes[part, 0] = value
+            if value > extremes[part, 1]:
+                extremes[part, 1] = value
+    result = np.empty(2, dtype=np.float32)
+    result[0] = extremes[:, 0].min()
+    result[1] = extremes[:, 1].max()
+    return height, result
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _histogram(height, bottom, top, num_bins):  # type: ignore[no-untyped-def]
+    num_parts = 8
+    counts = np.zeros((num_parts, num_bins), dtype=np.int64)
+    scale = num_bins / (top - bottom)
+    num = len(height)
+    for part in prange(num_parts):
+        for i in range(part * num // num_parts, (part + 1) * num // num_parts):
+            if bottom <= height[i] <= top:
+                counts[part, min(int((height[i] - bottom) * scale), num_bins - 1)] += 1
+    return counts.sum(axis=0)
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _is_high(points, height, threshold):  # type: ignore[no-untyped-def]
+    result = np.empty(len(points), dtype=np.bool_)
+    for i in prange(len(points)):
+        if np.isnan(height[i]):
+            finite = (
+                np.isfinite(points[i, 0])
+                and np.isfinite(points[i, 1])
+                and np.isfinite(points[i, 2])
+            )
+            result[i] = finite
+        else:
+            result[i] = height[i] >= threshold
+    return result

@@ -1,0 +1,250 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Likeness features of voxel neighbourhoods, and the oriented candidates among them."""
+
+from dataclasses import dataclass
+import math
+
+from numba import njit, prange
+import numpy as np
+
+from plc_inspect.config import LinearitySettings
+from plc_inspect.core.voxels import (
+    add_shifted,
+    build_voxels,
+    coarsen,
+    find_slot,
+    pack,
+    Voxels,
+)
+from plc_inspect.results import Bool, Float64, Int32, Int64
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Likeness:
+    """Features of the 3 x 3 x 3 block about each of M voxels (paper Eqs. 1 to 3)."""
+
+    count: Int64
+    """(M,) points in the block."""
+    linear: Float64
+    """(M,) (l1 - l2) / l1."""
+    planar: Float64
+    """(M,) (l2 - l3) / l1."""
+    spherical: Float64
+    """(M,) l3 / l1."""
+    direction: Float64
+    """(M, 3) unit eigenvector v1, with x > 0 or, at x = 0, y > 0."""
+    occupied: Int64
+    """(M,) occupied voxels of the 27."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LinearityResult:
+    """Oriented candidates of all scales: places where points lie along a line."""
+
+    position: Float64
+    """(M, 3) centroid of the candidate's voxel [m]."""
+    direction: Float64
+    """(M, 3) unit vector along the line."""
+    size: Float64
+    """(M,) edge of the neighbourhood [m]."""
+    linear: Float64
+    """(M,) linear likeness."""
+    count: Int64
+    """(M,) points of the neighbourhood."""
+    sizes: tuple[float, ...]
+    """Edges of all neighbourhoods that were looked at [m]."""
+    num_voxels: tuple[int, ...]
+    """Occupied voxels at each of them."""
+
+
+def find_candidates(
+    points: Float64, chosen: Int64, origin: Float64, settings: LinearitySettings
+) -> LinearityResult:
+    """
+    Find voxels whose neighbourhood is linear and near horizontal, at several scales.
+
+    A voxel is a candidate where the block about it holds ``min_neighbors`` points or more, has a
+    linear likeness of ``threshold`` or more and a first eigenvector within
+    ``max_inclination_deg`` of the horizontal.  Moments of coarse scales are sums of those of
+    fine ones, so the points are visited once.
+
+    Parameters
+    ----------
+    points : (N, 3) float64, map frame [m]
+    chosen : (K,) int64, indices of the high points
+    origin : (3,) float64, not above any chosen point [m]
+    settings : LinearitySettings
+
+    Returns
+    -------
+    LinearityResult
+
+    """
+    size = settings.voxel_size or 0.25
+    voxels = build_voxels(points, chosen, origin, size)
+    limit = math.sin(math.radians(settings.max_inclination_deg))
+    parts = []
+    sizes, nums = [], []
+    for scale in range(settings.num_scales):
+        if scale:
+            voxels = coarsen(voxels)
+        likeness = measure_likeness(voxels)
+        good = (
+            (likeness.count >= settings.min_neighbors)
+            & (likeness.linear >= settings.threshold)
+            & (np.abs(likeness.direction[:, 2]) <= limit)
+        )
+        sizes.append(3 * voxels.size)
+        nums.append(len(voxels))
+        parts.append(
+            (
+                voxels.centroids[good],
+                likeness.direction[good],
+                np.full(int(good.sum()), 3 * voxels.size),
+                likeness.linear[good],
+                likeness.count[good],
+            )
+        )
+    position, direction, edge, linear, count = (np.concatenate(part) for part in zip(*parts))
+    return LinearityResult(
+        position=position,
+        direction=direction,
+        size=edge,
+        linear=linear,
+        count=count,
+        sizes=tuple(sizes),
+        num_voxels=tuple(nums),
+    )
+
+
+def measure_likeness(voxels: Voxels) -> Likeness:
+    """
+    Return the likeness features of the block of 27 voxels about each voxel.
+
+    The covariance of a block is exact: the moments of its voxels are added, no point is
+    visited.  O(M).
+
+    """
+    count, linear, planar, spherical, direction, occupied = _measure(
+        voxels.index, voxels.moments, voxels.table_key, voxels.table_slot, voxels.size
+    )
+    return Likeness(
+        count=count,
+        linear=linear,
+        planar=planar,
+        spherical=spherical,
+        direction=direction,
+        occupied=occupied,
+    )
+
+
+@njit(cache=True, nogil=True)
+def principal_axis(xx, xy, xz, yy, yz, zz):  # type: ignore[no-untyped-def]
+    """
+    Eigenvalues l1 >= l2 >= l3 >= 0 and first eigenvector of a symmetric 3 x 3 matrix.
+
+    Closed form (Smith 1961); the vector has x > 0 or, at x = 0, y > 0.
+    """
+    mean = (xx + yy + zz) / 3.0
+    off = xy * xy + xz * xz + yz * yz
+    spread = (xx - mean) ** 2 + (yy - mean) ** 2 + (zz - mean) ** 2 + 2.0 * off
+    p = math.sqrt(spread / 6.0)
+    if p <= 1e-12 * max(mean, 1e-300):
+        return mean, mean, mean, 1.0, 0.0, 0.0
+    a, b, c = (xx - mean) / p, (yy - mean) / p, (zz - mean) / p
+    d, e, f = xy / p, xz / p, yz / p
+    half = (a * (b * c - f * f) - d * (d * c - f * e) + e * (d * f - b * e)) / 2.0
+    angle = math.acos(min(max(half, -1.0), 1.0)) / 3.0
+    l1 = mean + 2.0 * p * math.cos(angle)
+    l3 = mean + 2.0 * p * math.cos(angle + 2.0 * math.pi / 3.0)
+    l2 = 3.0 * mean - l1 - l3
+    # v1 spans the null space of A - l1 I: the largest cross product of two of its rows
+    ax, by, cz = xx - l1, yy - l1, zz - l1
+    ux, uy, uz = xy * yz - xz * by, xz * xy - ax * yz, ax * by - xy * xy
+    vx, vy, vz = xy * cz - xz * yz, xz * xz - ax * cz, ax * yz - xy * xz
+    wx, wy, wz = by * cz - yz * yz, yz * xz - xy * cz, xy * yz - by * xz
+    nu = ux * ux + uy * uy + uz * uz
+    nv = vx * vx + vy * vy + vz * vz
+    nw = wx * wx + wy * wy + wz * wz
+    if nv > nu and nv >= nw:
+        ux, uy, uz, nu = vx, vy, vz, nv
+    elif nw > nu:
+        ux, uy, uz, nu = wx, wy, wz, nw
+    if nu <= 0.0:
+        return l1, l2, l3, 1.0, 0.0, 0.0
+    scale = 1.0 / math.sqrt(nu)
+    if ux < 0.0 or (ux == 0.0 and uy < 0.0):
+        scale = -scale
+    return max(l1, 0.0), max(l2, 0.0), max(l3, 0.0), ux * scale, uy * scale, uz * scale
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _measure(index, moments, table_key, table_slot, size):  # type: ignore[no-untyped-def]
+    num = len(index)
+    count = np.empty(num, dtype=np.int64)
+    linear = np.empty(num)
+    planar = np.empty(num)
+    spherical = np.empty(num)
+    direction = np.empty((num, 3))
+    occupied = np.empty(num, dtype=np.int64)
+    for i in prange(num):
+        total = np.zeros(10)
+        found = 0
+        for dx in range(-1, 2):
+            x = index[i, 0] + dx
+            if x < 0:
+                continue
+            for dy in range(-1, 2):
+                y = index[i, 1] + dy
+                if y < 0:
+                    continue
+                for dz in range(-1, 2):
+                    z = index[i, 2] + dz
+                    if z < 0:
+                        continue
+                    slot = find_slot(table_key, table_slot, pack(x, y, z))
+                    if slot >= 0:
+                        add_shifted(total, moments[slot], dx * size, dy * size, dz * size)
+                        found += 1
+        n = total[0]
+        mx, my, mz = total[1] / n, total[2] / n, total[3] / n
+        l1, l2, l3, vx, vy, vz = principal_axis(
+            total[4] / n - mx * mx,
+            total[5] / n - mx * my,
+            total[6] / n - mx * mz,
+            total[7] / n - my * my,
+            total[8] / n - my * mz,
+            total[9] / n - mz * mz,
+        )
+        count[i] = int(n)
+        occupied[i] = found
+        scale = 1.0 / l1 if l1 > 0.0 else 0.0
+        linear[i] = (l1 - l2) * scale
+        planar[i] = (l2 - l3) * scale
+        spherical[i] = l3 * scale
+        direction[i, 0], direction[i, 1], direction[i, 2] = vx, vy, vz
+    return count, linear, planar, spherical, direction, occupied
+
+
+__all__ = [
+    'Bool',
+    'Int32',
+    'Likeness',
+    'LinearityResult',
+    'find_candidates',
+    'measure_likeness',
+    'principal_axis',
+]

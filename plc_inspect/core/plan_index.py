@@ -1,0 +1,161 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Index of points by plan cell, for searches along lines."""
+
+from dataclasses import dataclass
+import math
+
+from numba import njit, prange
+import numpy as np
+
+from plc_inspect.results import Float64, Int32, Int64
+
+MAX_CELLS = 16_000_000
+"""Bound of the grid; a wider area gets larger cells."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PlanIndex:
+    """Indices of K points sorted by plan cell."""
+
+    origin: Float64
+    """(2,) lower corner [m]."""
+    cell_size: float
+    shape: tuple[int, int]
+    """Rows (along y) and columns (along x)."""
+    start: Int32
+    """(rows * columns + 1,) first entry of each cell in ``order``."""
+    order: Int32
+    """(K,) point indices; ascending within a cell."""
+
+
+def build_plan_index(points: Float64, chosen: Int64, cell_size: float) -> PlanIndex:
+    """
+    Sort the chosen points into plan cells; O(K + cells).
+
+    Parameters
+    ----------
+    points : (N, 3) float64 [m]
+    chosen : (K,) int64, ascending indices of finite points
+    cell_size : edge of a cell [m], enlarged where the area needs more than MAX_CELLS cells
+
+    Returns
+    -------
+    PlanIndex
+
+    """
+    if not len(chosen):
+        return PlanIndex(
+            origin=np.zeros(2),
+            cell_size=cell_size,
+            shape=(1, 1),
+            start=np.zeros(2, dtype=np.int32),
+            order=np.zeros(0, dtype=np.int32),
+        )
+    low, high = _plan_bounds(points, chosen)
+    extent = high - low
+    cell = max(cell_size, math.sqrt(float(extent[0] * extent[1]) / MAX_CELLS))
+    shape = (int(extent[1] / cell) + 1, int(extent[0] / cell) + 1)
+    start, order = _sort(points, chosen, low, cell, shape[0], shape[1])
+    return PlanIndex(origin=low, cell_size=cell, shape=shape, start=start, order=order)
+
+
+@njit(cache=True, nogil=True)
+def _plan_bounds(points, chosen):  # type: ignore[no-untyped-def]
+    low = np.full(2, np.inf)
+    high = np.full(2, -np.inf)
+    for i in chosen:
+        for k in range(2):
+            low[k] = min(low[k], points[i, k])
+            high[k] = max(high[k], points[i, k])
+    return low, high
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _sort(points, chosen, low, cell, rows, columns):  # type: ignore[no-untyped-def]
+    num = len(chosen)
+    where = np.empty(num, dtype=np.int32)
+    for k in prange(num):
+        i = chosen[k]
+        row = int((points[i, 1] - low[1]) / cell)
+        column = int((points[i, 0] - low[0]) / cell)
+        where[k] = row * columns + column
+    start = np.zeros(rows * columns + 1, dtype=np.int32)
+    for k in range(num):
+        start[where[k] + 1] += 1
+    for k in range(rows * columns):
+        start[k + 1] += start[k]
+    place = start[:-1].copy()
+    order = np.empty(num, dtype=np.int32)
+    for k in range(num):
+        order[place[where[k]]] = chosen[k]
+        place[where[k]] += 1
+    return start, order
+
+
+@njit(cache=True, nogil=True)
+def gather_strip(  # type: ignore[no-untyped-def]
+    start, order, origin, cell, rows, columns, x0, y0, x1, y1, reach
+):
+    """
+    Return the indices in all cells that touch the strip within ``reach`` of a plan segment.
+
+    A superset of the points in the strip, each once, in row order of the cells.
+    """
+    row0 = max(int((min(y0, y1) - reach - origin[1]) / cell), 0)
+    row1 = min(int((max(y0, y1) + reach - origin[1]) / cell), rows - 1)
+    dx, dy = x1 - x0, y1 - y0
+    length = np.sqrt(dx * dx + dy * dy)
+    slack = reach + cell * 0.7072
+    total = 0
+    for fill in range(2):
+        if fill == 1:
+            found = np.empty(total, dtype=np.int32)
+            total = 0
+        for row in range(row0, row1 + 1):
+            cy = origin[1] + (row + 0.5) * cell
+            # columns whose centres lie within slack of the segment's part near this row
+            if abs(dy) > 1e-9:
+                t0 = (cy - slack - y0) / dy
+                t1 = (cy + slack - y0) / dy
+                if t0 > t1:
+                    t0, t1 = t1, t0
+                t0, t1 = max(t0, 0.0), min(t1, 1.0)
+            else:
+                t0, t1 = 0.0, 1.0
+            if t0 > t1:
+                if length > 0.0:
+                    t0 = 0.0 if abs(cy - y0) < abs(cy - y1) else 1.0
+                    t1 = t0
+                else:
+                    t0, t1 = 0.0, 0.0
+            xa, xb = x0 + t0 * dx, x0 + t1 * dx
+            left = int((min(xa, xb) - slack - origin[0]) / cell)
+            right = int((max(xa, xb) + slack - origin[0]) / cell)
+            for column in range(max(left, 0), min(right, columns - 1) + 1):
+                cx = origin[0] + (column + 0.5) * cell
+                t = ((cx - x0) * dx + (cy - y0) * dy) / (length * length) if length > 0 else 0.0
+                t = min(max(t, 0.0), 1.0)
+                ex, ey = cx - x0 - t * dx, cy - y0 - t * dy
+                if ex * ex + ey * ey > slack * slack:
+                    continue
+                here = row * columns + column
+                if fill == 0:
+                    total += start[here + 1] - start[here]
+                else:
+                    for k in range(start[here], start[here + 1]):
+                        found[total] = order[k]
+                        total += 1
+    return found

@@ -1,0 +1,311 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Sparse voxels that hold the moments of their points."""
+
+from dataclasses import dataclass
+
+from numba import njit, prange
+import numpy as np
+
+from plc_inspect.errors import DataError
+from plc_inspect.results import Float64, Int32, Int64
+
+NUM_PARTS = 4
+"""Parts of the key space that are filled independently; fixed, so results never depend on it."""
+AXIS_BITS = 20
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Voxels:
+    """M occupied voxels in order of their keys' parts and first points; see build_voxels."""
+
+    size: float
+    """Edge [m]."""
+    origin: Float64
+    """(3,) corner of the voxel with index 0, 0, 0 [m]."""
+    index: Int32
+    """(M, 3) integer coordinates."""
+    moments: Float64
+    """
+    (M, 10) count, sums of x y z, sums of xx xy xz yy yz zz; coordinates from the voxel centre.
+    """
+    table_key: Int64
+    table_slot: Int32
+
+    def __len__(self) -> int:
+        """Return the number of occupied voxels."""
+        return len(self.index)
+
+    @property
+    def counts(self) -> Int64:
+        """(M,) points in each voxel."""
+        return self.moments[:, 0].astype(np.int64)
+
+    @property
+    def centroids(self) -> Float64:
+        """(M, 3) mean of the points of each voxel [m]."""
+        center = self.origin + (self.index + 0.5) * self.size
+        result: Float64 = center + self.moments[:, 1:4] / self.moments[:, :1]
+        return result
+
+
+def build_voxels(points: Float64, chosen: Int64, origin: Float64, size: float) -> Voxels:
+    """
+    Hash the chosen points into voxels; linear in the number of points.
+
+    Parameters
+    ----------
+    points : (N, 3) float64 [m]
+    chosen : (K,) int64, indices of the points to take, all finite and not below origin
+    origin : (3,) float64 [m]
+    size : edge of a voxel [m]
+
+    Returns
+    -------
+    Voxels
+
+    Raises
+    ------
+    DataError
+        The extent divided by ``size`` exceeds 2**20 voxels along an axis.
+
+    """
+    if len(chosen):
+        extent = _extent(points, chosen, origin)
+        if extent.max() / size >= (1 << AXIS_BITS) - 2:
+            raise DataError(
+                f'the cloud spans {extent.max():.0f} m, too much for voxels of {size:g} m'
+            )
+    keys, moments = _fill_parts(points, chosen, origin, size)
+    table_key, table_slot = _index_keys(keys)
+    mask = (1 << AXIS_BITS) - 1
+    index = np.stack(
+        [(keys >> (2 * AXIS_BITS)) & mask, (keys >> AXIS_BITS) & mask, keys & mask], axis=1
+    ).astype(np.int32)
+    return Voxels(
+        size=size,
+        origin=origin,
+        index=index,
+        moments=moments,
+        table_key=table_key,
+        table_slot=table_slot,
+    )
+
+
+def coarsen(voxels: Voxels) -> Voxels:
+    """Merge 2 x 2 x 2 voxels into one of twice the size; exact, without the points."""
+    keys, moments = _merge(voxels.index, voxels.moments, voxels.size)
+    table_key, table_slot = _index_keys(keys)
+    mask = (1 << AXIS_BITS) - 1
+    index = np.stack(
+        [(keys >> (2 * AXIS_BITS)) & mask, (keys >> AXIS_BITS) & mask, keys & mask], axis=1
+    ).astype(np.int32)
+    return Voxels(
+        size=voxels.size * 2,
+        origin=voxels.origin,
+        index=index,
+        moments=moments,
+        table_key=table_key,
+        table_slot=table_slot,
+    )
+
+
+@njit(cache=True, nogil=True, inline='always')
+def hash_key(key, mask):  # type: ignore[no-untyped-def]
+    """Spread a key over a table of mask + 1 places."""
+    value = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
+    return np.int64((value >> np.uint64(20)) & np.uint64(mask))
+
+
+@njit(cache=True, nogil=True, inline='always')
+def find_slot(table_key, table_slot, key):  # type: ignore[no-untyped-def]
+    """Slot of a key, or -1."""
+    mask = len(table_key) - 1
+    place = hash_key(key, mask)
+    while table_key[place] != key:
+        if table_key[place] < 0:
+            return -1
+        place = (place + 1) & mask
+    return table_slot[place]
+
+
+@njit(cache=True, nogil=True, inline='always')
+def pack(ix, iy, iz):  # type: ignore[no-untyped-def]
+    """One key of three voxel coordinates."""
+    return (np.int64(ix) << 40) | (np.int64(iy) << 20) | np.int64(iz)
+
+
+@njit(cache=True, nogil=True)
+def _extent(points, chosen, origin):  # type: ignore[no-untyped-def]
+    extent = np.zeros(3)
+    for i in chosen:
+        for k in range(3):
+            extent[k] = max(extent[k], points[i, k] - origin[k])
+    return extent
+
+
+@njit(cache=True, nogil=True)
+def _grow(table_key, table_slot):  # type: ignore[no-untyped-def]
+    size = len(table_key) * 2
+    new_key = np.full(size, -1, dtype=np.int64)
+    new_slot = np.empty(size, dtype=np.int32)
+    for i in range(len(table_key)):
+        if table_key[i] >= 0:
+            place = hash_key(table_key[i], size - 1)
+            while new_key[place] >= 0:
+                place = (place + 1) & (size - 1)
+            new_key[place] = table_key[i]
+            new_slot[place] = table_slot[i]
+    return new_key, new_slot
+
+
+@njit(cache=True, nogil=True)
+def _fill_part(points, chosen, origin, size, part):  # type: ignore[no-untyped-def]
+    capacity = 1 << 12
+    table_key = np.full(capacity * 2, -1, dtype=np.int64)
+    table_slot = np.empty(capacity * 2, dtype=np.int32)
+    keys = np.empty(capacity, dtype=np.int64)
+    moments = np.zeros((capacity, 10))
+    used = 0
+    for i in chosen:
+        x = (points[i, 0] - origin[0]) / size
+        y = (points[i, 1] - origin[1]) / size
+        z = (points[i, 2] - origin[2]) / size
+        ix, iy, iz = int(x), int(y), int(z)
+        if ((ix >> 3) + (iy >> 3)) % NUM_PARTS != part:
+            continue
+        key = pack(ix, iy, iz)
+        mask = len(table_key) - 1
+        place = hash_key(key, mask)
+        while table_key[place] != key and table_key[place] >= 0:
+            place = (place + 1) & mask
+        if table_key[place] < 0:
+            if used == capacity:
+                capacity *= 2
+                more_keys = np.empty(capacity, dtype=np.int64)
+                more_keys[:used] = keys
+                keys = more_keys
+                more = np.zeros((capacity, 10))
+                more[:used] = moments
+                moments = more
+                table_key, table_slot = _grow(table_key, table_slot)
+                mask = len(table_key) - 1
+                place = hash_key(key, mask)
+                while table_key[place] >= 0:
+                    place = (place + 1) & mask
+            table_key[place] = key
+            table_slot[place] = used
+            keys[used] = key
+            used += 1
+        slot = table_slot[place]
+        x = (x - ix - 0.5) * size
+        y = (y - iy - 0.5) * size
+        z = (z - iz - 0.5) * size
+        row = moments[slot]
+        row[0] += 1.0
+        row[1] += x
+        row[2] += y
+        row[3] += z
+        row[4] += x * x
+        row[5] += x * y
+        row[6] += x * z
+        row[7] += y * y
+        row[8] += y * z
+        row[9] += z * z
+    return keys[:used], moments[:used]
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _fill_parts(points, chosen, origin, size):  # type: ignore[no-untyped-def]
+    keys = [np.empty(0, dtype=np.int64) for _ in range(NUM_PARTS)]
+    moments = [np.empty((0, 10)) for _ in range(NUM_PARTS)]
+    for part in prange(NUM_PARTS):
+        keys[part], moments[part] = _fill_part(points, chosen, origin, size, part)
+    total = 0
+    for part in range(NUM_PARTS):
+        total += len(keys[part])
+    all_keys = np.empty(total, dtype=np.int64)
+    all_moments = np.empty((total, 10))
+    start = 0
+    for part in range(NUM_PARTS):
+        stop = start + len(keys[part])
+        all_keys[start:stop] = keys[part]
+        all_moments[start:stop] = moments[part]
+        start = stop
+    return all_keys, all_moments
+
+
+@njit(cache=True, nogil=True)
+def _index_keys(keys):  # type: ignore[no-untyped-def]
+    size = 16
+    while size < 2 * len(keys) + 2:
+        size *= 2
+    table_key = np.full(size, -1, dtype=np.int64)
+    table_slot = np.empty(size, dtype=np.int32)
+    for slot in range(len(keys)):
+        place = hash_key(keys[slot], size - 1)
+        while table_key[place] >= 0:
+            place = (place + 1) & (size - 1)
+        table_key[place] = keys[slot]
+        table_slot[place] = slot
+    return table_key, table_slot
+
+
+@njit(cache=True, nogil=True)
+def add_shifted(total, row, dx, dy, dz):  # type: ignore[no-untyped-def]
+    """Add to ``total`` the moments ``row`` of points whose centre lies at dx, dy, dz."""
+    n, sx, sy, sz = row[0], row[1], row[2], row[3]
+    total[0] += n
+    total[1] += sx + n * dx
+    total[2] += sy + n * dy
+    total[3] += sz + n * dz
+    total[4] += row[4] + 2 * dx * sx + n * dx * dx
+    total[5] += row[5] + dx * sy + dy * sx + n * dx * dy
+    total[6] += row[6] + dx * sz + dz * sx + n * dx * dz
+    total[7] += row[7] + 2 * dy * sy + n * dy * dy
+    total[8] += row[8] + dy * sz + dz * sy + n * dy * dz
+    total[9] += row[9] + 2 * dz * sz + n * dz * dz
+
+
+@njit(cache=True, nogil=True)
+def _merge(index, moments, size):  # type: ignore[no-untyped-def]
+    num = len(index)
+    capacity = 16
+    while capacity < 2 * num + 2:
+        capacity *= 2
+    table_key = np.full(capacity, -1, dtype=np.int64)
+    table_slot = np.empty(capacity, dtype=np.int32)
+    keys = np.empty(num, dtype=np.int64)
+    merged = np.zeros((num, 10))
+    used = 0
+    for i in range(num):
+        ix, iy, iz = index[i, 0], index[i, 1], index[i, 2]
+        key = pack(ix >> 1, iy >> 1, iz >> 1)
+        place = hash_key(key, capacity - 1)
+        while table_key[place] != key and table_key[place] >= 0:
+            place = (place + 1) & (capacity - 1)
+        if table_key[place] < 0:
+            table_key[place] = key
+            table_slot[place] = used
+            keys[used] = key
+            used += 1
+        add_shifted(
+            merged[table_slot[place]],
+            moments[i],
+            ((ix & 1) - 0.5) * size,
+            ((iy & 1) - 0.5) * size,
+            ((iz & 1) - 0.5) * size,
+        )
+    return keys[:used], merged[:used]
