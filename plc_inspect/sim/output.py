@@ -1,0 +1,62 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Folders that are written whole or not at all."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+import shutil
+import tempfile
+
+from plc_inspect.errors import DataError
+
+
+@contextmanager
+def open_folder(path: Path, force: bool) -> Iterator[Path]:
+    """
+    Yield a folder to write into; it becomes ``path`` if the block ends without an error.
+
+    Parameters
+    ----------
+    path : Path
+        The folder to make; its parents are made as well.
+    force : bool
+        Replace what is there.
+
+    Raises
+    ------
+    DataError
+        ``path`` exists and ``force`` is not set, or it cannot be made.
+
+    """
+    path = Path(path)
+    if path.exists() and not force:
+        raise DataError(f'{path} exists; --force replaces it')
+    if path.exists() and not path.is_dir():
+        raise DataError(f'{path} is a file, not a folder')
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        aside = Path(tempfile.mkdtemp(prefix=f'.{path.name}.', dir=path.parent))
+    except OSError as error:
+        raise DataError(f'cannot write {path}: {error.strerror}') from error
+    try:
+        aside.chmod(0o755)
+        yield aside
+        if path.exists():
+            shutil.rmtree(path)
+        aside.rename(path)
+    except BaseException:
+        shutil.rmtree(aside, ignore_errors=True)
+        raise

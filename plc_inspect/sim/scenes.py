@@ -1,0 +1,352 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The scenes by name, each a composition of terrain, lines, vegetation and structures."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plc_inspect.errors import DataError
+from plc_inspect.sim import lines, structures, vegetation
+from plc_inspect.sim.conductors import Conductor
+from plc_inspect.sim.scene import measure_offset, Scene, SceneBuilder
+from plc_inspect.sim.terrain import make_terrain
+
+Float64 = NDArray[np.float64]
+
+_MARGIN = 130.0
+
+
+def make_scene(name: str, seed: int = 0) -> Scene:
+    """
+    Make a scene.
+
+    Parameters
+    ----------
+    name : str
+        One of `SCENES`.
+    seed : int
+        Of everything random in it; the same seed gives the same scene.
+
+    Returns
+    -------
+    Scene
+
+    Raises
+    ------
+    DataError
+        No scene has this name.
+
+    """
+    if name not in SCENES:
+        raise DataError(f'unknown scene {name!r}; there are {", ".join(SCENES)}')
+    return SCENES[name](name, seed)
+
+
+def lay_route(
+    lengths: tuple[float, ...], turns_deg: tuple[float, ...] = (), heading_deg: float = 0.0,
+) -> Float64:
+    """Return the supports (K, 2) [m] of spans with these lengths and turns in between."""
+    heading = np.radians(heading_deg)
+    route = [np.zeros(2)]
+    for i, length in enumerate(lengths):
+        if i and i <= len(turns_deg):
+            heading += np.radians(turns_deg[i - 1])
+        route.append(route[-1] + length * np.array([np.cos(heading), np.sin(heading)]))
+    return np.array(route)
+
+
+def _begin(
+    name: str, seed: int, route: Float64, half_width: float, relief: float,
+    wavelength: float = 400.0, valley: tuple[float, float, float] | None = None,
+) -> SceneBuilder:
+    rng = np.random.default_rng([seed, *name.encode()])
+    low = route.min(axis=0) - half_width - _MARGIN
+    high = route.max(axis=0) + half_width + _MARGIN
+    bounds = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
+    terrain = make_terrain(rng, bounds, relief, wavelength, valley=valley)
+    return SceneBuilder(name=name, seed=seed, terrain=terrain, rng=rng)
+
+
+def _extend(route: Float64, before: float, after: float) -> Float64:
+    """Return the route made longer (or shorter where negative) at its ends."""
+    first = (route[0] - route[1]) / np.hypot(*(route[0] - route[1]))
+    last = (route[-1] - route[-2]) / np.hypot(*(route[-1] - route[-2]))
+    return np.vstack([route[0] + before * first, route[1:-1], route[-1] + after * last])
+
+
+def _spread(
+    builder: SceneBuilder, route: Float64, per_hectare: float, band: tuple[float, float],
+) -> Float64:
+    """Return random places (N, 2) at distances in ``band`` [m] from the route."""
+    low = route.min(axis=0) - band[1]
+    high = route.max(axis=0) + band[1]
+    num = builder.rng.poisson(per_hectare * float(np.prod(high - low)) / 1e4)
+    xy = builder.rng.uniform(low, high, (num, 2))
+    gap = measure_offset(xy, _extend(route, band[1], band[1]))
+    return xy[(gap >= band[0]) & (gap <= band[1])]
+
+
+def _clump(builder: SceneBuilder, xy: Float64, wavelength: float, share: float) -> Float64:
+    """Return the places that lie in patches which cover about ``share`` of the land."""
+    phase = builder.rng.uniform(0.0, 2 * np.pi, 4)
+    k = 2 * np.pi / wavelength
+    field = (
+        np.sin(k * xy[:, 0] + phase[0]) * np.sin(k * xy[:, 1] + phase[1])
+        + 0.6 * np.sin(0.6 * k * (xy[:, 0] + xy[:, 1]) + phase[2])
+        + 0.6 * np.sin(0.6 * k * (xy[:, 0] - xy[:, 1]) + phase[3])
+    )
+    return xy[field >= np.quantile(field, 1.0 - share)] if len(xy) else xy
+
+
+def _pick(builder: SceneBuilder, span_id: int, side: int) -> Conductor:
+    """Return the outermost of the highest-reaching conductors of a span on one side."""
+    items = [item for item in builder.conductors if item.span_id == span_id]
+    along = (items[0].end - items[0].start)[:2] / items[0].length
+    normal = side * np.array([-along[1], along[0]])
+    return max(items, key=lambda item: float(np.dot(item.start[:2], normal)))
+
+
+def _high_voltage(name: str, seed: int) -> Scene:
+    route = lay_route((250.0, 310.0, 230.0, 280.0), (0.0, 23.0, 0.0))
+    builder = _begin(name, seed, route, 45.0, relief=16.0)
+    lines.add_line(builder, lines.HIGH_VOLTAGE, route)
+    vegetation.plant_beside(builder, _pick(builder, 0, 1), 0.45, 1, 1.2)
+    vegetation.plant_beside(builder, _pick(builder, 1, -1), 0.6, -1, 3.0)
+    vegetation.plant_under(builder, _pick(builder, 2, 1), 0.4, 1.8)
+    places = _clump(builder, _spread(builder, route, 160.0, (13.0, 60.0)), 160.0, 0.55)
+    vegetation.scatter_trees(builder, places, (5.0, 17.0))
+    vegetation.scatter_trees(
+        builder, _spread(builder, route, 90.0, (0.0, 40.0)), (0.8, 3.0),
+        shapes=(vegetation.shape_bush,),
+    )
+    # The survey ends in the last span: a line that goes on beyond the cloud.
+    return builder.build(_extend(route, 20.0, -60.0), 45.0)
+
+
+def _low_voltage(name: str, seed: int) -> Scene:
+    route = lay_route(
+        (42.0, 38.0, 47.0, 40.0, 36.0, 44.0, 39.0, 45.0), (0.0, 9.0, 0.0, -14.0, 0.0, 12.0, 0.0),
+    )
+    builder = _begin(name, seed, route, 35.0, relief=5.0, wavelength=260.0)
+    lines.add_line(builder, lines.LOW_VOLTAGE, route)
+    structures.add_village(builder, route)
+    structures.add_street_lights(builder, _shift(route, -7.5), 41.0, 5.0)
+    gardens = _spread(builder, route, 90.0, (3.0, 34.0))
+    vegetation.scatter_trees(
+        builder, _keep_off_houses(builder, gardens), (1.0, 9.0), clear=0.4,
+        shapes=(vegetation.shape_broadleaf, vegetation.shape_bush, vegetation.shape_conifer),
+    )
+    vegetation.plant_beside(builder, _pick(builder, 2, 1), 0.5, 1, 1.2, vegetation.shape_poplar)
+    return builder.build(_extend(route, 15.0, 15.0), 35.0)
+
+
+def _medium_voltage(name: str, seed: int) -> Scene:
+    return _forest_line(name, seed, (1.5, 0.6, -0.3, 3.0, 1.0))
+
+
+def _contact(name: str, seed: int) -> Scene:
+    return _forest_line(name, seed, (-0.5, -0.2, -0.8, -0.3, -0.6))
+
+
+def _forest_line(name: str, seed: int, clearances: tuple[float, ...]) -> Scene:
+    route = lay_route((85.0, 105.0, 92.0, 76.0, 98.0), (0.0, 18.0, 0.0, -8.0))
+    builder = _begin(name, seed, route, 30.0, relief=8.0, wavelength=300.0)
+    lines.add_line(builder, lines.MEDIUM_VOLTAGE, route)
+    for i, clearance in enumerate(clearances):
+        side = 1 if i % 2 else -1
+        shape = vegetation.shape_broadleaf if i % 2 else vegetation.shape_conifer
+        shape = shape if clearance > -0.4 else vegetation.shape_broadleaf
+        vegetation.plant_beside(
+            builder, _pick(builder, i, side), 0.3 + 0.1 * i, side, clearance, shape,
+        )
+    forest = _spread(builder, route, 420.0, (5.0, 42.0))
+    vegetation.scatter_trees(builder, forest, (7.0, 16.0))
+    vegetation.scatter_trees(
+        builder, _spread(builder, route, 250.0, (0.0, 30.0)), (0.8, 3.0),
+        shapes=(vegetation.shape_bush, vegetation.shape_conifer),
+    )
+    return builder.build(_extend(route, 15.0, 15.0), 30.0)
+
+
+def _bundles(name: str, seed: int) -> Scene:
+    route = lay_route((230.0, 260.0, 240.0), (0.0, -12.0), 20.0)
+    return _open_line(name, seed, lines.BUNDLES, route, 40.0, 8.0)
+
+
+def _double_circuit(name: str, seed: int) -> Scene:
+    route = lay_route((260.0, 290.0, 240.0), (0.0, 15.0), -15.0)
+    return _open_line(name, seed, lines.DOUBLE_CIRCUIT, route, 40.0, 10.0)
+
+
+def _rack(name: str, seed: int) -> Scene:
+    route = lay_route((40.0, 37.0, 46.0, 42.0, 38.0), (0.0, 10.0, 0.0, -16.0))
+    return _open_line(name, seed, lines.RACK, route, 25.0, 3.0)
+
+
+def _angle(name: str, seed: int) -> Scene:
+    route = lay_route((95.0, 90.0, 100.0, 85.0), (0.0, 30.0, 0.0), 10.0)
+    return _open_line(name, seed, lines.MEDIUM_VOLTAGE, route, 30.0, 6.0)
+
+
+def _open_line(
+    name: str, seed: int, style: lines.LineStyle, route: Float64, half: float, relief: float,
+) -> Scene:
+    builder = _begin(name, seed, route, half, relief)
+    lines.add_line(builder, style, route)
+    vegetation.plant_under(builder, _pick(builder, 1, 1), 0.35, 3.0)
+    vegetation.plant_beside(builder, _pick(builder, 0, -1), 0.6, -1, 1.6)
+    _landscape(builder, route, half)
+    return builder.build(_extend(route, 15.0, 15.0), half)
+
+
+def _landscape(builder: SceneBuilder, route: Float64, half: float) -> None:
+    """Add groves and bushes, all clear of the conductors."""
+    groves = _clump(builder, _spread(builder, route, 150.0, (4.0, half + 15.0)), 130.0, 0.45)
+    vegetation.scatter_trees(builder, groves, (4.0, 15.0))
+    vegetation.scatter_trees(
+        builder, _spread(builder, route, 60.0, (0.0, half)), (0.8, 3.0),
+        shapes=(vegetation.shape_bush,),
+    )
+
+
+def _valley(name: str, seed: int) -> Scene:
+    route = lay_route((180.0, 300.0, 170.0))
+    builder = _begin(name, seed, route, 40.0, 10.0, valley=(330.0, 35.0, 110.0))
+    style = lines.HIGH_VOLTAGE
+    lines.add_line(builder, _with_sag(style, 10.0 / 300.0), route)
+    vegetation.plant_beside(builder, _pick(builder, 0, 1), 0.5, 1, 2.6)
+    _landscape(builder, route, 40.0)
+    return builder.build(_extend(route, 15.0, 15.0), 40.0)
+
+
+def _with_sag(style: lines.LineStyle, ratio: float) -> lines.LineStyle:
+    return replace(style, sag_ratio=(ratio, ratio + 1e-9))
+
+
+def _crossing(name: str, seed: int) -> Scene:
+    route = lay_route((240.0, 250.0))
+    builder = _begin(name, seed, route, 55.0, 5.0)
+    lines.add_line(builder, lines.HIGH_VOLTAGE, route)
+    low = lay_route((70.0, 80.0, 75.0), (), 75.0) + np.array([90.0, -105.0])
+    lines.add_line(builder, lines.MEDIUM_VOLTAGE, low)
+    _landscape(builder, route, 55.0)
+    return builder.build(_extend(route, 15.0, 15.0), 55.0)
+
+
+def _hidden(name: str, seed: int) -> Scene:
+    route = lay_route((240.0, 260.0, 230.0), (0.0, 10.0))
+    builder = _begin(name, seed, route, 40.0, 8.0)
+    lines.add_line(builder, lines.HIGH_VOLTAGE, route)
+    _landscape(builder, route, 40.0)
+    hidden = {(0, 1): (0.35, 0.68), (2, 0): (0.05, 0.4)}
+    builder.conductors = [
+        replace(item, hidden=(0.33, 0.66) if item.span_id == 1
+                else hidden.get((item.line_id, item.span_id)))
+        for item in builder.conductors
+    ]
+    return builder.build(_extend(route, 15.0, 15.0), 40.0)
+
+
+def _no_line(name: str, seed: int) -> Scene:
+    route = lay_route((150.0, 120.0, 130.0), (15.0, -20.0))
+    builder = _begin(name, seed, route, 50.0, relief=14.0, wavelength=250.0)
+    structures.add_village(builder, route[:2], spacing=30.0)
+    structures.add_guard_rail(builder, _shift(route, 5.0))
+    structures.add_fence(builder, _shift(route[1:], -14.0))
+    forest = _spread(builder, route[1:], 350.0, (16.0, 60.0))
+    vegetation.scatter_trees(builder, _keep_off_houses(builder, forest), (5.0, 18.0))
+    bushes = _spread(builder, route, 80.0, (6.0, 50.0))
+    vegetation.scatter_trees(
+        builder, bushes, (0.8, 3.0), shapes=(vegetation.shape_bush,),
+    )
+    return builder.build(_extend(route, 10.0, 10.0), 50.0)
+
+
+def _town(name: str, seed: int) -> Scene:
+    route = lay_route((130.0, 110.0, 120.0), (20.0, -30.0), 5.0)
+    builder = _begin(name, seed, route, 50.0, relief=4.0)
+    structures.add_village(builder, route, setback=15.0, spacing=17.0)
+    for low, high in pairwise(route):
+        u = (high - low) / np.hypot(*(high - low))
+        for side in (-1.0, 1.0):
+            middle = 0.5 * (low + high) + side * 36.0 * np.array([-u[1], u[0]])
+            structures.add_house(
+                builder, middle, float(np.arctan2(u[1], u[0])), length=62.0, width=10.0,
+                eaves=6.5, ridge=9.5,
+            )
+    structures.add_street_lights(builder, _shift(route, 5.0), 26.0)
+    structures.add_street_lights(builder, _shift(route, -5.0), 31.0, 6.0)
+    structures.add_guard_rail(builder, _shift(route, 4.2))
+    structures.add_rails(builder, _shift(route, 45.0))
+    structures.add_rails(builder, _shift(route, -44.0))
+    structures.add_footbridge(builder, route[1] + [-12.0, -26.0], route[1] + [-14.0, 22.0])
+    structures.add_fence(builder, _shift(route, 48.0), 2.0, 4)
+    row = _walk(_shift(route, 7.0), 9.0)
+    vegetation.scatter_trees(
+        builder, row, (6.0, 9.0), shapes=(vegetation.shape_broadleaf, vegetation.shape_poplar),
+    )
+    hedge = _walk(_shift(route, 27.0), 0.8)
+    vegetation.scatter_trees(builder, hedge, (1.8, 2.2), shapes=(vegetation.shape_bush,))
+    return builder.build(_extend(route, 10.0, 10.0), 52.0)
+
+
+def _shift(route: Float64, offset: float) -> Float64:
+    """Return the route moved to the left by ``offset`` [m], mitred at its vertices."""
+    edges = np.diff(route, axis=0)
+    normals = np.column_stack([-edges[:, 1], edges[:, 0]]) / np.hypot(*edges.T)[:, None]
+    joint = np.vstack([normals[:1], normals[:-1] + normals[1:], normals[-1:]])
+    joint /= np.hypot(*joint.T)[:, None]
+    cosine = np.einsum('ij,ij->i', joint, np.vstack([normals, normals[-1:]]))
+    return route + offset * joint / cosine[:, None]
+
+
+def _walk(path: Float64, step: float) -> Float64:
+    """Return places (N, 2) every ``step`` [m] along a path."""
+    return np.vstack([
+        low + np.arange(0.0, 1.0, step / np.hypot(*(high - low)))[:, None] * (high - low)
+        for low, high in pairwise(path)
+    ])
+
+
+def _keep_off_houses(builder: SceneBuilder, xy: Float64, keep: float = 2.0) -> Float64:
+    """Return the places that are not in or at a house or wall."""
+    if not builder.triangles or not len(xy):
+        return xy
+    corners = np.array(builder.triangles).reshape(-1, 3, 3)[:, :, :2]
+    low, high = corners.min(axis=1) - keep, corners.max(axis=1) + keep
+    inside = (xy[:, None] >= low).all(axis=2) & (xy[:, None] <= high).all(axis=2)
+    return xy[~inside.any(axis=1)]
+
+
+SCENES: dict[str, Callable[[str, int], Scene]] = {
+    'high_voltage': _high_voltage,
+    'low_voltage': _low_voltage,
+    'medium_voltage': _medium_voltage,
+    'no_line': _no_line,
+    'bundles': _bundles,
+    'double_circuit': _double_circuit,
+    'rack': _rack,
+    'angle': _angle,
+    'valley': _valley,
+    'crossing': _crossing,
+    'hidden': _hidden,
+    'contact': _contact,
+    'town': _town,
+}
+"""Scene by name; each takes its name and a seed."""

@@ -1,0 +1,108 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Command line ``plc_simulate``: surveys of simulated scenes, with exact truth."""
+
+import argparse
+from collections.abc import Sequence
+import json
+from pathlib import Path
+import sys
+
+import numpy as np
+
+from plc_inspect.errors import PlcInspectError
+from plc_inspect.sim.airborne import simulate_map
+from plc_inspect.sim.clouds import write_cloud
+from plc_inspect.sim.output import open_folder
+from plc_inspect.sim.scene import Scene
+from plc_inspect.sim.scenes import make_scene, SCENES
+from plc_inspect.sim.truth import collect_sightings, make_truth
+
+_MAP_NOISE = 0.03
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Return the parser of ``plc_simulate``."""
+    parser = argparse.ArgumentParser(
+        prog='plc_simulate',
+        description='Simulate a survey of a power line: a flight with a Puck Lite, or an '
+                    'airborne map; truth.json says what was there.',
+        epilog=f'Scenes: {", ".join(SCENES)}',
+    )
+    parser.add_argument('scene', metavar='SCENE', choices=tuple(SCENES), help='name of the scene')
+    parser.add_argument('-o', '--output', metavar='DIR', type=Path, required=True)
+    parser.add_argument('--seed', type=_natural, default=0, help='of everything random')
+    parser.add_argument('--force', action='store_true', help='replace DIR if it exists')
+    survey = parser.add_argument_group('airborne map')
+    survey.add_argument('--map', action='store_true', help='write map.laz instead of a flight')
+    survey.add_argument(
+        '--density', type=_positive, default=20.0, metavar='D', help='pulses per square metre',
+    )
+    survey.add_argument(
+        '--num-points', type=_natural, metavar='N', help='exactly this number of points',
+    )
+    survey.add_argument(
+        '--origin', type=float, nargs=3, default=(0.0, 0.0, 0.0), metavar=('X', 'Y', 'Z'),
+        help='added to all coordinates [m], for UTM-sized ones',
+    )
+    return parser
+
+
+def _natural(text: str) -> int:
+    value = int(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError(f'{value} is negative')
+    return value
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not 0 < value < float('inf'):
+        raise argparse.ArgumentTypeError(f'{text} is not a positive number')
+    return value
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run ``plc_simulate``; return 0 done, 2 bad usage or output that cannot be written."""
+    arguments = build_parser().parse_args(argv)
+    try:
+        scene = make_scene(arguments.scene, arguments.seed)
+        with open_folder(arguments.output, arguments.force) as folder:
+            text = _write_map(folder, scene, arguments)
+    except (PlcInspectError, OSError) as error:
+        print(f'plc_simulate: {error}', file=sys.stderr)
+        return 2
+    print(f'{arguments.output}: {text}')
+    return 0
+
+
+def _write_map(folder: Path, scene: Scene, arguments: argparse.Namespace) -> str:
+    rng = np.random.default_rng(arguments.seed)
+    cloud = simulate_map(
+        scene, arguments.density, rng, noise=_MAP_NOISE, num_points=arguments.num_points,
+    )
+    write_cloud(folder / 'map.laz', cloud, arguments.origin)
+    truth = make_truth(
+        scene, collect_sightings(scene, cloud.exact, cloud.label, cloud.conductor), kind='map',
+        frame_id='map', bin_size=1.0, noise=_MAP_NOISE, origin=arguments.origin,
+    )
+    (folder / 'truth.json').write_text(json.dumps(truth, indent=1) + '\n')
+    return (f'map of {len(cloud.points)} points on {scene.area:.0f} m2, '
+            f'{scene.num_lines} lines, {len(scene.conductors)} spans, '
+            f'{len(truth["hazards"])} hazards')
+
+
+if __name__ == '__main__':
+    sys.exit(main())
