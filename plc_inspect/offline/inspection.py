@@ -1,0 +1,218 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""One finished run and how it is written down: plain records in the units of the input."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+import math
+from typing import Any
+
+import laspy
+import numpy as np
+
+from plc_inspect.config import Settings
+from plc_inspect.results import (
+    Float64,
+    Hazard,
+    InspectionResult,
+    PointClass,
+    Span,
+    Support,
+)
+
+Record = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Units:
+    """
+    Lengths of one unit of the input's coordinates.
+
+    Where the two differ, z coordinates are in the vertical unit and every length (a, b, c and
+    sag included) is in the horizontal one.
+    """
+
+    horizontal: float = 1.0
+    """Metres in one unit of x and y."""
+    vertical: float = 1.0
+    """Metres in one unit of z."""
+
+    @property
+    def name(self) -> str:
+        """Short name of the horizontal unit, as printed behind numbers."""
+        known = {'m': 1.0, 'ft': 0.3048, 'ftUS': 1200.0 / 3937.0}
+        for name, metres in known.items():
+            if math.isclose(self.horizontal, metres, rel_tol=1e-9):
+                return name
+        return f'x {self.horizontal:g} m'
+
+    def from_metres(self, points: Float64) -> Float64:
+        """Return coordinates (..., 3) given in metres in the units of the input, a copy."""
+        return points / np.array([self.horizontal, self.horizontal, self.vertical])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Inspection:
+    """What was read, how it was processed and what was found: all that a results folder needs."""
+
+    result: InspectionResult
+    points: Float64
+    """(N, 3) the pipeline's input [m]; rows may hold NaN."""
+    settings: Settings
+    source: str
+    """Name of the input, as the user gave it."""
+    command: str
+    """Name of the executable."""
+    frame_id: str = ''
+    """Frame of the coordinates; empty for a cloud, whose frame is its CRS."""
+    crs: str = ''
+    """WKT of the coordinates; empty where it is unknown."""
+    units: Units = Units()
+    las: laspy.LasData | None = None
+    """The points as they were read, in the same order; None where they are no LAS points."""
+    counts: Mapping[str, Any] = field(default_factory=dict)
+    """What the reader read and dropped, JSON-serialisable."""
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    """Wall time of the steps around the pipeline."""
+
+
+def describe_span(span: Span, units: Units) -> Record:
+    """
+    Return one span as ``spans.json`` holds it.
+
+    Lengths and coordinates are in ``units``, azimuth in radians.
+    """
+    scale = units.horizontal
+    a2, a1, a0 = span.quadratic
+    return {
+        'line_id': span.line_id,
+        'span_id': span.span_id,
+        'start': _list(units.from_metres(span.start)),
+        'end': _list(units.from_metres(span.end)),
+        'azimuth': _number(span.azimuth),
+        'length': _number(span.length / scale),
+        'a': _number(span.a / scale),
+        'b': _number(span.b / scale),
+        'c': _number(span.c / scale),
+        'quadratic': [_number(a2 * scale), _number(a1), _number(a0 / scale)],
+        'sag': _number(span.sag / scale),
+        'lowest': _list(units.from_metres(span.lowest)),
+        'open_start': bool(span.open_start),
+        'open_end': bool(span.open_end),
+        'rmse': _number(span.rmse / scale),
+        'num_points': int(span.num_points),
+        'coverage': _number(span.coverage),
+        'sigma': {
+            name: _number(span.sigma.get(name, math.nan) / scale)
+            for name in ('a', 'b', 'c', 'sag')
+        },
+    }
+
+
+def describe_support(support: Support, units: Units) -> Record:
+    """Return one support as ``supports.json`` holds it."""
+    return {
+        'support_id': support.support_id,
+        'position': _list(units.from_metres(support.position)),
+        'height': _number(support.height / units.vertical),
+        'kind': support.kind,
+        'lines': [int(line_id) for line_id in support.line_ids],
+    }
+
+
+def describe_hazard(hazard: Hazard, units: Units) -> Record:
+    """
+    Return one hazard as ``hazards.json`` holds it.
+
+    ``kind`` and ``severity`` are the lower-case names of ``HazardKind`` and ``Severity``.
+    """
+    scale = units.horizontal
+    return {
+        'hazard_id': hazard.hazard_id,
+        'line_id': hazard.line_id,
+        'span_id': hazard.span_id,
+        'kind': hazard.kind.name.lower(),
+        'severity': hazard.severity.name.lower(),
+        'position': _list(units.from_metres(hazard.position)),
+        'clearance': _number(hazard.clearance / scale),
+        'required': _number(hazard.required / scale),
+        'horizontal': _number(hazard.horizontal / scale),
+        'vertical': _number(hazard.vertical / scale),
+        'sigma': _number(hazard.sigma / scale),
+        'along_span': _number(hazard.along_span / scale),
+        'num_points': int(hazard.num_points),
+        'extent': [_list(corner) for corner in units.from_metres(hazard.extent)],
+        'rule': hazard.rule,
+        'edition': hazard.edition,
+        'source': hazard.source,
+    }
+
+
+def measure_clearances(result: InspectionResult) -> dict[tuple[int, int], float | None]:
+    """
+    Return the distance of each span to the vegetation that is nearest to it [m].
+
+    Keys are (line_id, span_id); None where no vegetation of the corridor is nearest to that span.
+    """
+    nearest: dict[tuple[int, int], float | None] = {
+        (span.line_id, span.span_id): None for span in result.spans
+    }
+    is_tree = result.classification[result.corridor] == PointClass.VEGETATION
+    distances = result.clearance[result.corridor][is_tree]
+    order = np.argsort(-distances, kind='stable')
+    keys = zip(
+        result.corridor_line_id[is_tree][order].tolist(),
+        result.corridor_span_id[is_tree][order].tolist(),
+        strict=True,
+    )
+    last = dict(zip(keys, distances[order].tolist(), strict=True))
+    nearest.update({key: last[key] for key in nearest if key in last})
+    return nearest
+
+
+def flatten(record: Record) -> Record:
+    """
+    Return a record as one row of a table.
+
+    Coordinates become ``name_x``, ``name_y``, ``name_z``; mappings become ``name_key``; the
+    quadratic becomes ``a2``, ``a1``, ``a0`` and an extent ``min_x`` ... ``max_z``.
+    """
+    row: Record = {}
+    for name, value in record.items():
+        if name == 'quadratic':
+            row.update(zip(('a2', 'a1', 'a0'), value, strict=True))
+        elif name == 'extent':
+            for corner, values in zip(('min', 'max'), value, strict=True):
+                row.update(_spread(corner, values))
+        elif isinstance(value, dict):
+            row.update({f'{name}_{key}': element for key, element in value.items()})
+        elif isinstance(value, list) and name in ('start', 'end', 'lowest', 'position'):
+            row.update(_spread(name, value))
+        else:
+            row[name] = value
+    return row
+
+
+def _spread(name: str, values: list[float]) -> Record:
+    return {f'{name}_{axis}': value for axis, value in zip('xyz', values, strict=True)}
+
+
+def _number(value: float) -> float | None:
+    """Return a float, or None for what JSON has no word for."""
+    return float(value) if math.isfinite(value) else None
+
+
+def _list(values: Float64) -> list[float | None]:
+    return [_number(value) for value in values.tolist()]

@@ -1,0 +1,266 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Writes a results folder: whole or not at all."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+import csv
+import dataclasses
+import json
+import math
+import os
+from pathlib import Path
+import resource
+import sys
+import tempfile
+import time
+from typing import Any
+
+import numpy as np
+
+from plc_inspect import __version__
+from plc_inspect.config import to_mapping
+from plc_inspect.errors import DataError
+from plc_inspect.offline.inspection import (
+    describe_hazard,
+    describe_span,
+    describe_support,
+    flatten,
+    Inspection,
+    Record,
+)
+from plc_inspect.offline.points_file import write_points
+from plc_inspect.offline.report import render_report
+from plc_inspect.results import Decision, PointClass
+
+FILES = (
+    'run.json',
+    'spans.json',
+    'spans.csv',
+    'supports.json',
+    'hazards.json',
+    'hazards.csv',
+    'points.laz',
+    'report.html',
+)
+SPAN_COLUMNS = (
+    'line_id', 'span_id', 'start_x', 'start_y', 'start_z', 'end_x', 'end_y', 'end_z',
+    'azimuth', 'length', 'a', 'b', 'c', 'a2', 'a1', 'a0', 'sag', 'lowest_x', 'lowest_y',
+    'lowest_z', 'open_start', 'open_end', 'rmse', 'num_points', 'coverage', 'sigma_a',
+    'sigma_b', 'sigma_c', 'sigma_sag',
+)
+HAZARD_COLUMNS = (
+    'hazard_id', 'line_id', 'span_id', 'kind', 'severity', 'position_x', 'position_y',
+    'position_z', 'clearance', 'required', 'horizontal', 'vertical', 'sigma', 'along_span',
+    'num_points', 'min_x', 'min_y', 'min_z', 'max_x', 'max_y', 'max_z', 'rule', 'edition',
+    'source',
+)
+
+
+def check_folder(folder: Path, force: bool = False) -> None:
+    """
+    Raise DataError unless a results folder can be written at ``folder``.
+
+    An existing folder needs ``force``, and must hold nothing but the files of a results folder:
+    nothing else is ever removed.
+    """
+    parent = folder.absolute().parent
+    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
+        raise DataError(f'{folder} exists and is not a folder')
+    if folder.exists():
+        if not force:
+            raise DataError(f'{folder} exists; --force replaces it')
+        foreign = sorted({item.name for item in folder.iterdir()} - set(FILES))
+        if foreign:
+            raise DataError(
+                f'{folder} is not replaced: it holds {len(foreign)} files that are no results,'
+                f' such as {foreign[0]}'
+            )
+    ancestor = parent
+    while not ancestor.exists():
+        ancestor = ancestor.parent
+    if not ancestor.is_dir() or not os.access(ancestor, os.W_OK | os.X_OK):
+        raise DataError(f'{folder} cannot be written: no permission to write in {ancestor}')
+
+
+def write_results(folder: Path, inspection: Inspection, force: bool = False) -> None:
+    """
+    Write the results folder of one run.
+
+    It is written beside its place and renamed, so ``folder`` is never seen half-written; an old
+    folder is replaced only when the new one is complete.
+
+    Parameters
+    ----------
+    folder : Path
+        Where; missing parents are made.
+    inspection : Inspection
+        The run.
+    force : bool
+        Replace a results folder that exists.
+
+    Raises
+    ------
+    DataError
+        The folder exists and ``force`` is not given, or it cannot be written.
+
+    """
+    check_folder(folder, force)
+    try:
+        with _replace_folder(folder) as aside:
+            _write_files(aside, inspection)
+    except OSError as error:
+        reason = error.strerror or type(error).__name__
+        raise DataError(f'{folder} cannot be written: {reason}') from error
+
+
+@contextmanager
+def _replace_folder(folder: Path) -> Iterator[Path]:
+    """Yield an empty folder that takes the place of ``folder`` at the end, if all goes well."""
+    folder = folder.absolute()
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(
+        prefix=f'.{folder.name}.', suffix='.partial', dir=folder.parent
+    ) as room:
+        aside, old = Path(room, 'new'), Path(room, 'old')
+        aside.mkdir()
+        yield aside
+        try:
+            if folder.exists():
+                folder.rename(old)
+            aside.rename(folder)
+        except BaseException:
+            if old.exists() and not folder.exists():
+                old.rename(folder)
+            raise
+
+
+def _write_files(folder: Path, inspection: Inspection) -> None:
+    units, result = inspection.units, inspection.result
+    spans = [describe_span(span, units) for span in result.spans]
+    supports = [describe_support(support, units) for support in result.supports]
+    hazards = [describe_hazard(hazard, units) for hazard in result.hazards]
+    for name, records in (('spans', spans), ('supports', supports), ('hazards', hazards)):
+        head = {
+            'frame_id': inspection.frame_id,
+            'crs': inspection.crs,
+            'metres_per_unit': [units.horizontal, units.vertical],
+        }
+        _write_json(folder / f'{name}.json', head | {name: records})
+    _write_table(folder / 'spans.csv', SPAN_COLUMNS, spans)
+    _write_table(folder / 'hazards.csv', HAZARD_COLUMNS, hazards)
+    started = time.perf_counter()
+    num_written = write_points(folder / 'points.laz', inspection)
+    seconds = dict(inspection.seconds) | {'points_file': time.perf_counter() - started}
+    started = time.perf_counter()
+    report = render_report(dataclasses.replace(inspection, seconds=seconds))
+    (folder / 'report.html').write_text(report, encoding='utf-8')
+    seconds['report'] = time.perf_counter() - started
+    run = dataclasses.replace(inspection, seconds=seconds)
+    _write_json(folder / 'run.json', describe_run(run, num_written))
+
+
+def describe_run(inspection: Inspection, num_written: int) -> Record:
+    """
+    Return what ``run.json`` holds.
+
+    Parameters
+    ----------
+    inspection : Inspection
+        The run.
+    num_written : int
+        Points in ``points.laz``.
+
+    Returns
+    -------
+    A JSON-serialisable mapping; times in seconds, memory in bytes.
+
+    """
+    result = inspection.result
+    return {
+        'version': __version__,
+        'command': inspection.command,
+        'input': {
+            'source': inspection.source,
+            'frame_id': inspection.frame_id,
+            'crs': inspection.crs,
+            'metres_per_unit': [inspection.units.horizontal, inspection.units.vertical],
+            'counts': dict(inspection.counts),
+        },
+        'num_points': result.num_points,
+        'num_points_written': num_written,
+        'num_lines': result.num_lines,
+        'num_spans': len(result.spans),
+        'num_supports': len(result.supports),
+        'num_hazards': len(result.hazards),
+        'num_corridor_points': len(result.corridor),
+        'classes': {
+            item.name.lower(): int((result.classification == item).sum()) for item in PointClass
+        },
+        'decisions': {
+            item.name.lower(): int((result.decision == item).sum()) for item in Decision
+        },
+        'stages': [dataclasses.asdict(stage) for stage in result.stages],
+        'settings': to_mapping(inspection.settings),
+        'seconds': dict(inspection.seconds),
+        'peak_memory': measure_peak_memory(),
+    }
+
+
+def measure_peak_memory() -> int:
+    """Return the largest resident memory of this process so far [bytes]."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == 'darwin' else peak * 1024
+
+
+def render_json(value: Any, indent: str = '') -> str:
+    """
+    Return a value as JSON: one key a line, lists of plain values on one line.
+
+    Floats are written by ``repr``, so reading them back gives the same bits; NaN and infinity
+    become null.  Arrays of numpy are lists.
+    """
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    deeper = indent + '  '
+    if isinstance(value, dict) and value:
+        items = (f'{json.dumps(str(k))}: {render_json(v, deeper)}' for k, v in value.items())
+        return '{\n' + ',\n'.join(deeper + item for item in items) + f'\n{indent}}}'
+    if isinstance(value, list | tuple) and any(isinstance(v, dict | list | tuple) for v in value):
+        items = (render_json(v, deeper) for v in value)
+        return '[\n' + ',\n'.join(deeper + item for item in items) + f'\n{indent}]'
+    if isinstance(value, list | tuple):
+        return '[' + ', '.join(render_json(v) for v in value) + ']'
+    if isinstance(value, float) and not math.isfinite(value):
+        return 'null'
+    return json.dumps(value, ensure_ascii=False)
+
+
+def _write_json(path: Path, value: Record) -> None:
+    path.write_text(render_json(value) + '\n', encoding='utf-8')
+
+
+def _write_table(path: Path, columns: Sequence[str], records: Sequence[Record]) -> None:
+    with path.open('w', encoding='utf-8', newline='') as stream:
+        writer = csv.DictWriter(stream, columns, lineterminator='\n')
+        writer.writeheader()
+        for record in records:
+            writer.writerow({key: _cell(value) for key, value in flatten(record).items()})
+
+
+def _cell(value: Any) -> Any:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return float(f'{value:.12g}') if isinstance(value, float) else value
