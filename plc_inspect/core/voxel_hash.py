@@ -21,12 +21,15 @@ slot + 1, 0 where free, at a load of at most one half, with linear probing.
 
 from numba import njit
 import numpy as np
+from numpy.typing import NDArray
 
 from plc_inspect.results import Float32, Float64, Int32, Int64
 
 KEY_BITS = 21
 KEY_HALF_RANGE = 1 << (KEY_BITS - 1)
 _MASK = (1 << KEY_BITS) - 1
+
+UInt32 = NDArray[np.uint32]
 
 
 def build_table(keys: Int64, capacity: int) -> Int32:
@@ -98,7 +101,7 @@ def locate_voxels(
 
 
 @njit(cache=True, nogil=True)
-def _hash(key: int) -> int:
+def _hash(key: np.int64) -> np.int64:
     value = np.uint64(key)
     value ^= value >> np.uint64(33)
     value *= np.uint64(0xFF51AFD7ED558CCD)
@@ -128,7 +131,7 @@ def accumulate_points(
     final: bool,
     table: Int32,
     slot_keys: Int64,
-    counts: Int32,
+    counts: UInt32,
     moments: Float32,
     touched: Int32,
 ) -> tuple[int, int, int]:

@@ -32,6 +32,7 @@ from plc_inspect.core.voxel_hash import (
     build_table,
     KEY_HALF_RANGE,
     locate_voxels,
+    UInt32,
     unpack_keys,
 )
 from plc_inspect.errors import DataError
@@ -96,12 +97,12 @@ class VoxelMap:
         self._generation = 0
         self._sequence = 0
         self._num_points = 0
-        self._set_empty()
+        self._set_empty(min(INITIAL_CAPACITY, self._max_voxels))
 
-    def _set_empty(self) -> None:
+    def _set_empty(self, capacity: int) -> None:
         self._size = 0
         self._origin: Int64 | None = None
-        self._allocate(min(INITIAL_CAPACITY, self._max_voxels))
+        self._allocate(capacity)
         self._table = build_table(self._keys[:0], self._capacity)
 
     def _allocate(self, capacity: int) -> None:
@@ -109,7 +110,7 @@ class VoxelMap:
         old = self._arrays() if self._size else None
         self._capacity = capacity
         self._keys: Int64 = np.empty(capacity, dtype=np.int64)
-        self._counts: NDArray[np.uint32] = np.zeros(capacity, dtype=np.uint32)
+        self._counts: UInt32 = np.zeros(capacity, dtype=np.uint32)
         self._moments: Float32 = np.zeros((capacity, 9), dtype=np.float32)
         self._touched: Int32 = np.zeros(capacity, dtype=np.int32)
         if old is not None:
@@ -153,13 +154,13 @@ class VoxelMap:
 
     @property
     def nbytes(self) -> int:
-        """Memory of all arrays [bytes]."""
-        return sum(array.nbytes for array in self._all_arrays()) + self._table.nbytes
+        """Memory of the voxels in use and of the hash table [bytes]."""
+        return sum(array.nbytes for array in self._arrays()) + self._table.nbytes
 
     def clear(self) -> None:
         """Forget all voxels; the sequence goes on."""
         self._generation += 1
-        self._set_empty()
+        self._set_empty(self._capacity)
 
     def reserve(self, num_voxels: int) -> None:
         """
@@ -255,8 +256,7 @@ class VoxelMap:
         if self._origin is None:
             return np.empty((0, 3))
         centers = (unpack_keys(self._keys[slots]) + self._origin + 0.5) * self._voxel_size
-        result: Float64 = centers + self._moments[slots, :3]
-        return result
+        return np.add(centers, self._moments[slots, :3], dtype=np.float64)
 
     def counts(self) -> Int64:
         """Return the (M,) number of points of every voxel, by slot."""

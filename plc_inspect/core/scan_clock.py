@@ -1,0 +1,83 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Regularity of the scans' stamps: their period, and how many are missing."""
+
+from collections import deque
+import math
+from statistics import median
+
+WINDOW = 31
+"""Periods of which the median is taken."""
+
+MIN_PERIODS = 5
+"""Periods needed before a gap is judged."""
+
+MAX_LOST_TIME = 5.0
+"""A longer pause is an interruption, or a wrong stamp, and not a number of lost scans [s]."""
+
+
+class ScanClock:
+    """
+    Counts the scans that are missing between header stamps.
+
+    A step of more than one and a half median periods is a gap of as many scans as fit into it.
+    Backward steps are ignored.
+    """
+
+    def __init__(self) -> None:
+        self.num_lost = 0
+        self.num_interruptions = 0
+        self._periods: deque[float] = deque(maxlen=WINDOW)
+        self._last: int | None = None
+
+    @property
+    def period(self) -> float:
+        """Median time between scans [s], NaN while fewer than MIN_PERIODS are known."""
+        return median(self._periods) if len(self._periods) >= MIN_PERIODS else math.nan
+
+    def restarted(self) -> 'ScanClock':
+        """Return a clock that has seen no stamp and carries on the counts."""
+        clock = ScanClock()
+        clock.num_lost = self.num_lost
+        clock.num_interruptions = self.num_interruptions
+        return clock
+
+    def add(self, stamp_ns: int) -> int:
+        """
+        Take the stamp of the next scan.
+
+        Parameters
+        ----------
+        stamp_ns : int
+            Header stamp [ns].
+
+        Returns
+        -------
+        int
+            Scans missing before this one.
+
+        """
+        last, self._last = self._last, stamp_ns
+        if last is None or stamp_ns <= last:
+            return 0
+        step = (stamp_ns - last) * 1e-9
+        if step > MAX_LOST_TIME:
+            self.num_interruptions += 1
+            return 0
+        period = self.period
+        self._periods.append(step)
+        missing = round(step / period) - 1 if step > 1.5 * period else 0
+        self.num_lost += missing
+        return missing

@@ -1,0 +1,200 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Point clouds from files, LAS, LAZ and PCD, in metres."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import laspy
+import numpy as np
+import pyproj
+from pyproj.exceptions import CRSError
+
+from plc_inspect.errors import ConfigError, DataError
+from plc_inspect.offline.pcd import read_pcd
+from plc_inspect.results import Float64
+
+SUFFIXES = ('.las', '.laz', '.pcd')
+
+_UNIT_CODES = {9001: 1.0, 9002: 0.3048, 9003: 1200.0 / 3937.0}
+"""EPSG codes of units in GeoTIFF keys to metres."""
+
+_HORIZONTAL_UNIT_KEY, _VERTICAL_UNIT_KEY = 3076, 4099
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Cloud:
+    """One cloud in metres, in the order of its file."""
+
+    path: Path
+    points: Float64
+    """(N, 3) coordinates of the file times ``metres_per_unit`` [m]; a point of which any
+    coordinate was not finite is NaN in all three."""
+    num_not_finite: int
+    """Points that are NaN."""
+    crs: str
+    """Coordinate reference system as WKT, '' where neither file nor user names one."""
+    metres_per_unit: tuple[float, float]
+    """Length of the file's horizontal and vertical unit [m]."""
+    las: Any
+    """The laspy.LasData with all attributes, None for a PCD file."""
+
+    def to_file_units(self, points: Float64) -> Float64:
+        """Return (N, 3) points in metres as coordinates of the file."""
+        horizontal, vertical = self.metres_per_unit
+        if horizontal == vertical == 1.0:
+            return points
+        return points / np.array([horizontal, horizontal, vertical])
+
+
+def read_cloud(path: Path | str, crs: str | None = None) -> Cloud:
+    """
+    Read a cloud; coordinates become metres, nothing else changes.
+
+    The unit comes from the CRS: that of the argument, else that of the file, else metres.  A
+    vertical unit that the CRS does not name is taken to be the horizontal one.
+
+    Parameters
+    ----------
+    path : Path or str
+        A .las, .laz or .pcd file.
+    crs : str or None
+        CRS that replaces the file's, as 'EPSG:2992' or WKT.
+
+    Returns
+    -------
+    Cloud
+        The cloud; 0 points are a valid cloud.
+
+    Raises
+    ------
+    DataError
+        The file is missing, truncated, damaged or of an unknown kind, or its CRS is not in a
+        length unit.
+    ConfigError
+        ``crs`` is not a known CRS.
+
+    """
+    path = Path(path)
+    if path.suffix.lower() not in SUFFIXES:
+        raise DataError(f'{path} is not a cloud: its name must end in {", ".join(SUFFIXES)}')
+    if not path.is_file():
+        raise DataError(f'{path} does not exist' if not path.exists() else f'{path} is a folder')
+    given = None if crs is None else _parse_crs(crs)
+    try:
+        if path.suffix.lower() == '.pcd':
+            las, points = None, read_pcd(path)
+        else:
+            las, points = _read_las(path)
+    except OSError as error:
+        raise DataError(f'{path} cannot be read: {error.strerror or error}') from error
+    system, wkt, units = given, '', (1.0, 1.0)
+    if system is not None:
+        wkt, units = _to_wkt(system), _measure_units(system, path)
+    elif las is not None:
+        wkt, units = _find_crs(las.header, path)
+    finite = np.isfinite(points).all(axis=1)
+    num_not_finite = len(points) - int(np.count_nonzero(finite))
+    if num_not_finite:
+        points[~finite] = np.nan
+    if units != (1.0, 1.0):
+        points *= np.array([units[0], units[0], units[1]])
+    return Cloud(
+        path=path,
+        points=points,
+        num_not_finite=num_not_finite,
+        crs=wkt,
+        metres_per_unit=units,
+        las=las,
+    )
+
+
+def _read_las(path: Path) -> tuple[laspy.LasData, Float64]:
+    try:
+        las = laspy.read(path)
+    except OSError:
+        raise
+    except Exception as error:  # laspy lets errors of lazrs, struct and numpy through
+        text = ' '.join(str(error).split()) or type(error).__name__
+        raise DataError(f'{path} cannot be read, is it truncated? {text}') from error
+    expected = las.header.point_count
+    if len(las.points) != expected:
+        raise DataError(
+            f'{path} is truncated: {len(las.points)} points, its header says {expected}'
+        )
+    points = np.empty((expected, 3))
+    for axis, column in enumerate((las.X, las.Y, las.Z)):
+        np.multiply(column, las.header.scales[axis], out=points[:, axis])
+        points[:, axis] += las.header.offsets[axis]
+    return las, points
+
+
+def _parse_crs(text: str) -> pyproj.CRS:
+    try:
+        return pyproj.CRS.from_user_input(text)
+    except CRSError as error:
+        raise ConfigError(f'unknown coordinate reference system {text!r}') from error
+
+
+def _to_wkt(system: pyproj.CRS) -> str:
+    """Return WKT 1, which LAS 1.4 asks for, or WKT 2 where the system needs it."""
+    try:
+        return str(system.to_wkt('WKT1_GDAL'))
+    except CRSError:
+        return str(system.to_wkt())
+
+
+def _find_crs(header: laspy.LasHeader, path: Path) -> tuple[str, tuple[float, float]]:
+    """Return the CRS of a LAS file and its units, '' and metres where there is none."""
+    try:
+        system = header.parse_crs()
+    except CRSError as error:
+        text = ' '.join(str(error).split())[:120]
+        raise DataError(f'{path} has a CRS that is not understood (give one): {text}') from error
+    keys = _read_unit_keys(header)
+    if system is None:
+        horizontal = keys.get(_HORIZONTAL_UNIT_KEY, 1.0)
+        return '', (horizontal, keys.get(_VERTICAL_UNIT_KEY, horizontal))
+    horizontal, vertical = _measure_units(system, path)
+    if len(system.axis_info) < 3:
+        vertical = keys.get(_VERTICAL_UNIT_KEY, vertical)
+    return _to_wkt(system), (horizontal, vertical)
+
+
+def _read_unit_keys(header: laspy.LasHeader) -> dict[int, float]:
+    """Return the GeoTIFF unit keys of a LAS file, in metres."""
+    records = [*header.vlrs, *(header.evlrs or [])]
+    return {
+        key.id: _UNIT_CODES[key.value_offset]
+        for record in records
+        for key in getattr(record, 'geo_keys', ())
+        if key.id in (_HORIZONTAL_UNIT_KEY, _VERTICAL_UNIT_KEY)
+        and key.value_offset in _UNIT_CODES
+    }
+
+
+def _measure_units(system: pyproj.CRS, path: Path) -> tuple[float, float]:
+    """Return metres per horizontal and per vertical unit of a CRS."""
+    if system.is_geographic or system.is_geocentric:
+        raise DataError(
+            f'{path}: coordinates in {system.name} are not lengths east, north and up; '
+            'project the cloud first'
+        )
+    flat = [axis for axis in system.axis_info if axis.direction not in ('up', 'down')]
+    up = [axis for axis in system.axis_info if axis.direction == 'up']
+    horizontal = float(flat[0].unit_conversion_factor) if flat else 1.0
+    vertical = float(up[0].unit_conversion_factor) if up else horizontal
+    return horizontal, vertical

@@ -1,0 +1,86 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The map of a whole recording."""
+
+from collections.abc import Callable
+
+from plc_inspect.config import Settings
+from plc_inspect.core.accumulator import Accumulator
+from plc_inspect.errors import DataError
+from plc_inspect.offline.bags import Recording
+from plc_inspect.ros.conversion import StampedPose
+
+
+def accumulate(
+    recording: Recording,
+    settings: Settings,
+    progress: Callable[[float], None] | None = None,
+) -> Accumulator:
+    """
+    Put all scans of a recording into a map, as the node would have done in flight.
+
+    A scan waits for its odometry by the recording's own clock.  Scans that contradict
+    themselves are counted in ``recording.skipped``, like messages that cannot be read.
+
+    Parameters
+    ----------
+    recording : Recording
+        An open recording.
+    settings : Settings
+        ``input`` and ``map`` are used.
+    progress : callable or None
+        Called with the share that was read, 0 to 1, after each scan and at the end.
+
+    Returns
+    -------
+    Accumulator
+        Finished: no scan waits any more.
+
+    Raises
+    ------
+    DataError
+        The recording is damaged.
+
+    """
+    accumulator = Accumulator(settings)
+    for message in recording:
+        content, now = message.content, message.log_stamp_ns * 1e-9
+        if isinstance(content, StampedPose):
+            accumulator.add_pose(
+                content.stamp_ns,
+                content.position,
+                content.quaternion,
+                frame_id=content.frame_id,
+                child_frame_id=content.child_frame_id,
+                now=now,
+            )
+            continue
+        try:
+            accumulator.add_scan(
+                content.stamp_ns,
+                content.xyz,
+                content.time,
+                frame_id=content.frame_id,
+                num_not_finite=content.num_not_finite,
+                now=now,
+            )
+        except DataError as error:
+            recording.skip('scans: malformed', error)
+        if progress is not None:
+            progress(recording.progress)
+    accumulator.finish()
+    if progress is not None:
+        progress(1.0)
+    return accumulator
