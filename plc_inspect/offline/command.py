@@ -1,0 +1,141 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the command lines share: arguments, one-line errors, exit codes, progress."""
+
+import argparse
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+import os
+from pathlib import Path
+import signal
+import sys
+import threading
+from types import FrameType
+from typing import Any, NoReturn
+
+from plc_inspect.errors import PlcInspectError
+
+DONE, DEFECT, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+Progress = Callable[[str, float], None]
+"""Called with the name of the step and its share, 0 to 1."""
+
+
+class Parser(argparse.ArgumentParser):
+    """An argument parser that says what is wrong in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print one line and exit with 2."""
+        self.exit(BAD_INPUT, f'{self.prog}: {message} (see {self.prog} --help)\n')
+
+
+def make_parser(name: str, description: str) -> Parser:
+    """Return a parser with the arguments that every command with a results folder has."""
+    parser = Parser(prog=name, description=description)
+    parser.add_argument(
+        '-o', '--output', type=Path, required=True, metavar='OUT', help='results folder to write'
+    )
+    parser.add_argument(
+        '--params', type=Path, metavar='FILE',
+        help='settings from a YAML file, in the layout of ROS parameters or of plain sections',
+    )
+    parser.add_argument(
+        '--set', action='append', default=[], metavar='SECTION.NAME=VALUE', dest='assignments',
+        help='one setting; may be repeated, wins over --params',
+    )
+    parser.add_argument('--force', action='store_true', help='replace a results folder')
+    parser.add_argument('--quiet', action='store_true', help='print errors only')
+    return parser
+
+
+def run_command(name: str, body: Callable[[], int]) -> int:
+    """
+    Run the body of a command and return its exit code.
+
+    Errors that a user can mend end in one line on stderr and exit code 2; interruption ends
+    quietly with 130, as a shell expects; anything else is a defect and keeps its traceback.
+
+    Parameters
+    ----------
+    name : str
+        The name of the command, in front of the error.
+    body : callable
+        Returns the exit code.
+
+    Returns
+    -------
+    0, 2, 130 or what the body returned.
+
+    """
+    try:
+        with _end_on_sigterm():
+            code = body()
+            sys.stdout.flush()
+            return code
+    except PlcInspectError as error:
+        return _complain(name, str(error))
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except BrokenPipeError:
+        # Whoever read our output has gone; let the flush at exit not complain of it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return DONE
+    except OSError as error:
+        where = f'{error.filename}: ' if error.filename else ''
+        return _complain(name, f'{where}{error.strerror or type(error).__name__}')
+    except MemoryError as error:
+        return _complain(name, f'not enough memory: {error}' if str(error) else 'out of memory')
+
+
+@contextmanager
+def show_progress(quiet: bool) -> Iterator[Progress]:
+    """Yield a callable that draws a bar on stderr; it does nothing unless that is a terminal."""
+    if quiet or not sys.stderr.isatty():
+        yield lambda step, share: None
+        return
+    from tqdm import tqdm
+
+    form = '{desc:<12} {percentage:3.0f}%|{bar}| {elapsed}'
+    with tqdm(total=1.0, bar_format=form, leave=False, file=sys.stderr) as bar:
+
+        def show(step: str, share: float) -> None:
+            if bar.desc != step:
+                bar.set_description_str(step, refresh=False)
+            bar.n = min(max(share, 0.0), 1.0)
+            bar.refresh()
+
+        yield show
+
+
+def _complain(name: str, text: str) -> int:
+    print(f'{name}: {" ".join(text.split())}', file=sys.stderr)
+    return BAD_INPUT
+
+
+@contextmanager
+def _end_on_sigterm() -> Iterator[None]:
+    """Let SIGTERM unwind the stack, so that nothing half-written stays behind."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def stop(number: int, frame: FrameType | None) -> NoReturn:
+        raise SystemExit(128 + number)
+
+    previous: Any = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, previous)

@@ -1,0 +1,124 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The command ``plc_survey``: the pipeline over one cloud."""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+import time
+from typing import TYPE_CHECKING
+
+from plc_inspect.offline.command import DONE, make_parser, Progress, run_command, show_progress
+
+if TYPE_CHECKING:
+    from plc_inspect.config import Settings
+    from plc_inspect.offline.inspection import Inspection
+
+NAME = 'plc_survey'
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command and return its exit code."""
+    return run_command(NAME, lambda: _run(argv))
+
+
+def survey(
+    path: Path, settings: 'Settings', crs: str | None = None, progress: Progress | None = None
+) -> 'Inspection':
+    """
+    Run the pipeline over one cloud.
+
+    Parameters
+    ----------
+    path : Path
+        A LAS, LAZ or PCD file.
+    settings : Settings
+        All settings.
+    crs : str or None
+        Coordinate reference system instead of the file's, such as ``EPSG:2992``.
+    progress : callable or None
+        Called with the name of the step and its share.
+
+    Returns
+    -------
+    The run, ready to be written.
+
+    Raises
+    ------
+    DataError
+        The file cannot be read, or has fewer finite points than ``segment.min_points``.
+    ConfigError
+        The CRS is unknown.
+
+    """
+    from plc_inspect.core.pipeline import Pipeline
+    from plc_inspect.errors import DataError
+    from plc_inspect.offline.clouds import read_cloud
+    from plc_inspect.offline.inspection import Inspection, Units
+
+    tell = progress or (lambda step, share: None)
+    started = time.perf_counter()
+    tell('reading', 0.0)
+    cloud = read_cloud(path, crs)
+    num_points = len(cloud.points)
+    num_finite = num_points - cloud.num_not_finite
+    if num_finite < settings.segment.min_points:
+        raise DataError(
+            f'{path} has {num_finite} finite points of {num_points}, fewer than'
+            f' segment.min_points = {settings.segment.min_points}'
+        )
+    seconds = {'read': time.perf_counter() - started}
+    started = time.perf_counter()
+    result = Pipeline(settings).run(cloud.points, progress=tell)
+    seconds['pipeline'] = time.perf_counter() - started
+    horizontal, vertical = cloud.metres_per_unit
+    return Inspection(
+        result=result,
+        points=cloud.points,
+        settings=settings,
+        source=path.name,
+        command=NAME,
+        crs=cloud.crs,
+        units=Units(horizontal=horizontal, vertical=vertical),
+        las=cloud.las,
+        counts={'num_points': num_points, 'num_not_finite': cloud.num_not_finite},
+        seconds=seconds,
+    )
+
+
+def _run(argv: Sequence[str] | None) -> int:
+    arguments = _parse(argv)
+    from plc_inspect.offline.parameter_file import read_settings
+    from plc_inspect.offline.results_folder import check_folder, write_results
+    from plc_inspect.offline.summary import render_summary
+
+    settings = read_settings(arguments.params, arguments.assignments)
+    check_folder(arguments.output, arguments.force)
+    with show_progress(arguments.quiet) as progress:
+        inspection = survey(arguments.cloud, settings, arguments.crs, progress)
+        progress('writing', 0.0)
+        write_results(arguments.output, inspection, arguments.force)
+    if not arguments.quiet:
+        print(f'{render_summary(inspection)}\n\nreport: {arguments.output / "report.html"}')
+    return DONE
+
+
+def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = make_parser(NAME, 'Finds power lines and their hazards in one cloud.')
+    parser.add_argument('cloud', type=Path, metavar='CLOUD', help='a LAS, LAZ or PCD file')
+    parser.add_argument(
+        '--crs', help='coordinate reference system instead of the one in the file, as EPSG:2992'
+    )
+    return parser.parse_args(argv)
