@@ -1,0 +1,32 @@
+# `make demo` and `make test` do all their own set-up.
+
+BIN := .venv/bin
+DEMO_OUT := demo_out
+
+.PHONY: help install demo test lint settings clean
+
+help:
+	@echo 'make install   make .venv with plc_inspect in it'
+	@echo 'make demo      replay the demo flight, print what was found, write a report'
+	@echo 'make test      linter, types and all tests'
+	@echo 'make settings  write config/plc_inspect.yaml and docs/settings.md from the defaults'
+	@echo 'make clean     remove what was made'
+
+install:
+	@tools/install
+
+demo: install
+	@$(BIN)/plc_replay bags/demo -o $(DEMO_OUT) --force
+
+lint: install
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+
+test: lint
+	$(BIN)/pytest
+
+settings: install
+	$(BIN)/python -m plc_inspect.offline.parameter_file
+
+clean:
+	rm -rf .venv $(DEMO_OUT) build install log *.egg-info .pytest_cache .mypy_cache .ruff_cache
