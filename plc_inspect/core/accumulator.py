@@ -83,8 +83,8 @@ class Counters:
     """Pauses between scans that are too long to be lost scans."""
     num_scans_without_time: int
     """Scans whose points have no times: deskewed between scans, not within."""
-    scan_period: float
-    """Median time between scans [s], NaN while unknown."""
+    scan_period: float | None
+    """Median time between scans [s], None while unknown."""
     num_points: int
     """Points received, those that are not finite included."""
     num_points_inserted: int

@@ -15,7 +15,6 @@
 """Regularity of the scans' stamps: their period, and how many are missing."""
 
 from collections import deque
-import math
 from statistics import median
 
 WINDOW = 31
@@ -43,9 +42,9 @@ class ScanClock:
         self._last: int | None = None
 
     @property
-    def period(self) -> float:
-        """Median time between scans [s], NaN while fewer than MIN_PERIODS are known."""
-        return median(self._periods) if len(self._periods) >= MIN_PERIODS else math.nan
+    def period(self) -> float | None:
+        """Median time between scans [s], None while fewer than MIN_PERIODS are known."""
+        return median(self._periods) if len(self._periods) >= MIN_PERIODS else None
 
     def restarted(self) -> 'ScanClock':
         """Return a clock that has seen no stamp and carries on the counts."""
@@ -78,6 +77,8 @@ class ScanClock:
             return 0
         period = self.period
         self._periods.append(step)
-        missing = round(step / period) - 1 if step > 1.5 * period else 0
+        missing = 0
+        if period is not None and step > 1.5 * period:
+            missing = round(step / period) - 1
         self.num_lost += missing
         return missing

@@ -19,13 +19,14 @@ from pathlib import Path
 from typing import Any
 
 import laspy
+from numba import njit
 import numpy as np
 import pyproj
 from pyproj.exceptions import CRSError
 
 from plc_inspect.errors import ConfigError, DataError
 from plc_inspect.offline.pcd import read_pcd
-from plc_inspect.results import Float64
+from plc_inspect.results import Float64, Int32
 
 SUFFIXES = ('.las', '.laz', '.pcd')
 
@@ -106,12 +107,7 @@ def read_cloud(path: Path | str, crs: str | None = None) -> Cloud:
         wkt, units = _to_wkt(system), _measure_units(system, path)
     elif las is not None:
         wkt, units = _find_crs(las.header, path)
-    finite = np.isfinite(points).all(axis=1)
-    num_not_finite = len(points) - int(np.count_nonzero(finite))
-    if num_not_finite:
-        points[~finite] = np.nan
-    if units != (1.0, 1.0):
-        points *= np.array([units[0], units[0], units[1]])
+    num_not_finite = _convert(points, *units)
     return Cloud(
         path=path,
         points=points,
@@ -135,11 +131,33 @@ def _read_las(path: Path) -> tuple[laspy.LasData, Float64]:
         raise DataError(
             f'{path} is truncated: {len(las.points)} points, its header says {expected}'
         )
-    points = np.empty((expected, 3))
-    for axis, column in enumerate((las.X, las.Y, las.Z)):
-        np.multiply(column, las.header.scales[axis], out=points[:, axis])
-        points[:, axis] += las.header.offsets[axis]
-    return las, points
+    header = las.header
+    return las, _scale(las.X, las.Y, las.Z, np.array(header.scales), np.array(header.offsets))
+
+
+@njit(cache=True, nogil=True)
+def _scale(x: Int32, y: Int32, z: Int32, scales: Float64, offsets: Float64) -> Float64:
+    points = np.empty((len(x), 3), dtype=np.float64)
+    for i in range(len(x)):
+        points[i, 0] = x[i] * scales[0] + offsets[0]
+        points[i, 1] = y[i] * scales[1] + offsets[1]
+        points[i, 2] = z[i] * scales[2] + offsets[2]
+    return points
+
+
+@njit(cache=True, nogil=True)
+def _convert(points: Float64, horizontal: float, vertical: float) -> int:
+    """Convert to metres in place, make what is not finite NaN, and return how many that are."""
+    not_finite = 0
+    for i in range(len(points)):
+        if np.isfinite(points[i, 0] + points[i, 1] + points[i, 2]):
+            points[i, 0] *= horizontal
+            points[i, 1] *= horizontal
+            points[i, 2] *= vertical
+        else:
+            points[i, :] = np.nan
+            not_finite += 1
+    return not_finite
 
 
 def _parse_crs(text: str) -> pyproj.CRS:

@@ -1,0 +1,228 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+import hypothesis
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from plc_inspect.config import MapSettings
+from plc_inspect.core.voxel_map import INITIAL_CAPACITY, VoxelMap
+from plc_inspect.errors import DataError
+
+
+def make_map(points=None, **settings):
+    voxels = VoxelMap(MapSettings(**settings))
+    if points is not None:
+        voxels.insert(np.asarray(points, dtype=np.float64))
+    return voxels
+
+
+def find_voxels(points, size):
+    """Return voxel -> points in order of first touch, by brute force."""
+    cells = {}
+    for point in points:
+        cells.setdefault(tuple(np.floor(point / size).astype(int)), []).append(point)
+    return cells
+
+
+def test_toy_case_by_hand():
+    voxels = make_map([[0.1, 0.1, 0.1], [0.3, 0.1, 0.1], [-0.1, 0.1, 0.1]], voxel_size=0.5)
+    np.testing.assert_allclose(voxels.centroids(), [[0.2, 0.1, 0.1], [-0.1, 0.1, 0.1]], atol=1e-7)
+    assert voxels.counts().tolist() == [2, 1]
+    np.testing.assert_allclose(
+        voxels.covariances(), [[0.01, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0, 0]], atol=1e-7
+    )
+
+
+def test_against_brute_force():
+    points = np.random.default_rng(0).uniform(-3, 3, (3000, 3))
+    voxels = make_map(points, voxel_size=0.5)
+    cells = find_voxels(points, 0.5)
+    assert len(voxels) == len(cells)
+    expected = np.array([np.mean(cell, axis=0) for cell in cells.values()])
+    np.testing.assert_allclose(voxels.centroids(), expected, atol=1e-6)
+    assert voxels.counts().tolist() == [len(cell) for cell in cells.values()]
+    covariances = np.array(
+        [np.cov(np.array(cell).T, bias=True)[np.triu_indices(3)] for cell in cells.values()]
+    )
+    np.testing.assert_allclose(voxels.covariances(), covariances, atol=1e-6)
+
+
+@pytest.mark.parametrize('points', [np.empty((0, 3)), np.array([[1.0, 2.0, 3.0]])])
+def test_empty_and_one_point(points):
+    voxels = make_map(points)
+    np.testing.assert_allclose(voxels.centroids(), points, atol=1e-8)
+    assert voxels.centroids().shape == points.shape
+    assert voxels.covariances().shape == (len(points), 6)
+    assert len(voxels.snapshot().slots) == len(points)
+
+
+def test_utm_coordinates_keep_a_tenth_of_a_millimetre():
+    corner = np.array([699_999.5, 9_876_543.2, 1234.5])
+    points = corner + np.random.default_rng(1).uniform(0, 5, (500, 3))
+    voxels = make_map(points, voxel_size=0.02)
+    expected = [np.mean(cell, axis=0) for cell in find_voxels(points, 0.02).values()]
+    np.testing.assert_allclose(voxels.centroids(), expected, rtol=0, atol=1e-4)
+
+
+def test_a_voxel_hit_a_million_times_keeps_a_tenth_of_a_millimetre():
+    rng = np.random.default_rng(2)
+    voxels = make_map(voxel_size=2.0)
+    total = np.zeros(3)
+    for _ in range(10):
+        points = rng.uniform(0.2, 1.9, (100_000, 3))
+        voxels.insert(points)
+        total += points.sum(axis=0)
+    assert voxels.counts().tolist() == [1_000_000]
+    np.testing.assert_allclose(voxels.centroids()[0], total / 1e6, rtol=0, atol=1e-4)
+    np.testing.assert_allclose(voxels.covariances()[0, [0, 3, 5]], 1.7**2 / 12, rtol=2e-3)
+
+
+@hypothesis.settings(deadline=None, max_examples=25)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 60))
+def test_chunks_give_the_same_map_as_the_whole(seed, step):
+    points = np.array([1e5, 0, 0]) + np.random.default_rng(seed).uniform(-1, 1, (200, 3))
+    whole, chunked = make_map(points), make_map()
+    for start in range(0, len(points), step):
+        chunked.insert(points[start : start + step])
+    assert whole.centroids().tobytes() == chunked.centroids().tobytes()
+    assert whole.counts().tolist() == chunked.counts().tolist()
+
+
+def test_voxels_do_not_depend_on_the_first_point():
+    points = np.random.default_rng(3).uniform(-2, 2, (400, 3))
+    forward, backward = make_map(points), make_map(points[::-1])
+    order, other = (np.lexsort(m.centroids().T) for m in (forward, backward))
+    assert forward.counts()[order].tolist() == backward.counts()[other].tolist()
+    np.testing.assert_allclose(
+        forward.centroids()[order], backward.centroids()[other], atol=1e-7
+    )
+
+
+def test_growing_and_reserving_give_the_same_map():
+    axis = np.arange(60) * 0.1 + 0.05
+    points = np.stack(np.meshgrid(axis, axis, axis, indexing='ij'), axis=-1).reshape(-1, 3)
+    assert len(points) > 2 * INITIAL_CAPACITY
+    grown, reserved = make_map(points), make_map()
+    reserved.reserve(10**9)
+    reserved.insert(points)
+    assert len(grown) == len(points)
+    np.testing.assert_allclose(grown.centroids(), points, atol=1e-7)
+    assert grown.centroids().tobytes() == reserved.centroids().tobytes()
+    assert grown.nbytes < 80 * len(points)
+
+
+def test_beyond_the_cap_known_voxels_still_take_points():
+    x = np.arange(1500) * 0.1 + 0.05
+    points = np.column_stack((x, np.zeros(1500), np.zeros(1500)))
+    voxels = make_map(max_voxels=1000)
+    insertion = voxels.insert(np.concatenate((points, points[:10])))
+    assert (len(voxels), insertion.num_new, insertion.num_refused) == (1000, 1000, 500)
+    assert insertion.num_points == voxels.num_points == 1010
+    assert voxels.counts()[:11].tolist() == [2] * 10 + [1]
+    voxels.remove(np.arange(500))
+    assert voxels.insert(points[1000:]).num_refused == 0
+    np.testing.assert_allclose(voxels.centroids(), points[500:], atol=1e-7)
+
+
+def test_remove_keeps_the_order_and_finds_the_rest_again():
+    points = np.random.default_rng(4).uniform(-5, 5, (5000, 3))
+    voxels = make_map(points, voxel_size=0.5)
+    centroids, counts, generation = voxels.centroids(), voxels.counts(), voxels.generation
+    gone = np.random.default_rng(5).random(len(voxels)) < 0.4
+    renumbered = voxels.remove(gone)
+    assert voxels.generation != generation
+    assert (renumbered[gone] == -1).all()
+    assert renumbered[~gone].tolist() == list(range(len(voxels)))
+    np.testing.assert_array_equal(voxels.centroids(), centroids[~gone])
+    insertion = voxels.insert(points)
+    assert voxels.counts()[: len(counts[~gone])].tolist() == (2 * counts[~gone]).tolist()
+    assert insertion.num_new == gone.sum()
+
+
+def test_remove_by_slots_and_of_nothing():
+    voxels = make_map(np.eye(3))
+    assert voxels.remove([]).tolist() == [0, 1, 2]
+    assert voxels.generation == 0
+    assert voxels.remove([1, 1]).tolist() == [0, -1, 1]
+    with pytest.raises(DataError, match='slots 0 to 2, the map holds 2'):
+        voxels.remove([0, 2])
+    with pytest.raises(DataError, match='mask'):
+        voxels.remove([True])
+    voxels.remove([True, True])
+    assert len(voxels) == 0
+    assert voxels.insert(np.eye(3)).num_new == 3
+
+
+def test_snapshot_since_tells_what_changed():
+    voxels = make_map([[0.05, 0, 0], [1.05, 0, 0]])
+    first = voxels.snapshot()
+    voxels.insert(np.array([[1.07, 0, 0], [2.05, 0, 0]]))
+    second = voxels.snapshot(first.sequence)
+    assert (first.slots.tolist(), second.slots.tolist()) == ([0, 1], [1, 2])
+    assert second.counts.tolist() == [2, 1]
+    assert second.touched.tolist() == [2, 2]
+    assert voxels.snapshot(second.sequence).slots.tolist() == []
+    np.testing.assert_allclose(first.centroids[1], [1.05, 0, 0], atol=1e-7)  # a copy
+    assert second.covariances is None
+    assert voxels.snapshot(covariances=True).covariances.shape == (3, 6)
+
+
+def test_voxels_with_few_points_are_not_used():
+    voxels = make_map([[0.05, 0, 0], [0.06, 0, 0], [1.05, 0, 0]], min_points=2)
+    assert voxels.snapshot().slots.tolist() == [0]
+    assert len(voxels) == 2
+
+
+@pytest.mark.parametrize('bad', [np.nan, np.inf, 2e5, -2e5])
+def test_bad_point_leaves_the_map_as_it_was(bad):
+    voxels = make_map([[0.0, 0.0, 0.0]])
+    with pytest.raises(DataError, match='point 1'):
+        voxels.insert(np.array([[5.0, 5, 5], [0, bad, 0]]))
+    assert len(voxels) == 1
+    assert voxels.sequence == 1
+
+
+@pytest.mark.parametrize('bad', [np.nan, np.inf, 1e300])
+def test_bad_first_point_does_not_set_the_origin(bad):
+    voxels = make_map()
+    with pytest.raises(DataError, match='point 0'):
+        voxels.insert(np.array([[0, bad, 0]]))
+    voxels.insert(np.array([[1.0, 2.0, 3.0]]))
+    np.testing.assert_allclose(voxels.centroids(), [[1, 2, 3]], atol=1e-7)
+
+
+def test_a_hundred_kilometres_fit():
+    points = np.array([[0.0, 0, 0], [104_000.0, -104_000.0, 0]])
+    np.testing.assert_allclose(make_map(points).centroids(), points, atol=1e-7)
+
+
+def test_wrong_shape_and_unchanged_input():
+    with pytest.raises(DataError, match=r'\(3, 2\)'):
+        make_map(np.zeros((3, 2)))
+    points = np.random.default_rng(6).random((10, 3))
+    copy = points.copy()
+    make_map(points)
+    np.testing.assert_array_equal(points, copy)
+
+
+def test_clear_begins_anew():
+    voxels = make_map([[1e6, 0, 0]])
+    voxels.clear()
+    assert (len(voxels), voxels.centroids().shape) == (0, (0, 3))
+    voxels.insert(np.zeros((1, 3)))
+    np.testing.assert_allclose(voxels.centroids(), [[0, 0, 0]], atol=1e-7)
+    assert voxels.snapshot().counts.tolist() == [1]
