@@ -68,6 +68,7 @@ setup(
             'hypothesis>=6.90',
             'matplotlib>=3.8',
             'mypy>=1.10',
+            'pillow>=10',
             'pytest>=8.0',
             'pytest-xdist>=3.5',
             'ruff>=0.8',

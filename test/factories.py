@@ -99,8 +99,8 @@ def make_inspection(origin=(0.0, 0.0, 0.0), num_ground=20_000, seed=1, **changes
             span = make_span(
                 line_id,
                 span_id,
-                origin + (span_id * SPAN_LENGTH, offset, 15.0 + span_id),
-                origin + ((span_id + 1) * SPAN_LENGTH, offset, 16.0 + span_id),
+                origin + np.array([span_id * SPAN_LENGTH, offset, 15.0 + span_id]),
+                origin + np.array([(span_id + 1) * SPAN_LENGTH, offset, 16.0 + span_id]),
             )
             spans.append(span)
             x = rng.uniform(0.0, SPAN_LENGTH, 240)
@@ -113,9 +113,10 @@ def make_inspection(origin=(0.0, 0.0, 0.0), num_ground=20_000, seed=1, **changes
     parts.append((origin + ground, PointClass.GROUND, -1, -1))
     tree = rng.normal(0, 1.0, (1500, 3))
     tree = tree / np.linalg.norm(tree, axis=1)[:, np.newaxis] * 2.5 * rng.random((1500, 1))**0.3
-    spot = spans[0].lowest + (10.0, -1.0, -4.0)
+    spot = spans[0].lowest + np.array([10.0, -1.0, -4.0])
     parts.append((spot + tree, PointClass.VEGETATION, -1, -1))
-    mast = rng.uniform((-0.2, -4.0, 0.0), (0.2, 4.0, 17.0), (900, 3)) + (SPAN_LENGTH, 0, 0)
+    mast = rng.uniform((-0.2, -4.0, 0.0), (0.2, 4.0, 17.0), (900, 3))
+    mast[:, 0] += SPAN_LENGTH
     parts.append((origin + mast, PointClass.TOWER, -1, -1))
     return _assemble(origin, spans, parts, changes)
 
@@ -166,7 +167,8 @@ def _assemble(origin, spans, parts, changes):
         spans=tuple(spans),
         supports=tuple(
             Support(
-                support_id=index, position=origin + (index * SPAN_LENGTH, 0.0, 0.0), height=17.0,
+                support_id=index, position=origin + np.array([index * SPAN_LENGTH, 0.0, 0.0]),
+                height=17.0,
                 kind='tower' if index == 1 else 'unseen', line_ids=(0, 1, 2),
             )
             for index in range(3)

@@ -1,0 +1,208 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The report: complete, self-contained, well-formed, small."""
+
+from html.parser import HTMLParser
+import io
+import re
+import xml.etree.ElementTree as ElementTree
+
+from factories import make_empty_result, make_inspection
+import numpy as np
+from PIL import Image
+import pytest
+
+from plc_inspect.config import describe, Settings, update
+from plc_inspect.offline.drawing import blend, choose_ticks, encode_png, format_tick, Plot
+from plc_inspect.offline.inspection import measure_clearances, Units
+from plc_inspect.offline.report import format_number, render_report
+from plc_inspect.offline.scene import make_scene
+
+VOID = {'meta', 'br', 'img', 'hr', 'link', 'input'}
+UTM = (615_300.0, 5_712_000.0, 30.0)
+
+
+class Outline(HTMLParser):
+    """Checks that elements nest, and collects ids, links and text."""
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.ids, self.links, self.text = [], [], [], []
+
+    def handle_starttag(self, tag, attrs):
+        attributes = dict(attrs)
+        self.ids += [attributes['id']] if 'id' in attributes else []
+        self.links += [attributes[name] for name in ('href', 'src') if name in attributes]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+
+def outline(page):
+    """Parse a page and check that it is closed."""
+    parser = Outline()
+    parser.feed(page)
+    parser.close()
+    assert parser.open == []
+    return parser
+
+
+@pytest.fixture(scope='module')
+def page():
+    """Render one report for all tests that only read it."""
+    return render_report(make_inspection(origin=UTM))
+
+
+def test_page_is_well_formed_and_loads_nothing(page):
+    parsed = outline(page)
+    assert len(parsed.ids) == len(set(parsed.ids))
+    for link in parsed.links:
+        assert link.startswith(('#', 'data:image/png;base64,'))
+        if link.startswith('#'):
+            assert link[1:] in parsed.ids
+    assert not re.search(r'(https?:)?//|@import|url\((?!#)|<script', page.split('<body>')[0])
+    assert 'http' not in re.sub(r'base64,[^"]*', '', page)
+
+
+def test_page_holds_every_part(page):
+    parsed = outline(page)
+    text = ' '.join(' '.join(parsed.text).split())
+    for part in ('corridor.laz', 'Map', 'Hazards', 'Supports', 'How it was found', 'Settings',
+                 'span 1', 'too low', 'not linear', 'beta', 'voxel sizes', 'critical', 'tower'):
+        assert part in text, part
+    assert {'span-0', 'span-1', 'hazard-0'} <= set(parsed.ids)
+    assert page.count('<svg viewBox') == 1 + 2 * 2
+    assert page.count('class="bars"') == 1
+    for name, _, _ in describe():
+        assert f'<code>{name}</code>' in page
+    assert '615365' in text
+    assert len(page) < 400_000
+
+
+def test_drawings_are_xml(page):
+    drawings = re.findall(r'<svg.*?</svg>', page, re.DOTALL)
+    for drawing in drawings:
+        ElementTree.fromstring(drawing)
+
+
+def test_user_text_is_escaped():
+    page = render_report(make_inspection(num_ground=10, source='<script>alert(1)</script>&.laz'))
+    assert '<script>' not in page
+    assert '&lt;script&gt;alert(1)&lt;/script&gt;&amp;.laz' in page
+    outline(page)
+
+
+@pytest.mark.parametrize('num_points', [0, 1, 20])
+def test_no_line_is_said(num_points):
+    points = np.random.default_rng(1).random((num_points, 3))
+    page = render_report(make_inspection(result=make_empty_result(num_points), points=points))
+    outline(page)
+    assert 'No power line was found' in page
+    assert 'No clearance rule is broken' in page
+
+
+def test_points_that_are_not_finite_do_no_harm():
+    inspection = make_inspection(num_ground=100)
+    inspection.points[-5:] = np.nan
+    outline(render_report(inspection))
+
+
+def test_changed_settings_are_marked():
+    settings = update(Settings(), {'height.beta': 6.5})
+    page = render_report(make_inspection(num_ground=10, settings=settings))
+    assert page.count('class="changed"') == 1
+    assert '6.5' in page
+
+
+def test_feet_are_shown_as_feet():
+    foot = 1200.0 / 3937.0
+    page = render_report(
+        make_inspection(num_ground=10, units=Units(horizontal=foot, vertical=foot))
+    )
+    assert f'{120.0 / foot:.2f}' in page
+    assert '[ftUS]' in page
+
+
+def test_many_points_are_thinned_out(monkeypatch):
+    monkeypatch.setattr('plc_inspect.offline.scene.MOST_POINTS', 3000)
+    inspection = make_inspection(num_ground=50_000)
+    scene = make_scene(inspection)
+    assert len(scene.points) <= 3000
+    monkeypatch.undo()
+    assert len(make_scene(inspection).points) == len(inspection.points)
+
+
+def test_clearance_of_each_span():
+    inspection = make_inspection()
+    clearances = measure_clearances(inspection.result)
+    assert clearances.pop((0, 0)) == pytest.approx(inspection.result.hazards[0].clearance)
+    assert set(clearances.values()) == {None}
+    assert len(clearances) == 5
+
+
+def test_png_is_read_by_others():
+    rng = np.random.default_rng(5)
+    indices = rng.integers(0, 4, (7, 13), dtype=np.uint8)
+    palette = ('#ffffff', '#ff0000', '#00ff00', '#0000ff')
+    image = np.asarray(Image.open(io.BytesIO(encode_png(indices, palette))).convert('RGBA'))
+    colors = np.array([[255, 255, 255, 0], [255, 0, 0, 255], [0, 255, 0, 255], [0, 0, 255, 255]])
+    np.testing.assert_array_equal(image, colors[indices])
+
+
+@pytest.mark.parametrize(('low', 'high', 'most', 'expected'), [
+    (0.0, 10.0, 6, [0, 2, 4, 6, 8, 10]),
+    (-1.0, 1.0, 5, [-1, -0.5, 0, 0.5, 1]),
+    (615_300.0, 615_900.0, 4, [615_400, 615_600, 615_800]),
+    (3.0, 3.0, 5, [3]),
+])
+def test_ticks(low, high, most, expected):
+    ticks = choose_ticks(low, high, most)
+    assert ticks == pytest.approx(expected)
+    assert len(ticks) <= most
+
+
+@pytest.mark.parametrize(('value', 'step', 'text'), [
+    (0.5, 0.5, '0.5'), (-20.0, 10.0, '\u221220'), (2.0, 1.0, '2'), (0.02, 0.01, '0.02'),
+])
+def test_tick_texts(value, step, text):
+    assert format_tick(value, step) == text
+
+
+def test_plot_maps_corners():
+    plot = Plot((10.0, 20.0), (0.0, 5.0), (120, 70), 'x', margins=(10, 10, 10, 10))
+    px, py = plot.to_pixels(np.array([10.0, 20.0]), np.array([5.0, 0.0]))
+    assert px.tolist() == [10.0, 110.0]
+    assert py.tolist() == [10.0, 60.0]
+
+
+def test_colors_blend():
+    assert blend('#000000', '#ffffff', 3) == ['#000000', '#808080', '#ffffff']
+
+
+@pytest.mark.parametrize(('value', 'text'), [
+    (1234.567, '1,234.57'), (-0.5, '\u22120.50'), (None, '\u2013'), (float('nan'), '\u2013'),
+])
+def test_numbers_for_people(value, text):
+    assert format_number(value) == text
