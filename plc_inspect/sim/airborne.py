@@ -21,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plc_inspect.errors import DataError
-from plc_inspect.sim.raycast import Beam, build_world, cast, label_items, MISS
+from plc_inspect.sim.kernel import MISS
+from plc_inspect.sim.raycast import Beam, build_world, cast, label_items
 from plc_inspect.sim.scene import Scene
 
 Float64 = NDArray[np.float64]

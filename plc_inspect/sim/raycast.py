@@ -26,10 +26,10 @@ from itertools import pairwise
 import math
 from typing import NamedTuple
 
-from numba import njit
 import numpy as np
 from numpy.typing import NDArray
 
+from plc_inspect.sim.kernel import CELL, MISS, trace_beams
 from plc_inspect.sim.scene import Label, Scene
 
 Float64 = NDArray[np.float64]
@@ -37,10 +37,8 @@ Int32 = NDArray[np.int32]
 Int64 = NDArray[np.int64]
 UInt8 = NDArray[np.uint8]
 
-_CELL = 4.0
 _PIECE = 2.0
 _THREADS = 2
-MISS, GROUND = -1, -2
 
 
 class World(NamedTuple):
@@ -98,11 +96,11 @@ def build_world(scene: Scene) -> World:
         ends.max(axis=1) + radius, corners.max(axis=1), centre + size, wire_ends.max(axis=1) + 0.4,
     ])
     terrain = scene.terrain
-    ny = math.ceil((terrain.grid.shape[0] - 1) * terrain.cell / _CELL)
-    nx = math.ceil((terrain.grid.shape[1] - 1) * terrain.cell / _CELL)
+    ny = math.ceil((terrain.grid.shape[0] - 1) * terrain.cell / CELL)
+    nx = math.ceil((terrain.grid.shape[1] - 1) * terrain.cell / CELL)
     origin = (terrain.x0, terrain.y0)
     first, items, top = _list_items(low, high, origin, nx, ny)
-    step = max(1, round(_CELL / terrain.cell))
+    step = max(1, round(CELL / terrain.cell))
     padded = np.pad(terrain.grid, ((0, 2 * step), (0, 2 * step)), mode='edge')
     ground_top = np.full((ny, nx), -np.inf)
     for dy in range(step + 1):
@@ -139,8 +137,8 @@ def _list_items(
     low: Float64, high: Float64, origin: tuple[float, float], nx: int, ny: int,
 ) -> tuple[Int64, Int32, Float64]:
     limit = np.array([nx - 1, ny - 1])
-    i0 = np.clip(((low[:, :2] - origin) // _CELL).astype(np.int64), 0, limit)
-    i1 = np.clip(((high[:, :2] - origin) // _CELL).astype(np.int64), 0, limit)
+    i0 = np.clip(((low[:, :2] - origin) // CELL).astype(np.int64), 0, limit)
+    i1 = np.clip(((high[:, :2] - origin) // CELL).astype(np.int64), 0, limit)
     counts = (i1 - i0 + 1).prod(axis=1)
     item = np.repeat(np.arange(len(low)), counts)
     rank = np.arange(len(item)) - np.repeat(np.cumsum(counts) - counts, counts)
@@ -183,7 +181,7 @@ def cast(
     ranges : ndarray
         (N, max_returns) float64 [m], inf where there is no return.
     items : ndarray
-        (N, max_returns) int32: the object's number in the world, `GROUND` or `MISS`.
+        (N, max_returns) int32: the object's number in the world, `kernel.GROUND` or `kernel.MISS`.
 
     """
     wire = np.array([beam.divergence, beam.exit_width, beam.wire_reach, beam.wire_fraction,
@@ -194,233 +192,14 @@ def cast(
     with ThreadPoolExecutor(_THREADS) as pool:
         jobs = [
             pool.submit(
-                _cast, world, origins, directions, reach, wire, np.uint64(key), pass_share, ranges,
-                items, first, last,
+                trace_beams, world, origins, directions, reach, wire, np.uint64(key), pass_share,
+                ranges, items, first, last,
             )
             for first, last in pairwise(edges)
         ]
         for job in jobs:
             job.result()
     return ranges, items
-
-
-@njit(cache=True, nogil=True)
-def _cast(  # type: ignore[no-untyped-def]
-    world, origins, directions, reach, wire, key, pass_share, ranges, items, first, last,
-):
-    for n in range(first, last):
-        t_min = 0.0
-        beam_key = _mix(key + np.uint64(n) * np.uint64(0x9E3779B97F4A7C15))
-        for k in range(ranges.shape[1]):
-            t, item = _trace(world, origins[n], directions[n], t_min, reach[n], wire, beam_key)
-            if item == MISS:
-                break
-            ranges[n, k], items[n, k] = t, item
-            num_struts = len(world.struts)
-            num_solid = num_struts + len(world.triangles)
-            if item == GROUND or num_struts <= item < num_solid:
-                break
-            if item < num_solid + len(world.blobs):
-                if _chance(beam_key, 77777 + k) > pass_share:
-                    break
-                t_min = t + 0.4
-            else:
-                t_min = t + 0.01
-
-
-@njit(cache=True, inline='always')
-def _mix(x):  # type: ignore[no-untyped-def]
-    x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return x ^ (x >> np.uint64(31))
-
-
-@njit(cache=True)
-def _chance(key, item):  # type: ignore[no-untyped-def]
-    """Return a number in (0, 1) that belongs to this beam and object."""
-    mixed = _mix(key + np.uint64(item + 1) * np.uint64(0xD1342543DE82EF95))
-    return (np.float64(mixed >> np.uint64(11)) + 0.5) / 9007199254740992.0
-
-
-@njit(cache=True)
-def _ground(world, x, y):  # type: ignore[no-untyped-def]
-    ny, nx = world.grid.shape
-    u = min(max((x - world.grid_origin[0]) / world.grid_cell, 0.0), nx - 1.000001)
-    v = min(max((y - world.grid_origin[1]) / world.grid_cell, 0.0), ny - 1.000001)
-    i, j = int(u), int(v)
-    u, v = u - i, v - j
-    g = world.grid
-    low = g[j, i] * (1 - u) + g[j, i + 1] * u
-    high = g[j + 1, i] * (1 - u) + g[j + 1, i + 1] * u
-    return low * (1 - v) + high * v
-
-
-@njit(cache=True)
-def _trace(world, o, d, t_min, reach, wire, key):  # type: ignore[no-untyped-def]
-    """Walk the grid along one beam; return range and item of the first hit beyond t_min."""
-    ny, nx = world.shape
-    t0, t1 = 0.0, reach
-    for axis in range(2):
-        low = world.origin[axis]
-        high = low + _CELL * (nx if axis == 0 else ny)
-        if abs(d[axis]) < 1e-12:
-            if o[axis] < low or o[axis] >= high:
-                return math.inf, MISS
-        else:
-            near, far = (low - o[axis]) / d[axis], (high - o[axis]) / d[axis]
-            t0, t1 = max(t0, min(near, far)), min(t1, max(near, far))
-    t0 = max(t0, t_min)
-    if t0 >= t1:
-        return math.inf, MISS
-    x, y = o[0] + (t0 + 1e-9) * d[0], o[1] + (t0 + 1e-9) * d[1]
-    i = min(max(int((x - world.origin[0]) / _CELL), 0), nx - 1)
-    j = min(max(int((y - world.origin[1]) / _CELL), 0), ny - 1)
-    si, sj = (1 if d[0] > 0 else -1), (1 if d[1] > 0 else -1)
-    best, found = math.inf, MISS
-    enter = t0
-    while True:
-        tx = math.inf
-        if abs(d[0]) > 1e-12:
-            tx = (world.origin[0] + _CELL * (i + (si > 0)) - o[0]) / d[0]
-        ty = math.inf
-        if abs(d[1]) > 1e-12:
-            ty = (world.origin[1] + _CELL * (j + (sj > 0)) - o[1]) / d[1]
-        leave = min(tx, ty, t1)
-        cell = j * nx + i
-        z = min(o[2] + enter * d[2], o[2] + leave * d[2])
-        if z <= world.top[cell]:
-            for index in range(world.first[cell], world.first[cell + 1]):
-                item = world.items[index]
-                t = _meet(world, item, o, d, t_min, wire, key)
-                if t < best:
-                    best, found = t, item
-        if z <= world.ground_top[cell] and enter < best:
-            t = _land(world, o, d, enter, min(leave, best))
-            if t_min < t < best:
-                best, found = t, GROUND
-        if best <= leave:
-            break
-        if leave >= t1:
-            break
-        if tx <= ty:
-            i += si
-        else:
-            j += sj
-        if i < 0 or i >= nx or j < 0 or j >= ny:
-            break
-        enter = leave
-    if best > reach:
-        return math.inf, MISS
-    return best, found
-
-
-@njit(cache=True)
-def _land(world, o, d, enter, leave):  # type: ignore[no-untyped-def]
-    """March from enter to leave and bisect where the beam goes under the ground."""
-    steps = max(1, int((leave - enter) / 0.7) + 1)
-    low = enter
-    for k in range(1, steps + 1):
-        high = enter + (leave - enter) * k / steps
-        if o[2] + high * d[2] < _ground(world, o[0] + high * d[0], o[1] + high * d[1]):
-            for _ in range(20):
-                middle = 0.5 * (low + high)
-                x, y = o[0] + middle * d[0], o[1] + middle * d[1]
-                if o[2] + middle * d[2] < _ground(world, x, y):
-                    high = middle
-                else:
-                    low = middle
-            return high
-        low = high
-    return math.inf
-
-
-@njit(cache=True)
-def _meet(world, item, o, d, t_min, wire, key):  # type: ignore[no-untyped-def]
-    """Return the range at which the beam meets an item beyond t_min, inf if not."""
-    if item < len(world.struts):
-        row = world.struts[item]
-        t, gap, _ = _approach(row, o, d)
-        radius = row[6] + 0.25 * (wire[1] + wire[0] * max(t, 0.0))
-        if gap < radius and t > t_min:
-            return max(t - math.sqrt(row[6] * row[6] - min(gap, row[6]) ** 2), t_min + 1e-6)
-        return math.inf
-    number = item - len(world.struts)
-    if number < len(world.triangles):
-        return _meet_triangle(world.triangles[number], o, d, t_min)
-    number -= len(world.triangles)
-    if number < len(world.blobs):
-        row = world.blobs[number]
-        bx, by, bz = row[0] - o[0], row[1] - o[1], row[2] - o[2]
-        middle = bx * d[0] + by * d[1] + bz * d[2]
-        inside = row[3] * row[3] - (bx * bx + by * by + bz * bz - middle * middle)
-        if inside <= 0.0:
-            return math.inf
-        half = math.sqrt(inside)
-        if middle + half <= t_min:
-            return math.inf
-        t = max(middle - half, 0.0) - math.log(_chance(key, item)) / row[4]
-        return t if t_min < t < middle + half else math.inf
-    row = world.pieces[number - len(world.blobs)]
-    t, gap, share = _approach(row, o, d)
-    if gap > 0.5 or t <= t_min:
-        return math.inf
-    curve = world.curves[int(row[7])]
-    x = o[0] + t * d[0] - curve[3]
-    x = x * curve[5] + (o[1] + t * d[1] - curve[4]) * curve[6]
-    rise = row[2] + share * (row[5] - row[2])
-    shift = curve[0] + curve[2] * math.cosh((x - curve[1]) / curve[2]) - rise
-    t, gap, share = _approach_shifted(row, o, d, shift)
-    footprint = wire[1] + wire[0] * t
-    if gap > (wire[2] if wire[2] > 0.0 else 0.5 * footprint + row[6]):
-        return math.inf
-    if wire[2] == 0.0:
-        seen = min(1.0, 2 * row[6] / (wire[3] * footprint)) * math.exp(-((t / wire[4]) ** 2))
-        number = len(world.struts) + len(world.triangles) + len(world.blobs)
-        if _chance(key, number + len(world.pieces) + int(row[7])) > seen:
-            return math.inf
-    return t
-
-
-@njit(cache=True)
-def _approach(row, o, d):  # type: ignore[no-untyped-def]
-    return _approach_shifted(row, o, d, 0.0)
-
-
-@njit(cache=True)
-def _approach_shifted(row, o, d, shift):  # type: ignore[no-untyped-def]
-    """Return range, gap and share of the segment where beam and segment come closest."""
-    ex, ey, ez = row[3] - row[0], row[4] - row[1], row[5] - row[2]
-    wx, wy, wz = row[0] - o[0], row[1] - o[1], row[2] + shift - o[2]
-    ee = ex * ex + ey * ey + ez * ez
-    de = d[0] * ex + d[1] * ey + d[2] * ez
-    dw = d[0] * wx + d[1] * wy + d[2] * wz
-    ew = ex * wx + ey * wy + ez * wz
-    bottom = ee - de * de
-    share = 0.0 if bottom < 1e-12 else (de * dw - ew) / bottom
-    share = min(max(share, 0.0), 1.0)
-    t = dw + share * de
-    gx, gy, gz = wx + share * ex - t * d[0], wy + share * ey - t * d[1], wz + share * ez - t * d[2]
-    return t, math.sqrt(gx * gx + gy * gy + gz * gz), share
-
-
-@njit(cache=True)
-def _meet_triangle(row, o, d, t_min):  # type: ignore[no-untyped-def]
-    ax, ay, az = row[3] - row[0], row[4] - row[1], row[5] - row[2]
-    bx, by, bz = row[6] - row[0], row[7] - row[1], row[8] - row[2]
-    px, py, pz = d[1] * bz - d[2] * by, d[2] * bx - d[0] * bz, d[0] * by - d[1] * bx
-    det = ax * px + ay * py + az * pz
-    if abs(det) < 1e-12:
-        return math.inf
-    sx, sy, sz = o[0] - row[0], o[1] - row[1], o[2] - row[2]
-    u = (sx * px + sy * py + sz * pz) / det
-    if u < 0.0 or u > 1.0:
-        return math.inf
-    qx, qy, qz = sy * az - sz * ay, sz * ax - sx * az, sx * ay - sy * ax
-    v = (d[0] * qx + d[1] * qy + d[2] * qz) / det
-    if v < 0.0 or u + v > 1.0:
-        return math.inf
-    t = (bx * qx + by * qy + bz * qz) / det
-    return t if t > t_min else math.inf
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

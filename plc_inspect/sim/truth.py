@@ -48,6 +48,8 @@ class Sightings:
     """(M, 3) where beams met vegetation and structures near a conductor [m]."""
     near_label: UInt8
     """(M,) ASPRS classes."""
+    post_points: Int64
+    """Returns of each support of the scene."""
 
 
 def collect_sightings(
@@ -83,7 +85,17 @@ def collect_sightings(
     return Sightings(
         wire_x=tuple(wire_x), num_points=np.diff(bounds).astype(np.int64),
         near=exact[other], near_label=label[other],
+        post_points=_count_post_points(scene, exact[label == Label.TOWER]),
     )
+
+
+def _count_post_points(scene: Scene, points: Float64, radius: float = 15.0) -> Int64:
+    """Count the points that belong to each support, the nearest in plan."""
+    if not scene.posts or not len(points):
+        return np.zeros(len(scene.posts), dtype=np.int64)
+    feet = np.array([post.position[:2] for post in scene.posts])
+    distance, nearest = cKDTree(feet).query(points[:, :2], distance_upper_bound=radius)
+    return np.bincount(nearest[np.isfinite(distance)], minlength=len(feet)).astype(np.int64)
 
 
 def _is_near(scene: Scene, points: Float64, limit: float = 12.0) -> NDArray[np.bool_]:
@@ -141,15 +153,16 @@ def make_truth(
 
     """
     shift = np.asarray(origin, dtype=np.float64)
-    vegetation = sightings.near[sightings.near_label == Label.VEGETATION]
+    tree = sightings.near_label == Label.VEGETATION
+    vegetation, structure = sightings.near[tree], sightings.near[~tree]
     spans = []
     for number, item in enumerate(scene.conductors):
         seen, first, last = measure_seen(sightings.wire_x[number], item.length, bin_size)
-        gaps = measure_distances(vegetation, item)
         spans.append({
             **describe_conductor(item, shift), 'seen': seen, 'seen_from': first,
             'seen_to': last, 'num_points': int(sightings.num_points[number]),
-            'min_vegetation_distance': float(gaps.min()) if len(gaps) else None,
+            'min_vegetation_distance': _find_nearest(vegetation, item),
+            'min_structure_distance': _find_nearest(structure, item),
         })
     return {
         'frame_id': frame_id, 'scene': scene.name, 'seed': scene.seed, 'kind': kind,
@@ -157,8 +170,9 @@ def make_truth(
         'lines': _list_lines(scene), 'spans': spans,
         'supports': [
             {'position': (post.position + shift).tolist(), 'height': post.height,
-             'kind': post.kind, 'lines': list(post.line_ids)}
-            for post in scene.posts
+             'kind': post.kind, 'lines': list(post.line_ids), 'seen': bool(count >= 5),
+             'num_points': int(count)}
+            for post, count in zip(scene.posts, sightings.post_points, strict=True)
         ],
         'hazards': [*_list_near_hazards(scene, sightings, noise, shift),
                     *_list_ground_hazards(scene, noise, shift)],
@@ -168,6 +182,10 @@ def make_truth(
             for item in scene.planted
         ],
     }
+
+
+def _find_nearest(points: Float64, item: Conductor) -> float | None:
+    return float(measure_distances(points, item).min()) if len(points) else None
 
 
 def describe_conductor(item: Conductor, shift: Float64) -> dict[str, Any]:

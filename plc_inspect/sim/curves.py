@@ -1,0 +1,165 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Catenary curves of estimates and truth, and how far one lies from another."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plc_inspect.errors import DataError
+from plc_inspect.results import Span
+
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Curve:
+    """z(x) = a + c cosh((x - b) / c), x the horizontal distance from start towards end [m]."""
+
+    line_id: int
+    span_id: int
+    start: Float64
+    """(3,) [m]."""
+    end: Float64
+    """(3,) [m]."""
+    a: float
+    b: float
+    c: float
+
+    @property
+    def length(self) -> float:
+        """Horizontal distance from start to end [m]."""
+        return float(np.hypot(*(self.end - self.start)[:2]))
+
+    def heights(self, x: Float64) -> Float64:
+        """Return z (N,) [m] at x (N,) [m]; nothing overflows far outside the span."""
+        return self.a + self.c * np.cosh(np.clip((x - self.b) / self.c, -50.0, 50.0))
+
+    def locate(self, x: Float64) -> Float64:
+        """Return the points (N, 3) [m] at x (N,) [m]."""
+        share = x / self.length
+        points = self.start + share[:, None] * (self.end - self.start)
+        points[:, 2] = self.heights(x)
+        return points
+
+    def project(self, xy: Float64) -> tuple[Float64, Float64]:
+        """Return the distances along and to the left (N,) [m] of places xy (N, 2)."""
+        along = (self.end - self.start)[:2] / self.length
+        rel = xy - self.start[:2]
+        return rel @ along, rel @ np.array([-along[1], along[0]])
+
+    def measure_sag(self, low: float, high: float) -> float:
+        """Return the greatest vertical distance [m] from chord to curve between x low and high."""
+        ends = self.heights(np.array([low, high]))
+        slope = float(ends[1] - ends[0]) / (high - low)
+        x = min(max(self.b + self.c * math.asinh(slope), low), high)
+        return float(ends[0]) + slope * (x - low) - float(self.heights(np.array([x]))[0])
+
+
+def parse_curve(row: Mapping[str, Any]) -> Curve:
+    """
+    Return the curve of one span of ``spans.json`` or ``truth.json``.
+
+    Raises
+    ------
+    DataError
+        A key is missing, a value is no finite number, or the span has no length.
+
+    """
+    try:
+        curve = Curve(
+            line_id=int(row['line_id']), span_id=int(row['span_id']),
+            start=np.array(row['start'], dtype=np.float64).reshape(3),
+            end=np.array(row['end'], dtype=np.float64).reshape(3),
+            a=float(row['a']), b=float(row['b']), c=float(row['c']),
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise DataError(f'a span cannot be read: {error!r}') from error
+    values = np.array([*curve.start, *curve.end, curve.a, curve.b, curve.c])
+    if not np.isfinite(values).all() or curve.length <= 0 or curve.c <= 0:
+        raise DataError(
+            f'span {curve.span_id} of line {curve.line_id} has length {curve.length:g} m and'
+            f' c {curve.c:g} m'
+        )
+    return curve
+
+
+def from_span(span: Span) -> Curve:
+    """Return the curve of a span of an InspectionResult."""
+    return Curve(
+        line_id=span.line_id, span_id=span.span_id, start=span.start, end=span.end, a=span.a,
+        b=span.b, c=span.c,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Comparison:
+    """One curve against another over the length that both have."""
+
+    common: float
+    """Share of the reference's stretch that the estimate covers, 0 to 1."""
+    lateral: Float64
+    """(K,) horizontal distances across the reference [m]."""
+    vertical: Float64
+    """(K,) heights of the estimate above the reference [m]."""
+
+    @property
+    def lateral_rms(self) -> float:
+        """Root mean square lateral distance [m], inf without common length."""
+        return _rms(self.lateral)
+
+    @property
+    def vertical_rms(self) -> float:
+        """Root mean square vertical distance [m], inf without common length."""
+        return _rms(self.vertical)
+
+
+def _rms(values: Float64) -> float:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else math.inf
+
+
+def compare(
+    reference: Curve, estimate: Curve, stretch: tuple[float, float], step: float = 0.5,
+    overhang: float = 0.5,
+) -> Comparison:
+    """
+    Compare an estimated curve with a reference every ``step`` metres.
+
+    Parameters
+    ----------
+    reference, estimate : Curve
+        In one frame.
+    stretch : tuple of float
+        From where to where along the reference [m].
+    step : float
+        Distance of the samples [m].
+    overhang : float
+        The estimate is continued by this at its ends [m].
+
+    Returns
+    -------
+    Comparison
+
+    """
+    num = max(2, round((stretch[1] - stretch[0]) / step) + 1)
+    points = reference.locate(np.linspace(stretch[0], stretch[1], num))
+    x, lateral = estimate.project(points[:, :2])
+    inside = (x >= -overhang) & (x <= estimate.length + overhang)
+    vertical = estimate.heights(x[inside]) - points[inside, 2]
+    return Comparison(common=float(inside.mean()), lateral=-lateral[inside], vertical=vertical)
