@@ -1,0 +1,115 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The rooms of the design: core is arrays in, results out; ros does no mathematics."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1] / 'plc_inspect'
+CORE = sorted((ROOT / 'core').glob('*.py'))
+MODULES = sorted(ROOT.rglob('*.py'))
+MOST_LINES = 400
+CORE_IMPORTS = {
+    'array', 'bisect', 'collections', 'dataclasses', 'enum', 'functools', 'heapq', 'itertools',
+    'math', 'numba', 'numpy', 'plc_inspect', 'scipy', 'sklearn', 'statistics', 'threading', 'time',
+    'typing', 'warnings',
+}
+FORBIDDEN_CALLS = {'open', 'print', 'input', 'exit', 'quit', 'eval', 'exec', 'breakpoint'}
+FILE_METHODS = {
+    'fromfile', 'genfromtxt', 'load', 'loadtxt', 'memmap', 'read_bytes', 'read_text', 'save',
+    'savetxt', 'savez', 'savez_compressed', 'tofile', 'write_bytes', 'write_text',
+}
+
+
+def parse(path):
+    """Return the syntax tree of a module."""
+    return ast.parse(path.read_text(encoding='utf-8'), filename=str(path))
+
+
+def list_imports(tree):
+    """List the full names of all modules that a tree imports, at any depth."""
+    names = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, 'relative import'
+            names += [f'{node.module}.{alias.name}' for alias in node.names]
+    return names
+
+
+def list_offences(tree):
+    """List what core may not do, with line numbers."""
+    offences = []
+    for name in list_imports(tree):
+        if name.partition('.')[0] not in CORE_IMPORTS:
+            offences.append(f'imports {name}')
+        if name.startswith('plc_inspect.') and name.split('.')[1] in ('ros', 'offline', 'sim'):
+            offences.append(f'imports {name}')
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Assert):
+            offences.append(f'line {node.lineno}: assert')
+        if not isinstance(node, ast.Call):
+            continue
+        if isinstance(node.func, ast.Name) and node.func.id in FORBIDDEN_CALLS:
+            offences.append(f'line {node.lineno}: {node.func.id}()')
+        if isinstance(node.func, ast.Attribute) and node.func.attr in FILE_METHODS:
+            offences.append(f'line {node.lineno}: .{node.func.attr}()')
+    return offences
+
+
+@pytest.mark.parametrize('path', CORE, ids=lambda path: path.stem)
+def test_core_knows_no_ros_no_files_no_output(path):
+    assert list_offences(parse(path)) == []
+
+
+@pytest.mark.parametrize(('source', 'count'), [
+    ('import rclpy', 1),
+    ('from sensor_msgs.msg import PointCloud2', 1),
+    ('import logging', 1),
+    ('def f():\n    from plc_inspect.offline import clouds', 1),
+    ('import os', 1),
+    ('from pathlib import Path', 1),
+    ('print(1)', 1),
+    ('open("x")', 1),
+    ('np.load("x")', 1),
+    ('assert x', 1),
+    ('import numpy as np\nfrom plc_inspect.errors import DataError\nx = np.zeros(3)', 0),
+])
+def test_the_check_finds_what_it_should(source, count):
+    assert len(list_offences(ast.parse(source))) == count
+
+
+@pytest.mark.parametrize('path', MODULES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_modules_are_short_and_have_their_head(path):
+    text = path.read_text(encoding='utf-8')
+    assert text.startswith('# Copyright 2026 plc_inspect contributors\n#\n# Licensed under the')
+    assert text.count('\n') < MOST_LINES or path.name == 'config.py'
+
+
+@pytest.mark.parametrize('path', [
+    path for path in MODULES if path.parent.name in ('offline', 'sim') or path.parent == ROOT
+], ids=lambda path: str(path.relative_to(ROOT)))
+def test_commands_need_no_ros(path):
+    roots = {name.partition('.')[0] for name in list_imports(parse(path))}
+    assert not roots & {'rclpy', 'rclpy_message_converter', 'sensor_msgs', 'nav_msgs', 'std_msgs'}
+
+
+def test_conversion_needs_no_ros():
+    path = ROOT / 'ros/conversion.py'
+    roots = {name.partition('.')[0] for name in list_imports(parse(path))}
+    assert not roots & {'rclpy', 'sensor_msgs', 'nav_msgs', 'std_msgs'}
