@@ -23,6 +23,8 @@ NAME = 'plc_inspect'
 COMMANDS = {
     'plc_survey': 'plc_inspect.offline.survey:main',
     'plc_replay': 'plc_inspect.offline.replay:main',
+    'plc_simulate': 'plc_inspect.sim.simulate:main',
+    'plc_evaluate': 'plc_inspect.sim.evaluate:main',
 }
 
 
