@@ -37,8 +37,6 @@ setup(
     name=NAME,
     version='0.1.0',
     description='Power line inspection from LiDAR: conductors, corridor and hazards',
-    long_description=Path('README.md').read_text(encoding='utf-8'),
-    long_description_content_type='text/markdown',
     author='plc_inspect contributors',
     maintainer='plc_inspect contributors',
     maintainer_email='plc_inspect@example.org',
