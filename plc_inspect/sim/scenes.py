@@ -204,6 +204,21 @@ def _angle(name: str, seed: int) -> Scene:
     return _open_line(name, seed, lines.MEDIUM_VOLTAGE, route, 30.0, 6.0)
 
 
+def _demo(name: str, seed: int) -> Scene:
+    route = lay_route((76.0, 84.0, 70.0, 80.0), (0.0, 21.0, 0.0), -8.0)
+    builder = _begin(name, seed, route, 32.0, 7.0, wavelength=260.0)
+    lines.add_line(builder, lines.MEDIUM_VOLTAGE, route)
+    vegetation.plant_beside(builder, _pick(builder, 0, -1), 0.55, -1, 1.5)
+    vegetation.plant_beside(
+        builder, _pick(builder, 1, 1), 0.4, 1, 3.0, vegetation.shape_conifer,
+    )
+    vegetation.plant_under(builder, _pick(builder, 3, -1), 0.5, 1.0)
+    structures.add_house(builder, route[2] + np.array([14.0, -21.0]), 0.4)
+    structures.add_fence(builder, _shift(route[1:3], -15.0))
+    _landscape(builder, route, 32.0, 60.0)
+    return builder.build(_extend(route, 15.0, 15.0), 32.0)
+
+
 def _open_line(
     name: str, seed: int, style: lines.LineStyle, route: Float64, half: float, relief: float,
 ) -> Scene:
@@ -215,12 +230,15 @@ def _open_line(
     return builder.build(_extend(route, 15.0, 15.0), half)
 
 
-def _landscape(builder: SceneBuilder, route: Float64, half: float) -> None:
+def _landscape(
+    builder: SceneBuilder, route: Float64, half: float, per_hectare: float = 150.0,
+) -> None:
     """Add groves and bushes, all clear of the conductors."""
-    groves = _clump(builder, _spread(builder, route, 150.0, (4.0, half + 15.0)), 130.0, 0.45)
+    places = _spread(builder, route, per_hectare, (4.0, half + 15.0))
+    groves = _clump(builder, places, 130.0, 0.45)
     vegetation.scatter_trees(builder, groves, (4.0, 15.0))
     vegetation.scatter_trees(
-        builder, _spread(builder, route, 60.0, (0.0, half)), (0.8, 3.0),
+        builder, _spread(builder, route, 0.4 * per_hectare, (0.0, half)), (0.8, 3.0),
         shapes=(vegetation.shape_bush,),
     )
 
@@ -348,5 +366,6 @@ SCENES: dict[str, Callable[[str, int], Scene]] = {
     'hidden': _hidden,
     'contact': _contact,
     'town': _town,
+    'demo': _demo,
 }
 """Scene by name; each takes its name and a seed."""

@@ -16,18 +16,24 @@
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import replace
 import json
 from pathlib import Path
 import sys
 
 import numpy as np
+from tqdm import tqdm
 
 from plc_inspect.errors import PlcInspectError
 from plc_inspect.sim.airborne import simulate_map
+from plc_inspect.sim.bag import open_bag
 from plc_inspect.sim.clouds import write_cloud
+from plc_inspect.sim.flight import PLANS, simulate_flight
 from plc_inspect.sim.output import open_folder
+from plc_inspect.sim.puck import Puck
 from plc_inspect.sim.scene import Scene
 from plc_inspect.sim.scenes import make_scene, SCENES
+from plc_inspect.sim.trajectory import FlightPlan, OdometryErrors
 from plc_inspect.sim.truth import collect_sightings, make_truth
 
 _MAP_NOISE = 0.03
@@ -45,6 +51,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument('-o', '--output', metavar='DIR', type=Path, required=True)
     parser.add_argument('--seed', type=_natural, default=0, help='of everything random')
     parser.add_argument('--force', action='store_true', help='replace DIR if it exists')
+    _add_flight_options(parser.add_argument_group('flight'))
     survey = parser.add_argument_group('airborne map')
     survey.add_argument('--map', action='store_true', help='write map.laz instead of a flight')
     survey.add_argument(
@@ -58,6 +65,50 @@ def build_parser() -> argparse.ArgumentParser:
         help='added to all coordinates [m], for UTM-sized ones',
     )
     return parser
+
+
+def _add_flight_options(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        '--duration', type=_positive, metavar='S', help='end after this time; once along the '
+        'line by default',
+    )
+    group.add_argument(
+        '--shuttle', action='store_true', help='fly back and forth until the duration is over',
+    )
+    group.add_argument('--speed', type=_positive, metavar='M/S')
+    group.add_argument('--lateral', type=float, metavar='M', help='offset to the left of the line')
+    group.add_argument(
+        '--height', type=float, metavar='M', help='above the phases, or the ground without a line',
+    )
+    group.add_argument(
+        '--drift', type=float, default=OdometryErrors().drift, metavar='SHARE',
+        help='slip of the odometry per distance (default: %(default)s)',
+    )
+    group.add_argument(
+        '--odometry-rate', type=_positive, default=100.0, metavar='HZ', help='at most 200',
+    )
+    group.add_argument('--scan-rate', type=_positive, default=10.0, metavar='HZ', help='1 to 20')
+    group.add_argument('--dual', action='store_true', help='two returns a beam')
+    group.add_argument(
+        '--organized', action='store_true', help='firings x 16 points, NaN where nothing returned',
+    )
+    group.add_argument(
+        '--stamp-first', action='store_true',
+        help='stamp the first packet (times >= 0), not the last (times <= 0)',
+    )
+    group.add_argument('--max-range', type=_positive, default=100.0, metavar='M')
+    group.add_argument(
+        '--view', type=float, nargs=2, default=(0.0, 360.0), metavar=('DIRECTION', 'WIDTH'),
+        help='sector that the driver passes on [deg], counter-clockwise from ahead',
+    )
+    group.add_argument(
+        '--lidar-xyz', type=float, nargs=3, default=(0.0, 0.0, 0.0), metavar=('X', 'Y', 'Z'),
+        help='position of the lidar in the base frame [m]',
+    )
+    group.add_argument(
+        '--lidar-rpy-deg', type=float, nargs=3, default=(0.0, 0.0, 0.0),
+        metavar=('ROLL', 'PITCH', 'YAW'), help='its attitude in the base frame [deg]',
+    )
 
 
 def _natural(text: str) -> int:
@@ -80,7 +131,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         scene = make_scene(arguments.scene, arguments.seed)
         with open_folder(arguments.output, arguments.force) as folder:
-            text = _write_map(folder, scene, arguments)
+            write = _write_map if arguments.map else _write_flight
+            text = write(folder, scene, arguments)
     except (PlcInspectError, OSError) as error:
         print(f'plc_simulate: {error}', file=sys.stderr)
         return 2
@@ -102,6 +154,36 @@ def _write_map(folder: Path, scene: Scene, arguments: argparse.Namespace) -> str
     return (f'map of {len(cloud.points)} points on {scene.area:.0f} m2, '
             f'{scene.num_lines} lines, {len(scene.conductors)} spans, '
             f'{len(truth["hazards"])} hazards')
+
+
+def _write_flight(folder: Path, scene: Scene, arguments: argparse.Namespace) -> str:
+    given = {
+        name: getattr(arguments, name) for name in ('speed', 'lateral', 'height', 'duration')
+        if getattr(arguments, name) is not None
+    }
+    plan = replace(PLANS.get(scene.name, FlightPlan()), shuttle=arguments.shuttle, **given)
+    puck = Puck(
+        rate=arguments.scan_rate, max_range=arguments.max_range, dual=arguments.dual,
+        organized=arguments.organized, stamp_first=arguments.stamp_first,
+        lidar_xyz=tuple(arguments.lidar_xyz), lidar_rpy_deg=tuple(arguments.lidar_rpy_deg),
+        view_direction_deg=arguments.view[0], view_width_deg=arguments.view[1],
+    )
+    with open_bag(folder, 'flight') as writer, tqdm(
+        unit='scan', disable=not sys.stderr.isatty(), leave=False,
+    ) as bar:
+        def show(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        truth = simulate_flight(
+            scene, writer, np.random.default_rng(arguments.seed), plan=plan, puck=puck,
+            errors=OdometryErrors(drift=arguments.drift),
+            odometry_rate=arguments.odometry_rate, progress=show,
+        )
+    (folder / 'truth.json').write_text(json.dumps(truth, indent=1) + '\n')
+    return (f'flight of {truth["duration"]:.0f} s, {truth["num_scans"]} scans, '
+            f'{truth["num_points"]} points, {scene.num_lines} lines, '
+            f'{len(scene.conductors)} spans, {len(truth["hazards"])} hazards')
 
 
 if __name__ == '__main__':
