@@ -230,7 +230,8 @@ class Plot:
     def add_scale_bar(self, unit: str) -> None:
         """Draw a bar of a round length in the lower left corner."""
         span = self.x_range[1] - self.x_range[0]
-        length = choose_ticks(0.0, span / 4, 2)[-1] or span / 4
+        power = 10.0 ** math.floor(math.log10(span / 4))
+        length = max(factor * power for factor in (1, 2, 5) if factor * power <= span / 4)
         pixels = length * self.width / span
         x, y = self.left + 14, self.top + self.height - 14
         self._outside.append(

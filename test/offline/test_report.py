@@ -197,6 +197,15 @@ def test_plot_maps_corners():
     assert py.tolist() == [10.0, 60.0]
 
 
+@pytest.mark.parametrize(('width', 'text'), [
+    (0.9, '0.2'), (40.0, '10'), (85.0, '20'), (1113.0, '200'),
+])
+def test_scale_bar_is_round(width, text):
+    plot = Plot((0.0, width), (0.0, 1.0), (120, 70), 'x', margins=(10, 10, 10, 10))
+    plot.add_scale_bar('m')
+    assert f'>{text} m<' in plot.render('x')
+
+
 def test_colors_blend():
     assert blend('#000000', '#ffffff', 3) == ['#000000', '#808080', '#ffffff']
 
