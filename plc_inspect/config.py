@@ -276,6 +276,10 @@ class ClusteringSettings(_Checked):
     max_thickness: float = _setting(
         0.15, 'thicker clusters are not one conductor (rms)', unit='m', low=0.01, high=2.0
     )
+    max_crowding: float = _setting(
+        0.5, 'share of its metres in which a conductor may have more points about it than on it',
+        low=0.0, high=1.0,
+    )
     max_gap: float = _setting(
         20.0, 'pieces of conductor this far apart are joined along the line', unit='m',
         low=1.0, high=200.0,
@@ -292,17 +296,44 @@ class CatenarySettings(_Checked):
     tolerance: float = _setting(
         0.0, 'largest residual of an inlier, 0: from the noise', unit='m', low=0.0, high=2.0
     )
-    min_points: int = _setting(12, 'fewest inliers of a span', low=4, high=100_000)
+    num_trials: int = _setting(64, 'hypotheses of MSAC', low=8, high=10_000)
+    max_step: float = _setting(
+        8.0, 'a conductor is followed over gaps up to this, step by step', unit='m',
+        low=0.5, high=100.0,
+    )
+    max_bridge: float = _setting(
+        120.0, 'longest gap in a span that the model bridges', unit='m', low=0.0, high=1000.0
+    )
+    bundle_width: float = _setting(
+        0.6, 'sub-conductors of a bundle are this near', unit='m', low=0.0, high=2.0
+    )
+    bundle_length: float = _setting(
+        80.0, 'bundles are looked for in spans from this length', unit='m', low=0.0, high=1000.0
+    )
+    bundle_separation: float = _setting(
+        7.0, 'sub-conductors are told apart from this distance over their spread',
+        low=0.0, high=100.0,
+    )
     min_length: float = _setting(
-        8.0, 'shortest span', unit='m', low=1.0, high=1000.0
+        12.0, 'shortest span', unit='m', low=1.0, high=1000.0
     )
-    max_sag_ratio: float = _setting(
-        0.15, 'greatest sag as a share of the span', low=0.01, high=1.0
-    )
+    min_points: int = _setting(12, 'fewest inliers of a span', low=4, high=100_000)
     min_coverage: float = _setting(
         0.3, 'smallest share of a span that holds points', low=0.0, high=1.0
     )
-    num_trials: int = _setting(64, 'hypotheses of MSAC', low=8, high=10_000)
+    min_significance: float = _setting(
+        10.0, 'curvature of a conductor in its own standard deviations', low=0.0, high=1000.0
+    )
+    max_constant: float = _setting(
+        6000.0, 'greatest catenary constant T0 / w', unit='m', low=100.0, high=1_000_000.0
+    )
+    max_sag_ratio: float = _setting(
+        0.08, 'greatest sag as a share of the span', low=0.01, high=1.0
+    )
+    max_crowding: float = _setting(
+        0.45, 'greatest share of a span with points close about the conductor',
+        low=0.0, high=1.0,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -310,11 +341,18 @@ class SupportSettings(_Checked):
     """Towers and poles, where spans begin and end."""
 
     radius: float = _setting(
-        3.0, 'structure this near to a line at a support is the support', unit='m',
-        low=0.1, high=50.0
+        3.0, 'attachments of one support lie within this along the line', unit='m',
+        low=0.1, high=50.0,
+    )
+    width: float = _setting(
+        30.0, 'and within this across it', unit='m', low=0.5, high=100.0
     )
     min_span: float = _setting(
-        15.0, 'shortest distance between two supports', unit='m', low=2.0, high=1000.0
+        12.0, 'shortest distance between two supports', unit='m', low=2.0, high=1000.0
+    )
+    max_reach: float = _setting(
+        40.0, 'a conductor that fades out is extended this far to its support', unit='m',
+        low=1.0, high=300.0,
     )
 
 

@@ -30,6 +30,10 @@ from plc_inspect.results import Float64, Int32, Int64
 
 MAX_WINDOW_POINTS = 6000
 """More points in a window than this are thinned; a wire needs far fewer."""
+SHELL_RATIO = 1.6
+"""Outer radius of the shell about a conductor, in radii of the conductor."""
+SHELL_SHARE = 0.3
+"""A place is crowded where the shell holds more than this share of the points within it."""
 NUM_EPS = 3
 """Halvings of eps that are tried on a cluster too thick for one conductor."""
 
@@ -143,6 +147,7 @@ def _find_beads(
             settings.eps,
             settings.min_points,
             settings.max_thickness,
+            settings.max_crowding,
         )
         for window, (beads, owner, chosen, num) in enumerate(found):
             num_clusters += num
@@ -320,7 +325,76 @@ def _fit_bead(x, y, w, member):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _cluster_window(x, y, w, eps, min_points, half, max_thickness):  # type: ignore[no-untyped-def]
+def _trimmed_fit(x, y, w, member):  # type: ignore[no-untyped-def]
+    """Fit, drop from ``member`` what lies far off, and fit again."""
+    fit = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    for attempt in range(2):
+        if member.sum() < 4:
+            return fit
+        fit = _fit_bead(x, y, w, member)
+        if attempt == 0:
+            mx, my, mw, ky, kw, rms, _, _ = fit
+            limit = max(2.5 * rms, 0.05)
+            for k in range(len(x)):
+                if member[k]:
+                    ey = y[k] - my - ky * (x[k] - mx)
+                    ew = w[k] - mw - kw * (x[k] - mx)
+                    if ey * ey + ew * ew > limit * limit:
+                        member[k] = False
+    return fit
+
+
+@njit(cache=True, nogil=True)
+def _filled_share(x, member, low, high):  # type: ignore[no-untyped-def]
+    """Share of the metres between low and high that hold members."""
+    num = max(int(high - low), 1)
+    filled = np.zeros(num, dtype=np.bool_)
+    for k in range(len(x)):
+        if member[k]:
+            filled[min(int((x[k] - low) / max(high - low, 1e-9) * num), num - 1)] = True
+    return filled.sum() / num
+
+
+@njit(cache=True, nogil=True)
+def _crowding(x, y, w, member, mx, my, mw, ky, kw, rms):  # type: ignore[no-untyped-def]
+    """
+    Share of the bead's parts that have points close about the axis, not only on it.
+
+    Air surrounds a wire.  A plane that goes on beside the axis, such as a roof, has 0.6 times
+    as many points between 1 and 1.6 radii as within one radius; a crown has 1.6 times as many.
+    """
+    inner = max(2.5 * rms, 0.1)
+    outer = SHELL_RATIO * inner
+    low = np.inf
+    high = -np.inf
+    for k in range(len(x)):
+        if member[k]:
+            low, high = min(low, x[k]), max(high, x[k])
+    num = max(int((high - low) / 3.0), 1)
+    core = np.zeros(num)
+    shell = np.zeros(num)
+    for k in range(len(x)):
+        if x[k] < low or x[k] > high:
+            continue
+        ey = y[k] - my - ky * (x[k] - mx)
+        ew = w[k] - mw - kw * (x[k] - mx)
+        r2 = ey * ey + ew * ew
+        place = min(int((x[k] - low) / (high - low) * num), num - 1)
+        if r2 <= inner * inner:
+            core[place] += 1.0
+        elif r2 <= outer * outer:
+            shell[place] += 1.0
+    crowded = 0
+    for place in range(num):
+        if shell[place] > SHELL_SHARE * core[place] + 1.0:
+            crowded += 1
+    return crowded / num
+
+
+@njit(cache=True, nogil=True)
+def _cluster_window(  # type: ignore[no-untyped-def]
+    x, y, w, eps, min_points, half, max_thickness, max_crowding
+):
     """Beads among the points of one window: rows of fits and the owner of each point."""
     n = len(x)
     owner = np.full(n, -1, dtype=np.int64)
@@ -328,57 +402,51 @@ def _cluster_window(x, y, w, eps, min_points, half, max_thickness):  # type: ign
     found = 0
     num_clusters = 0
     open_mask = np.ones(n, dtype=np.bool_)
-    for attempt in range(NUM_EPS):
-        chosen = np.flatnonzero(open_mask)
-        if len(chosen) < 4:
+    first_label = np.full(n, -1, dtype=np.int64)
+    for attempt in range(NUM_EPS + 1):
+        if attempt < NUM_EPS:
+            chosen = np.flatnonzero(open_mask)
+            if len(chosen) < 4:
+                break
+            label = dbscan_plane(y[chosen], w[chosen], eps / 2**attempt, min_points)
+            limit = max_thickness
+        else:  # what no eps divides: a bundle, as one
+            chosen = np.flatnonzero((owner < 0) & (first_label >= 0))
+            label = first_label[chosen].copy()
+            for k in range(n):
+                if owner[k] >= 0 and first_label[k] >= 0:
+                    label[label == first_label[k]] = -1
+            limit = 2.0 * max_thickness
+        if len(label) == 0:
             break
-        label = dbscan_plane(y[chosen], w[chosen], eps / 2**attempt, min_points)
         num = label.max() + 1
         if attempt == 0:
             num_clusters = num
+            first_label[:] = label
         open_mask[:] = False
         for c in range(num):
             member = np.zeros(n, dtype=np.bool_)
             for k in range(len(chosen)):
                 if label[k] == c:
                     member[chosen[k]] = True
-            if member.sum() < 4:
-                continue
-            mx, my, mw, ky, kw, rms, low, high = _fit_bead(x, y, w, member)
-            # drop what lies far off and fit again
-            limit = max(2.5 * rms, 0.05)
-            for k in range(n):
-                if member[k]:
-                    ey = y[k] - my - ky * (x[k] - mx)
-                    ew = w[k] - mw - kw * (x[k] - mx)
-                    if ey * ey + ew * ew > limit * limit:
-                        member[k] = False
-            if member.sum() < 4:
-                continue
-            mx, my, mw, ky, kw, rms, low, high = _fit_bead(x, y, w, member)
+            fit = _trimmed_fit(x, y, w, member)
+            mx, my, mw, ky, kw, rms, low, high = fit
             length = high - low
-            if length < 0.5 * half:
+            if member.sum() < 4 or length < 0.5 * half:
                 continue
-            num_bins = max(int(length), 1)
-            filled = np.zeros(num_bins, dtype=np.bool_)
-            for k in range(n):
-                if member[k]:
-                    filled[min(int((x[k] - low) / length * num_bins), num_bins - 1)] = True
-            if filled.sum() < 0.4 * num_bins:
+            if _filled_share(x, member, low, high) < 0.4:
                 continue
-            if rms > max_thickness:
-                for k in range(n):
-                    if member[k]:
-                        open_mask[k] = True
+            if rms > limit:
+                open_mask |= member
+                continue
+            if _crowding(x, y, w, member, mx, my, mw, ky, kw, rms) > max_crowding:
                 continue
             if found == len(fits):
                 continue
             fits[found, 0], fits[found, 1], fits[found, 2] = mx, my, mw
             fits[found, 3], fits[found, 4] = ky, kw
             fits[found, 5], fits[found, 6], fits[found, 7] = rms, low, high
-            for k in range(n):
-                if member[k]:
-                    owner[k] = found
+            owner[member] = found
             found += 1
     return fits[:found], owner, num_clusters
 
@@ -387,6 +455,7 @@ def _cluster_window(x, y, w, eps, min_points, half, max_thickness):  # type: ign
 def _cluster_windows(  # type: ignore[no-untyped-def]
     points, start, order, origin, cell, rows, columns,
     seeds, seed_start, seed_list, center, azimuth, slope, half, eps, min_points, max_thickness,
+    max_crowding,
 ):
     num = len(azimuth)
     results = [
@@ -449,7 +518,7 @@ def _cluster_windows(  # type: ignore[no-untyped-def]
             continue
         needed = _needed_points(y[:n], w[:n], eps, min_points)
         fits, owner, num_clusters = _cluster_window(
-            x[:n], y[:n], w[:n], eps, needed, half, max_thickness
+            x[:n], y[:n], w[:n], eps, needed, half, max_thickness, max_crowding
         )
         beads = np.empty((len(fits), 8))
         for b in range(len(fits)):

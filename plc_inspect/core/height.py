@@ -110,6 +110,15 @@ def extract_high(points: Float64, settings: HeightSettings) -> HeightResult:
     )
 
 
+def ground_at(result: HeightResult, positions: Float64) -> Float64:
+    """Return the height of the ground at (K, 2) plan positions; (K,) [m], NaN where unknown."""
+    probe = np.zeros((len(positions), 3))
+    probe[:, :2] = positions
+    low = np.append(result.origin, 0.0)
+    above, _ = _heights(probe, result.ground, low, result.cell_size)
+    return -above.astype(np.float64)
+
+
 def _empty(num: int, settings: HeightSettings) -> HeightResult:
     return HeightResult(
         height=np.full(num, np.nan, dtype=np.float32),

@@ -1,0 +1,329 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Catenary model of a conductor: least squares, MSAC, covariance and sag."""
+
+from dataclasses import dataclass
+import math
+
+from numba import njit
+import numpy as np
+
+from plc_inspect.errors import FitError
+from plc_inspect.results import Bool, Float64, Int64
+
+MIN_CURVATURE = 1e-6
+"""A straighter wire is given this curvature, 1 / c [1/m]."""
+NUM_STEPS = 12
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CatenaryFit:
+    """
+    z(x) = a + c cosh((x - b) / c) with its uncertainty (paper Eq. 6).
+
+    Inside, the curve is held by its height, slope and curvature at ``middle``, which stay
+    well determined for a wire that is nearly straight, where a, b and c do not.
+    """
+
+    middle: float
+    """x about which the curve is expanded [m]."""
+    shape: Float64
+    """(3,) height [m], slope and curvature 1 / c [1/m] at ``middle``."""
+    covariance: Float64
+    """(3, 3) covariance of ``shape``."""
+    rmse: float
+    """Root mean square residual of the inliers [m]."""
+    inlier: Bool
+    """(N,) points within the tolerance."""
+    converged: bool
+
+    @property
+    def c(self) -> float:
+        """Catenary constant T0 / w [m]."""
+        return 1.0 / float(self.shape[2])
+
+    @property
+    def b(self) -> float:
+        """Position of the vertex [m]."""
+        return self.middle - self.c * math.asinh(self.shape[1])
+
+    @property
+    def a(self) -> float:
+        """Vertical displacement [m]."""
+        return float(self.shape[0]) - self.c * math.sqrt(1.0 + self.shape[1] ** 2)
+
+    def height(self, x: Float64) -> Float64:
+        """Return z at each x; any shape, float64 [m]."""
+        result: Float64 = _height(np.asarray(x, dtype=np.float64) - self.middle, *self.shape)
+        return result
+
+    def slope(self, x: Float64) -> Float64:
+        """Return dz/dx at each x."""
+        t = np.asarray(x, dtype=np.float64) - self.middle
+        result: Float64 = np.sinh(self.shape[2] * t + math.asinh(self.shape[1]))
+        return result
+
+    def height_sigma(self, x: Float64) -> Float64:
+        """Return the standard deviation of z at each x [m]."""
+        jacobian = _jacobian(np.atleast_1d(np.asarray(x, dtype=np.float64)) - self.middle, self.shape)
+        result: Float64 = np.sqrt(np.einsum('ij,jk,ik->i', jacobian, self.covariance, jacobian))
+        return result
+
+    def sag(self, start: float, end: float) -> tuple[float, float]:
+        """
+        Return the greatest vertical distance from chord to curve and its standard deviation [m].
+
+        Parameters
+        ----------
+        start, end : x of the ends of the span [m]
+
+        """
+        value = _sag(self.middle, self.shape, start, end)
+        gradient = np.empty(3)
+        for k in range(3):
+            step = max(1e-6, 1e-4 * abs(self.shape[k]))
+            moved = self.shape.copy()
+            moved[k] += step
+            gradient[k] = (_sag(self.middle, moved, start, end) - value) / step
+        return value, math.sqrt(max(float(gradient @ self.covariance @ gradient), 0.0))
+
+    def parameter_sigma(self) -> tuple[float, float, float]:
+        """Return the standard deviations of a, b and c [m]."""
+        h, g, k = self.shape
+        root = math.sqrt(1.0 + g * g)
+        jacobian = np.array(
+            [
+                [1.0, -g / (root * k), root / k**2],
+                [0.0, -1.0 / (root * k), math.asinh(g) / k**2],
+                [0.0, 0.0, -1.0 / k**2],
+            ]
+        )
+        variance = np.einsum('ij,jk,ik->i', jacobian, self.covariance, jacobian)
+        a, b, c = np.sqrt(np.maximum(variance, 0.0))
+        return float(a), float(b), float(c)
+
+    def lowest(self, start: float, end: float) -> float:
+        """Return the x of the lowest point of the curve between start and end [m]."""
+        return min(max(self.b, min(start, end)), max(start, end))
+
+
+def fit_catenary(
+    x: Float64,
+    z: Float64,
+    *,
+    tolerance: float,
+    num_trials: int = 64,
+    rng: np.random.Generator | None = None,
+) -> CatenaryFit:
+    """
+    Fit a catenary to points of a vertical plane, robustly.
+
+    With ``rng``, MSAC (Torr and Zisserman 2000) draws ``num_trials`` triples, fits the quadratic
+    form through each and keeps the one of least truncated error; without, all points start as
+    inliers.  Gauss-Newton on the inliers then solves Eq. 7 of the paper, with residuals squared,
+    and the covariance is that of the linearised problem.  O(N (trials + steps)).
+
+    Parameters
+    ----------
+    x, z : (N,) float64, along the span and up [m]
+    tolerance : largest residual of an inlier [m]
+    num_trials : hypotheses of MSAC
+    rng : source of the triples; the same generator state gives the same fit
+
+    Returns
+    -------
+    CatenaryFit
+
+    Raises
+    ------
+    FitError
+        Fewer than four points, or all at nearly one x.
+
+    """
+    if len(x) < 4:
+        raise FitError(f'a catenary needs 4 points, got {len(x)}')
+    extent = float(x.max() - x.min())
+    if extent < 1e-3:
+        raise FitError(f'a catenary cannot be fitted to points within {extent:.1e} m')
+    middle = float(x.min() + extent / 2)
+    t = np.ascontiguousarray(x - middle)
+    z = np.ascontiguousarray(z)
+    if rng is None:
+        inlier = np.ones(len(x), dtype=bool)
+    else:
+        triples = rng.integers(0, len(x), size=(num_trials, 3))
+        inlier = _msac(t, z, triples, tolerance, extent)
+        if inlier.sum() < 4:
+            inlier = np.ones(len(x), dtype=bool)
+    shape, covariance, rmse, inlier, converged = _refine(t, z, inlier, tolerance)
+    return CatenaryFit(
+        middle=middle,
+        shape=shape,
+        covariance=covariance,
+        rmse=rmse,
+        inlier=inlier,
+        converged=converged,
+    )
+
+
+def fit_quadratic(x: Float64, z: Float64) -> tuple[float, float, float]:
+    """Return a2, a1, a0 of the least-squares quadratic form (N >= 3 points)."""
+    if len(x) < 3:
+        raise FitError(f'a quadratic needs 3 points, got {len(x)}')
+    scale = max(float(np.abs(x).max()), 1e-9)
+    matrix = np.stack([(x / scale) ** 2, x / scale, np.ones_like(x)], axis=1)
+    solution = np.linalg.lstsq(matrix, z, rcond=None)[0]
+    return float(solution[0] / scale**2), float(solution[1] / scale), float(solution[2])
+
+
+def _height(t: Float64, h: float, g: float, k: float) -> Float64:
+    result: Float64 = h + (np.cosh(k * t + math.asinh(g)) - math.sqrt(1.0 + g * g)) / k
+    return result
+
+
+def _sag(middle: float, shape: Float64, start: float, end: float) -> float:
+    """Greatest vertical distance from chord to curve: where the slope is that of the chord."""
+    h, g, k = shape
+    t0, t1 = start - middle, end - middle
+    if abs(t1 - t0) < 1e-9:
+        return 0.0
+    ends = _height(np.array([t0, t1]), h, g, k)
+    chord = (ends[1] - ends[0]) / (t1 - t0)
+    t = (math.asinh(chord) - math.asinh(g)) / k
+    t = min(max(t, min(t0, t1)), max(t0, t1))
+    at = float(_height(np.array([t]), h, g, k)[0])
+    return max(float(ends[0] + chord * (t - t0)) - at, 0.0)
+
+
+def _jacobian(t: Float64, shape: Float64) -> Float64:
+    """Derivatives of the height by height, slope and curvature at the middle."""
+    _, g, k = shape
+    root = math.sqrt(1.0 + g * g)
+    u = k * t + math.asinh(g)
+    result = np.empty((len(t), 3))
+    result[:, 0] = 1.0
+    result[:, 1] = (np.sinh(u) / root - g / root) / k
+    result[:, 2] = (t * np.sinh(u)) / k - (np.cosh(u) - root) / k**2
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _msac(t, z, triples, tolerance, extent):  # type: ignore[no-untyped-def]
+    """Inliers of the best quadratic through three points, by truncated squared error."""
+    n = len(t)
+    best = np.inf
+    kept = np.ones(n, dtype=np.bool_)
+    limit = tolerance * tolerance
+    for trial in range(len(triples)):
+        i, j, k = triples[trial, 0], triples[trial, 1], triples[trial, 2]
+        dij, dik, djk = t[i] - t[j], t[i] - t[k], t[j] - t[k]
+        if min(abs(dij), abs(dik), abs(djk)) < 0.05 * extent:
+            continue
+        a2 = z[i] / (dij * dik) - z[j] / (dij * djk) + z[k] / (dik * djk)
+        a1 = (z[i] - z[j]) / dij - a2 * (t[i] + t[j])
+        a0 = z[i] - t[i] * (a1 + a2 * t[i])
+        if a2 < -2.0 * tolerance / (extent * extent):
+            continue
+        error = 0.0
+        for m in range(n):
+            r = z[m] - a0 - t[m] * (a1 + a2 * t[m])
+            error += min(r * r, limit)
+            if error >= best:
+                break
+        if error < best:
+            best = error
+            for m in range(n):
+                r = z[m] - a0 - t[m] * (a1 + a2 * t[m])
+                kept[m] = r * r <= limit
+    return kept
+
+
+@njit(cache=True, nogil=True)
+def _refine(t, z, inlier, tolerance):  # type: ignore[no-untyped-def]
+    """Gauss-Newton on height, slope and curvature, the inliers chosen anew at each step."""
+    n = len(t)
+    scale = max(np.abs(t).max(), 1e-9)
+    # quadratic start
+    normal = np.zeros((3, 3))
+    right = np.zeros(3)
+    for m in range(n):
+        if inlier[m]:
+            x = t[m] / scale
+            row = np.array([1.0, x, x * x])
+            for p in range(3):
+                right[p] += row[p] * z[m]
+                for q in range(3):
+                    normal[p, q] += row[p] * row[q]
+    for p in range(3):
+        normal[p, p] += 1e-9 * (normal[0, 0] + 1.0)
+    start = np.linalg.solve(normal, right)
+    h, g = start[0], start[1] / scale
+    k = max(2.0 * start[2] / (scale * scale * math.sqrt(1.0 + g * g)), MIN_CURVATURE)
+    k = min(k, 20.0 / scale)
+    chosen = inlier.copy()
+    converged = False
+    covariance = np.zeros((3, 3))
+    rmse = 0.0
+    for step in range(NUM_STEPS):
+        normal[:] = 0.0
+        right[:] = 0.0
+        root = math.sqrt(1.0 + g * g)
+        base = math.asinh(g)
+        total = 0.0
+        count = 0
+        for m in range(n):
+            u = k * t[m] + base
+            cosh, sinh = math.cosh(u), math.sinh(u)
+            r = z[m] - h - (cosh - root) / k
+            if step >= 2:
+                chosen[m] = abs(r) <= tolerance
+            if not chosen[m]:
+                continue
+            j0 = 1.0
+            j1 = (sinh - g) / (root * k) / scale
+            j2 = (t[m] * sinh / k - (cosh - root) / (k * k)) / (scale * scale)
+            total += r * r
+            count += 1
+            right[0] += j0 * r
+            right[1] += j1 * r
+            right[2] += j2 * r
+            normal[0, 0] += j0 * j0
+            normal[0, 1] += j0 * j1
+            normal[0, 2] += j0 * j2
+            normal[1, 1] += j1 * j1
+            normal[1, 2] += j1 * j2
+            normal[2, 2] += j2 * j2
+        normal[1, 0], normal[2, 0], normal[2, 1] = normal[0, 1], normal[0, 2], normal[1, 2]
+        if count < 4:
+            break
+        for p in range(3):
+            normal[p, p] += 1e-12 * (normal[0, 0] + 1.0)
+        rmse = math.sqrt(total / count)
+        inverse = np.linalg.inv(normal)
+        change = inverse @ right
+        noise = total / max(count - 3, 1)
+        units = np.array([1.0, 1.0 / scale, 1.0 / (scale * scale)])
+        for p in range(3):
+            for q in range(3):
+                covariance[p, q] = inverse[p, q] * noise * units[p] * units[q]
+        h += change[0]
+        g += change[1] * units[1]
+        k = min(max(k + change[2] * units[2], MIN_CURVATURE), 20.0 / scale)
+        small = abs(change[0]) < 1e-7 and abs(change[1]) < 1e-7 and abs(change[2]) < 1e-7
+        if step > 3 and small:
+            converged = True
+            break
+    shape = np.array([h, g, k])
+    return shape, covariance, rmse, chosen, converged

@@ -1,0 +1,322 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Curves of conductors from tracks: split at supports, fitted, bridged over gaps."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from plc_inspect.config import CatenarySettings
+from plc_inspect.core.breaks import find_break
+from plc_inspect.core.clustering import ClusteringResult
+from plc_inspect.core.collection import extend, profile_curve
+from plc_inspect.core.curve import Curve, derive_tolerance, fit_curve
+from plc_inspect.core.evidence import find_objection, UNPROVEN
+from plc_inspect.core.plan_index import PlanIndex
+from plc_inspect.errors import FitError
+from plc_inspect.results import Float64, Int64
+
+MAX_SPLITS = 64
+BRIDGE_SLACK = 0.15
+"""Miss of a continuation that is allowed beyond three times its uncertainty [m]."""
+MAX_MISS = 0.8
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ConductorResult:
+    """Curves that are conductors, and those that may be."""
+
+    curves: tuple[Curve, ...]
+    """Longest first."""
+    doubtful: tuple[Curve, ...]
+    """Too short to prove their curvature; conductors if they continue one at a support."""
+    objections: dict[str, int]
+    """Why the others were dropped, and how many."""
+
+
+def model_conductors(
+    points: Float64,
+    index: PlanIndex,
+    clustering: ClusteringResult,
+    settings: CatenarySettings,
+    rng: np.random.Generator,
+) -> ConductorResult:
+    """
+    Model every conductor of the tracks by a catenary, span by span.
+
+    Curves take in the points along them, sub-conductors that cannot be told apart become one,
+    the model bridges gaps, and what lacks the evidence of a conductor is dropped.
+
+    Parameters
+    ----------
+    points : (N, 3) float64 [m]
+    index : PlanIndex of the points off the ground
+    clustering : ClusteringResult
+    settings : CatenarySettings
+    rng : for MSAC
+
+    Returns
+    -------
+    ConductorResult
+
+    """
+    curves: Sequence[Curve] = model_tracks(points, clustering, settings, rng)
+    curves = [extend(points, index, curve, settings) for curve in curves]
+    curves = drop_duplicates(merge_bundles(points, curves, settings))
+    curves = merge_bundles(points, bridge(points, curves, settings), settings)
+    curves = drop_duplicates([extend(points, index, curve, settings) for curve in curves])
+    kept, doubtful = [], []
+    objections: dict[str, int] = {}
+    for curve in curves:
+        profile = profile_curve(points, index, curve, curve.low, curve.high)
+        objection = find_objection(curve, profile, settings)
+        if not objection:
+            kept.append(curve)
+            continue
+        if objection == UNPROVEN and profile.crowding <= settings.max_crowding:
+            doubtful.append(curve)
+        objections[objection] = objections.get(objection, 0) + 1
+    return ConductorResult(
+        curves=tuple(kept), doubtful=tuple(doubtful), objections=dict(sorted(objections.items()))
+    )
+
+
+def model_tracks(
+    points: Float64,
+    clustering: ClusteringResult,
+    settings: CatenarySettings,
+    rng: np.random.Generator,
+) -> tuple[Curve, ...]:
+    """
+    Turn tracks into curves, each within one span.
+
+    A track is split wherever it shows the kink of a support, each part is fitted, and parts
+    that one catenary explains are joined across gaps: the model bridges what occlusion hides.
+
+    Parameters
+    ----------
+    points : (N, 3) float64 [m]
+    clustering : ClusteringResult
+    settings : CatenarySettings
+    rng : for MSAC
+
+    Returns
+    -------
+    tuple of Curve, longest first
+
+    """
+    beads = clustering.beads
+    order = np.argsort(clustering.track, kind='stable')
+    bounds = np.searchsorted(clustering.track[order], np.arange(clustering.num_tracks + 1))
+    curves: list[Curve] = []
+    for track in range(clustering.num_tracks):
+        own = order[bounds[track] : bounds[track + 1]]
+        chosen = np.unique(
+            np.concatenate(
+                [beads.points[beads.point_start[b] : beads.point_start[b + 1]] for b in own]
+            )
+        ).astype(np.int64)
+        tolerance = settings.tolerance or derive_tolerance(float(np.median(beads.rms[own])))
+        for part in split_at_supports(points, chosen):
+            try:
+                curves.append(
+                    fit_curve(
+                        points,
+                        part,
+                        tolerance=tolerance,
+                        num_trials=settings.num_trials,
+                        rng=rng,
+                    )
+                )
+            except FitError:
+                continue
+    curves.sort(key=lambda curve: (-curve.length, *curve.origin))
+    return bridge(points, curves, settings)
+
+
+def split_at_supports(points: Float64, chosen: Int64) -> list[Int64]:
+    """Split the chosen points at every kink that find_break believes in; in order along."""
+    waiting, done = [chosen], []
+    while waiting:
+        part = waiting.pop()
+        own = points[part]
+        centered = own[:, :2] - own[:, :2].mean(axis=0)
+        axis = np.linalg.svd(centered, full_matrices=False)[2][0] if len(part) > 1 else np.eye(2)[0]
+        x = centered @ axis
+        y = centered @ np.array([-axis[1], axis[0]])
+        found = find_break(x, y, own[:, 2]) if len(done) < MAX_SPLITS else None
+        if found is None:
+            done.append(part)
+        else:
+            waiting += [part[x >= found.x], part[x < found.x]]
+    return done
+
+
+def bridge(
+    points: Float64, curves: Sequence[Curve], settings: CatenarySettings
+) -> tuple[Curve, ...]:
+    """
+    Join curves that are parts of one conductor in one span.
+
+    Starting from the longest, the curve whose points lie nearest to the continuation is tried
+    first; the union must be explained by one catenary about as well as the parts are.
+    """
+    alive = list(curves)
+    result: list[Curve] = []
+    while alive:
+        base = alive.pop(0)
+        while alive:
+            ranked = _continuations(base, alive, settings.max_bridge)
+            for position in ranked:
+                union = join(points, base, alive[position], settings)
+                if union is not None:
+                    base = union
+                    del alive[position]
+                    break
+            else:
+                break
+        result.append(base)
+    result.sort(key=lambda curve: (-curve.length, *curve.origin))
+    return tuple(result)
+
+
+def _continuations(base: Curve, others: Sequence[Curve], max_bridge: float) -> list[int]:
+    """Positions of the curves that may continue ``base``, best first."""
+    centers = np.array([other.position((other.low + other.high) / 2)[0] for other in others])
+    x, y = base.local(centers)
+    reach = base.length + max_bridge
+    near = np.flatnonzero(
+        (np.abs(y) < MAX_MISS + 0.02 * np.abs(x - base.mean_x)) & (np.abs(x - base.mean_x) < reach)
+    )
+    scored = []
+    for position in near:
+        other = others[position]
+        at = other.position(np.array([other.low, (other.low + other.high) / 2, other.high]))
+        ox, oy = base.local(at)
+        gap = max(float(ox.min()) - base.high, base.low - float(ox.max()), 0.0)
+        if gap > min(max_bridge, max(base.length, other.length)):
+            continue
+        miss = np.hypot(oy, at[:, 2] - base.fit.height(ox))
+        allowed = np.minimum(BRIDGE_SLACK + 3 * base.prediction_sigma(ox), MAX_MISS)
+        if (miss <= allowed).all():
+            scored.append((float(miss.mean()) + 0.01 * gap, int(position)))
+    return [position for _, position in sorted(scored)]
+
+
+def join(
+    points: Float64, first: Curve, second: Curve, settings: CatenarySettings
+) -> Curve | None:
+    """Return one curve through the points of both, or None if they are not of one span."""
+    tolerance = max(first.tolerance, second.tolerance)
+    try:
+        union = fit_curve(
+            points, np.concatenate([first.points, second.points]), tolerance=tolerance
+        )
+    except FitError:
+        return None
+    for part in (first, second):
+        if np.isin(part.points, union.points, assume_unique=True).mean() < 0.8:
+            return None
+    error = math.hypot(union.fit.rmse, union.lateral_rmse)
+    own = max(math.hypot(part.fit.rmse, part.lateral_rmse) for part in (first, second))
+    if error > max(1.4 * own, 0.05):
+        return None
+    own_points = points[union.points]
+    x, y = union.local(own_points)
+    if find_break(x, y, own_points[:, 2]) is not None:
+        return None
+    return union
+
+
+def drop_duplicates(curves: Sequence[Curve]) -> tuple[Curve, ...]:
+    """Drop each curve most of which lies within reach of a longer one."""
+    kept: list[Curve] = []
+    for curve in sorted(curves, key=lambda curve: (-len(curve.points), *curve.origin)):
+        stations = curve.position(np.linspace(curve.low, curve.high, 21))
+        covered = np.zeros(len(stations), dtype=bool)
+        for other in kept:
+            x, y = other.local(stations)
+            inside = (x >= other.low - 0.5) & (x <= other.high + 0.5)
+            miss = np.hypot(y, stations[:, 2] - other.fit.height(x))
+            covered |= inside & (miss <= 0.6 * max(curve.tolerance, other.tolerance))
+        if covered.mean() < 0.5:
+            kept.append(curve)
+    kept.sort(key=lambda curve: (-curve.length, *curve.origin))
+    return tuple(kept)
+
+
+
+
+def merge_bundles(
+    points: Float64, curves: Sequence[Curve], settings: CatenarySettings
+) -> tuple[Curve, ...]:
+    """
+    Make one curve of sub-conductors that the cloud cannot tell apart.
+
+    Sub-conductors of a bundle run side by side within ``bundle_width`` over a long span.  They
+    stay apart where their distance is ``bundle_separation`` times the spread of their points or
+    more; below that, points go over from one to the other and neither curve is sure.
+    """
+    alive = sorted(curves, key=lambda curve: (-len(curve.points), *curve.origin))
+    merged: list[Curve] = []
+    while alive:
+        base = alive.pop(0)
+        position = 0
+        while position < len(alive):
+            union = _merge_pair(points, base, alive[position], settings)
+            if union is None:
+                position += 1
+            else:
+                base = union
+                del alive[position]
+                position = 0
+        merged.append(base)
+    merged.sort(key=lambda curve: (-curve.length, *curve.origin))
+    return tuple(merged)
+
+
+def _merge_pair(
+    points: Float64, first: Curve, second: Curve, settings: CatenarySettings
+) -> Curve | None:
+    if max(first.length, second.length) < settings.bundle_length:
+        return None
+    stations = second.position(np.linspace(second.low, second.high, 9))
+    x, y = first.local(stations)
+    inside = (x > first.low - 1.0) & (x < first.high + 1.0)
+    if inside.mean() < 0.5:
+        return None
+    across = float(np.median(y[inside]))
+    above = float(np.median((stations[:, 2] - first.fit.height(x))[inside]))
+    apart = math.hypot(across, above)
+    worst = float(np.hypot(y, stations[:, 2] - first.fit.height(x))[inside].max())
+    if worst > settings.bundle_width + max(0.0, first.tolerance - 0.2):
+        return None
+    noise = math.hypot(
+        across * max(first.lateral_rmse, second.lateral_rmse),
+        above * max(first.fit.rmse, second.fit.rmse),
+    ) / max(apart, 1e-9)
+    if apart > settings.bundle_separation * noise:
+        return None
+    spread = max(first.tolerance, second.tolerance)
+    try:
+        return fit_curve(
+            points,
+            np.concatenate([first.points, second.points]),
+            tolerance=min(apart / 2 + spread, settings.bundle_width),
+        )
+    except FitError:
+        return None

@@ -1,0 +1,155 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Joints: where the curves of two neighbouring spans of a conductor meet at a support."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from plc_inspect.core.curve import Curve
+from plc_inspect.results import Float64
+
+MAX_TURN = math.radians(65.0)
+"""Sharpest angle of a line at a support."""
+MAX_MISS = 0.5
+"""Greatest distance of the two curves where they are nearest; insulators fill it [m]."""
+MAX_OVERLAP = 8.0
+"""How far a curve may run on beyond its support [m]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Joint:
+    """Two ends of curves that meet at one attachment."""
+
+    curves: tuple[int, int]
+    sides: tuple[int, int]
+    """+1 where the curve's high end meets, -1 its low end."""
+    x: tuple[float, float]
+    """Position of the joint along each of the curves [m]."""
+    position: Float64
+    """(3,) [m]"""
+    direction: float
+    """Azimuth of the line at the joint, of the first curve away from it [rad]."""
+    kink: float
+    """Sum of the two rises towards the joint."""
+    miss: float
+    """Distance of the curves at the joint [m]."""
+    cost: float
+
+
+def find_joints(curves: Sequence[Curve], max_reach: float) -> tuple[Joint, ...]:
+    """
+    Pair the ends of curves that meet at a support, each end at most once.
+
+    Two ends meet where the extrapolated curves come within ``MAX_MISS`` of each other, both
+    rising towards the place taken together, as conductors hanging from a support do.
+
+    Parameters
+    ----------
+    curves : curves, each within one span
+    max_reach : longest extrapolation from either end [m]
+
+    Returns
+    -------
+    tuple of Joint, in order of cost
+
+    """
+    if len(curves) < 2:
+        return ()
+    ends = [
+        (number, side, curve.position(curve.high if side > 0 else curve.low)[0], _outward(curve, side))
+        for number, curve in enumerate(curves)
+        for side in (-1, 1)
+    ]
+    position = np.array([end[2] for end in ends])
+    outward = np.array([end[3] for end in ends])
+    apart = position[None, :, :2] - position[:, None, :2]
+    distance = np.linalg.norm(apart, axis=2)
+    facing = outward @ outward.T < -math.cos(MAX_TURN)
+    ahead = np.einsum('ijk,ik->ij', apart, outward)
+    across = np.abs(apart[:, :, 0] * outward[:, None, 1] - apart[:, :, 1] * outward[:, None, 0])
+    near = (distance < 2 * max_reach) & (ahead > -2 * MAX_OVERLAP)
+    near &= across < 3.0 + np.abs(ahead) * math.tan(MAX_TURN / 2) + 0.5
+    candidates = []
+    for i, j in np.argwhere(np.triu(near & facing & near.T, 1)):
+        first, second = ends[i], ends[j]
+        if first[0] == second[0]:
+            continue
+        joint = _meet(curves, (first[0], second[0]), (first[1], second[1]), max_reach)
+        if joint is not None:
+            candidates.append(joint)
+    candidates.sort(key=lambda joint: (joint.cost, joint.curves, joint.sides))
+    used: set[tuple[int, int]] = set()
+    chosen = []
+    for joint in candidates:
+        keys = set(zip(joint.curves, joint.sides))
+        if not keys & used:
+            used |= keys
+            chosen.append(joint)
+    return tuple(chosen)
+
+
+def _outward(curve: Curve, side: int) -> Float64:
+    return side * np.array([math.cos(curve.azimuth), math.sin(curve.azimuth)])
+
+
+def _meet(
+    curves: Sequence[Curve], pair: tuple[int, int], sides: tuple[int, int], max_reach: float
+) -> Joint | None:
+    """Closest approach of two curves near their facing ends."""
+    first, second = curves[pair[0]], curves[pair[1]]
+    end = first.high if sides[0] > 0 else first.low
+    reach = min(max_reach, 0.7 * first.length + 2.0)
+    other_end = second.high if sides[1] > 0 else second.low
+    other_reach = min(max_reach, 0.7 * second.length + 2.0)
+    x = end + sides[0] * np.arange(-min(MAX_OVERLAP, first.length / 2), reach, 0.25)
+    for step in (0.02, 0.0):
+        at = first.position(x)
+        other_x, other_y = second.local(at)
+        beyond = (other_x - other_end) * sides[1]
+        valid = (beyond > -min(MAX_OVERLAP, second.length / 2)) & (beyond < other_reach)
+        if not valid.any():
+            return None
+        miss = np.hypot(other_y, at[:, 2] - second.fit.height(other_x))
+        best = int(np.argmin(np.where(valid, miss, np.inf)))
+        if step:
+            x = x[best] + np.arange(-0.25, 0.2501, step)
+    beyond_first = (x[best] - end) * sides[0]
+    slack = 3 * max(
+        float(first.prediction_sigma(x[best : best + 1])[0]),
+        float(second.prediction_sigma(other_x[best : best + 1])[0]),
+    )
+    if miss[best] > MAX_MISS + min(slack, MAX_MISS):
+        return None
+    rise = sides[0] * float(first.fit.slope(x[best])) + sides[1] * float(
+        second.fit.slope(other_x[best])
+    )
+    if rise < -0.003:
+        return None
+    here = (at[best] + second.position(other_x[best])[0]) / 2
+    stretch = max(beyond_first, 0.0) + max(float(beyond[best]), 0.0)
+    inward = -_outward(first, sides[0])
+    return Joint(
+        curves=pair,
+        sides=sides,
+        x=(float(x[best]), float(other_x[best])),
+        position=here,
+        direction=math.atan2(inward[1], inward[0]),
+        kink=rise,
+        miss=float(miss[best]),
+        cost=float(miss[best]) + 0.02 * stretch,
+    )

@@ -1,0 +1,402 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The pipeline: from one cloud to conductors, corridor and hazards."""
+
+from collections.abc import Callable
+import math
+import time
+from typing import Any
+
+from numba import njit, prange
+import numpy as np
+
+from plc_inspect.config import Settings
+from plc_inspect.core.alignment import align, AlignmentResult
+from plc_inspect.core.clustering import cluster, ClusteringResult
+from plc_inspect.core.conductors import model_conductors
+from plc_inspect.core.corridor import extract_corridor
+from plc_inspect.core.hazards import find_hazards
+from plc_inspect.core.height import extract_high, HeightResult
+from plc_inspect.core.linearity import find_candidates, LinearityResult
+from plc_inspect.core.outliers import OutlierResult, remove_outliers
+from plc_inspect.core.plan_index import build_plan_index
+from plc_inspect.core.route import trace_routes
+from plc_inspect.core.spans import build_spans, SpanResult
+from plc_inspect.core.supports import find_layout
+from plc_inspect.core.voxels import hash_key, pack
+from plc_inspect.errors import DataError
+from plc_inspect.results import (
+    Decision,
+    Float64,
+    InspectionResult,
+    Int64,
+    PointClass,
+    StageReport,
+    UInt8,
+)
+
+Progress = Callable[[str, float], None]
+STAGES = (
+    'height',
+    'linearity',
+    'outliers',
+    'alignment',
+    'clustering',
+    'catenary',
+    'supports',
+    'corridor',
+    'hazards',
+)
+INDEX_CELL = 2.0
+"""Edge of the plan cells that points are searched by [m]."""
+GROUND_BAND = 0.5
+"""Points this near to the ground surface are ground [m]."""
+
+
+class Pipeline:
+    """All stages with one set of settings; keeps no state between runs."""
+
+    def __init__(self, settings: Settings | None = None) -> None:
+        """Take the settings, by default those of config.py."""
+        self.settings = settings or Settings()
+
+    def run(self, points: Float64, progress: Progress | None = None) -> InspectionResult:
+        """
+        Find conductors, corridor and hazards in one cloud.
+
+        Parameters
+        ----------
+        points : (N, 3) float64, map frame, z up [m]
+            Rows that are not finite are counted and left out.
+        progress : callable or None
+            Called with the name of a stage and the share of stages done before it.
+
+        Returns
+        -------
+        InspectionResult
+            Arrays are parallel to ``points``.  The same points and settings give the same
+            result, whatever the number of threads.
+
+        Raises
+        ------
+        DataError
+            ``points`` is not an (N, 3) array, or its extent is beyond what voxels can number.
+
+        """
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise DataError(f'points must have the shape (N, 3), got {points.shape}')
+        return _Run(np.ascontiguousarray(points, dtype=np.float64), self.settings, progress).run()
+
+
+class _Run:
+    """One pass of a cloud through the stages, collecting what each one did."""
+
+    def __init__(self, points: Float64, settings: Settings, progress: Progress | None) -> None:
+        self.points = points
+        self.settings = settings
+        self.progress = progress
+        self.stages: list[StageReport] = []
+        self.started = time.perf_counter()
+
+    def report(self, num_in: int, num_kept: int, dropped: dict[str, int], **values: Any) -> None:
+        """Close the current stage."""
+        now = time.perf_counter()
+        self.stages.append(
+            StageReport(
+                name=STAGES[len(self.stages)],
+                num_in=num_in,
+                num_kept=num_kept,
+                dropped={reason: count for reason, count in dropped.items() if count},
+                values=values,
+                seconds=now - self.started,
+            )
+        )
+        self.started = now
+        if self.progress is not None and len(self.stages) < len(STAGES):
+            self.progress(STAGES[len(self.stages)], len(self.stages) / len(STAGES))
+
+    def run(self) -> InspectionResult:
+        """Run all stages."""
+        points, settings = self.points, self.settings
+        if self.progress is not None:
+            self.progress(STAGES[0], 0.0)
+        height = self._height()
+        high = np.flatnonzero(height.high)
+        if len(points) - height.num_not_finite < settings.segment.min_points:
+            high = high[:0]
+        candidates, outliers, inliers = self._candidates(high)
+        alignment = align(inliers, settings.alignment)
+        self.report(
+            len(inliers.position),
+            int(alignment.voted.sum()),
+            {'too few in line': int((~alignment.voted).sum())},
+            min_votes=settings.alignment.min_votes,
+            windows=len(alignment.azimuth),
+            azimuths_deg=_azimuth_histogram(alignment.azimuth),
+        )
+        clustering = self._clusters(high, inliers, alignment)
+        off_ground = np.flatnonzero(
+            height.high | (height.height >= settings.height.beta / 2)
+        )
+        index = build_plan_index(points, off_ground, INDEX_CELL)
+        rng = np.random.default_rng(0)
+        conductors = model_conductors(points, index, clustering, settings.catenary, rng)
+        self.report(
+            clustering.num_tracks,
+            len(conductors.curves),
+            conductors.objections,
+            constants=[round(curve.fit.c, 1) for curve in conductors.curves],
+            rmse=[round(curve.fit.rmse, 4) for curve in conductors.curves],
+        )
+        layout = find_layout(points, conductors.curves, conductors.doubtful, settings.supports)
+        spans = build_spans(
+            points, height, index, layout, trace_routes(layout), settings, rng
+        )
+        self.report(
+            len(layout.joints),
+            len(spans.supports),
+            {},
+            spans=len(spans.models),
+            kinds=[support.kind for support in spans.supports],
+        )
+        wire = spans.line_id >= 0
+        corridor = extract_corridor(
+            points,
+            height.height,
+            wire,
+            [model.curve for model in spans.models],
+            np.array([min(model.start_x, model.end_x) for model in spans.models]),
+            np.array([max(model.start_x, model.end_x) for model in spans.models]),
+            settings.corridor,
+        )
+        self.report(
+            len(points),
+            len(corridor.points),
+            {'beyond the search radius': len(points) - len(corridor.points)},
+            radius=[round(float(value), 2) for value in corridor.radius],
+            complex_case=[bool(value) for value in corridor.complex_case],
+        )
+        return self._finish(height, high, candidates, outliers, alignment, clustering, spans, corridor)
+
+    def _height(self) -> HeightResult:
+        settings = self.settings.height
+        height = extract_high(self.points, settings)
+        num_high = int(height.high.sum())
+        self.report(
+            len(self.points),
+            num_high,
+            {
+                'not finite': height.num_not_finite,
+                'too low': len(self.points) - height.num_not_finite - num_high,
+            },
+            threshold=height.threshold if math.isfinite(height.threshold) else None,
+            histogram=height.histogram.tolist(),
+            edges=[float(height.edges[0]), float(height.edges[-1])],
+            cell_size=height.cell_size,
+        )
+        return height
+
+    def _candidates(
+        self, high: Int64
+    ) -> tuple[LinearityResult, OutlierResult, LinearityResult]:
+        settings = self.settings
+        origin = self.points[high].min(axis=0) - 1.0 if len(high) else np.zeros(3)
+        candidates = find_candidates(self.points, high, origin, settings.linearity)
+        self.report(
+            sum(candidates.num_voxels),
+            len(candidates.position),
+            {'not linear': sum(candidates.num_voxels) - len(candidates.position)},
+            threshold=settings.linearity.threshold,
+            max_inclination_deg=settings.linearity.max_inclination_deg,
+            neighborhoods=list(candidates.sizes),
+            voxels=list(candidates.num_voxels),
+            likeness=np.histogram(candidates.linear, bins=20, range=(0.5, 1.0))[0].tolist(),
+        )
+        outliers = remove_outliers(candidates.position, settings.outliers)
+        keep = outliers.keep
+        inliers = LinearityResult(
+            position=candidates.position[keep],
+            direction=candidates.direction[keep],
+            size=candidates.size[keep],
+            linear=candidates.linear[keep],
+            count=candidates.count[keep],
+            sizes=candidates.sizes,
+            num_voxels=candidates.num_voxels,
+        )
+        self.report(
+            len(keep),
+            int(keep.sum()),
+            {'far from the others': int((~keep).sum())},
+            mean=outliers.mean,
+            sigma=outliers.sigma,
+            threshold=outliers.threshold if math.isfinite(outliers.threshold) else None,
+        )
+        return candidates, outliers, inliers
+
+    def _clusters(
+        self, high: Int64, inliers: LinearityResult, alignment: AlignmentResult
+    ) -> ClusteringResult:
+        index = build_plan_index(self.points, high, INDEX_CELL)
+        clustering = cluster(
+            self.points, index, inliers.position, alignment, self.settings.clustering
+        )
+        self.report(
+            clustering.num_clusters,
+            len(clustering.beads),
+            {'not one conductor': max(clustering.num_clusters - len(clustering.beads), 0)},
+            eps=clustering.eps,
+            min_points=clustering.min_points,
+            tracks=clustering.num_tracks,
+        )
+        return clustering
+
+    def _finish(
+        self,
+        height: HeightResult,
+        high: Int64,
+        candidates: LinearityResult,
+        outliers: OutlierResult,
+        alignment: AlignmentResult,
+        clustering: ClusteringResult,
+        spans: SpanResult,
+        corridor: Any,
+    ) -> InspectionResult:
+        points = self.points
+        wire = spans.line_id >= 0
+        off_ground = (
+            ~wire[corridor.points]
+            & ~spans.support[corridor.points]
+            & ~(height.height[corridor.points] < GROUND_BAND)
+        )
+        near = corridor.points[off_ground]
+        hazards, surface = find_hazards(
+            points,
+            near,
+            corridor.distance[off_ground].astype(np.float64),
+            corridor.span[off_ground].astype(np.int64),
+            spans.models,
+            spans.ground_below,
+            self.settings.hazards,
+        )
+        classification = np.full(len(points), PointClass.OTHER, dtype=np.uint8)
+        classification[height.height < GROUND_BAND] = PointClass.GROUND
+        classification[height.height < -2.0] = PointClass.OTHER
+        classification[near[~surface]] = PointClass.VEGETATION
+        classification[spans.support] = PointClass.TOWER
+        classification[wire] = PointClass.WIRE
+        clearance = np.full(len(points), np.nan, dtype=np.float32)
+        clearance[corridor.points] = corridor.distance
+        line_of = np.array([model.span.line_id for model in spans.models], dtype=np.int32)
+        span_of = np.array([model.span.span_id for model in spans.models], dtype=np.int32)
+        span_id = spans.span_id.copy()
+        corridor_span = span_of[corridor.span] if len(span_of) else corridor.span
+        others = ~wire[corridor.points]
+        span_id[corridor.points[others]] = corridor_span[others]
+        decision = self._decide(height, high, candidates, outliers, alignment, clustering)
+        decision[spans.support] = Decision.SUPPORT
+        decision[wire] = Decision.WIRE
+        self.report(
+            len(near),
+            len(hazards),
+            {},
+            warning_distance=self.settings.hazards.warning_distance,
+            critical_distance=self.settings.hazards.critical_distance,
+            ground_distance=self.settings.hazards.ground_distance,
+        )
+        return InspectionResult(
+            spans=tuple(model.span for model in spans.models),
+            supports=spans.supports,
+            hazards=hazards,
+            line_id=spans.line_id,
+            span_id=span_id,
+            residual=spans.residual,
+            clearance=clearance,
+            classification=classification,
+            decision=decision,
+            ground_height=height.height,
+            corridor=corridor.points,
+            corridor_line_id=line_of[corridor.span] if len(line_of) else corridor.span,
+            corridor_span_id=corridor_span,
+            stages=tuple(self.stages),
+        )
+
+    def _decide(
+        self,
+        height: HeightResult,
+        high: Int64,
+        candidates: LinearityResult,
+        outliers: OutlierResult,
+        alignment: AlignmentResult,
+        clustering: ClusteringResult,
+    ) -> UInt8:
+        """Decide which stage dropped each point; wires and supports come on top."""
+        decision = np.full(len(self.points), Decision.TOO_LOW, dtype=np.uint8)
+        decision[height.height < GROUND_BAND] = Decision.GROUND
+        if height.num_not_finite:
+            decision[~np.isfinite(self.points).all(axis=1)] = Decision.NOT_FINITE
+        state = np.full(len(candidates.position), Decision.OUTLIER, dtype=np.uint8)
+        state[np.flatnonzero(outliers.keep)] = np.where(
+            alignment.voted, Decision.NO_CLUSTER, Decision.NO_SECTION
+        )
+        if len(high):
+            origin = self.points[high].min(axis=0) - 1.0
+            decision[high] = _point_states(
+                self.points, high, origin, candidates.position, state, np.uint8(Decision.NOT_LINEAR)
+            )
+        decision[clustering.beads.points] = Decision.NO_CATENARY
+        return decision
+
+
+def _azimuth_histogram(azimuth: Float64) -> list[int]:
+    """Windows per 10 degrees of azimuth, from -90 degrees on."""
+    counts, _ = np.histogram(np.degrees(azimuth), bins=18, range=(-90.0, 90.0))
+    result: list[int] = counts.tolist()
+    return result
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _point_states(points, high, origin, position, state, nothing):  # type: ignore[no-untyped-def]
+    """Greatest state of the candidates in the 1 m cell of each high point."""
+    size = 16
+    while size < 2 * len(position) + 2:
+        size *= 2
+    keys = np.full(size, -1, dtype=np.int64)
+    values = np.zeros(size, dtype=np.uint8)
+    for k in range(len(position)):
+        key = pack(
+            int(position[k, 0] - origin[0]),
+            int(position[k, 1] - origin[1]),
+            int(position[k, 2] - origin[2]),
+        )
+        place = hash_key(key, size - 1)
+        while keys[place] >= 0 and keys[place] != key:
+            place = (place + 1) & (size - 1)
+        keys[place] = key
+        values[place] = max(values[place], state[k])
+    result = np.full(len(high), nothing, dtype=np.uint8)
+    for k in prange(len(high)):
+        i = high[k]
+        key = pack(
+            int(points[i, 0] - origin[0]),
+            int(points[i, 1] - origin[1]),
+            int(points[i, 2] - origin[2]),
+        )
+        place = hash_key(key, size - 1)
+        while keys[place] >= 0:
+            if keys[place] == key:
+                result[k] = values[place]
+                break
+            place = (place + 1) & (size - 1)
+    return result
