@@ -334,6 +334,9 @@ class CatenarySettings(_Checked):
         0.45, 'greatest share of a span with points close about the conductor',
         low=0.0, high=1.0,
     )
+    max_company: float = _setting(
+        0.7, 'greatest share of a span with other things within 0.8 m', low=0.0, high=1.0
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

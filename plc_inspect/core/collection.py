@@ -14,6 +14,7 @@
 
 """Collection of the points along a curve, and its extension as far as they go."""
 
+import dataclasses
 from dataclasses import dataclass
 import math
 
@@ -29,6 +30,8 @@ from plc_inspect.results import Bool, Float64, Int64
 
 CROWD_LENGTH = 4.0
 """Length of the parts of a curve that are crowded or not [m]."""
+COMPANY_RADIUS = 0.8
+"""Distance at which other things keep a curve company [m]."""
 MAX_ROUNDS = 8
 
 
@@ -116,6 +119,39 @@ def profile_curve(
         ignore,
     )
     return Profile(low=low, step=step, core=core, shell=shell, chosen=np.sort(chosen))
+
+
+def measure_company(
+    points: Float64, index: PlanIndex, curve: Curve, profile: Profile, wire: Bool
+) -> float:
+    """
+    Return the share of a curve, in parts, that has other things close beside it.
+
+    A part counts where more points lie within ``COMPANY_RADIUS`` than on the curve itself, other
+    wires left out.  Roofs, walls and the arcs that scan lines draw on them have company all
+    along; a conductor has it only where it passes a crown.
+
+    Parameters
+    ----------
+    points : (N, 3) float64 [m]
+    index : PlanIndex to search
+    curve : Curve
+    profile : Profile of the curve between its ends
+    wire : (N,) bool, points of this and other curves
+
+    """
+    radius = max(COMPANY_RADIUS, 2 * curve.tolerance)
+    around = profile_curve(
+        points, index, dataclasses.replace(curve, tolerance=radius), curve.low, curve.high
+    ).chosen
+    others = around[~wire[around]]
+    x, _ = curve.local(points[others])
+    parts = max(round(CROWD_LENGTH / profile.step), 1)
+    num = math.ceil(len(profile.core) / parts)
+    place = np.clip(((x - profile.low) / CROWD_LENGTH).astype(np.int64), 0, num - 1)
+    beside = np.bincount(place, minlength=num)
+    on = np.add.reduceat(profile.core, np.arange(0, len(profile.core), parts))
+    return float((beside > on).mean())
 
 
 def extend(

@@ -15,6 +15,7 @@
 """Curves of conductors from tracks: split at supports, fitted, bridged over gaps."""
 
 from collections.abc import Sequence
+import dataclasses
 from dataclasses import dataclass
 import math
 
@@ -23,13 +24,15 @@ import numpy as np
 from plc_inspect.config import CatenarySettings
 from plc_inspect.core.breaks import find_break
 from plc_inspect.core.clustering import ClusteringResult
-from plc_inspect.core.collection import extend, profile_curve
+from plc_inspect.core.collection import extend, measure_company, Profile, profile_curve
 from plc_inspect.core.curve import Curve, derive_tolerance, fit_curve
 from plc_inspect.core.evidence import find_objection, UNPROVEN
 from plc_inspect.core.plan_index import PlanIndex
 from plc_inspect.errors import FitError
 from plc_inspect.results import Float64, Int64
 
+BUNDLE_SHARE = 0.75
+"""Tolerance of a bundle's curve as a share of the greatest width of a bundle."""
 MAX_SPLITS = 64
 BRIDGE_SLACK = 0.15
 """Miss of a continuation that is allowed beyond three times its uncertainty [m]."""
@@ -78,21 +81,52 @@ def model_conductors(
     curves = [extend(points, index, curve, settings) for curve in curves]
     curves = drop_duplicates(merge_bundles(points, curves, settings))
     curves = merge_bundles(points, bridge(points, curves, settings), settings)
-    curves = drop_duplicates([extend(points, index, curve, settings) for curve in curves])
+    curves = [
+        widen(points, index, extend(points, index, curve, settings), settings) for curve in curves
+    ]
+    curves = drop_duplicates(merge_bundles(points, curves, settings))
     kept, doubtful = [], []
+    profiles: list[Profile] = []
     objections: dict[str, int] = {}
     for curve in curves:
         profile = profile_curve(points, index, curve, curve.low, curve.high)
         objection = find_objection(curve, profile, settings)
         if not objection:
             kept.append(curve)
+            profiles.append(profile)
             continue
         if objection == UNPROVEN and profile.crowding <= settings.max_crowding:
             doubtful.append(curve)
         objections[objection] = objections.get(objection, 0) + 1
+    alone = _without_company(points, index, kept, profiles, settings)
+    if len(alone) < len(kept):
+        objections['other things all along it'] = len(kept) - len(alone)
     return ConductorResult(
-        curves=tuple(kept), doubtful=tuple(doubtful), objections=dict(sorted(objections.items()))
+        curves=alone, doubtful=tuple(doubtful), objections=dict(sorted(objections.items()))
     )
+
+
+def _without_company(
+    points: Float64,
+    index: PlanIndex,
+    curves: Sequence[Curve],
+    profiles: Sequence[Profile],
+    settings: CatenarySettings,
+) -> tuple[Curve, ...]:
+    """Drop curves with other things all along them, the worst first: they are no wires then."""
+    alive = list(zip(curves, profiles))
+    while alive:
+        wire = np.zeros(len(points), dtype=bool)
+        for _, profile in alive:
+            wire[profile.chosen] = True
+        company = [
+            measure_company(points, index, curve, profile, wire) for curve, profile in alive
+        ]
+        worst = max(company)
+        if worst <= settings.max_company:
+            break
+        alive = [item for item, value in zip(alive, company) if value < worst]
+    return tuple(curve for curve, _ in alive)
 
 
 def model_tracks(
@@ -287,6 +321,30 @@ def merge_bundles(
         merged.append(base)
     merged.sort(key=lambda curve: (-curve.length, *curve.origin))
     return tuple(merged)
+
+
+def widen(
+    points: Float64, index: PlanIndex, curve: Curve, settings: CatenarySettings
+) -> Curve:
+    """
+    Take a long curve that is crowded for a bundle, if the whole bundle is free in the air.
+
+    A track that changes from one sub-conductor to the other lies between them.
+    """
+    if curve.length < settings.bundle_length:
+        return curve
+    profile = profile_curve(points, index, curve, curve.low, curve.high)
+    if profile.crowding <= settings.max_crowding:
+        return curve
+    wide = dataclasses.replace(curve, tolerance=BUNDLE_SHARE * settings.bundle_width)
+    try:
+        for _ in range(3):
+            chosen = profile_curve(points, index, wide, curve.low, curve.high).chosen
+            wide = fit_curve(points, chosen, tolerance=wide.tolerance)
+    except FitError:
+        return curve
+    profile = profile_curve(points, index, wide, wide.low, wide.high)
+    return wide if profile.crowding <= settings.max_crowding else curve
 
 
 def _merge_pair(

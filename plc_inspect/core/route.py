@@ -15,6 +15,7 @@
 """Routes: which curves are one line, and the numbers of lines and spans."""
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
@@ -90,8 +91,10 @@ def trace_routes(layout: Layout) -> Route:
     )
 
 
-def _unite(pairs: list[tuple[int, int]], num: int) -> list[int]:
-    """Smallest member of each item's set."""
+def _unite(
+    pairs: list[tuple[int, int]], num: int, apart: Sequence[tuple[int, int]] = ()
+) -> list[int]:
+    """Smallest member of each item's set; the pairs in ``apart`` never share one."""
     parent = list(range(num))
 
     def root(item: int) -> int:
@@ -102,7 +105,8 @@ def _unite(pairs: list[tuple[int, int]], num: int) -> list[int]:
 
     for a, b in pairs:
         a, b = root(a), root(b)
-        parent[max(a, b)] = min(a, b)
+        if a != b and not any({root(c), root(d)} == {a, b} for c, d in apart):
+            parent[max(a, b)] = min(a, b)
     return [root(item) for item in range(num)]
 
 
@@ -138,7 +142,7 @@ def _group_spans(layout: Layout) -> list[int]:
         for second in range(first):
             if _side_by_side(layout, first, second):
                 pairs.append((first, second))
-    return _unite(pairs, num)
+    return _unite(pairs, num, [joint.curves for joint in layout.joints])
 
 
 def _side_by_side(layout: Layout, first: int, second: int) -> bool:
