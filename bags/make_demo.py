@@ -15,8 +15,8 @@
 """
 Make ``bags/demo``: a recorded flight along a medium-voltage line, with its truth.
 
-The driver passes on the half circle towards the line up to 50 m, and coordinates are rounded to
-2^-9 m, which is the sensor's own resolution: that keeps the recording small enough to ship.
+The driver passes on the side towards the line, 170 degrees wide, up to 48 m, and coordinates are
+rounded to 2^-9 m, the sensor's own resolution: that keeps the recording small enough to ship.
 """
 
 import argparse
@@ -66,7 +66,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         '-o', '--output', type=Path, default=Path(__file__).resolve().parent / 'demo',
     )
     arguments = parser.parse_args(argv)
-    puck = Puck(max_range=50.0, view_direction_deg=-90.0, view_width_deg=180.0)
+    puck = Puck(max_range=48.0, view_direction_deg=-90.0, view_width_deg=170.0)
     scene = make_scene('demo', SEED)
     try:
         with open_folder(arguments.output, force=True) as folder:

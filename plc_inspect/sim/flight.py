@@ -24,7 +24,7 @@ from scipy.spatial import cKDTree
 
 from plc_inspect.sim.bag import FlightSink
 from plc_inspect.sim.placement import place_truth, Placement, PlacementSums
-from plc_inspect.sim.puck import Puck, Scan, scan
+from plc_inspect.sim.puck import Puck, Scan, scan, START_DELAY
 from plc_inspect.sim.raycast import build_world, label_items
 from plc_inspect.sim.scene import Label, Scene
 from plc_inspect.sim.trajectory import (
@@ -182,7 +182,7 @@ def simulate_flight(
     odometry = drift(truth, errors, rng)
     world = build_world(scene)
     labels, tally = label_items(scene, world), _begin_tally(scene)
-    num_scans = int((truth.duration - 1.0 / RATE) * puck.rate)
+    num_scans = int((truth.duration - START_DELAY - 1.0 / RATE) * puck.rate)
     stride = max(1, round(RATE / odometry_rate))
     node = num_points = 0
     for number in range(num_scans):

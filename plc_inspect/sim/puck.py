@@ -37,6 +37,8 @@ POINT_DTYPE = np.dtype({
 })
 """Layout of the driver's points."""
 
+START_DELAY = 0.05
+"""The first scan begins this long after the odometry [s]."""
 _LASER_DELAY = 2.304e-6
 _REFLECTIVITY = {1: 30, 2: 25, 5: 45, 6: 60, 14: 18, 15: 40}
 
@@ -119,7 +121,7 @@ def scan(
     puck : Puck
         The scanner.
     number : int
-        The scan begins at number / rate seconds after the trajectory.
+        The scan begins `START_DELAY` + number / rate seconds after the trajectory.
     rng : numpy.random.Generator
         Source of all chance.
 
@@ -128,7 +130,7 @@ def scan(
     Scan
 
     """
-    begin = trajectory.start + number / puck.rate
+    begin = trajectory.start + START_DELAY + number / puck.rate
     firing = np.arange(puck.num_firings)
     turn = np.mod(-2 * np.pi * firing / puck.num_firings, 2 * np.pi)
     off = np.abs(np.angle(np.exp(1j * (turn - np.radians(puck.view_direction_deg)))))
