@@ -19,8 +19,6 @@ import math
 
 from numba import njit, prange
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from plc_inspect.config import ClusteringSettings
@@ -202,9 +200,11 @@ def _join(beads: Beads, settings: ClusteringSettings) -> Int32:
     i, j, miss = i[good], j[good], miss[good]
     # mutual best between any two windows
     best = _mutual_best(i, j, miss, beads.window)
-    graph = coo_matrix((np.ones(best.sum()), (i[best], j[best])), shape=(num, num))
-    _, label = connected_components(graph, directed=False)
-    return label.astype(np.int32)
+    i, j = i[best], j[best]
+    order = np.lexsort((j, i, np.round(miss[best] + 0.02 * length[good][best], 6)))
+    label = _link(i[order], j[order], beads.window)
+    _, first, track = np.unique(label, return_index=True, return_inverse=True)
+    return np.argsort(np.argsort(first))[track].astype(np.int32)
 
 
 def _mutual_best(i: Int64, j: Int64, miss: Float64, window: Int32) -> np.ndarray:
@@ -219,6 +219,50 @@ def _mutual_best(i: Int64, j: Int64, miss: Float64, window: Int32) -> np.ndarray
         is_first[order] = first
         keep &= is_first
     return keep
+
+
+@njit(cache=True, nogil=True)
+def _link(first, second, window):  # type: ignore[no-untyped-def]
+    """
+    Join beads along the links, best first, but never two of one window.
+
+    Two beads of one window are two conductors, however well a third seems to continue both.
+    """
+    num = len(window)
+    parent = np.arange(num)
+    following = np.full(num, -1, dtype=np.int64)
+    last = np.arange(num)
+    seen = np.full(window.max() + 1, -1, dtype=np.int64)
+    for link in range(len(first)):
+        a, b = first[link], second[link]
+        while parent[a] != a:
+            parent[a] = parent[parent[a]]
+            a = parent[a]
+        while parent[b] != b:
+            parent[b] = parent[parent[b]]
+            b = parent[b]
+        if a == b:
+            continue
+        item = a
+        while item >= 0:
+            seen[window[item]] = link
+            item = following[item]
+        item = b
+        clash = False
+        while item >= 0 and not clash:
+            clash = seen[window[item]] == link
+            item = following[item]
+        if clash:
+            continue
+        parent[b] = a
+        following[last[a]] = b
+        last[a] = last[b]
+    for item in range(num):
+        root = item
+        while parent[root] != root:
+            root = parent[root]
+        parent[item] = root
+    return parent
 
 
 @njit(cache=True, nogil=True)

@@ -26,7 +26,7 @@ from plc_inspect.core.collection import profile_curve
 from plc_inspect.core.curve import Curve, fit_curve
 from plc_inspect.core.hazards import SpanModel
 from plc_inspect.core.height import ground_at, HeightResult
-from plc_inspect.core.plan_index import PlanIndex
+from plc_inspect.core.plan_index import gather_strip, PlanIndex
 from plc_inspect.core.route import Route
 from plc_inspect.core.structures import find_structure, Structure
 from plc_inspect.core.supports import Layout
@@ -294,7 +294,15 @@ def _place_supports(
         top = float(attachments[:, 2].max())
         if structure is not None:
             top = max(top, structure.top)
-            _mark(points, height, index, place, structure, top, mask)
+        _mark(
+            points,
+            index,
+            place,
+            finals[members[0][0]][0].azimuth,
+            attachments,
+            structure.kind == 'pole' if structure is not None else len(members) < 3,
+            mask,
+        )
         if not math.isfinite(foot):
             foot = float(attachments[:, 2].min())
         supports.append(
@@ -357,21 +365,26 @@ def _settle(
 
 def _mark(
     points: Float64,
-    height: HeightResult,
     index: PlanIndex,
     place: Float64,
-    structure: Structure,
-    top: float,
+    azimuth: float,
+    attachments: Float64,
+    is_pole: bool,
     mask: Bool,
 ) -> None:
-    """Mark the points of a structure."""
-    reach = 1.2 if structure.kind == 'pole' else 4.5
-    row = int((place[1] - index.origin[1]) / index.cell_size)
-    column = int((place[0] - index.origin[0]) / index.cell_size)
-    span = math.ceil(reach / index.cell_size)
-    for r in range(max(row - span, 0), min(row + span + 1, index.shape[0])):
-        first = index.start[r * index.shape[1] + max(column - span, 0)]
-        last = index.start[r * index.shape[1] + min(column + span, index.shape[1] - 1) + 1]
-        own = index.order[first:last]
-        apart = np.hypot(points[own, 0] - place[0], points[own, 1] - place[1])
-        mask[own[(apart <= reach) & (points[own, 2] <= top + 0.5)]] = True
+    """Mark the points of a structure: its body, and the arms that reach to the attachments."""
+    body, along_arm, below = (1.2, 0.8, 1.5) if is_pole else (4.5, 4.0, 5.0)
+    unit = np.array([math.cos(azimuth), math.sin(azimuth)])
+    across = (attachments[:, :2] - place) @ np.array([-unit[1], unit[0]])
+    half = max(float(np.abs(across).max()) + along_arm, body)
+    reach = math.hypot(half, along_arm)
+    found = gather_strip(
+        index.start, index.order, index.origin, index.cell_size, index.shape[0], index.shape[1],
+        place[0], place[1], place[0], place[1], reach,
+    )
+    apart = points[found, :2] - place
+    along = apart @ unit
+    side = apart @ np.array([-unit[1], unit[0]])
+    arm = (np.abs(along) <= along_arm) & (np.abs(side) <= half)
+    arm &= points[found, 2] >= float(attachments[:, 2].min()) - below
+    mask[found[arm | (np.hypot(along, side) <= body)]] = True

@@ -112,6 +112,9 @@ def find_layout(
                 found = _station_ahead(curve, side, placed, other, settings)
                 if found is not None:
                     taken[number], ends[number] = found
+    keep = _find_originals(curves, start_x, end_x)
+    if len(keep) < len(curves):
+        return find_layout(points, [curves[number] for number in keep], (), settings)
     return Layout(
         curves=tuple(curves),
         start_x=start_x,
@@ -121,6 +124,27 @@ def find_layout(
         joints=joints,
         stations=placed,
     )
+
+
+def _find_originals(
+    curves: Sequence[Curve], start_x: Float64, end_x: Float64
+) -> list[int]:
+    """Curves that do not lie on a better seen one, now that all reach their supports."""
+    order = sorted(range(len(curves)), key=lambda number: (-len(curves[number].points), number))
+    kept: list[int] = []
+    for number in order:
+        curve = curves[number]
+        x = np.linspace(curve.low, curve.high, 21)
+        stations = curve.position(x)
+        on_other = np.zeros(len(x), dtype=bool)
+        for other in kept:
+            at, across = curves[other].local(stations)
+            inside = (at >= start_x[other] - 0.5) & (at <= end_x[other] + 0.5)
+            miss = np.hypot(across, stations[:, 2] - curves[other].fit.height(at))
+            on_other |= inside & (miss <= max(curve.tolerance, curves[other].tolerance))
+        if on_other.mean() < 0.5:
+            kept.append(number)
+    return sorted(kept)
 
 
 def _adopt(
