@@ -40,7 +40,7 @@ QUEUE_SIZE = 64
 """Most scans that wait for odometry: 3 s at 20 Hz."""
 
 RESERVED_VOXELS = 8_000_000
-"""Room made at the start, so that no scan pays for growing; memory is used only when touched."""
+"""Room made at the start, so that no scan pays for growing."""
 
 MAX_TIME_OFFSET = 1.0
 """Largest believable time of a point relative to its scan's stamp [s]."""
@@ -118,10 +118,12 @@ class Accumulator:
     ----------
     settings : Settings
         ``input`` and ``map`` are used.
+    touch : bool
+        Use the map's memory at once, so that no scan waits for it in flight.
 
     """
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: Settings, *, touch: bool = False) -> None:
         source = settings.input
         self._min_range = source.min_range
         self._max_range = source.max_range
@@ -129,7 +131,7 @@ class Accumulator:
         self._T_base_lidar = make_transform(source.lidar_xyz, source.lidar_rpy_deg)
         self.poses = PoseBuffer(source)
         self.map = VoxelMap(settings.map)
-        self.map.reserve(RESERVED_VOXELS)
+        self.map.reserve(RESERVED_VOXELS, touch=touch)
         self._clock = ScanClock()
         self._queue: deque[_WaitingScan] = deque()
         self._counts: Counter[str] = Counter()

@@ -50,9 +50,7 @@ def build_table(keys: Int64, capacity: int) -> Int32:
 
     """
     length = 1 << max(4, (2 * capacity - 1).bit_length())
-    # Filled, not zeros: the memory is touched here and not bit by bit in the next insertions.
-    table: Int32 = np.empty(length, dtype=np.int32)
-    table.fill(0)
+    table: Int32 = np.zeros(length, dtype=np.int32)
     _fill_table(keys, table)
     return table
 

@@ -162,7 +162,7 @@ class VoxelMap:
         self._generation += 1
         self._set_empty(self._capacity)
 
-    def reserve(self, num_voxels: int) -> None:
+    def reserve(self, num_voxels: int, *, touch: bool = False) -> None:
         """
         Make room ahead, so that no insertion pays for growing.
 
@@ -170,12 +170,19 @@ class VoxelMap:
         ----------
         num_voxels : int
             Voxels to make room for; more than ``max_voxels`` is taken as ``max_voxels``.
+        touch : bool
+            Use the memory now.  Otherwise the system hands it out when it is first written,
+            which costs an insertion up to 20 ms now and then.
 
         """
         wanted = min(num_voxels, self._max_voxels)
         if wanted > self._capacity:
             self._allocate(wanted)
             self._table = build_table(self._keys[: self._size], self._capacity)
+        if touch:
+            self._table |= 0
+            for array in self._all_arrays():
+                array[self._size :].fill(0)
 
     def insert(self, points: Float64) -> Insertion:
         """

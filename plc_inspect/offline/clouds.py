@@ -16,6 +16,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+import struct
 from typing import Any
 
 import laspy
@@ -118,7 +119,30 @@ def read_cloud(path: Path | str, crs: str | None = None) -> Cloud:
     )
 
 
+def _check_header(path: Path) -> None:
+    """Refuse a LAS header of which laspy would believe billions of records."""
+    size = path.stat().st_size
+    with path.open('rb') as file:
+        head = file.read(375)
+    if head[:4] != b'LASF' or len(head) < 227:
+        raise DataError(f'{path} is not a LAS file')
+    header_size, first_point, num_vlrs = struct.unpack_from('<HII', head, 94)
+    records = [('variable length', num_vlrs, header_size, first_point, 54)]
+    if head[25] >= 4 and len(head) == 375:
+        first_evlr, num_evlrs = struct.unpack_from('<QI', head, 235)
+        records.append(('extended', num_evlrs, first_evlr, size, 60))
+    for name, count, start, end, smallest in records:
+        if count and start + count * smallest > end:
+            raise DataError(
+                f'{path} is damaged: no room for {count} {name} records between byte {start} '
+                f'and {end}'
+            )
+    if first_point > size:
+        raise DataError(f'{path} is truncated: points from byte {first_point}, size {size}')
+
+
 def _read_las(path: Path) -> tuple[laspy.LasData, Float64]:
+    _check_header(path)
     try:
         las = laspy.read(path)
     except OSError:

@@ -117,8 +117,9 @@ def test_growing_and_reserving_give_the_same_map():
     points = np.stack(np.meshgrid(axis, axis, axis, indexing='ij'), axis=-1).reshape(-1, 3)
     assert len(points) > 2 * INITIAL_CAPACITY
     grown, reserved = make_map(points), make_map()
-    reserved.reserve(10**9)
-    reserved.insert(points)
+    reserved.insert(points[:100])
+    reserved.reserve(10**9, touch=True)
+    reserved.insert(points[100:])
     assert len(grown) == len(points)
     np.testing.assert_allclose(grown.centroids(), points, atol=1e-7)
     assert grown.centroids().tobytes() == reserved.centroids().tobytes()

@@ -167,12 +167,26 @@ def test_truncated_file_is_one_clear_error(suffix, share, tmp_path_factory):
     assert '\n' not in str(error.value)
 
 
+@pytest.mark.parametrize(
+    ('position', 'message'),
+    [(96, 'truncated'), (100, 'variable length records'), (243, 'extended records')],
+)
+def test_damaged_header_is_not_believed(position, message, tmp_path):
+    # laspy would look for four billion records.
+    path = write_las(tmp_path / 'cloud.laz', make_points())
+    data = bytearray(path.read_bytes())
+    data[position : position + 4] = b'\xff' * 4
+    path.write_bytes(data)
+    with pytest.raises(DataError, match=message):
+        read_cloud(path)
+
+
 def test_what_is_no_cloud(tmp_path):
     (tmp_path / 'text.laz').write_text('hello ' * 100)
     (tmp_path / 'folder.laz').mkdir()
     for name, message in (
         ('missing.laz', 'does not exist'),
-        ('text.laz', 'text.laz cannot be read'),
+        ('text.laz', 'text.laz is not a LAS file'),
         ('folder.laz', 'is a folder'),
         ('cloud.ply', 'must end in .las, .laz, .pcd'),
     ):
