@@ -37,6 +37,8 @@ MAX_SPLITS = 64
 BRIDGE_SLACK = 0.15
 """Miss of a continuation that is allowed beyond three times its uncertainty [m]."""
 MAX_MISS = 0.8
+MAX_SHARED = 0.5
+"""A curve with more of its points on better seen curves is dropped."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -79,12 +81,12 @@ def model_conductors(
     """
     curves: Sequence[Curve] = model_tracks(points, clustering, settings, rng)
     curves = [extend(points, index, curve, settings) for curve in curves]
-    curves = drop_duplicates(merge_bundles(points, curves, settings))
+    curves = drop_duplicates(points, merge_bundles(points, curves, settings))
     curves = merge_bundles(points, bridge(points, curves, settings), settings)
     curves = [
         widen(points, index, extend(points, index, curve, settings), settings) for curve in curves
     ]
-    curves = drop_duplicates(merge_bundles(points, curves, settings))
+    curves = drop_duplicates(points, merge_bundles(points, curves, settings))
     kept, doubtful = [], []
     profiles: list[Profile] = []
     objections: dict[str, int] = {}
@@ -276,10 +278,18 @@ def join(
     return union
 
 
-def drop_duplicates(curves: Sequence[Curve]) -> tuple[Curve, ...]:
-    """Drop each curve most of which lies within reach of a longer one."""
+def drop_duplicates(points: Float64, curves: Sequence[Curve]) -> tuple[Curve, ...]:
+    """
+    Drop each curve that has most of its points, or of its course, from better seen ones.
+
+    A line laid across several conductors at a small angle meets points of each, but has none
+    of its own.
+    """
     kept: list[Curve] = []
+    owned = np.zeros(len(points), dtype=bool)
     for curve in sorted(curves, key=lambda curve: (-len(curve.points), *curve.origin)):
+        if owned[curve.points].mean() > MAX_SHARED:
+            continue
         stations = curve.position(np.linspace(curve.low, curve.high, 21))
         covered = np.zeros(len(stations), dtype=bool)
         for other in kept:
@@ -289,10 +299,9 @@ def drop_duplicates(curves: Sequence[Curve]) -> tuple[Curve, ...]:
             covered |= inside & (miss <= 0.6 * max(curve.tolerance, other.tolerance))
         if covered.mean() < 0.5:
             kept.append(curve)
+            owned[curve.points] = True
     kept.sort(key=lambda curve: (-curve.length, *curve.origin))
     return tuple(kept)
-
-
 
 
 def merge_bundles(

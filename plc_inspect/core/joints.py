@@ -27,6 +27,8 @@ MAX_TURN = math.radians(65.0)
 """Sharpest angle of a line at a support."""
 MAX_MISS = 0.5
 """Greatest distance of the two curves where they are nearest; insulators fill it [m]."""
+MIN_RISE = 0.008
+"""Least kink at a support: half the lengths of both spans over c is more [-]."""
 MAX_OVERLAP = 8.0
 """How far a curve may run on beyond its support [m]."""
 
@@ -138,7 +140,7 @@ def _meet(
     rise = sides[0] * float(first.fit.slope(x[best])) + sides[1] * float(
         second.fit.slope(other_x[best])
     )
-    if rise < -0.003:
+    if rise < MIN_RISE:
         return None
     here = (at[best] + second.position(other_x[best])[0]) / 2
     stretch = max(beyond_first, 0.0) + max(float(beyond[best]), 0.0)

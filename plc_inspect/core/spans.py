@@ -35,8 +35,13 @@ from plc_inspect.results import Bool, Float32, Float64, Int32, Int64, Span, Supp
 
 END_SLACK = 0.3
 """Wire points may lie this far beyond the end of a span [m]."""
-TERMINAL_SPREAD = 4.0
+TERMINAL_SPREAD = 2.5
 """Open ends this near along the line end at one support [m]."""
+HOLD_RADIUS = 1.5
+HOLD_POINTS = 3
+"""Insulators and arms leave this many points within HOLD_RADIUS of a conductor's end [m]."""
+BEYOND = 5.0
+"""The cloud must go on this far beyond a conductor that ends at a support [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -283,9 +288,12 @@ def _place_supports(
                 2.5 if len(members) < 3 else 4.0,
                 float(attachments[:, 2].min()) - base,
             )
-        if is_open and (
-            structure is None or (structure.kind == 'tower' and len(members) < 2)
-        ):
+        is_pole = structure is not None and structure.kind == 'pole'
+        held = len(members) > 1 and (
+            structure is not None
+            or _are_held(points, height, index, wire, members, finals)
+        )
+        if is_open and not is_pole and not held:
             continue
         if is_open:
             closed |= {(end[0], end[1]) for end in members}
@@ -344,6 +352,34 @@ def _group_ends(
         else:
             groups.append([end])
     return groups
+
+
+def _are_held(
+    points: Float64,
+    height: HeightResult,
+    index: PlanIndex,
+    wire: Bool,
+    members: Sequence[tuple[int, int, Float64]],
+    finals: Sequence[tuple[Curve, float, float]],
+) -> bool:
+    """Tell conductors that end at arms or insulators from those that leave the cloud."""
+    held = 0
+    for number, side, end in members:
+        azimuth = finals[number][0].azimuth
+        unit = side * np.array([math.cos(azimuth), math.sin(azimuth)])
+        if not math.isfinite(float(ground_at(height, (end[:2] + BEYOND * unit)[None, :])[0])):
+            return False
+        found = gather_strip(
+            index.start, index.order, index.origin, index.cell_size, index.shape[0],
+            index.shape[1], end[0], end[1], end[0], end[1], HOLD_RADIUS,
+        )
+        near = np.linalg.norm(points[found] - end, axis=1) <= HOLD_RADIUS
+        held += int((near & ~wire[found]).sum()) >= HOLD_POINTS
+    low, high = height.origin, height.origin + height.cell_size * np.array(height.ground.shape[::-1])
+    inside = all(
+        ((end[:2] > low + BEYOND) & (end[:2] < high - BEYOND)).all() for _, _, end in members
+    )
+    return inside and 2 * held >= len(members)
 
 
 def _settle(
