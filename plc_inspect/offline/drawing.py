@@ -257,12 +257,20 @@ class Plot:
 
 
 def draw_bars(values: Iterable[float], title: str, size: tuple[int, int] = (220, 36)) -> str:
-    """Return a small bar chart without axes, for a histogram within a table."""
+    """
+    Return a small bar chart without axes, for a histogram within a table.
+
+    Where one bar would hide all others the heights are logarithmic, and the title says so.
+    """
     heights = np.array([value if math.isfinite(value) else 0.0 for value in values])
+    heights = np.maximum(heights, 0.0)
+    filled = heights[heights > 0]
+    if len(filled) and filled.max() > 50.0 * np.median(filled):
+        heights, title = np.log1p(heights), f'{title}, logarithmic'
     top = heights.max(initial=0.0) or 1.0
     width = size[0] / max(len(heights), 1)
     path = ''.join(
-        f'M{index * width:.1f} {size[1]}v{-size[1] * max(value, 0.0) / top:.1f}h{width:.1f}'
+        f'M{index * width:.1f} {size[1]}v{-size[1] * value / top:.1f}h{width:.1f}'
         f'V{size[1]}'
         for index, value in enumerate(heights)
     )

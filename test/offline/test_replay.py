@@ -215,7 +215,6 @@ def test_losses_are_printed(tmp_path, pipeline, capfd):
 @pytest.mark.parametrize('layout', ['vlp16_indoor', 'vlp16_indoor_organized'])
 @pytest.mark.skipif(not REAL.is_dir(), reason='no ../shared/data/real beside the repository')
 def test_real_scans_of_a_room(tmp_path, capfd, layout):
-    pytest.importorskip('plc_inspect.core.pipeline')
     assert run(REAL / layout, '-o', tmp_path / 'out') == 0
     out, err = capfd.readouterr()
     assert err == ''

@@ -25,7 +25,14 @@ from PIL import Image
 import pytest
 
 from plc_inspect.config import describe, Settings, update
-from plc_inspect.offline.drawing import blend, choose_ticks, encode_png, format_tick, Plot
+from plc_inspect.offline.drawing import (
+    blend,
+    choose_ticks,
+    draw_bars,
+    encode_png,
+    format_tick,
+    Plot,
+)
 from plc_inspect.offline.inspection import measure_clearances, Units
 from plc_inspect.offline.report import format_number, render_report
 from plc_inspect.offline.scene import make_scene
@@ -204,6 +211,16 @@ def test_scale_bar_is_round(width, text):
     plot = Plot((0.0, width), (0.0, 1.0), (120, 70), 'x', margins=(10, 10, 10, 10))
     plot.add_scale_bar('m')
     assert f'>{text} m<' in plot.render('x')
+
+
+def test_bars_show_what_one_bar_would_hide():
+    linear, log = (draw_bars(values, 'x') for values in ([4, 2, 1], [1e6, 10, 1]))
+    assert 'logarithmic' not in linear
+    assert re.findall(r'v-([0-9.]+)h', linear) == ['36.0', '18.0', '9.0']
+    assert 'logarithmic' in log
+    assert float(re.findall(r'v-([0-9.]+)h', log)[1]) > 5.0
+    for values in ([], [0.0], [float('nan'), 1.0], [-1.0]):
+        ElementTree.fromstring(draw_bars(values, 'x'))
 
 
 def test_colors_blend():

@@ -14,12 +14,15 @@
 
 """``plc_survey``: exit codes, messages, and a folder that is whole or not there."""
 
+import fcntl
 import json
 import os
 from pathlib import Path
 import signal
+import struct
 import subprocess
 import sys
+import termios
 import textwrap
 import types
 
@@ -279,3 +282,44 @@ def test_signal_while_writing_leaves_nothing(tmp_path, number, code):
         _, err = process.communicate(timeout=20)
     assert (process.returncode, err) == (code, '')
     assert [item.name for item in tmp_path.iterdir()] == ['cloud.las']
+
+
+def test_lines_are_found_and_classes_in_the_file_do_not_matter(tmp_path):
+    inspection = make_inspection(origin=UTM)
+    rng = np.random.default_rng(2)
+    classes = {'plain': None, 'scrambled': rng.integers(0, 20, len(inspection.points))}
+    for name, values in classes.items():
+        cloud = write_las(tmp_path / f'{name}.laz', inspection.points, values)
+        assert run(cloud, '-o', tmp_path / name, '--quiet') == 0
+    for name in ('spans.json', 'supports.json', 'hazards.json'):
+        plain, scrambled = ((tmp_path / folder / name).read_bytes() for folder in classes)
+        assert plain == scrambled, name
+    plain, scrambled = (laspy.read(tmp_path / folder / 'points.laz') for folder in classes)
+    assert plain.points.array.tobytes() == scrambled.points.array.tobytes()
+    spans = json.loads((tmp_path / 'plain/spans.json').read_text(encoding='utf-8'))['spans']
+    assert len(spans) == 6
+    assert len({span['line_id'] for span in spans}) == 3
+    expected = [(span.start + span.end) / 2 for span in inspection.result.spans]
+    for span in spans:
+        middle = (np.array(span['start']) + span['end']) / 2
+        assert np.min(np.linalg.norm(np.array(expected) - middle, axis=1)) < 2.0
+        assert span['sag'] == pytest.approx(3.0, abs=0.15)
+
+
+def test_bar_on_a_terminal_only(tmp_path):
+    cloud = write_las(tmp_path / 'cloud.las', np.random.default_rng(1).random((20, 3)))
+    code = 'import sys; from plc_inspect.offline.survey import main; sys.exit(main(sys.argv[1:]))'
+    outer, inner = os.openpty()
+    fcntl.ioctl(inner, termios.TIOCSWINSZ, struct.pack('HHHH', 24, 80, 0, 0))
+    os.set_blocking(outer, False)
+    seen = {}
+    for name, stream in (('terminal', inner), ('pipe', subprocess.PIPE)):
+        done = subprocess.run(
+            [sys.executable, '-c', code, str(cloud), '-o', str(tmp_path / name)],
+            stdout=subprocess.PIPE, stderr=stream, cwd=ROOT, check=True, timeout=120,
+        )
+        seen[name] = done.stderr
+    assert seen['pipe'] == b''
+    assert b'%|' in os.read(outer, 100_000)
+    os.close(inner)
+    os.close(outer)
