@@ -15,6 +15,7 @@
 """Spans, supports and labels of points from the final curves."""
 
 from collections.abc import Sequence
+import dataclasses
 from dataclasses import dataclass
 import math
 
@@ -22,6 +23,7 @@ import numpy as np
 
 from plc_inspect.config import Settings
 from plc_inspect.core.catenary import fit_quadratic
+from plc_inspect.core.clustering import SHELL_SHARE
 from plc_inspect.core.collection import profile_curve
 from plc_inspect.core.curve import Curve, fit_curve
 from plc_inspect.core.hazards import SpanModel
@@ -35,6 +37,10 @@ from plc_inspect.results import Bool, Float32, Float64, Int32, Int64, Span, Supp
 
 END_SLACK = 0.3
 """Wire points may lie this far beyond the end of a span [m]."""
+FREE_LENGTH = 2.0
+"""Length of the parts of a span that are free of other things or not [m]."""
+STRAY_RADIUS = 0.3
+"""A conductor's own points stray this far from it, in free air [m]."""
 TERMINAL_SPREAD = 2.5
 """Open ends this near along the line end at one support [m]."""
 HOLD_RADIUS = 1.5
@@ -101,7 +107,7 @@ def build_spans(
         for number in range(len(layout.curves))
     ]
     for number, (curve, low, high) in enumerate(finals):
-        chosen = profile_curve(points, index, curve, low - END_SLACK, high + END_SLACK).chosen
+        chosen = _wire_points(points, index, curve, low - END_SLACK, high + END_SLACK)
         x, y = curve.local(points[chosen])
         distance = np.hypot(
             y, (points[chosen, 2] - curve.fit.height(x)) / np.hypot(1.0, curve.fit.slope(x))
@@ -151,6 +157,26 @@ def build_spans(
         support=support_mask & ~wire,
         ground_below=tuple(_ground_below(height, model) for model in models),
     )
+
+
+def _wire_points(
+    points: Float64, index: PlanIndex, curve: Curve, low: float, high: float
+) -> Int64:
+    """
+    Return the points of a conductor between two x.
+
+    Where nothing else is near, its stray points are taken too; they would be hazards.
+    """
+    strict = profile_curve(points, index, curve, low, high, step=FREE_LENGTH)
+    reach = max(STRAY_RADIUS, curve.tolerance)
+    around = profile_curve(
+        points, index, dataclasses.replace(curve, tolerance=reach), low, high, step=FREE_LENGTH
+    )
+    free = around.core - strict.core <= SHELL_SHARE * strict.core + 1.0
+    free &= around.shell <= SHELL_SHARE * strict.core + 1.0
+    x, _ = curve.local(points[around.chosen])
+    place = np.clip(((x - low) / FREE_LENGTH).astype(np.int64), 0, len(free) - 1)
+    return np.union1d(strict.chosen, around.chosen[free[place]])
 
 
 def _refit(
@@ -228,7 +254,7 @@ def _model(
         lowest=lowest,
         open_start=open_high if reverse else open_low,
         open_end=open_low if reverse else open_high,
-        rmse=float(np.sqrt(np.mean((points[own, 2] - curve.fit.height(x)) ** 2))),
+        rmse=curve.fit.rmse,
         num_points=len(own),
         coverage=coverage,
         sigma={'a': sigma_a, 'b': sigma_b, 'c': sigma_c, 'sag': sigma_sag},
