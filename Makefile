@@ -3,13 +3,14 @@
 BIN := .venv/bin
 DEMO_OUT := demo_out
 
-.PHONY: help install demo test lint settings clean
+.PHONY: help install demo test lint settings picture clean
 
 help:
 	@echo 'make install   make .venv with plc_inspect in it'
 	@echo 'make demo      replay the demo flight, print what was found, write a report'
 	@echo 'make test      linter, types and all tests'
 	@echo 'make settings  write config/plc_inspect.yaml and docs/settings.md from the defaults'
+	@echo 'make picture   draw the picture of README.md from the demo flight'
 	@echo 'make clean     remove what was made'
 
 install:
@@ -27,6 +28,9 @@ test: lint
 
 settings: install
 	$(BIN)/python -m plc_inspect.offline.parameter_file
+
+picture: demo
+	$(BIN)/python tools/make_picture.py $(DEMO_OUT) docs/images/demo.png
 
 clean:
 	rm -rf .venv $(DEMO_OUT) build install log *.egg-info .pytest_cache .mypy_cache .ruff_cache

@@ -201,7 +201,7 @@ class Plot:
         left, top, width, height = self.left, self.top, self.width, self.height
         lines = []
         for values, horizontal in (
-            (choose_ticks(*self.x_range, max(2, width // 90)), True),
+            (choose_ticks(*self.x_range, max(2, width // 75)), True),
             (choose_ticks(*self.y_range, max(2, height // 42)), False),
         ):
             step = values[1] - values[0] if len(values) > 1 else 1.0

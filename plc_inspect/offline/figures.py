@@ -260,15 +260,14 @@ def _add_supports(
 
 
 def _label_spans(plot: Plot, scene: Scene) -> None:
-    """Write the number of each span beside the middle of its lines."""
+    """Write the number of each span above the middle of its lines."""
     for span_id in sorted({span['span_id'] for span in scene.spans}):
-        ends = np.array([
-            span[name][:2]
+        middles = np.array([
+            np.add(span['start'][:2], span['end'][:2]) / 2
             for span in scene.spans if span['span_id'] == span_id
-            for name in ('start', 'end')
         ])
-        x, y = ends.mean(axis=0)
-        plot.add_text(x, y, f'span {span_id}', 'label mid', dy=-9.0)
+        x, y = middles[np.argmax(middles[:, 1])]
+        plot.add_text(x, y, f'span {span_id}', 'label mid', dy=-14.0)
 
 
 def _add_badge(plot: Plot, x: float, y: float, hazard: Record) -> None:
