@@ -74,6 +74,8 @@ class _Tally:
     near_gap: Float64
     posts: NDArray[np.int64]
     tree: cKDTree | None
+    limit: int = 200_000
+    """More near returns than this are thinned; it follows what is left."""
 
     def add_wires(self, exact: Float64, put: Float64, conductor: Int32) -> None:
         """Count wire returns along their conductors and add them to the placements."""
@@ -98,8 +100,9 @@ class _Tally:
         self.near = np.vstack([self.near, exact[other][good]])
         self.near_label = np.concatenate([self.near_label, label[other][good]])
         self.near_gap = np.concatenate([self.near_gap, gap[good]])
-        if len(self.near) > 200_000:
+        if len(self.near) > self.limit:
             self.thin()
+            self.limit = max(self.limit, 2 * len(self.near))
 
     def thin(self) -> None:
         """Keep of each small cell the return that is nearest to a conductor."""

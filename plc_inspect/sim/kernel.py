@@ -33,11 +33,17 @@ MISS, GROUND = -1, -2
 def trace_beams(  # type: ignore[no-untyped-def]
     world, origins, directions, reach, wire, key, pass_share, ranges, items, first, last,
 ):
+    # The last search that met each item: an item that spans several cells is tried once.
+    tried = np.full(world.num_items, -1, dtype=np.int64)
+    search = 0
     for n in range(first, last):
         t_min = 0.0
         beam_key = _mix(key + np.uint64(n) * np.uint64(0x9E3779B97F4A7C15))
         for k in range(ranges.shape[1]):
-            t, item = _trace(world, origins[n], directions[n], t_min, reach[n], wire, beam_key)
+            search += 1
+            t, item = _trace(
+                world, origins[n], directions[n], t_min, reach[n], wire, beam_key, tried, search,
+            )
             if item == MISS:
                 break
             ranges[n, k], items[n, k] = t, item
@@ -45,8 +51,8 @@ def trace_beams(  # type: ignore[no-untyped-def]
             num_solid = num_struts + len(world.triangles)
             if item == GROUND or num_struts <= item < num_solid:
                 break
-            if item < num_solid + len(world.blobs):
-                if _chance(beam_key, 77777 + k) > pass_share:
+            if item < num_solid + len(world.crowns):
+                if _chance(beam_key, -2 - k) > pass_share:
                     break
                 t_min = t + 0.4
             else:
@@ -81,7 +87,7 @@ def _ground(world, x, y):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _trace(world, o, d, t_min, reach, wire, key):  # type: ignore[no-untyped-def]
+def _trace(world, o, d, t_min, reach, wire, key, tried, search):  # type: ignore[no-untyped-def]
     """Walk the grid along one beam; return range and item of the first hit beyond t_min."""
     ny, nx = world.shape
     t0, t1 = 0.0, reach
@@ -116,6 +122,9 @@ def _trace(world, o, d, t_min, reach, wire, key):  # type: ignore[no-untyped-def
         if z <= world.top[cell]:
             for index in range(world.first[cell], world.first[cell + 1]):
                 item = world.items[index]
+                if tried[item] == search:
+                    continue
+                tried[item] = search
                 t = _meet(world, item, o, d, t_min, wire, key)
                 if t < best:
                     best, found = t, item
@@ -173,19 +182,9 @@ def _meet(world, item, o, d, t_min, wire, key):  # type: ignore[no-untyped-def]
     if number < len(world.triangles):
         return _meet_triangle(world.triangles[number], o, d, t_min)
     number -= len(world.triangles)
-    if number < len(world.blobs):
-        row = world.blobs[number]
-        bx, by, bz = row[0] - o[0], row[1] - o[1], row[2] - o[2]
-        middle = bx * d[0] + by * d[1] + bz * d[2]
-        inside = row[3] * row[3] - (bx * bx + by * by + bz * bz - middle * middle)
-        if inside <= 0.0:
-            return math.inf
-        half = math.sqrt(inside)
-        if middle + half <= t_min:
-            return math.inf
-        t = max(middle - half, 0.0) - math.log(_chance(key, item)) / row[4]
-        return t if t_min < t < middle + half else math.inf
-    row = world.pieces[number - len(world.blobs)]
+    if number < len(world.crowns):
+        return _meet_crown(world, number, o, d, t_min, key)
+    row = world.pieces[number - len(world.crowns)]
     t, gap, share = _approach(row, o, d)
     if gap > 0.5 or t <= t_min:
         return math.inf
@@ -200,8 +199,7 @@ def _meet(world, item, o, d, t_min, wire, key):  # type: ignore[no-untyped-def]
         return math.inf
     if wire[2] == 0.0:
         seen = min(1.0, 2 * row[6] / (wire[3] * footprint)) * math.exp(-((t / wire[4]) ** 2))
-        number = len(world.struts) + len(world.triangles) + len(world.blobs)
-        if _chance(key, number + len(world.pieces) + int(row[7])) > seen:
+        if _chance(key, len(world.blobs) + int(row[7])) > seen:
             return math.inf
     return t
 
@@ -226,6 +224,40 @@ def _approach_shifted(row, o, d, shift):  # type: ignore[no-untyped-def]
     t = dw + share * de
     gx, gy, gz = wx + share * ex - t * d[0], wy + share * ey - t * d[1], wz + share * ez - t * d[2]
     return t, math.sqrt(gx * gx + gy * gy + gz * gz), share
+
+
+@njit(cache=True)
+def _meet_crown(world, number, o, d, t_min, key):  # type: ignore[no-untyped-def]
+    """Return the nearest leaf of a crown beyond t_min, inf if the beam finds none."""
+    crown = world.crowns[number]
+    best = math.inf
+    bx, by = crown[0] - o[0], crown[1] - o[1]
+    flat = max(d[0] * d[0] + d[1] * d[1], 1e-12)
+    middle = (bx * d[0] + by * d[1]) / flat
+    inside = crown[2] * crown[2] - (bx * bx + by * by - middle * middle * flat)
+    if inside <= 0.0:
+        return best
+    half = math.sqrt(inside / flat)
+    near, far = max(middle - half, t_min), middle + half
+    if far <= near:
+        return best
+    low, high = o[2] + near * d[2], o[2] + far * d[2]
+    if max(low, high) < crown[3] or min(low, high) > crown[4]:
+        return best
+    for blob in range(int(crown[5]), int(crown[6])):
+        row = world.blobs[blob]
+        bx, by, bz = row[0] - o[0], row[1] - o[1], row[2] - o[2]
+        middle = bx * d[0] + by * d[1] + bz * d[2]
+        inside = row[3] * row[3] - (bx * bx + by * by + bz * bz - middle * middle)
+        if inside <= 0.0:
+            continue
+        half = math.sqrt(inside)
+        if middle + half <= t_min or middle - half >= best:
+            continue
+        t = max(middle - half, 0.0) - math.log(_chance(key, blob)) / row[4]
+        if t_min < t < middle + half and t < best:
+            best = t
+    return best
 
 
 @njit(cache=True)

@@ -22,6 +22,8 @@ import tempfile
 
 from plc_inspect.errors import DataError
 
+_SUFFIXES = ('.mcap', '.yaml', '.json', '.laz')
+
 
 @contextmanager
 def open_folder(path: Path, force: bool) -> Iterator[Path]:
@@ -33,19 +35,23 @@ def open_folder(path: Path, force: bool) -> Iterator[Path]:
     path : Path
         The folder to make; its parents are made as well.
     force : bool
-        Replace what is there.
+        Replace what is there, if it holds nothing but files of a survey.
 
     Raises
     ------
     DataError
-        ``path`` exists and ``force`` is not set, or it cannot be made.
+        ``path`` exists and ``force`` is not set, it holds other files, or it cannot be made.
 
     """
     path = Path(path)
+    if path.is_symlink() or (path.exists() and not path.is_dir()):
+        raise DataError(f'{path} exists and is not a folder')
     if path.exists() and not force:
         raise DataError(f'{path} exists; --force replaces it')
-    if path.exists() and not path.is_dir():
-        raise DataError(f'{path} is a file, not a folder')
+    if path.exists():
+        foreign = sorted({file.name for file in path.iterdir() if file.suffix not in _SUFFIXES})
+        if foreign:
+            raise DataError(f'{path} is not replaced: it holds {foreign[0]}, which is no survey')
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         aside = Path(tempfile.mkdtemp(prefix=f'.{path.name}.', dir=path.parent))
@@ -55,8 +61,12 @@ def open_folder(path: Path, force: bool) -> Iterator[Path]:
         aside.chmod(0o755)
         yield aside
         if path.exists():
-            shutil.rmtree(path)
-        aside.rename(path)
+            old = aside.with_name(f'{aside.name}.old')
+            path.rename(old)
+            aside.rename(path)
+            shutil.rmtree(old)
+        else:
+            aside.rename(path)
     except BaseException:
         shutil.rmtree(aside, ignore_errors=True)
         raise

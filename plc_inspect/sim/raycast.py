@@ -42,7 +42,7 @@ _THREADS = 2
 
 
 class World(NamedTuple):
-    """Arrays of a scene, made for the kernel; items are struts, triangles, blobs, wire pieces."""
+    """Arrays of a scene, made for the kernel; items are struts, triangles, crowns, wire pieces."""
 
     first: Int64
     """(cells + 1,) start of the items of each cell."""
@@ -56,6 +56,8 @@ class World(NamedTuple):
     struts: Float64
     triangles: Float64
     blobs: Float64
+    crowns: Float64
+    """(C, 7) upright cylinder about each crown: centre, radius, bottom, top; its blobs."""
     pieces: Float64
     """(P, 8) both ends, radius and conductor number."""
     curves: Float64
@@ -63,6 +65,7 @@ class World(NamedTuple):
     grid: Float64
     grid_origin: tuple[float, float]
     grid_cell: float
+    num_items: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,12 +91,17 @@ def build_world(scene: Scene) -> World:
     ends = scene.struts[:, :6].reshape(-1, 2, 3)
     radius = scene.struts[:, 6][:, None] + 0.1
     wire_ends = pieces[:, :6].reshape(-1, 2, 3)
-    centre, size = scene.blobs[:, :3], scene.blobs[:, 3][:, None]
+    crowns = _wrap_crowns(scene)
+    plan, size = crowns[:, :2], crowns[:, 2][:, None]
+    crown_low = np.column_stack([plan - size, crowns[:, 3]])
+    crown_high = np.column_stack([plan + size, crowns[:, 4]])
     low = np.vstack([
-        ends.min(axis=1) - radius, corners.min(axis=1), centre - size, wire_ends.min(axis=1) - 0.4,
+        ends.min(axis=1) - radius, corners.min(axis=1), crown_low,
+        wire_ends.min(axis=1) - 0.4,
     ])
     high = np.vstack([
-        ends.max(axis=1) + radius, corners.max(axis=1), centre + size, wire_ends.max(axis=1) + 0.4,
+        ends.max(axis=1) + radius, corners.max(axis=1), crown_high,
+        wire_ends.max(axis=1) + 0.4,
     ])
     terrain = scene.terrain
     ny = math.ceil((terrain.grid.shape[0] - 1) * terrain.cell / CELL)
@@ -110,8 +118,8 @@ def build_world(scene: Scene) -> World:
     return World(
         first=first, items=items, top=top, ground_top=ground_top.ravel(), shape=(ny, nx),
         origin=origin, struts=scene.struts, triangles=scene.triangles, blobs=scene.blobs,
-        pieces=pieces, curves=curves, grid=terrain.grid, grid_origin=origin,
-        grid_cell=terrain.cell,
+        crowns=crowns, pieces=pieces, curves=curves, grid=terrain.grid, grid_origin=origin,
+        grid_cell=terrain.cell, num_items=len(low),
     )
 
 
@@ -131,6 +139,19 @@ def _cut_conductors(scene: Scene) -> tuple[Float64, Float64]:
         curves.append(np.array([[item.a, item.b, item.c, item.start[0], item.start[1],
                                  math.cos(azimuth), math.sin(azimuth)]]))
     return np.vstack(pieces), np.vstack(curves)
+
+
+def _wrap_crowns(scene: Scene) -> Float64:
+    """Return an upright cylinder about each crown, and the range of its blobs (C, 7)."""
+    crowns = np.zeros((len(scene.crowns) - 1, 7))
+    for row, (first, last) in zip(crowns, pairwise(scene.crowns), strict=True):
+        blobs = scene.blobs[first:last]
+        low = (blobs[:, :3] - blobs[:, 3:4]).min(axis=0)
+        high = (blobs[:, :3] + blobs[:, 3:4]).max(axis=0)
+        centre = 0.5 * (low + high)[:2]
+        radius = (np.hypot(*(blobs[:, :2] - centre).T) + blobs[:, 3]).max()
+        row[:] = *centre, radius, low[2], high[2], first, last
+    return crowns
 
 
 def _list_items(
@@ -215,10 +236,10 @@ class Labels:
 
 def label_items(scene: Scene, world: World) -> Labels:
     """Return the truth of each item; the last entry (index -1, -2) stands for miss and ground."""
-    num_other = len(scene.struts) + len(scene.triangles) + len(scene.blobs)
+    num_other = len(scene.struts) + len(scene.triangles) + len(world.crowns)
     number = world.pieces[:, 7].astype(np.int32)
     label = np.concatenate([
-        scene.strut_label, scene.triangle_label, np.full(len(scene.blobs), Label.VEGETATION),
+        scene.strut_label, scene.triangle_label, np.full(len(world.crowns), Label.VEGETATION),
         np.full(len(number), Label.WIRE), [Label.GROUND, 0],
     ]).astype(np.uint8)
     conductor = np.concatenate([np.full(num_other, -1), number, [-1, -1]]).astype(np.int32)

@@ -90,6 +90,8 @@ class Scene:
     triangle_label: Int32
     blobs: Float64
     """(B, 5) centre, radius [m] and extinction [1/m]."""
+    crowns: NDArray[np.int64]
+    """(C + 1,) first blob of each crown, and the number of blobs."""
 
     @property
     def num_lines(self) -> int:
@@ -159,7 +161,7 @@ class SceneBuilder:
             self.triangle_label.append(int(label))
 
     def add_blobs(self, blobs: Float64) -> None:
-        """Add porous spheres (K, 5): centre, radius [m], extinction [1/m]."""
+        """Add a crown of porous spheres (K, 5): centre, radius [m], extinction [1/m]."""
         self.blobs.append(blobs)
 
     def ground(self, xy: Float64) -> float:
@@ -192,4 +194,5 @@ class SceneBuilder:
             triangles=np.array(self.triangles, dtype=np.float64).reshape(-1, 9),
             triangle_label=np.array(self.triangle_label, dtype=np.int32),
             blobs=np.vstack([np.zeros((0, 5)), *self.blobs]),
+            crowns=np.cumsum([0, *(len(item) for item in self.blobs)]),
         )
