@@ -160,26 +160,33 @@ def describe_hazard(hazard: Hazard, units: Units) -> Record:
     }
 
 
-def measure_clearances(result: InspectionResult) -> dict[tuple[int, int], float | None]:
+def measure_clearances(
+    result: InspectionResult, min_points: int
+) -> dict[tuple[int, int], float | None]:
     """
     Return the distance of each span to the vegetation that is nearest to it [m].
 
-    Keys are (line_id, span_id); None where no vegetation of the corridor is nearest to that span.
+    Keys are (line_id, span_id).  The distance is that of the ``min_points``-th nearest point, as
+    fewer points make no hazard; None where the corridor holds fewer that belong to the span.
     """
-    nearest: dict[tuple[int, int], float | None] = {
-        (span.line_id, span.span_id): None for span in result.spans
-    }
     is_tree = result.classification[result.corridor] == PointClass.VEGETATION
     distances = result.clearance[result.corridor][is_tree]
-    order = np.argsort(-distances, kind='stable')
-    keys = zip(
-        result.corridor_line_id[is_tree][order].tolist(),
-        result.corridor_span_id[is_tree][order].tolist(),
-        strict=True,
-    )
-    last = dict(zip(keys, distances[order].tolist(), strict=True))
-    nearest.update({key: last[key] for key in nearest if key in last})
-    return nearest
+    line_id, span_id = result.corridor_line_id[is_tree], result.corridor_span_id[is_tree]
+    order = np.lexsort((distances, span_id, line_id))
+    distances, line_id, span_id = distances[order], line_id[order], span_id[order]
+    first = np.ones(len(order), dtype=np.bool_)
+    first[1:] = (line_id[1:] != line_id[:-1]) | (span_id[1:] != span_id[:-1])
+    begin = np.flatnonzero(first)
+    end = np.append(begin, len(order))[1:]
+    found = {
+        (int(line_id[low]), int(span_id[low])): float(distances[low + min_points - 1])
+        for low, high in zip(begin.tolist(), end.tolist(), strict=True)
+        if high - low >= min_points
+    }
+    return {
+        (span.line_id, span.span_id): found.get((span.line_id, span.span_id))
+        for span in result.spans
+    }
 
 
 def flatten(record: Record) -> Record:

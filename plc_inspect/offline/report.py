@@ -159,7 +159,7 @@ def _describe_groups(inspection: Inspection, scene: Scene) -> list[Record]:
         'zone warn': settings.warning_distance * scene.metre,
         'zone crit': settings.critical_distance * scene.metre,
     }
-    clearances = measure_clearances(inspection.result)
+    clearances = measure_clearances(inspection.result, settings.min_points)
     groups = []
     for span_id in sorted({span['span_id'] for span in scene.spans}):
         section, where = draw_section(scene, span_id, distances)

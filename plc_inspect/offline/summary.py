@@ -49,7 +49,7 @@ def render_summary(inspection: Inspection) -> str:
     ]
     if not result.spans:
         return parts[0] + '\nno power line was found'
-    clearances = measure_clearances(result)
+    clearances = measure_clearances(result, inspection.settings.hazards.min_points)
     parts.append(_format_table(
         ('line', 'span', f'length [{unit}]', f'sag [{unit}]', '+-', f'rmse [{unit}]', 'points',
          'seen', f'vegetation [{unit}]'),

@@ -36,6 +36,7 @@ from plc_inspect.offline.drawing import (
 from plc_inspect.offline.inspection import measure_clearances, Units
 from plc_inspect.offline.report import format_number, render_report
 from plc_inspect.offline.scene import make_scene
+from plc_inspect.results import PointClass
 
 VOID = {'meta', 'br', 'img', 'hr', 'link', 'input'}
 UTM = (615_300.0, 5_712_000.0, 30.0)
@@ -163,10 +164,15 @@ def test_many_points_are_thinned_out(monkeypatch):
 
 def test_clearance_of_each_span():
     inspection = make_inspection()
-    clearances = measure_clearances(inspection.result)
-    assert clearances.pop((0, 0)) == pytest.approx(inspection.result.hazards[0].clearance)
-    assert set(clearances.values()) == {None}
-    assert len(clearances) == 5
+    result = inspection.result
+    nearest = np.sort(result.clearance[result.classification == PointClass.VEGETATION])
+    for min_points in (1, 3, 1500):
+        clearances = measure_clearances(result, min_points)
+        assert clearances.pop((0, 0)) == pytest.approx(nearest[min_points - 1])
+        assert set(clearances.values()) == {None}
+        assert len(clearances) == 5
+    assert set(measure_clearances(result, 1501).values()) == {None}
+    assert measure_clearances(make_empty_result(4), 1) == {}
 
 
 def test_png_is_read_by_others():
