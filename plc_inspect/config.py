@@ -209,6 +209,9 @@ class LinearitySettings(_Checked):
     num_scales: int = _setting(
         4, 'neighbourhood sizes, each twice the one before', low=1, high=6
     )
+    max_occupied: int = _setting(
+        14, 'cells of 27, of a metre, that may hold points about a wire', low=3, high=27
+    )
     threshold: float = _setting(
         0.82, 'linear likeness of a wire (LN_thres of Table 1)', low=0.5, high=1.0
     )

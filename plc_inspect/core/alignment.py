@@ -28,6 +28,8 @@ from plc_inspect.results import Bool, Float64, Int32, Int64
 
 POINT = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
 """Moments of one point about itself."""
+VOTE_CELL = 2.0
+"""Edge of the plan cells that others are looked up by [m]."""
 NUM_BINS = 16
 """Bins along a candidate's axis that are checked for others in line with it."""
 
@@ -77,7 +79,7 @@ def align(candidates: LinearityResult, settings: AlignmentSettings) -> Alignment
     num = len(candidates.position)
     if num == 0:
         return _no_windows(np.zeros(0, dtype=np.int64), settings)
-    index = build_plan_index(candidates.position, np.arange(num), settings.reach)
+    index = build_plan_index(candidates.position, np.arange(num), VOTE_CELL)
     votes, direction = _vote(
         candidates.position,
         candidates.direction,
@@ -166,8 +168,9 @@ def _split_azimuths(tile: Int64, azimuth: Float64, gap: float) -> Int64:
     starts = np.flatnonzero(new_tile)
     ends = np.append(starts[1:], len(order)) - 1
     wraps = sorted_azimuth[starts] + math.pi - sorted_azimuth[ends] <= gap
-    for begin, end in zip(starts[wraps], ends[wraps]):
-        group[group == group[end]] = group[begin]
+    alias = np.arange(int(group[-1]) + 1)
+    alias[group[ends[wraps]]] = group[starts[wraps]]
+    group = alias[group]
     _, number = np.unique(group, return_inverse=True)
     result = np.empty(len(order), dtype=np.int64)
     result[order] = number
@@ -186,11 +189,28 @@ def _vote(  # type: ignore[no-untyped-def]
         occupied = np.zeros(NUM_BINS, dtype=np.int64)
         total = np.zeros(10)
         ux, uy, uz = direction[i, 0], direction[i, 1], direction[i, 2]
-        row = int((position[i, 1] - origin[1]) / cell)
-        column = int((position[i, 0] - origin[0]) / cell)
-        for r in range(max(row - 1, 0), min(row + 2, rows)):
-            first = start[r * columns + max(column - 1, 0)]
-            last = start[r * columns + min(column + 1, columns - 1) + 1]
+        # rows and columns of the cells that the strip along the axis touches
+        slack = 0.3 + 0.08 * reach + 0.7072 * cell
+        plan = math.sqrt(ux * ux + uy * uy) * reach
+        ex, ey = 1.0, 0.0
+        if plan > 0.0:
+            ex, ey = ux * reach / plan, uy * reach / plan
+        px, py = position[i, 0] - origin[0], position[i, 1] - origin[1]
+        first_row = max(int((py - abs(ey) * plan - slack) / cell), 0)
+        last_row = min(int((py + abs(ey) * plan + slack) / cell), rows - 1)
+        for row in range(first_row, last_row + 1):
+            off_row = (row + 0.5) * cell - py
+            t0, t1 = -plan, plan
+            if abs(ey) > 1e-3:
+                ta, tb = (off_row - slack) / ey, (off_row + slack) / ey
+                t0, t1 = max(t0, min(ta, tb)), min(t1, max(ta, tb))
+                if t0 > t1:
+                    t0 = min(max(off_row / ey, -plan), plan)
+                    t1 = t0
+            left = int((px + min(t0 * ex, t1 * ex) - slack) / cell)
+            right = int((px + max(t0 * ex, t1 * ex) + slack) / cell)
+            first = start[row * columns + max(left, 0)]
+            last = start[row * columns + min(max(right, -1), columns - 1) + 1]
             for k in range(first, last):
                 j = order[k]
                 dx = position[j, 0] - position[i, 0]

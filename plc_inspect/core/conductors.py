@@ -260,7 +260,7 @@ def join(
     tolerance = max(first.tolerance, second.tolerance)
     try:
         union = fit_curve(
-            points, np.concatenate([first.points, second.points]), tolerance=tolerance
+            points, np.union1d(first.points, second.points), tolerance=tolerance
         )
     except FitError:
         return None
@@ -293,6 +293,8 @@ def drop_duplicates(points: Float64, curves: Sequence[Curve]) -> tuple[Curve, ..
         stations = curve.position(np.linspace(curve.low, curve.high, 21))
         covered = np.zeros(len(stations), dtype=bool)
         for other in kept:
+            if _far_apart(curve, other):
+                continue
             x, y = other.local(stations)
             inside = (x >= other.low - 0.5) & (x <= other.high + 0.5)
             miss = np.hypot(y, stations[:, 2] - other.fit.height(x))
@@ -302,6 +304,12 @@ def drop_duplicates(points: Float64, curves: Sequence[Curve]) -> tuple[Curve, ..
             owned[curve.points] = True
     kept.sort(key=lambda curve: (-curve.length, *curve.origin))
     return tuple(kept)
+
+
+def _far_apart(first: Curve, second: Curve) -> bool:
+    """Cheap test that two curves cannot lie on each other."""
+    dx, dy = second.origin - first.origin
+    return math.hypot(dx, dy) > first.length + second.length + 2.0
 
 
 def merge_bundles(
@@ -361,6 +369,12 @@ def _merge_pair(
 ) -> Curve | None:
     if max(first.length, second.length) < settings.bundle_length:
         return None
+    if abs(math.sin(first.azimuth - second.azimuth)) > 0.05:
+        return None
+    dx, dy = second.origin - first.origin
+    side = dy * math.cos(first.azimuth) - dx * math.sin(first.azimuth)
+    if abs(side) > 1.0 + 0.05 * abs(dx * math.cos(first.azimuth) + dy * math.sin(first.azimuth)):
+        return None
     stations = second.position(np.linspace(second.low, second.high, 9))
     x, y = first.local(stations)
     inside = (x > first.low - 1.0) & (x < first.high + 1.0)
@@ -382,7 +396,7 @@ def _merge_pair(
     try:
         return fit_curve(
             points,
-            np.concatenate([first.points, second.points]),
+            np.union1d(first.points, second.points),
             tolerance=min(apart / 2 + spread, settings.bundle_width),
         )
     except FitError:

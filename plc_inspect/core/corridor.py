@@ -194,24 +194,30 @@ def find_near(
 
 
 @njit(cache=True, nogil=True, inline='always')
-def distance_to_span(row, px, py, pz):  # type: ignore[no-untyped-def]
-    """Distance of a point to a span of span_table, and the x of the nearest place."""
-    dx, dy = px - row[0], py - row[1]
-    along = row[2] * dx + row[3] * dy
-    across = row[2] * dy - row[3] * dx
-    base, root = math.asinh(row[6]), math.sqrt(1.0 + row[6] * row[6])
+def _cosh_sinh(u):  # type: ignore[no-untyped-def]
+    """Both by their series up to |u| = 0.8, where the error is below 1e-8; else exact."""
+    if abs(u) > 0.8:
+        return math.cosh(u), math.sinh(u)
+    q = u * u
+    cosh = 1.0 + q / 2 * (1.0 + q / 12 * (1.0 + q / 30 * (1.0 + q / 56)))
+    sinh = u * (1.0 + q / 6 * (1.0 + q / 20 * (1.0 + q / 42 * (1.0 + q / 72))))
+    return cosh, sinh
+
+
+@njit(cache=True, nogil=True, inline='always')
+def distance_to_span(row, along, across, pz, base, root):  # type: ignore[no-untyped-def]
+    """Distance of a point, given along and across a span of span_table, to its curve."""
     x = min(max(along, row[8]), row[9])
-    for _ in range(3):
-        u = row[7] * (x - row[4]) + base
-        slope = math.sinh(u)
-        dz = row[5] + (math.cosh(u) - root) / row[7] - pz
+    for _ in range(2):
+        cosh, slope = _cosh_sinh(row[7] * (x - row[4]) + base)
+        dz = row[5] + (cosh - root) / row[7] - pz
         # Newton on (x - along)^2 + (z - pz)^2, with the curvature kept positive
         first = (x - along) + dz * slope
-        second = 1.0 + slope * slope + max(dz * row[7] * math.cosh(u), -0.5)
+        second = 1.0 + slope * slope + max(dz * row[7] * cosh, -0.5)
         x = min(max(x - first / second, row[8]), row[9])
-    u = row[7] * (x - row[4]) + base
-    dz = row[5] + (math.cosh(u) - root) / row[7] - pz
-    return math.sqrt((x - along) ** 2 + across * across + dz * dz), x
+    cosh, _ = _cosh_sinh(row[7] * (x - row[4]) + base)
+    dz = row[5] + (cosh - root) / row[7] - pz
+    return math.sqrt((x - along) ** 2 + across * across + dz * dz)
 
 
 @njit(cache=True, nogil=True)
@@ -255,6 +261,16 @@ def _nearest(  # type: ignore[no-untyped-def]
     num = len(points)
     distance = np.empty(num, dtype=np.float32)
     span = np.full(num, -1, dtype=np.int32)
+    base = np.arcsinh(table[:, 6])
+    root = np.sqrt(1.0 + table[:, 6] ** 2)
+    # a curve is at least this share of its vertical distance away
+    steepest = np.zeros(len(table))
+    for s in range(len(table)):
+        ends = max(
+            abs(math.sinh(table[s, 7] * (table[s, 8] - table[s, 4]) + base[s])),
+            abs(math.sinh(table[s, 7] * (table[s, 9] - table[s, 4]) + base[s])),
+        )
+        steepest[s] = 1.0 / math.sqrt(1.0 + ends * ends)
     for i in prange(num):
         fx, fy = (points[i, 0] - low[0]) / cell, (points[i, 1] - low[1]) / cell
         if not (fx >= 0.0 and fy >= 0.0 and fx < columns and fy < rows):
@@ -262,13 +278,22 @@ def _nearest(  # type: ignore[no-untyped-def]
         where = int(fy) * columns + int(fx)
         best = reach
         for k in range(start[where], start[where + 1]):
-            row = table[spans[k]]
+            s = spans[k]
+            row = table[s]
             dx, dy = points[i, 0] - row[0], points[i, 1] - row[1]
-            if abs(row[2] * dy - row[3] * dx) > best:
+            across = row[2] * dy - row[3] * dx
+            if abs(across) > best:
                 continue
-            d, _ = distance_to_span(row, points[i, 0], points[i, 1], points[i, 2])
+            along = row[2] * dx + row[3] * dy
+            x = min(max(along, row[8]), row[9])
+            cosh, _ = _cosh_sinh(row[7] * (x - row[4]) + base[s])
+            dz = (row[5] + (cosh - root[s]) / row[7] - points[i, 2]) * steepest[s]
+            beyond = x - along
+            if dz * dz + across * across > best * best and beyond == 0.0:
+                continue
+            d = distance_to_span(row, along, across, points[i, 2], base[s], root[s])
             if d <= best:
                 best = d
-                span[i] = spans[k]
+                span[i] = s
                 distance[i] = d
     return distance, span

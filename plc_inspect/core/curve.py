@@ -100,7 +100,7 @@ def fit_curve(
     Parameters
     ----------
     points : (N, 3) float64, map frame [m]
-    chosen : (K,) indices of the conductor's points, repeats allowed
+    chosen : (K,) indices of the conductor's points, ascending, no repeats
     tolerance : largest residual of an inlier, across and vertically [m]
     num_trials, rng : of MSAC; without ``rng`` all points start as inliers
 
@@ -114,7 +114,6 @@ def fit_curve(
         Fewer than four points agree on a curve.
 
     """
-    chosen = np.unique(chosen)
     if len(chosen) < 4:
         raise FitError(f'a conductor needs 4 points, got {len(chosen)}')
     own = points[chosen]

@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
+from numba import njit, prange
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
@@ -114,15 +115,23 @@ def is_surface(points: Float64, chosen: Int64) -> Bool:
     surface = (
         (likeness.planar >= PLANAR) & (likeness.spherical <= 0.08) & (likeness.count >= 5)
     )
-    index = ((own - origin) / 0.5).astype(np.int64)
-    slots = np.array(
-        [
-            find_slot(voxels.table_key, voxels.table_slot, pack(*row))
-            for row in np.unique(index, axis=0)
-        ]
+    result: Bool = _look_up(
+        own, origin, voxels.size, voxels.table_key, voxels.table_slot, surface
     )
-    _, inverse = np.unique(index, axis=0, return_inverse=True)
-    result: Bool = surface[slots][inverse.ravel()]
+    return result
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _look_up(points, origin, size, table_key, table_slot, values):  # type: ignore[no-untyped-def]
+    """Value of the voxel that each point lies in."""
+    result = np.empty(len(points), dtype=values.dtype)
+    for i in prange(len(points)):
+        key = pack(
+            int((points[i, 0] - origin[0]) / size),
+            int((points[i, 1] - origin[1]) / size),
+            int((points[i, 2] - origin[2]) / size),
+        )
+        result[i] = values[find_slot(table_key, table_slot, key)]
     return result
 
 

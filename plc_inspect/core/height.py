@@ -112,11 +112,19 @@ def extract_high(points: Float64, settings: HeightSettings) -> HeightResult:
 
 def ground_at(result: HeightResult, positions: Float64) -> Float64:
     """Return the height of the ground at (K, 2) plan positions; (K,) [m], NaN where unknown."""
-    probe = np.zeros((len(positions), 3))
-    probe[:, :2] = positions
-    low = np.append(result.origin, 0.0)
-    above, _ = _heights(probe, result.ground, low, result.cell_size)
-    return -above.astype(np.float64)
+    cell = (np.asarray(positions, dtype=np.float64) - result.origin) / result.cell_size - 0.5
+    limit = np.array(result.ground.shape[::-1]) - 1
+    cell = np.clip(cell, 0.0, limit)
+    low = np.minimum(cell.astype(np.int64), np.maximum(limit - 1, 0))
+    high = np.minimum(low + 1, limit)
+    share = cell - low
+    ground = result.ground
+    below = ground[low[:, 1], low[:, 0]] * (1 - share[:, 0])
+    below += ground[low[:, 1], high[:, 0]] * share[:, 0]
+    above = ground[high[:, 1], low[:, 0]] * (1 - share[:, 0])
+    above += ground[high[:, 1], high[:, 0]] * share[:, 0]
+    height: Float64 = below * (1 - share[:, 1]) + above * share[:, 1]
+    return height
 
 
 def _empty(num: int, settings: HeightSettings) -> HeightResult:

@@ -222,6 +222,7 @@ class _Run:
             max_inclination_deg=settings.linearity.max_inclination_deg,
             neighborhoods=list(candidates.sizes),
             voxels=list(candidates.num_voxels),
+            points_in_bulk=candidates.num_bulk,
             likeness=np.histogram(candidates.linear, bins=20, range=(0.5, 1.0))[0].tolist(),
         )
         outliers = remove_outliers(candidates.position, settings.outliers)
@@ -234,6 +235,7 @@ class _Run:
             count=candidates.count[keep],
             sizes=candidates.sizes,
             num_voxels=candidates.num_voxels,
+            num_bulk=candidates.num_bulk,
         )
         self.report(
             len(keep),

@@ -29,7 +29,7 @@ from plc_inspect.core.curve import Curve, fit_curve
 from plc_inspect.core.hazards import SpanModel
 from plc_inspect.core.height import ground_at, HeightResult
 from plc_inspect.core.plan_index import gather_strip, PlanIndex
-from plc_inspect.core.route import Route
+from plc_inspect.core.route import Route, SIDE_BY_SIDE
 from plc_inspect.core.structures import find_structure, Structure
 from plc_inspect.core.supports import Layout
 from plc_inspect.errors import FitError
@@ -43,7 +43,7 @@ STRAY_RADIUS = 0.3
 """A conductor's own points stray this far from it, in free air [m]."""
 TERMINAL_SPREAD = 2.5
 """Open ends this near along the line end at one support [m]."""
-HOLD_RADIUS = 1.5
+HOLD_RADIUS = 3.0
 HOLD_POINTS = 3
 """Insulators and arms leave this many points within HOLD_RADIUS of a conductor's end [m]."""
 BEYOND = 5.0
@@ -370,9 +370,11 @@ def _group_ends(
         azimuth = finals[end[0]][0].azimuth
         unit = np.array([math.cos(azimuth), math.sin(azimuth)])
         for group in groups:
-            apart = end[2][:2] - group[0][2][:2]
-            along = abs(float(apart @ unit))
-            if along <= TERMINAL_SPREAD and float(np.linalg.norm(apart)) <= 15.0:
+            apart = np.array([other[2][:2] - end[2][:2] for other in group])
+            if (
+                np.abs(apart @ unit).max() <= TERMINAL_SPREAD
+                and np.linalg.norm(apart, axis=1).min() <= SIDE_BY_SIDE
+            ):
                 group.append(end)
                 break
         else:

@@ -32,7 +32,7 @@ _MASK = (1 << KEY_BITS) - 1
 UInt32 = NDArray[np.uint32]
 
 
-def build_table(keys: Int64, capacity: int) -> Int32:
+def build_table(keys: Int64, counts: UInt32, capacity: int) -> Int32:
     """
     Build the hash table of some keys.
 
@@ -40,6 +40,8 @@ def build_table(keys: Int64, capacity: int) -> Int32:
     ----------
     keys : Int64
         (M,) different keys; key m gets slot m.
+    counts : UInt32
+        (M,) slots with a count of 0 are free and left out.
     capacity : int
         Number of keys that the table must take, at least M.
 
@@ -51,7 +53,7 @@ def build_table(keys: Int64, capacity: int) -> Int32:
     """
     length = 1 << max(4, (2 * capacity - 1).bit_length())
     table: Int32 = np.zeros(length, dtype=np.int32)
-    _fill_table(keys, table)
+    _fill_table(keys, counts, table)
     return table
 
 
@@ -101,7 +103,8 @@ def locate_voxels(
 
 
 @njit(cache=True, nogil=True)
-def _hash(key: np.int64) -> np.int64:
+def hash_key(key: np.int64) -> np.int64:
+    """Return a well-mixed 64-bit number of a key."""
     value = np.uint64(key)
     value ^= value >> np.uint64(33)
     value *= np.uint64(0xFF51AFD7ED558CCD)
@@ -112,10 +115,12 @@ def _hash(key: np.int64) -> np.int64:
 
 
 @njit(cache=True, nogil=True)
-def _fill_table(keys: Int64, table: Int32) -> None:
+def _fill_table(keys: Int64, counts: UInt32, table: Int32) -> None:
     mask = len(table) - 1
     for slot in range(len(keys)):
-        place = _hash(keys[slot]) & mask
+        if counts[slot] == 0:
+            continue
+        place = hash_key(keys[slot]) & mask
         while table[place] != 0:
             place = (place + 1) & mask
         table[place] = slot + 1
@@ -129,12 +134,16 @@ def accumulate_points(
     sequence: int,
     size: int,
     final: bool,
+    free: Int32,
+    num_free: int,
+    created: Int32,
+    num_created: int,
     table: Int32,
     slot_keys: Int64,
     counts: UInt32,
     moments: Float32,
     touched: Int32,
-) -> tuple[int, int, int]:
+) -> tuple[int, int, int, int, int]:
     """
     Add points to their voxels until all are in or there is no room.
 
@@ -147,37 +156,52 @@ def accumulate_points(
     sequence : int
         Number of this insertion.
     size : int
-        Voxels in use.
+        Slots that were ever in use.
     final : bool
         There is no more room to be had: refuse points instead of stopping.
+    free : Int32
+        Slots below ``size`` that are free, the first ``num_free``; the last is taken first.
+    num_free : int
+        Free slots.
+    created : Int32
+        (len(keys),) slots of the voxels made so far by this insertion, changed in place.
+    num_created : int
+        How many they are.
     table, slot_keys, counts, moments, touched
         The map's arrays, changed in place.
 
     Returns
     -------
-    tuple[int, int, int]
-        Voxels in use now, first point that was not looked at, points refused.
+    tuple[int, int, int, int, int]
+        Slots that were ever in use, free slots, voxels made, first point that was not looked
+        at, points refused.
 
     """
     mask = len(table) - 1
     refused = 0
     for i in range(start, len(keys)):
         key = keys[i]
-        place = _hash(key) & mask
+        place = hash_key(key) & mask
         slot = table[place] - 1
         while slot >= 0 and slot_keys[slot] != key:
             place = (place + 1) & mask
             slot = table[place] - 1
         if slot < 0:
-            if size == len(slot_keys):
-                if final:
-                    refused += 1
-                    continue
-                return size, i, refused
-            slot = size
+            if num_free > 0:
+                num_free -= 1
+                slot = free[num_free]
+            elif size < len(slot_keys):
+                slot = size
+                size += 1
+            elif final:
+                refused += 1
+                continue
+            else:
+                return size, num_free, num_created, i, refused
             slot_keys[slot] = key
             table[place] = slot + 1
-            size += 1
+            created[num_created] = slot
+            num_created += 1
         counts[slot] += 1
         touched[slot] = sequence
         share = np.float32(1.0) / np.float32(counts[slot])
@@ -192,4 +216,31 @@ def accumulate_points(
         row[6] += (y * y - row[6]) * share
         row[7] += (y * z - row[7]) * share
         row[8] += (z * z - row[8]) * share
-    return size, len(keys), refused
+    return size, num_free, num_created, len(keys), refused
+
+
+@njit(cache=True, nogil=True)
+def forget_key(key: np.int64, table: Int32, slot_keys: Int64) -> None:
+    """
+    Take a key that is there out of the table, moving back those that had to step aside for it.
+
+    Parameters
+    ----------
+    key : int
+        Its slot's key is left as it is.
+    table, slot_keys : Int32, Int64
+        The table is changed in place.
+
+    """
+    mask = len(table) - 1
+    hole = hash_key(key) & mask
+    while slot_keys[table[hole] - 1] != key:
+        hole = (hole + 1) & mask
+    place = (hole + 1) & mask
+    while table[place] != 0:
+        home = hash_key(slot_keys[table[place] - 1]) & mask
+        if ((place - home) & mask) >= ((place - hole) & mask):
+            table[hole] = table[place]
+            hole = place
+        place = (place + 1) & mask
+    table[hole] = 0

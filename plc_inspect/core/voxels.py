@@ -104,6 +104,23 @@ def build_voxels(points: Float64, chosen: Int64, origin: Float64, size: float) -
     )
 
 
+def number_cells(
+    points: Float64, chosen: Int64, origin: Float64, size: float
+) -> tuple[Int32, Int32, Int64, Int32]:
+    """
+    Number the occupied cells and say which one each point lies in.
+
+    Returns
+    -------
+    cell_of : (K,) int32, cell of each chosen point
+    index : (M, 3) int32, integer coordinates of the cells
+    table_key, table_slot : hash table for find_slot
+
+    """
+    result: tuple[Int32, Int32, Int64, Int32] = _number(points, chosen, origin, size)
+    return result
+
+
 def coarsen(voxels: Voxels) -> Voxels:
     """Merge 2 x 2 x 2 voxels into one of twice the size; exact, without the points."""
     keys, moments = _merge(voxels.index, voxels.moments, voxels.size)
@@ -245,6 +262,53 @@ def _fill_parts(points, chosen, origin, size):  # type: ignore[no-untyped-def]
         all_moments[start:stop] = moments[part]
         start = stop
     return all_keys, all_moments
+
+
+@njit(cache=True, nogil=True)
+def _number(points, chosen, origin, size):  # type: ignore[no-untyped-def]
+    num = len(chosen)
+    cell_of = np.empty(num, dtype=np.int32)
+    table_key = np.full(1 << 12, -1, dtype=np.int64)
+    table_slot = np.empty(1 << 12, dtype=np.int32)
+    keys = np.empty(1 << 11, dtype=np.int64)
+    used = 0
+    last_key, last_slot = np.int64(-1), np.int32(-1)
+    for k in range(num):
+        i = chosen[k]
+        key = pack(
+            int((points[i, 0] - origin[0]) / size),
+            int((points[i, 1] - origin[1]) / size),
+            int((points[i, 2] - origin[2]) / size),
+        )
+        if key == last_key:
+            cell_of[k] = last_slot
+            continue
+        mask = len(table_key) - 1
+        place = hash_key(key, mask)
+        while table_key[place] != key and table_key[place] >= 0:
+            place = (place + 1) & mask
+        if table_key[place] < 0:
+            if 2 * (used + 1) > len(table_key):
+                table_key, table_slot = _grow(table_key, table_slot)
+                more = np.empty(len(keys) * 2, dtype=np.int64)
+                more[:used] = keys[:used]
+                keys = more
+                mask = len(table_key) - 1
+                place = hash_key(key, mask)
+                while table_key[place] >= 0:
+                    place = (place + 1) & mask
+            table_key[place] = key
+            table_slot[place] = used
+            keys[used] = key
+            used += 1
+        last_key, last_slot = key, table_slot[place]
+        cell_of[k] = last_slot
+    index = np.empty((used, 3), dtype=np.int32)
+    for slot in range(used):
+        index[slot, 0] = keys[slot] >> 40
+        index[slot, 1] = (keys[slot] >> 20) & ((1 << 20) - 1)
+        index[slot, 2] = keys[slot] & ((1 << 20) - 1)
+    return cell_of, index, table_key, table_slot
 
 
 @njit(cache=True, nogil=True)
