@@ -168,8 +168,9 @@ def _lay_pulses(scene: Scene, density: float, rng: np.random.Generator) -> list[
 
 
 def _snap(points: Float64, curves: Float64) -> Float64:
-    """Return the points (N, 3) moved onto the catenaries (N, 7) at their place along them."""
+    """Return the points (N, 3) moved onto the catenaries (N, 8) at their place along them."""
     x = (points[:, 0] - curves[:, 3]) * curves[:, 5] + (points[:, 1] - curves[:, 4]) * curves[:, 6]
+    x = np.clip(x, 0.0, curves[:, 7])
     z = curves[:, 0] + curves[:, 2] * np.cosh((x - curves[:, 1]) / curves[:, 2])
     return np.column_stack([
         curves[:, 3] + x * curves[:, 5], curves[:, 4] + x * curves[:, 6], z,

@@ -103,6 +103,10 @@ def _trace(world, o, d, t_min, reach, wire, key, tried, search):  # type: ignore
     t0 = max(t0, t_min)
     if t0 >= t1:
         return math.inf, MISS
+    # What goes on behind a leaf just above the ground is one return with the ground.
+    z = o[2] + t0 * d[2]
+    if t_min > 0.0 and z < _ground(world, o[0] + t0 * d[0], o[1] + t0 * d[1]):
+        return math.inf, MISS
     x, y = o[0] + (t0 + 1e-9) * d[0], o[1] + (t0 + 1e-9) * d[1]
     i = min(max(int((x - world.origin[0]) / CELL), 0), nx - 1)
     j = min(max(int((y - world.origin[1]) / CELL), 0), ny - 1)
@@ -191,14 +195,17 @@ def _meet(world, item, o, d, t_min, wire, key):  # type: ignore[no-untyped-def]
     curve = world.curves[int(row[7])]
     x = o[0] + t * d[0] - curve[3]
     x = x * curve[5] + (o[1] + t * d[1] - curve[4]) * curve[6]
-    rise = row[2] + share * (row[5] - row[2])
+    rise = row[2] + min(max(share, 0.0), 1.0) * (row[5] - row[2])
     shift = curve[0] + curve[2] * math.cosh((x - curve[1]) / curve[2]) - rise
     t, gap, share = _approach_shifted(row, o, d, shift)
     footprint = wire[1] + wire[0] * t
+    if share < -1e-6 or share > 1.000001:
+        return math.inf
     if gap > (wire[2] if wire[2] > 0.0 else 0.5 * footprint + row[6]):
         return math.inf
     if wire[2] == 0.0:
-        seen = min(1.0, 2 * row[6] / (wire[3] * footprint)) * math.exp(-((t / wire[4]) ** 2))
+        seen = min(1.0, 2 * row[6] / max(wire[3] * footprint, 1e-9))
+        seen *= math.exp(-((t / wire[4]) ** 2))
         if _chance(key, len(world.blobs) + int(row[7])) > seen:
             return math.inf
     return t
@@ -211,7 +218,7 @@ def _approach(row, o, d):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _approach_shifted(row, o, d, shift):  # type: ignore[no-untyped-def]
-    """Return range, gap and share of the segment where beam and segment come closest."""
+    """Return range and gap where beam and segment come closest, and the share on its axis."""
     ex, ey, ez = row[3] - row[0], row[4] - row[1], row[5] - row[2]
     wx, wy, wz = row[0] - o[0], row[1] - o[1], row[2] + shift - o[2]
     ee = ex * ex + ey * ey + ez * ez
@@ -219,11 +226,11 @@ def _approach_shifted(row, o, d, shift):  # type: ignore[no-untyped-def]
     dw = d[0] * wx + d[1] * wy + d[2] * wz
     ew = ex * wx + ey * wy + ez * wz
     bottom = ee - de * de
-    share = 0.0 if bottom < 1e-12 else (de * dw - ew) / bottom
-    share = min(max(share, 0.0), 1.0)
+    axis_share = 0.0 if bottom < 1e-12 else (de * dw - ew) / bottom
+    share = min(max(axis_share, 0.0), 1.0)
     t = dw + share * de
     gx, gy, gz = wx + share * ex - t * d[0], wy + share * ey - t * d[1], wz + share * ez - t * d[2]
-    return t, math.sqrt(gx * gx + gy * gy + gz * gz), share
+    return t, math.sqrt(gx * gx + gy * gy + gz * gz), axis_share
 
 
 @njit(cache=True)

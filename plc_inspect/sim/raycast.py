@@ -61,7 +61,7 @@ class World(NamedTuple):
     pieces: Float64
     """(P, 8) both ends, radius and conductor number."""
     curves: Float64
-    """(C, 7) a, b, c, start x, start y, unit direction x, y of each conductor."""
+    """(C, 8) a, b, c, start x, y, unit direction x, y and length of each conductor."""
     grid: Float64
     grid_origin: tuple[float, float]
     grid_cell: float
@@ -124,7 +124,7 @@ def build_world(scene: Scene) -> World:
 
 
 def _cut_conductors(scene: Scene) -> tuple[Float64, Float64]:
-    pieces, curves = [np.zeros((0, 8))], [np.zeros((0, 7))]
+    pieces, curves = [np.zeros((0, 8))], [np.zeros((0, 8))]
     for number, item in enumerate(scene.conductors):
         nodes = item.sample(_PIECE)
         part = np.column_stack([
@@ -137,7 +137,7 @@ def _cut_conductors(scene: Scene) -> tuple[Float64, Float64]:
         pieces.append(part)
         azimuth = item.azimuth
         curves.append(np.array([[item.a, item.b, item.c, item.start[0], item.start[1],
-                                 math.cos(azimuth), math.sin(azimuth)]]))
+                                 math.cos(azimuth), math.sin(azimuth), item.length]]))
     return np.vstack(pieces), np.vstack(curves)
 
 

@@ -272,10 +272,9 @@ def _hidden(name: str, seed: int) -> Scene:
     builder = _begin(name, seed, route, 40.0, 8.0)
     lines.add_line(builder, lines.HIGH_VOLTAGE, route)
     _landscape(builder, route, 40.0)
-    hidden = {(0, 1): (0.35, 0.68), (2, 0): (0.05, 0.4)}
     builder.conductors = [
-        replace(item, hidden=(0.33, 0.66) if item.span_id == 1
-                else hidden.get((item.line_id, item.span_id)))
+        replace(item, hidden=(0.33, 0.66)) if item.span_id == 1
+        else replace(item, hidden=(0.05, 0.4)) if (item.line_id, item.span_id) == (2, 0) else item
         for item in builder.conductors
     ]
     return builder.build(_extend(route, 15.0, 15.0), 40.0)
