@@ -1,0 +1,170 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Command line plc_simulate: what it writes, and what it refuses."""
+
+import json
+
+import laspy
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import get_typestore, Stores
+
+from plc_inspect.sim.puck import POINT_DTYPE
+from plc_inspect.sim.simulate import main
+
+FLIGHT = ('rack', '--duration', '1.5', '--seed', '4')
+
+
+@pytest.fixture(scope='module')
+def flight(tmp_path_factory):
+    """Simulate a short flight once."""
+    folder = tmp_path_factory.mktemp('sim') / 'flight'
+    assert main([*FLIGHT, '-o', str(folder)]) == 0
+    return folder
+
+
+def _read(folder):
+    with AnyReader([folder], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+        return [
+            (connection.topic, stamp, reader.deserialize(data, connection.msgtype))
+            for connection, stamp, data in reader.messages()
+        ]
+
+
+def _get_stamp(message):
+    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+
+
+def test_bag_has_the_layout_of_the_driver(flight):
+    """Topics, fields, stamps and times are those of the Velodyne driver."""
+    assert sorted(file.name for file in flight.iterdir()) == [
+        'flight.mcap', 'metadata.yaml', 'truth.json']
+    messages = _read(flight)
+    stamps = [stamp for _, stamp, _ in messages]
+    assert stamps == sorted(stamps)
+    scans = [message for topic, _, message in messages if topic == '/velodyne_points']
+    poses = [message for topic, _, message in messages if topic == '/odometry']
+    assert len(scans) == 14
+    assert len(poses) == 150
+    for scan in scans:
+        layout = [(item.name, item.offset, item.datatype) for item in scan.fields]
+        assert layout == [('x', 0, 7), ('y', 4, 7), ('z', 8, 7), ('intensity', 12, 7),
+                          ('ring', 16, 4), ('time', 18, 7)]
+        assert (scan.header.frame_id, scan.point_step, scan.height) == ('velodyne', 22, 1)
+        assert len(scan.data) == scan.row_step == 22 * scan.width
+        points = np.frombuffer(scan.data.tobytes(), POINT_DTYPE)
+        assert points['time'].max() <= 0.0
+        assert points['time'].min() > -0.1
+        assert points['ring'].max() <= 15
+    assert np.diff([_get_stamp(scan) for scan in scans]) == pytest.approx(1e8, abs=10)
+    assert {(pose.header.frame_id, pose.child_frame_id) for pose in poses} == {
+        ('odom', 'base_link')}
+    quaternion = poses[7].pose.pose.orientation
+    assert np.linalg.norm([quaternion.x, quaternion.y, quaternion.z, quaternion.w]) == (
+        pytest.approx(1.0))
+    speed = poses[70].twist.twist.linear
+    assert np.hypot(speed.x, speed.y) == pytest.approx(5.0, rel=0.3)
+
+
+def test_chunks_are_compressed_with_zstd(flight):
+    """The recording is a zstd-compressed MCAP file."""
+    content = (flight / 'flight.mcap').read_bytes()
+    assert content.startswith(b'\x89MCAP0\r\n')
+    assert b'zstd' in content
+    size = sum(len(message.data) for topic, _, message in _read(flight) if 'velo' in topic)
+    assert len(content) < 0.9 * size
+
+
+def test_same_seed_gives_the_same_bytes(flight, tmp_path):
+    """Simulating again gives the same recording and truth, byte for byte."""
+    assert main([*FLIGHT, '-o', str(tmp_path / 'again')]) == 0
+    for name in ('flight.mcap', 'truth.json'):
+        assert (tmp_path / 'again' / name).read_bytes() == (flight / name).read_bytes()
+
+
+def test_truth_of_a_flight(flight):
+    """The truth is complete JSON, and in the odometry's frame."""
+    truth = json.loads((flight / 'truth.json').read_text())
+    assert (truth['kind'], truth['frame_id'], truth['scene']) == ('flight', 'odom', 'rack')
+    assert len(truth['spans']) == 20
+    assert {'start', 'world', 'drift', 'seen', 'sag', 'quadratic'} <= set(truth['spans'][0])
+    assert truth['num_scans'] == 14
+
+
+def test_organized_first_stamp(tmp_path):
+    """The other layout and the other stamp."""
+    assert main([*FLIGHT, '-o', str(tmp_path / 'o'), '--organized', '--stamp-first']) == 0
+    scan = next(item for topic, _, item in _read(tmp_path / 'o') if topic == '/velodyne_points')
+    assert (scan.width, scan.height, scan.is_dense) == (16, 1875, False)
+    points = np.frombuffer(scan.data.tobytes(), POINT_DTYPE)
+    assert np.isnan(points['x']).any()
+    assert points['time'].min() == 0.0
+
+
+def test_map_with_large_coordinates(tmp_path):
+    """Labels, extra dimensions and UTM-sized coordinates come back; --force replaces."""
+    folder = tmp_path / 'map'
+    command = ['rack', '-o', str(folder), '--map', '--num-points', '20000', '--origin',
+               '500000', '6000000', '50']
+    assert main(command) == 0
+    las = laspy.read(folder / 'map.laz')
+    truth = json.loads((folder / 'truth.json').read_text())
+    assert str(las.header.version) == '1.4'
+    assert len(las.points) == 20000
+    assert las.header.scales == pytest.approx([0.001] * 3)
+    wire = np.array(las.classification) == 14
+    assert (np.array(las['line_id'])[wire] >= 0).all()
+    assert set(np.unique(las['line_id'])) == {-1, 0, 1, 2, 3}
+    span = truth['spans'][0]
+    rows = wire & (np.array(las['line_id']) == 0) & (np.array(las['span_id']) == 0)
+    x = np.hypot(las.x[rows] - span['start'][0], las.y[rows] - span['start'][1])
+    z = span['a'] + span['c'] * np.cosh((x - span['b']) / span['c'])
+    assert np.abs(np.array(las.z[rows]) - z).max() < 0.15
+    assert main(command) == 2
+    assert main([*command, '--force']) == 0
+
+
+@pytest.mark.parametrize('arguments', [
+    ['moon', '-o', 'x'], ['rack'], ['rack', '-o', 'x', '--density', '-3'],
+    ['rack', '-o', 'x', '--seed', 'one'], ['rack', '-o', 'x', '--seed', '-1'],
+])
+def test_bad_usage_exits_2(arguments, capsys, tmp_path, monkeypatch):
+    """Bad usage: status 2, something on stderr, nothing written."""
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    assert caught.value.code == 2
+    assert 'plc_simulate' in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize('options', [
+    ['--view', '0', '400'], ['--scan-rate', '50'], ['--duration', '0.2'],
+])
+def test_impossible_flight_is_one_line(options, capsys, tmp_path):
+    """What cannot be flown: status 2, one line, nothing left behind."""
+    assert main(['rack', '-o', str(tmp_path / 'x'), *options]) == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_only_surveys_are_replaced(capsys, tmp_path):
+    """--force does not remove a folder that holds something else, nor a file."""
+    (tmp_path / 'notes.txt').write_text('keep me')
+    assert main([*FLIGHT, '-o', str(tmp_path), '--force']) == 2
+    assert 'notes.txt' in capsys.readouterr().err
+    assert main([*FLIGHT, '-o', str(tmp_path / 'notes.txt'), '--force']) == 2
+    assert (tmp_path / 'notes.txt').read_text() == 'keep me'
