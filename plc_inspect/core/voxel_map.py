@@ -16,17 +16,18 @@
 The global map: a hash of voxels that keep the moments of their points, not the points.
 
 A voxel stores its number of points, their mean offset from the voxel's centre, the mean outer
-product of those offsets and the number of the insertion that last touched it: 52 bytes, and 8 to
-16 bytes of hash table.  Means instead of sums, so that float32 keeps its precision however often
+product of those offsets, the number of the insertion that last touched it, a label and the next
+voxel of its plan cell: 57 bytes, and 8 to 16 bytes of hash table.  Means instead of sums, so that float32 keeps its precision however often
 a voxel is hit; sums of any union of voxels follow exactly from means and counts.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from plc_inspect.config import MapSettings
+from plc_inspect.core.cell_index import CellIndex
 from plc_inspect.core.voxel_hash import (
     accumulate_points,
     build_table,
@@ -36,7 +37,7 @@ from plc_inspect.core.voxel_hash import (
     unpack_keys,
 )
 from plc_inspect.errors import DataError
-from plc_inspect.results import Float32, Float64, Int32, Int64
+from plc_inspect.results import Bool, Float32, Float64, Int32, Int64, UInt8
 
 INITIAL_CAPACITY = 1 << 16
 
@@ -53,26 +54,6 @@ class Insertion:
     """Voxels that were touched for the first time."""
     num_refused: int
     """Points that would have needed a voxel beyond ``max_voxels`` and were left out."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class MapSnapshot:
-    """Copies of M voxels in the order of their slots; nothing in it changes afterwards."""
-
-    slots: Int64
-    """(M,) slot of each voxel, valid while ``generation`` stays the same."""
-    centroids: Float64
-    """(M, 3) mean of the points of each voxel, map frame [m]."""
-    counts: Int64
-    """(M,) number of points."""
-    covariances: Float32 | None
-    """(M, 6) xx xy xz yy yz zz about the centroid, divided by the count [m2], if asked for."""
-    touched: Int32
-    """(M,) number of the insertion that last touched each voxel."""
-    sequence: int
-    """Number of the newest insertion in the snapshot; the ``since`` of the next one."""
-    generation: int
-    """Changes whenever slots are renumbered."""
 
 
 class VoxelMap:
@@ -94,16 +75,22 @@ class VoxelMap:
         self._voxel_size = settings.voxel_size
         self._max_voxels = settings.max_voxels
         self._min_points = settings.min_points
-        self._generation = 0
         self._sequence = 0
         self._num_points = 0
         self._set_empty(min(INITIAL_CAPACITY, self._max_voxels))
 
     def _set_empty(self, capacity: int) -> None:
         self._size = 0
+        self._num_free = 0
         self._origin: Int64 | None = None
+        self.cells = CellIndex(self._voxel_size)
+        """Plan cells of the voxels."""
         self._allocate(capacity)
-        self._table = build_table(self._keys[:0], self._capacity)
+        self._rehash()
+
+    def _rehash(self) -> None:
+        used = slice(self._size)
+        self._table = build_table(self._keys[used], self._counts[used], self._capacity)
 
     def _allocate(self, capacity: int) -> None:
         """Make room for ``capacity`` voxels and carry over those that are there."""
@@ -113,19 +100,25 @@ class VoxelMap:
         self._counts: UInt32 = np.zeros(capacity, dtype=np.uint32)
         self._moments: Float32 = np.zeros((capacity, 9), dtype=np.float32)
         self._touched: Int32 = np.zeros(capacity, dtype=np.int32)
+        self._following: Int32 = np.zeros(capacity, dtype=np.int32)
+        self._labels: UInt8 = np.zeros(capacity, dtype=np.uint8)
+        self._free: Int32 = np.zeros(capacity, dtype=np.int32)
         if old is not None:
             for source, target in zip(old, self._all_arrays(), strict=True):
                 target[: self._size] = source
 
     def _all_arrays(self) -> tuple[NDArray[np.generic], ...]:
-        return self._keys, self._counts, self._moments, self._touched
+        return (
+            self._keys, self._counts, self._moments, self._touched, self._following,
+            self._labels, self._free,
+        )
 
     def _arrays(self) -> tuple[NDArray[np.generic], ...]:
         return tuple(array[: self._size] for array in self._all_arrays())
 
     def __len__(self) -> int:
         """Return the number of occupied voxels."""
-        return self._size
+        return self._size - self._num_free
 
     @property
     def voxel_size(self) -> float:
@@ -148,18 +141,12 @@ class VoxelMap:
         return self._sequence
 
     @property
-    def generation(self) -> int:
-        """Changes whenever slots are renumbered, by ``remove`` and ``clear``."""
-        return self._generation
-
-    @property
     def nbytes(self) -> int:
         """Memory of the voxels in use and of the hash table [bytes]."""
         return sum(array.nbytes for array in self._arrays()) + self._table.nbytes
 
     def clear(self) -> None:
         """Forget all voxels; the sequence goes on."""
-        self._generation += 1
         self._set_empty(self._capacity)
 
     def reserve(self, num_voxels: int, *, touch: bool = False) -> None:
@@ -178,7 +165,7 @@ class VoxelMap:
         wanted = min(num_voxels, self._max_voxels)
         if wanted > self._capacity:
             self._allocate(wanted)
-            self._table = build_table(self._keys[: self._size], self._capacity)
+            self._rehash()
         if touch:
             self._table |= 0
             for array in self._all_arrays():
@@ -234,30 +221,38 @@ class VoxelMap:
     def _accumulate(self, keys: Int64, offsets: Float32, origin: Int64) -> Insertion:
         self._origin = origin
         self._sequence += 1
-        size, start, num_refused = self._size, 0, 0
+        start, num_created, num_refused = 0, 0, 0
+        created: Int32 = np.empty(len(keys), dtype=np.int32)
         while True:
-            self._size, start, refused = accumulate_points(
+            self._size, self._num_free, num_created, start, refused = accumulate_points(
                 keys, offsets, start, self._sequence, self._size,
                 self._capacity == self._max_voxels,
+                self._free, self._num_free, created, num_created,
                 self._table, self._keys, self._counts, self._moments, self._touched,
             )
             num_refused += refused
             if start == len(keys):
                 break
             self._allocate(min(2 * self._capacity, self._max_voxels))
-            self._table = build_table(self._keys[: self._size], self._capacity)
+            self._rehash()
+        self.cells.link(
+            created[:num_created], self._keys, origin, self._sequence, self._following
+        )
         num_added = len(keys) - num_refused
         self._num_points += num_added
         return Insertion(
             sequence=self._sequence,
             num_points=num_added,
-            num_new=self._size - size,
+            num_new=num_created,
             num_refused=num_refused,
         )
 
+    def _used(self) -> Int64:
+        return np.flatnonzero(self._counts[: self._size])
+
     def centroids(self) -> Float64:
         """Return the (M, 3) mean of the points of every voxel [m], by slot."""
-        return self._centroids(np.arange(self._size))
+        return self._centroids(self._used())
 
     def _centroids(self, slots: Int64) -> Float64:
         if self._origin is None:
@@ -267,14 +262,11 @@ class VoxelMap:
 
     def counts(self) -> Int64:
         """Return the (M,) number of points of every voxel, by slot."""
-        return self._counts[: self._size].astype(np.int64)
+        return self._counts[self._used()].astype(np.int64)
 
     def covariances(self) -> Float32:
         """Return the (M, 6) xx xy xz yy yz zz of every voxel about its centroid [m2], by slot."""
-        return self._covariances(np.arange(self._size))
-
-    def _covariances(self, slots: Int64) -> Float32:
-        moments = self._moments[slots].astype(np.float64)
+        moments = self._moments[self._used()].astype(np.float64)
         x, y, z = moments[:, 0], moments[:, 1], moments[:, 2]
         products = np.column_stack((x * x, x * y, x * z, y * y, y * z, z * z))
         result = moments[:, 3:] - products
@@ -283,82 +275,86 @@ class VoxelMap:
         result[:, diagonal] = np.maximum(result[:, diagonal], 0.0)
         return result.astype(np.float32)
 
-    def snapshot(self, since: int | None = None, *, covariances: bool = False) -> MapSnapshot:
+    def collect(self, cells: Int64, wanted: UInt8) -> Int32:
         """
-        Copy voxels, for another thread to read.
+        List the slots of the voxels in some plan cells.
 
-        Voxels with fewer than ``min_points`` points are left out.
+        The cost is that of the cells' voxels.
 
         Parameters
         ----------
-        since : int or None
-            Only voxels touched by insertions after the one of this number; None: all.
-        covariances : bool
-            Copy the covariances too.
+        cells : Int64
+            (K,) cells of ``cells``.
+        wanted : UInt8
+            (256,) for each label 0 to leave out, 1 to take, 2 to take one voxel in eight.
 
         Returns
         -------
-        MapSnapshot
-            Copies in the order of the slots.
+        Int32
+            (M,) slots.
 
         """
-        chosen = self._counts[: self._size] >= self._min_points
-        if since is not None:
-            chosen &= self._touched[: self._size] > since
-        slots = np.flatnonzero(chosen).astype(np.int64)
-        return MapSnapshot(
-            slots=slots,
-            centroids=self._centroids(slots),
-            counts=self._counts[slots].astype(np.int64),
-            covariances=self._covariances(slots) if covariances else None,
-            touched=self._touched[slots],
-            sequence=self._sequence,
-            generation=self._generation,
+        out: Int32 = np.empty(int(self.cells.count[cells].sum()), dtype=np.int32)
+        num = self.cells.collect(cells, wanted, self._following, self._keys, self._labels, out)
+        return out[:num]
+
+    def copy_voxels(self, slots: Int32) -> tuple[Int64, Float64]:
+        """
+        Copy the voxels of some slots that have at least ``min_points`` points.
+
+        Parameters
+        ----------
+        slots : Int32
+            (M,) slots.
+
+        Returns
+        -------
+        tuple[Int64, Float64]
+            (K,) their slots and (K, 3) centroids [m].
+
+        """
+        chosen = slots[self._counts[slots] >= max(self._min_points, 1)].astype(np.int64)
+        return chosen, self._centroids(chosen)
+
+    def label(self, slots: Int64, centroids: Float64, labels: UInt8) -> None:
+        """
+        Label voxels that were copied before, where they are still there.
+
+        Parameters
+        ----------
+        slots, centroids : Int64, Float64
+            As from ``copy_voxels`` since the last ``clear``.
+        labels : UInt8
+            (K,) labels, such as PointClass.
+
+        """
+        if self._origin is None or not len(slots):
+            return
+        keys, _, _ = locate_voxels(centroids, self._origin, self._voxel_size)
+        same = (self._keys[slots] == keys) & (self._counts[slots] > 0)
+        self._labels[slots[same]] = labels[same]
+
+    def drop(self, cell: int, kept: Bool) -> int:
+        """
+        Remove voxels of one plan cell; their slots are used again.
+
+        Parameters
+        ----------
+        cell : int
+            A cell of ``cells``.
+        kept : Bool
+            (256,) for each label whether its voxels stay.
+
+        Returns
+        -------
+        int
+            Voxels removed.
+
+        """
+        out = self._free[self._num_free :]
+        num = self.cells.drop(
+            cell, kept, self._following, self._table, self._keys, self._counts, self._labels, out
         )
-
-    def remove(self, chosen: ArrayLike) -> Int64:
-        """
-        Remove voxels and close the gaps; the order of the others stays.
-
-        Cost O(M), so remove many at once.
-
-        Parameters
-        ----------
-        chosen : array_like
-            (M,) bool mask over the slots, or integer slots.
-
-        Returns
-        -------
-        Int64
-            (M,) new slot of every old slot, -1 where it was removed.
-
-        Raises
-        ------
-        DataError
-            The mask has another length, or a slot does not exist.
-
-        """
-        index = np.asarray(chosen)
-        removed = np.zeros(self._size, dtype=np.bool_)
-        if index.dtype == np.bool_:
-            if index.shape != removed.shape:
-                raise DataError(f'a mask of shape {index.shape} for {self._size} voxels')
-            removed = index
-        elif index.size:
-            if index.min() < 0 or index.max() >= self._size:
-                raise DataError(
-                    f'slots {index.min()} to {index.max()}, the map holds {self._size}'
-                )
-            removed[index] = True
-        kept = np.flatnonzero(~removed)
-        renumbered = np.full(self._size, -1, dtype=np.int64)
-        renumbered[kept] = np.arange(len(kept))
-        if len(kept) < self._size:
-            for array in self._all_arrays():
-                array[: len(kept)] = array[kept]
-            self._counts[len(kept): self._size] = 0
-            self._moments[len(kept): self._size] = 0.0
-            self._size = len(kept)
-            self._table = build_table(self._keys[: self._size], self._capacity)
-            self._generation += 1
-        return renumbered
+        self._moments[out[:num]] = 0.0
+        self._num_free += num
+        return num

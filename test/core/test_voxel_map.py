@@ -23,6 +23,15 @@ from plc_inspect.core.voxel_map import INITIAL_CAPACITY, VoxelMap
 from plc_inspect.errors import DataError
 
 
+ALL = np.ones(256, dtype=np.uint8)
+NOTHING = np.zeros(256, dtype=np.bool_)
+
+
+def sort_rows(points):
+    """Return the rows in lexicographic order."""
+    return points[np.lexsort(points.T[::-1])]
+
+
 def make_map(points=None, **settings):
     voxels = VoxelMap(MapSettings(**settings))
     if points is not None:
@@ -67,7 +76,7 @@ def test_empty_and_one_point(points):
     np.testing.assert_allclose(voxels.centroids(), points, atol=1e-8)
     assert voxels.centroids().shape == points.shape
     assert voxels.covariances().shape == (len(points), 6)
-    assert len(voxels.snapshot().slots) == len(points)
+    assert len(voxels.cells) == len(points)
 
 
 def test_utm_coordinates_keep_a_tenth_of_a_millimetre():
@@ -134,57 +143,91 @@ def test_beyond_the_cap_known_voxels_still_take_points():
     assert (len(voxels), insertion.num_new, insertion.num_refused) == (1000, 1000, 500)
     assert insertion.num_points == voxels.num_points == 1010
     assert voxels.counts()[:11].tolist() == [2] * 10 + [1]
-    voxels.remove(np.arange(500))
+    assert sum(voxels.drop(cell, NOTHING) for cell in range(5)) == 500
     assert voxels.insert(points[1000:]).num_refused == 0
-    np.testing.assert_allclose(voxels.centroids(), points[500:], atol=1e-7)
+    assert len(voxels) == 1000
+    np.testing.assert_allclose(sort_rows(voxels.centroids()), points[500:], atol=1e-7)
 
 
-def test_remove_keeps_the_order_and_finds_the_rest_again():
-    points = np.random.default_rng(4).uniform(-5, 5, (5000, 3))
+@pytest.mark.parametrize('seed', range(4))
+def test_dropped_voxels_are_gone_and_the_rest_is_found_again(seed):
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-40, 40, (20_000, 3))
     voxels = make_map(points, voxel_size=0.5)
-    centroids, counts, generation = voxels.centroids(), voxels.counts(), voxels.generation
-    gone = np.random.default_rng(5).random(len(voxels)) < 0.4
-    renumbered = voxels.remove(gone)
-    assert voxels.generation != generation
-    assert (renumbered[gone] == -1).all()
-    assert renumbered[~gone].tolist() == list(range(len(voxels)))
-    np.testing.assert_array_equal(voxels.centroids(), centroids[~gone])
-    insertion = voxels.insert(points)
-    assert voxels.counts()[: len(counts[~gone])].tolist() == (2 * counts[~gone]).tolist()
-    assert insertion.num_new == gone.sum()
+    everything = voxels.centroids()
+    slots, centroids = voxels.copy_voxels(voxels.collect(np.arange(len(voxels.cells)), ALL))
+    assert len(slots) == len(voxels)
+    kept = rng.random(len(slots)) < 0.4
+    voxels.label(slots, centroids, np.where(kept, 14, 2).astype(np.uint8))
+    gone = rng.permutation(len(voxels.cells))[:30]
+    wires = np.zeros(256, dtype=np.bool_)
+    wires[14] = True
+    num = sum(voxels.drop(int(cell), wires) for cell in gone)
+    cell_of = voxels.cells.find(voxels.cells.locate(centroids))
+    stays = kept | ~np.isin(cell_of, gone)
+    assert num == (~stays).sum()
+    np.testing.assert_array_equal(sort_rows(voxels.centroids()), sort_rows(centroids[stays]))
+    assert voxels.cells.count.sum() == len(voxels)
+    assert voxels.insert(points).num_new == num
+    np.testing.assert_allclose(
+        sort_rows(np.round(voxels.centroids(), 5)), sort_rows(np.round(everything, 5)), atol=2e-5
+    )
 
 
-def test_remove_by_slots_and_of_nothing():
-    voxels = make_map(np.eye(3))
-    assert voxels.remove([]).tolist() == [0, 1, 2]
-    assert voxels.generation == 0
-    assert voxels.remove([1, 1]).tolist() == [0, -1, 1]
-    with pytest.raises(DataError, match='slots 0 to 2, the map holds 2'):
-        voxels.remove([0, 2])
-    with pytest.raises(DataError, match='mask'):
-        voxels.remove([True])
-    voxels.remove([True, True])
-    assert len(voxels) == 0
-    assert voxels.insert(np.eye(3)).num_new == 3
+def test_cells_know_their_voxels():
+    voxels = make_map([[0.05, 0.05, 1.05], [9.95, 9.95, 3.05], [10.05, 0.05, 0.05], [-0.05, 0, 0]])
+    cells = voxels.cells
+    assert cells.index.tolist() == [[0, 0], [1, 0], [-1, 0]]
+    assert cells.count.tolist() == cells.num_new.tolist() == [2, 1, 1]
+    np.testing.assert_allclose(cells.low, [1.0, 0.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(cells.high, [3.1, 0.1, 0.1], atol=1e-9)
+    np.testing.assert_allclose(cells.centers, [[5, 5], [15, 5], [-5, 5]])
+    assert cells.find(np.array([[1, 0], [5, 5], [-1, 0]])).tolist() == [1, -1, 2]
+    slots, centroids = voxels.copy_voxels(voxels.collect(np.array([0]), ALL))
+    np.testing.assert_allclose(
+        sort_rows(centroids), [[0.05, 0.05, 1.05], [9.95, 9.95, 3.05]], atol=1e-6
+    )
+    cells.settle(np.array([0]))
+    voxels.insert(np.array([[5.05, 5.05, 0.05], [0.06, 0.06, 1.06]]))
+    assert cells.num_new.tolist() == [1, 1, 1]
+    assert cells.touched.tolist() == [2, 1, 1]
+    assert cells.low[0] == 0.0
 
 
-def test_snapshot_since_tells_what_changed():
-    voxels = make_map([[0.05, 0, 0], [1.05, 0, 0]])
-    first = voxels.snapshot()
-    voxels.insert(np.array([[1.07, 0, 0], [2.05, 0, 0]]))
-    second = voxels.snapshot(first.sequence)
-    assert (first.slots.tolist(), second.slots.tolist()) == ([0, 1], [1, 2])
-    assert second.counts.tolist() == [2, 1]
-    assert second.touched.tolist() == [2, 2]
-    assert voxels.snapshot(second.sequence).slots.tolist() == []
-    np.testing.assert_allclose(first.centroids[1], [1.05, 0, 0], atol=1e-7)  # a copy
-    assert second.covariances is None
-    assert voxels.snapshot(covariances=True).covariances.shape == (3, 6)
+def test_cells_against_brute_force():
+    points = np.random.default_rng(8).uniform(-900, 900, (20_000, 3))
+    voxels = make_map(points)
+    places, number = np.unique(np.floor(voxels.centroids()[:, :2] / 10), axis=0, return_counts=True)
+    cells = voxels.cells
+    assert len(cells) == len(places) > 4096
+    np.testing.assert_array_equal(cells.count[cells.find(places.astype(np.int64))], number)
+    chosen = np.arange(0, len(cells), 7)
+    slots = voxels.collect(chosen, ALL)
+    assert len(np.unique(slots)) == len(slots) == cells.count[chosen].sum()
+    _, centroids = voxels.copy_voxels(slots)
+    assert np.isin(cells.find(cells.locate(centroids)), chosen).all()
+
+
+def test_labels_choose_what_is_collected():
+    voxels = make_map(np.random.default_rng(9).uniform(0, 9.9, (4000, 3)))
+    slots, centroids = voxels.copy_voxels(voxels.collect(np.array([0]), ALL))
+    voxels.label(slots, centroids, np.where(np.arange(len(slots)) < 100, 14, 2).astype(np.uint8))
+    wanted = np.zeros(256, dtype=np.uint8)
+    wanted[14] = 1
+    assert sorted(voxels.collect(np.array([0]), wanted)) == sorted(slots[:100])
+    wanted[2] = 2
+    share = (len(voxels.collect(np.array([0]), wanted)) - 100) / (len(slots) - 100)
+    assert 0.1 < share < 0.15
+    voxels.drop(0, NOTHING)
+    voxels.insert(centroids + 20.0)
+    voxels.label(slots, centroids, np.full(len(slots), 14, dtype=np.uint8))
+    assert len(voxels.collect(np.arange(len(voxels.cells)), wanted)) == 0
 
 
 def test_voxels_with_few_points_are_not_used():
     voxels = make_map([[0.05, 0, 0], [0.06, 0, 0], [1.05, 0, 0]], min_points=2)
-    assert voxels.snapshot().slots.tolist() == [0]
+    slots, centroids = voxels.copy_voxels(voxels.collect(np.array([0]), ALL))
+    assert slots.tolist() == [0]
     assert len(voxels) == 2
 
 
@@ -226,4 +269,5 @@ def test_clear_begins_anew():
     assert (len(voxels), voxels.centroids().shape) == (0, (0, 3))
     voxels.insert(np.zeros((1, 3)))
     np.testing.assert_allclose(voxels.centroids(), [[0, 0, 0]], atol=1e-7)
-    assert voxels.snapshot().counts.tolist() == [1]
+    assert voxels.counts().tolist() == [1]
+    assert len(voxels.cells) == 1
