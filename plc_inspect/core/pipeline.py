@@ -33,7 +33,7 @@ from plc_inspect.core.linearity import find_candidates, LinearityResult
 from plc_inspect.core.outliers import OutlierResult, remove_outliers
 from plc_inspect.core.plan_index import build_plan_index
 from plc_inspect.core.route import trace_routes
-from plc_inspect.core.spans import build_spans, SpanResult
+from plc_inspect.core.spans import build_spans, claim_strays, SpanResult
 from plc_inspect.core.supports import find_layout
 from plc_inspect.core.voxels import hash_key, pack
 from plc_inspect.errors import DataError
@@ -181,6 +181,7 @@ class _Run:
             np.array([max(model.start_x, model.end_x) for model in spans.models]),
             settings.corridor,
         )
+        spans = claim_strays(points, spans, corridor)
         self.report(
             len(points),
             len(corridor.points),

@@ -23,8 +23,8 @@ import numpy as np
 
 from plc_inspect.config import Settings
 from plc_inspect.core.catenary import fit_quadratic
-from plc_inspect.core.clustering import SHELL_SHARE
 from plc_inspect.core.collection import profile_curve
+from plc_inspect.core.corridor import CorridorResult
 from plc_inspect.core.curve import Curve, fit_curve
 from plc_inspect.core.hazards import SpanModel
 from plc_inspect.core.height import ground_at, HeightResult
@@ -39,8 +39,12 @@ END_SLACK = 0.3
 """Wire points may lie this far beyond the end of a span [m]."""
 FREE_LENGTH = 2.0
 """Length of the parts of a span that are free of other things or not [m]."""
-STRAY_RADIUS = 0.3
-"""A conductor's own points stray this far from it, in free air [m]."""
+STRAY_RADIUS = 0.35
+"""A conductor's own points stray this far from it [m]."""
+FREE_RADIUS = 1.0
+"""Something else begins within this distance wherever it touches a conductor [m]."""
+FREE_SHARE = 0.1
+"""A place is free where fewer than this share of its points, and two, are that far away."""
 TERMINAL_SPREAD = 2.5
 """Open ends this near along the line end at one support [m]."""
 HOLD_RADIUS = 3.0
@@ -107,7 +111,7 @@ def build_spans(
         for number in range(len(layout.curves))
     ]
     for number, (curve, low, high) in enumerate(finals):
-        chosen = _wire_points(points, index, curve, low - END_SLACK, high + END_SLACK)
+        chosen = profile_curve(points, index, curve, low - END_SLACK, high + END_SLACK).chosen
         x, y = curve.local(points[chosen])
         distance = np.hypot(
             y, (points[chosen, 2] - curve.fit.height(x)) / np.hypot(1.0, curve.fit.slope(x))
@@ -159,24 +163,54 @@ def build_spans(
     )
 
 
-def _wire_points(
-    points: Float64, index: PlanIndex, curve: Curve, low: float, high: float
-) -> Int64:
+def claim_strays(
+    points: Float64, spans: SpanResult, corridor: CorridorResult
+) -> SpanResult:
     """
-    Return the points of a conductor between two x.
+    Give conductors the stray points about them, which would look like hazards.
 
-    Where nothing else is near, its stray points are taken too; they would be hazards.
+    Mixed returns and the drift of poses put points some decimetres beside a conductor.  What
+    grows or stands there goes on away from it, so strays are claimed only in places where next
+    to nothing lies between STRAY_RADIUS and FREE_RADIUS.
+
+    Parameters
+    ----------
+    points : (N, 3) float64 [m]
+    spans : SpanResult
+    corridor : CorridorResult of the same spans
+
+    Returns
+    -------
+    SpanResult
+        With labels, residuals and numbers of points brought up to date.
+
     """
-    strict = profile_curve(points, index, curve, low, high, step=FREE_LENGTH)
-    reach = max(STRAY_RADIUS, curve.tolerance)
-    around = profile_curve(
-        points, index, dataclasses.replace(curve, tolerance=reach), low, high, step=FREE_LENGTH
+    close = np.flatnonzero(corridor.distance <= FREE_RADIUS)
+    close = close[~spans.support[corridor.points[close]]]
+    line_id, span_id = spans.line_id.copy(), spans.span_id.copy()
+    residual = spans.residual.copy()
+    models = []
+    for number, model in enumerate(spans.models):
+        own = close[corridor.span[close] == number]
+        found, distance = corridor.points[own], corridor.distance[own]
+        x, _ = model.curve.local(points[found])
+        place = (model.along(x) / FREE_LENGTH).astype(np.int64)
+        wire = spans.line_id[found] >= 0
+        stray = ~wire & (distance <= STRAY_RADIUS)
+        num = int(place.max(initial=0)) + 1
+        on = np.bincount(place[wire], minlength=num)
+        away = np.bincount(place[~wire & ~stray], minlength=num)
+        taken = stray & (away <= FREE_SHARE * on + 1)[place] & (on > 0)[place]
+        line_id[found[taken]] = model.span.line_id
+        span_id[found[taken]] = model.span.span_id
+        residual[found[taken]] = distance[taken]
+        record = dataclasses.replace(
+            model.span, num_points=model.span.num_points + int(taken.sum())
+        )
+        models.append(dataclasses.replace(model, span=record))
+    return dataclasses.replace(
+        spans, models=tuple(models), line_id=line_id, span_id=span_id, residual=residual
     )
-    free = around.core - strict.core <= SHELL_SHARE * strict.core + 1.0
-    free &= around.shell <= SHELL_SHARE * strict.core + 1.0
-    x, _ = curve.local(points[around.chosen])
-    place = np.clip(((x - low) / FREE_LENGTH).astype(np.int64), 0, len(free) - 1)
-    return np.union1d(strict.chosen, around.chosen[free[place]])
 
 
 def _refit(
