@@ -147,7 +147,7 @@ def _low_voltage(name: str, seed: int) -> Scene:
     lines.add_line(builder, lines.LOW_VOLTAGE, route)
     structures.add_village(builder, route)
     structures.add_street_lights(builder, _shift(route, -7.5), 41.0, 5.0)
-    gardens = _spread(builder, route, 90.0, (3.0, 34.0))
+    gardens = _spread(builder, route, 150.0, (3.0, 34.0))
     vegetation.scatter_trees(
         builder, _keep_off_houses(builder, gardens), (1.0, 9.0), clear=0.4,
         shapes=(vegetation.shape_broadleaf, vegetation.shape_bush, vegetation.shape_conifer),
