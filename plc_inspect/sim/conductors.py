@@ -160,7 +160,10 @@ def solve_constant(length: float, sag: float) -> float:
     return 0.5 * (low + high)
 
 
-def measure_distances(points: Float64, conductor: Conductor, step: float = 0.25) -> Float64:
+def measure_distances(
+    points: Float64, conductor: Conductor, step: float = 0.25,
+    stretch: tuple[float, float] | None = None,
+) -> Float64:
     """
     Return the 3D distances from points to a conductor.
 
@@ -174,6 +177,8 @@ def measure_distances(points: Float64, conductor: Conductor, step: float = 0.25)
         The curve.
     step : float
         Length of the chords [m].
+    stretch : tuple of float, optional
+        Only this part of the conductor counts, from where to where after its start [m].
 
     Returns
     -------
@@ -181,7 +186,9 @@ def measure_distances(points: Float64, conductor: Conductor, step: float = 0.25)
         (N,) float64 [m].
 
     """
-    curve = conductor.sample(step)
+    low, high = stretch or (0.0, conductor.length)
+    num = max(2, math.ceil((high - low) / step) + 1)
+    curve = conductor.locate(np.linspace(low, high, num))
     if not len(points):
         return np.zeros(0)
     _, nearest = cKDTree(curve).query(points)

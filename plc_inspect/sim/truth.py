@@ -161,8 +161,8 @@ def make_truth(
         spans.append({
             **describe_conductor(item, shift), 'seen': seen, 'seen_from': first,
             'seen_to': last, 'num_points': int(sightings.num_points[number]),
-            'min_vegetation_distance': _find_nearest(vegetation, item),
-            'min_structure_distance': _find_nearest(structure, item),
+            'min_vegetation_distance': _find_nearest(vegetation, item, (first, last)),
+            'min_structure_distance': _find_nearest(structure, item, (first, last)),
         })
     return {
         'frame_id': frame_id, 'scene': scene.name, 'seed': scene.seed, 'kind': kind,
@@ -184,8 +184,13 @@ def make_truth(
     }
 
 
-def _find_nearest(points: Float64, item: Conductor) -> float | None:
-    return float(measure_distances(points, item).min()) if len(points) else None
+def _find_nearest(
+    points: Float64, item: Conductor, seen: tuple[float, float],
+) -> float | None:
+    """Return the distance from the stretch that was seen to the nearest point."""
+    if not len(points) or seen[1] - seen[0] < 1.0:
+        return None
+    return float(measure_distances(points, item, stretch=seen).min())
 
 
 def describe_conductor(item: Conductor, shift: Float64) -> dict[str, Any]:

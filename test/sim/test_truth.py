@@ -79,7 +79,11 @@ def test_hazards_by_hand():
         np.add((20.0, 0.0, low[20.0] - 3.0), step), np.add((50.0, 0.0, low[50.0] - 1.0), step),
         np.add((80.0, 0.0, low[80.0] - 4.1), step), [[50.0, 0.0, 0.5]],
     ])
-    truth = see(scene, points, [Label.VEGETATION] * len(points))
+    wire = np.vstack([item.locate(np.linspace(30.0, 95.0, 9)) for item in scene.conductors])
+    truth = see(
+        scene, np.vstack([points, wire]), [Label.VEGETATION] * len(points) + [Label.WIRE] * 18,
+        np.repeat(np.array([-1, 0, 1], np.int32), [len(points), 9, 9]),
+    )
     hazards = sorted(truth['hazards'], key=lambda row: row['clearance'])
     assert [row['required'] for row in hazards] == [True, True, False]
     assert [row['clearance'] for row in hazards] == pytest.approx([1.0, 3.0, 4.1], abs=0.01)
@@ -89,13 +93,21 @@ def test_hazards_by_hand():
     assert [item['line_id'] for item in hazards[2]['conductors']] == [0]
     brute = min(measure_distances(points, scene.conductors[1]))
     assert truth['spans'][1]['min_vegetation_distance'] == pytest.approx(brute)
+    part = see(scene, np.vstack([points, wire[:2]]), [5] * len(points) + [14] * 2,
+               np.repeat(np.array([-1, 0], np.int32), [len(points), 2]))
+    distance = part['spans'][0]['min_vegetation_distance']
+    assert distance == pytest.approx(measure_distances(points[:4], scene.conductors[0], 0.1,
+                                                       (30.0, 38.125)).min(), abs=1e-3)
+    assert distance > 9.0
 
 
 def test_structures_are_listed_but_not_required():
     """A lamp near a conductor is no hazard of the default rules, but no false report either."""
     scene = make_scene()
     lamp = np.array([[50.0, 0.0, z] for z in (9.0, 10.0, 10.5)])
-    truth = see(scene, lamp, [Label.OTHER] * 3)
+    wire = scene.conductors[0].sample(10.0)
+    truth = see(scene, np.vstack([lamp, wire]), [Label.OTHER] * 3 + [Label.WIRE] * len(wire),
+                np.repeat(np.array([-1, 0], np.int32), [3, len(wire)]))
     assert [(row['kind'], row['required']) for row in truth['hazards']] == [('structure', False)]
     assert truth['spans'][0]['min_structure_distance'] == pytest.approx(2.5, abs=0.05)
 
