@@ -200,11 +200,7 @@ class LinearitySettings(_Checked):
     """Linear likeness from the covariance of neighbourhoods (Eqs. 1 to 3)."""
 
     voxel_size: float = _setting(
-        0.0,
-        'edge of the finest neighbourhood voxel, 0: from the spacing',
-        unit='m',
-        low=0.0,
-        high=5.0,
+        0.25, 'edge of the finest neighbourhood voxel', unit='m', low=0.05, high=5.0
     )
     num_scales: int = _setting(
         4, 'neighbourhood sizes, each twice the one before', low=1, high=6
@@ -269,8 +265,7 @@ class ClusteringSettings(_Checked):
     """Two-stage DBSCAN, across the line and then along it."""
 
     eps: float = _setting(
-        0.2, 'radius across the line (eps of Table 1), 0: from the spacing', unit='m',
-        low=0.0, high=10.0
+        0.2, 'radius across the line (eps of Table 1)', unit='m', low=0.01, high=10.0
     )
     min_points: int = _setting(
         50, 'points of a core neighbourhood (min_pts of Table 1), at full sampling',
@@ -395,6 +390,28 @@ class HazardSettings(_Checked):
     )
     ground_distance: float = _setting(
         5.0, 'least height of a conductor above ground', unit='m', low=0.0, high=100.0
+    )
+    crossing_distance: float = _setting(
+        2.0, 'least distance between crossing lines, 0: not looked at', unit='m', low=0.0,
+        high=100.0,
+    )
+    fall_distance: float = _setting(
+        0.0, 'least distance of a falling tree from a conductor, 0: not looked at', unit='m',
+        low=0.0, high=100.0,
+    )
+    rules: str = _setting(
+        'plain', 'rule set: plain for the distances above, a name in config/rules or a file'
+    )
+    voltage: float = _setting(
+        0.0, 'nominal voltage that rule sets ask for, 0: unknown', unit='kV', low=0.0, high=2000.0
+    )
+    elevation: float = _setting(
+        -1000.0, 'elevation that rule sets ask for, below -500: unknown', unit='m', low=-1000.0,
+        high=9000.0,
+    )
+    growth: float = _setting(
+        0.0, 'growth of vegetation towards the conductors a year, 0: unknown', unit='m', low=0.0,
+        high=10.0,
     )
     interference_ratio: float = _setting(
         0.5,

@@ -209,7 +209,7 @@ def _vote(  # type: ignore[no-untyped-def]
                     t1 = t0
             left = int((px + min(t0 * ex, t1 * ex) - slack) / cell)
             right = int((px + max(t0 * ex, t1 * ex) + slack) / cell)
-            first = start[row * columns + max(left, 0)]
+            first = start[row * columns + min(max(left, 0), columns)]
             last = start[row * columns + min(max(right, -1), columns - 1) + 1]
             for k in range(first, last):
                 j = order[k]
@@ -225,7 +225,8 @@ def _vote(  # type: ignore[no-untyped-def]
                 cosine = ux * direction[j, 0] + uy * direction[j, 1] + uz * direction[j, 2]
                 if abs(cosine) < 0.97:
                     continue
-                occupied[int((along + reach) * NUM_BINS / (2.0 * reach))] = 1
+                place = int((along + reach) * NUM_BINS / (2.0 * reach))
+                occupied[min(place, NUM_BINS - 1)] = 1
                 add_shifted(total, POINT, dx, dy, dz)
         votes[i] = occupied.sum()
         if votes[i] >= 3:

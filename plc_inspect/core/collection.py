@@ -179,10 +179,12 @@ def extend(
         if len(chosen) < 4:
             return curve
         try:
-            grown = fit_curve(points, chosen, tolerance=curve.tolerance)
+            grown = fit_curve(
+                points, chosen, tolerance=curve.tolerance, azimuth=curve.azimuth
+            )
         except FitError:
             return curve
-        if len(grown.points) < 0.9 * len(curve.points) or grown.length < 0.9 * curve.length:
+        if grown.num_points < 0.9 * curve.num_points or grown.length < 0.9 * curve.length:
             return curve
         done = grown.length < curve.length + 1.0
         curve = grown

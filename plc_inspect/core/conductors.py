@@ -265,7 +265,9 @@ def join(
     except FitError:
         return None
     for part in (first, second):
-        if np.isin(part.points, union.points, assume_unique=True).mean() < 0.8:
+        x, y = union.local(points[part.points])
+        miss = np.maximum(np.abs(y), np.abs(points[part.points, 2] - union.fit.height(x)))
+        if (miss <= tolerance).mean() < 0.8:
             return None
     error = math.hypot(union.fit.rmse, union.lateral_rmse)
     own = max(math.hypot(part.fit.rmse, part.lateral_rmse) for part in (first, second))
@@ -287,7 +289,7 @@ def drop_duplicates(points: Float64, curves: Sequence[Curve]) -> tuple[Curve, ..
     """
     kept: list[Curve] = []
     owned = np.zeros(len(points), dtype=bool)
-    for curve in sorted(curves, key=lambda curve: (-len(curve.points), *curve.origin)):
+    for curve in sorted(curves, key=lambda curve: (-curve.num_points, *curve.origin)):
         if owned[curve.points].mean() > MAX_SHARED:
             continue
         stations = curve.position(np.linspace(curve.low, curve.high, 21))
@@ -322,7 +324,7 @@ def merge_bundles(
     stay apart where their distance is ``bundle_separation`` times the spread of their points or
     more; below that, points go over from one to the other and neither curve is sure.
     """
-    alive = sorted(curves, key=lambda curve: (-len(curve.points), *curve.origin))
+    alive = sorted(curves, key=lambda curve: (-curve.num_points, *curve.origin))
     merged: list[Curve] = []
     while alive:
         base = alive.pop(0)
@@ -357,7 +359,9 @@ def widen(
     try:
         for _ in range(3):
             chosen = profile_curve(points, index, wide, curve.low, curve.high).chosen
-            wide = fit_curve(points, chosen, tolerance=wide.tolerance)
+            wide = fit_curve(
+                points, chosen, tolerance=wide.tolerance, azimuth=curve.azimuth
+            )
     except FitError:
         return curve
     profile = profile_curve(points, index, wide, wide.low, wide.high)

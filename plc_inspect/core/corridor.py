@@ -44,6 +44,12 @@ class CorridorResult:
     """(C,) search radius of each span [m]."""
     complex_case: Bool
     """(C,) True where the first case of Eq. 9 was used."""
+    near: Int64
+    """(J,) indices of all points within the search reach, ascending; the corridor among them."""
+    near_distance: Float32
+    """(J,) distance to the nearest span [m]."""
+    near_span: Int32
+    """(J,) which span that is."""
 
 
 def extract_corridor(
@@ -54,6 +60,7 @@ def extract_corridor(
     start_x: Float64,
     end_x: Float64,
     settings: CorridorSettings,
+    least_reach: float = 0.0,
 ) -> CorridorResult:
     """
     Find the points within the search radius of each span, and their distance to it.
@@ -71,6 +78,7 @@ def extract_corridor(
     wire : (N,) bool, points of conductors
     curves, start_x, end_x : C curves and the x of their ends [m]
     settings : CorridorSettings
+    least_reach : search at least this far, whatever the radius, for clearance rules [m]
 
     Returns
     -------
@@ -85,11 +93,14 @@ def extract_corridor(
             span=np.zeros(0, dtype=np.int32),
             radius=np.zeros(num),
             complex_case=np.zeros(num, dtype=bool),
+            near=np.zeros(0, dtype=np.int64),
+            near_distance=np.zeros(0, dtype=np.float32),
+            near_span=np.zeros(0, dtype=np.int32),
         )
-    reach = settings.radius or settings.max_radius
+    reach = max(settings.radius or settings.max_radius, least_reach)
     table = span_table(curves, start_x, end_x)
     found, distance, span = find_near(points, table, reach)
-    radius = np.full(num, reach)
+    radius = np.full(num, settings.radius or settings.max_radius)
     complex_case = np.zeros(num, dtype=bool)
     if settings.radius == 0.0:
         for number in range(num):
@@ -105,6 +116,9 @@ def extract_corridor(
         span=span[inside],
         radius=radius,
         complex_case=complex_case,
+        near=found,
+        near_distance=distance,
+        near_span=span,
     )
 
 

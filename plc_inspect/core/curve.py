@@ -23,6 +23,8 @@ from plc_inspect.core.catenary import CatenaryFit, fit_catenary
 from plc_inspect.errors import FitError
 from plc_inspect.results import Float64, Int64
 
+MAX_POINTS = 2000
+"""Points that a fit needs while conductors are looked for."""
 MIN_TOLERANCE = 0.1
 MAX_TOLERANCE = 0.35
 """Bounds of the residual of an inlier, when it is derived from the noise [m]."""
@@ -53,7 +55,14 @@ class Curve:
     tolerance: float
     """Largest residual of an inlier, across and vertically [m]."""
     points: Int64
-    """Indices of the inliers, ascending."""
+    """Indices of the inliers, ascending; one in ``stride`` of them."""
+    stride: int
+    """How many points of the cloud each of ``points`` stands for."""
+
+    @property
+    def num_points(self) -> int:
+        """Number of inliers in the cloud, estimated where it was thinned."""
+        return len(self.points) * self.stride
 
     @property
     def length(self) -> float:
@@ -93,6 +102,8 @@ def fit_curve(
     tolerance: float,
     num_trials: int = 64,
     rng: np.random.Generator | None = None,
+    max_points: int = MAX_POINTS,
+    azimuth: float | None = None,
 ) -> Curve:
     """
     Fit a vertical plane and a catenary in it to points of one conductor.
@@ -103,6 +114,8 @@ def fit_curve(
     chosen : (K,) indices of the conductor's points, ascending, no repeats
     tolerance : largest residual of an inlier, across and vertically [m]
     num_trials, rng : of MSAC; without ``rng`` all points start as inliers
+    max_points : more points than this are thinned evenly
+    azimuth : the curve's x runs this way rather than opposite [rad]; by default to the east
 
     Returns
     -------
@@ -114,11 +127,16 @@ def fit_curve(
         Fewer than four points agree on a curve.
 
     """
+    stride = max(-(-len(chosen) // max_points), 1)
+    chosen = chosen[::stride]
     if len(chosen) < 4:
         raise FitError(f'a conductor needs 4 points, got {len(chosen)}')
     own = points[chosen]
     origin = own[:, :2].mean(axis=0)
+    wanted = azimuth
     azimuth = _principal_azimuth(own[:, :2] - origin)
+    if wanted is not None and math.cos(azimuth - wanted) < 0:
+        azimuth += math.pi
     keep = np.ones(len(own), dtype=bool)
     for _ in range(4):
         x, y = _rotate(own[:, :2] - origin, azimuth)
@@ -154,6 +172,7 @@ def fit_curve(
         mean_x=mean,
         tolerance=tolerance,
         points=chosen[inlier].astype(np.int64),
+        stride=stride,
     )
 
 

@@ -40,7 +40,7 @@ def find_objection(curve: Curve, profile: Profile, settings: CatenarySettings) -
     """
     if curve.length < settings.min_length:
         return 'too short'
-    if len(curve.points) < settings.min_points:
+    if curve.num_points < settings.min_points:
         return 'too few points'
     if profile.coverage < settings.min_coverage:
         return 'seen in too few places'

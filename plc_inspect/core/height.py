@@ -23,6 +23,8 @@ import numpy as np
 from plc_inspect.config import HeightSettings
 from plc_inspect.results import Bool, Float32, Float64, Int64
 
+MAX_PEAK = 1.0
+"""The peak of the histogram is the ground within this of the surface; shrubs are higher [m]."""
 MAX_CELLS = 16_000_000
 """Bound of the ground grid; a wider area gets larger cells."""
 
@@ -142,9 +144,9 @@ def _empty(num: int, settings: HeightSettings) -> HeightResult:
 
 
 def _ground_peak(histogram: Int64, edges: Float64, beta: float) -> float:
-    """Height of the fullest bin within beta of the ground surface; 0 where it is bare."""
+    """Height of the fullest bin next to the ground surface; 0 where there is none."""
     centers = (edges[:-1] + edges[1:]) / 2
-    near = np.abs(centers) < beta
+    near = np.abs(centers) < min(MAX_PEAK, beta / 2)
     if not near.any() or histogram[near].max() == 0:
         return 0.0
     return float(centers[near][np.argmax(histogram[near])])

@@ -29,6 +29,9 @@ MAX_MISS = 0.5
 """Greatest distance of the two curves where they are nearest; insulators fill it [m]."""
 MIN_RISE = 0.008
 """Least kink at a support: half the lengths of both spans over c is more [-]."""
+STRETCH_COST = 0.02
+OVERLAP_COST = 0.1
+"""A metre of extrapolation, or of running on beyond the joint, weighs as this much miss."""
 MAX_OVERLAP = 8.0
 """How far a curve may run on beyond its support [m]."""
 
@@ -144,6 +147,7 @@ def _meet(
         return None
     here = (at[best] + second.position(other_x[best])[0]) / 2
     stretch = max(beyond_first, 0.0) + max(float(beyond[best]), 0.0)
+    overlap = max(-beyond_first, 0.0) + max(-float(beyond[best]), 0.0)
     inward = -_outward(first, sides[0])
     return Joint(
         curves=pair,
@@ -153,5 +157,5 @@ def _meet(
         direction=math.atan2(inward[1], inward[0]),
         kink=rise,
         miss=float(miss[best]),
-        cost=float(miss[best]) + 0.02 * stretch,
+        cost=float(miss[best]) + STRETCH_COST * stretch + OVERLAP_COST * overlap,
     )

@@ -100,7 +100,7 @@ def find_candidates(
     LinearityResult
 
     """
-    size = settings.voxel_size or 0.25
+    size = settings.voxel_size
     sparse = drop_bulk(points, chosen, origin, settings.max_occupied)
     voxels = build_voxels(points, sparse, origin, size)
     limit = math.sin(math.radians(settings.max_inclination_deg))

@@ -33,7 +33,7 @@ from plc_inspect.core.linearity import find_candidates, LinearityResult
 from plc_inspect.core.outliers import OutlierResult, remove_outliers
 from plc_inspect.core.plan_index import build_plan_index
 from plc_inspect.core.route import trace_routes
-from plc_inspect.core.spans import build_spans, claim_strays, SpanResult
+from plc_inspect.core.spans import build_spans, claim_strays, FREE_RADIUS, SpanResult
 from plc_inspect.core.supports import find_layout
 from plc_inspect.core.voxels import hash_key, pack
 from plc_inspect.errors import DataError
@@ -180,6 +180,7 @@ class _Run:
             np.array([min(model.start_x, model.end_x) for model in spans.models]),
             np.array([max(model.start_x, model.end_x) for model in spans.models]),
             settings.corridor,
+            least_reach=max(settings.hazards.warning_distance, FREE_RADIUS),
         )
         spans = claim_strays(points, spans, corridor)
         self.report(
@@ -279,16 +280,16 @@ class _Run:
         points = self.points
         wire = spans.line_id >= 0
         off_ground = (
-            ~wire[corridor.points]
-            & ~spans.support[corridor.points]
-            & ~(height.height[corridor.points] < GROUND_BAND)
+            ~wire[corridor.near]
+            & ~spans.support[corridor.near]
+            & ~(height.height[corridor.near] < GROUND_BAND)
         )
-        near = corridor.points[off_ground]
+        near = corridor.near[off_ground]
         hazards, surface = find_hazards(
             points,
             near,
-            corridor.distance[off_ground].astype(np.float64),
-            corridor.span[off_ground].astype(np.int64),
+            corridor.near_distance[off_ground].astype(np.float64),
+            corridor.near_span[off_ground].astype(np.int64),
             spans.models,
             spans.ground_below,
             self.settings.hazards,

@@ -37,6 +37,11 @@ from plc_inspect.results import Bool, Float32, Float64, Int32, Int64, Span, Supp
 
 END_SLACK = 0.3
 """Wire points may lie this far beyond the end of a span [m]."""
+MAX_FINAL_POINTS = 20_000
+"""Points that the final fit of a span uses at most."""
+POLE_SLICE = (0.8, 0.8)
+TOWER_SLICE = (2.0, 2.0)
+"""Half thickness along the line, and reach beyond the attachments across it, of supports [m]."""
 FREE_LENGTH = 2.0
 """Length of the parts of a span that are free of other things or not [m]."""
 STRAY_RADIUS = 0.35
@@ -185,14 +190,14 @@ def claim_strays(
         With labels, residuals and numbers of points brought up to date.
 
     """
-    close = np.flatnonzero(corridor.distance <= FREE_RADIUS)
-    close = close[~spans.support[corridor.points[close]]]
+    close = np.flatnonzero(corridor.near_distance <= FREE_RADIUS)
+    close = close[~spans.support[corridor.near[close]]]
     line_id, span_id = spans.line_id.copy(), spans.span_id.copy()
     residual = spans.residual.copy()
     models = []
     for number, model in enumerate(spans.models):
-        own = close[corridor.span[close] == number]
-        found, distance = corridor.points[own], corridor.distance[own]
+        own = close[corridor.near_span[close] == number]
+        found, distance = corridor.near[own], corridor.near_distance[own]
         x, _ = model.curve.local(points[found])
         place = (model.along(x) / FREE_LENGTH).astype(np.int64)
         wire = spans.line_id[found] >= 0
@@ -234,13 +239,13 @@ def _refit(
                 tolerance=curve.tolerance,
                 num_trials=settings.catenary.num_trials,
                 rng=rng,
+                max_points=MAX_FINAL_POINTS,
+                azimuth=curve.azimuth,
             )
         except FitError:
             break
-        if len(refit.points) < 0.8 * len(curve.points):
+        if refit.num_points < 0.8 * curve.num_points:
             break
-        if math.cos(refit.azimuth - curve.azimuth) < 0:
-            ends = ends[::-1]
         curve = refit
         low, high = (float(value) for value in curve.local(ends)[0])
         if layout.start_station[number] < 0:
@@ -470,19 +475,19 @@ def _mark(
     is_pole: bool,
     mask: Bool,
 ) -> None:
-    """Mark the points of a structure: its body, and the arms that reach to the attachments."""
-    body, along_arm, below = (1.2, 0.8, 1.5) if is_pole else (4.5, 4.0, 5.0)
+    """
+    Mark the points of a structure: a slice across the line as wide as the attachments.
+
+    The slice is thin, so that a tree beside a support reaches out of it and stays a hazard.
+    """
+    along_arm, beside = POLE_SLICE if is_pole else TOWER_SLICE
     unit = np.array([math.cos(azimuth), math.sin(azimuth)])
-    across = (attachments[:, :2] - place) @ np.array([-unit[1], unit[0]])
-    half = max(float(np.abs(across).max()) + along_arm, body)
+    left = np.array([-unit[1], unit[0]])
+    half = float(np.abs((attachments[:, :2] - place) @ left).max()) + beside
     reach = math.hypot(half, along_arm)
     found = gather_strip(
         index.start, index.order, index.origin, index.cell_size, index.shape[0], index.shape[1],
         place[0], place[1], place[0], place[1], reach,
     )
     apart = points[found, :2] - place
-    along = apart @ unit
-    side = apart @ np.array([-unit[1], unit[0]])
-    arm = (np.abs(along) <= along_arm) & (np.abs(side) <= half)
-    arm &= points[found, 2] >= float(attachments[:, 2].min()) - below
-    mask[found[arm | (np.hypot(along, side) <= body)]] = True
+    mask[found[(np.abs(apart @ unit) <= along_arm) & (np.abs(apart @ left) <= half)]] = True

@@ -87,12 +87,11 @@ def find_layout(
     """
     curves = _adopt(list(curves), list(doubtful), settings)
     joints = find_joints(curves, settings.max_reach)
-    stations = group_joints(joints, settings)
+    joints, stations = _drop_weak(joints, settings)
     cut = cut_at_stations(points, curves, stations, settings)
     if len(cut) != len(curves):
         curves = cut
-        joints = find_joints(curves, settings.max_reach)
-        stations = group_joints(joints, settings)
+        joints, stations = _drop_weak(find_joints(curves, settings.max_reach), settings)
     start_x = np.array([curve.low for curve in curves])
     end_x = np.array([curve.high for curve in curves])
     start_station = [-1] * len(curves)
@@ -130,7 +129,7 @@ def _find_originals(
     curves: Sequence[Curve], start_x: Float64, end_x: Float64
 ) -> list[int]:
     """Curves that do not lie on a better seen one, now that all reach their supports."""
-    order = sorted(range(len(curves)), key=lambda number: (-len(curves[number].points), number))
+    order = sorted(range(len(curves)), key=lambda number: (-curves[number].num_points, number))
     kept: list[int] = []
     for number in order:
         curve = curves[number]
@@ -164,6 +163,32 @@ def _adopt(
         curves = curves + [doubtful[i] for i in sorted(adopted)]
         doubtful = [curve for i, curve in enumerate(doubtful) if i not in adopted]
     return curves
+
+
+def _drop_weak(
+    joints: Sequence[Joint], settings: SupportSettings
+) -> tuple[tuple[Joint, ...], tuple[tuple[Joint, ...], ...]]:
+    """Drop the joints of a support that stands nearer than min_span to a better proven one."""
+    groups = sorted(
+        group_joints(joints, settings),
+        key=lambda group: (-len(group), sum(joint.cost for joint in group)),
+    )
+    kept: list[tuple[Joint, ...]] = []
+    for group in groups:
+        own = _station(group)
+        for other in map(_station, kept):
+            apart = own.position - other.position
+            along = apart[0] * math.cos(other.direction) + apart[1] * math.sin(other.direction)
+            if (
+                abs(along) < settings.min_span
+                and float(np.linalg.norm(apart)) < settings.width
+                and abs(math.sin(own.direction - other.direction)) < math.sin(PARALLEL)
+            ):
+                break
+        else:
+            kept.append(group)
+    believed = {id(joint) for group in kept for joint in group}
+    return tuple(joint for joint in joints if id(joint) in believed), tuple(kept)
 
 
 def group_joints(
