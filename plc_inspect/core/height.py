@@ -21,6 +21,7 @@ from numba import njit, prange
 import numpy as np
 
 from plc_inspect.config import HeightSettings
+from plc_inspect.core.ground import estimate_ground
 from plc_inspect.results import Bool, Float32, Float64, Int64
 
 MAX_PEAK = 1.0
@@ -78,7 +79,7 @@ def extract_high(points: Float64, settings: HeightSettings) -> HeightResult:
     cell = max(settings.cell_size, math.sqrt(float(extent[0] * extent[1]) / MAX_CELLS))
     shape = (int(extent[1] / cell) + 1, int(extent[0] / cell) + 1)
     lowest = _lowest_points(points, low, cell, shape[0], shape[1])
-    ground = _estimate_ground(lowest, cell, math.tan(math.radians(settings.max_slope_deg)))
+    ground = estimate_ground(lowest, cell, math.tan(math.radians(settings.max_slope_deg)))
     height, extremes = _heights(points, ground, low, cell)
     if extremes[0] > extremes[1]:  # no ground known anywhere
         known = np.isfinite(points).all(axis=1)
@@ -152,84 +153,6 @@ def _ground_peak(histogram: Int64, edges: Float64, beta: float) -> float:
     return float(centers[near][np.argmax(histogram[near])])
 
 
-def _estimate_ground(lowest: Float32, cell: float, max_slope: float) -> Float32:
-    """Ground at cell centres from the lowest point of each cell; NaN where unknown."""
-    surface = _drop_stray_lows(lowest, cell, max_slope)
-    envelope = _lower_envelope(surface, cell, max_slope)
-    seen = np.isfinite(surface) & (surface <= envelope + 0.3 + 0.5 * cell * max_slope)
-    seen &= _is_areal(seen)
-    filled: Float32 = _fill(np.where(seen, surface, np.float32(np.nan)))
-    return filled
-
-
-def _is_areal(seen: Bool) -> Bool:
-    """
-    Tell cells that have seen cells on all sides of them from those in thin lines.
-
-    A wire-only cloud has lowest points too, but they are no ground.
-    """
-    reach = 7
-    area = _box_sum(seen.astype(np.float32), reach)
-    rows, columns = seen.shape
-    available = _box_sum(np.ones((rows, columns), dtype=np.float32), reach)
-    result: Bool = area >= 0.2 * np.maximum(available, (2 * reach + 1) ** 2 / 2)
-    return result
-
-
-def _box_sum(values: Float32, reach: int) -> Float32:
-    """Sum over the (2 reach + 1)^2 cells about each cell."""
-    result = values.astype(np.float64)
-    for axis in (0, 1):
-        total = np.cumsum(result, axis=axis)
-        padding = [(0, 0), (0, 0)]
-        padding[axis] = (reach + 1, reach)
-        total = np.pad(total, padding, mode='edge')
-        lead = [slice(None), slice(None)]
-        lead[axis] = slice(0, reach + 1)
-        total[tuple(lead)] = 0.0
-        size = result.shape[axis]
-        upper = [slice(None), slice(None)]
-        upper[axis] = slice(2 * reach + 1, 2 * reach + 1 + size)
-        lower = [slice(None), slice(None)]
-        lower[axis] = slice(0, size)
-        result = total[tuple(upper)] - total[tuple(lower)]
-    return result.astype(np.float32)
-
-
-def _fill(values: Float32) -> Float32:
-    """Fill NaN cells from a pyramid of means; all NaN stays NaN."""
-    if not np.isnan(values).any():
-        return values
-    if max(values.shape) == 1:
-        return values
-    rows, columns = values.shape
-    padded = np.pad(values, ((0, rows % 2), (0, columns % 2)), constant_values=np.nan)
-    quads = padded.reshape(padded.shape[0] // 2, 2, padded.shape[1] // 2, 2)
-    known = np.isfinite(quads)
-    count = known.sum(axis=(1, 3))
-    total = np.where(known, quads, 0.0).sum(axis=(1, 3), dtype=np.float64)
-    coarse = np.full(count.shape, np.nan, dtype=np.float32)
-    np.divide(total, count, out=coarse, where=count > 0, casting='unsafe')
-    coarse = _fill(coarse)
-    row = np.clip((np.arange(rows) - 0.5) / 2, 0, coarse.shape[0] - 1)
-    column = np.clip((np.arange(columns) - 0.5) / 2, 0, coarse.shape[1] - 1)
-    fine = _bilinear(coarse, row, column)
-    return np.where(np.isfinite(values), values, fine)
-
-
-def _bilinear(grid: Float32, row: Float64, column: Float64) -> Float32:
-    """Grid values at fractional rows and columns (outer product of both)."""
-    r0 = np.minimum(row.astype(np.int64), max(grid.shape[0] - 2, 0))
-    c0 = np.minimum(column.astype(np.int64), max(grid.shape[1] - 2, 0))
-    r1 = np.minimum(r0 + 1, grid.shape[0] - 1)
-    c1 = np.minimum(c0 + 1, grid.shape[1] - 1)
-    fr = (row - r0).astype(np.float32)[:, None]
-    fc = (column - c0).astype(np.float32)[None, :]
-    upper = grid[np.ix_(r0, c0)] * (1 - fc) + grid[np.ix_(r0, c1)] * fc
-    lower = grid[np.ix_(r1, c0)] * (1 - fc) + grid[np.ix_(r1, c1)] * fc
-    return (upper * (1 - fr) + lower * fr).astype(np.float32)
-
-
 @njit(cache=True, parallel=True, nogil=True)
 def bounds(points):  # type: ignore[no-untyped-def]
     """
@@ -290,77 +213,6 @@ def _lowest_points(points, low, cell, rows, columns):  # type: ignore[no-untyped
             value = min(grids[0, row, column], grids[1, row, column])
             lowest[row, column] = value + low[2] if np.isfinite(value) else np.nan
     return lowest
-
-
-@njit(cache=True, parallel=True, nogil=True)
-def _drop_stray_lows(lowest, cell, max_slope):  # type: ignore[no-untyped-def]
-    """Clear cells that lie far below everything within 8 m: multiple returns, noise."""
-    reach = max(2, int(np.ceil(8.0 / cell)))
-    rows, columns = lowest.shape
-    result = lowest.copy()
-    for row in prange(rows):
-        for column in range(columns):
-            z = lowest[row, column]
-            if np.isnan(z):
-                continue
-            supported = 0
-            others = 0
-            for dr in range(-reach, reach + 1):
-                r = row + dr
-                if r < 0 or r >= rows:
-                    continue
-                for dc in range(-reach, reach + 1):
-                    c = column + dc
-                    if c < 0 or c >= columns or (dr == 0 and dc == 0):
-                        continue
-                    other = lowest[r, c]
-                    if np.isnan(other):
-                        continue
-                    others += 1
-                    if other < z + 1.0 + max_slope * cell * np.sqrt(dr * dr + dc * dc) * 0.5:
-                        supported += 1
-                        if supported >= 4:
-                            break
-                if supported >= 4:
-                    break
-            if supported < 4 and others >= 20:
-                result[row, column] = np.nan
-    return result
-
-
-@njit(cache=True, nogil=True)
-def _lower_envelope(surface, cell, max_slope):  # type: ignore[no-untyped-def]
-    """Greatest surface under the given one that is nowhere steeper than max_slope."""
-    rows, columns = surface.shape
-    result = np.where(np.isnan(surface), np.float32(np.inf), surface)
-    straight = np.float32(max_slope * cell)
-    diagonal = np.float32(max_slope * cell * np.sqrt(2.0))
-    for _ in range(2):
-        for row in range(rows):
-            for column in range(columns):
-                value = result[row, column]
-                if column > 0:
-                    value = min(value, result[row, column - 1] + straight)
-                if row > 0:
-                    value = min(value, result[row - 1, column] + straight)
-                    if column > 0:
-                        value = min(value, result[row - 1, column - 1] + diagonal)
-                    if column < columns - 1:
-                        value = min(value, result[row - 1, column + 1] + diagonal)
-                result[row, column] = value
-        for row in range(rows - 1, -1, -1):
-            for column in range(columns - 1, -1, -1):
-                value = result[row, column]
-                if column < columns - 1:
-                    value = min(value, result[row, column + 1] + straight)
-                if row < rows - 1:
-                    value = min(value, result[row + 1, column] + straight)
-                    if column < columns - 1:
-                        value = min(value, result[row + 1, column + 1] + diagonal)
-                    if column > 0:
-                        value = min(value, result[row + 1, column - 1] + diagonal)
-                result[row, column] = value
-    return result
 
 
 @njit(cache=True, parallel=True, nogil=True)

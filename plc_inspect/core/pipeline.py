@@ -19,14 +19,14 @@ import math
 import time
 from typing import Any
 
-from numba import njit, prange
 import numpy as np
 
 from plc_inspect.config import Settings
 from plc_inspect.core.alignment import align, AlignmentResult
 from plc_inspect.core.clustering import cluster, ClusteringResult
 from plc_inspect.core.conductors import model_conductors
-from plc_inspect.core.corridor import extract_corridor
+from plc_inspect.core.corridor import CorridorResult, extract_corridor
+from plc_inspect.core.decisions import decide, GROUND_BAND
 from plc_inspect.core.hazards import find_hazards
 from plc_inspect.core.height import extract_high, HeightResult
 from plc_inspect.core.linearity import find_candidates, LinearityResult
@@ -35,7 +35,6 @@ from plc_inspect.core.plan_index import build_plan_index
 from plc_inspect.core.route import trace_routes
 from plc_inspect.core.spans import build_spans, claim_strays, FREE_RADIUS, SpanResult
 from plc_inspect.core.supports import find_layout
-from plc_inspect.core.voxels import hash_key, pack
 from plc_inspect.errors import DataError
 from plc_inspect.results import (
     Decision,
@@ -44,7 +43,6 @@ from plc_inspect.results import (
     Int64,
     PointClass,
     StageReport,
-    UInt8,
 )
 
 Progress = Callable[[str, float], None]
@@ -61,8 +59,6 @@ STAGES = (
 )
 INDEX_CELL = 2.0
 """Edge of the plan cells that points are searched by [m]."""
-GROUND_BAND = 0.5
-"""Points this near to the ground surface are ground [m]."""
 
 
 class Pipeline:
@@ -275,7 +271,7 @@ class _Run:
         alignment: AlignmentResult,
         clustering: ClusteringResult,
         spans: SpanResult,
-        corridor: Any,
+        corridor: CorridorResult,
     ) -> InspectionResult:
         points = self.points
         wire = spans.line_id >= 0
@@ -308,7 +304,7 @@ class _Run:
         corridor_span = span_of[corridor.span] if len(span_of) else corridor.span
         others = ~wire[corridor.points]
         span_id[corridor.points[others]] = corridor_span[others]
-        decision = self._decide(height, high, candidates, outliers, alignment, clustering)
+        decision = decide(points, height, high, candidates, outliers, alignment, clustering)
         decision[spans.support] = Decision.SUPPORT
         decision[wire] = Decision.WIRE
         self.report(
@@ -336,71 +332,9 @@ class _Run:
             stages=tuple(self.stages),
         )
 
-    def _decide(
-        self,
-        height: HeightResult,
-        high: Int64,
-        candidates: LinearityResult,
-        outliers: OutlierResult,
-        alignment: AlignmentResult,
-        clustering: ClusteringResult,
-    ) -> UInt8:
-        """Decide which stage dropped each point; wires and supports come on top."""
-        decision = np.full(len(self.points), Decision.TOO_LOW, dtype=np.uint8)
-        decision[height.height < GROUND_BAND] = Decision.GROUND
-        if height.num_not_finite:
-            decision[~np.isfinite(self.points).all(axis=1)] = Decision.NOT_FINITE
-        state = np.full(len(candidates.position), Decision.OUTLIER, dtype=np.uint8)
-        state[np.flatnonzero(outliers.keep)] = np.where(
-            alignment.voted, Decision.NO_CLUSTER, Decision.NO_SECTION
-        )
-        if len(high):
-            origin = self.points[high].min(axis=0) - 1.0
-            decision[high] = _point_states(
-                self.points, high, origin, candidates.position, state, np.uint8(Decision.NOT_LINEAR)
-            )
-        decision[clustering.beads.points] = Decision.NO_CATENARY
-        return decision
-
 
 def _azimuth_histogram(azimuth: Float64) -> list[int]:
     """Windows per 10 degrees of azimuth, from -90 degrees on."""
     counts, _ = np.histogram(np.degrees(azimuth), bins=18, range=(-90.0, 90.0))
     result: list[int] = counts.tolist()
-    return result
-
-
-@njit(cache=True, parallel=True, nogil=True)
-def _point_states(points, high, origin, position, state, nothing):  # type: ignore[no-untyped-def]
-    """Greatest state of the candidates in the 1 m cell of each high point."""
-    size = 16
-    while size < 2 * len(position) + 2:
-        size *= 2
-    keys = np.full(size, -1, dtype=np.int64)
-    values = np.zeros(size, dtype=np.uint8)
-    for k in range(len(position)):
-        key = pack(
-            int(position[k, 0] - origin[0]),
-            int(position[k, 1] - origin[1]),
-            int(position[k, 2] - origin[2]),
-        )
-        place = hash_key(key, size - 1)
-        while keys[place] >= 0 and keys[place] != key:
-            place = (place + 1) & (size - 1)
-        keys[place] = key
-        values[place] = max(values[place], state[k])
-    result = np.full(len(high), nothing, dtype=np.uint8)
-    for k in prange(len(high)):
-        i = high[k]
-        key = pack(
-            int(points[i, 0] - origin[0]),
-            int(points[i, 1] - origin[1]),
-            int(points[i, 2] - origin[2]),
-        )
-        place = hash_key(key, size - 1)
-        while keys[place] >= 0:
-            if keys[place] == key:
-                result[k] = values[place]
-                break
-            place = (place + 1) & (size - 1)
     return result

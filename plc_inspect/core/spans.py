@@ -14,7 +14,6 @@
 
 """Spans, supports and labels of points from the final curves."""
 
-from collections.abc import Sequence
 import dataclasses
 from dataclasses import dataclass
 import math
@@ -28,9 +27,9 @@ from plc_inspect.core.corridor import CorridorResult
 from plc_inspect.core.curve import Curve, fit_curve
 from plc_inspect.core.hazards import SpanModel
 from plc_inspect.core.height import ground_at, HeightResult
-from plc_inspect.core.plan_index import gather_strip, PlanIndex
-from plc_inspect.core.route import Route, SIDE_BY_SIDE
-from plc_inspect.core.structures import find_structure, Structure
+from plc_inspect.core.placement import place_supports
+from plc_inspect.core.plan_index import PlanIndex
+from plc_inspect.core.route import Route
 from plc_inspect.core.supports import Layout
 from plc_inspect.errors import FitError
 from plc_inspect.results import Bool, Float32, Float64, Int32, Int64, Span, Support
@@ -39,9 +38,6 @@ END_SLACK = 0.3
 """Wire points may lie this far beyond the end of a span [m]."""
 MAX_FINAL_POINTS = 20_000
 """Points that the final fit of a span uses at most."""
-POLE_SLICE = (0.8, 0.8)
-TOWER_SLICE = (2.0, 2.0)
-"""Half thickness along the line, and reach beyond the attachments across it, of supports [m]."""
 FREE_LENGTH = 2.0
 """Length of the parts of a span that are free of other things or not [m]."""
 STRAY_RADIUS = 0.35
@@ -50,13 +46,6 @@ FREE_RADIUS = 1.0
 """Something else begins within this distance wherever it touches a conductor [m]."""
 FREE_SHARE = 0.1
 """A place is free where fewer than this share of its points, and two, are that far away."""
-TERMINAL_SPREAD = 2.5
-"""Open ends this near along the line end at one support [m]."""
-HOLD_RADIUS = 3.0
-HOLD_POINTS = 3
-"""Insulators and arms leave this many points within HOLD_RADIUS of a conductor's end [m]."""
-BEYOND = 5.0
-"""The cloud must go on this far beyond a conductor that ends at a support [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -127,7 +116,7 @@ def build_spans(
         span_id[chosen] = route.span_id[number]
         residual[chosen] = distance[nearer]
     wire = line_id >= 0
-    supports, support_mask, closed = _place_supports(
+    supports, support_mask, closed = place_supports(
         points, height, index, wire, layout, route, finals
     )
     models = []
@@ -308,186 +297,3 @@ def _ground_below(height: HeightResult, model: SpanModel) -> Float64:
     clearance = at[:, 2] - ground_at(height, at[:, :2])
     known = np.isfinite(clearance)
     return np.stack([model.along(x[known]), clearance[known]], axis=1)
-
-
-def _place_supports(
-    points: Float64,
-    height: HeightResult,
-    index: PlanIndex,
-    wire: Bool,
-    layout: Layout,
-    route: Route,
-    finals: Sequence[tuple[Curve, float, float]],
-) -> tuple[tuple[Support, ...], Bool, set[tuple[int, int]]]:
-    """Supports of all stations and of the open ends at which a structure stands."""
-    mask = np.zeros(len(points), dtype=bool)
-    found = []
-    closed: set[tuple[int, int]] = set()
-    ends = [
-        (number, side, curve.position(high if side > 0 else low)[0])
-        for number, (curve, low, high) in enumerate(finals)
-        for side in (-1, 1)
-    ]
-    stations = [layout.start_station, layout.end_station]
-    for station, record in enumerate(layout.stations):
-        members = [end for end in ends if stations[(end[1] + 1) // 2][end[0]] == station]
-        if not members:
-            continue
-        found.append((record.position, members))
-    opened = [end for end in ends if stations[(end[1] + 1) // 2][end[0]] < 0]
-    for members in _group_ends(opened, finals):
-        found.append((np.mean([end[2][:2] for end in members], axis=0), members))
-    supports = []
-    for position, members in found:
-        is_open = stations[(members[0][1] + 1) // 2][members[0][0]] < 0
-        attachments = np.array([end[2] for end in members])
-        base = float(ground_at(height, position[None, :])[0])
-        structure = None
-        if math.isfinite(base):
-            structure = find_structure(
-                points,
-                height.height,
-                index,
-                wire,
-                position,
-                2.5 if len(members) < 3 else 4.0,
-                float(attachments[:, 2].min()) - base,
-            )
-        is_pole = structure is not None and structure.kind == 'pole'
-        held = len(members) > 1 and (
-            structure is not None
-            or _are_held(points, height, index, wire, members, finals)
-        )
-        if is_open and not is_pole and not held:
-            continue
-        if is_open:
-            closed |= {(end[0], end[1]) for end in members}
-        place = _settle(position, structure, members, finals)
-        foot = float(ground_at(height, place[None, :])[0])
-        top = float(attachments[:, 2].max())
-        if structure is not None:
-            top = max(top, structure.top)
-        _mark(
-            points,
-            index,
-            place,
-            finals[members[0][0]][0].azimuth,
-            attachments,
-            structure.kind == 'pole' if structure is not None else len(members) < 3,
-            mask,
-        )
-        if not math.isfinite(foot):
-            foot = float(attachments[:, 2].min())
-        supports.append(
-            (
-                min(route.span_id[end[0]] for end in members),
-                max(route.span_id[end[0]] for end in members),
-                tuple(sorted({route.line_id[end[0]] for end in members})),
-                np.array([place[0], place[1], foot]),
-                top - foot,
-                structure.kind if structure is not None else 'unseen',
-            )
-        )
-    supports.sort(key=lambda item: (item[0] + item[1], item[2], *item[3]))
-    return (
-        tuple(
-            Support(support_id=number, position=place, height=tall, kind=kind, line_ids=lines)
-            for number, (_, _, lines, place, tall, kind) in enumerate(supports)
-        ),
-        mask,
-        closed,
-    )
-
-
-def _group_ends(
-    ends: Sequence[tuple[int, int, Float64]],
-    finals: Sequence[tuple[Curve, float, float]],
-) -> list[list[tuple[int, int, Float64]]]:
-    """Open ends that lie side by side across their line."""
-    groups: list[list[tuple[int, int, Float64]]] = []
-    for end in ends:
-        azimuth = finals[end[0]][0].azimuth
-        unit = np.array([math.cos(azimuth), math.sin(azimuth)])
-        for group in groups:
-            apart = np.array([other[2][:2] - end[2][:2] for other in group])
-            if (
-                np.abs(apart @ unit).max() <= TERMINAL_SPREAD
-                and np.linalg.norm(apart, axis=1).min() <= SIDE_BY_SIDE
-            ):
-                group.append(end)
-                break
-        else:
-            groups.append([end])
-    return groups
-
-
-def _are_held(
-    points: Float64,
-    height: HeightResult,
-    index: PlanIndex,
-    wire: Bool,
-    members: Sequence[tuple[int, int, Float64]],
-    finals: Sequence[tuple[Curve, float, float]],
-) -> bool:
-    """Tell conductors that end at arms or insulators from those that leave the cloud."""
-    held = 0
-    for number, side, end in members:
-        azimuth = finals[number][0].azimuth
-        unit = side * np.array([math.cos(azimuth), math.sin(azimuth)])
-        if not math.isfinite(float(ground_at(height, (end[:2] + BEYOND * unit)[None, :])[0])):
-            return False
-        found = gather_strip(
-            index.start, index.order, index.origin, index.cell_size, index.shape[0],
-            index.shape[1], end[0], end[1], end[0], end[1], HOLD_RADIUS,
-        )
-        near = np.linalg.norm(points[found] - end, axis=1) <= HOLD_RADIUS
-        held += int((near & ~wire[found]).sum()) >= HOLD_POINTS
-    low, high = height.origin, height.origin + height.cell_size * np.array(height.ground.shape[::-1])
-    inside = all(
-        ((end[:2] > low + BEYOND) & (end[:2] < high - BEYOND)).all() for _, _, end in members
-    )
-    return inside and 2 * held >= len(members)
-
-
-def _settle(
-    position: Float64,
-    structure: Structure | None,
-    members: Sequence[tuple[int, int, Float64]],
-    finals: Sequence[tuple[Curve, float, float]],
-) -> Float64:
-    """Plan position of a support: its pole, or along the line its tower's points."""
-    if structure is None:
-        return position
-    if structure.kind == 'pole':
-        return structure.position
-    azimuth = finals[members[0][0]][0].azimuth
-    unit = np.array([math.cos(azimuth), math.sin(azimuth)])
-    along = float((structure.position - position) @ unit)
-    return position + unit * min(max(along, -1.5), 1.5)
-
-
-def _mark(
-    points: Float64,
-    index: PlanIndex,
-    place: Float64,
-    azimuth: float,
-    attachments: Float64,
-    is_pole: bool,
-    mask: Bool,
-) -> None:
-    """
-    Mark the points of a structure: a slice across the line as wide as the attachments.
-
-    The slice is thin, so that a tree beside a support reaches out of it and stays a hazard.
-    """
-    along_arm, beside = POLE_SLICE if is_pole else TOWER_SLICE
-    unit = np.array([math.cos(azimuth), math.sin(azimuth)])
-    left = np.array([-unit[1], unit[0]])
-    half = float(np.abs((attachments[:, :2] - place) @ left).max()) + beside
-    reach = math.hypot(half, along_arm)
-    found = gather_strip(
-        index.start, index.order, index.origin, index.cell_size, index.shape[0], index.shape[1],
-        place[0], place[1], place[0], place[1], reach,
-    )
-    apart = points[found, :2] - place
-    mask[found[(np.abs(apart @ unit) <= along_arm) & (np.abs(apart @ left) <= half)]] = True
