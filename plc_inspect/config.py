@@ -429,6 +429,16 @@ class HazardSettings(_Checked):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class OutputSettings(_Checked):
+    """Where the node writes; the commands are told by their arguments."""
+
+    directory: str = _setting(
+        '',
+        'results folder of plc_node, replaced at every save; empty: a new one below ~/.ros',
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
     """All settings; the attribute names are the sections of files and parameters."""
 
@@ -444,6 +454,7 @@ class Settings:
     supports: SupportSettings = field(default_factory=SupportSettings)
     corridor: CorridorSettings = field(default_factory=CorridorSettings)
     hazards: HazardSettings = field(default_factory=HazardSettings)
+    output: OutputSettings = field(default_factory=OutputSettings)
 
 
 def describe() -> Iterator[tuple[str, Any, Mapping[str, Any]]]:
