@@ -68,8 +68,10 @@ def align(candidates: LinearityResult, settings: AlignmentSettings) -> Alignment
 
     Parameters
     ----------
-    candidates : LinearityResult, M oriented places
+    candidates : LinearityResult
+        M oriented places.
     settings : AlignmentSettings
+        Settings of this stage.
 
     Returns
     -------
@@ -110,7 +112,8 @@ def align(candidates: LinearityResult, settings: AlignmentSettings) -> Alignment
     weight = votes[kept].astype(np.float64)
     total = np.bincount(window, weight, num_windows)
     center = np.stack(
-        [np.bincount(window, weight * position[:, k], num_windows) / total for k in range(3)], axis=1
+        [np.bincount(window, weight * position[:, k], num_windows) / total for k in range(3)],
+        axis=1,
     )
     mean_azimuth = (
         np.arctan2(
@@ -156,7 +159,7 @@ def _half_turn(azimuth: Float64, slope: Float64) -> tuple[Float64, Float64]:
 
 
 def _split_azimuths(tile: Int64, azimuth: Float64, gap: float) -> Int64:
-    """Number the groups of equal tile whose azimuths, sorted, have no gap wider than given."""
+    """Return the group of each item: of equal tile, its sorted azimuths without a wider gap."""
     order = np.lexsort((azimuth, tile[:, 1], tile[:, 0]))
     sorted_tile, sorted_azimuth = tile[order], azimuth[order]
     new_tile = np.ones(len(order), dtype=bool)

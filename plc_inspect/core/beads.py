@@ -360,7 +360,7 @@ def _needed_points(y, w, eps, min_points):  # type: ignore[no-untyped-def]
     counts = np.zeros((256, 256), dtype=np.int64)
     fullest = 0
     for k in range(len(y)):
-        i, j = int(math.floor(y[k] / eps)) & 255, int(math.floor(w[k] / eps)) & 255
+        i, j = math.floor(y[k] / eps) & 255, math.floor(w[k] / eps) & 255
         counts[i, j] += 1
         fullest = max(fullest, counts[i, j])
     return min(max(fullest // 5, 4), min_points)

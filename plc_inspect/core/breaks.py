@@ -51,7 +51,8 @@ def find_break(x: Float64, y: Float64, z: Float64) -> Break | None:
 
     Parameters
     ----------
-    x, y, z : (N,) float64, along the track, across it and up [m]
+    x, y, z : (N,) float64
+        Along the track, across it and up [m].
 
     Returns
     -------

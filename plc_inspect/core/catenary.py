@@ -21,7 +21,7 @@ from numba import njit
 import numpy as np
 
 from plc_inspect.errors import FitError
-from plc_inspect.results import Bool, Float64, Int64
+from plc_inspect.results import Bool, Float64
 
 MIN_CURVATURE = 1e-6
 """A straighter wire is given this curvature, 1 / c [1/m]."""
@@ -64,12 +64,12 @@ class CatenaryFit:
         """Vertical displacement [m]."""
         return float(self.shape[0]) - self.c * math.sqrt(1.0 + self.shape[1] ** 2)
 
-    def height(self, x: Float64) -> Float64:
+    def height(self, x: Float64 | float) -> Float64:
         """Return z at each x; any shape, float64 [m]."""
         result: Float64 = _height(np.asarray(x, dtype=np.float64) - self.middle, *self.shape)
         return result
 
-    def slope(self, x: Float64) -> Float64:
+    def slope(self, x: Float64 | float) -> Float64:
         """Return dz/dx at each x."""
         t = np.asarray(x, dtype=np.float64) - self.middle
         result: Float64 = np.sinh(self.shape[2] * t + math.asinh(self.shape[1]))
@@ -77,7 +77,8 @@ class CatenaryFit:
 
     def height_sigma(self, x: Float64) -> Float64:
         """Return the standard deviation of z at each x [m]."""
-        jacobian = _jacobian(np.atleast_1d(np.asarray(x, dtype=np.float64)) - self.middle, self.shape)
+        t = np.atleast_1d(np.asarray(x, dtype=np.float64)) - self.middle
+        jacobian = _jacobian(t, self.shape)
         result: Float64 = np.sqrt(np.einsum('ij,jk,ik->i', jacobian, self.covariance, jacobian))
         return result
 
@@ -87,7 +88,8 @@ class CatenaryFit:
 
         Parameters
         ----------
-        start, end : x of the ends of the span [m]
+        start, end : float
+            X of the ends of the span [m].
 
         """
         value = _sag(self.middle, self.shape, start, end)
@@ -101,7 +103,7 @@ class CatenaryFit:
 
     def parameter_sigma(self) -> tuple[float, float, float]:
         """Return the standard deviations of a, b and c [m]."""
-        h, g, k = self.shape
+        _, g, k = self.shape
         root = math.sqrt(1.0 + g * g)
         jacobian = np.array(
             [
@@ -137,10 +139,14 @@ def fit_catenary(
 
     Parameters
     ----------
-    x, z : (N,) float64, along the span and up [m]
-    tolerance : largest residual of an inlier [m]
-    num_trials : hypotheses of MSAC
-    rng : source of the triples; the same generator state gives the same fit
+    x, z : (N,) float64
+        Along the span and up [m].
+    tolerance : float
+        Largest residual of an inlier [m].
+    num_trials : int
+        Hypotheses of MSAC.
+    rng : numpy.random.Generator
+        Source of the triples; the same generator state gives the same fit.
 
     Returns
     -------
@@ -208,7 +214,7 @@ def _sag(middle: float, shape: Float64, start: float, end: float) -> float:
 
 
 def _jacobian(t: Float64, shape: Float64) -> Float64:
-    """Derivatives of the height by height, slope and curvature at the middle."""
+    """Return the derivatives of the height by height, slope and curvature at the middle."""
     _, g, k = shape
     root = math.sqrt(1.0 + g * g)
     u = k * t + math.asinh(g)

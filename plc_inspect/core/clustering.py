@@ -60,11 +60,16 @@ def cluster(
 
     Parameters
     ----------
-    points : (N, 3) float64 [m]
-    index : PlanIndex of the high points
-    seeds : (M, 3) float64, positions of the candidates [m]
+    points : (N, 3) float64
+        Coordinates [m].
+    index : PlanIndex
+        Of the high points.
+    seeds : (M, 3) float64
+        Positions of the candidates [m].
     alignment : AlignmentResult
+        Windows and their azimuths.
     settings : ClusteringSettings
+        Settings of this stage.
 
     Returns
     -------

@@ -83,12 +83,18 @@ def profile_curve(
 
     Parameters
     ----------
-    points : (N, 3) float64 [m]
-    index : PlanIndex to search
-    curve : Curve, used also beyond its own ends
-    low, high : x of the ends [m]
-    step : length of a bin [m]
-    ignore : (N,) bool, points that do not count as close about the curve, such as other wires
+    points : (N, 3) float64
+        Coordinates [m].
+    index : PlanIndex
+        Searched.
+    curve : Curve
+        Used also beyond its own ends.
+    low, high : float
+        X of the ends [m].
+    step : float
+        Length of a bin [m].
+    ignore : (N,) bool
+        Points that do not count as close about the curve, such as other wires.
 
     Returns
     -------
@@ -133,11 +139,16 @@ def measure_company(
 
     Parameters
     ----------
-    points : (N, 3) float64 [m]
-    index : PlanIndex to search
+    points : (N, 3) float64
+        Coordinates [m].
+    index : PlanIndex
+        Searched.
     curve : Curve
-    profile : Profile of the curve between its ends
-    wire : (N,) bool, points of this and other curves
+        The curve.
+    profile : Profile
+        Of the curve between its ends.
+    wire : (N,) bool
+        Points of this and other curves.
 
     """
     radius = max(COMPANY_RADIUS, 2 * curve.tolerance)
@@ -204,7 +215,7 @@ def _sure_reach(curve: Curve, longest: float) -> float:
 
 
 def _walk(good: Bool, allowed: int) -> int:
-    """Steps to the last good bin that is reached without more than ``allowed`` bad in a row."""
+    """Count the steps to the last good bin reached over at most ``allowed`` bad in a row."""
     last = bad = 0
     for step, value in enumerate(good):
         if value:
@@ -236,7 +247,7 @@ def _profile(  # type: ignore[no-untyped-def]
     for i in near:
         dx, dy = points[i, 0] - origin[0], points[i, 1] - origin[1]
         x = ca * dx + sa * dy
-        place = int(math.floor((x - low) / step))
+        place = math.floor((x - low) / step)
         if place < 0 or place >= num:
             continue
         y = ca * dy - sa * dx

@@ -66,11 +66,16 @@ def model_conductors(
 
     Parameters
     ----------
-    points : (N, 3) float64 [m]
-    index : PlanIndex of the points off the ground
+    points : (N, 3) float64
+        Coordinates [m].
+    index : PlanIndex
+        Of the points off the ground.
     clustering : ClusteringResult
+        Beads and tracks.
     settings : CatenarySettings
-    rng : for MSAC
+        Settings of this stage.
+    rng : numpy.random.Generator
+        For MSAC.
 
     Returns
     -------
@@ -114,7 +119,7 @@ def _without_company(
     settings: CatenarySettings,
 ) -> tuple[Curve, ...]:
     """Drop curves with other things all along them, the worst first: they are no wires then."""
-    alive = list(zip(curves, profiles))
+    alive = list(zip(curves, profiles, strict=True))
     while alive:
         wire = np.zeros(len(points), dtype=bool)
         for _, profile in alive:
@@ -125,7 +130,7 @@ def _without_company(
         worst = max(company)
         if worst <= settings.max_company:
             break
-        alive = [item for item, value in zip(alive, company) if value < worst]
+        alive = [item for item, value in zip(alive, company, strict=True) if value < worst]
     return tuple(curve for curve, _ in alive)
 
 
@@ -143,10 +148,14 @@ def model_tracks(
 
     Parameters
     ----------
-    points : (N, 3) float64 [m]
+    points : (N, 3) float64
+        Coordinates [m].
     clustering : ClusteringResult
+        Beads and tracks.
     settings : CatenarySettings
-    rng : for MSAC
+        Settings of this stage.
+    rng : numpy.random.Generator
+        For MSAC.
 
     Returns
     -------
@@ -184,12 +193,13 @@ def model_tracks(
 
 def split_at_supports(points: Float64, chosen: Int64) -> list[Int64]:
     """Split the chosen points at every kink that find_break believes in; in order along."""
-    waiting, done = [chosen], []
+    waiting = [chosen]
+    done: list[Int64] = []
     while waiting:
         part = waiting.pop()
         own = points[part]
         centered = own[:, :2] - own[:, :2].mean(axis=0)
-        axis = np.linalg.svd(centered, full_matrices=False)[2][0] if len(part) > 1 else np.eye(2)[0]
+        axis = np.linalg.svd(centered, full_matrices=False)[2][0]
         x = centered @ axis
         y = centered @ np.array([-axis[1], axis[0]])
         found = find_break(x, y, own[:, 2]) if len(done) < MAX_SPLITS else None
@@ -237,7 +247,7 @@ def _continuations(base: Curve, others: Sequence[Curve], max_bridge: float) -> l
         (np.abs(y) < MAX_MISS + 0.02 * np.abs(x - base.mean_x)) & (np.abs(x - base.mean_x) < reach)
     )
     scored = []
-    for position in near:
+    for position in near.tolist():
         other = others[position]
         at = other.position(np.array([other.low, (other.low + other.high) / 2, other.high]))
         ox, oy = base.local(at)

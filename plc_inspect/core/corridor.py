@@ -73,12 +73,18 @@ def extract_corridor(
 
     Parameters
     ----------
-    points : (N, 3) float64 [m]
-    height : (N,) float32, above local ground [m]
-    wire : (N,) bool, points of conductors
-    curves, start_x, end_x : C curves and the x of their ends [m]
+    points : (N, 3) float64
+        Coordinates [m].
+    height : (N,) float32
+        Above local ground [m].
+    wire : (N,) bool
+        Points of conductors.
+    curves, start_x, end_x : sequence of Curve, (C,) float64, (C,) float64
+        Curves and the x of their ends [m].
     settings : CorridorSettings
-    least_reach : search at least this far, whatever the radius, for clearance rules [m]
+        Settings of this stage.
+    least_reach : float
+        Search at least this far, whatever the radius, for clearance rules [m].
 
     Returns
     -------
@@ -176,7 +182,7 @@ def span_table(curves: Sequence[Curve], start_x: Float64, end_x: Float64) -> Flo
                 low,
                 high,
             ]
-            for curve, low, high in zip(curves, start_x, end_x)
+            for curve, low, high in zip(curves, start_x, end_x, strict=True)
         ]
     ).reshape(len(curves), 10)
 
@@ -195,7 +201,7 @@ def find_near(
 
     """
     ends = np.concatenate(
-        [table[:, :2] + table[:, 8:9] * table[:, 2:4], table[:, :2] + table[:, 9:10] * table[:, 2:4]]
+        [table[:, :2] + table[:, column, None] * table[:, 2:4] for column in (8, 9)]
     )
     low = ends.min(axis=0) - reach
     extent = ends.max(axis=0) + reach - low

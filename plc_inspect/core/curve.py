@@ -75,7 +75,7 @@ class Curve:
         ca, sa = math.cos(self.azimuth), math.sin(self.azimuth)
         return ca * dx + sa * dy, ca * dy - sa * dx
 
-    def position(self, x: Float64) -> Float64:
+    def position(self, x: Float64 | float) -> Float64:
         """Return the (N, 3) points of the curve at (N,) x [m]."""
         x = np.atleast_1d(np.asarray(x, dtype=np.float64))
         return np.stack(
@@ -110,12 +110,18 @@ def fit_curve(
 
     Parameters
     ----------
-    points : (N, 3) float64, map frame [m]
-    chosen : (K,) indices of the conductor's points, ascending, no repeats
-    tolerance : largest residual of an inlier, across and vertically [m]
-    num_trials, rng : of MSAC; without ``rng`` all points start as inliers
-    max_points : more points than this are thinned evenly
-    azimuth : the curve's x runs this way rather than opposite [rad]; by default to the east
+    points : (N, 3) float64
+        Map frame [m].
+    chosen : (K,) int64
+        Indices of the conductor's points, ascending, no repeats.
+    tolerance : float
+        Largest residual of an inlier, across and vertically [m].
+    num_trials, rng : int, numpy.random.Generator or None
+        Of MSAC; without ``rng`` all points start as inliers.
+    max_points : int
+        More points than this are thinned evenly.
+    azimuth : float or None
+        The curve's x runs this way rather than opposite [rad]; by default to the east.
 
     Returns
     -------

@@ -29,8 +29,11 @@ def dbscan_plane(u, v, eps, min_points):  # type: ignore[no-untyped-def]
     Parameters
     ----------
     u, v : (n,) float64
-    eps : neighbours lie within this distance, inclusive
-    min_points : neighbours of a core point, itself included
+        See its class.
+    eps : int
+        Neighbours lie within this distance, inclusive.
+    min_points : int
+        Neighbours of a core point, itself included.
 
     Returns
     -------

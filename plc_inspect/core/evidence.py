@@ -34,8 +34,11 @@ def find_objection(curve: Curve, profile: Profile, settings: CatenarySettings) -
     Parameters
     ----------
     curve : Curve
-    profile : Profile of the curve between its ends
+        The curve.
+    profile : Profile
+        Of the curve between its ends.
     settings : CatenarySettings
+        Settings of this stage.
 
     """
     if curve.length < settings.min_length:

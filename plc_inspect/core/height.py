@@ -64,8 +64,10 @@ def extract_high(points: Float64, settings: HeightSettings) -> HeightResult:
 
     Parameters
     ----------
-    points : (N, 3) float64, map frame [m]; not-finite rows are counted and never high
+    points : (N, 3) float64
+        Map frame [m]; not-finite rows are counted and never high.
     settings : HeightSettings
+        Settings of this stage.
 
     Returns
     -------
@@ -82,7 +84,7 @@ def extract_high(points: Float64, settings: HeightSettings) -> HeightResult:
     ground = estimate_ground(lowest, cell, math.tan(math.radians(settings.max_slope_deg)))
     height, extremes = _heights(points, ground, low, cell)
     if extremes[0] > extremes[1]:  # no ground known anywhere
-        known = np.isfinite(points).all(axis=1)
+        known = np.asarray(np.isfinite(points).all(axis=1))
         return HeightResult(
             height=height,
             high=known,
@@ -160,7 +162,8 @@ def bounds(points):  # type: ignore[no-untyped-def]
 
     Parameters
     ----------
-    points : (N, 3) float64 [m]
+    points : (N, 3) float64
+        Coordinates [m].
 
     Returns
     -------

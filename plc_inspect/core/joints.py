@@ -65,8 +65,10 @@ def find_joints(curves: Sequence[Curve], max_reach: float) -> tuple[Joint, ...]:
 
     Parameters
     ----------
-    curves : curves, each within one span
-    max_reach : longest extrapolation from either end [m]
+    curves : sequence of Curve
+        Curves, each within one span.
+    max_reach : float
+        Longest extrapolation from either end [m].
 
     Returns
     -------
@@ -76,7 +78,12 @@ def find_joints(curves: Sequence[Curve], max_reach: float) -> tuple[Joint, ...]:
     if len(curves) < 2:
         return ()
     ends = [
-        (number, side, curve.position(curve.high if side > 0 else curve.low)[0], _outward(curve, side))
+        (
+            number,
+            side,
+            curve.position(curve.high if side > 0 else curve.low)[0],
+            _outward(curve, side),
+        )
         for number, curve in enumerate(curves)
         for side in (-1, 1)
     ]
@@ -101,7 +108,7 @@ def find_joints(curves: Sequence[Curve], max_reach: float) -> tuple[Joint, ...]:
     used: set[tuple[int, int]] = set()
     chosen = []
     for joint in candidates:
-        keys = set(zip(joint.curves, joint.sides))
+        keys = set(zip(joint.curves, joint.sides, strict=True))
         if not keys & used:
             used |= keys
             chosen.append(joint)

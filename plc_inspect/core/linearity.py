@@ -32,7 +32,6 @@ from plc_inspect.core.voxels import (
 )
 from plc_inspect.results import Float64, Int64
 
-
 BULK_CELL = 1.0
 """Edge of the cells whose occupied neighbours tell bulky things [m]."""
 
@@ -90,10 +89,14 @@ def find_candidates(
 
     Parameters
     ----------
-    points : (N, 3) float64, map frame [m]
-    chosen : (K,) int64, indices of the high points
-    origin : (3,) float64, not above any chosen point [m]
+    points : (N, 3) float64
+        Map frame [m].
+    chosen : (K,) int64
+        Indices of the high points.
+    origin : (3,) float64
+        Not above any chosen point [m].
     settings : LinearitySettings
+        Settings of this stage.
 
     Returns
     -------
@@ -126,7 +129,9 @@ def find_candidates(
                 likeness.count[good],
             )
         )
-    position, direction, edge, linear, count = (np.concatenate(part) for part in zip(*parts))
+    position, direction, edge, linear, count = (
+        np.concatenate(part) for part in zip(*parts, strict=True)
+    )
     return LinearityResult(
         position=position,
         direction=direction,
@@ -151,10 +156,14 @@ def drop_bulk(
 
     Parameters
     ----------
-    points : (N, 3) float64 [m]
-    chosen : (K,) int64, finite points not below origin
-    origin : (3,) float64 [m]
+    points : (N, 3) float64
+        Coordinates [m].
+    chosen : (K,) int64
+        Finite points not below origin.
+    origin : (3,) float64
+        Coordinates [m].
     max_occupied : int
+        See its class.
 
     Returns
     -------

@@ -47,8 +47,10 @@ def remove_outliers(positions: Float64, settings: OutlierSettings) -> OutlierRes
 
     Parameters
     ----------
-    positions : (M, 3) float64 [m]
+    positions : (M, 3) float64
+        Coordinates [m].
     settings : OutlierSettings
+        Settings of this stage.
 
     Returns
     -------

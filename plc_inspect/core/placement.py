@@ -91,7 +91,8 @@ def place_supports(
             continue
         if is_open:
             closed |= {(end[0], end[1]) for end in members}
-        place = _settle(position, structure, members, finals)
+        azimuth = _mean_azimuth(members, finals)
+        place = _settle(position, structure, azimuth)
         foot = float(ground_at(height, place[None, :])[0])
         top = float(attachments[:, 2].max())
         if structure is not None:
@@ -100,7 +101,7 @@ def place_supports(
             points,
             index,
             place,
-            finals[members[0][0]][0].azimuth,
+            azimuth,
             attachments,
             structure.kind == 'pole' if structure is not None else len(members) < 3,
             mask,
@@ -171,25 +172,29 @@ def _are_held(
         )
         near = np.linalg.norm(points[found] - end, axis=1) <= HOLD_RADIUS
         held += int((near & ~wire[found]).sum()) >= HOLD_POINTS
-    low, high = height.origin, height.origin + height.cell_size * np.array(height.ground.shape[::-1])
+    low = height.origin
+    high = low + height.cell_size * np.array(height.ground.shape[::-1])
     inside = all(
         ((end[:2] > low + BEYOND) & (end[:2] < high - BEYOND)).all() for _, _, end in members
     )
     return inside and 2 * held >= len(members)
 
 
-def _settle(
-    position: Float64,
-    structure: Structure | None,
+def _mean_azimuth(
     members: Sequence[tuple[int, int, Float64]],
     finals: Sequence[tuple[Curve, float, float]],
-) -> Float64:
+) -> float:
+    """Azimuth of the line at a support, half way between both sides of an angle."""
+    doubled = np.array([2 * finals[number][0].azimuth for number, _, _ in members])
+    return 0.5 * math.atan2(float(np.sin(doubled).sum()), float(np.cos(doubled).sum()))
+
+
+def _settle(position: Float64, structure: Structure | None, azimuth: float) -> Float64:
     """Plan position of a support: its pole, or along the line its tower's points."""
     if structure is None:
         return position
     if structure.kind == 'pole':
         return structure.position
-    azimuth = finals[members[0][0]][0].azimuth
     unit = np.array([math.cos(azimuth), math.sin(azimuth)])
     along = float((structure.position - position) @ unit)
     return position + unit * min(max(along, -1.5), 1.5)

@@ -47,9 +47,12 @@ def build_plan_index(points: Float64, chosen: Int64, cell_size: float) -> PlanIn
 
     Parameters
     ----------
-    points : (N, 3) float64 [m]
-    chosen : (K,) int64, ascending indices of finite points
-    cell_size : edge of a cell [m], enlarged where the area needs more than MAX_CELLS cells
+    points : (N, 3) float64
+        Coordinates [m].
+    chosen : (K,) int64
+        Ascending indices of finite points.
+    cell_size : float
+        Edge of a cell [m], enlarged where the area needs more than MAX_CELLS cells.
 
     Returns
     -------

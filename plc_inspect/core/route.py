@@ -45,7 +45,7 @@ class Route:
 
 def trace_routes(layout: Layout) -> Route:
     """
-    Number spans along each route, and lines through all their spans.
+    Find the span and the line that each curve belongs to.
 
     Curves that hang between the same supports, or side by side where no support is known, are
     one span.  Curves that meet at a support are one line.  Routes are numbered by their place,
@@ -54,6 +54,7 @@ def trace_routes(layout: Layout) -> Route:
     Parameters
     ----------
     layout : Layout
+        Curves, and what they hang between.
 
     Returns
     -------
@@ -164,7 +165,7 @@ def _side_by_side(layout: Layout, first: int, second: int) -> bool:
 def _chain_lines(layout: Layout) -> list[int]:
     pairs = [joint.curves for joint in layout.joints]
     taken = {
-        end for joint in layout.joints for end in zip(joint.curves, joint.sides)
+        end for joint in layout.joints for end in zip(joint.curves, joint.sides, strict=True)
     }
     for station in range(len(layout.stations)):
         free = [end for end in _ends_at(layout, station) if end not in taken]
@@ -181,7 +182,7 @@ def _chain_lines(layout: Layout) -> list[int]:
                 for a in before
             ]
         )
-        for i, j in zip(*linear_sum_assignment(cost)):
+        for i, j in zip(*linear_sum_assignment(cost), strict=True):
             if cost[i, j] <= MAX_SHIFT:
                 pairs.append((before[i][0], after[j][0]))
     return _unite(pairs, len(layout.curves))
@@ -190,7 +191,7 @@ def _chain_lines(layout: Layout) -> list[int]:
 def _order_groups(
     layout: Layout, group: list[int]
 ) -> tuple[list[int], dict[int, Float64]]:
-    """Groups in order along their routes, and where each route enters a group."""
+    """Order the groups along their routes, and where each route enters a group."""
     members: dict[int, list[int]] = {}
     for curve, number in enumerate(group):
         members.setdefault(number, []).append(curve)

@@ -84,12 +84,18 @@ def build_spans(
 
     Parameters
     ----------
-    points : (N, 3) float64 [m]
+    points : (N, 3) float64
+        Coordinates [m].
     height : HeightResult
-    index : PlanIndex of the points off the ground
-    layout, route : the curves, and what they belong to
+        Heights above local ground.
+    index : PlanIndex
+        Of the points off the ground.
+    layout, route : Layout, Route
+        The curves, and what they belong to.
     settings : Settings
-    rng : for MSAC
+        Settings of this stage.
+    rng : numpy.random.Generator
+        For MSAC.
 
     Returns
     -------
@@ -121,7 +127,9 @@ def build_spans(
     )
     models = []
     for number, (curve, low, high) in enumerate(finals):
-        own = np.flatnonzero((line_id == route.line_id[number]) & (span_id == route.span_id[number]))
+        own = np.flatnonzero(
+            (line_id == route.line_id[number]) & (span_id == route.span_id[number])
+        )
         if len(own) < 3:
             continue
         is_open = tuple(
@@ -169,9 +177,12 @@ def claim_strays(
 
     Parameters
     ----------
-    points : (N, 3) float64 [m]
+    points : (N, 3) float64
+        Coordinates [m].
     spans : SpanResult
-    corridor : CorridorResult of the same spans
+        Spans so far.
+    corridor : int
+        CorridorResult of the same spans.
 
     Returns
     -------

@@ -53,13 +53,20 @@ def find_structure(
 
     Parameters
     ----------
-    points : (N, 3) float64 [m]
-    height : (N,) float32, above local ground [m]
-    index : PlanIndex of the points off the ground
-    wire : (N,) bool, points of conductors, which do not count
-    near : (2,) plan position to look at [m]
-    reach : how far from there its axis may be [m]
-    attachment : height of the lowest conductor there above the ground [m]
+    points : (N, 3) float64
+        Coordinates [m].
+    height : (N,) float32
+        Above local ground [m].
+    index : PlanIndex
+        Of the points off the ground.
+    wire : (N,) bool
+        Points of conductors, which do not count.
+    near : float
+        (2,) plan position to look at [m].
+    reach : float
+        How far from there its axis may be [m].
+    attachment : float
+        Height of the lowest conductor there above the ground [m].
 
     """
     found = gather_strip(
@@ -130,5 +137,5 @@ def _best_column(
     if free < 0.5 * needed:
         return None
     own = distance <= COLUMN
-    center: Float64 = np.median(apart[own], axis=0)
-    return center
+    axis: Float64 = np.median(apart[own], axis=0)
+    return axis

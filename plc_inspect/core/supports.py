@@ -75,10 +75,14 @@ def find_layout(
 
     Parameters
     ----------
-    points : (N, 3) float64 [m]
-    curves : curves, each within one span
-    doubtful : curves that are kept only if they continue one of the others
+    points : (N, 3) float64
+        Coordinates [m].
+    curves : sequence of Curve
+        Curves, each within one span.
+    doubtful : sequence of Curve
+        Curves that are kept only if they continue one of the others.
     settings : SupportSettings
+        Settings of this stage.
 
     Returns
     -------
@@ -98,11 +102,11 @@ def find_layout(
     end_station = [-1] * len(curves)
     owner = {id(joint): number for number, group in enumerate(stations) for joint in group}
     for joint in joints:
-        for curve, side, x in zip(joint.curves, joint.sides, joint.x):
+        for own, side, x in zip(joint.curves, joint.sides, joint.x, strict=True):
             if side > 0:
-                end_x[curve], end_station[curve] = x, owner[id(joint)]
+                end_x[own], end_station[own] = x, owner[id(joint)]
             else:
-                start_x[curve], start_station[curve] = x, owner[id(joint)]
+                start_x[own], start_station[own] = x, owner[id(joint)]
     placed = tuple(_station(group) for group in stations)
     for number, curve in enumerate(curves):
         for side, taken, ends in ((1, end_station, end_x), (-1, start_station, start_x)):
@@ -282,7 +286,7 @@ def _station_ahead(
     taken: int,
     settings: SupportSettings,
 ) -> tuple[int, float] | None:
-    """The support at which an open end would hang, if its neighbours tell of one."""
+    """Find the support at which an open end would hang, if its neighbours tell of one."""
     end = curve.high if side > 0 else curve.low
     best = None
     for number, station in enumerate(stations):

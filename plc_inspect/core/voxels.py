@@ -67,10 +67,14 @@ def build_voxels(points: Float64, chosen: Int64, origin: Float64, size: float) -
 
     Parameters
     ----------
-    points : (N, 3) float64 [m]
-    chosen : (K,) int64, indices of the points to take, all finite and not below origin
-    origin : (3,) float64 [m]
-    size : edge of a voxel [m]
+    points : (N, 3) float64
+        Coordinates [m].
+    chosen : (K,) int64
+        Indices of the points to take, all finite and not below origin.
+    origin : (3,) float64
+        Coordinates [m].
+    size : float
+        Edge of a voxel [m].
 
     Returns
     -------
@@ -108,7 +112,7 @@ def number_cells(
     points: Float64, chosen: Int64, origin: Float64, size: float
 ) -> tuple[Int32, Int32, Int64, Int32]:
     """
-    Number the occupied cells and say which one each point lies in.
+    Find the occupied cells and the one that each point lies in.
 
     Returns
     -------
