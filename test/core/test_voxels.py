@@ -41,7 +41,8 @@ def make_points(num=2000, seed=0):
 
 
 def as_dictionary(voxels):
-    return {tuple(index): row for index, row in zip(voxels.index.tolist(), voxels.moments, strict=True)}
+    keys = map(tuple, voxels.index.tolist())
+    return dict(zip(keys, voxels.moments, strict=True))
 
 
 def test_toy_case_by_hand():
