@@ -58,7 +58,7 @@ def decide(
         alignment.voted, Decision.NO_CLUSTER, Decision.NO_SECTION
     )
     if len(high):
-        origin = points[high].min(axis=0) - 1.0
+        origin = np.floor(points[high].min(axis=0)) - 1.0
         decision[high] = _point_states(
             points, high, origin, candidates.position, state, np.uint8(Decision.NOT_LINEAR)
         )

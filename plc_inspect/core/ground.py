@@ -16,18 +16,47 @@
 
 from numba import njit, prange
 import numpy as np
+from scipy.ndimage import distance_transform_edt
 
 from plc_inspect.results import Bool, Float32, Float64
 
 
-def estimate_ground(lowest: Float32, cell: float, max_slope: float) -> Float32:
-    """Ground at cell centres from the lowest point of each cell; NaN where unknown."""
+def estimate_ground(
+    lowest: Float32, cell: float, max_slope: float
+) -> tuple[Float32, Bool]:
+    """
+    Estimate the ground from the lowest point of each cell.
+
+    Parameters
+    ----------
+    lowest : (rows, columns) float32
+        Lowest point of each cell [m], NaN in empty ones.
+    cell : float
+        Edge of a cell [m].
+    max_slope : float
+        Steepest terrain, rise over run.
+
+    Returns
+    -------
+    ground : (rows, columns) float32
+        Height at the cell centres [m], filled in between; NaN where no ground is known at all.
+    seen : (rows, columns) bool
+        Cells in which ground was measured.
+
+    """
     surface = _drop_stray_lows(lowest, cell, max_slope)
     envelope = _lower_envelope(surface, cell, max_slope)
     seen = np.isfinite(surface) & (surface <= envelope + 0.3 + 0.5 * cell * max_slope)
     seen &= _is_areal(seen)
-    filled: Float32 = _fill(np.where(seen, surface, np.float32(np.nan)))
-    return filled
+    return _fill(np.where(seen, surface, np.float32(np.nan))), seen
+
+
+def measure_gap(seen: Bool, cell: float) -> Float32:
+    """Return the distance of each cell to the nearest one that was seen [m]; inf without any."""
+    if not seen.any():
+        return np.full(seen.shape, np.inf, dtype=np.float32)
+    gap: Float32 = (distance_transform_edt(~seen) * cell).astype(np.float32)
+    return gap
 
 
 def _is_areal(seen: Bool) -> Bool:

@@ -21,7 +21,7 @@ from numba import njit, prange
 import numpy as np
 
 from plc_inspect.config import HeightSettings
-from plc_inspect.core.ground import estimate_ground
+from plc_inspect.core.ground import estimate_ground, measure_gap
 from plc_inspect.results import Bool, Float32, Float64, Int64
 
 MAX_PEAK = 1.0
@@ -46,7 +46,9 @@ class HeightResult:
     edges: Float64
     """(num_bins + 1,) bin edges [m]."""
     ground: Float32
-    """(rows, columns) ground height at cell centres, y by x [m]; NaN where unknown."""
+    """(rows, columns) ground height at cell centres, y by x [m]; NaN where none is known."""
+    ground_gap: Float32
+    """(rows, columns) distance to the nearest cell where ground was seen [m]."""
     origin: Float64
     """(2,) x, y of the lower corner of the grid [m]."""
     cell_size: float
@@ -77,11 +79,13 @@ def extract_high(points: Float64, settings: HeightSettings) -> HeightResult:
     low, high, num_finite = bounds(points)
     if num_finite == 0:
         return _empty(len(points), settings)
+    low[:2] = np.floor(low[:2] / settings.cell_size) * settings.cell_size
     extent = high[:2] - low[:2]
     cell = max(settings.cell_size, math.sqrt(float(extent[0] * extent[1]) / MAX_CELLS))
     shape = (int(extent[1] / cell) + 1, int(extent[0] / cell) + 1)
     lowest = _lowest_points(points, low, cell, shape[0], shape[1])
-    ground = estimate_ground(lowest, cell, math.tan(math.radians(settings.max_slope_deg)))
+    ground, seen = estimate_ground(lowest, cell, math.tan(math.radians(settings.max_slope_deg)))
+    gap = measure_gap(seen, cell)
     height, extremes = _heights(points, ground, low, cell)
     if extremes[0] > extremes[1]:  # no ground known anywhere
         known = np.asarray(np.isfinite(points).all(axis=1))
@@ -93,6 +97,7 @@ def extract_high(points: Float64, settings: HeightSettings) -> HeightResult:
             histogram=np.zeros(settings.num_bins, dtype=np.int64),
             edges=np.linspace(0.0, 1.0, settings.num_bins + 1),
             ground=ground,
+            ground_gap=gap,
             origin=low[:2],
             cell_size=cell,
         )
@@ -110,13 +115,33 @@ def extract_high(points: Float64, settings: HeightSettings) -> HeightResult:
         histogram=histogram,
         edges=edges,
         ground=ground,
+        ground_gap=gap,
         origin=low[:2],
         cell_size=cell,
     )
 
 
-def ground_at(result: HeightResult, positions: Float64) -> Float64:
-    """Return the height of the ground at (K, 2) plan positions; (K,) [m], NaN where unknown."""
+def ground_at(
+    result: HeightResult, positions: Float64, max_gap: float = math.inf
+) -> Float64:
+    """
+    Return the height of the ground at plan positions.
+
+    Parameters
+    ----------
+    result : HeightResult
+        Of the cloud.
+    positions : (K, 2) float64
+        Plan positions [m]; outside the cloud the nearest place in it counts.
+    max_gap : float
+        Farther than this from where ground was seen it is unknown [m].
+
+    Returns
+    -------
+    (K,) float64
+        Height of the ground [m], NaN where unknown.
+
+    """
     cell = (np.asarray(positions, dtype=np.float64) - result.origin) / result.cell_size - 0.5
     limit = np.array(result.ground.shape[::-1]) - 1
     cell = np.clip(cell, 0.0, limit)
@@ -129,7 +154,9 @@ def ground_at(result: HeightResult, positions: Float64) -> Float64:
     above = ground[high[:, 1], low[:, 0]] * (1 - share[:, 0])
     above += ground[high[:, 1], high[:, 0]] * share[:, 0]
     height: Float64 = below * (1 - share[:, 1]) + above * share[:, 1]
-    return height
+    nearest = np.rint(cell).astype(np.int64)
+    gap = result.ground_gap[nearest[:, 1], nearest[:, 0]]
+    return np.where(gap <= max_gap, height, np.nan)
 
 
 def _empty(num: int, settings: HeightSettings) -> HeightResult:
@@ -141,6 +168,7 @@ def _empty(num: int, settings: HeightSettings) -> HeightResult:
         histogram=np.zeros(settings.num_bins, dtype=np.int64),
         edges=np.linspace(0.0, 1.0, settings.num_bins + 1),
         ground=np.full((1, 1), np.nan, dtype=np.float32),
+        ground_gap=np.full((1, 1), np.inf, dtype=np.float32),
         origin=np.zeros(2),
         cell_size=settings.cell_size,
     )

@@ -50,8 +50,6 @@ class Likeness:
     """(M,) l3 / l1."""
     direction: Float64
     """(M, 3) unit eigenvector v1, with x > 0 or, at x = 0, y > 0."""
-    occupied: Int64
-    """(M,) occupied voxels of the 27."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -144,6 +142,20 @@ def find_candidates(
     )
 
 
+def anchor(points: Float64, chosen: Int64, settings: LinearitySettings) -> Float64:
+    """
+    Return the origin of the voxels: below all chosen points, at a multiple of the coarsest edge.
+
+    So a map that grows keeps its voxels where they are.
+
+    """
+    if not len(chosen):
+        return np.zeros(3)
+    edge = settings.voxel_size * 2 ** (settings.num_scales - 1)
+    origin: Float64 = (np.floor(points[chosen].min(axis=0) / edge) - 1.0) * edge
+    return origin
+
+
 def drop_bulk(
     points: Float64, chosen: Int64, origin: Float64, max_occupied: int
 ) -> Int64:
@@ -185,7 +197,7 @@ def measure_likeness(voxels: Voxels) -> Likeness:
     visited.  O(M).
 
     """
-    count, linear, planar, spherical, direction, occupied = _measure(
+    count, linear, planar, spherical, direction = _measure(
         voxels.index, voxels.moments, voxels.table_key, voxels.table_slot, voxels.size
     )
     return Likeness(
@@ -194,7 +206,6 @@ def measure_likeness(voxels: Voxels) -> Likeness:
         planar=planar,
         spherical=spherical,
         direction=direction,
-        occupied=occupied,
     )
 
 
@@ -261,10 +272,8 @@ def _measure(index, moments, table_key, table_slot, size):  # type: ignore[no-un
     planar = np.empty(num)
     spherical = np.empty(num)
     direction = np.empty((num, 3))
-    occupied = np.empty(num, dtype=np.int64)
     for i in prange(num):
         total = np.zeros(10)
-        found = 0
         for dx in range(-1, 2):
             x = index[i, 0] + dx
             if x < 0:
@@ -280,7 +289,6 @@ def _measure(index, moments, table_key, table_slot, size):  # type: ignore[no-un
                     slot = find_slot(table_key, table_slot, pack(x, y, z))
                     if slot >= 0:
                         add_shifted(total, moments[slot], dx * size, dy * size, dz * size)
-                        found += 1
         n = total[0]
         mx, my, mz = total[1] / n, total[2] / n, total[3] / n
         l1, l2, l3, vx, vy, vz = principal_axis(
@@ -292,11 +300,10 @@ def _measure(index, moments, table_key, table_slot, size):  # type: ignore[no-un
             total[9] / n - mz * mz,
         )
         count[i] = int(n)
-        occupied[i] = found
         scale = 1.0 / l1 if l1 > 0.0 else 0.0
         linear[i] = (l1 - l2) * scale
         planar[i] = (l2 - l3) * scale
         spherical[i] = l3 * scale
         direction[i, 0], direction[i, 1], direction[i, 2] = vx, vy, vz
-    return count, linear, planar, spherical, direction, occupied
+    return count, linear, planar, spherical, direction
 

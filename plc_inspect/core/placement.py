@@ -164,7 +164,8 @@ def _are_held(
     for number, side, end in members:
         azimuth = finals[number][0].azimuth
         unit = side * np.array([math.cos(azimuth), math.sin(azimuth)])
-        if not math.isfinite(float(ground_at(height, (end[:2] + BEYOND * unit)[None, :])[0])):
+        ahead = (end[:2] + BEYOND * unit)[None, :]
+        if not math.isfinite(float(ground_at(height, ahead, max_gap=BEYOND)[0])):
             return False
         found = gather_strip(
             index.start, index.order, index.origin, index.cell_size, index.shape[0],

@@ -36,6 +36,8 @@ from plc_inspect.results import Bool, Float32, Float64, Int32, Int64, Span, Supp
 
 END_SLACK = 0.3
 """Wire points may lie this far beyond the end of a span [m]."""
+MAX_GROUND_GAP = 8.0
+"""No clearance above ground is given farther than this from where ground was seen [m]."""
 MAX_FINAL_POINTS = 20_000
 """Points that the final fit of a span uses at most."""
 FREE_LENGTH = 2.0
@@ -131,6 +133,7 @@ def build_spans(
             (line_id == route.line_id[number]) & (span_id == route.span_id[number])
         )
         if len(own) < 3:
+            line_id[own], span_id[own], residual[own] = -1, -1, np.nan
             continue
         is_open = tuple(
             station < 0 and (number, side) not in closed
@@ -305,6 +308,6 @@ def _ground_below(height: HeightResult, model: SpanModel) -> Float64:
     num = max(int(model.span.length), 2) + 1
     x = np.linspace(model.start_x, model.end_x, num)
     at = model.curve.position(x)
-    clearance = at[:, 2] - ground_at(height, at[:, :2])
+    clearance = at[:, 2] - ground_at(height, at[:, :2], MAX_GROUND_GAP)
     known = np.isfinite(clearance)
     return np.stack([model.along(x[known]), clearance[known]], axis=1)

@@ -65,6 +65,7 @@ def find_layout(
     curves: Sequence[Curve],
     doubtful: Sequence[Curve],
     settings: SupportSettings,
+    attempts: int = 4,
 ) -> Layout:
     """
     Find the supports that curves meet at, and end every curve at its supports.
@@ -83,6 +84,8 @@ def find_layout(
         Curves that are kept only if they continue one of the others.
     settings : SupportSettings
         Settings of this stage.
+    attempts : int
+        How often the layout is made anew after curves were dropped as duplicates.
 
     Returns
     -------
@@ -116,8 +119,9 @@ def find_layout(
                 if found is not None:
                     taken[number], ends[number] = found
     keep = _find_originals(curves, start_x, end_x)
-    if len(keep) < len(curves):
-        return find_layout(points, [curves[number] for number in keep], (), settings)
+    if len(keep) < len(curves) and attempts > 1:
+        originals = [curves[number] for number in keep]
+        return find_layout(points, originals, (), settings, attempts - 1)
     return Layout(
         curves=tuple(curves),
         start_x=start_x,
