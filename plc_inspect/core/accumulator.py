@@ -100,6 +100,7 @@ class Counters:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _WaitingScan:
+    stamp_ns: int
     xyz: Float32
     stamps: Int64
     first: int
@@ -124,13 +125,9 @@ class Accumulator:
     """
 
     def __init__(self, settings: Settings, *, touch: bool = False) -> None:
-        source = settings.input
-        self._min_range = source.min_range
-        self._max_range = source.max_range
-        self._max_wait = source.max_wait
-        self._T_base_lidar = make_transform(source.lidar_xyz, source.lidar_rpy_deg)
-        self.poses = PoseBuffer(source)
+        self.poses = PoseBuffer(settings.input)
         self.map = VoxelMap(settings.map)
+        self.configure(settings)
         self.map.reserve(RESERVED_VOXELS, touch=touch)
         self._clock = ScanClock()
         self._queue: deque[_WaitingScan] = deque()
@@ -138,6 +135,22 @@ class Accumulator:
         self._dropped: Counter[DropReason] = Counter()
         self._frames: tuple[str, str] | None = None
         self._lidar_frame_id: str | None = None
+        self._last_inserted: int | None = None
+
+    def configure(self, settings: Settings) -> None:
+        """Take other settings for what comes from now on, all but the structural ones."""
+        source = settings.input
+        self._min_range = source.min_range
+        self._max_range = source.max_range
+        self._max_wait = source.max_wait
+        self._T_base_lidar = make_transform(source.lidar_xyz, source.lidar_rpy_deg)
+        self.poses.configure(source)
+        self.map.configure(settings.map)
+
+    @property
+    def last_inserted(self) -> int | None:
+        """Stamp of the scan that went into the map last [ns], None before the first."""
+        return self._last_inserted
 
     @property
     def frame_id(self) -> str:
@@ -265,7 +278,7 @@ class Accumulator:
         if len(self._queue) == QUEUE_SIZE:
             self._queue.popleft()
             self._dropped[DropReason.QUEUE_FULL] += 1
-        self._queue.append(_WaitingScan(kept, stamps, first, last, now))
+        self._queue.append(_WaitingScan(stamp_ns, kept, stamps, first, last, now))
         self._drain()
         self.expire(now)
 
@@ -308,7 +321,7 @@ class Accumulator:
             self._dropped[DropReason.RESET] += 1
         if not keep_map:
             self.map.clear()
-            self._frames = self._lidar_frame_id = None
+            self._frames = self._lidar_frame_id = self._last_inserted = None
 
     def _take_waiting(self) -> Iterator[_WaitingScan]:
         """Yield the scans that wait now, each taken out of the queue."""
@@ -336,6 +349,7 @@ class Accumulator:
         except DataError:
             self._dropped[DropReason.OUT_OF_MAP] += 1
             return
+        self._last_inserted = scan.stamp_ns
         self._counts['scans inserted'] += 1
         self._counts['points inserted'] += insertion.num_points
         self._counts['map full'] += insertion.num_refused

@@ -126,8 +126,7 @@ class PoseBuffer:
     def __init__(self, settings: InputSettings, capacity: int = DEFAULT_CAPACITY) -> None:
         if capacity < 2:
             raise DataError(f'a pose buffer holds at least 2 poses, got capacity {capacity}')
-        self._max_gap_ns = round(settings.max_pose_gap * 1e9)
-        self._max_speed = settings.max_speed
+        self.configure(settings)
         self._capacity = capacity
         # Twice the capacity, so that the live poses are always one contiguous slice.
         self._stamps: Int64 = np.empty(2 * capacity, dtype=np.int64)
@@ -136,6 +135,11 @@ class PoseBuffer:
         self._counts: Counter[PoseStatus] = Counter()
         self._interval_counts: Counter[Bracket] = Counter()
         self.clear()
+
+    def configure(self, settings: InputSettings) -> None:
+        """Take another ``max_pose_gap`` and ``max_speed`` for the intervals that follow."""
+        self._max_gap_ns = round(settings.max_pose_gap * 1e9)
+        self._max_speed = settings.max_speed
 
     def __len__(self) -> int:
         """Return the number of poses in the buffer."""

@@ -145,6 +145,10 @@ class VoxelMap:
         """Memory of the voxels in use and of the hash table [bytes]."""
         return sum(array.nbytes for array in self._arrays()) + self._table.nbytes
 
+    def configure(self, settings: MapSettings) -> None:
+        """Take another ``min_points``; the other settings are structural."""
+        self._min_points = settings.min_points
+
     def clear(self) -> None:
         """Forget all voxels; the sequence goes on."""
         self._set_empty(self._capacity)

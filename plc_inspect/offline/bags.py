@@ -46,6 +46,17 @@ class RecordedMessage:
     content: ScanArrays | StampedPose
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class RawMessage:
+    """One message of a recording, as ROS 2 serialises it."""
+
+    log_stamp_ns: int
+    """When it was recorded [ns]."""
+    topic: str
+    """With the leading slash."""
+    raw: bytes
+
+
 class Recording:
     """
     The scans and poses of one recording, in the order in which they were recorded.
@@ -147,13 +158,35 @@ class Recording:
 
         """
         reader = self._open_reader()
-        self._num_read = 0
         self.skipped.clear()
         self.first_errors.clear()
+        for connection, stamp, raw in self._read(reader):
+            content = self._convert(reader, connection, raw)
+            if content is not None:
+                yield RecordedMessage(stamp, content)
+
+    def raw_messages(self) -> Iterator[RawMessage]:
+        """
+        Yield the scans and poses as bytes, in the order of recording.
+
+        Raises
+        ------
+        DataError
+            The file is damaged.
+
+        """
+        reader = self._open_reader()
+        for connection, stamp, raw in self._read(reader):
+            if not reader.is2:
+                raw = bytes(reader.typestore.ros1_to_cdr(raw, connection.msgtype))
+            yield RawMessage(stamp, _absolute(connection.topic), bytes(raw))
+
+    def _read(self, reader: AnyReader) -> Iterator[tuple[Any, int, bytes]]:
+        self._num_read = 0
         messages = iter(reader.messages(self._connections))
         while True:
             try:
-                connection, stamp, raw = next(messages)
+                item = next(messages)
             except StopIteration:
                 return
             except Exception as error:  # as in __enter__
@@ -162,9 +195,7 @@ class Recording:
                     f'messages: {_in_one_line(error)}'
                 ) from error
             self._num_read += 1
-            content = self._convert(reader, connection, raw)
-            if content is not None:
-                yield RecordedMessage(stamp, content)
+            yield item
 
     def _open_reader(self) -> AnyReader:
         if self._reader is None:

@@ -1,0 +1,79 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Makes the kernels ready before the first scan: loads them, or compiles them the first time."""
+
+import numpy as np
+
+from plc_inspect.config import MapSettings, Settings
+from plc_inspect.core.accumulator import Accumulator
+from plc_inspect.core.session import Session
+from plc_inspect.core.window import copy_window, WindowPlanner
+from plc_inspect.results import Float64
+
+
+def make_sample() -> Float64:
+    """Return (N, 3) points of three conductors over two spans, poles, a tree and the ground."""
+    rng = np.random.default_rng(0)
+    along = np.arange(0.0, 120.0, 0.15)
+    inside = along % 60.0 - 30.0
+    parts = [
+        np.column_stack((along, np.full(len(along), side), 9.0 + inside**2 / 900.0))
+        for side in (-1.2, 0.0, 1.2)
+    ]
+    for x in (0.0, 60.0, 120.0):
+        up = np.arange(0.0, 10.5, 0.1)
+        parts.append(np.column_stack((np.full(len(up), x), np.zeros(len(up)), up)))
+    x, y = (item.ravel() for item in np.mgrid[-5.0:125.0:0.7, -15.0:15.0:0.7])
+    parts.append(np.column_stack((x, y, np.zeros(len(x)))))
+    parts.append(np.array([30.0, 4.0, 5.0]) + rng.normal(0.0, 1.2, (600, 3)))
+    points: Float64 = np.concatenate(parts)
+    return points + rng.normal(0.0, 0.01, points.shape)
+
+
+def warm_up_intake() -> None:
+    """Run what the scans' and the odometry's callbacks run, on made-up data."""
+    accumulator = Accumulator(Settings(map=MapSettings(max_voxels=20_000)))
+    points = make_sample()[::2].astype(np.float32)
+    times = np.linspace(-0.1, 0.0, len(points))
+    for number in range(4):
+        stamp = 1_000_000_000 + 100_000_000 * number
+        accumulator.add_pose(stamp, (0.1 * number, 0.0, 20.0), (0.0, 0.0, 0.0, 1.0), now=0.0)
+        accumulator.add_scan(stamp, points, times, now=0.0)
+    voxels = accumulator.map
+    plan = WindowPlanner(4.0).plan(voxels, (), None)
+    if plan is not None:
+        window = [item for item in copy_window(voxels, plan) if item is not None][0]
+        voxels.label(window.slots, window.points, np.zeros(len(window.slots), dtype=np.uint8))
+    voxels.drop(0, np.zeros(256, dtype=np.bool_))
+
+
+def warm_up_pipeline(settings: Settings) -> int:
+    """
+    Run the pipeline on a made-up line.
+
+    Parameters
+    ----------
+    settings : Settings
+        For the pipeline.
+
+    Returns
+    -------
+    int
+        Spans found; with the default settings there are six.
+
+    """
+    points = make_sample()
+    _, result = Session().conclude(points, settings, 0, complete=True)
+    return len(result.spans)

@@ -1,0 +1,295 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The part of the map that one tick of the node looks at.
+
+A plan cell is fresh when enough of it is new and something stands high in it.  Fresh cells and
+their neighbours are taken whole.  Of the spans that run through them, and of the spans next to
+those, everything that was ever linear is taken along their whole length, with a sample of the
+ground, so that a span is always fitted from all its points.  The cost follows what is new, not
+the length of the flight.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+import itertools
+import math
+
+import numpy as np
+
+from plc_inspect.core.cell_index import CellIndex
+from plc_inspect.core.voxel_map import VoxelMap
+from plc_inspect.results import Bool, Decision, Float64, Int64, Span, UInt8
+
+SpanKey = tuple[int, int]
+"""line_id and span_id."""
+
+NEAR = 45.0
+"""Cells this near to the vehicle are looked at as soon as a little of them is new [m]."""
+NEAR_GROWTH = 0.05
+FAR_GROWTH = 1.0
+"""Share of new voxels that makes a cell fresh, near the vehicle and far from it."""
+QUIET = 30
+"""A cell without a new voxel for so many scans is looked at once more."""
+SIDE = 8.0
+"""Points this far to the side of a span are taken with it [m]."""
+SPACING = 5.0
+"""Spans are sampled this densely to find their cells [m]."""
+JOINT = 5.0
+"""Spans of one line whose ends are this near are neighbours [m]."""
+CHUNK = 20_000
+"""Voxels copied in one step."""
+
+_RING = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)], dtype=np.int64)
+_TURN = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
+_AROUND = SIDE * np.vstack(([[0.0, 0.0]], np.column_stack((np.cos(_TURN), np.sin(_TURN)))))
+
+WHOLE: UInt8 = np.ones(256, dtype=np.uint8)
+"""Labels taken from a cell that is looked at as a whole."""
+
+THIN: UInt8 = np.zeros(256, dtype=np.uint8)
+"""Labels taken from the other cells of a span: what is new or was ever linear, some ground."""
+THIN[Decision.NOT_FINITE] = 1  # voxels that no tick has seen carry 0
+THIN[Decision.GROUND] = 2
+THIN[[
+    Decision.OUTLIER, Decision.NO_SECTION, Decision.NO_CLUSTER, Decision.NO_CATENARY,
+    Decision.WIRE, Decision.SUPPORT,
+]] = 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class WindowPlan:
+    """What to copy from the map."""
+
+    fresh: Int64
+    """(C,) cells that are looked at because of what is new in them."""
+    whole: Int64
+    """(W,) cells to be copied whole: the fresh ones and their neighbours."""
+    thin: Int64
+    """(T,) other cells of spans."""
+    spans: frozenset[SpanKey]
+    """Known spans that are in the window with all their points and both neighbours."""
+    sequence: int
+    """Newest insertion of the map."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Window:
+    """Copies of M voxels; nothing in it changes afterwards."""
+
+    slots: Int64
+    """(M,) slots in the map."""
+    points: Float64
+    """(M, 3) centroids, map frame [m]."""
+    fresh: Int64
+    """(C, 2) places on the grid of cells that are fresh."""
+    whole: Int64
+    """(W, 2) places on the grid of cells that are there whole."""
+    cell_size: float
+    """Edge of a plan cell [m]."""
+    spans: frozenset[SpanKey]
+    """Known spans that are there with all their points and both neighbours."""
+    sequence: int
+    """Newest insertion of the map."""
+
+    def holds(self, points: Float64) -> Bool:
+        """Return which of (N, 2+) points lie in fresh cells."""
+        place = np.floor(points[:, :2] / self.cell_size).astype(np.int64)
+        return np.isin(_pack(place), _pack(self.fresh))
+
+
+def sample_span(span: Span, spacing: float) -> Float64:
+    """Return (K, 2) plan points along a span, ends included, at most ``spacing`` apart."""
+    share = np.linspace(0.0, 1.0, max(2, int(np.ceil(span.length / spacing)) + 1))
+    result: Float64 = span.start[:2] + share[:, None] * (span.end[:2] - span.start[:2])
+    return result
+
+
+class WindowPlanner:
+    """
+    Chooses the window of each tick.
+
+    Parameters
+    ----------
+    beta : float
+        A cell with something this far above the lowest place around it is high [m].
+
+    """
+
+    def __init__(self, beta: float) -> None:
+        self._beta = beta
+
+    def plan(
+        self, voxels: VoxelMap, spans: Sequence[Span], vehicle: Float64 | None
+    ) -> WindowPlan | None:
+        """
+        Choose the window and take its fresh cells as seen.
+
+        Parameters
+        ----------
+        voxels : VoxelMap
+            Its cells are settled where they are fresh.
+        spans : sequence of Span
+            Those known so far.
+        vehicle : Float64 or None
+            (2+,) where the vehicle is [m]; None: everywhere near.
+
+        Returns
+        -------
+        WindowPlan or None
+            None when nothing is new.
+
+        """
+        cells = voxels.cells
+        fresh = self._find_fresh(cells, voxels.sequence, vehicle)
+        if not len(fresh):
+            return None
+        index = cells.index
+        whole = _find_around(cells, index[fresh])
+        core, others = _involve(spans, cells, index[whole])
+        thin = np.setdiff1d(_cells_of(core + others, cells), whole)
+        cells.settle(fresh)
+        return WindowPlan(
+            fresh=fresh,
+            whole=whole,
+            thin=thin,
+            spans=frozenset(_key(span) for span in core),
+            sequence=voxels.sequence,
+        )
+
+    def _find_fresh(
+        self, cells: CellIndex, sequence: int, vehicle: Float64 | None
+    ) -> Int64:
+        new = np.flatnonzero(cells.num_new)
+        if not len(new):
+            return new
+        around = cells.find((cells.index[new][:, None, :] + _RING).reshape(-1, 2))
+        low = np.where(around >= 0, cells.low[around], np.inf).reshape(-1, len(_RING))
+        high = cells.high[new] - low.min(axis=1) >= self._beta
+        num_new = cells.num_new[new]
+        seen = cells.count[new] - num_new
+        growth = np.full(len(new), NEAR_GROWTH)
+        if vehicle is not None:
+            apart = np.linalg.norm(cells.centers[new] - vehicle[:2], axis=1)
+            growth[apart > NEAR] = FAR_GROWTH
+        quiet = sequence - cells.touched[new] > QUIET
+        cells.settle(new[quiet & ~high])
+        return new[high & (quiet | (num_new > growth * seen))]
+
+
+def copy_window(voxels: VoxelMap, plan: WindowPlan) -> Iterator[Window | None]:
+    """
+    Copy a window in steps, so that the owner of the map can do other things between them.
+
+    Parameters
+    ----------
+    voxels : VoxelMap
+        The map that was planned with; it may take scans between steps.
+    plan : WindowPlan
+        What to copy.
+
+    Yields
+    ------
+    Window or None
+        None after each step, at last the window.
+
+    """
+    parts: list[tuple[Int64, Float64]] = []
+    for chosen, wanted in ((plan.whole, WHOLE), (plan.thin, THIN)):
+        for group in _split(chosen, voxels.cells.count[chosen]):
+            parts.append(voxels.copy_voxels(voxels.collect(group, wanted)))
+            yield None
+    index = voxels.cells.index
+    yield Window(
+        slots=np.concatenate([part[0] for part in parts]),
+        points=np.concatenate([part[1] for part in parts]),
+        fresh=index[plan.fresh],
+        whole=index[plan.whole],
+        cell_size=voxels.cells.cell_size,
+        spans=plan.spans,
+        sequence=plan.sequence,
+    )
+
+
+def plan_everything(voxels: VoxelMap, spans: Sequence[Span]) -> WindowPlan:
+    """Return the plan of a window that is the whole map; nothing is settled."""
+    everything = np.arange(len(voxels.cells))
+    return WindowPlan(
+        fresh=everything,
+        whole=everything,
+        thin=everything[:0],
+        spans=frozenset(_key(span) for span in spans),
+        sequence=voxels.sequence,
+    )
+
+
+def _key(span: Span) -> SpanKey:
+    return span.line_id, span.span_id
+
+
+def _pack(place: Int64) -> Int64:
+    return (place[:, 0] << 32) + place[:, 1]
+
+
+def _split(cells: Int64, count: Int64) -> list[Int64]:
+    """Cut a list of cells where CHUNK voxels are full."""
+    part = np.cumsum(count, dtype=np.int64) // CHUNK
+    return np.split(cells, np.flatnonzero(np.diff(part)) + 1) if len(cells) else [cells]
+
+
+def _find_around(cells: CellIndex, index: Int64) -> Int64:
+    """Return the cells at these places and beside them, ascending."""
+    found = np.unique(cells.find((index[:, None, :] + _RING).reshape(-1, 2)))
+    return found[found >= 0].astype(np.int64)
+
+
+def _cells_of(spans: Sequence[Span], cells: CellIndex) -> Int64:
+    """Return the cells along spans and to their sides, ascending."""
+    if not spans:
+        return np.empty(0, dtype=np.int64)
+    at = np.vstack([sample_span(span, SPACING) for span in spans])
+    around = (at[:, None, :] + _AROUND).reshape(-1, 2)
+    found = np.unique(cells.find(np.unique(cells.locate(around), axis=0)))
+    return found[found >= 0].astype(np.int64)
+
+
+def _involve(
+    spans: Sequence[Span], cells: CellIndex, index: Int64
+) -> tuple[list[Span], list[Span]]:
+    """Find the spans through some cells with those beside them, and the next along the lines."""
+    if not spans:
+        return [], []
+    samples = [_pack(cells.locate(sample_span(span, SPACING))) for span in spans]
+    inside = np.isin(np.concatenate(samples), _pack(index))
+    owner = np.repeat(np.arange(len(spans)), [len(item) for item in samples])
+    touched = {spans[number].span_id for number in np.unique(owner[inside])}
+    core = [span for span in spans if span.span_id in touched]
+    by_line: dict[int, list[Span]] = {}
+    for span in core:
+        by_line.setdefault(span.line_id, []).append(span)
+    nexts = {
+        span.span_id
+        for span in spans
+        if span.span_id not in touched
+        and any(_meet(span, other) for other in by_line.get(span.line_id, ()))
+    }
+    return core, [span for span in spans if span.span_id in nexts]
+
+
+def _meet(first: Span, second: Span) -> bool:
+    return any(
+        math.dist(a, b) <= JOINT
+        for a, b in itertools.product((first.start, first.end), (second.start, second.end))
+    )

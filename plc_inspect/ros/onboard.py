@@ -1,0 +1,81 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The command ``plc_node``: the onboard node."""
+
+from collections.abc import Sequence
+import signal
+import sys
+
+from plc_inspect.errors import PlcInspectError
+from plc_inspect.ros.transport import prepare_transport
+
+NAME = 'plc_node'
+DONE, DEFECT, BAD_INPUT = 0, 1, 2
+
+SWITCH_INTERVAL = 0.0005
+"""How long the worker may hold Python's lock while a callback waits for it [s]."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the node until it is interrupted; return the exit code."""
+    prepare_transport()
+    import rclpy
+    from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+
+    from plc_inspect.ros.node import InspectNode
+
+    arguments = list(sys.argv if argv is None else [NAME, *argv])
+    if {'-h', '--help'} & set(arguments):
+        print(f'usage: {NAME} [--ros-args -p NAME:=VALUE --params-file FILE -r FROM:=TO ...]\n\n'
+              'Finds power lines in scans and odometry, in flight. docs/settings.md lists the\n'
+              'parameters, docs/interfaces.md the topics and services.')
+        return DONE
+    sys.setswitchinterval(SWITCH_INTERVAL)
+    try:
+        rclpy.init(args=arguments)
+    except Exception as error:  # rclpy has an exception for each kind of bad argument
+        return _complain(error)
+    try:
+        rest = rclpy.utilities.remove_ros_args(arguments)[1:]
+        if rest:
+            return _complain(f'unknown argument {rest[0]!r} (see {NAME} --help)')
+        node = InspectNode()
+    except PlcInspectError as error:
+        rclpy.try_shutdown()
+        return _complain(error)
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    try:
+        executor.spin()
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        # A second signal must not cut off the saving of the results.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        node.close()
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.try_shutdown()
+    return DONE
+
+
+def _complain(error: object) -> int:
+    print(f'{NAME}: {" ".join(str(error).split())}', file=sys.stderr)
+    return BAD_INPUT
+
+
+if __name__ == '__main__':
+    sys.exit(main())

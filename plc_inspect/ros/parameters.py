@@ -1,0 +1,187 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Settings as ROS parameters: declared, described, checked as a whole, swapped as a whole."""
+
+from collections.abc import Callable, Mapping, Sequence
+import math
+from typing import Any
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from plc_inspect.config import describe, Settings, update
+from plc_inspect.errors import ConfigError
+
+
+def make_descriptor(default: Any, meta: Mapping[str, Any]) -> ParameterDescriptor:
+    """
+    Describe one setting.
+
+    Parameters
+    ----------
+    default : Any
+        Its default.
+    meta : Mapping
+        As from ``config.describe``.
+
+    Returns
+    -------
+    ParameterDescriptor
+
+    """
+    unit = f' [{meta["unit"]}]' if meta['unit'] else ''
+    descriptor = ParameterDescriptor(
+        description=meta['description'] + unit, read_only=meta['structural']
+    )
+    if meta['choices']:
+        descriptor.additional_constraints = 'one of ' + ', '.join(meta['choices'])
+    if isinstance(default, bool):
+        return descriptor
+    if isinstance(default, float) and math.isfinite(meta['low']):
+        descriptor.floating_point_range = [
+            FloatingPointRange(from_value=float(meta['low']), to_value=float(meta['high']))
+        ]
+    elif isinstance(default, int):
+        descriptor.integer_range = [
+            IntegerRange(from_value=int(meta['low']), to_value=int(meta['high']), step=1)
+        ]
+    return descriptor
+
+
+class Parameters:
+    """
+    The settings of a node.
+
+    Integers are taken where a number with a fraction is meant.  A set of parameters that changes
+    at once is checked as a whole and takes effect as a whole.
+
+    Parameters
+    ----------
+    node : Node
+        Gets the parameters.
+    changed : callable
+        Called with the new settings after a change.
+
+    Raises
+    ------
+    ConfigError
+        A value that was given at the start has the wrong type or is out of range.
+
+    """
+
+    def __init__(self, node: Node, changed: Callable[[Settings], object]) -> None:
+        self._node = node
+        self._changed = changed
+        self._defaults = {name: default for name, default, _ in describe()}
+        values = {
+            name: self._declare(name, default, make_descriptor(default, meta))
+            for name, default, meta in describe()
+        }
+        self.settings = update(Settings(), values)
+        node.add_pre_set_parameters_callback(self._widen)
+        node.add_on_set_parameters_callback(self._check)
+        node.add_post_set_parameters_callback(self._swap)
+
+    def _declare(self, name: str, default: Any, descriptor: ParameterDescriptor) -> Any:
+        value = list(default) if isinstance(default, tuple) else default
+        try:
+            return self._node.declare_parameter(name, value, descriptor).value
+        except InvalidParameterTypeException:
+            given = self._read_override(name)
+            widened = _widen(given, default)
+            if widened is given:
+                raise ConfigError(
+                    f'parameter {name} must be like {value!r}, got {given!r}'
+                ) from None
+            try:
+                return self._node.declare_parameter(
+                    name, widened, descriptor, ignore_override=True
+                ).value
+            except InvalidParameterValueException as error:
+                raise ConfigError(_explain(name, widened, descriptor, error)) from None
+        except InvalidParameterValueException as error:
+            given = self._read_override(name)
+            raise ConfigError(_explain(name, given, descriptor, error)) from None
+
+    def _read_override(self, name: str) -> Any:
+        """Return the value that was given for a parameter; declared untyped under the hood."""
+        probe = ParameterDescriptor(dynamic_typing=True)
+        value = self._node.declare_parameter(name, descriptor=probe).value
+        self._node.undeclare_parameter(name)
+        return value
+
+    def _widen(self, parameters: Sequence[Parameter]) -> list[Parameter]:
+        """Turn integers into floats where those are meant, before anything is checked."""
+        result = []
+        for item in parameters:
+            widened = _widen(item.value, self._defaults.get(item.name))
+            result.append(
+                item if widened is item.value else Parameter(item.name, value=widened)
+            )
+        return result
+
+    def _updated(self, parameters: Sequence[Parameter]) -> Settings:
+        return update(
+            self.settings,
+            {item.name: item.value for item in parameters if item.name in self._defaults},
+        )
+
+    def _check(self, parameters: Sequence[Parameter]) -> SetParametersResult:
+        try:
+            self._updated(parameters)
+        except ConfigError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _swap(self, parameters: Sequence[Parameter]) -> None:
+        settings = self._updated(parameters)
+        if settings != self.settings:
+            self.settings = settings
+            self._changed(settings)
+
+
+def _widen(value: Any, default: Any) -> Any:
+    """Return a float, or a list of floats, for integers; else the very same object."""
+    if isinstance(default, float) and type(value) is int:
+        return float(value)
+    if isinstance(default, tuple) and isinstance(default[0], float):
+        items = value if isinstance(value, str | bytes) else _to_list(value)
+        if isinstance(items, list) and items and all(type(item) is int for item in items):
+            return [float(item) for item in items]
+    return value
+
+
+def _to_list(value: Any) -> Any:
+    try:
+        return list(value)
+    except TypeError:
+        return value
+
+
+def _explain(
+    name: str, value: Any, descriptor: ParameterDescriptor, error: Exception
+) -> str:
+    for item in (*descriptor.floating_point_range, *descriptor.integer_range):
+        return (
+            f'parameter {name} must lie in [{item.from_value:g}, {item.to_value:g}], got {value!r}'
+        )
+    return f'parameter {name}: {error}'

@@ -1,0 +1,247 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The command ``plc_play``: publishes a recording on the ROS graph, in its own timing."""
+
+import argparse
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+import math
+from pathlib import Path
+import sys
+import time
+from typing import Any
+
+from plc_inspect.errors import DataError, PlcInspectError
+from plc_inspect.offline.bags import Recording
+from plc_inspect.offline.command import Parser
+from plc_inspect.ros.transport import prepare_transport
+
+NAME = 'plc_play'
+DONE, BAD_INPUT = 0, 2
+CLOCK_PERIOD = 0.01
+"""Recorded time between two messages of /clock at rate 1 [s]."""
+LEAD = 1.0
+"""Time for the subscribers to find the publishers, at most [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Due:
+    """One message and when it is to be sent."""
+
+    offset: float
+    """Recorded time since the start [s]."""
+    log_stamp_ns: int
+    topic: str
+    raw: bytes
+    """As ROS 2 serialises it."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Play a recording; return 0 done, 2 bad usage or a recording that cannot be read."""
+    arguments = _parse(argv)
+    prepare_transport()
+    try:
+        return _run(arguments)
+    except PlcInspectError as error:
+        print(f'{NAME}: {" ".join(str(error).split())}', file=sys.stderr)
+        return BAD_INPUT
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    with Recording(
+        arguments.bag, arguments.scan_topic, arguments.odometry_topic
+    ) as recording:
+        if arguments.start >= max(recording.duration, 1e-9):
+            raise DataError(
+                f'--start {arguments.start:g} s is beyond the end, {recording.duration:.1f} s'
+            )
+        import rclpy
+        from rclpy.executors import ExternalShutdownException
+
+        rclpy.init(args=['--ros-args', *arguments.ros] if arguments.ros else None)
+        player = Player(recording, arguments.scan_topic, arguments.odometry_topic)
+        try:
+            player.wait_for_subscribers(arguments.wait)
+            count = player.play(arguments.rate, arguments.start)
+            while arguments.loop and rclpy.ok():
+                count += player.play(arguments.rate, arguments.start)
+            if not arguments.quiet:
+                print(f'{NAME}: {count} messages played')
+        except (KeyboardInterrupt, ExternalShutdownException):
+            pass
+        finally:
+            player.close()
+            rclpy.try_shutdown()
+    return DONE
+
+
+class Player:
+    """
+    Publishes scans, odometry and /clock.
+
+    Parameters
+    ----------
+    recording : Recording
+        Open.
+    scan_topic, odometry_topic : str
+        Where to publish; the recording was opened with the same names.
+
+    """
+
+    def __init__(self, recording: Recording, scan_topic: str, odometry_topic: str) -> None:
+        from nav_msgs.msg import Odometry
+        from rclpy.node import Node
+        from rosgraph_msgs.msg import Clock
+        from sensor_msgs.msg import PointCloud2
+
+        from plc_inspect.ros.qos import CLOCK, make_overridable, PLAYER
+
+        self._recording = recording
+        self._node = Node('plc_play')
+        self._clock_type = Clock
+        self._publishers = {
+            '/' + topic.strip('/'): self._node.create_publisher(
+                kind, topic, PLAYER, qos_overriding_options=make_overridable()
+            )
+            for topic, kind in ((scan_topic, PointCloud2), (odometry_topic, Odometry))
+        }
+        self._clock = self._node.create_publisher(Clock, '/clock', CLOCK)
+
+    def wait_for_subscribers(self, timeout: float) -> bool:
+        """Wait until scans and odometry have a subscriber, at most so long [s]."""
+        deadline = time.monotonic() + timeout
+        while time.monotonic() < deadline:
+            if all(item.get_subscription_count() for item in self._publishers.values()):
+                return True
+            time.sleep(0.02)
+        return False
+
+    def play(self, rate: float, start: float) -> int:
+        """
+        Publish the recording once.
+
+        Parameters
+        ----------
+        rate : float
+            Speed, 1 as recorded.
+        start : float
+            Recorded time to begin at [s].
+
+        Returns
+        -------
+        int
+            Messages published, /clock not counted.
+
+        """
+        context = self._node.context
+        began: float | None = None
+        tick = 0.0
+        count = 0
+        for item in _schedule(self._recording, start):
+            if began is None:
+                began, tick = time.monotonic() - (item.offset - start) / rate, item.offset
+            while tick <= item.offset:
+                if not self._sleep(began + (tick - start) / rate):
+                    return count
+                ahead = round((tick - item.offset) * 1e9)
+                self._send_clock(item.log_stamp_ns + ahead)
+                tick += CLOCK_PERIOD * max(1.0, rate)
+            if not self._sleep(began + (item.offset - start) / rate) or not context.ok():
+                return count
+            self._publishers[item.topic].publish(item.raw)
+            count += 1
+        return count
+
+    def close(self) -> None:
+        """Destroy the node, after what was sent has had time to arrive."""
+        for publisher in self._publishers.values():
+            if self._node.context.ok():
+                _wait_for_acknowledgement(publisher)
+        self._node.destroy_node()
+
+    def _sleep(self, until: float) -> bool:
+        """Sleep until a steady time; return whether ROS is still up."""
+        while (left := until - time.monotonic()) > 0:
+            if not self._node.context.ok():
+                return False
+            time.sleep(min(left, 0.1))
+        return bool(self._node.context.ok())
+
+    def _send_clock(self, stamp_ns: int) -> None:
+        from builtin_interfaces.msg import Time
+
+        seconds, nanoseconds = divmod(max(stamp_ns, 0), 1_000_000_000)
+        self._clock.publish(self._clock_type(clock=Time(sec=seconds, nanosec=nanoseconds)))
+
+
+def _wait_for_acknowledgement(publisher: Any) -> None:
+    from rclpy.duration import Duration
+
+    publisher.wait_for_all_acked(Duration(seconds=2))
+
+
+def _schedule(recording: Recording, start: float) -> Iterator[Due]:
+    first: int | None = None
+    for message in recording.raw_messages():
+        if first is None:
+            first = message.log_stamp_ns
+        offset = (message.log_stamp_ns - first) * 1e-9
+        if offset >= start:
+            yield Due(offset, message.log_stamp_ns, message.topic, message.raw)
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not 0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f'{text} is not a positive number')
+    return value
+
+
+def _not_negative(text: str) -> float:
+    value = float(text)
+    if not 0 <= value < math.inf:
+        raise argparse.ArgumentTypeError(f'{text} is negative or no number')
+    return value
+
+
+def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = Parser(
+        prog=NAME, description='Publishes the scans and odometry of a recording, with /clock.'
+    )
+    parser.add_argument(
+        'bag', type=Path, metavar='BAG', help='a rosbag2 folder, .mcap, .db3 or ROS 1 .bag file'
+    )
+    parser.add_argument('--rate', type=_positive, default=1.0, metavar='R',
+                        help='speed, 1 as recorded')
+    parser.add_argument('--loop', action='store_true', help='begin anew at the end, for ever')
+    parser.add_argument('--start', type=_not_negative, default=0.0, metavar='S',
+                        help='begin this far into the recording [s]')
+    parser.add_argument('--wait', type=_not_negative, default=LEAD, metavar='S',
+                        help='wait for subscribers at most so long (default: %(default)s)')
+    parser.add_argument('--scan-topic', default='velodyne_points', metavar='TOPIC')
+    parser.add_argument('--odometry-topic', default='odometry', metavar='TOPIC')
+    parser.add_argument('--quiet', action='store_true', help='print errors only')
+    items = list(sys.argv[1:] if argv is None else argv)
+    ros: list[str] = []
+    if '--ros-args' in items:
+        at = items.index('--ros-args')
+        items, ros = items[:at], items[at + 1:]
+    arguments = parser.parse_args(items)
+    arguments.ros = ros
+    return arguments
+
+
+if __name__ == '__main__':
+    sys.exit(main())

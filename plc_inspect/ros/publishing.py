@@ -1,0 +1,107 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The node's outputs: built by the worker, sent by the executor's thread."""
+
+from dataclasses import dataclass
+
+from builtin_interfaces.msg import Time
+from rclpy.node import Node
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Header
+from visualization_msgs.msg import Marker, MarkerArray
+
+from plc_inspect.core.session import LiveState
+from plc_inspect.ros.markers import add_deletions, make_markers, MarkerKey
+from plc_inspect.ros.messages import (
+    make_catenaries,
+    make_corridor,
+    make_hazards,
+    make_lines,
+)
+from plc_inspect.ros.qos import make_overridable, RESULTS
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bundle:
+    """All messages of one state."""
+
+    header: Header
+    lines: PointCloud2
+    corridor: PointCloud2
+    catenaries: PointCloud2
+    hazards: PointCloud2
+    markers: list[Marker]
+
+
+def make_bundle(state: LiveState, frame_id: str, stamp_ns: int) -> Bundle:
+    """
+    Turn a state into messages.
+
+    Parameters
+    ----------
+    state : LiveState
+        What is known.
+    frame_id : str
+        Frame of the odometry.
+    stamp_ns : int
+        Stamp of the newest scan that is in [ns].
+
+    Returns
+    -------
+    Bundle
+
+    """
+    seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
+    header = Header(stamp=Time(sec=seconds, nanosec=nanoseconds), frame_id=frame_id)
+    spans = state.confirmed
+    return Bundle(
+        header=header,
+        lines=make_lines(header, spans),
+        corridor=make_corridor(header, state.corridor),
+        catenaries=make_catenaries(header, spans),
+        hazards=make_hazards(header, state.hazards),
+        markers=make_markers(header, state),
+    )
+
+
+class ResultPublishers:
+    """
+    The publishers of all results.
+
+    Parameters
+    ----------
+    node : Node
+        Owns the publishers.
+
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._clouds = {
+            name: node.create_publisher(
+                PointCloud2, f'~/{name}', RESULTS, qos_overriding_options=make_overridable()
+            )
+            for name in ('lines', 'corridor', 'catenaries', 'hazards')
+        }
+        self._markers = node.create_publisher(
+            MarkerArray, '~/markers', RESULTS, qos_overriding_options=make_overridable()
+        )
+        self._seen: set[MarkerKey] = set()
+
+    def publish(self, bundle: Bundle) -> None:
+        """Send all messages of one state."""
+        for name, publisher in self._clouds.items():
+            publisher.publish(getattr(bundle, name))
+        markers, self._seen = add_deletions(bundle.header, bundle.markers, self._seen)
+        self._markers.publish(markers)

@@ -1,0 +1,72 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Quality of service of every topic; all of it can be overridden by ``qos_overrides``."""
+
+from rclpy.qos import (
+    QoSDurabilityPolicy,
+    QoSHistoryPolicy,
+    QoSPolicyKind,
+    QoSProfile,
+    QoSReliabilityPolicy,
+)
+from rclpy.qos_overriding_options import QoSOverridingOptions
+
+SCANS = QoSProfile(
+    history=QoSHistoryPolicy.KEEP_LAST,
+    depth=20,
+    reliability=QoSReliabilityPolicy.BEST_EFFORT,
+    durability=QoSDurabilityPolicy.VOLATILE,
+)
+"""Sensor data; a second of scans may wait while the node is busy."""
+
+ODOMETRY = QoSProfile(
+    history=QoSHistoryPolicy.KEEP_LAST,
+    depth=400,
+    reliability=QoSReliabilityPolicy.BEST_EFFORT,
+    durability=QoSDurabilityPolicy.VOLATILE,
+)
+"""Sensor data; a second at 400 Hz."""
+
+RESULTS = QoSProfile(
+    history=QoSHistoryPolicy.KEEP_LAST,
+    depth=1,
+    reliability=QoSReliabilityPolicy.RELIABLE,
+    durability=QoSDurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""Each message replaces the one before; whoever comes late gets the last."""
+
+DIAGNOSTICS = QoSProfile(depth=10)
+
+PLAYER = QoSProfile(
+    history=QoSHistoryPolicy.KEEP_LAST,
+    depth=50,
+    reliability=QoSReliabilityPolicy.RELIABLE,
+    durability=QoSDurabilityPolicy.VOLATILE,
+)
+"""Of the player: reliable serves subscribers of both kinds."""
+
+CLOCK = QoSProfile(depth=10)
+
+
+def make_overridable() -> QoSOverridingOptions:
+    """Return options that let parameters override history, depth, reliability, durability."""
+    return QoSOverridingOptions(
+        policy_kinds=(
+            QoSPolicyKind.HISTORY,
+            QoSPolicyKind.DEPTH,
+            QoSPolicyKind.RELIABILITY,
+            QoSPolicyKind.DURABILITY,
+        )
+    )
