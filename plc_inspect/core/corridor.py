@@ -25,6 +25,10 @@ from plc_inspect.config import CorridorSettings
 from plc_inspect.core.curve import Curve
 from plc_inspect.results import Bool, Float32, Float64, Int32, Int64
 
+MIN_RADIUS = 0.6
+"""Least search radius, the initial value of Table 1 [m]."""
+MAX_PROBES = 500_000
+"""Points that are enough to choose the radii by."""
 CELL = 4.0
 """Edge of the plan cells that know the spans near them [m]."""
 MAX_CELLS = 4_000_000
@@ -103,18 +107,27 @@ def extract_corridor(
             near_distance=np.zeros(0, dtype=np.float32),
             near_span=np.zeros(0, dtype=np.int32),
         )
-    reach = max(settings.radius or settings.max_radius, least_reach)
     table = span_table(curves, start_x, end_x)
-    found, distance, span = find_near(points, table, reach)
     radius = np.full(num, settings.radius or settings.max_radius)
     complex_case = np.zeros(num, dtype=bool)
     if settings.radius == 0.0:
+        probes = np.arange(0, len(points), max(len(points) // MAX_PROBES, 1))
+        probes = probes[~wire[probes]]
+        found, _, span = find_near(points[probes], table, radius)
+        found = probes[found]
+        order = np.argsort(span, kind='stable')
+        bounds = np.searchsorted(span[order], np.arange(num + 1))
         for number in range(num):
-            own = found[(span == number)]
-            own = own[~wire[own]]
+            own = found[order[bounds[number] : bounds[number + 1]]]
             radius[number], complex_case[number] = _radius(
-                points[own], height[own], curves[number], start_x[number], end_x[number], settings
+                points[own],
+                height[own],
+                curves[number],
+                start_x[number],
+                end_x[number],
+                settings,
             )
+    found, distance, span = find_near(points, table, np.maximum(radius, least_reach))
     inside = distance <= radius[span]
     return CorridorResult(
         points=found[inside],
@@ -136,27 +149,26 @@ def _radius(
     end: float,
     settings: CorridorSettings,
 ) -> tuple[float, bool]:
-    """Search radius by Eq. 9 and whether its first case was used."""
-    if not len(points):
-        return settings.max_radius, False
-    x, y = curve.local(points)
+    """Search radius by Eq. 9 from points near a span, and whether its first case was used."""
     lowest = float(curve.fit.height(curve.fit.lowest(start, end)))
     known = np.isfinite(height)
     ground = float(np.median(points[known, 2] - height[known])) if known.any() else -math.inf
     sag_height = lowest - ground
+    open_radius = min(max(sag_height, MIN_RADIUS), settings.max_radius)
     overhead = (points[:, 2] > lowest) & (height > 2.0)
     is_complex = settings.environment == 'complex' or (
-        settings.environment == 'auto' and int(overhead.sum()) >= 10
+        settings.environment == 'auto' and int(overhead.sum()) >= 3
     )
     if not is_complex:
-        return float(min(max(sag_height, 0.6), settings.max_radius)), False
+        return open_radius, False
+    x, y = curve.local(points)
     across = np.abs(y)
     vertical = np.abs(points[:, 2] - curve.fit.height(x))
     falls = (height > across) & (height > 2.0)
     if not falls.any():
-        return float(min(max(sag_height, 0.6), settings.max_radius)), True
+        return open_radius, True
     radius = float(np.maximum(vertical, across)[falls].max())
-    return min(max(radius, 0.6), settings.max_radius), True
+    return min(max(radius, MIN_RADIUS), settings.max_radius), True
 
 
 def span_table(curves: Sequence[Curve], start_x: Float64, end_x: Float64) -> Float64:
@@ -188,10 +200,19 @@ def span_table(curves: Sequence[Curve], start_x: Float64, end_x: Float64) -> Flo
 
 
 def find_near(
-    points: Float64, table: Float64, reach: float
+    points: Float64, table: Float64, reach: Float64
 ) -> tuple[Int64, Float32, Int32]:
     """
-    Find the points within ``reach`` of any span.
+    Find the points within reach of any span.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    table : (C, 10) float64
+        From span_table.
+    reach : (C,) float64
+        Search radius of each span [m].
 
     Returns
     -------
@@ -203,8 +224,8 @@ def find_near(
     ends = np.concatenate(
         [table[:, :2] + table[:, column, None] * table[:, 2:4] for column in (8, 9)]
     )
-    low = ends.min(axis=0) - reach
-    extent = ends.max(axis=0) + reach - low
+    low = ends.min(axis=0) - reach.max()
+    extent = ends.max(axis=0) + reach.max() - low
     cell = max(CELL, math.sqrt(float(extent[0] * extent[1]) / MAX_CELLS))
     rows, columns = int(extent[1] / cell) + 1, int(extent[0] / cell) + 1
     start, spans = _spans_by_cell(table, reach, low, cell, rows, columns)
@@ -243,7 +264,6 @@ def distance_to_span(row, along, across, pz, base, root):  # type: ignore[no-unt
 @njit(cache=True, nogil=True)
 def _spans_by_cell(table, reach, low, cell, rows, columns):  # type: ignore[no-untyped-def]
     count = np.zeros(rows * columns + 1, dtype=np.int64)
-    slack = reach + cell * 0.7072
     spans = np.empty(0, dtype=np.int32)
     for fill in range(2):
         if fill == 1:
@@ -253,6 +273,7 @@ def _spans_by_cell(table, reach, low, cell, rows, columns):  # type: ignore[no-u
             place = count[:-1].copy()
         for s in range(len(table)):
             row = table[s]
+            slack = reach[s] + cell * 0.7072
             x0, y0 = row[0] + row[8] * row[2], row[1] + row[8] * row[3]
             x1, y1 = row[0] + row[9] * row[2], row[1] + row[9] * row[3]
             r0 = max(int((min(y0, y1) - slack - low[1]) / cell), 0)
@@ -296,10 +317,11 @@ def _nearest(  # type: ignore[no-untyped-def]
         if not (fx >= 0.0 and fy >= 0.0 and fx < columns and fy < rows):
             continue
         where = int(fy) * columns + int(fx)
-        best = reach
+        nearest = np.inf
         for k in range(start[where], start[where + 1]):
             s = spans[k]
             row = table[s]
+            best = min(nearest, reach[s])
             dx, dy = points[i, 0] - row[0], points[i, 1] - row[1]
             across = row[2] * dy - row[3] * dx
             if abs(across) > best:
@@ -313,7 +335,7 @@ def _nearest(  # type: ignore[no-untyped-def]
                 continue
             d = distance_to_span(row, along, across, points[i, 2], base[s], root[s])
             if d <= best:
-                best = d
+                nearest = d
                 span[i] = s
                 distance[i] = d
     return distance, span

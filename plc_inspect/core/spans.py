@@ -42,7 +42,7 @@ MAX_FINAL_POINTS = 20_000
 """Points that the final fit of a span uses at most."""
 FREE_LENGTH = 2.0
 """Length of the parts of a span that are free of other things or not [m]."""
-STRAY_RADIUS = 0.35
+STRAY_RADIUS = 0.5
 """A conductor's own points stray this far from it [m]."""
 FREE_RADIUS = 1.0
 """Something else begins within this distance wherever it touches a conductor [m]."""
