@@ -26,7 +26,7 @@ from plc_inspect.core.dbscan import dbscan_plane
 from plc_inspect.core.plan_index import gather_strip, PlanIndex
 from plc_inspect.results import Float64, Int32, Int64
 
-MAX_WINDOW_POINTS = 2500
+MAX_WINDOW_POINTS = 1200
 """More points in a window than this are thinned; a wire needs far fewer."""
 SHELL_RATIO = 1.6
 """Outer radius of the shell about a conductor, in radii of the conductor."""

@@ -30,6 +30,8 @@ from plc_inspect.results import Bool, Float64, Int64
 
 CROWD_LENGTH = 4.0
 """Length of the parts of a curve that are crowded or not [m]."""
+FOLLOW_SHARE = 0.6
+"""A conductor is followed where the shell holds at most this share of the points on it."""
 COMPANY_RADIUS = 0.8
 """Distance at which other things keep a curve company [m]."""
 MAX_ROUNDS = 8
@@ -177,7 +179,7 @@ def extend(
     for _ in range(MAX_ROUNDS):
         reach = _sure_reach(curve, settings.max_step)
         profile = profile_curve(points, index, curve, curve.low - reach, curve.high + reach)
-        good = (profile.core > 0) & (profile.shell <= profile.core)
+        good = (profile.core > 0) & (profile.shell <= FOLLOW_SHARE * profile.core)
         own_low = int((curve.low - profile.low) / profile.step)
         own_high = int((curve.high - profile.low) / profile.step)
         allowed = math.ceil(settings.max_step / profile.step)

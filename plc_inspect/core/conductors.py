@@ -26,7 +26,7 @@ from plc_inspect.core.bundles import merge_bundles, widen
 from plc_inspect.core.clustering import ClusteringResult
 from plc_inspect.core.collection import extend, measure_company, Profile, profile_curve
 from plc_inspect.core.curve import Curve, derive_tolerance, fit_curve
-from plc_inspect.core.evidence import find_objection, UNPROVEN
+from plc_inspect.core.evidence import CROWDED, find_objection, UNPROVEN
 from plc_inspect.core.plan_index import PlanIndex
 from plc_inspect.errors import FitError
 from plc_inspect.results import Float64, Int64
@@ -90,8 +90,9 @@ def model_conductors(
         widen(points, index, extend(points, index, curve, settings), settings) for curve in curves
     ]
     curves = drop_duplicates(points, merge_bundles(points, curves, settings))
-    kept, doubtful = [], []
+    kept: list[Curve] = []
     profiles: list[Profile] = []
+    doubtful, crowded = [], []
     objections: dict[str, int] = {}
     for curve in curves:
         profile = profile_curve(points, index, curve, curve.low, curve.high)
@@ -99,16 +100,48 @@ def model_conductors(
         if not objection:
             kept.append(curve)
             profiles.append(profile)
-            continue
-        if objection == UNPROVEN and profile.crowding <= settings.max_crowding:
-            doubtful.append(curve)
-        objections[objection] = objections.get(objection, 0) + 1
+        elif objection == CROWDED:
+            crowded.append(curve)
+        else:
+            if objection == UNPROVEN and profile.crowding <= settings.max_crowding:
+                doubtful.append(curve)
+            objections[objection] = objections.get(objection, 0) + 1
+    crowded = _admit_neighbors(points, index, kept, profiles, crowded, settings)
+    if crowded:
+        objections[CROWDED] = len(crowded)
     alone = _without_company(points, index, kept, profiles, settings)
     if len(alone) < len(kept):
         objections['other things all along it'] = len(kept) - len(alone)
     return ConductorResult(
         curves=alone, doubtful=tuple(doubtful), objections=dict(sorted(objections.items()))
     )
+
+
+def _admit_neighbors(
+    points: Float64,
+    index: PlanIndex,
+    kept: list[Curve],
+    profiles: list[Profile],
+    crowded: list[Curve],
+    settings: CatenarySettings,
+) -> list[Curve]:
+    """Add to ``kept`` what only the wires found so far crowd, and return the rest."""
+    admitted = bool(kept)
+    while admitted and crowded:
+        wire = np.zeros(len(points), dtype=bool)
+        for profile in profiles:
+            wire[profile.chosen] = True
+        rest = []
+        for curve in crowded:
+            profile = profile_curve(points, index, curve, curve.low, curve.high, ignore=wire)
+            if find_objection(curve, profile, settings):
+                rest.append(curve)
+            else:
+                kept.append(curve)
+                profiles.append(profile)
+        admitted = len(rest) < len(crowded)
+        crowded = rest
+    return crowded
 
 
 def _without_company(

@@ -21,6 +21,7 @@ from plc_inspect.core.collection import Profile
 from plc_inspect.core.curve import Curve
 
 UNPROVEN = 'curvature not proven'
+CROWDED = 'not free in the air'
 
 
 def find_objection(curve: Curve, profile: Profile, settings: CatenarySettings) -> str:
@@ -56,5 +57,5 @@ def find_objection(curve: Curve, profile: Profile, settings: CatenarySettings) -
     if curve.fit.sag(curve.low, curve.high)[0] > settings.max_sag_ratio * curve.length:
         return 'deeper than a conductor'
     if profile.crowding > settings.max_crowding:
-        return 'not free in the air'
+        return CROWDED
     return ''
