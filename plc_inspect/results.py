@@ -21,6 +21,7 @@ belong to points are parallel to the cloud that was given to the pipeline.
 
 from dataclasses import dataclass, field
 import enum
+import math
 from typing import Any
 
 import numpy as np
@@ -67,6 +68,8 @@ class HazardKind(enum.IntEnum):
     STRUCTURE = 3
     INTERFERENCE = 4
     SAG = 5
+    CROSSING = 6
+    FALL_IN = 7
 
 
 class Severity(enum.IntEnum):
@@ -115,6 +118,10 @@ class Span:
     """Share of the length that holds points, 0 to 1."""
     sigma: dict[str, float]
     """Standard deviations of a, b, c and sag [m]."""
+    ground_clearance: float = math.nan
+    """Least height of the curve above ground [m], NaN unknown."""
+    ground_along: float = math.nan
+    """Horizontal distance from the start to where that is [m], NaN unknown."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -160,6 +167,20 @@ class Hazard:
     rule: str
     edition: str
     source: str
+    voltage: str = 'unknown'
+    """Voltage that the rule was chosen for, as '110 kV'."""
+    other_line_id: int = -1
+    """The other conductor of INTERFERENCE and CROSSING, -1 none."""
+    support_id: int = -1
+    """Nearest support along the span, -1 unknown."""
+    from_support: float = math.nan
+    """Horizontal distance along the span from that support [m], NaN unknown."""
+    height: float = math.nan
+    """Height of the offending object above the ground [m], NaN where it is no object."""
+    years: float = math.nan
+    """Years until growth breaks the most severe tier of the rule, NaN unknown."""
+    note: str = ''
+    """What was assumed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -23,13 +23,14 @@ import numpy as np
 
 from plc_inspect.config import Settings
 from plc_inspect.core.alignment import align, AlignmentResult
+from plc_inspect.core.clearance import describe_rules, RuleSet
 from plc_inspect.core.clustering import cluster, ClusteringResult
 from plc_inspect.core.conductors import model_conductors
 from plc_inspect.core.corridor import CorridorResult, extract_corridor
 from plc_inspect.core.decisions import decide, GROUND_BAND
-from plc_inspect.core.hazards import find_hazards
+from plc_inspect.core.hazards import add_ground_clearance, choose_rules, find_hazards
 from plc_inspect.core.height import extract_high, HeightResult
-from plc_inspect.core.linearity import find_candidates, LinearityResult
+from plc_inspect.core.linearity import anchor, find_candidates, LinearityResult
 from plc_inspect.core.outliers import OutlierResult, remove_outliers
 from plc_inspect.core.plan_index import build_plan_index
 from plc_inspect.core.route import trace_routes
@@ -64,9 +65,15 @@ INDEX_CELL = 2.0
 class Pipeline:
     """All stages with one set of settings; keeps no state between runs."""
 
-    def __init__(self, settings: Settings | None = None) -> None:
-        """Take the settings, by default those of config.py."""
+    def __init__(self, settings: Settings | None = None, rules: RuleSet | None = None) -> None:
+        """
+        Take the settings, by default those of config.py, and the clearance rules.
+
+        Without rules they are the plain ones of the settings; ConfigError is raised where the
+        settings name others.
+        """
         self.settings = settings or Settings()
+        self.rules = choose_rules(self.settings.hazards, rules)
 
     def run(self, points: Float64, progress: Progress | None = None) -> InspectionResult:
         """
@@ -93,15 +100,19 @@ class Pipeline:
         """
         if points.ndim != 2 or points.shape[1] != 3:
             raise DataError(f'points must have the shape (N, 3), got {points.shape}')
-        return _Run(np.ascontiguousarray(points, dtype=np.float64), self.settings, progress).run()
+        own = np.ascontiguousarray(points, dtype=np.float64)
+        return _Run(own, self.settings, self.rules, progress).run()
 
 
 class _Run:
     """One pass of a cloud through the stages, collecting what each one did."""
 
-    def __init__(self, points: Float64, settings: Settings, progress: Progress | None) -> None:
+    def __init__(
+        self, points: Float64, settings: Settings, rules: RuleSet, progress: Progress | None
+    ) -> None:
         self.points = points
         self.settings = settings
+        self.rules = rules
         self.progress = progress
         self.stages: list[StageReport] = []
         self.started = time.perf_counter()
@@ -176,7 +187,7 @@ class _Run:
             np.array([min(model.start_x, model.end_x) for model in spans.models]),
             np.array([max(model.start_x, model.end_x) for model in spans.models]),
             settings.corridor,
-            least_reach=max(settings.hazards.warning_distance, FREE_RADIUS),
+            least_reach=max(self.rules.reach('vegetation', 'building'), FREE_RADIUS),
         )
         spans = claim_strays(points, spans, corridor)
         self.report(
@@ -186,7 +197,9 @@ class _Run:
             radius=[round(float(value), 2) for value in corridor.radius],
             complex_case=[bool(value) for value in corridor.complex_case],
         )
-        return self._finish(height, high, candidates, outliers, alignment, clustering, spans, corridor)
+        return self._finish(
+            height, high, candidates, outliers, alignment, clustering, spans, corridor
+        )
 
     def _height(self) -> HeightResult:
         settings = self.settings.height
@@ -210,7 +223,7 @@ class _Run:
         self, high: Int64
     ) -> tuple[LinearityResult, OutlierResult, LinearityResult]:
         settings = self.settings
-        origin = self.points[high].min(axis=0) - 1.0 if len(high) else np.zeros(3)
+        origin = anchor(self.points, high, settings.linearity)
         candidates = find_candidates(self.points, high, origin, settings.linearity)
         self.report(
             sum(candidates.num_voxels),
@@ -289,6 +302,10 @@ class _Run:
             spans.models,
             spans.ground_below,
             self.settings.hazards,
+            rules=self.rules,
+            height=height.height,
+            supports=spans.supports,
+            others=wire | spans.support,
         )
         classification = np.full(len(points), PointClass.OTHER, dtype=np.uint8)
         classification[height.height < GROUND_BAND] = PointClass.GROUND
@@ -311,12 +328,10 @@ class _Run:
             len(near),
             len(hazards),
             {},
-            warning_distance=self.settings.hazards.warning_distance,
-            critical_distance=self.settings.hazards.critical_distance,
-            ground_distance=self.settings.hazards.ground_distance,
+            **describe_rules(self.rules),
         )
         return InspectionResult(
-            spans=tuple(model.span for model in spans.models),
+            spans=add_ground_clearance(spans.models, spans.ground_below),
             supports=spans.supports,
             hazards=hazards,
             line_id=spans.line_id,

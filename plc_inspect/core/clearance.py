@@ -1,0 +1,331 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Clearance rules as data: which distance is asked for, by whom, and how severe a breach is."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+import math
+from typing import Any
+
+from plc_inspect.config import HazardSettings
+from plc_inspect.errors import ConfigError
+from plc_inspect.results import Severity
+
+PLAIN = 'plain'
+"""Name of the rule set that the settings hold."""
+FEATURES = ('vegetation', 'fall_in', 'ground', 'building', 'line', 'water', 'road')
+"""What a limit can be about."""
+UNSEEN = {'water': 'water', 'road': 'roads'}
+"""Features that coordinates alone cannot tell; their limits are reported as not applied."""
+MEASURES = ('distance', 'horizontal', 'vertical')
+PLACES = ('any', 'under', 'beside')
+FOOT = 0.3048
+_UNITS = {'m': 1.0, 'ft': FOOT}
+_SET_KEYS = {'name', 'title', 'edition', 'source', 'note', 'unit', 'elevations', 'tiers', 'limits'}
+_LIMIT_KEYS = {'feature', 'kv', 'distance', 'measure', 'where', 'tiers', 'source', 'note'}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limit:
+    """One distance that a rule set asks for."""
+
+    feature: str
+    """One of FEATURES."""
+    distance: float
+    """The distance that is required [m]."""
+    tiers: tuple[tuple[Severity, float], ...]
+    """Severity and the distance from which on it holds [m], most severe and nearest first."""
+    measure: str = 'distance'
+    """'distance' in space, or its 'horizontal' or 'vertical' part."""
+    where: str = 'any'
+    """'under' or 'beside' the conductor, whichever part of the distance is greater, or 'any'."""
+    source: str = ''
+    note: str = ''
+
+    @property
+    def reach(self) -> float:
+        """Greatest distance at which anything is reported [m]."""
+        return self.tiers[-1][1]
+
+    def judge(self, value: float) -> Severity | None:
+        """Return how severe a measured value [m] is, None where the limit is kept."""
+        return next((severity for severity, distance in self.tiers if value < distance), None)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RuleSet:
+    """The limits that hold for one line, with who asks for them."""
+
+    name: str
+    title: str
+    edition: str
+    source: str
+    limits: tuple[Limit, ...]
+    voltage: str = 'unknown'
+    """Voltage for which the limits were chosen, as '110 kV'; 'unknown' is never guessed."""
+    not_applied: tuple[str, ...] = ()
+    """Limits that were left out, and why."""
+
+    def find(self, feature: str) -> tuple[Limit, ...]:
+        """Return the limits of one feature."""
+        return tuple(limit for limit in self.limits if limit.feature == feature)
+
+    def reach(self, *features: str) -> float:
+        """Return the greatest distance at which any of some features is reported [m]."""
+        return max((item.reach for item in self.limits if item.feature in features), default=0.0)
+
+
+def plain_rules(settings: HazardSettings) -> RuleSet:
+    """
+    Return the rule set that the settings hold, which claims no authority.
+
+    Vegetation and structures are critical and warned of at the two distances of the settings;
+    ground, other lines and falling trees are warned of.  A distance of 0 is not looked for.
+
+    Raises
+    ------
+    ConfigError
+        The critical distance is greater than the warning distance.
+
+    """
+    critical, warning = settings.critical_distance, settings.warning_distance
+    if critical > warning:
+        raise ConfigError(
+            f'hazards.critical_distance {critical:g} m is greater than'
+            f' hazards.warning_distance {warning:g} m'
+        )
+    near = ((Severity.CRITICAL, critical), (Severity.WARNING, warning))
+    limits = [
+        Limit(feature=feature, distance=warning, tiers=near)
+        for feature in ('vegetation', 'building') if warning > 0
+    ]
+    limits += [
+        Limit(feature=feature, distance=distance, measure=measure,
+              tiers=((Severity.WARNING, distance),))
+        for feature, distance, measure in (
+            ('ground', settings.ground_distance, 'vertical'),
+            ('line', settings.crossing_distance, 'distance'),
+            ('fall_in', settings.fall_distance, 'distance'),
+        ) if distance > 0
+    ]
+    return RuleSet(
+        name=PLAIN,
+        title='plain distances',
+        edition='plc_inspect 0.1',
+        source='settings of section hazards; no authority',
+        limits=tuple(limits),
+        voltage=_name_voltage(settings.voltage),
+    )
+
+
+def parse_rules(content: Mapping[str, Any], settings: HazardSettings) -> RuleSet:
+    """
+    Read a rule set and choose the limits that hold for the line.
+
+    Parameters
+    ----------
+    content : mapping
+        As ``config/rules/*.yaml`` hold it; ``docs/hazards.md`` describes the keys.
+    settings : HazardSettings
+        Voltage [kV], 0 where it is unknown, and elevation above sea level [m], below -500 where
+        it is unknown.
+
+    Returns
+    -------
+    RuleSet
+        Distances in metres.  Limits that depend on an unknown voltage, and those of features
+        that coordinates cannot tell, are named in ``not_applied``.
+
+    Raises
+    ------
+    ConfigError
+        A key is missing, unknown or of a wrong kind; two limits contradict one another; the
+        elevation is needed and unknown or beyond the table; or no limit is left.
+
+    """
+    if not isinstance(content, Mapping):
+        raise ConfigError(f'a rule set is a mapping, got {type(content).__name__}')
+    name = content.get('name')
+    if not isinstance(name, str) or not name:
+        raise ConfigError('a rule set has no name')
+    _check_keys(content, _SET_KEYS, f'rule set {name}')
+    for key in ('title', 'edition', 'source', 'limits'):
+        if not content.get(key):
+            raise ConfigError(f'rule set {name} has no {key}')
+    unit = _UNITS.get(content.get('unit', 'm'))
+    if unit is None:
+        raise ConfigError(f'rule set {name}: unit must be m or ft, got {content["unit"]!r}')
+    if not isinstance(content['limits'], list):
+        raise ConfigError(f'rule set {name}: limits must be a list')
+    applied: list[Limit] = []
+    left_out: list[str] = []
+    voltages: list[str] = []
+    for number, row in enumerate(content['limits']):
+        where = f'rule set {name}, limit {number + 1}'
+        if not isinstance(row, Mapping):
+            raise ConfigError(f'{where} is no mapping')
+        _check_keys(row, _LIMIT_KEYS, where)
+        limit = _read_limit(row, content, unit, settings, where)
+        kv = row.get('kv')
+        title = f'{limit.feature} {limit.distance:.2f} m'
+        if limit.feature in UNSEEN:
+            left_out.append(f'{title}: {UNSEEN[limit.feature]} cannot be told from points')
+        elif kv is None:
+            applied.append(limit)
+        else:
+            voltages.append(_name_range(kv))
+            if settings.voltage == 0.0:
+                left_out.append(f'{title} at {_name_range(kv)}: the voltage is unknown')
+            elif _holds(kv, settings.voltage, where):
+                applied.append(limit)
+    _check_contradictions(applied, name)
+    if not applied:
+        given = _name_voltage(settings.voltage)
+        raise ConfigError(
+            f'rule set {name} has no limit for a line of {given} voltage; it has'
+            f' {", ".join(dict.fromkeys(voltages))}' + (
+                ' (give hazards.voltage)' if settings.voltage == 0.0 else ''
+            )
+            if voltages else f'rule set {name} has no limit that points can be held against'
+        )
+    return RuleSet(
+        name=name,
+        title=str(content['title']),
+        edition=str(content['edition']),
+        source=str(content['source']),
+        limits=tuple(applied),
+        voltage=_name_voltage(settings.voltage),
+        not_applied=tuple(left_out),
+    )
+
+
+def describe_rules(rules: RuleSet) -> dict[str, Any]:
+    """Return a rule set as plain values, for reports; distances in metres."""
+    return {
+        'rules': rules.title,
+        'edition': rules.edition,
+        'source': rules.source,
+        'voltage': rules.voltage,
+        'limits': [
+            ' '.join(
+                [f'{item.feature} {item.distance:.2f} m']
+                + ([item.where] if item.where != 'any' else [])
+                + ([item.measure] if item.measure != 'distance' else [])
+                + [f'({severity.name.lower()} {distance:.2f} m)'
+                   for severity, distance in item.tiers]
+            )
+            for item in rules.limits
+        ],
+        'not_applied': list(rules.not_applied),
+    }
+
+
+def _read_limit(
+    row: Mapping[str, Any], content: Mapping[str, Any], unit: float, settings: HazardSettings,
+    where: str,
+) -> Limit:
+    feature, measure = row.get('feature'), row.get('measure', 'distance')
+    place = row.get('where', 'any')
+    for key, value, known in (
+        ('feature', feature, FEATURES), ('measure', measure, MEASURES), ('where', place, PLACES),
+    ):
+        if value not in known:
+            raise ConfigError(f'{where}: {key} must be one of {", ".join(known)}, got {value!r}')
+    distance = unit * _read_distance(row.get('distance'), content, settings, where)
+    tiers = row.get('tiers', content.get('tiers', {'critical': 1.0}))
+    if not isinstance(tiers, Mapping) or not tiers:
+        raise ConfigError(f'{where}: tiers must map a severity to a factor')
+    steps = []
+    for key, factor in tiers.items():
+        if str(key).upper() not in Severity.__members__:
+            names = ', '.join(item.name.lower() for item in Severity)
+            raise ConfigError(f'{where}: tier must be one of {names}, got {key!r}')
+        steps.append((Severity[str(key).upper()], distance * _number(factor, f'{where}: {key}')))
+    steps.sort(key=lambda step: -step[0])
+    if any(nearer[1] > farther[1] for nearer, farther in pairwise(steps)):
+        raise ConfigError(f'{where}: a more severe tier must not reach farther')
+    source = str(row.get('source', content['source']))
+    note = ' '.join(str(row.get('note', content.get('note', ''))).split())
+    return Limit(feature=str(feature), distance=distance, tiers=tuple(steps), measure=measure,
+                 where=place, source=source, note=note)
+
+
+def _read_distance(
+    value: Any, content: Mapping[str, Any], settings: HazardSettings, where: str
+) -> float:
+    """Return one distance, or that of the elevation's column, in the unit of the rule set."""
+    if not isinstance(value, list):
+        return _number(value, f'{where}: distance')
+    columns = content.get('elevations')
+    if not isinstance(columns, Sequence) or len(columns) != len(value):
+        raise ConfigError(f'{where}: {len(value)} distances need as many elevations')
+    if settings.elevation < -500.0:
+        raise ConfigError(
+            f'{where} depends on the elevation above sea level: give hazards.elevation'
+        )
+    scale = _UNITS[content.get('unit', 'm')]
+    for limit, distance in zip(columns, value, strict=True):
+        if settings.elevation <= _number(limit, f'{where}: elevation') * scale:
+            return _number(distance, f'{where}: distance')
+    raise ConfigError(
+        f'{where}: no distance for {settings.elevation:g} m above sea level, only up to'
+        f' {columns[-1] * scale:.0f} m'
+    )
+
+
+def _holds(kv: Any, voltage: float, where: str) -> bool:
+    """Whether a limit for one nominal voltage, or for a range [low, high), holds."""
+    if isinstance(kv, list):
+        if len(kv) != 2:
+            raise ConfigError(f'{where}: kv must be one voltage or [low, high]')
+        low, high = (_number(value, f'{where}: kv', finite=False) for value in kv)
+        if low >= high:
+            raise ConfigError(f'{where}: kv from {low:g} to {high:g}')
+        return low <= voltage < high
+    return math.isclose(_number(kv, f'{where}: kv'), voltage, rel_tol=1e-6)
+
+
+def _check_contradictions(limits: Sequence[Limit], name: str) -> None:
+    seen: dict[tuple[str, str, str], float] = {}
+    for item in limits:
+        key = (item.feature, item.where, item.measure)
+        if seen.setdefault(key, item.distance) != item.distance:
+            raise ConfigError(
+                f'rule set {name} contradicts itself: {item.feature} {seen[key]:.2f} m and'
+                f' {item.distance:.2f} m'
+            )
+
+
+def _check_keys(row: Mapping[str, Any], known: set[str], where: str) -> None:
+    unknown = sorted(str(key) for key in set(row) - known)
+    if unknown:
+        raise ConfigError(f'{where}: unknown key {unknown[0]!r}')
+
+
+def _number(value: Any, where: str, *, finite: bool = True) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or value < 0 or (
+        math.isnan(value) or (finite and math.isinf(value))
+    ):
+        raise ConfigError(f'{where} must be a number from 0, got {value!r}')
+    return float(value)
+
+
+def _name_voltage(voltage: float) -> str:
+    return f'{voltage:g} kV' if voltage else 'unknown'
+
+
+def _name_range(kv: Any) -> str:
+    return f'{kv[0]:g} to {kv[1]:g} kV' if isinstance(kv, list) and len(kv) == 2 else f'{kv} kV'

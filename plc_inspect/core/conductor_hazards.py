@@ -1,0 +1,332 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Hazards of the conductors themselves: too low, too near to one another, sagging too much."""
+
+from collections.abc import Sequence
+import math
+from typing import Any
+
+import numpy as np
+
+from plc_inspect.config import HazardSettings
+from plc_inspect.core.clearance import Limit, RuleSet
+from plc_inspect.core.encroachments import describe_hazard
+from plc_inspect.core.span_model import SpanModel
+from plc_inspect.results import Float64, HazardKind, Severity, Support
+
+CROSSING_ANGLE_DEG = 5.0
+"""Conductors that meet in plan at a smaller angle run along each other."""
+LEAST_EXCESS = 0.15
+"""A sag beyond its peers by less than this is no hazard [m]."""
+SAG_NOTE = (
+    'compared with the other conductors of the span, which are taken to be as warm: ice, a '
+    'slipped clamp and broken strands look alike'
+)
+
+Records = list[dict[str, Any]]
+
+
+def find_low_conductors(
+    models: Sequence[SpanModel],
+    ground_below: Sequence[Float64],
+    supports: Sequence[Support],
+    rules: RuleSet,
+) -> Records:
+    """
+    Find the spans that hang too low over the ground: one hazard a span, at its lowest place.
+
+    Parameters
+    ----------
+    models : sequence of SpanModel
+        Spans with their curves.
+    ground_below : sequence
+        For each model (S, 2): distance from its start and height above ground [m].
+    supports : sequence of Support
+        Towers and poles.
+    rules : RuleSet
+        What is asked for.
+
+    Returns
+    -------
+    list of dict
+        Values of Hazard without its number.
+
+    """
+    worst: dict[int, dict[str, Any]] = {}
+    for limit in rules.find('ground'):
+        for model, stations in zip(models, ground_below, strict=True):
+            if not len(stations):
+                continue
+            at = int(np.argmin(stations[:, 1]))
+            along, clearance = (float(value) for value in stations[at])
+            severity = limit.judge(clearance)
+            known = worst.get(model.span.span_id)
+            if severity is None or (known and known['clearance'] <= clearance):
+                continue
+            worst[model.span.span_id] = _low(
+                model, stations, along, clearance, severity, limit, supports, rules
+            )
+    return list(worst.values())
+
+
+def _low(
+    model: SpanModel, stations: Float64, along: float, clearance: float, severity: Severity,
+    limit: Limit, supports: Sequence[Support], rules: RuleSet,
+) -> dict[str, Any]:
+    direction = 1.0 if model.end_x > model.start_x else -1.0
+    x = model.start_x + direction * along
+    below = stations[:, 1] < limit.reach
+    run = model.curve.position(model.start_x + direction * stations[below, 0])
+    run[:, 2] -= stations[below, 1]
+    return describe_hazard(
+        model, x, supports, rules, limit,
+        kind=HazardKind.GROUND,
+        severity=severity,
+        position=model.curve.position(np.array(x))[0] - np.array([0.0, 0.0, clearance]),
+        clearance=clearance,
+        horizontal=0.0,
+        vertical=clearance,
+        num_points=int(below.sum()),
+        extent=np.stack([run.min(axis=0), run.max(axis=0)]),
+    )
+
+
+def find_crossings(
+    models: Sequence[SpanModel], supports: Sequence[Support], rules: RuleSet
+) -> Records:
+    """
+    Find places where one line crosses another too near to it.
+
+    Each pair of spans counts once for each pair of lines, at its least distance; position is on
+    the lower conductor.
+
+    Parameters
+    ----------
+    models : sequence of SpanModel
+        Spans with their curves.
+    supports : sequence of Support
+        Towers and poles.
+    rules : RuleSet
+        What is asked for.
+
+    Returns
+    -------
+    list of dict
+        Values of Hazard without its number.
+
+    """
+    limits = rules.find('line')
+    if not limits:
+        return []
+    limit = limits[0]
+    worst: dict[tuple[int, int], dict[str, Any]] = {}
+    for i, first in enumerate(models):
+        for second in models[:i]:
+            if first.span.span_id == second.span.span_id or not _cross(first, second):
+                continue
+            upper, lower, x, other_x, clearance = _approach(first, second)
+            severity = limit.judge(clearance)
+            if severity is None:
+                continue
+            key = (upper.span.span_id, lower.span.span_id)
+            if key in worst and worst[key]['clearance'] <= clearance:
+                continue
+            above = upper.curve.position(np.array(x))[0]
+            below = lower.curve.position(np.array(other_x))[0]
+            worst[key] = describe_hazard(
+                upper, x, supports, rules, limit,
+                kind=HazardKind.CROSSING,
+                severity=severity,
+                position=below,
+                clearance=clearance,
+                horizontal=math.dist(above[:2], below[:2]),
+                vertical=float(above[2] - below[2]),
+                sigma=math.hypot(upper.sigma(x), lower.sigma(other_x)),
+                num_points=0,
+                extent=np.stack([below, below]),
+                other_line_id=lower.span.line_id,
+            )
+    return list(worst.values())
+
+
+def _cross(first: SpanModel, second: SpanModel) -> bool:
+    """Whether two spans cross in plan, within their ends."""
+    p, q = first.span.start[:2], second.span.start[:2]
+    r, s = first.span.end[:2] - p, second.span.end[:2] - q
+    area = float(r[0] * s[1] - r[1] * s[0])
+    sine = math.sin(math.radians(CROSSING_ANGLE_DEG))
+    if abs(area) < sine * float(np.linalg.norm(r) * np.linalg.norm(s)) or area == 0.0:
+        return False
+    t = float((q - p)[0] * s[1] - (q - p)[1] * s[0]) / area
+    u = float((q - p)[0] * r[1] - (q - p)[1] * r[0]) / area
+    return 0.0 < t < 1.0 and 0.0 < u < 1.0
+
+
+def _approach(
+    first: SpanModel, second: SpanModel
+) -> tuple[SpanModel, SpanModel, float, float, float]:
+    """Upper and lower span, x of the nearest places on both, and their distance."""
+    low, high = first.start_x, first.end_x
+    for _ in range(4):
+        x = np.linspace(low, high, 81)
+        at = first.curve.position(x)
+        other, horizontal, vertical = second.part(at)
+        best = int(np.argmin(np.hypot(horizontal, vertical)))
+        low, high = x[max(best - 1, 0)], x[min(best + 1, 80)]
+    distance = float(np.hypot(horizontal, vertical)[best])
+    pair = (first, second, float(x[best]), float(other[best]))
+    if vertical[best] > 0:
+        pair = (second, first, pair[3], pair[2])
+    return *pair, distance
+
+
+def find_interference(
+    models: Sequence[SpanModel],
+    supports: Sequence[Support],
+    rules: RuleSet,
+    settings: HazardSettings,
+) -> Records:
+    """
+    Find conductors of a span that come much nearer in it than where they are held.
+
+    Parameters
+    ----------
+    models : sequence of SpanModel
+        Spans with their curves.
+    supports : sequence of Support
+        Towers and poles.
+    rules : RuleSet
+        What is asked for.
+    settings : HazardSettings
+        Thresholds.
+
+    Returns
+    -------
+    list of dict
+        Values of Hazard without its number.
+
+    """
+    result = []
+    for i, first in enumerate(models):
+        for second in models[:i]:
+            if first.span.span_id != second.span.span_id:
+                continue
+            x = np.linspace(first.start_x, first.end_x, 41)
+            at = first.curve.position(x)
+            other_x, across = second.curve.local(at)
+            low, high = sorted((second.start_x, second.end_x))
+            inside = (other_x >= low) & (other_x <= high)
+            if inside.sum() < 10:
+                continue
+            gap = at[:, 2] - second.curve.fit.height(other_x)
+            apart = np.where(inside, np.hypot(across, gap), np.inf)
+            held = [apart[k] for k in (np.flatnonzero(inside)[0], np.flatnonzero(inside)[-1])]
+            required = settings.interference_ratio * float(min(held))
+            worst = int(np.argmin(apart))
+            sigma = math.hypot(first.sigma(float(x[worst])), second.sigma(float(other_x[worst])))
+            if apart[worst] >= required - 2 * sigma:
+                continue
+            result.append(describe_hazard(
+                first, float(x[worst]), supports, rules, _own_limit(required),
+                kind=HazardKind.INTERFERENCE,
+                severity=Severity.WARNING,
+                position=at[worst],
+                clearance=float(apart[worst]),
+                horizontal=abs(float(across[worst])),
+                vertical=float(gap[worst]),
+                sigma=sigma,
+                num_points=0,
+                extent=np.stack([at[worst], at[worst]]),
+                other_line_id=second.span.line_id,
+                **_own_rule('distance to the next conductor'),
+            ))
+    return result
+
+
+def find_abnormal_sag(
+    models: Sequence[SpanModel],
+    supports: Sequence[Support],
+    rules: RuleSet,
+    settings: HazardSettings,
+) -> Records:
+    """
+    Find conductors that sag much more than the others of their span.
+
+    Sags are compared as the sag over the square of the length, and only where two others have at
+    least 0.7 of the length.
+
+    Parameters
+    ----------
+    models : sequence of SpanModel
+        Spans with their curves.
+    supports : sequence of Support
+        Towers and poles.
+    rules : RuleSet
+        What is asked for.
+    settings : HazardSettings
+        Thresholds.
+
+    Returns
+    -------
+    list of dict
+        Values of Hazard without its number; the clearance is the excess of sag.
+
+    """
+    result = []
+    for model in models:
+        peers = [
+            other.span.sag / max(other.span.length, 1.0) ** 2
+            for other in models
+            if other.span.span_id == model.span.span_id and other is not model
+            and other.span.length > 0.7 * model.span.length
+        ]
+        if len(peers) < 2:
+            continue
+        usual = float(np.median(peers)) * model.span.length**2
+        excess = model.span.sag - usual
+        tolerated = settings.sag_deviation * usual
+        sigma = max(model.span.sigma['sag'], 0.01)
+        if excess <= tolerated + 3 * sigma or excess < LEAST_EXCESS:
+            continue
+        lowest = model.span.lowest
+        x, _ = model.curve.local(lowest[None, :])
+        result.append(describe_hazard(
+            model, float(x[0]), supports, rules, _own_limit(tolerated),
+            kind=HazardKind.SAG,
+            severity=Severity.WARNING,
+            position=lowest.copy(),
+            clearance=excess,
+            horizontal=0.0,
+            vertical=excess,
+            sigma=sigma,
+            num_points=model.span.num_points,
+            extent=np.stack([lowest, lowest]),
+            **_own_rule('sag against the other conductors'),
+            note=SAG_NOTE,
+        ))
+    return result
+
+
+def _own_limit(required: float) -> Limit:
+    return Limit(feature='line', distance=required, tiers=((Severity.WARNING, required),))
+
+
+def _own_rule(title: str) -> dict[str, str]:
+    """Name the rule of a check that comes from the settings, whatever rule set is used."""
+    return {
+        'rule': title,
+        'edition': 'plc_inspect 0.1',
+        'source': 'settings of section hazards; no authority',
+    }

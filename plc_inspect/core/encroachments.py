@@ -1,0 +1,396 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Hazards by vegetation and structures near a conductor: one object, one hazard."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+from typing import Any
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from plc_inspect.config import HazardSettings
+from plc_inspect.core.clearance import Limit, RuleSet
+from plc_inspect.core.corridor import find_near, span_table
+from plc_inspect.core.span_model import find_support, SpanModel
+from plc_inspect.core.trees import segment_trees
+from plc_inspect.results import (
+    Bool,
+    Float64,
+    HazardKind,
+    Int64,
+    Severity,
+    Support,
+)
+
+MINOR_SHARE = 0.25
+"""Foliage on a roof, or a flat patch of a crown, is a hazard of its own from this share."""
+POLE_ROOM, TOWER_ROOM = 1.5, 5.0
+"""What lies wholly within this of a support along the line may be part of it [m]."""
+TREE_MARGIN = 8.0
+"""What stands within this of offending points in plan tells which trees they belong to [m]."""
+FALL_REACH = 50.0
+"""Trees farther from all conductors than this are not looked at [m]."""
+TREE_HEIGHT = 2.0
+"""Lower things do not fall on conductors [m]."""
+TREE_SIGMA = 0.15
+"""Standard deviation of the height of a tree above its foot [m]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Surroundings:
+    """Points near the conductors, off the ground, neither wire nor support."""
+
+    points: Float64
+    """(K, 3) [m]."""
+    height: Float64
+    """(K,) above local ground [m]."""
+    distance: Float64
+    """(K,) to the nearest span [m]."""
+    owner: Int64
+    """(K,) which of the models that is."""
+    surface: Bool
+    """(K,) points of roofs and walls rather than of foliage."""
+
+    def take(self, chosen: Int64 | Bool) -> 'Surroundings':
+        """Return some of the points."""
+        return Surroundings(
+            points=self.points[chosen],
+            height=self.height[chosen],
+            distance=self.distance[chosen],
+            owner=self.owner[chosen],
+            surface=self.surface[chosen],
+        )
+
+
+def group_points(points: Float64, reach: float) -> Int64:
+    """Label of the connected group of each point, links up to ``reach``; O(N log N)."""
+    if not len(points):
+        return np.zeros(0, dtype=np.int64)
+    cell = reach / 4
+    _, first, inverse = np.unique(
+        np.floor(points / cell).astype(np.int64), axis=0, return_index=True, return_inverse=True
+    )
+    pairs = cKDTree(points[first]).query_pairs(reach, output_type='ndarray')
+    graph = coo_matrix(
+        (np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(first), len(first))
+    )
+    _, label = connected_components(graph, directed=False)
+    result: Int64 = label[inverse.ravel()].astype(np.int64)
+    return result
+
+
+def find_encroachments(
+    around: Surroundings,
+    models: Sequence[SpanModel],
+    supports: Sequence[Support],
+    rules: RuleSet,
+    settings: HazardSettings,
+) -> list[dict[str, Any]]:
+    """
+    Find trees and structures that are nearer to a conductor than a rule allows.
+
+    Offending points that hang together are taken tree by tree; a tree counts once, at its worst
+    point, whatever number of conductors it is near to.
+
+    Parameters
+    ----------
+    around : sequence
+        Surroundings.
+    models : sequence of SpanModel
+        Spans with their curves.
+    supports : sequence of Support
+        Towers and poles.
+    rules : RuleSet
+        What is asked for.
+    settings : HazardSettings
+        Growth, least number of points and distance that links points.
+
+    Returns
+    -------
+    list of dict
+        Values of Hazard without its number.
+
+    """
+    limits = {
+        HazardKind.VEGETATION: rules.find('vegetation'),
+        HazardKind.STRUCTURE: rules.find('building'),
+    }
+    offends = np.zeros(len(around.points), dtype=bool)
+    for kind, asked in limits.items():
+        _, score = _score(around, models, asked, around.surface == (kind == HazardKind.STRUCTURE))
+        offends |= np.isfinite(score)
+    if not offends.any():
+        return []
+    tree = _find_trees(around, offends)
+    bad = np.flatnonzero(offends)
+    near = around.take(bad)
+    cluster = group_points(near.points, settings.group_distance)
+    lone = np.bincount(cluster)[cluster] < settings.min_points
+    held = np.bincount(cluster, weights=~_at_supports(near, models, supports)) == 0
+    lone |= held[cluster]
+    tallest = np.full(int(tree.max()) + 1, -np.inf)
+    np.maximum.at(tallest, tree[tree >= 0], around.height[tree >= 0])
+    result = []
+    for own in _split(np.where(lone, -1, tree[bad])):
+        for kind, chosen in _split_kinds(near.surface[own], settings.min_points):
+            record = _describe(
+                near.take(own[chosen]), models, supports, kind, limits[kind], rules, settings
+            )
+            if record is not None:
+                result.append(record | {'height': float(tallest[tree[bad[own[0]]]])})
+    return result
+
+
+def _at_supports(
+    near: Surroundings, models: Sequence[SpanModel], supports: Sequence[Support]
+) -> Bool:
+    """Tell the points so near to a support that arms and insulators explain them."""
+    result = np.zeros(len(near.points), dtype=bool)
+    for number in np.unique(near.owner).tolist():
+        model = models[number]
+        mine = np.flatnonzero(near.owner == number)
+        x, _, _ = model.part(near.points[mine])
+        along = model.along(x)
+        for place, distance in ((0.0, along), (model.span.length, model.span.length - along)):
+            support, _ = find_support(model.span, place, supports)
+            kinds = [item.kind for item in supports if item.support_id == support]
+            if kinds:
+                result[mine[distance <= POLE_ROOM if kinds[0] == 'pole' else
+                            distance <= TOWER_ROOM]] = True
+    return result
+
+
+def _split(label: Int64) -> list[Int64]:
+    """Return the indices of each label from 0, ascending within and between labels."""
+    order = np.argsort(label, kind='stable')
+    order = order[label[order] >= 0]
+    parts = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
+    return [part for part in parts if len(part)]
+
+
+def _split_kinds(surface: Bool, min_points: int) -> list[tuple[HazardKind, Bool]]:
+    """Foliage and surfaces of one object: the greater part, and the other if it is no accident."""
+    flat = int(surface.sum())
+    leafy = len(surface) - flat
+    least = max(min_points, MINOR_SHARE * len(surface))
+    everything = np.ones(len(surface), dtype=bool)
+    if min(flat, leafy) >= least:
+        return [(HazardKind.VEGETATION, ~surface), (HazardKind.STRUCTURE, surface)]
+    if len(surface) < min_points:
+        return []
+    return [(HazardKind.STRUCTURE if flat > leafy else HazardKind.VEGETATION, everything)]
+
+
+def _find_trees(around: Surroundings, offends: Bool) -> Int64:
+    """Tree of each point about the offending ones, -1 of those far from them."""
+    low = around.points[:, :2].min(axis=0)
+    size = np.floor((around.points[:, :2] - low) / TREE_MARGIN).astype(np.int64) + 1
+    columns, rows = (size.max(axis=0) + 2).tolist()
+    wanted = np.zeros((columns, rows), dtype=bool)
+    x, y = size[offends].T
+    for dx in (-1, 0, 1):
+        for dy in (-1, 0, 1):
+            wanted[x + dx, y + dy] = True
+    near = np.flatnonzero(wanted[size[:, 0], size[:, 1]])
+    tree = np.full(len(around.points), -1, dtype=np.int64)
+    tree[near] = segment_trees(around.points[near], around.height[near])
+    return tree
+
+
+def _score(
+    around: Surroundings, models: Sequence[SpanModel], limits: Sequence[Limit], chosen: Bool
+) -> tuple[Int64, Float64]:
+    """Return the limit of each point that it comes nearest to breaking, and by what share."""
+    which = np.full(len(around.points), -1, dtype=np.int64)
+    best = np.full(len(around.points), np.inf)
+    if not limits:
+        return which, best
+    reach = max(item.reach for item in limits)
+    plain = all(item.measure == 'distance' for item in limits)
+    own = np.flatnonzero(chosen & (around.distance < reach) if plain else chosen)
+    horizontal, vertical = np.zeros(len(own)), np.zeros(len(own))
+    if not all(item.measure == 'distance' and item.where == 'any' for item in limits):
+        for number in np.unique(around.owner[own]).tolist():
+            mine = np.flatnonzero(around.owner[own] == number)
+            _, horizontal[mine], vertical[mine] = models[number].part(around.points[own[mine]])
+    values = {
+        'distance': around.distance[own], 'horizontal': horizontal, 'vertical': np.abs(vertical),
+    }
+    under = (vertical > 0) & (vertical >= horizontal)
+    places = {'any': np.ones(len(own), dtype=bool), 'under': under, 'beside': ~under}
+    for number, item in enumerate(limits):
+        value = values[item.measure]
+        share = value / max(item.distance, 1e-9)
+        better = places[item.where] & (value < item.reach) & (share < best[own])
+        best[own[better]] = share[better]
+        which[own[better]] = number
+    return which, best
+
+
+def _describe(
+    near: Surroundings,
+    models: Sequence[SpanModel],
+    supports: Sequence[Support],
+    kind: HazardKind,
+    limits: Sequence[Limit],
+    rules: RuleSet,
+    settings: HazardSettings,
+) -> dict[str, Any] | None:
+    which, share = _score(near, models, limits, np.ones(len(near.points), dtype=bool))
+    offends = np.isfinite(share)
+    if offends.sum() < settings.min_points:
+        return None
+    near, which, share = near.take(offends), which[offends], share[offends]
+    worst = int(np.argmin(share))
+    model, limit = models[int(near.owner[worst])], limits[int(which[worst])]
+    position = near.points[worst]
+    x, horizontal, vertical = (float(value[0]) for value in model.part(position[None, :]))
+    clearance = float(near.distance[worst])
+    value = {'distance': clearance, 'horizontal': horizontal, 'vertical': abs(vertical)}
+    severity = limit.judge(value[limit.measure])
+    years = math.nan
+    if kind == HazardKind.VEGETATION and settings.growth > 0:
+        years = max(value[limit.measure] - limit.tiers[0][1], 0.0) / settings.growth
+    return describe_hazard(
+        model, x, supports, rules, limit,
+        kind=kind,
+        severity=severity or Severity.NOTICE,
+        position=position.copy(),
+        clearance=clearance,
+        horizontal=horizontal,
+        vertical=vertical,
+        num_points=len(near.points),
+        extent=np.stack([near.points.min(axis=0), near.points.max(axis=0)]),
+        years=years,
+    )
+
+
+def describe_hazard(
+    model: SpanModel,
+    x: float,
+    supports: Sequence[Support],
+    rules: RuleSet,
+    limit: Limit,
+    **values: Any,
+) -> dict[str, Any]:
+    """Return the values of a Hazard: those given, those of the place, and those of the rule."""
+    along = float(model.along(np.array(x)))
+    support, distance = find_support(model.span, along, supports)
+    return {
+        'line_id': model.span.line_id,
+        'span_id': model.span.span_id,
+        'required': limit.distance,
+        'sigma': model.sigma(x),
+        'along_span': along,
+        'support_id': support,
+        'from_support': distance,
+        'rule': rules.title,
+        'edition': rules.edition,
+        'source': limit.source or rules.source,
+        'voltage': rules.voltage,
+        'note': limit.note,
+    } | values
+
+
+def find_falling_trees(
+    points: Float64,
+    height: Float64,
+    surface: Bool,
+    models: Sequence[SpanModel],
+    supports: Sequence[Support],
+    rules: RuleSet,
+    settings: HazardSettings,
+    known: Sequence[dict[str, Any]],
+) -> list[dict[str, Any]]:
+    """
+    Find trees that come too near to a conductor when they fall.
+
+    A tree of height h whose foot is at the distance s from the conductor reaches to s - h of it.
+
+    Parameters
+    ----------
+    points : (K, 3) float64
+        Off the ground, neither wire nor support [m].
+    height : (K,) float64
+        Above local ground [m].
+    surface : (K,) bool
+        Points of roofs and walls.
+    models, supports, rules, settings
+        As in `find_encroachments`.
+    known : sequence
+        Hazards found before; their trees are left out.
+
+    Returns
+    -------
+    list of dict
+        Values of Hazard; position and height are those of the tree's top.
+
+    """
+    limits = rules.find('fall_in')
+    if not limits or not len(points) or not models:
+        return []
+    limit = limits[0]
+    tree = segment_trees(points, height)
+    size = np.bincount(tree)
+    flat = np.bincount(tree, weights=surface.astype(np.float64))
+    top = np.full(len(size), -1, dtype=np.int64)
+    order = np.argsort(height, kind='stable')
+    top[tree[order]] = order
+    ends = np.sort(np.array([[item.start_x, item.end_x] for item in models]), axis=1)
+    table = span_table([item.curve for item in models], ends[:, 0], ends[:, 1])
+    feet = points[top].copy()
+    feet[:, 2] -= height[top]
+    found, distance, owner = find_near(feet, table, FALL_REACH + 60.0)
+    taken = _trees_at(points, tree, [item['position'] for item in known
+                                     if item['kind'] == HazardKind.VEGETATION])
+    result = []
+    for number, reach, span in zip(found.tolist(), distance.tolist(), owner.tolist(), strict=True):
+        tall = float(height[top[number]])
+        clearance = reach - tall
+        severity = limit.judge(clearance)
+        solid = flat[number] > 0.5 * size[number] or size[number] < settings.min_points
+        if severity is None or solid or number in taken:
+            continue
+        model, own = models[span], points[tree == number]
+        x, horizontal, vertical = (
+            float(value[0]) for value in model.part(feet[number : number + 1])
+        )
+        result.append(describe_hazard(
+            model, x, supports, rules, limit,
+            kind=HazardKind.FALL_IN,
+            severity=severity,
+            position=points[top[number]].copy(),
+            clearance=clearance,
+            horizontal=horizontal,
+            vertical=vertical,
+            sigma=math.hypot(model.sigma(x), TREE_SIGMA),
+            num_points=len(own),
+            extent=np.stack([own.min(axis=0), own.max(axis=0)]),
+            height=tall,
+            note='horizontal and vertical are from the foot, which is taken to be under the top',
+        ))
+    return result
+
+
+def _trees_at(points: Float64, tree: Int64, places: Sequence[Float64]) -> set[int]:
+    """Return the trees that the points nearest to some places belong to."""
+    if not places:
+        return set()
+    _, nearest = cKDTree(points).query(np.array(places))
+    return set(tree[nearest].tolist())

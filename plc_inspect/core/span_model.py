@@ -1,0 +1,108 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A span with its curve, and where along it something is."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from plc_inspect.core.curve import Curve
+from plc_inspect.results import Float64, Span, Support
+
+POINT_SIGMA = 0.03
+"""Standard deviation of one measured point, of the sensor's data sheet [m]."""
+SUPPORT_REACH = 20.0
+"""A span hangs on the nearest support of its line within this of its end in plan [m]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SpanModel:
+    """A span with the curve behind it, in the orientation of its route."""
+
+    span: Span
+    curve: Curve
+    start_x: float
+    """x of the curve at the span's start [m]; greater than end_x where reversed."""
+    end_x: float
+
+    def along(self, x: Float64) -> Float64:
+        """Return the distance from the start of the span at the curve's x [m]."""
+        return np.abs(np.asarray(x) - self.start_x)
+
+    def sigma(self, x: float) -> float:
+        """Return the standard deviation of a distance to the curve at x [m]."""
+        return math.hypot(float(self.curve.prediction_sigma(np.array([x]))[0]), POINT_SIGMA)
+
+    def part(self, points: Float64) -> tuple[Float64, Float64, Float64]:
+        """
+        Split the distances of points to the span.
+
+        Parameters
+        ----------
+        points : (N, 3) float64
+            Positions [m].
+
+        Returns
+        -------
+        x : (N,) float64
+            Foot on the curve, within the span, in the curve's x [m].
+        horizontal : (N,) float64
+            Horizontal distance to it [m].
+        vertical : (N,) float64
+            How far it is above the point [m].
+
+        """
+        x, y = self.curve.local(points)
+        inside = np.clip(x, min(self.start_x, self.end_x), max(self.start_x, self.end_x))
+        vertical: Float64 = self.curve.fit.height(inside) - points[:, 2]
+        return inside, np.hypot(y, x - inside), vertical
+
+
+def find_support(
+    span: Span, along: float, supports: Sequence[Support]
+) -> tuple[int, float]:
+    """
+    Return the nearer support of a span and the distance from it.
+
+    Parameters
+    ----------
+    span : sequence
+        Span.
+    along : float
+        Horizontal distance from the start of the span [m].
+    supports : sequence of Support
+        Towers and poles.
+
+    Returns
+    -------
+    support_id, from_support
+        -1 and NaN where no support is known at either end.
+
+    """
+    best = (-1, math.nan)
+    for end, is_open, distance in (
+        (span.start, span.open_start, along), (span.end, span.open_end, span.length - along),
+    ):
+        if is_open or not (math.isnan(best[1]) or distance < best[1]):
+            continue
+        near = [
+            (math.dist(item.position[:2], end[:2]), item.support_id)
+            for item in supports if span.line_id in item.line_ids
+        ]
+        if near and min(near)[0] <= SUPPORT_REACH:
+            best = (min(near)[1], max(distance, 0.0))
+    return best

@@ -1,0 +1,119 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Single trees in a canopy: peaks that stand out from the crowns around them."""
+
+import math
+
+from numba import njit
+import numpy as np
+
+from plc_inspect.results import Float64, Int64
+
+CELL = 0.5
+"""Edge of the plan cells whose highest points make the canopy [m]."""
+REACH = 2
+"""Cells this far apart touch, so that thin sampling does not tear crowns apart."""
+LEAST_DEPTH = 1.0
+"""Shallower dips do not part two trees [m]."""
+DEPTH_RATIO = 0.15
+"""Nor do dips that are shallower than this share of the lower tree's height."""
+
+
+def segment_trees(points: Float64, height: Float64) -> Int64:
+    """
+    Tell the trees of a canopy apart.
+
+    The highest points of plan cells make a surface.  From the top downwards each cell joins the
+    highest crown it touches; where two crowns meet they are one tree unless the dip between them
+    is deep enough.  O(N log N).
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Positions [m].
+    height : (N,) float64
+        Above local ground [m].
+
+    Returns
+    -------
+    (N,) int64
+        Number of the tree of each point, from 0, in order of the trees' heights.
+
+    """
+    if not len(points):
+        return np.zeros(0, dtype=np.int64)
+    low = points[:, :2].min(axis=0)
+    columns = math.floor((points[:, 0].max() - low[0]) / CELL) + 1 + 2 * REACH
+    column, row = (np.floor((points[:, :2] - low) / CELL).astype(np.int64) + REACH).T
+    keys, cell = np.unique(row * columns + column, return_inverse=True)
+    cell = cell.ravel()
+    level = np.full(len(keys), -np.inf)
+    np.maximum.at(level, cell, height)
+    order = np.lexsort((keys, -level))
+    root = _climb(keys, level, order, columns, REACH, LEAST_DEPTH, DEPTH_RATIO)
+    peaks = order[root[order] == order]
+    number = np.empty(len(keys), dtype=np.int64)
+    number[peaks] = np.arange(len(peaks))
+    result: Int64 = number[root[cell]]
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _find(parent, cell):  # type: ignore[no-untyped-def]
+    while parent[cell] != cell:
+        parent[cell] = parent[parent[cell]]
+        cell = parent[cell]
+    return cell
+
+
+@njit(cache=True, nogil=True)
+def _climb(keys, level, order, columns, reach, depth, ratio):  # type: ignore[no-untyped-def]
+    """Peak that each cell belongs to, by merging from the top down."""
+    num = len(keys)
+    parent = np.full(num, -1, dtype=np.int64)
+    roots = np.empty((2 * reach + 1) ** 2, dtype=np.int64)
+    for cell in order:
+        found = 0
+        best = -1
+        for step in range(-reach, reach + 1):
+            first = keys[cell] + step * columns - reach
+            at = np.searchsorted(keys, first)
+            while at < num and keys[at] <= first + 2 * reach:
+                if parent[at] >= 0:
+                    if best < 0 or level[at] > level[best]:
+                        best = at
+                    roots[found] = _find(parent, at)
+                    found += 1
+                at += 1
+        if best < 0:
+            parent[cell] = cell
+            continue
+        own = _find(parent, best)
+        for k in range(found):
+            other = _find(parent, roots[k])
+            own = _find(parent, own)
+            if other == own:
+                continue
+            lower = min(level[other], level[own])
+            if lower - level[cell] < max(depth, ratio * lower):
+                if level[other] > level[own]:
+                    parent[own] = other
+                    own = other
+                else:
+                    parent[other] = own
+        parent[cell] = own
+    for cell in range(num):
+        parent[cell] = _find(parent, cell)
+    return parent
