@@ -18,7 +18,11 @@ from itertools import pairwise
 
 import numpy as np
 
+from plc_inspect.config import AlignmentSettings, ClusteringSettings, LinearitySettings
+from plc_inspect.core.alignment import align
+from plc_inspect.core.clustering import cluster
 from plc_inspect.core.curve import fit_curve
+from plc_inspect.core.linearity import find_candidates
 from plc_inspect.core.plan_index import build_plan_index
 
 
@@ -121,3 +125,15 @@ def make_curve(points, chosen=None, tolerance=0.1):
 def make_index(points, cell=2.0):
     """Index all points by plan cell."""
     return build_plan_index(points, np.arange(len(points)), cell)
+
+
+def find_tracks(points, chosen=None, clustering=None):
+    """Run the stages from candidates to tracks on the chosen points, by default on all."""
+    chosen = np.arange(len(points)) if chosen is None else chosen
+    origin = points[chosen].min(axis=0) - 1.0 if len(chosen) else np.zeros(3)
+    candidates = find_candidates(points, chosen, origin, LinearitySettings())
+    windows = align(candidates, AlignmentSettings())
+    index = build_plan_index(points, chosen, 2.0)
+    return cluster(
+        points, index, candidates.position, windows, clustering or ClusteringSettings()
+    )
