@@ -200,7 +200,7 @@ def span_table(curves: Sequence[Curve], start_x: Float64, end_x: Float64) -> Flo
 
 
 def find_near(
-    points: Float64, table: Float64, reach: Float64
+    points: Float64, table: Float64, reach: Float64 | float
 ) -> tuple[Int64, Float32, Int32]:
     """
     Find the points within reach of any span.
@@ -211,8 +211,8 @@ def find_near(
         Coordinates [m].
     table : (C, 10) float64
         From span_table.
-    reach : (C,) float64
-        Search radius of each span [m].
+    reach : (C,) float64 or float
+        Search radius of each span, or of all [m].
 
     Returns
     -------
@@ -221,6 +221,7 @@ def find_near(
     span : (K,) int32, nearest span
 
     """
+    reach = np.ascontiguousarray(np.broadcast_to(np.asarray(reach, np.float64), len(table)))
     ends = np.concatenate(
         [table[:, :2] + table[:, column, None] * table[:, 2:4] for column in (8, 9)]
     )

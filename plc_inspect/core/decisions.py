@@ -25,6 +25,11 @@ from plc_inspect.core.outliers import OutlierResult
 from plc_inspect.core.voxels import hash_key, pack
 from plc_inspect.results import Decision, Float64, Int64, UInt8
 
+NOT_FINITE = np.uint8(Decision.NOT_FINITE)
+GROUND = np.uint8(Decision.GROUND)
+TOO_LOW = np.uint8(Decision.TOO_LOW)
+NOT_LINEAR = np.uint8(Decision.NOT_LINEAR)
+"""Decisions as the kernels know them."""
 GROUND_BAND = 0.5
 """Points this near to the ground surface are ground [m]."""
 
@@ -49,26 +54,39 @@ def decide(
         Decision of each point.
 
     """
-    decision = np.full(len(points), Decision.TOO_LOW, dtype=np.uint8)
-    decision[height.height < GROUND_BAND] = Decision.GROUND
-    if height.num_not_finite:
-        decision[~np.isfinite(points).all(axis=1)] = Decision.NOT_FINITE
+    decision: UInt8 = _settle_heights(points, height.height)
     state = np.full(len(candidates.position), Decision.OUTLIER, dtype=np.uint8)
     state[np.flatnonzero(outliers.keep)] = np.where(
         alignment.voted, Decision.NO_CLUSTER, Decision.NO_SECTION
     )
     if len(high):
-        origin = np.floor(points[high].min(axis=0)) - 1.0
-        decision[high] = _point_states(
-            points, high, origin, candidates.position, state, np.uint8(Decision.NOT_LINEAR)
-        )
+        _settle_high(points, high, candidates.position, state, decision)
     decision[clustering.beads.points] = Decision.NO_CATENARY
     return decision
 
 
 @njit(cache=True, parallel=True, nogil=True)
-def _point_states(points, high, origin, position, state, nothing):  # type: ignore[no-untyped-def]
-    """Greatest state of the candidates in the 1 m cell of each high point."""
+def _settle_heights(points, height):  # type: ignore[no-untyped-def]
+    """Decision of each point by its height alone; high ones are settled after."""
+    result = np.empty(len(height), dtype=np.uint8)
+    for i in prange(len(height)):
+        if height[i] < GROUND_BAND:
+            result[i] = GROUND
+        elif np.isfinite(points[i, 0] + points[i, 1] + points[i, 2]):
+            result[i] = TOO_LOW
+        else:
+            result[i] = NOT_FINITE
+    return result
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _settle_high(points, high, position, state, decision):  # type: ignore[no-untyped-def]
+    """Put the greatest state of the candidates in its 1 m cell into each high point's decision."""
+    origin = np.full(3, np.inf)
+    for i in high:
+        for k in range(3):
+            origin[k] = min(origin[k], points[i, k])
+    origin = np.floor(origin) - 1.0
     size = 16
     while size < 2 * len(position) + 2:
         size *= 2
@@ -85,7 +103,6 @@ def _point_states(points, high, origin, position, state, nothing):  # type: igno
             place = (place + 1) & (size - 1)
         keys[place] = key
         values[place] = max(values[place], state[k])
-    result = np.full(len(high), nothing, dtype=np.uint8)
     for k in prange(len(high)):
         i = high[k]
         key = pack(
@@ -93,10 +110,10 @@ def _point_states(points, high, origin, position, state, nothing):  # type: igno
             int(points[i, 1] - origin[1]),
             int(points[i, 2] - origin[2]),
         )
+        decision[i] = NOT_LINEAR
         place = hash_key(key, size - 1)
         while keys[place] >= 0:
             if keys[place] == key:
-                result[k] = values[place]
+                decision[i] = values[place]
                 break
             place = (place + 1) & (size - 1)
-    return result

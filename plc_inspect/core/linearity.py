@@ -152,7 +152,7 @@ def anchor(points: Float64, chosen: Int64, settings: LinearitySettings) -> Float
     if not len(chosen):
         return np.zeros(3)
     edge = settings.voxel_size * 2 ** (settings.num_scales - 1)
-    origin: Float64 = (np.floor(points[chosen].min(axis=0) / edge) - 1.0) * edge
+    origin: Float64 = (np.floor(_lowest(points, chosen) / edge) - 1.0) * edge
     return origin
 
 
@@ -247,6 +247,15 @@ def principal_axis(xx, xy, xz, yy, yz, zz):  # type: ignore[no-untyped-def]
     if ux < 0.0 or (ux == 0.0 and uy < 0.0):
         scale = -scale
     return max(l1, 0.0), max(l2, 0.0), max(l3, 0.0), ux * scale, uy * scale, uz * scale
+
+
+@njit(cache=True, nogil=True)
+def _lowest(points, chosen):  # type: ignore[no-untyped-def]
+    low = np.full(3, np.inf)
+    for i in chosen:
+        for k in range(3):
+            low[k] = min(low[k], points[i, k])
+    return low
 
 
 @njit(cache=True, parallel=True, nogil=True)

@@ -112,8 +112,10 @@ def build_spans(
         _refit(points, index, layout, number, settings, rng)
         for number in range(len(layout.curves))
     ]
+    collected = []
     for number, (curve, low, high) in enumerate(finals):
         chosen = profile_curve(points, index, curve, low - END_SLACK, high + END_SLACK).chosen
+        collected.append(chosen)
         x, y = curve.local(points[chosen])
         distance = np.hypot(
             y, (points[chosen, 2] - curve.fit.height(x)) / np.hypot(1.0, curve.fit.slope(x))
@@ -129,9 +131,10 @@ def build_spans(
     )
     models = []
     for number, (curve, low, high) in enumerate(finals):
-        own = np.flatnonzero(
-            (line_id == route.line_id[number]) & (span_id == route.span_id[number])
-        )
+        own = collected[number]
+        own = own[
+            (line_id[own] == route.line_id[number]) & (span_id[own] == route.span_id[number])
+        ]
         if len(own) < 3:
             line_id[own], span_id[own], residual[own] = -1, -1, np.nan
             continue
