@@ -29,7 +29,7 @@ from plc_inspect.core.curve import Curve, derive_tolerance, fit_curve
 from plc_inspect.core.evidence import CROWDED, find_objection, UNPROVEN
 from plc_inspect.core.plan_index import PlanIndex
 from plc_inspect.errors import FitError
-from plc_inspect.results import Float64, Int64
+from plc_inspect.results import Bool, Float64, Int64
 
 MAX_SPLITS = 64
 BRIDGE_SLACK = 0.15
@@ -329,24 +329,28 @@ def drop_duplicates(points: Float64, curves: Sequence[Curve]) -> tuple[Curve, ..
     of its own.
     """
     kept: list[Curve] = []
-    owned = np.zeros(len(points), dtype=bool)
     for curve in sorted(curves, key=lambda curve: (-curve.num_points, *curve.origin)):
-        if owned[curve.points].mean() > MAX_SHARED:
-            continue
         stations = curve.position(np.linspace(curve.low, curve.high, 21))
-        covered = np.zeros(len(stations), dtype=bool)
+        own = points[curve.points]
+        on_course = np.zeros(len(stations), dtype=bool)
+        shared = np.zeros(len(own), dtype=bool)
         for other in kept:
-            if _far_apart(curve, other):
-                continue
-            x, y = other.local(stations)
-            inside = (x >= other.low - 0.5) & (x <= other.high + 0.5)
-            miss = np.hypot(y, stations[:, 2] - other.fit.height(x))
-            covered |= inside & (miss <= 0.6 * max(curve.tolerance, other.tolerance))
-        if covered.mean() < 0.5:
+            if not _far_apart(curve, other):
+                reach = 0.6 * max(curve.tolerance, other.tolerance)
+                on_course |= _lies_on(stations, other, reach)
+                shared |= _lies_on(own, other, other.tolerance)
+        if on_course.mean() < 0.5 and shared.mean() <= MAX_SHARED:
             kept.append(curve)
-            owned[curve.points] = True
     kept.sort(key=lambda curve: (-curve.length, *curve.origin))
     return tuple(kept)
+
+
+def _lies_on(points: Float64, curve: Curve, reach: float) -> Bool:
+    """Tell which points are within reach of a curve between its ends."""
+    x, y = curve.local(points)
+    inside = (x >= curve.low - 0.5) & (x <= curve.high + 0.5)
+    result: Bool = inside & (np.hypot(y, points[:, 2] - curve.fit.height(x)) <= reach)
+    return result
 
 
 def _far_apart(first: Curve, second: Curve) -> bool:

@@ -101,6 +101,8 @@ class Pipeline:
         if points.ndim != 2 or points.shape[1] != 3:
             raise DataError(f'points must have the shape (N, 3), got {points.shape}')
         own = np.ascontiguousarray(points, dtype=np.float64)
+        if not own.flags.writeable:  # another type to numba, which would compile all anew
+            own = own.copy()
         return _Run(own, self.settings, self.rules, progress).run()
 
 
@@ -319,8 +321,11 @@ class _Run:
         span_of = np.array([model.span.span_id for model in spans.models], dtype=np.int32)
         span_id = spans.span_id.copy()
         corridor_span = span_of[corridor.span] if len(span_of) else corridor.span
-        others = ~wire[corridor.points]
-        span_id[corridor.points[others]] = corridor_span[others]
+        own_wire = wire[corridor.points]
+        span_id[corridor.points[~own_wire]] = corridor_span[~own_wire]
+        corridor_span = span_id[corridor.points]
+        corridor_line = line_of[corridor.span] if len(line_of) else corridor.span
+        corridor_line = np.where(own_wire, spans.line_id[corridor.points], corridor_line)
         decision = decide(points, height, high, candidates, outliers, alignment, clustering)
         decision[spans.support] = Decision.SUPPORT
         decision[wire] = Decision.WIRE
@@ -342,7 +347,7 @@ class _Run:
             decision=decision,
             ground_height=height.height,
             corridor=corridor.points,
-            corridor_line_id=line_of[corridor.span] if len(line_of) else corridor.span,
+            corridor_line_id=corridor_line,
             corridor_span_id=corridor_span,
             stages=tuple(self.stages),
         )
