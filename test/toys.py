@@ -137,3 +137,32 @@ def find_tracks(points, chosen=None, clustering=None):
     return cluster(
         points, index, candidates.position, windows, clustering or ClusteringSettings()
     )
+
+
+def make_route(supports, offsets=(-3.0, 0.0, 3.0), height=15.0, c=800.0, **changes):
+    """
+    Make the conductors of a line over given supports (K, 2), and fit a curve to each.
+
+    Returns
+    -------
+    points : (N, 3) float64
+    curves : list of Curve, span by span, then by offset to the left
+
+    """
+    supports = np.array(supports, float)
+    runs = np.diff(supports, axis=0)
+    runs /= np.linalg.norm(runs, axis=1, keepdims=True)
+    normals = np.column_stack([-runs[:, 1], runs[:, 0]])
+    joints = np.vstack([normals[:1], normals[:-1] + normals[1:], normals[-1:]])
+    joints /= np.linalg.norm(joints, axis=1, keepdims=True)
+    wires = [
+        make_wire(
+            [*(supports[span] + offset * joints[span]), height],
+            [*(supports[span + 1] + offset * joints[span + 1]), height],
+            c, **{'seed': 10 * span + number, **changes},
+        )
+        for span in range(len(runs)) for number, offset in enumerate(offsets)
+    ]
+    points = np.vstack(wires)
+    ends = np.cumsum([0, *map(len, wires)])
+    return points, [make_curve(points, np.arange(low, high)) for low, high in pairwise(ends)]

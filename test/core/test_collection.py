@@ -49,7 +49,8 @@ def test_toy_case_by_hand():
 
 
 def test_counts_against_brute_force():
-    points = np.vstack([make_line(), make_ground((0, -3), (100, 3), 20.0) + np.array([0, 0, 18.5])])
+    sheet = make_ground((0, -3), (100, 3), 20.0) + np.array([0, 0, 18.5])
+    points = np.vstack([make_line(), sheet])
     curve = make_curve(points, np.arange(800))
     found = profile(points, curve)
     x, y = curve.local(points)

@@ -1,0 +1,98 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+import numpy as np
+import pytest
+from toys import make_index, make_pole, make_tree, turn
+
+from plc_inspect.core.structures import find_structure
+
+
+def find(points, near=(0.0, 0.0), reach=2.5, attachment=15.0, wire=None):
+    wire = np.zeros(len(points), dtype=bool) if wire is None else wire
+    return find_structure(
+        points, points[:, 2].astype(np.float32), make_index(points), wire, np.array(near), reach,
+        attachment,
+    )
+
+
+def make_tower(height=30.0, base=3.0, seed=0):
+    """Make the four legs and the bracing of a lattice tower, with two arms."""
+    rng = np.random.default_rng(seed)
+    z = rng.uniform(0.0, height, 1600)
+    half = base * (1 - 0.85 * z / height)
+    side = rng.uniform(-1.0, 1.0, 1600)
+    x = np.where(rng.random(1600) < 0.5, np.sign(side), side)
+    y = np.where(np.abs(x) == 1.0, side, np.sign(rng.normal(size=1600)))
+    body = np.column_stack([half * x, half * y, z])
+    arm = rng.uniform((-0.5, -6.0, height - 6.0), (0.5, 6.0, height - 5.0), (200, 3))
+    return np.vstack([body, arm])
+
+
+def test_a_pole_is_found_where_it_stands():
+    found = find(make_pole(0.8, -0.5, 16.0))
+    assert found.kind == 'pole'
+    np.testing.assert_allclose(found.position, [0.8, -0.5], atol=0.1)
+    assert found.top == pytest.approx(16.0, abs=0.1)
+
+
+def test_a_lattice_tower_is_found_about_its_axis():
+    found = find(make_tower() + np.array([0.5, 0.3, 0.0]), reach=4.0, attachment=24.0)
+    assert found.kind == 'tower'
+    np.testing.assert_allclose(found.position, [0.5, 0.3], atol=0.7)
+    assert found.top == pytest.approx(30.0, abs=0.5)
+
+
+def test_nothing_stands_where_only_a_wire_passes():
+    x = np.linspace(-20, 20, 400)
+    wire = np.column_stack([x, np.zeros(400), np.full(400, 15.0)])
+    assert find(wire) is None
+    assert find(wire, wire=np.ones(400, dtype=bool)) is None
+
+
+def test_a_bush_does_not_reach_the_conductor():
+    assert find(make_tree(0.0, 0.0, 4.0)) is None
+
+
+def test_a_pole_beyond_the_reach_is_not_taken():
+    assert find(make_pole(6.0, 0.0, 16.0)) is None
+
+
+def test_points_of_conductors_do_not_count():
+    pole = make_pole(0.0, 0.0, 16.0)
+    assert find(pole, wire=np.ones(len(pole), dtype=bool)) is None
+
+
+@pytest.mark.parametrize('degrees', [33, 90])
+def test_yaw_and_translation(degrees):
+    shift = (5e5, 6.6e6, 0.0)
+    pole = turn(make_pole(0.8, -0.5, 16.0), np.radians(degrees), shift)
+    place = turn(np.array([[0.8, -0.5, 0.0]]), np.radians(degrees), shift)[0, :2]
+    found = find(pole, near=shift[:2])
+    assert found.kind == 'pole'
+    np.testing.assert_allclose(found.position, place, atol=0.15)
+
+
+def test_order_duplicates_and_input():
+    pole = np.repeat(make_pole(0.8, -0.5, 16.0), 2, axis=0)
+    before = pole.copy()
+    one = find(pole)
+    np.testing.assert_array_equal(pole, before)
+    other = find(pole[np.random.default_rng(0).permutation(len(pole))])
+    np.testing.assert_allclose(one.position, other.position, atol=0.05)
+
+
+@pytest.mark.parametrize('num', [0, 1])
+def test_few_points(num):
+    assert find(np.full((num, 3), 5.0)) is None
