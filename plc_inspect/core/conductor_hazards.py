@@ -28,6 +28,8 @@ from plc_inspect.results import Float64, HazardKind, Severity, Support
 
 CROSSING_ANGLE_DEG = 5.0
 """Conductors that meet in plan at a smaller angle run along each other."""
+AT_SUPPORT = 5.0
+"""Spans that meet this near to the ends of both hang on one support [m]."""
 LEAST_EXCESS = 0.15
 """A sag beyond its peers by less than this is no hazard [m]."""
 SAG_NOTE = (
@@ -162,7 +164,7 @@ def find_crossings(
 
 
 def _cross(first: SpanModel, second: SpanModel) -> bool:
-    """Whether two spans cross in plan, within their ends."""
+    """Whether two spans cross in plan, within their ends and not at a support of both."""
     p, q = first.span.start[:2], second.span.start[:2]
     r, s = first.span.end[:2] - p, second.span.end[:2] - q
     area = float(r[0] * s[1] - r[1] * s[0])
@@ -171,7 +173,11 @@ def _cross(first: SpanModel, second: SpanModel) -> bool:
         return False
     t = float((q - p)[0] * s[1] - (q - p)[1] * s[0]) / area
     u = float((q - p)[0] * r[1] - (q - p)[1] * r[0]) / area
-    return 0.0 < t < 1.0 and 0.0 < u < 1.0
+    if not (0.0 < t < 1.0 and 0.0 < u < 1.0):
+        return False
+    return max(
+        min(t, 1.0 - t) * float(np.linalg.norm(r)), min(u, 1.0 - u) * float(np.linalg.norm(s))
+    ) > AT_SUPPORT
 
 
 def _approach(
