@@ -23,7 +23,7 @@ import pytest
 from toys import make_curve, make_tree, make_wire
 
 from plc_inspect.config import HazardSettings
-from plc_inspect.core.clearance import parse_rules, plain_rules
+from plc_inspect.core.clearance import parse_rules
 from plc_inspect.core.corridor import find_near, span_table
 from plc_inspect.core.hazards import add_ground_clearance, find_hazards
 from plc_inspect.core.span_model import find_support, SpanModel
@@ -112,8 +112,8 @@ def test_one_tree_is_one_hazard_with_its_place_and_size():
 
 
 def test_far_end_counts_from_the_nearer_support_and_reversed_spans_too():
-    models = [make_model(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT)]
-    back = [make_model(0, 0, (100, 0, HEIGHT), (0, 0, HEIGHT)]
+    models = [make_model(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))]
+    back = [make_model(0, 0, (100, 0, HEIGHT), (0, 0, HEIGHT))]
     tree = tree_beside(models[0], 80.0, 1.0)
     for own, along in ((models, 80.0), (back, 20.0)):
         (hazard,) = search(tree, own, supports=make_supports())
@@ -211,7 +211,7 @@ def test_rules_travel_in_the_hazard():
         assert hazard.required == pytest.approx(1.2)
         assert (hazard.rule, hazard.edition, hazard.source) == ('MVCD', 'FAC', 'table 2')
         assert (hazard.voltage, hazard.note) == ('230 kV', 'no work')
-    with pytest.raises(ConfigError, match="hazards.rules is 'nerc', but"):
+    with pytest.raises(ConfigError, match=r"hazards.rules is 'nerc', but"):
         search(np.zeros((0, 3)), models, settings)
 
 
@@ -226,18 +226,18 @@ def test_under_and_beside_have_their_own_distances_and_horizontal_is_horizontal(
     }, settings)
     z = height_at(models[0], 50.0)
     blob = np.random.default_rng(0).normal(0.0, 0.15, (200, 3))
-    (under,) = search(blob + [50.0, 0.0, z - 2.5], models, settings, rules)
+    (under,) = search(blob + np.array([50.0, 0.0, z - 2.5]), models, settings, rules)
     assert under.required == 3.0
-    assert search(blob + [50.0, 2.5, z], models, settings, rules) == ()
+    assert search(blob + np.array([50.0, 2.5, z]), models, settings, rules) == ()
     level = parse_rules({
         'name': 'x', 'title': 'x', 'edition': '1', 'source': 'x', 'limits': [
             {'feature': 'vegetation', 'measure': 'horizontal', 'distance': 3.0},
         ],
     }, settings)
-    (deep,) = search(blob + [50.0, 2.0, z - 8.0], models, settings, level)
+    (deep,) = search(blob + np.array([50.0, 2.0, z - 8.0]), models, settings, level)
     assert deep.horizontal < 2.0
     assert deep.clearance > 7.0
-    assert search(blob + [50.0, 4.0, z - 1.0], models, settings, level) == ()
+    assert search(blob + np.array([50.0, 4.0, z - 1.0]), models, settings, level) == ()
 
 
 @pytest.mark.parametrize(('foot', 'falls'), [(9.0, True), (13.5, True), (14.8, False)])
