@@ -35,6 +35,8 @@ MAX_SPLITS = 64
 BRIDGE_SLACK = 0.15
 """Miss of a continuation that is allowed beyond three times its uncertainty [m]."""
 MAX_MISS = 0.8
+THICK = 0.12
+"""Points of one conductor spread less than this about its curve (rms) [m]."""
 MAX_SHARED = 0.5
 """A curve with more of its points on better seen curves is dropped."""
 
@@ -84,12 +86,12 @@ def model_conductors(
     """
     curves: Sequence[Curve] = model_tracks(points, clustering, settings, rng)
     curves = [extend(points, index, curve, settings) for curve in curves]
-    curves = drop_duplicates(points, merge_bundles(points, curves, settings))
+    curves = drop_duplicates(points, merge_bundles(points, curves, settings), settings)
     curves = merge_bundles(points, bridge(points, curves, settings), settings)
     curves = [
         widen(points, index, extend(points, index, curve, settings), settings) for curve in curves
     ]
-    curves = drop_duplicates(points, merge_bundles(points, curves, settings))
+    curves = drop_duplicates(points, merge_bundles(points, curves, settings), settings)
     kept: list[Curve] = []
     profiles: list[Profile] = []
     doubtful, crowded = [], []
@@ -298,6 +300,9 @@ def join(
     points: Float64, first: Curve, second: Curve, settings: CatenarySettings
 ) -> Curve | None:
     """Return one curve through the points of both, or None if they are not of one span."""
+    shorter = min(first.length, second.length)
+    if _is_thick(first) != _is_thick(second) and shorter < settings.bundle_length:
+        return None
     tolerance = max(first.tolerance, second.tolerance)
     try:
         union = fit_curve(
@@ -321,7 +326,9 @@ def join(
     return union
 
 
-def drop_duplicates(points: Float64, curves: Sequence[Curve]) -> tuple[Curve, ...]:
+def drop_duplicates(
+    points: Float64, curves: Sequence[Curve], settings: CatenarySettings
+) -> tuple[Curve, ...]:
     """
     Drop each curve that has most of its points, or of its course, from better seen ones.
 
@@ -329,7 +336,7 @@ def drop_duplicates(points: Float64, curves: Sequence[Curve]) -> tuple[Curve, ..
     of its own.
     """
     kept: list[Curve] = []
-    for curve in sorted(curves, key=lambda curve: (-curve.num_points, *curve.origin)):
+    for curve in sorted(curves, key=lambda curve: _rank(curve, settings)):
         stations = curve.position(np.linspace(curve.low, curve.high, 21))
         own = points[curve.points]
         on_course = np.zeros(len(stations), dtype=bool)
@@ -343,6 +350,24 @@ def drop_duplicates(points: Float64, curves: Sequence[Curve]) -> tuple[Curve, ..
             kept.append(curve)
     kept.sort(key=lambda curve: (-curve.length, *curve.origin))
     return tuple(kept)
+
+
+def _rank(curve: Curve, settings: CatenarySettings) -> tuple[float, ...]:
+    """
+    Order of belief: by points, but a thick curve in a short span comes after all thin ones.
+
+    Bundles hang in long spans; in a short one a thick curve lies over several conductors.
+    """
+    return (
+        float(_is_thick(curve) and curve.length < settings.bundle_length),
+        float(-curve.num_points),
+        float(curve.origin[0]),
+        float(curve.origin[1]),
+    )
+
+
+def _is_thick(curve: Curve) -> bool:
+    return max(curve.lateral_rmse, curve.fit.rmse) > THICK
 
 
 def _lies_on(points: Float64, curve: Curve, reach: float) -> Bool:

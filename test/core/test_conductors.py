@@ -134,7 +134,7 @@ def test_a_line_across_others_has_no_points_of_its_own():
     own = [make_curve(points, np.arange(800 * k, 800 * k + 800)) for k in range(3)]
     x, y = points[:, 0], points[:, 1]
     across = make_curve(points, np.flatnonzero(np.abs(y - 0.004 * x) < 0.06))
-    kept = drop_duplicates(points, [*own, across])
+    kept = drop_duplicates(points, [*own, across], CatenarySettings())
     assert len(kept) == 3
     assert across not in kept
 
@@ -197,6 +197,6 @@ def test_few_points(num):
     found = model(np.ones((num, 3)))
     assert found.curves == found.doubtful == ()
     assert found.objections == {}
-    assert drop_duplicates(np.ones((num, 3)), []) == ()
+    assert drop_duplicates(np.ones((num, 3)), [], CatenarySettings()) == ()
     assert bridge(np.ones((num, 3)), [], SETTINGS) == ()
     assert merge_bundles(np.ones((num, 3)), [], SETTINGS) == ()
