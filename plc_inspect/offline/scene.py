@@ -103,9 +103,10 @@ def _thin_out(inspection: Inspection) -> Int64:
         return rows
     corridor = inspection.result.corridor
     corridor = corridor[finite[corridor]]
-    corridor = corridor[:: 1 + 2 * len(corridor) // MOST_POINTS]
-    others = rows[:: 1 + 2 * len(rows) // MOST_POINTS]
-    return np.union1d(corridor, others)
+    shown = np.zeros(len(finite), dtype=np.bool_)
+    shown[corridor[:: 1 + 2 * len(corridor) // MOST_POINTS]] = True
+    shown[rows[:: 1 + 2 * len(rows) // MOST_POINTS]] = True
+    return np.flatnonzero(shown)
 
 
 def _choose_colors(z: Float64, height: Float32, kind: UInt8, line_id: Int32) -> UInt8:
