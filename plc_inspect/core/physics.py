@@ -1,0 +1,261 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Mechanics of one span: catenary, change of state, ice, wind and blow-out.
+
+Lengths in metres, forces in newtons, temperatures in degrees Celsius, angles in radians.  c is
+the catenary constant H / w: horizontal tension over weight per length.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from scipy.optimize import brentq
+
+from plc_inspect.errors import DataError
+from plc_inspect.results import Float64
+
+AIR_DENSITY = 1.225
+"""Of dry air at 15 degrees Celsius and sea level [kg/m3]."""
+DRAG = 1.0
+"""Drag coefficient of a stranded conductor."""
+ICE_WEIGHT = 6000.0
+"""Weight of ice in a volume, as taken for overhead lines [N/m3]."""
+REFERENCE_TEMPERATURE = 15.0
+"""At which a conductor has the length that its strain is measured from."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Conductor:
+    """What the change of state needs to know of a conductor."""
+
+    name: str
+    diameter: float
+    """[m]."""
+    weight: float
+    """Per length [N/m]."""
+    stiffness: float
+    """Modulus of elasticity times cross-section, EA [N]."""
+    expansion: float
+    """Coefficient of linear expansion [1/K]."""
+    source: str = ''
+
+    def __post_init__(self) -> None:
+        """Raise DataError unless all values are positive and finite."""
+        for name in ('diameter', 'weight', 'stiffness', 'expansion'):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise DataError(f'conductor {self.name}: {name} must be positive, got {value!r}')
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Case:
+    """Weather and load for which a line is looked at."""
+
+    name: str
+    temperature: float
+    """Of the conductor."""
+    ice: float = 0.0
+    """Thickness of the coat of ice [m]."""
+    wind: float = 0.0
+    """Speed across the line [m/s]."""
+
+    def __post_init__(self) -> None:
+        """Raise DataError for values that no line meets."""
+        for name, low, high, unit in (
+            ('temperature', -100.0, 400.0, 'C'),
+            ('ice', 0.0, 0.5, 'm'),
+            ('wind', 0.0, 100.0, 'm/s'),
+        ):
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise DataError(
+                    f'case {self.name}: {name} must lie in [{low:g}, {high:g}] {unit},'
+                    f' got {value!r}'
+                )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class State:
+    """A span after a change of state, in the plane that its load pulls it into."""
+
+    c: float
+    """Horizontal tension over resultant load [m]."""
+    tension: float
+    """Horizontal tension [N]."""
+    load: float
+    """Resultant of weight, ice and wind per length [N/m]."""
+    swing: float
+    """Angle of the load from the vertical, the blow-out [rad]."""
+    length: float
+    """Distance between the ends across the load, in the swung plane [m]."""
+    rise: float
+    """How far the second end is above the first, against the load [m]."""
+
+    @property
+    def sag(self) -> float:
+        """Greatest distance from chord to curve along the load [m]."""
+        return measure_sag(self.length, self.rise, self.c)
+
+
+def solve_vertex(length: float, rise: float, c: float) -> float:
+    """Return b, the place of the vertex, of the catenary through (0, 0) and (length, rise)."""
+    return length / 2 - c * math.asinh(rise / (2 * c * math.sinh(length / (2 * c))))
+
+
+def height_at(x: Float64, length: float, rise: float, c: float) -> Float64:
+    """Return the height over the first end of a catenary through (0, 0) and (length, rise)."""
+    b = solve_vertex(length, rise, c)
+    result: Float64 = c * (np.cosh((np.asarray(x, np.float64) - b) / c) - math.cosh(b / c))
+    return result
+
+
+def measure_sag(length: float, rise: float, c: float) -> float:
+    """Return the greatest vertical distance from chord to catenary [m]."""
+    b = solve_vertex(length, rise, c)
+    x = b + c * math.asinh(rise / length)
+    return rise * x / length - c * (math.cosh((x - b) / c) - math.cosh(b / c))
+
+
+def measure_length(length: float, rise: float, c: float) -> float:
+    """Return the length of the curve [m]."""
+    return math.hypot(rise, 2 * c * math.sinh(length / (2 * c)))
+
+
+def measure_tension(length: float, rise: float, c: float, load: float) -> float:
+    """Return the mean tension along the curve [N]."""
+    b = solve_vertex(length, rise, c)
+    low, high = -b / c, (length - b) / c
+    work = high - low + (math.sinh(2 * high) - math.sinh(2 * low)) / 2
+    return load * c * c * work / (2 * measure_length(length, rise, c))
+
+
+def ruling_span(lengths: Sequence[float]) -> float:
+    """Return the span that stands for a section between two tension supports [m]."""
+    if not lengths or min(lengths) <= 0:
+        raise DataError(f'a ruling span needs positive lengths, got {list(lengths)}')
+    return math.sqrt(sum(value**3 for value in lengths) / sum(lengths))
+
+
+def ice_load(thickness: float, diameter: float) -> float:
+    """Return the weight of a coat of ice per length [N/m]."""
+    return ICE_WEIGHT * math.pi * thickness * (thickness + diameter)
+
+
+def wind_load(speed: float, diameter: float, ice: float = 0.0) -> float:
+    """Return the force of wind across a conductor per length [N/m]."""
+    return 0.5 * AIR_DENSITY * DRAG * speed**2 * (diameter + 2 * ice)
+
+
+def change_parabola(
+    tension: float, weight: float, temperature: float, new_weight: float, new_temperature: float,
+    span: float, conductor: Conductor,
+) -> float:
+    """
+    Return the horizontal tension after a change of state, by the parabola of a level span.
+
+    H2 - (w2 S)^2 EA / 24 H2^2 = H1 - (w1 S)^2 EA / 24 H1^2 - alpha EA (T2 - T1)
+
+    Parameters
+    ----------
+    tension : float
+        Horizontal tension before [N].
+    weight, temperature : float
+        Load per length [N/m] and temperature before.
+    new_weight, new_temperature : float
+        The same after.
+    span : float
+        Length of the span, or the ruling span of its section [m].
+    conductor : Conductor
+        Gives EA and alpha.
+
+    Returns
+    -------
+    float
+        Horizontal tension [N].
+
+    """
+    stiffness = conductor.stiffness
+    known = tension - (weight * span) ** 2 * stiffness / (24 * tension**2)
+    known -= conductor.expansion * stiffness * (new_temperature - temperature)
+    load = (new_weight * span) ** 2 * stiffness / 24
+    high = max(abs(known), 1.0) + load ** (1 / 3) + 1.0
+    return float(brentq(lambda h: h**3 - known * h**2 - load, 1e-3, high, xtol=1e-9, rtol=1e-14))
+
+
+def change_state(
+    length: float, rise: float, c: float, temperature: float, conductor: Conductor, case: Case
+) -> State:
+    """
+    Let a surveyed span take the temperature and load of a case.
+
+    The length of the catenary follows temperature and mean tension (elastic, without creep); its
+    ends stay where they are.  Wind blows across the line and pulls the curve into the plane of
+    its load.
+
+    Parameters
+    ----------
+    length, rise : float
+        Horizontal distance of the ends, and how far the second is above the first [m].
+    c : float
+        Catenary constant as surveyed, bare and in calm air [m].
+    temperature : float
+        Of the conductor when surveyed.
+    conductor : Conductor
+        What hangs there.
+    case : Case
+        What to look at.
+
+    Returns
+    -------
+    State
+
+    Raises
+    ------
+    DataError
+        The span is not a length, or the case lets it hang deeper than a catenary is solved for.
+
+    """
+    if not (length > 0 and c > 0 and math.isfinite(length) and math.isfinite(c)):
+        raise DataError(f'a span of {length:g} m with c = {c:g} m has no state')
+    stiffness, expansion = conductor.stiffness, conductor.expansion
+    weight = conductor.weight + ice_load(case.ice, conductor.diameter)
+    wind = wind_load(case.wind, conductor.diameter, case.ice)
+    load, swing = math.hypot(weight, wind), math.atan2(wind, weight)
+    swung = math.hypot(length, rise * math.sin(swing))
+    lifted = rise * math.cos(swing)
+
+    def strain(degrees: float, tension: float) -> float:
+        return 1.0 + expansion * (degrees - REFERENCE_TEMPERATURE) + tension / stiffness
+
+    free = measure_length(length, rise, c) / strain(
+        temperature, measure_tension(length, rise, c, conductor.weight)
+    )
+
+    def excess(log_c: float) -> float:
+        value = math.exp(log_c)
+        tension = measure_tension(swung, lifted, value, load)
+        return measure_length(swung, lifted, value) - free * strain(case.temperature, tension)
+
+    low, high = math.log(swung / 4), math.log(max(c, swung) * 1e3)
+    if excess(low) < 0 or excess(high) > 0:
+        raise DataError(
+            f'case {case.name}: a span of {length:.1f} m with c = {c:.0f} m has no state with'
+            f' conductor {conductor.name}'
+        )
+    new = math.exp(float(brentq(excess, low, high, xtol=1e-12, rtol=1e-13)))
+    return State(c=new, tension=new * load, load=load, swing=swing, length=swung, rise=lifted)
