@@ -1,0 +1,196 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+from toys import hang, make_curve, make_wire, turn
+
+from plc_inspect.config import CorridorSettings
+from plc_inspect.core.corridor import extract_corridor, find_near, span_table
+from plc_inspect.errors import ConfigError
+
+
+def make_curves(yaw=0.0, shift=(0.0, 0.0, 0.0)):
+    """Make three spans: two side by side, one steep and deep beyond them."""
+    wires = [
+        make_wire((0.0, 0.0, 15.0), (90.0, 0.0, 15.0), noise=0.0),
+        make_wire((0.0, 4.0, 15.0), (90.0, 4.0, 15.0), noise=0.0),
+        make_wire((90.0, 0.0, 15.0), (200.0, 40.0, 50.0), c=200.0, noise=0.0),
+    ]
+    return [make_curve(turn(wire, yaw, shift)) for wire in wires]
+
+
+def sample(curves, step=0.01):
+    places, owner = [], []
+    for number, curve in enumerate(curves):
+        x = np.arange(curve.low, curve.high + step, step)
+        places.append(curve.position(np.minimum(x, curve.high)))
+        owner.append(np.full(len(x), number))
+    return np.vstack(places), np.concatenate(owner)
+
+
+def tabulate(curves):
+    low = np.array([curve.low for curve in curves])
+    return span_table(curves, low, np.array([curve.high for curve in curves]))
+
+
+def extract(points, curves, height=None, wire=None, **changes):
+    points = np.asarray(points, float).reshape(-1, 3)
+    height = points[:, 2].astype(np.float32) if height is None else height
+    wire = np.zeros(len(points), dtype=bool) if wire is None else wire
+    low = np.array([curve.low for curve in curves])
+    high = np.array([curve.high for curve in curves])
+    return extract_corridor(
+        points, height, wire, curves, low, high, CorridorSettings(**changes)
+    )
+
+
+@pytest.mark.parametrize(('yaw', 'shift'), [
+    (0.0, (0.0, 0.0, 0.0)), (np.pi / 2, (0.0, 0.0, 0.0)), (2.0, (5e5, 6.6e6, 100.0)),
+])
+def test_distances_are_those_to_a_dense_sample_of_the_curves(yaw, shift):
+    curves = make_curves(yaw, shift)
+    rng = np.random.default_rng(0)
+    points = turn(rng.uniform((-30, -30, 0), (230, 70, 60), (20_000, 3)), yaw, shift)
+    found, distance, span = find_near(points, tabulate(curves), np.full(3, 12.0))
+    places, owner = sample(curves)
+    oracle, nearest = cKDTree(places).query(points)
+    near = np.flatnonzero(oracle <= 12.0)
+    assert len(np.setxor1d(found, near)) <= 2
+    np.testing.assert_allclose(distance, oracle[found], atol=2e-3)
+    assert (span == owner[nearest[found]]).mean() > 0.999
+    assert (np.diff(found) > 0).all()
+
+
+def test_each_span_has_a_reach_of_its_own():
+    curves = make_curves()[:2]
+    points = np.array([[45.0, -3.0, 13.7], [45.0, 7.0, 13.7], [45.0, 2.0, 13.7]])
+    found, distance, span = find_near(points, tabulate(curves), np.array([2.5, 3.5]))
+    assert found.tolist() == [1, 2]
+    assert span.tolist()[0] == 1
+    np.testing.assert_allclose(distance, [3.0, 2.0], atol=0.05)
+
+
+def test_beyond_the_ends_the_distance_is_to_the_end():
+    curve = make_curves()[0]
+    end = curve.position(curve.high)[0]
+    points = end + np.array([[3.0, 0.0, 0.0], [3.0, 4.0, 0.0], [0.0, 0.0, -2.0]])
+    _, distance, _ = find_near(points, tabulate([curve]), np.array([10.0]))
+    np.testing.assert_allclose(distance, [3.0, 5.0, 2.0], atol=0.02)
+
+
+def test_the_limit_is_inclusive():
+    curve = make_curves()[0]
+    points = curve.position(curve.mean_x) + np.array([0.0, 2.0, 0.0])
+    assert len(extract(points, [curve], radius=2.0 + 1e-6).points) == 1
+    assert len(extract(points, [curve], radius=2.0 - 1e-3).points) == 0
+
+
+def test_open_country_is_searched_down_to_the_ground():
+    curve = make_curves()[0]
+    rng = np.random.default_rng(0)
+    grass = rng.uniform((-20, -40, 0.0), (110, 40, 0.3), (4000, 3))
+    found = extract(grass, [curve])
+    lowest = hang(45.0, 90.0, 15.0, 15.0, 800.0)
+    assert not found.complex_case[0]
+    assert found.radius[0] == pytest.approx(lowest, abs=0.5)
+
+
+def test_where_things_stand_higher_the_radius_takes_in_what_could_fall():
+    curve = make_curves()[0]
+    rng = np.random.default_rng(0)
+    grass = rng.uniform((-20, -40, 0.0), (110, 40, 0.3), (4000, 3))
+    trees = rng.uniform((20, 9.0, 0.0), (40, 12.0, 18.0), (2000, 3))
+    points = np.vstack([grass, trees])
+    found = extract(points, [curve])
+    assert found.complex_case[0]
+    # Eq. 9: the greatest of the distance from the plane and in it, of points higher than far
+    x, y = curve.local(points)
+    falls = (points[:, 2] > np.abs(y)) & (points[:, 2] > 2.0)
+    far = np.maximum(np.abs(y), np.abs(points[:, 2] - curve.fit.height(x)))[falls].max()
+    assert found.radius[0] == pytest.approx(far, abs=1.0)
+    assert not extract(points, [curve], environment='open').complex_case[0]
+    assert extract(grass, [curve], environment='complex').complex_case[0]
+
+
+def test_the_radius_keeps_within_its_bounds():
+    high = make_curve(make_wire((0.0, 0.0, 90.0), (90.0, 0.0, 90.0), noise=0.0))
+    ground = np.random.default_rng(0).uniform((0, -20, 0), (90, 20, 0.1), (3000, 3))
+    assert extract(ground, [high]).radius[0] == 20.0
+    assert extract(ground, [high], max_radius=30.0).radius[0] == 30.0
+    assert extract(ground, [high], radius=7.0).radius.tolist() == [7.0]
+
+
+def test_wires_are_in_the_corridor_but_do_not_choose_its_radius():
+    curve = make_curves()[0]
+    wire = curve.position(np.linspace(curve.low, curve.high, 200))
+    above = wire + np.array([0.0, 0.0, 9.0])
+    ground = np.random.default_rng(0).uniform((0, -20, 0), (90, 20, 0.1), (3000, 3))
+    points = np.vstack([wire, above, ground])
+    mask = np.arange(len(points)) < 400
+    found = extract(points, [curve], wire=mask)
+    assert not found.complex_case[0]
+    assert np.isin(np.arange(200), found.points).all()
+    assert extract(points, [curve]).complex_case[0]
+
+
+def test_rules_may_search_farther_than_the_radius():
+    curve = make_curves()[0]
+    points = curve.position(curve.mean_x) + np.array([[0.0, 0.4, 0.0], [0.0, 3.0, 0.0]])
+    result = extract_corridor(
+        points, points[:, 2].astype(np.float32), np.zeros(2, dtype=bool), [curve],
+        np.array([curve.low]), np.array([curve.high]), CorridorSettings(radius=0.6), 4.0,
+    )
+    assert result.points.tolist() == [0]
+    assert result.near.tolist() == [0, 1]
+    np.testing.assert_allclose(result.near_distance, [0.4, 3.0], atol=0.01)
+
+
+def test_order_duplicates_and_input():
+    curves = make_curves()
+    rng = np.random.default_rng(0)
+    points = np.repeat(rng.uniform((-30, -30, 0), (230, 70, 60), (2000, 3)), 2, axis=0)
+    before = points.copy()
+    one = extract(points, curves, radius=9.0)
+    np.testing.assert_array_equal(points, before)
+    order = rng.permutation(len(points))
+    other = extract(points[order], curves, radius=9.0)
+    np.testing.assert_array_equal(np.sort(order[other.points]), one.points)
+    assert one.points.dtype == np.int64
+    assert one.distance.dtype == np.float32
+    assert one.points.shape == one.distance.shape == one.span.shape
+
+
+@pytest.mark.parametrize(('num', 'curves'), [(0, 3), (1, 0), (1, 3), (50, 0)])
+def test_few_points_or_no_span(num, curves):
+    result = extract(np.full((num, 3), 500.0), make_curves()[:curves])
+    assert len(result.points) == len(result.distance) == len(result.span) == 0
+    assert result.radius.shape == result.complex_case.shape == (curves,)
+
+
+def test_points_that_are_not_finite_are_not_found():
+    curve = make_curves()[0]
+    points = np.vstack([curve.position(curve.mean_x), np.full((2, 3), np.nan)])
+    assert extract(points, [curve], radius=3.0).points.tolist() == [0]
+
+
+@pytest.mark.parametrize('change', [
+    {'radius': -1.0}, {'max_radius': 0.1}, {'environment': 'forest'},
+])
+def test_bad_settings(change):
+    with pytest.raises(ConfigError, match=next(iter(change))):
+        dataclasses.replace(CorridorSettings(), **change)

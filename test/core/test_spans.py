@@ -1,0 +1,192 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+import numpy as np
+import pytest
+from toys import hang, make_curve, make_index, make_line_cloud, make_tree, turn
+
+from plc_inspect.config import Settings
+from plc_inspect.core.height import extract_high
+from plc_inspect.core.route import trace_routes
+from plc_inspect.core.spans import build_spans
+from plc_inspect.core.supports import find_layout
+
+SETTINGS = Settings()
+
+
+def build(points, label, num_wires, seed=0):
+    """Build the spans from curves fitted to the true points of each wire."""
+    wire = np.flatnonzero(label == 14)
+    curves = [make_curve(points, own) for own in np.array_split(wire, num_wires)]
+    height = extract_high(points, SETTINGS.height)
+    layout = find_layout(points, curves, (), SETTINGS.supports)
+    return build_spans(
+        points, height, make_index(points), layout, trace_routes(layout), SETTINGS,
+        np.random.default_rng(seed),
+    )
+
+
+@pytest.fixture(scope='module')
+def cloud():
+    """Make two spans of 100 m with three conductors on poles."""
+    return make_line_cloud(spans=(100.0, 100.0))
+
+
+@pytest.fixture(scope='module')
+def result(cloud):
+    """Build its spans."""
+    return build(*cloud, 6)
+
+
+def test_every_span_hangs_between_its_supports(result):
+    assert [(model.span.line_id, model.span.span_id) for model in result.models] == [
+        (line, span) for line in range(3) for span in range(2)
+    ]
+    for model in result.models:
+        span = model.span
+        assert span.length == pytest.approx(100.0, abs=0.4)
+        np.testing.assert_allclose(span.start, [100.0 * span.span_id, 3.0 - 3 * span.line_id, 15],
+                                   atol=0.25)
+        assert span.azimuth == pytest.approx(0.0, abs=0.005)
+        assert not span.open_start
+        assert not span.open_end
+        assert span.c == pytest.approx(800.0, rel=0.03)
+        assert span.sag == pytest.approx(1.563, abs=0.02)
+        assert span.rmse == pytest.approx(0.02, rel=0.2)
+        assert span.coverage > 0.95
+        assert 0 < span.sigma['sag'] < 0.02
+
+
+def test_the_catenary_and_the_quadratic_of_a_span_are_its_curve(result):
+    for model in result.models:
+        span = model.span
+        x = np.linspace(0.0, span.length, 50)
+        z = span.a + span.c * np.cosh((x - span.b) / span.c)
+        assert z[0] == pytest.approx(span.start[2], abs=1e-6)
+        assert z[-1] == pytest.approx(span.end[2], abs=1e-6)
+        a2, a1, a0 = span.quadratic
+        np.testing.assert_allclose(a2 * x**2 + a1 * x + a0, z, atol=0.03)
+        assert span.lowest[2] == pytest.approx(z.min(), abs=1e-3)
+        chord = span.start[2] + x / span.length * (span.end[2] - span.start[2])
+        assert span.sag == pytest.approx((chord - z).max(), abs=2e-3)
+        run = span.end[:2] - span.start[:2]
+        assert np.hypot(*run) == pytest.approx(span.length)
+        assert np.arctan2(run[1], run[0]) == pytest.approx(span.azimuth)
+
+
+def test_labels_agree_with_the_truth_and_with_the_spans(cloud, result):
+    points, label = cloud
+    wire = result.line_id >= 0
+    np.testing.assert_array_equal(wire, result.span_id >= 0)
+    np.testing.assert_array_equal(wire, np.isfinite(result.residual))
+    assert (wire & (label == 14)).sum() > 0.99 * (label == 14).sum()
+    assert (wire & (label != 14)).sum() < 0.01 * wire.sum()
+    for model in result.models:
+        own = (result.line_id == model.span.line_id) & (result.span_id == model.span.span_id)
+        assert own.sum() == model.span.num_points
+        x, y = model.curve.local(points[own])
+        z = points[own, 2] - model.curve.fit.height(x)
+        np.testing.assert_allclose(result.residual[own], np.hypot(y, z), atol=5e-3)
+
+
+def test_supports_stand_where_the_poles_are(cloud, result):
+    _, label = cloud
+    assert len(result.supports) == 3
+    for number, support in enumerate(result.supports):
+        assert support.support_id == number
+        np.testing.assert_allclose(support.position, [100.0 * number, 0.0, 0.0], atol=0.3)
+        assert support.height == pytest.approx(16.0, abs=0.2)
+        assert support.kind in ('pole', 'tower')
+        assert support.line_ids == (0, 1, 2)
+    assert (result.support & (label == 15)).sum() > 0.7 * (label == 15).sum()
+    assert not (result.support & (result.line_id >= 0)).any()
+
+
+def test_the_height_above_ground_is_measured_along_the_span(result):
+    for model, stations in zip(result.models, result.ground_below, strict=True):
+        assert stations.shape[1] == 2
+        assert stations[:, 0].min() >= 0.0
+        assert stations[:, 0].max() <= model.span.length + 1e-6
+        expected = hang(stations[:, 0], 100.0, 15.0, 15.0, 800.0)
+        np.testing.assert_allclose(stations[:, 1], expected, atol=0.3)
+
+
+def test_points_that_earlier_stages_dropped_come_back():
+    points, label = make_line_cloud(spans=(100.0, 100.0))
+    wire = np.flatnonzero(label == 14)
+    curves = [make_curve(points, own[::5]) for own in np.array_split(wire, 6)]
+    layout = find_layout(points, curves, (), SETTINGS.supports)
+    result = build_spans(
+        points, extract_high(points, SETTINGS.height), make_index(points), layout,
+        trace_routes(layout), SETTINGS, np.random.default_rng(0),
+    )
+    assert (result.line_id[wire] >= 0).mean() > 0.98
+
+
+def test_a_line_that_leaves_the_cloud_is_open():
+    points, label = make_line_cloud(spans=(100.0, 100.0), poles=False)
+    keep = (points[:, 0] > 15.0) & (points[:, 0] < 180.0)
+    result = build(points[keep], label[keep], 6)
+    for model in result.models:
+        span = model.span
+        assert span.open_start == (span.span_id == 0)
+        assert span.open_end == (span.span_id == 1)
+    assert [support.kind for support in result.supports] == ['unseen']
+
+
+@pytest.mark.parametrize('degrees', [90, 90.001, -90, 37, 180])
+@pytest.mark.parametrize('seed', [3, 5, 7])
+def test_the_spans_of_one_stretch_run_the_same_way(degrees, seed):
+    points, label = make_line_cloud(
+        spans=(100.0, 100.0), per_metre=1.5, noise=0.04, seed=seed, half_width=12.0
+    )
+    result = build(turn(points, np.radians(degrees)), label, 6, seed)
+    assert len(result.models) == 6
+    for number in range(2):
+        azimuth = [m.span.azimuth for m in result.models if m.span.span_id == number]
+        assert np.cos(np.array(azimuth) - azimuth[0]).min() > 0.99
+    for support in result.supports:
+        assert support.line_ids == (0, 1, 2)
+    for model in result.models:
+        run = model.span.end - model.span.start
+        assert np.cos(np.arctan2(run[1], run[0]) - model.span.azimuth) > 0.99
+
+
+def test_a_tree_beside_a_support_is_not_part_of_it():
+    tree = make_tree(104.0, 0.0, 14.0)
+    points, label = make_line_cloud(spans=(100.0, 100.0), poles=False, more=[tree])
+    result = build(points, label, 6)
+    assert result.support[-len(tree):].mean() < 0.5
+
+
+def test_no_curves_give_no_spans():
+    points, _ = make_line_cloud(poles=False)
+    layout = find_layout(points, [], (), SETTINGS.supports)
+    result = build_spans(
+        points, extract_high(points, SETTINGS.height), make_index(points), layout,
+        trace_routes(layout), SETTINGS, np.random.default_rng(0),
+    )
+    assert result.models == result.supports == result.ground_below == ()
+    assert (result.line_id == -1).all()
+    assert not result.support.any()
+
+
+def test_the_same_generator_gives_the_same_spans_and_input_is_unchanged(cloud, result):
+    points, label = cloud
+    before = points.copy()
+    again = build(points, label, 6)
+    np.testing.assert_array_equal(points, before)
+    np.testing.assert_array_equal(again.line_id, result.line_id)
+    np.testing.assert_array_equal(again.residual, result.residual)
+    assert [m.span.sag for m in again.models] == [m.span.sag for m in result.models]
