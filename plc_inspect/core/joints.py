@@ -48,7 +48,7 @@ class Joint:
     position: Float64
     """(3,) [m]"""
     direction: float
-    """Azimuth of the line at the joint, of the first curve away from it [rad]."""
+    """Azimuth of the line at the joint, half way between both curves, modulo pi [rad]."""
     kink: float
     """Sum of the two rises towards the joint."""
     miss: float
@@ -155,13 +155,13 @@ def _meet(
     here = (at[best] + second.position(other_x[best])[0]) / 2
     stretch = max(beyond_first, 0.0) + max(float(beyond[best]), 0.0)
     overlap = max(-beyond_first, 0.0) + max(-float(beyond[best]), 0.0)
-    inward = -_outward(first, sides[0])
+    axis = _outward(second, sides[1]) - _outward(first, sides[0])
     return Joint(
         curves=pair,
         sides=sides,
         x=(float(x[best]), float(other_x[best])),
         position=here,
-        direction=math.atan2(inward[1], inward[0]),
+        direction=math.atan2(axis[1], axis[0]),
         kink=rise,
         miss=float(miss[best]),
         cost=float(miss[best]) + STRETCH_COST * stretch + OVERLAP_COST * overlap,
