@@ -15,12 +15,16 @@
 """The map of a whole recording."""
 
 from collections.abc import Callable
+import dataclasses
 
 from plc_inspect.config import Settings
 from plc_inspect.core.accumulator import Accumulator
 from plc_inspect.errors import DataError
 from plc_inspect.offline.bags import Recording
 from plc_inspect.ros.conversion import StampedPose
+
+MAX_VOXELS = 200_000_000
+"""Voxels of a replay's map, about 60 bytes each, taken as they are needed."""
 
 
 def accumulate(
@@ -39,7 +43,8 @@ def accumulate(
     recording : Recording
         An open recording.
     settings : Settings
-        ``input`` and ``map`` are used.
+        ``input`` and ``map`` are used; ``map.max_voxels`` bounds the node alone, a replay loses
+        nothing to it.
     progress : callable or None
         Called with the share that was read, 0 to 1, after each scan and at the end.
 
@@ -54,7 +59,8 @@ def accumulate(
         The recording is damaged.
 
     """
-    accumulator = Accumulator(settings)
+    room = dataclasses.replace(settings.map, max_voxels=MAX_VOXELS)
+    accumulator = Accumulator(dataclasses.replace(settings, map=room))
     for message in recording:
         content, now = message.content, message.log_stamp_ns * 1e-9
         if isinstance(content, StampedPose):
