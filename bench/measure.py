@@ -15,6 +15,7 @@
 """Wall time, processor time and extra memory of a call in this process."""
 
 from collections.abc import Callable
+import ctypes
 from dataclasses import dataclass
 import gc
 import math
@@ -45,6 +46,7 @@ def measure(call: Callable[[], T]) -> Measured[T]:
     be sampled meanwhile; it is known on Linux only.
     """
     gc.collect()
+    _return_freed_memory()
     can_reset = _reset_peak()
     before = _read_status('VmRSS')
     started, cpu_started = time.perf_counter(), time.process_time()
@@ -54,6 +56,13 @@ def measure(call: Callable[[], T]) -> Measured[T]:
     return Measured(
         value=value, seconds=seconds, cpu_seconds=cpu_seconds, extra_bytes=peak - before,
     )
+
+
+def _return_freed_memory() -> None:
+    """Give what the allocator keeps for later back to the kernel, or it would hide the peak."""
+    trim = getattr(ctypes.CDLL(None), 'malloc_trim', None)
+    if trim is not None:
+        trim(0)
 
 
 def _reset_peak() -> bool:

@@ -1,0 +1,186 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Growth of time and memory with the number of points and with the length of the corridor.
+
+The points are those of one high-voltage corridor at rising density, and copies of a corridor laid
+end to end at one density.  A straight line in the double logarithmic plot is a power; its slope is
+printed, and 1 is linear.  ``--write`` draws docs/images/scaling.png and puts the tables into
+docs/performance.md.  The node's ticks are timed by ``bench/node_flight.py``.
+"""
+
+import argparse
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+import sys
+
+from matplotlib import pyplot
+from measure import measure
+import numpy as np
+from surveys import make_map, open_cache
+from tables import at_most, Check, CHECK_COLUMNS, render_table, replace_section
+
+from plc_inspect.core.pipeline import Pipeline
+
+ROOT = Path(__file__).resolve().parents[1]
+NUM_POINTS = (100_000, 300_000, 1_000_000, 3_000_000, 10_000_000, 30_000_000)
+COPIES = (1, 2, 4, 8, 16)
+COPY_POINTS = 1_000_000
+GAP = 200.0
+"""Distance of the copies of a corridor [m]."""
+MOST_POWER = 1.1
+"""Growth counts as linear up to this power: the smallest clouds fit into caches."""
+FROM_POINTS = 1_000_000
+"""Powers are fitted from this size on, where fixed costs no longer count."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sample:
+    """One cloud through the pipeline."""
+
+    size: float
+    """What grows: points, or kilometres of corridor."""
+    num_points: int
+    num_spans: int
+    seconds: float
+    extra_bytes: float
+
+
+def grow_density(cache: Path, most: int, rng: np.random.Generator) -> Iterator[np.ndarray]:
+    """Yield clouds of one corridor, each a random share of the densest, smallest first."""
+    numbers = [number for number in NUM_POINTS if number <= most]
+    points = make_map(cache, 'high_voltage', num_points=numbers[-1]).points
+    order = rng.permutation(len(points)) if len(numbers) > 1 else np.arange(len(points))
+    for number in numbers:
+        yield points[np.sort(order[:number])]
+
+
+def grow_length(cache: Path, most: int) -> Iterator[tuple[float, np.ndarray]]:
+    """Yield the length [km] and the points of ever longer corridors of one density."""
+    points = make_map(cache, 'high_voltage', num_points=min(COPY_POINTS, most)).points
+    step = float(np.ptp(points[:, 0])) + GAP
+    length = (step - GAP) / 1000.0
+    for copies in COPIES:
+        if copies == 1 or copies * len(points) <= most:
+            yield copies * length, np.vstack(
+                [points + np.array([k * step, 0.0, 0.0]) for k in range(copies)]
+            )
+
+
+def take(size: float, points: np.ndarray, repeats: int) -> Sample:
+    """Return the fastest of a few runs and the greatest memory of them."""
+    runs = [measure(lambda: Pipeline().run(points)) for _ in range(repeats)]
+    best = min(runs, key=lambda run: run.seconds)
+    sample = Sample(
+        size=size, num_points=len(points), num_spans=len(best.value.spans), seconds=best.seconds,
+        extra_bytes=max(run.extra_bytes for run in runs),
+    )
+    print(f'{sample.num_points} points: {sample.seconds:.2f} s, '
+          f'{sample.extra_bytes / 1e9:.2f} GB, {sample.num_spans} spans', file=sys.stderr,
+          flush=True)
+    return sample
+
+
+def measure_power(samples: Sequence[Sample], name: str) -> float:
+    """Return the exponent of growth of one figure with size, NaN for fewer than two samples."""
+    chosen = [item for item in samples if item.num_points >= FROM_POINTS]
+    chosen = chosen if len(chosen) > 1 else list(samples)
+    if len(chosen) < 2:
+        return float('nan')
+    values = [max(getattr(item, name), 1.0 if name == 'extra_bytes' else 1e-6) for item in chosen]
+    return float(np.polyfit(np.log([item.size for item in chosen]), np.log(values), 1)[0])
+
+
+def render(title: str, unit: str, samples: Sequence[Sample]) -> str:
+    """Return the table of one experiment."""
+    return render_table((title, 'points', 'spans', 'time [s]', 'us/point', 'extra memory [GB]'), [
+        (f'{item.size:,.{0 if unit == "points" else 2}f} {unit}', f'{item.num_points:,}',
+         f'{item.num_spans}', f'{item.seconds:.3f}', f'{1e6 * item.seconds / item.num_points:.3f}',
+         f'{item.extra_bytes / 1e9:.2f}')
+        for item in samples
+    ])
+
+
+def check_growth(title: str, samples: Sequence[Sample]) -> list[Check]:
+    """Return the checks of the exponents of one experiment."""
+    return [
+        at_most(title, f'power of {what}', measure_power(samples, name), MOST_POWER)
+        for what, name in (('time', 'seconds'), ('memory', 'extra_bytes'))
+    ]
+
+
+def draw(path: Path, density: Sequence[Sample], length: Sequence[Sample]) -> None:
+    """Draw both experiments, time above and memory below."""
+    figure, axes = pyplot.subplots(2, 2, figsize=(9.0, 6.0), layout='constrained', sharex='col')
+    columns = ((density, 'points in one corridor'), (length, 'length of the corridor [km]'))
+    rows = (('seconds', 1.0, 'time [s]'), ('extra_bytes', 1e-9, 'extra memory [GB]'))
+    for column, (samples, what) in enumerate(columns):
+        size = np.array([item.size for item in samples])
+        for row, (name, unit, title) in enumerate(rows):
+            axis = axes[row, column]
+            value = unit * np.array([getattr(item, name) for item in samples])
+            axis.loglog(size, value, 'o-', color='#1f5fa8', label='measured')
+            axis.loglog(size, value[-1] * size / size[-1], '--', color='#888888', label='linear')
+            axis.set_ylabel(title)
+            axis.grid(visible=True, which='major', alpha=0.3)
+        axes[1, column].set_xlabel(what)
+    axes[0, 0].legend(frameon=False)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=110)
+    pyplot.close(figure)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the bench."""
+    parser = argparse.ArgumentParser(description='Growth of time and memory.')
+    parser.add_argument('--most', type=int, default=NUM_POINTS[-1], help='points, a cap')
+    parser.add_argument('--repeats', type=int, default=3)
+    parser.add_argument('--cache', type=Path, metavar='DIR', help='keep simulated clouds here')
+    parser.add_argument('--plot', type=Path, metavar='FILE', help='draw here')
+    parser.add_argument('--write', action='store_true', help='into docs')
+    arguments = parser.parse_args(argv)
+    if arguments.most < NUM_POINTS[0] or arguments.repeats < 1:
+        parser.error(f'--most must be {NUM_POINTS[0]} or more and --repeats 1 or more')
+    rng = np.random.default_rng(0)
+    with open_cache(arguments.cache) as cache:
+        density = [
+            take(len(points), points, arguments.repeats)
+            for points in grow_density(cache, arguments.most, rng)
+        ]
+        length = [
+            take(size, points, arguments.repeats)
+            for size, points in grow_length(cache, arguments.most)
+        ]
+    page = '\n\n'.join([
+        f'Best of {arguments.repeats} runs.',
+        render('density', 'points', density),
+        render('length', 'km', length),
+        render_table(CHECK_COLUMNS[:5], [
+            check.row()[:5]
+            for check in (*check_growth('density', density), *check_growth('length', length))
+        ]),
+    ])
+    print(page)
+    plot = arguments.plot or (ROOT / 'docs/images/scaling.png' if arguments.write else None)
+    if plot is not None:
+        draw(plot, density, length)
+    if arguments.write:
+        replace_section(ROOT / 'docs/performance.md', 'scaling', page)
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
