@@ -7,7 +7,7 @@ DEMO_OUT := demo_out
 
 help:
 	@echo 'make install   make .venv with plc_inspect in it'
-	@echo 'make demo      replay the demo flight, print what was found, write a report'
+	@echo 'make demo      fly the demo flight live: node and player over DDS, then a report'
 	@echo 'make test      linter, types and all tests'
 	@echo 'make settings  write config/plc_inspect.yaml and docs/settings.md from the defaults'
 	@echo 'make picture   draw the picture of README.md from the demo flight'
@@ -17,7 +17,7 @@ install:
 	@tools/install
 
 demo: install
-	@$(BIN)/plc_replay bags/demo -o $(DEMO_OUT) --force
+	@$(BIN)/python -m plc_inspect.ros.demo bags/demo $(DEMO_OUT)
 
 lint: install
 	$(BIN)/ruff check .

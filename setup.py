@@ -21,6 +21,8 @@ from setuptools import find_packages, setup
 NAME = 'plc_inspect'
 
 COMMANDS = {
+    'plc_node': 'plc_inspect.ros.onboard:main',
+    'plc_play': 'plc_inspect.ros.play:main',
     'plc_survey': 'plc_inspect.offline.survey:main',
     'plc_replay': 'plc_inspect.offline.replay:main',
     'plc_simulate': 'plc_inspect.sim.simulate:main',

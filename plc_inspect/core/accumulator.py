@@ -22,13 +22,13 @@ into the voxel map whole, or it is dropped whole and counted with the reason.
 from collections import Counter, deque
 from collections.abc import Iterator
 from dataclasses import dataclass
-import enum
 
 from numba import njit
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plc_inspect.config import Settings
+from plc_inspect.core.counters import Counters, DropReason
 from plc_inspect.core.deskew import deskew, make_transform
 from plc_inspect.core.pose_buffer import Bracket, PoseBuffer, PoseStatus
 from plc_inspect.core.scan_clock import ScanClock
@@ -46,56 +46,12 @@ MAX_TIME_OFFSET = 1.0
 """Largest believable time of a point relative to its scan's stamp [s]."""
 
 
-class DropReason(enum.Enum):
-    """Why a scan did not go into the map."""
-
-    NO_POSE_BEFORE = 'no pose before it'
-    NO_POSE_AFTER = 'no pose after it when the recording ended'
-    POSE_GAP = 'gap in the odometry'
-    POSE_JUMP = 'jump of the odometry'
-    WAITED_TOO_LONG = 'waited too long for odometry'
-    QUEUE_FULL = 'too many scans waiting for odometry'
-    WRONG_FRAME = 'another frame than the scans before'
-    OUT_OF_MAP = 'points too far away for the map'
-    RESET = 'waiting when the buffers were reset'
-
-
 _REASON_OF_BRACKET = {
     Bracket.BEFORE: DropReason.NO_POSE_BEFORE,
     Bracket.AFTER: DropReason.NO_POSE_AFTER,
     Bracket.GAP: DropReason.POSE_GAP,
     Bracket.JUMP: DropReason.POSE_JUMP,
 }
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Counters:
-    """What has come in and what became of it, since the start."""
-
-    num_scans: int
-    num_scans_inserted: int
-    num_scans_waiting: int
-    scans_dropped: dict[str, int]
-    """DropReason value to count."""
-    num_scans_lost: int
-    """Scans missing between header stamps, judged by the median period."""
-    num_interruptions: int
-    """Pauses between scans that are too long to be lost scans."""
-    num_scans_without_time: int
-    """Scans whose points have no times: deskewed between scans, not within."""
-    scan_period: float | None
-    """Median time between scans [s], None while unknown."""
-    num_points: int
-    """Points received, those that are not finite included."""
-    num_points_inserted: int
-    points_dropped: dict[str, int]
-    """'not finite', 'too near', 'too far', 'map full' to count; points of dropped scans apart."""
-    num_poses: int
-    poses_rejected: dict[str, int]
-    """PoseStatus value, or 'another frame', to count."""
-    num_pose_gaps: int
-    num_pose_jumps: int
-    num_pose_restarts: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -28,6 +28,9 @@ from plc_inspect.results import Bool, Float64, Int32, Int64, UInt8
 CELL_SIZE = 10.0
 """Edge of a plan cell, rounded to whole voxels [m]."""
 
+SAMPLE = 2000
+"""Where a cell holds more voxels, only so many of every number of it are a sample."""
+
 INITIAL_CELLS = 1 << 12
 _MASK = (1 << KEY_BITS) - 1
 
@@ -101,7 +104,7 @@ class CellIndex:
     @property
     def centers(self) -> Float64:
         """(C, 2) middle of each cell in plan [m]."""
-        return (self.index + 0.5) * self._cell_size
+        return np.multiply(self.index + 0.5, self._cell_size, dtype=np.float64)
 
     def locate(self, xy: Float64) -> Int64:
         """Return the (N, 2) place on the grid of cells of (N, 2+) points."""
@@ -172,7 +175,8 @@ class CellIndex:
         cells : Int64
             (K,) cells.
         wanted : UInt8
-            (256,) for each label 0 to leave out, 1 to take, 2 to take one voxel in eight.
+            (256,) for each label 0 to leave out, 1 to take, 2 to take a sample where the cell is
+            dense.
         following, keys, labels : Int32, Int64, UInt8
             Of the map, by slot.
         out : Int32
@@ -184,7 +188,11 @@ class CellIndex:
             Number of slots written.
 
         """
-        return int(_collect_slots(cells, wanted, self._head, following, keys, labels, out))
+        return int(
+            _collect_slots(
+                cells, wanted, self._head, self._state, following, keys, labels, out
+            )
+        )
 
     def drop(
         self,
@@ -286,13 +294,16 @@ def _link_slots(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _collect_slots(cells, wanted, head, following, keys, labels, out):  # type: ignore[no-untyped-def]
+def _collect_slots(  # type: ignore[no-untyped-def]
+    cells, wanted, head, state, following, keys, labels, out
+):
     num = 0
     for cell in cells:
         slot = head[cell]
+        one_in = max(state[cell, 0] // SAMPLE, 1)
         while slot >= 0:
             take = wanted[labels[slot]]
-            if take == 1 or (take == 2 and hash_key(keys[slot]) & 7 == 0):
+            if take == 1 or (take == 2 and (hash_key(keys[slot]) >> 20) % one_in == 0):
                 out[num] = slot
                 num += 1
             slot = following[slot]

@@ -33,7 +33,8 @@ from scipy.sparse.csgraph import connected_components
 from plc_inspect.core.continuation import continue_lines, find_ends
 from plc_inspect.core.overlap import match_spans, Overlap
 from plc_inspect.core.window import SpanKey
-from plc_inspect.results import Float32, Float64, InspectionResult, Int64, Span
+from plc_inspect.core.wire_points import thin_points, WirePoints
+from plc_inspect.results import Float32, Float64, InspectionResult, Span
 
 CONFIRMATIONS = 2
 """Ticks that must find a span before its numbers are fixed and it is told of."""
@@ -135,7 +136,7 @@ class SpanRegistry:
             known = list(self.spans)
             pairs = match_spans(found, [item.span for item in known])
         keys = self._number(found, known, pairs)
-        wires = _WirePoints(result, points)
+        wires = WirePoints(result, points)
         for piece in _connect(len(found), len(known), pairs):
             self._put(piece, found, known, keys, set(expected), wires, final, complete)
         self._confirm(final)
@@ -194,7 +195,8 @@ class SpanRegistry:
         for key, item in list(self._spans.items()):
             if getattr(item.span, attribute) == old:
                 del self._spans[key]
-                item = replace(item, span=replace(item.span, **{attribute: new}))
+                line, span = (new, key[1]) if attribute == 'line_id' else (key[0], new)
+                item = replace(item, span=replace(item.span, line_id=line, span_id=span))
                 self._spans[item.key] = item
         if old < -1:
             self._names[attribute, old] = new
@@ -245,9 +247,10 @@ class SpanRegistry:
         self, found: Sequence[Span], known: Sequence[TrackedSpan], pairs: Sequence[Overlap]
     ) -> dict[int, int]:
         """Numbers of the result's span_ids: those of the registry that they overlap most."""
-        common: Counter[tuple[int, int]] = Counter()
+        common: dict[tuple[int, int], float] = {}
         for pair in pairs:
-            common[found[pair.first].span_id, known[pair.second].span.span_id] += pair.length
+            both = found[pair.first].span_id, known[pair.second].span.span_id
+            common[both] = common.get(both, 0.0) + pair.length
         numbers: dict[int, int] = {}
         order = sorted(common, key=lambda item: (item[1] < 0, -common[item], item))
         for group, number in order:
@@ -269,7 +272,7 @@ class SpanRegistry:
         known: Sequence[TrackedSpan],
         keys: Sequence[SpanKey],
         expected: set[SpanKey],
-        wires: '_WirePoints',
+        wires: WirePoints,
         final: bool,
         complete: bool,
     ) -> None:
@@ -303,7 +306,7 @@ class SpanRegistry:
             self._insert(found[i], keys[i], matched, wires)
 
     def _insert(
-        self, span: Span, key: SpanKey, matched: Sequence[TrackedSpan], wires: '_WirePoints'
+        self, span: Span, key: SpanKey, matched: Sequence[TrackedSpan], wires: WirePoints
     ) -> None:
         if key in self._spans:
             key = key[0], self._take_provisional()
@@ -336,12 +339,13 @@ class SpanRegistry:
             elif final or line not in ahead or max(item.hits for item in own) >= MAX_WAIT:
                 self._rename('line_id', line, self._next_line)
                 self._next_line += 1
-        for item in self.spans:
-            if item.span.line_id < 0 or not (final or item.hits >= CONFIRMATIONS):
-                continue
-            if item.span.span_id < 0:
-                self._rename('span_id', item.span.span_id, self._next_span)
-                self._next_span += 1
+        groups = {
+            item.span.span_id for item in self.spans
+            if item.span.line_id >= 0 and (final or item.hits >= CONFIRMATIONS)
+        }
+        for group in sorted((number for number in groups if number < 0), reverse=True):
+            self._rename('span_id', group, self._next_span)
+            self._next_span += 1
         for key, item in list(self._spans.items()):
             if min(key) >= 0 and (final or item.hits >= CONFIRMATIONS):
                 self._spans[key] = replace(item, confirmed=True)
@@ -356,22 +360,6 @@ class SpanRegistry:
     def _renamed(self, key: SpanKey) -> SpanKey:
         line, span = key
         return self._names.get(('line_id', line), line), self._names.get(('span_id', span), span)
-
-
-class _WirePoints:
-    """The wire points of a result by span."""
-
-    def __init__(self, result: InspectionResult, points: Float64) -> None:
-        wire = np.flatnonzero(result.line_id >= 0)
-        order = np.lexsort((result.span_id[wire], result.line_id[wire]))
-        self._chosen = wire[order]
-        self._keys = np.column_stack((result.line_id, result.span_id))[self._chosen]
-        self._points, self._residual = points, result.residual
-
-    def take(self, span: Span) -> tuple[Float64, Float32]:
-        """Return copies of the points and residuals of one span."""
-        own = self._chosen[(self._keys == (span.line_id, span.span_id)).all(axis=1)]
-        return self._points[own], self._residual[own]
 
 
 def _connect(
@@ -400,11 +388,3 @@ def _connect(
 def _distance(first: Span, second: Span) -> float:
     ends = itertools.product((first.start, first.end), (second.start, second.end))
     return min(math.dist(a, b) for a, b in ends)
-
-
-def thin_points(points: Float64, spacing: float) -> Int64:
-    """Return the indices of one point for each cube of edge ``spacing`` that holds any."""
-    cubes = np.floor(points / spacing).astype(np.int64)
-    _, first = np.unique(cubes, axis=0, return_index=True)
-    result: Int64 = np.sort(first).astype(np.int64)
-    return result

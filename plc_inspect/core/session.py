@@ -19,7 +19,7 @@ One thread owns a session; the states that it hands out do not change afterwards
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 import time
 
 import numpy as np
@@ -27,7 +27,7 @@ import numpy as np
 from plc_inspect.config import Settings
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.core.registry import SpanRegistry, TrackedSpan
-from plc_inspect.core.tracking import HazardBook, HazardNews, SupportBook
+from plc_inspect.core.tracking import HazardBook, HazardNews, leave_out_ends, SupportBook
 from plc_inspect.core.window import sample_span, SpanKey, Window
 from plc_inspect.results import (
     Bool,
@@ -82,7 +82,7 @@ class LiveState:
     supports: tuple[Support, ...] = ()
     hazards: tuple[Hazard, ...] = ()
     corridor: CorridorPoints
-    news: HazardNews = HazardNews()
+    news: HazardNews = field(default_factory=HazardNews)
     stages: tuple[StageReport, ...] = ()
     num_points: int = 0
     """Points of the window."""
@@ -157,9 +157,12 @@ class Session:
         numbered = self._registry.update(result, window.points, window.spans)
         self._finish_spans(window, vehicle)
         keys = {item.key for item in self._registry.spans if item.confirmed}
-        news = self._hazards.update(result.hazards, numbered, window.spans, window.holds)
+        told = {old: new for old, new in numbered.items() if new in keys}
+        news = self._hazards.update(
+            leave_out_ends(result.hazards, result.spans), told, window.spans, window.holds
+        )
         news = replace(news, cleared=news.cleared + self._hazards.keep(keys))
-        self._supports.update(result.supports, numbered, window.holds)
+        self._supports.update(result.supports, told, window.holds)
         self._keep_corridor(result, window, numbered, vehicle)
         return Tick(
             state=self._describe(news, result, window.sequence, started),

@@ -16,23 +16,29 @@
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+import math
 
 import numpy as np
 
 from plc_inspect.core.window import SpanKey
-from plc_inspect.results import Bool, Float64, Hazard, HazardKind, Support
+from plc_inspect.results import Bool, Float64, Hazard, HazardKind, Span, Support
 
 HAZARD_DISTANCE = 2.0
 """A hazard whose box is this near to that of a known one of its kind is that one [m]."""
 SUPPORT_DISTANCE = 4.0
 """A support this near to a known one is that one [m]."""
+CONFIRMATIONS = 2
+"""Ticks that must find a hazard before it is raised."""
+END = 4.0
+"""What is this near to the open end of a span may be more of the conductor [m]."""
 MAX_MISSES = 3
 """Ticks in a row that must miss a hazard, or find it less severe, before it is changed."""
 
 Holds = Callable[[Float64], Bool]
 """Tells which of (N, 2+) points lie where the tick has seen everything."""
 
-_OF_SPAN = (HazardKind.GROUND, HazardKind.INTERFERENCE, HazardKind.SAG)
+_ONE_PER_SPAN = (HazardKind.GROUND, HazardKind.INTERFERENCE, HazardKind.SAG)
+_OF_SPAN = (HazardKind.INTERFERENCE, HazardKind.SAG)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -40,7 +46,10 @@ class TrackedHazard:
     """A hazard with its lasting number."""
 
     hazard: Hazard
+    hits: int = 1
+    """Ticks that found it."""
     misses: int = 0
+    """Ticks in a row that should have found it and did not."""
     softer: int = 0
     """Ticks in a row that found it less severe."""
 
@@ -61,11 +70,14 @@ class HazardBook:
 
     _known: dict[int, TrackedHazard] = field(default_factory=dict)
     _next: int = 0
+    _next_provisional: int = -1
 
     @property
     def hazards(self) -> tuple[Hazard, ...]:
-        """All hazards that stand, ordered by number."""
-        return tuple(self._known[number].hazard for number in sorted(self._known))
+        """All hazards that were raised and not cleared, ordered by number."""
+        return tuple(
+            self._known[number].hazard for number in sorted(self._known) if number >= 0
+        )
 
     def clear(self) -> None:
         """Forget all hazards; numbers go on."""
@@ -83,8 +95,8 @@ class HazardBook:
         """
         Put in the hazards of one tick.
 
-        A hazard is raised at once and made more severe at once; it is cleared, or made less
-        severe, when MAX_MISSES ticks in a row that saw its place agree on it.
+        A hazard is raised when CONFIRMATIONS ticks that saw its place found it, and made more
+        severe at once; it is cleared, or made less severe, when MAX_MISSES such ticks agree.
 
         Parameters
         ----------
@@ -113,26 +125,33 @@ class HazardBook:
         raised, updated, cleared = [], [], []
         taken: set[int] = set()
         for hazard in found:
+            held = final or _is_expected(hazard, expected, holds)
             number = self._find(hazard, taken)
             if number is None:
-                number, self._next = self._next, self._next + 1
-                own = TrackedHazard(hazard=replace(hazard, hazard_id=number))
-                raised.append(own.hazard)
+                if not held:
+                    continue
+                number = self._take_provisional()
+                own = TrackedHazard(hazard=hazard)
             else:
-                before = self._known[number]
-                own = _follow(before, hazard, bool(holds(hazard.position[None])[0]), final)
-                if own.hazard.severity != before.hazard.severity:
-                    updated.append(own.hazard)
+                before = self._known.pop(number)
+                own = _follow(before, hazard, held, final)
+                if number >= 0 and own.hazard.severity != before.hazard.severity:
+                    updated.append(replace(own.hazard, hazard_id=number))
+            if number < 0 and (final or own.hits >= CONFIRMATIONS):
+                number, self._next = self._next, self._next + 1
+                raised.append(replace(own.hazard, hazard_id=number))
             taken.add(number)
-            self._known[number] = own
+            self._known[number] = replace(own, hazard=replace(own.hazard, hazard_id=number))
         for number in sorted(set(self._known) - taken):
             item = self._known[number]
             if not _is_expected(item.hazard, expected, holds):
                 continue
-            if final or item.misses + 1 >= MAX_MISSES:
-                cleared.append(self._known.pop(number).hazard)
-            else:
+            if not final and number >= 0 and item.misses + 1 < MAX_MISSES:
                 self._known[number] = replace(item, misses=item.misses + 1)
+                continue
+            del self._known[number]
+            if number >= 0:
+                cleared.append(item.hazard)
         return HazardNews(raised=tuple(raised), updated=tuple(updated), cleared=tuple(cleared))
 
     def keep(self, keys: Collection[SpanKey]) -> tuple[Hazard, ...]:
@@ -141,7 +160,12 @@ class HazardBook:
             number for number, item in self._known.items()
             if (item.hazard.line_id, item.hazard.span_id) not in keys
         ]
-        return tuple(self._known.pop(number).hazard for number in gone)
+        items = [self._known.pop(number) for number in gone]
+        return tuple(item.hazard for item in items if item.hazard.hazard_id >= 0)
+
+    def _take_provisional(self) -> int:
+        self._next_provisional -= 1
+        return self._next_provisional
 
     def _find(self, hazard: Hazard, taken: Collection[int]) -> int | None:
         best: tuple[bool, float, int] | None = None
@@ -151,7 +175,7 @@ class HazardBook:
                 continue
             same = (known.line_id, known.span_id) == (hazard.line_id, hazard.span_id)
             gap = _gap(known.extent, hazard.extent)
-            if gap <= HAZARD_DISTANCE or (same and hazard.kind in _OF_SPAN):
+            if gap <= HAZARD_DISTANCE or (same and hazard.kind in _ONE_PER_SPAN):
                 rank = (not same, gap, number)
                 best = rank if best is None else min(best, rank)
         return None if best is None else best[2]
@@ -159,14 +183,42 @@ class HazardBook:
 
 def _follow(item: TrackedHazard, hazard: Hazard, held: bool, final: bool) -> TrackedHazard:
     """Return a known hazard as a tick saw it, softened only after several ticks."""
-    known = item.hazard
-    if not held and not final and hazard.clearance >= known.clearance:
+    known, hits = item.hazard, item.hits + 1
+    if not held:
         return replace(item, misses=0)
-    number = known.hazard_id
     if hazard.severity < known.severity and not final and item.softer + 1 < MAX_MISSES:
-        kept = replace(hazard, hazard_id=number, severity=known.severity)
-        return TrackedHazard(hazard=kept, softer=item.softer + 1)
-    return TrackedHazard(hazard=replace(hazard, hazard_id=number))
+        kept = replace(hazard, severity=known.severity)
+        return TrackedHazard(hazard=kept, hits=hits, softer=item.softer + 1)
+    return TrackedHazard(hazard=hazard, hits=hits)
+
+
+def leave_out_ends(hazards: Sequence[Hazard], spans: Sequence[Span]) -> list[Hazard]:
+    """
+    Leave out what lies by the open end of a span: it may be more of the same conductor.
+
+    Parameters
+    ----------
+    hazards, spans : sequence of Hazard, of Span
+        Of one result.
+
+    Returns
+    -------
+    list[Hazard]
+
+    """
+    inside = {
+        (span.line_id, span.span_id): (
+            END if span.open_start else -math.inf,
+            span.length - END if span.open_end else math.inf,
+        )
+        for span in spans
+    }
+    kept = []
+    for hazard in hazards:
+        low, high = inside.get((hazard.line_id, hazard.span_id), (-math.inf, math.inf))
+        if hazard.kind in _OF_SPAN or low <= hazard.along_span <= high:
+            kept.append(hazard)
+    return kept
 
 
 def _is_expected(hazard: Hazard, expected: Collection[SpanKey], holds: Holds) -> bool:
@@ -226,15 +278,17 @@ class SupportBook:
         for (line, _), (number, _) in numbered.items():
             if number >= 0:
                 lines.setdefault(line, set()).add(number)
-        taken = set()
+        taken: set[int] = set()
         for support in supports:
             carried = {number for line in support.line_ids for number in lines.get(line, ())}
             held = bool(holds(support.position[None])[0])
             if not carried or not (held or final):
                 continue
-            number = self._find(support, taken)
-            if number is None:
+            found = self._find(support, taken)
+            if found is None:
                 number, self._next = self._next, self._next + 1
+            else:
+                number = found
             taken.add(number)
             self._misses[number] = 0
             self._known[number] = replace(

@@ -17,8 +17,9 @@ The global map: a hash of voxels that keep the moments of their points, not the 
 
 A voxel stores its number of points, their mean offset from the voxel's centre, the mean outer
 product of those offsets, the number of the insertion that last touched it, a label and the next
-voxel of its plan cell: 57 bytes, and 8 to 16 bytes of hash table.  Means instead of sums, so that float32 keeps its precision however often
-a voxel is hit; sums of any union of voxels follow exactly from means and counts.
+voxel of its plan cell: 57 bytes, and 8 to 16 bytes of hash table.  Means instead of sums, so that
+float32 keeps its precision however often a voxel is hit; sums of any union of voxels follow
+exactly from means and counts.
 """
 
 from dataclasses import dataclass
@@ -290,7 +291,8 @@ class VoxelMap:
         cells : Int64
             (K,) cells of ``cells``.
         wanted : UInt8
-            (256,) for each label 0 to leave out, 1 to take, 2 to take one voxel in eight.
+            (256,) for each label 0 to leave out, 1 to take, 2 to take a sample where the cell is
+            dense.
 
         Returns
         -------

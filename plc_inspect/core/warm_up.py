@@ -54,7 +54,7 @@ def warm_up_intake() -> None:
     voxels = accumulator.map
     plan = WindowPlanner(4.0).plan(voxels, (), None)
     if plan is not None:
-        window = [item for item in copy_window(voxels, plan) if item is not None][0]
+        window = next(item for item in copy_window(voxels, plan) if item is not None)
         voxels.label(window.slots, window.points, np.zeros(len(window.slots), dtype=np.uint8))
     voxels.drop(0, np.zeros(256, dtype=np.bool_))
 

@@ -15,11 +15,11 @@
 """
 The part of the map that one tick of the node looks at.
 
-A plan cell is fresh when enough of it is new and something stands high in it.  Fresh cells and
-their neighbours are taken whole.  Of the spans that run through them, and of the spans next to
-those, everything that was ever linear is taken along their whole length, with a sample of the
-ground, so that a span is always fitted from all its points.  The cost follows what is new, not
-the length of the flight.
+A plan cell is fresh when enough of it is new and something stands high in it.  Fresh cells are
+taken whole.  Of their neighbours, of the spans that run through them and of the spans next to
+those, along their whole length, everything is taken that was ever linear, with a sample of the
+ground: so a span is always fitted from all its points.  The cost follows what is new, not the
+length of the flight.
 """
 
 from collections.abc import Iterator, Sequence
@@ -31,7 +31,7 @@ import numpy as np
 
 from plc_inspect.core.cell_index import CellIndex
 from plc_inspect.core.voxel_map import VoxelMap
-from plc_inspect.results import Bool, Decision, Float64, Int64, Span, UInt8
+from plc_inspect.results import Bool, Decision, Float64, Int32, Int64, Span, UInt8
 
 SpanKey = tuple[int, int]
 """line_id and span_id."""
@@ -60,7 +60,7 @@ WHOLE: UInt8 = np.ones(256, dtype=np.uint8)
 """Labels taken from a cell that is looked at as a whole."""
 
 THIN: UInt8 = np.zeros(256, dtype=np.uint8)
-"""Labels taken from the other cells of a span: what is new or was ever linear, some ground."""
+"""Labels taken from the other cells: what is new or was ever linear, some ground."""
 THIN[Decision.NOT_FINITE] = 1  # voxels that no tick has seen carry 0
 THIN[Decision.GROUND] = 2
 THIN[[
@@ -74,11 +74,9 @@ class WindowPlan:
     """What to copy from the map."""
 
     fresh: Int64
-    """(C,) cells that are looked at because of what is new in them."""
-    whole: Int64
-    """(W,) cells to be copied whole: the fresh ones and their neighbours."""
+    """(C,) cells to be copied whole, because of what is new in them."""
     thin: Int64
-    """(T,) other cells of spans."""
+    """(T,) cells about them and along spans, of which only a part is copied."""
     spans: frozenset[SpanKey]
     """Known spans that are in the window with all their points and both neighbours."""
     sequence: int
@@ -94,9 +92,7 @@ class Window:
     points: Float64
     """(M, 3) centroids, map frame [m]."""
     fresh: Int64
-    """(C, 2) places on the grid of cells that are fresh."""
-    whole: Int64
-    """(W, 2) places on the grid of cells that are there whole."""
+    """(C, 2) places on the grid of cells that are there whole."""
     cell_size: float
     """Edge of a plan cell [m]."""
     spans: frozenset[SpanKey]
@@ -157,13 +153,12 @@ class WindowPlanner:
         if not len(fresh):
             return None
         index = cells.index
-        whole = _find_around(cells, index[fresh])
-        core, others = _involve(spans, cells, index[whole])
-        thin = np.setdiff1d(_cells_of(core + others, cells), whole)
+        around = _find_around(cells, index[fresh])
+        core, others = _involve(spans, cells, index[around])
+        thin = np.setdiff1d(np.union1d(around, _cells_of(core + others, cells)), fresh)
         cells.settle(fresh)
         return WindowPlan(
             fresh=fresh,
-            whole=whole,
             thin=thin,
             spans=frozenset(_key(span) for span in core),
             sequence=voxels.sequence,
@@ -207,7 +202,7 @@ def copy_window(voxels: VoxelMap, plan: WindowPlan) -> Iterator[Window | None]:
 
     """
     parts: list[tuple[Int64, Float64]] = []
-    for chosen, wanted in ((plan.whole, WHOLE), (plan.thin, THIN)):
+    for chosen, wanted in ((plan.fresh, WHOLE), (plan.thin, THIN)):
         for group in _split(chosen, voxels.cells.count[chosen]):
             parts.append(voxels.copy_voxels(voxels.collect(group, wanted)))
             yield None
@@ -216,7 +211,6 @@ def copy_window(voxels: VoxelMap, plan: WindowPlan) -> Iterator[Window | None]:
         slots=np.concatenate([part[0] for part in parts]),
         points=np.concatenate([part[1] for part in parts]),
         fresh=index[plan.fresh],
-        whole=index[plan.whole],
         cell_size=voxels.cells.cell_size,
         spans=plan.spans,
         sequence=plan.sequence,
@@ -228,7 +222,6 @@ def plan_everything(voxels: VoxelMap, spans: Sequence[Span]) -> WindowPlan:
     everything = np.arange(len(voxels.cells))
     return WindowPlan(
         fresh=everything,
-        whole=everything,
         thin=everything[:0],
         spans=frozenset(_key(span) for span in spans),
         sequence=voxels.sequence,
@@ -243,7 +236,7 @@ def _pack(place: Int64) -> Int64:
     return (place[:, 0] << 32) + place[:, 1]
 
 
-def _split(cells: Int64, count: Int64) -> list[Int64]:
+def _split(cells: Int64, count: Int32) -> list[Int64]:
     """Cut a list of cells where CHUNK voxels are full."""
     part = np.cumsum(count, dtype=np.int64) // CHUNK
     return np.split(cells, np.flatnonzero(np.diff(part)) + 1) if len(cells) else [cells]

@@ -25,7 +25,7 @@ import time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 import numpy as np
 
-from plc_inspect.core.accumulator import Counters
+from plc_inspect.core.counters import Counters
 from plc_inspect.core.session import LiveState
 from plc_inspect.core.voxel_map import VoxelMap
 from plc_inspect.ros.transport import ADVICE

@@ -21,6 +21,8 @@ from pathlib import Path
 import time
 from typing import Any
 
+import numba
+
 from plc_inspect.config import Settings
 from plc_inspect.core.session import LiveState, Session
 from plc_inspect.core.warm_up import warm_up_pipeline
@@ -30,6 +32,9 @@ from plc_inspect.results import Float64, Int64, UInt8
 from plc_inspect.ros.publishing import Bundle, make_bundle
 
 COMMAND = 'plc_node'
+ALL_THREADS: int = numba.get_num_threads()
+TICK_THREADS = 1
+"""On a busy machine a second thread is waited for longer than it helps with small windows."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -69,7 +74,8 @@ def prepare(settings: Settings) -> None:
 
 
 def run_tick(session: Session, snapshot: Snapshot) -> Done:
-    """Run one tick and build its messages."""
+    """Run one tick and build its messages; it takes one core and leaves the others alone."""
+    numba.set_num_threads(TICK_THREADS)
     window = snapshot.window
     tick = session.tick(window, snapshot.settings, snapshot.vehicle)
     return Done(
@@ -90,6 +96,7 @@ def run_save(session: Session, snapshot: Snapshot, folder: Path) -> Done:
     from plc_inspect.offline.inspection import Inspection
     from plc_inspect.offline.results_folder import write_results
 
+    numba.set_num_threads(ALL_THREADS)
     started = time.perf_counter()
     window = snapshot.window
     state, result = session.conclude(

@@ -14,8 +14,8 @@
 
 """Markers for RViz and Foxglove: catenaries, supports and hazards, each under a stable number."""
 
-import colorsys
 from collections.abc import Sequence
+import colorsys
 
 from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
 import numpy as np

@@ -76,7 +76,8 @@ def make_cloud(header: Header, rows: NDArray[Any]) -> PointCloud2:
             PointField(
                 name=name, offset=offset, datatype=_DATATYPES[dtype.str[1:]], count=1
             )
-            for name, (dtype, offset) in (rows.dtype.fields or {}).items()
+            for name in rows.dtype.names or ()
+            for dtype, offset in (_field(rows.dtype, name),)
         ],
         is_bigendian=False,
         point_step=rows.dtype.itemsize,
@@ -85,6 +86,26 @@ def make_cloud(header: Header, rows: NDArray[Any]) -> PointCloud2:
     )
     message.data = array.array('B', rows.tobytes())
     return message
+
+
+def read_rows(message: PointCloud2) -> NDArray[Any]:
+    """
+    Unpack the rows of a cloud that ``make_cloud`` packed.
+
+    Parameters
+    ----------
+    message : PointCloud2
+        Packed, little-endian.
+
+    Returns
+    -------
+    NDArray
+        (N,) structured, a view.
+
+    """
+    names = {code: kind for kind, code in _DATATYPES.items()}
+    layout = np.dtype([(field.name, '<' + names[field.datatype]) for field in message.fields])
+    return np.frombuffer(message.data, dtype=layout)
 
 
 def make_lines(header: Header, spans: Sequence[TrackedSpan]) -> PointCloud2:
@@ -135,6 +156,12 @@ def make_hazards(header: Header, hazards: Sequence[Hazard]) -> PointCloud2:
         for axis, value in zip('xyz', hazard.position, strict=True):
             row[axis] = value
     return make_cloud(header, rows)
+
+
+def _field(layout: np.dtype[Any], name: str) -> tuple[np.dtype[Any], int]:
+    """Type and offset of a field."""
+    dtype, offset, *_ = layout.fields[name]  # type: ignore[index]
+    return dtype, offset
 
 
 def _put_xyz(rows: NDArray[Any], points: NDArray[np.float64]) -> None:

@@ -20,48 +20,44 @@ needs in small steps, so that callbacks are never kept waiting.  One worker thre
 pipeline over the copy and builds the messages, which the executor's thread then sends.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Iterator
 from functools import partial
 import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
-import numpy as np
-from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.clock import Clock, JumpThreshold, TimeJump
+from rclpy.clock_type import ClockType
 from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from plc_inspect.config import Settings
-from plc_inspect.core.accumulator import Accumulator
-from plc_inspect.core.eviction import Evictor
 from plc_inspect.core.session import LiveState, Session
 from plc_inspect.core.warm_up import warm_up_intake
 from plc_inspect.core.window import copy_window, plan_everything, Window, WindowPlan, WindowPlanner
-from plc_inspect.errors import ConfigError, DataError
-from plc_inspect.results import Float64
-from plc_inspect.ros.conversion import pose_from_message, scan_from_message
+from plc_inspect.errors import ConfigError
 from plc_inspect.ros.diagnostics import (
     describe_input,
     describe_map,
     describe_segmentation,
     Health,
-    LossReporter,
 )
+from plc_inspect.ros.intake import Complaints, Intake
 from plc_inspect.ros.jobs import choose_folder, Done, prepare, run_save, run_tick, Snapshot
 from plc_inspect.ros.parameters import Parameters
 from plc_inspect.ros.publishing import make_bundle, ResultPublishers
 from plc_inspect.ros.qos import DIAGNOSTICS, make_overridable, ODOMETRY, SCANS
+from plc_inspect.ros.teller import summarize, Teller
 from plc_inspect.ros.worker import Worker
 
 NODE_NAME = 'plc_inspect'
-THROTTLE = 5.0
-"""The same complaint is logged at most this often [s]."""
 STOP_TIMEOUT = 60.0
 """Longest wait for the running job at the end [s]."""
 
@@ -96,21 +92,17 @@ class InspectNode(Node):
         self._refuse_unknown_parameters()
         warm_up_intake()
         self._health = Health()
-        self._accumulator = Accumulator(settings, touch=True)
-        self._evictor = Evictor(self._accumulator.map)
+        self._intake = Intake(settings, self._health, self.get_logger().warning)
         self._planner = WindowPlanner(settings.height.beta)
         self._session = Session()
         self._state: LiveState | None = None
-        self._vehicle: Float64 | None = None
-        self._first_stamp: int | None = None
         self._copy: tuple[Iterator[Window | None], str] | None = None
         self._job = ''
         self._wants_tick = False
         self._tick_waiters: list[Future] = []
         self._save_waiters: list[Future] = []
-        self._losses = LossReporter(self.get_logger().warning)
-        self._complained: dict[str, float] = {}
-        self._told: set[int] = set()
+        self._complaints = Complaints(self.get_logger().warning)
+        self._teller = Teller(self.get_logger().info)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._results = ResultPublishers(self)
         self._diagnostics = self.create_publisher(
@@ -119,10 +111,11 @@ class InspectNode(Node):
         self._advance_guard = self.create_guard_condition(self._guard('step', self._advance))
         self._worker = Worker(self._advance_guard.trigger)
         self._subscribe(settings)
-        for name, callback in (
-            ('segment', self._on_segment), ('save', self._on_save), ('reset', self._on_reset),
-        ):
-            self.create_service(Trigger, f'~/{name}', callback)
+        # A service that waits would keep all callbacks of its group from running.
+        patient = ReentrantCallbackGroup()
+        for name, callback in (('segment', self._on_segment), ('save', self._on_save)):
+            self.create_service(Trigger, f'~/{name}', callback, callback_group=patient)
+        self.create_service(Trigger, '~/reset', self._on_reset)
         self._timer = self.create_timer(
             settings.segment.period, self._guard('timer', self._on_timer), clock=self._steady
         )
@@ -136,16 +129,15 @@ class InspectNode(Node):
         self._submit('start', partial(prepare, settings))
 
     def _subscribe(self, settings: Settings) -> None:
-        events = SubscriptionEventCallbacks(
-            message_lost=self._on_message_lost,
-        )
+        events = SubscriptionEventCallbacks(message_lost=self._on_message_lost)
         self.create_subscription(
-            PointCloud2, settings.input.scan_topic, self._guard('scan', self._on_scan), SCANS,
-            event_callbacks=events, qos_overriding_options=make_overridable(),
+            PointCloud2, settings.input.scan_topic,
+            self._guard('scan', self._intake.take_scan), SCANS, event_callbacks=events,
+            qos_overriding_options=make_overridable(),
         )
         self.create_subscription(
             Odometry, settings.input.odometry_topic,
-            self._guard('odometry', self._on_odometry), ODOMETRY,
+            self._guard('odometry', self._intake.take_odometry), ODOMETRY,
             qos_overriding_options=make_overridable(),
         )
 
@@ -165,9 +157,9 @@ class InspectNode(Node):
         return self._state
 
     @property
-    def accumulator(self) -> Accumulator:
+    def intake(self) -> Intake:
         """Poses, waiting scans and the map; for the executor's thread only."""
-        return self._accumulator
+        return self._intake
 
     def _refuse_unknown_parameters(self) -> None:
         given = getattr(self, '_parameter_overrides', {})
@@ -195,43 +187,7 @@ class InspectNode(Node):
 
     def _fail(self, where: str, error: Exception) -> None:
         self._health.last_error = f'{where}: {type(error).__name__}: {error}'
-        self._complain(where, self._health.last_error)
-
-    def _complain(self, topic: str, text: str) -> None:
-        """Log a warning, but the same topic not too often."""
-        now = time.monotonic()
-        if now - self._complained.get(topic, -THROTTLE) >= THROTTLE:
-            self._complained[topic] = now
-            self.get_logger().warning(text)
-
-    def _on_scan(self, message: PointCloud2) -> None:
-        now = time.monotonic()
-        self._health.last_scan = now
-        try:
-            scan = scan_from_message(message)
-            self._accumulator.add_scan(
-                scan.stamp_ns, scan.xyz, scan.time, frame_id=scan.frame_id,
-                num_not_finite=scan.num_not_finite, now=now,
-            )
-        except DataError as error:
-            self._health.malformed['scan'] += 1
-            self._complain('malformed scan', f'scan dropped, malformed: {error} '
-                           f'({self._health.malformed["scan"]} so far)')
-            return
-        if self._first_stamp is None:
-            self._first_stamp = scan.stamp_ns
-        self._evictor.step(self._vehicle)
-
-    def _on_odometry(self, message: Odometry) -> None:
-        now = time.monotonic()
-        self._health.last_pose = now
-        pose = pose_from_message(message)
-        accepted = self._accumulator.add_pose(
-            pose.stamp_ns, pose.position, pose.quaternion, frame_id=pose.frame_id,
-            child_frame_id=pose.child_frame_id, now=now,
-        )
-        if accepted:
-            self._vehicle = pose.position
+        self._complaints.complain(where, f'failed in {self._health.last_error}')
 
     def _on_message_lost(self, event: Any) -> None:
         self._health.messages_lost += event.total_count_change
@@ -239,7 +195,7 @@ class InspectNode(Node):
     def _on_clock_jump(self, jump: TimeJump) -> None:
         seconds = jump.delta.nanoseconds * 1e-9
         self._health.num_clock_jumps += 1
-        self._accumulator.reset(keep_map=True)
+        self._intake.accumulator.reset(keep_map=True)
         self.get_logger().warning(
             f'time jumped by {seconds:.3f} s: poses and waiting scans were reset, the map was '
             'kept; call ~/reset to forget it too'
@@ -247,7 +203,7 @@ class InspectNode(Node):
 
     def _configure(self, settings: Settings) -> None:
         """Put changed settings to work, all at once."""
-        self._accumulator.configure(settings)
+        self._intake.accumulator.configure(settings)
         self._planner = WindowPlanner(settings.height.beta)
         self._timer.timer_period_ns = round(settings.segment.period * 1e9)
         self._timer.reset()
@@ -260,16 +216,15 @@ class InspectNode(Node):
 
     def _on_second(self) -> None:
         now = time.monotonic()
-        self._accumulator.expire(now)
-        counters = self._accumulator.counters()
-        lossy = self._losses.report(counters)
+        lossy = self._intake.report_losses()
+        counters = self._intake.accumulator.counters()
         self._diagnostics.publish(
             DiagnosticArray(
                 header=_stamp(self),
                 status=[
                     describe_input(counters, self._health, now, lossy),
                     describe_map(
-                        self._accumulator.map, self._evictor.num_evicted,
+                        self._intake.accumulator.map, self._intake.evictor.num_evicted,
                         counters.points_dropped.get('map full', 0),
                     ),
                     describe_segmentation(self._state, self._health, self._worker.busy),
@@ -295,19 +250,25 @@ class InspectNode(Node):
         self._advance_guard.trigger()
         return future
 
+    def _answer(self, waiters: list[Future], success: bool, text: str) -> None:
+        """Answer everyone who waits, and forget them."""
+        for future in waiters:
+            future.set_result((success, text))
+        if waiters:
+            waiters.clear()
+            self._advance_guard.trigger()
+
     def _on_reset(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        self._accumulator.reset()
-        self._evictor.clear()
+        self._intake.reset()
         self._session = Session()
         self._copy = None
         self._job = 'discarded' if self._worker.busy else ''
         self._state = None
-        self._first_stamp = None
-        self._told.clear()
-        _answer(self._tick_waiters, False, 'the node was reset')
-        _answer(self._save_waiters, False, 'the node was reset')
+        self._teller.clear()
+        self._answer(self._tick_waiters, False, 'the node was reset')
+        self._answer(self._save_waiters, False, 'the node was reset')
         now = self.get_clock().now().nanoseconds
         self._results.publish(make_bundle(self._session.state, '', now))
         self.get_logger().info('reset: map, lines and hazards are forgotten')
@@ -331,19 +292,19 @@ class InspectNode(Node):
 
     def _begin(self) -> None:
         """Start a save or a tick, if one is wanted."""
-        voxels = self._accumulator.map
+        voxels = self._intake.accumulator.map
         spans = [item.span for item in self._state.spans] if self._state else []
         plan: WindowPlan | None
         if self._save_waiters:
             if not len(voxels):
-                _answer(self._save_waiters, False, 'nothing to save: the map is empty')
+                self._answer(self._save_waiters, False, 'nothing to save: the map is empty')
                 return
             plan, job = plan_everything(voxels, spans), 'save'
         elif self._wants_tick or self._tick_waiters:
-            plan, job = self._planner.plan(voxels, spans, self._vehicle), 'tick'
+            plan, job = self._planner.plan(voxels, spans, self._intake.vehicle), 'tick'
             self._wants_tick = False
             if plan is None:
-                _answer(self._tick_waiters, True, 'nothing is new since the last tick')
+                self._answer(self._tick_waiters, True, 'nothing is new since the last tick')
                 return
         else:
             return
@@ -361,7 +322,7 @@ class InspectNode(Node):
         self._copy = None
         snapshot = self._describe(window)
         if job == 'save':
-            folder = choose_folder(self.settings, self._first_stamp or 0)
+            folder = choose_folder(self.settings, self._intake.first_stamp or 0)
             self._submit(job, partial(run_save, self._session, snapshot, folder))
         else:
             self._submit(job, partial(run_tick, self._session, snapshot))
@@ -370,13 +331,11 @@ class InspectNode(Node):
         return Snapshot(
             window=window,
             settings=self.settings,
-            frame_id=self._accumulator.frame_id,
-            stamp_ns=self._accumulator.last_inserted or 0,
-            vehicle=self._vehicle,
-            complete=self._evictor.num_evicted == 0,
-            counts=asdict(self._accumulator.counters()) | {
-                'malformed': dict(self._health.malformed)
-            },
+            frame_id=self._intake.accumulator.frame_id,
+            stamp_ns=self._intake.accumulator.last_inserted or 0,
+            vehicle=self._intake.vehicle,
+            complete=self._intake.evictor.num_evicted == 0,
+            counts=self._intake.describe(),
         )
 
     def _finish(self, job: str, done: Done | None, error: Exception | None) -> None:
@@ -386,40 +345,23 @@ class InspectNode(Node):
         if error is not None:
             self._health.num_failed += job == 'tick'
             self._fail(job, error)
-            _answer(self._save_waiters if job == 'save' else self._tick_waiters, False, str(error))
+            waiters = self._save_waiters if job == 'save' else self._tick_waiters
+            self._answer(waiters, False, str(error))
             return
         if job == 'start' or done is None:
             self.get_logger().info('ready')
             return
-        self._accumulator.map.label(done.slots, done.points, done.decision)
+        self._intake.accumulator.map.label(done.slots, done.points, done.decision)
         self._state = done.state
         self._results.publish(done.bundle)
-        self._tell(done.state)
+        self._teller.tell(done.state)
         if job == 'save':
             text = f'saved to {done.folder}' if done.folder else f'not saved: {done.problem}'
             self.get_logger().info(text)
-            _answer(self._save_waiters, done.folder is not None, text)
+            self._answer(self._save_waiters, done.folder is not None, text)
         else:
             self._health.num_ticks += 1
-            _answer(self._tick_waiters, True, _summarize(done.state))
-
-    def _tell(self, state: LiveState) -> None:
-        """Log new lines and what became of hazards."""
-        log = self.get_logger()
-        lines = {item.span.line_id for item in state.confirmed}
-        for line in sorted(lines - self._told):
-            log.info(f'line {line} found')
-        self._told |= lines
-        for title, hazards in (
-            ('raised', state.news.raised), ('updated', state.news.updated),
-            ('cleared', state.news.cleared),
-        ):
-            for hazard in hazards:
-                log.info(
-                    f'hazard {hazard.hazard_id} {title}: {hazard.severity.name.lower()}, '
-                    f'{hazard.kind.name.lower()} {hazard.clearance:.2f} m, '
-                    f'line {hazard.line_id} span {hazard.span_id}'
-                )
+            self._answer(self._tick_waiters, True, summarize(done.state))
 
     def close(self, *, save: bool = True) -> None:
         """
@@ -436,31 +378,16 @@ class InspectNode(Node):
         if not stopped:
             log.error(f'the running job did not end within {STOP_TIMEOUT:g} s; nothing saved')
             return
-        voxels = self._accumulator.map
+        voxels = self._intake.accumulator.map
         if not save or not len(voxels):
             log.info('nothing to save' if save else 'not saved')
             return
         plan = plan_everything(voxels, [])
-        window = [item for item in copy_window(voxels, plan) if item is not None][0]
-        folder = choose_folder(self.settings, self._first_stamp or 0)
+        window = next(item for item in copy_window(voxels, plan) if item is not None)
+        folder = choose_folder(self.settings, self._intake.first_stamp or 0)
         done = run_save(self._session, self._describe(window), folder)
         log.info(f'saved to {done.folder}' if done.folder else f'not saved: {done.problem}')
 
 
-def _answer(waiters: Sequence[Future] | list[Future], success: bool, text: str) -> None:
-    """Answer everyone who waits, and forget them."""
-    for future in list(waiters):
-        future.set_result((success, text))
-    if isinstance(waiters, list):
-        waiters.clear()
-
-
-def _summarize(state: LiveState) -> str:
-    lines = {item.span.line_id for item in state.confirmed}
-    return f'{len(lines)} lines, {len(state.confirmed)} spans, {len(state.hazards)} hazards'
-
-
-def _stamp(node: Node) -> Any:
-    from std_msgs.msg import Header
-
+def _stamp(node: Node) -> Header:
     return Header(stamp=node.get_clock().now().to_msg())

@@ -53,7 +53,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             return _complain(f'unknown argument {rest[0]!r} (see {NAME} --help)')
         node = InspectNode()
     except PlcInspectError as error:
-        rclpy.try_shutdown()
+        rclpy.utilities.try_shutdown()
         return _complain(error)
     executor = SingleThreadedExecutor()
     executor.add_node(node)
@@ -68,7 +68,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         node.close()
         executor.shutdown()
         node.destroy_node()
-        rclpy.try_shutdown()
+        rclpy.utilities.try_shutdown()
     return DONE
 
 

@@ -75,7 +75,7 @@ def _run(arguments: argparse.Namespace) -> int:
         try:
             player.wait_for_subscribers(arguments.wait)
             count = player.play(arguments.rate, arguments.start)
-            while arguments.loop and rclpy.ok():
+            while arguments.loop and rclpy.utilities.ok():
                 count += player.play(arguments.rate, arguments.start)
             if not arguments.quiet:
                 print(f'{NAME}: {count} messages played')
@@ -83,7 +83,7 @@ def _run(arguments: argparse.Namespace) -> int:
             pass
         finally:
             player.close()
-            rclpy.try_shutdown()
+            rclpy.utilities.try_shutdown()
     return DONE
 
 

@@ -1,0 +1,61 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The onboard node on a robot.
+
+The transport for large clouds is set for the node; the driver needs the same environment, so
+include this file and the driver's in one launch file after SetEnvironmentVariable, or export it.
+"""
+
+import os
+
+from ament_index_python.packages import get_package_share_directory
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, SetEnvironmentVariable
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+TRANSPORT = 'LARGE_DATA?max_msg_size=2MB&sockets_size=4MB&non_blocking=true'
+
+
+def generate_launch_description():
+    """Describe the node with its parameters and remappings."""
+    share = get_package_share_directory('plc_inspect')
+    return LaunchDescription([
+        DeclareLaunchArgument('params', default_value=os.path.join(
+            share, 'config', 'plc_inspect.yaml')),
+        DeclareLaunchArgument('scans', default_value='velodyne_points'),
+        DeclareLaunchArgument('odometry', default_value='odometry'),
+        DeclareLaunchArgument('output', default_value=''),
+        DeclareLaunchArgument('use_sim_time', default_value='false'),
+        SetEnvironmentVariable('FASTDDS_BUILTIN_TRANSPORTS', TRANSPORT),
+        Node(
+            package='plc_inspect',
+            executable='plc_node',
+            name='plc_inspect',
+            output='screen',
+            # Results are written at the end: give them time before SIGKILL.
+            sigterm_timeout='60',
+            sigkill_timeout='60',
+            parameters=[LaunchConfiguration('params'), {
+                'output.directory': LaunchConfiguration('output'),
+                'use_sim_time': LaunchConfiguration('use_sim_time'),
+            }],
+            remappings=[
+                ('velodyne_points', LaunchConfiguration('scans')),
+                ('odometry', LaunchConfiguration('odometry')),
+            ],
+        ),
+    ])

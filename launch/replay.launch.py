@@ -1,0 +1,52 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A recording, played to the node, with or without RViz."""
+
+import os
+
+from ament_index_python.packages import get_package_share_directory
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, Shutdown
+from launch.conditions import IfCondition
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+
+def generate_launch_description():
+    """Describe the node, the player and RViz."""
+    share = get_package_share_directory('plc_inspect')
+    inspect = PythonLaunchDescriptionSource(os.path.join(share, 'launch', 'inspect.launch.py'))
+    return LaunchDescription([
+        DeclareLaunchArgument('bag'),
+        DeclareLaunchArgument('rate', default_value='1.0'),
+        DeclareLaunchArgument('rviz', default_value='true'),
+        IncludeLaunchDescription(inspect, launch_arguments={'use_sim_time': 'true'}.items()),
+        Node(
+            package='plc_inspect',
+            executable='plc_play',
+            arguments=[
+                LaunchConfiguration('bag'), '--rate', LaunchConfiguration('rate'), '--wait', '30',
+            ],
+            output='screen',
+            on_exit=Shutdown(),
+        ),
+        Node(
+            package='rviz2',
+            executable='rviz2',
+            arguments=['-d', os.path.join(share, 'config', 'inspect.rviz')],
+            condition=IfCondition(LaunchConfiguration('rviz')),
+        ),
+    ])

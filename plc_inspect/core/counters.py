@@ -1,0 +1,62 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What came in, and why some of it did not go into the map."""
+
+from dataclasses import dataclass
+import enum
+
+
+class DropReason(enum.Enum):
+    """Why a scan did not go into the map."""
+
+    NO_POSE_BEFORE = 'no pose before it'
+    NO_POSE_AFTER = 'no pose after it when the recording ended'
+    POSE_GAP = 'gap in the odometry'
+    POSE_JUMP = 'jump of the odometry'
+    WAITED_TOO_LONG = 'waited too long for odometry'
+    QUEUE_FULL = 'too many scans waiting for odometry'
+    WRONG_FRAME = 'another frame than the scans before'
+    OUT_OF_MAP = 'points too far away for the map'
+    RESET = 'waiting when the buffers were reset'
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Counters:
+    """What has come in and what became of it, since the start."""
+
+    num_scans: int
+    num_scans_inserted: int
+    num_scans_waiting: int
+    scans_dropped: dict[str, int]
+    """DropReason value to count."""
+    num_scans_lost: int
+    """Scans missing between header stamps, judged by the median period."""
+    num_interruptions: int
+    """Pauses between scans that are too long to be lost scans."""
+    num_scans_without_time: int
+    """Scans whose points have no times: deskewed between scans, not within."""
+    scan_period: float | None
+    """Median time between scans [s], None while unknown."""
+    num_points: int
+    """Points received, those that are not finite included."""
+    num_points_inserted: int
+    points_dropped: dict[str, int]
+    """'not finite', 'too near', 'too far', 'map full' to count; points of dropped scans apart."""
+    num_poses: int
+    poses_rejected: dict[str, int]
+    """PoseStatus value, or 'another frame', to count."""
+    num_pose_gaps: int
+    num_pose_jumps: int
+    num_pose_restarts: int

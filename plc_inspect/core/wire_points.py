@@ -1,0 +1,53 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The wire points of each span."""
+
+import numpy as np
+
+from plc_inspect.results import Float32, Float64, InspectionResult, Int64, Span
+
+
+class WirePoints:
+    """
+    The wire points of a result by span.
+
+    Parameters
+    ----------
+    result : InspectionResult
+        What was found.
+    points : Float64
+        (N, 3) the points it was found in [m].
+
+    """
+
+    def __init__(self, result: InspectionResult, points: Float64) -> None:
+        wire = np.flatnonzero(result.line_id >= 0)
+        order = np.lexsort((result.span_id[wire], result.line_id[wire]))
+        self._chosen = wire[order]
+        self._keys = np.column_stack((result.line_id, result.span_id))[self._chosen]
+        self._points, self._residual = points, result.residual
+
+    def take(self, span: Span) -> tuple[Float64, Float32]:
+        """Return copies of the points and residuals of one span."""
+        own = self._chosen[(self._keys == (span.line_id, span.span_id)).all(axis=1)]
+        return self._points[own], self._residual[own]
+
+
+def thin_points(points: Float64, spacing: float) -> Int64:
+    """Return the indices of one point for each cube of edge ``spacing`` that holds any."""
+    cubes = np.floor(points / spacing).astype(np.int64)
+    _, first = np.unique(cubes, axis=0, return_index=True)
+    result: Int64 = np.sort(first).astype(np.int64)
+    return result
