@@ -53,6 +53,23 @@ def test_spans_count_along_the_route_and_lines_go_through():
         assert route.reverse[number] == runs_west
 
 
+@pytest.mark.parametrize('seed', range(4))
+def test_the_order_of_curves_does_not_matter(seed):
+    supports = [(0, 0), (90, 0), (160, 40), (250, 50)]
+    one = trace(supports)
+    other = trace(supports, np.random.default_rng(seed).permutation(9))
+    found = []
+    for layout, route in (one, other):
+        middle = get_middles(layout).round(0)
+        found.append({
+            tuple(place): (line, span)
+            for place, line, span in zip(
+                middle.tolist(), route.line_id, route.span_id, strict=True
+            )
+        })
+    assert found[0] == found[1]
+
+
 @pytest.mark.parametrize('degrees', [60, 90, 150, 180, 270])
 def test_lines_keep_their_course_whatever_the_yaw(degrees):
     supports = [(0, 0), (90, 0), (160, 40), (250, 50)]
