@@ -156,6 +156,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error(f'--most must be {NUM_POINTS[0]} or more and --repeats 1 or more')
     rng = np.random.default_rng(0)
     with open_cache(arguments.cache) as cache:
+        for points in grow_density(cache, NUM_POINTS[0], rng):
+            Pipeline().run(points)  # compiles, or loads what is compiled
         density = [
             take(len(points), points, arguments.repeats)
             for points in grow_density(cache, arguments.most, rng)
