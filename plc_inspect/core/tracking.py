@@ -269,7 +269,7 @@ class SupportBook:
         numbered : mapping
             The tick's numbers of spans to the lasting ones.
         holds : callable
-            Where the tick saw everything; supports elsewhere are left as they are known.
+            Where the tick saw everything; known supports elsewhere are left as they are.
         final : bool
             Believe the tick at once.
 
@@ -281,8 +281,7 @@ class SupportBook:
         taken: set[int] = set()
         for support in supports:
             carried = {number for line in support.line_ids for number in lines.get(line, ())}
-            held = bool(holds(support.position[None])[0])
-            if not carried or not (held or final):
+            if not carried:
                 continue
             found = self._find(support, taken)
             if found is None:
@@ -290,6 +289,8 @@ class SupportBook:
             else:
                 number = found
             taken.add(number)
+            if found is not None and not final and not holds(support.position[None])[0]:
+                continue
             self._misses[number] = 0
             self._known[number] = replace(
                 support, support_id=number, line_ids=tuple(sorted(carried))

@@ -56,6 +56,10 @@ class Complaints:
             self._last[topic] = now
             self._say(text)
 
+    def forget(self) -> None:
+        """Log the next complaint of every topic."""
+        self._last.clear()
+
 
 class Intake:
     """
@@ -132,6 +136,7 @@ class Intake:
 
     def reset(self) -> None:
         """Forget the map and all that waits; counters go on."""
+        self._complaints.forget()
         self.accumulator.reset()
         self.evictor.clear()
         self.first_stamp = None

@@ -1,0 +1,299 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The real node on a ROS graph of its own, and a robot that feeds it, for tests."""
+
+from array import array
+import itertools
+import os
+import threading
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry
+import numpy as np
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import PointCloud2, PointField
+from std_srvs.srv import Trigger
+from visualization_msgs.msg import MarkerArray
+
+from plc_inspect.core.warm_up import make_sample
+from plc_inspect.ros.messages import read_rows
+from plc_inspect.ros.node import InspectNode
+from plc_inspect.ros.qos import PLAYER, RESULTS
+from plc_inspect.ros.transport import prepare_transport
+
+DEADLINE = 30.0
+"""Longest wait of a test for anything [s]."""
+BASE = 1_700_000_000
+"""Time of the first scan [s]."""
+VEHICLE = np.array([60.0, 9.0, 14.0])
+"""Where the robot hovers in the sample's frame [m]."""
+_CODES = {'f4': PointField.FLOAT32, 'f8': PointField.FLOAT64, 'u2': PointField.UINT16,
+          'i4': PointField.INT32}
+_domains = itertools.count(1 + os.getpid() * 7 % 90)
+
+
+def take_domain():
+    """Return the domain id of the next graph; ids from 1 to 100 take turns."""
+    return 1 + next(_domains) % 100
+
+
+def isolate():
+    """Keep everything on this machine; before the first context."""
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    prepare_transport()
+
+
+def wait_for(condition, what='condition', deadline=DEADLINE):
+    """Wait until a condition holds and return what it gave; fail at the deadline."""
+    end = time.monotonic() + deadline
+    while time.monotonic() < end:
+        value = condition()
+        if value:
+            return value
+        time.sleep(0.01)
+    raise AssertionError(f'no {what} within {deadline:g} s')
+
+
+def make_cloud(
+    points, stamp, frame_id='velodyne', *, times=True, big_endian=False, pad=0, height=1,
+    row_pad=0, fields='xyz',
+):
+    """Return a PointCloud2 in the driver's manner, or in one of its many variations."""
+    order = '>' if big_endian else '<'
+    layout = [(name, order + 'f4') for name in fields] + [('ring', order + 'u2')]
+    if times:
+        layout.append(('time', order + 'f4'))
+    offsets = np.cumsum([0, *(np.dtype(kind).itemsize for _, kind in layout)]) + pad
+    dtype = np.dtype({
+        'names': [name for name, _ in layout], 'formats': [kind for _, kind in layout],
+        'offsets': offsets[:-1].tolist(), 'itemsize': int(offsets[-1]) + pad,
+    })
+    rows = np.zeros(len(points), dtype)
+    for axis, name in enumerate('xyz'):
+        if name in fields:
+            rows[name] = points[:, axis]
+    if times:
+        rows['time'] = np.linspace(-0.06, 0.0, len(points))
+    width = len(points) // height
+    lines = np.frombuffer(rows.tobytes(), np.uint8).reshape(height, width * dtype.itemsize)
+    lines = np.pad(lines, ((0, 0), (0, row_pad)), constant_values=171)
+    message = PointCloud2(
+        height=height, width=width, is_bigendian=big_endian, point_step=dtype.itemsize,
+        row_step=width * dtype.itemsize + row_pad,
+        fields=[
+            PointField(name=name, offset=dtype.fields[name][1], count=1,
+                       datatype=_CODES[kind[1:]])
+            for name, kind in layout
+        ],
+    )
+    message.header.frame_id = frame_id
+    put_stamp(message, stamp)
+    message.data = array('B', lines.tobytes())
+    return message
+
+
+def put_stamp(message, stamp):
+    """Set a header stamp to a number of seconds after BASE."""
+    nanoseconds = round(stamp * 1e9)
+    message.header.stamp.sec = BASE + nanoseconds // 1_000_000_000
+    message.header.stamp.nanosec = nanoseconds % 1_000_000_000
+
+
+class Robot:
+    """Driver and odometry of a robot that hovers beside a made-up line of six spans."""
+
+    def __init__(self, context):
+        self.node = Node('robot', context=context)
+        self.scans = self.node.create_publisher(PointCloud2, 'velodyne_points', PLAYER)
+        self.odometry = self.node.create_publisher(Odometry, 'odometry', PLAYER)
+        self.time = 1.0
+        self._points = make_sample() - VEHICLE
+        self._rng = np.random.default_rng(0)
+
+    def connect(self):
+        """Wait until the node listens."""
+        wait_for(lambda: self.scans.get_subscription_count()
+                 and self.odometry.get_subscription_count(), 'subscriber')
+
+    def send_pose(self, stamp=None, position=(0.0, 0.0, 0.0), quaternion=(0.0, 0.0, 0.0, 1.0),
+                  frame_id='odom'):
+        """Send one pose; the position is added to where the robot hovers."""
+        message = Odometry(child_frame_id='base_link')
+        message.header.frame_id = frame_id
+        put_stamp(message, self.time if stamp is None else stamp)
+        pose = message.pose.pose
+        pose.position.x, pose.position.y, pose.position.z = (VEHICLE + position).tolist()
+        (pose.orientation.x, pose.orientation.y, pose.orientation.z,
+         pose.orientation.w) = map(float, quaternion)
+        self.odometry.publish(message)
+
+    def look(self, share=0.5):
+        """Return what a scan sees: a part of the sample, in the lidar's frame."""
+        chosen = self._rng.random(len(self._points)) < share
+        return self._points[chosen].astype(np.float32)
+
+    def send_scan(self, points=None, stamp=None, **options):
+        """Send one scan."""
+        points = self.look() if points is None else points
+        self.scans.publish(
+            make_cloud(points, self.time if stamp is None else stamp, **options)
+        )
+
+    def step(self, points=None, **options):
+        """Let 0.1 s pass: poses at 50 Hz and a scan of that time."""
+        for number in range(5):
+            self.send_pose(self.time + 0.02 * number)
+        self.time = round(self.time + 0.1, 6)
+        self.send_scan(points, stamp=self.time - 0.03, **options)
+        self.send_pose(self.time - 0.01)
+
+    def close(self):
+        """Leave the graph."""
+        self.node.destroy_node()
+
+
+class Rig:
+    """The node in a thread, a robot that feeds it, and a client that listens."""
+
+    def __init__(self, **parameters):
+        isolate()
+        self.domain = take_domain()
+        self.contexts = [Context(), Context()]
+        for context in self.contexts:
+            rclpy.init(context=context, domain_id=self.domain)
+        defaults = {'map.max_voxels': 200_000, 'segment.period': 3600.0}
+        overrides = [
+            Parameter(name, value=value) for name, value in (defaults | parameters).items()
+        ]
+        self.node = InspectNode(context=self.contexts[0], parameter_overrides=overrides)
+        self.log = []
+        self.robot = Robot(self.contexts[1])
+        self.client = Node('client', context=self.contexts[1])
+        self.received = {}
+        for name in ('lines', 'corridor', 'catenaries', 'hazards'):
+            self.listen(name, PointCloud2, f'/plc_inspect/{name}', RESULTS)
+        self.listen('markers', MarkerArray, '/plc_inspect/markers', RESULTS)
+        self.listen('diagnostics', DiagnosticArray, '/diagnostics', 10)
+        self.executors = [
+            SingleThreadedExecutor(context=context) for context in self.contexts
+        ]
+        self.executors[0].add_node(self.node)
+        self.executors[1].add_node(self.client)
+        self.threads = [
+            threading.Thread(target=self._spin, args=(executor,), daemon=True)
+            for executor in self.executors
+        ]
+        for thread in self.threads:
+            thread.start()
+        self.robot.connect()
+        # The first job makes the kernels ready, which takes long where they must be compiled.
+        self.call('segment', deadline=180.0)
+
+    @staticmethod
+    def _spin(executor):
+        try:
+            executor.spin()
+        except ExternalShutdownException:
+            pass
+
+    def listen(self, name, kind, topic, qos):
+        """Keep all messages of a topic."""
+        self.received[name] = []
+        self.client.create_subscription(kind, topic, self.received[name].append, qos)
+
+    def call(self, service, deadline=DEADLINE):
+        """Call a service and return its response."""
+        client = self.client.create_client(Trigger, f'/plc_inspect/{service}')
+        assert client.wait_for_service(deadline)
+        future = client.call_async(Trigger.Request())
+        wait_for(future.done, f'answer of {service}', deadline)
+        self.client.destroy_client(client)
+        return future.result()
+
+    def counters(self):
+        """Return what came in so far; the node's thread may be counting just now."""
+        for _ in range(20):
+            try:
+                return self.node.intake.accumulator.counters()
+            except RuntimeError:  # a dictionary grew while it was copied
+                continue
+        raise AssertionError('counters are never at rest')
+
+    def wait_until(self, condition, what='count'):
+        """Wait until a condition on the counters holds, and return them."""
+        wait_for(lambda: condition(self.counters()), what)
+        return self.counters()
+
+    def inserted(self):
+        """Return the number of scans that went into the map."""
+        return self.counters().num_scans_inserted
+
+    def feed(self, num_scans=4, **options):
+        """Send good scans and wait until they are in the map."""
+        goal = self.inserted() + num_scans
+        for _ in range(num_scans):
+            self.robot.step(**options)
+        self.wait_until(lambda c: c.num_scans_inserted >= goal, 'inserted scans')
+
+    def rows(self, name):
+        """Return the rows of the newest message of a table."""
+        return read_rows(wait_for(lambda: self.received[name], name)[-1])
+
+    def status(self, name):
+        """Return the next diagnostic status of a name, as message and values."""
+        seen = len(self.received['diagnostics'])
+        wait_for(lambda: len(self.received['diagnostics']) > seen + 1, 'diagnostics')
+        for status in self.received['diagnostics'][-1].status:
+            if status.name == f'plc_inspect: {name}':
+                return status, {item.key: item.value for item in status.values}
+        raise AssertionError(name)
+
+    def reset(self):
+        """Bring the node back to how it started, counters apart."""
+        assert self.call('reset').success
+        self.robot.time = round(self.robot.time + 100.0, 6)
+
+    def check_alive(self):
+        """Feed the node from nothing and see that it finds the line."""
+        self.reset()
+        self.feed()
+        for _ in range(2):
+            assert self.call('segment').success
+            self.feed(2)
+        assert self.call('segment').success
+        assert len(self.node.state.confirmed) >= 3
+        points = self.node.intake.accumulator.map.centroids()
+        low, high = make_sample().min(axis=0) - 0.3, make_sample().max(axis=0) + 0.3
+        assert (points >= low).all()
+        assert (points <= high).all()
+
+    def close(self):
+        """End everything, in order."""
+        for executor in self.executors:
+            executor.shutdown()
+        for thread in self.threads:
+            thread.join(10.0)
+            assert not thread.is_alive()
+        self.node.close(save=False)
+        self.node.destroy_node()
+        self.robot.close()
+        self.client.destroy_node()
+        for context in self.contexts:
+            rclpy.shutdown(context=context)
