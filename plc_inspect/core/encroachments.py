@@ -160,7 +160,7 @@ def find_encroachments(
 def _at_supports(
     near: Surroundings, models: Sequence[SpanModel], supports: Sequence[Support]
 ) -> Bool:
-    """Tell the points so near to a support that arms and insulators explain them."""
+    """Tell the points so near to a support that its arms and insulators explain them."""
     result = np.zeros(len(near.points), dtype=bool)
     for number in np.unique(near.owner).tolist():
         model = models[number]
@@ -170,7 +170,7 @@ def _at_supports(
         for place, distance in ((0.0, along), (model.span.length, model.span.length - along)):
             support, _ = find_support(model.span, place, supports)
             kinds = [item.kind for item in supports if item.support_id == support]
-            if kinds:
+            if kinds and kinds[0] != 'unseen':
                 result[mine[distance <= POLE_ROOM if kinds[0] == 'pole' else
                             distance <= TOWER_ROOM]] = True
     return result

@@ -29,6 +29,8 @@ from plc_inspect.results import Bool, Float64, Support
 
 TERMINAL_SPREAD = 2.5
 """Open ends this near along the line end at one support [m]."""
+MAX_BELOW = 0.7
+"""The top of a support lies at most this far below the lowest conductor it holds [m]."""
 HOLD_RADIUS = 3.0
 HOLD_POINTS = 3
 """Insulators and arms leave this many points within HOLD_RADIUS of a conductor's end [m]."""
@@ -82,6 +84,8 @@ def place_supports(
                 2.5 if len(members) < 3 else 4.0,
                 float(attachments[:, 2].min()) - base,
             )
+        if structure is not None and structure.top < float(attachments[:, 2].min()) - MAX_BELOW:
+            structure = None  # what holds conductors reaches up to them; a tree below does not
         is_pole = structure is not None and structure.kind == 'pole'
         held = len(members) > 1 and (
             structure is not None

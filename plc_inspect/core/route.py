@@ -29,6 +29,8 @@ from plc_inspect.results import Float64
 PARALLEL = math.radians(6.0)
 SIDE_BY_SIDE = 16.0
 """Conductors of one span are this near to the next one [m]."""
+LAYER_GAP = 0.8
+"""Conductors that follow one another in height by more than this hang in two layers [m]."""
 MAX_SHIFT = 2.5
 """Ends of one line at a support are this near; insulators lie between [m]."""
 
@@ -77,19 +79,45 @@ def trace_routes(layout: Layout) -> Route:
             bool(np.linalg.norm(at[1] - start) < np.linalg.norm(at[0] - start))
         )
     keys: dict[int, tuple[float, ...]] = {}
-    for curve in range(num):
-        middle = (layout.start_x[curve] + layout.end_x[curve]) / 2
-        here = layout.curves[curve].position(middle)[0]
-        azimuth = layout.curves[curve].azimuth + (math.pi if reverse[curve] else 0.0)
-        left = here[1] * math.cos(azimuth) - here[0] * math.sin(azimuth)
-        key = (float(span_id[curve]), -round(float(here[2]), 1), -float(left))
-        keys[line[curve]] = min(keys.get(line[curve], key), key)
+    for span in sorted(set(span_id)):
+        members = [curve for curve in range(num) if span_id[curve] == span]
+        for curve, key in _order_across(layout, members, reverse).items():
+            whole = (float(span), *key)
+            keys[line[curve]] = min(keys.get(line[curve], whole), whole)
     number = {old: new for new, old in enumerate(sorted(keys, key=lambda item: keys[item]))}
     return Route(
         line_id=tuple(number[item] for item in line),
         span_id=tuple(span_id),
         reverse=tuple(reverse),
     )
+
+
+def _order_across(
+    layout: Layout, members: list[int], reverse: list[bool]
+) -> dict[int, tuple[float, float]]:
+    """Layer from the top, and place from left to right, of each conductor of one span."""
+    middles = np.array(
+        [
+            layout.curves[curve].position((layout.start_x[curve] + layout.end_x[curve]) / 2)[0]
+            for curve in members
+        ]
+    )
+    azimuths = np.array(
+        [layout.curves[curve].azimuth + (math.pi if reverse[curve] else 0.0) for curve in members]
+    )
+    azimuth = math.atan2(float(np.sin(azimuths).sum()), float(np.cos(azimuths).sum()))
+    left = (middles[:, :2] - middles[:, :2].mean(axis=0)) @ np.array(
+        [-math.sin(azimuth), math.cos(azimuth)]
+    )
+    order = np.argsort(-middles[:, 2], kind='stable')
+    layer = np.empty(len(members))
+    layer[order] = np.concatenate(
+        [[0.0], np.cumsum(np.diff(middles[order, 2]) < -LAYER_GAP).astype(np.float64)]
+    )
+    return {
+        curve: (float(layer[place]), -round(float(left[place]), 3))
+        for place, curve in enumerate(members)
+    }
 
 
 def _unite(

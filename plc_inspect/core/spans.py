@@ -36,6 +36,12 @@ from plc_inspect.results import Bool, Float32, Float64, Int32, Int64, Span, Supp
 
 END_SLACK = 0.3
 """Wire points may lie this far beyond the end of a span [m]."""
+MISFIT_PARTS = 20
+"""Parts of a span whose mean residuals are compared with the noise."""
+TERMINAL_END = 0.12
+LONE_END = 0.1
+MIN_END = 0.05
+"""Standard deviation of where a span ends: at a line's end, by one conductor, at best [m]."""
 MAX_GROUND_GAP = 8.0
 """No clearance above ground is given farther than this from where ground was seen [m]."""
 MAX_FINAL_POINTS = 20_000
@@ -157,6 +163,10 @@ def build_spans(
                 route.line_id[number],
                 route.span_id[number],
                 profile_curve(points, index, curve, low, high).coverage,
+                (
+                    TERMINAL_END if (number, -1) in closed else _end_sigma(layout, number, -1),
+                    TERMINAL_END if (number, 1) in closed else _end_sigma(layout, number, 1),
+                ),
             )
         )
     models.sort(key=lambda model: (model.span.line_id, model.span.span_id))
@@ -258,7 +268,46 @@ def _refit(
             low = min(low, curve.low) if curve.low < low + 1.0 else curve.low
         if layout.end_station[number] < 0:
             high = max(high, curve.high) if curve.high > high - 1.0 else curve.high
-    return curve, low, high
+    scale = _misfit(points, curve)
+    fit = dataclasses.replace(curve.fit, covariance=curve.fit.covariance * scale)
+    return dataclasses.replace(curve, fit=fit), low, high
+
+
+def _misfit(points: Float64, curve: Curve) -> float:
+    """
+    Factor by which the scatter of the residuals' local means exceeds that of pure noise.
+
+    Residuals of neighbours go together where poses drift or something hangs on the conductor;
+    least squares alone would then be too sure of itself.  At least 1.
+    """
+    own = points[curve.points]
+    x, _ = curve.local(own)
+    residual = own[:, 2] - curve.fit.height(x)
+    place = np.minimum(
+        ((x - curve.low) / max(curve.length, 1e-9) * MISFIT_PARTS).astype(np.int64),
+        MISFIT_PARTS - 1,
+    )
+    count = np.bincount(place, minlength=MISFIT_PARTS)
+    total = np.bincount(place, residual, minlength=MISFIT_PARTS)
+    filled = count > 1
+    freedom = int(filled.sum()) - 3
+    variance = float(np.mean(residual**2))
+    if freedom < 3 or variance <= 0.0:
+        return 1.0
+    return max(float((total[filled] ** 2 / count[filled]).sum()) / variance / freedom, 1.0)
+
+
+def _end_sigma(layout: Layout, number: int, side: int) -> float:
+    """Return the standard deviation of the place of a span's end [m]; 0 where it is open."""
+    station = (layout.end_station if side > 0 else layout.start_station)[number]
+    if station < 0:
+        return 0.0
+    record = layout.stations[station]
+    if len(record.attachments) < 2:
+        return LONE_END
+    unit = np.array([math.cos(record.direction), math.sin(record.direction)])
+    along = (record.attachments[:, :2] - record.position) @ unit
+    return max(float(np.std(along, ddof=1)), MIN_END)
 
 
 def _model(
@@ -272,12 +321,19 @@ def _model(
     line: int,
     span: int,
     coverage: float,
+    end_sigma: tuple[float, float],
 ) -> SpanModel:
     """Span in the orientation of its route."""
     start_x, end_x = (high, low) if reverse else (low, high)
     sign = -1.0 if reverse else 1.0
     start, end = curve.position(np.array([start_x, end_x]))
     sag, sigma_sag = curve.fit.sag(low, high)
+    step = 0.25
+    shares = (
+        (curve.fit.sag(low - step, high)[0] - curve.fit.sag(low + step, high)[0]) / (2 * step),
+        (curve.fit.sag(low, high + step)[0] - curve.fit.sag(low, high - step)[0]) / (2 * step),
+    )
+    sigma_sag = math.hypot(sigma_sag, shares[0] * end_sigma[0], shares[1] * end_sigma[1])
     sigma_a, sigma_b, sigma_c = curve.fit.parameter_sigma()
     x, _ = curve.local(points[own])
     along = (x - start_x) * sign

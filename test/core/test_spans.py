@@ -164,7 +164,7 @@ def test_the_spans_of_one_stretch_run_the_same_way(degrees, seed):
 
 
 def test_a_tree_beside_a_support_is_not_part_of_it():
-    tree = make_tree(104.0, 0.0, 14.0)
+    tree = make_tree(103.0, 0.0, 14.0)
     points, label = make_line_cloud(spans=(100.0, 100.0), poles=False, more=[tree])
     result = build(points, label, 6)
     assert result.support[-len(tree):].mean() < 0.5
