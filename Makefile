@@ -2,8 +2,9 @@
 
 BIN := .venv/bin
 DEMO_OUT := demo_out
+SURVEYS := build/surveys
 
-.PHONY: help install demo test lint settings picture clean
+.PHONY: help install demo test lint settings picture bench accuracy clean
 
 help:
 	@echo 'make install   make .venv with plc_inspect in it'
@@ -11,6 +12,8 @@ help:
 	@echo 'make test      linter, types and all tests'
 	@echo 'make settings  write config/plc_inspect.yaml and docs/settings.md from the defaults'
 	@echo 'make picture   draw the picture of README.md from the demo flight'
+	@echo 'make bench     print the table of the paper beside that of plc_inspect'
+	@echo 'make accuracy  run all scenes and real clouds, write docs/accuracy.md (half an hour)'
 	@echo 'make clean     remove what was made'
 
 install:
@@ -31,6 +34,12 @@ settings: install
 
 picture: demo
 	$(BIN)/python tools/make_picture.py $(DEMO_OUT) docs/images/demo.png
+
+bench: install
+	$(BIN)/python bench/table2.py --cache $(SURVEYS)
+
+accuracy: install
+	$(BIN)/python bench/accuracy.py --cache $(SURVEYS)
 
 clean:
 	rm -rf .venv $(DEMO_OUT) build install log *.egg-info .pytest_cache .mypy_cache .ruff_cache
