@@ -4,7 +4,7 @@ BIN := .venv/bin
 DEMO_OUT := demo_out
 SURVEYS := build/surveys
 
-.PHONY: help install demo test lint settings picture bench accuracy clean
+.PHONY: help install demo test lint settings picture bench performance accuracy clean
 
 help:
 	@echo 'make install   make .venv with plc_inspect in it'
@@ -13,6 +13,7 @@ help:
 	@echo 'make settings  write config/plc_inspect.yaml and docs/settings.md from the defaults'
 	@echo 'make picture   draw the picture of README.md from the demo flight'
 	@echo 'make bench     print the table of the paper beside that of plc_inspect'
+	@echo 'make performance  run all benches of the pipeline, write docs/performance.md'
 	@echo 'make accuracy  run all scenes and real clouds, write docs/accuracy.md (half an hour)'
 	@echo 'make clean     remove what was made'
 
@@ -37,6 +38,11 @@ picture: demo
 
 bench: install
 	$(BIN)/python bench/table2.py --cache $(SURVEYS)
+
+performance: install
+	$(BIN)/python bench/table2.py --cache $(SURVEYS) --write
+	$(BIN)/python bench/scaling.py --cache $(SURVEYS) --write
+	$(BIN)/python bench/survey_io.py --cache $(SURVEYS) --write
 
 accuracy: install
 	$(BIN)/python bench/accuracy.py --cache $(SURVEYS)
