@@ -18,7 +18,7 @@ Growth of time and memory with the number of points and with the length of the c
 The points are those of one high-voltage corridor at rising density, and copies of a corridor laid
 end to end at one density.  A straight line in the double logarithmic plot is a power; its slope is
 printed, and 1 is linear.  ``--write`` draws docs/images/scaling.png and puts the tables into
-docs/performance.md.  How a tick of the node grows with the flight is measured by the node's own benches.
+docs/performance.md.  How a tick of the node grows with the flight is the node benches' affair.
 """
 
 import argparse
