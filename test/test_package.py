@@ -37,6 +37,7 @@ IMPORT_TO_KEY = {
     'pyproj': 'python3-pyproj',
     'rosbags': 'python3-rosbags-pip',
     'scipy': 'python3-scipy',
+    'shapely': 'python3-shapely',
     'sklearn': 'python3-sklearn',
     'tqdm': 'python3-tqdm',
     'yaml': 'python3-yaml',
@@ -44,7 +45,7 @@ IMPORT_TO_KEY = {
 IMPORT_TO_REQUIREMENT = {
     'markupsafe': 'jinja2', 'sklearn': 'scikit-learn', 'yaml': 'PyYAML', 'lazrs': 'laspy',
 }
-WITHOUT_KEY = {'laspy', 'lazrs'}
+WITHOUT_KEY = {'ezdxf', 'laspy', 'lazrs', 'pyogrio'}
 
 
 @pytest.fixture(scope='module')

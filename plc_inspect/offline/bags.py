@@ -176,9 +176,11 @@ class Recording:
 
         """
         reader = self._open_reader()
+        store = get_typestore(Stores.ROS2_JAZZY)
         for connection, stamp, raw in self._read(reader):
-            if not reader.is2:
-                raw = bytes(reader.typestore.ros1_to_cdr(raw, connection.msgtype))
+            if not reader.is2:  # headers of ROS 1 have a field more
+                kind = connection.msgtype
+                raw = bytes(store.serialize_cdr(reader.deserialize(raw, kind), kind))
             yield RawMessage(stamp, _absolute(connection.topic), bytes(raw))
 
     def _read(self, reader: AnyReader) -> Iterator[tuple[Any, int, bytes]]:

@@ -56,6 +56,30 @@ def make_parser(name: str, description: str) -> Parser:
         help='one setting; may be repeated, wins over --params',
     )
     parser.add_argument('--force', action='store_true', help='replace a results folder')
+    more = parser.add_argument_group('results')
+    more.add_argument(
+        '--rules', metavar='NAME', help='clearance rules: plain, one of config/rules, or a file'
+    )
+    more.add_argument(
+        '--voltage', type=float, metavar='KV', help='nominal voltage that the rules ask for'
+    )
+    more.add_argument('--baseline', type=Path, metavar='OUT', help='earlier results to compare')
+    more.add_argument(
+        '--case', action='append', default=[], metavar='[NAME:] temperature=C[,ice=M][,wind=M/S]',
+        dest='cases', help='what-if: load of the conductors; may be repeated',
+    )
+    more.add_argument('--conductor', metavar='NAME', help='conductor of the line, for --case')
+    more.add_argument(
+        '--conductors', type=Path, metavar='FILE', help='table instead of config/conductors.yaml'
+    )
+    more.add_argument(
+        '--surveyed-at', type=float, metavar='C',
+        help='temperature of the conductors when they were surveyed, for --case',
+    )
+    more.add_argument(
+        '--geo', action='store_true', help='fail where no GeoJSON, KML and GeoPackage is possible'
+    )
+    more.add_argument('--pdf', action='store_true', help='print the report with Chromium as well')
     parser.add_argument('--quiet', action='store_true', help='print errors only')
     return parser
 

@@ -17,12 +17,14 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 import math
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 import laspy
 import numpy as np
 
 from plc_inspect.config import Settings
+from plc_inspect.core.clearance import RuleSet
+from plc_inspect.core.whatif import WhatIf
 from plc_inspect.results import (
     Float64,
     Hazard,
@@ -31,6 +33,9 @@ from plc_inspect.results import (
     Span,
     Support,
 )
+
+if TYPE_CHECKING:
+    from plc_inspect.offline.changes import Changes
 
 Record = dict[str, Any]
 
@@ -82,6 +87,18 @@ class Inspection:
     units: Units = Units()
     las: laspy.LasData | None = None
     """The points as they were read, in the same order; None where they are no LAS points."""
+    georeference: str = ''
+    """WKT of the frame of a flight whose origin is known; not needed where there is a CRS."""
+    altitude: float = 0.0
+    """Height of the frame's z = 0 above sea level [m], for a flight whose origin is known."""
+    rules: RuleSet | None = None
+    """The clearance rules, None for the plain ones of the settings."""
+    what_if: WhatIf | None = None
+    """All spans in other cases of weather and load, None if none was asked for."""
+    changes: 'Changes | None' = None
+    """What changed since an earlier survey, None if none was given."""
+    checksum: str = ''
+    """SHA-256 of the input, hexadecimal; empty where it is no file."""
     counts: Mapping[str, Any] = field(default_factory=dict)
     """What the reader read and dropped, JSON-serialisable."""
     seconds: Mapping[str, float] = field(default_factory=dict)
@@ -118,6 +135,8 @@ def describe_span(span: Span, units: Units) -> Record:
             name: _number(span.sigma.get(name, math.nan) / scale)
             for name in ('a', 'b', 'c', 'sag')
         },
+        'ground_clearance': _number(span.ground_clearance / scale),
+        'ground_along': _number(span.ground_along / scale),
     }
 
 
@@ -157,6 +176,13 @@ def describe_hazard(hazard: Hazard, units: Units) -> Record:
         'rule': hazard.rule,
         'edition': hazard.edition,
         'source': hazard.source,
+        'voltage': hazard.voltage,
+        'other_line_id': hazard.other_line_id,
+        'support_id': hazard.support_id,
+        'from_support': _number(hazard.from_support / scale),
+        'height': _number(hazard.height / units.vertical),
+        'years': _number(hazard.years),
+        'note': hazard.note,
     }
 
 

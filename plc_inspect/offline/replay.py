@@ -16,6 +16,7 @@
 
 import argparse
 from collections.abc import Sequence
+import dataclasses
 from dataclasses import asdict
 from pathlib import Path
 import time
@@ -25,6 +26,7 @@ from plc_inspect.offline.command import DONE, make_parser, Progress, run_command
 
 if TYPE_CHECKING:
     from plc_inspect.config import Settings
+    from plc_inspect.core.clearance import RuleSet
     from plc_inspect.offline.inspection import Inspection
 
 NAME = 'plc_replay'
@@ -36,7 +38,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def replay(
-    path: Path, settings: 'Settings', progress: Progress | None = None
+    path: Path,
+    settings: 'Settings',
+    progress: Progress | None = None,
+    rules: 'RuleSet | None' = None,
 ) -> 'Inspection':
     """
     Build the map of a recording and run the pipeline over it.
@@ -49,6 +54,8 @@ def replay(
         All settings; the topics are in ``input``.
     progress : callable or None
         Called with the name of the step and its share.
+    rules : RuleSet or None
+        Clearance rules, by default the plain ones of the settings.
 
     Returns
     -------
@@ -65,6 +72,7 @@ def replay(
     from plc_inspect.offline.bags import Recording
     from plc_inspect.offline.inspection import Inspection
     from plc_inspect.offline.replay_input import accumulate
+    from plc_inspect.offline.request import hash_input
 
     tell = progress or (lambda step, share: None)
     topics = (settings.input.scan_topic, settings.input.odometry_topic)
@@ -78,7 +86,7 @@ def replay(
     points = points[accumulator.map.counts() >= settings.map.min_points]
     seconds = {'read': time.perf_counter() - started}
     started = time.perf_counter()
-    result = Pipeline(settings).run(points, progress=tell)
+    result = Pipeline(settings, rules).run(points, progress=tell)
     seconds['pipeline'] = time.perf_counter() - started
     return Inspection(
         result=result,
@@ -87,6 +95,8 @@ def replay(
         source=path.absolute().name,
         command=NAME,
         frame_id=accumulator.frame_id,
+        rules=rules,
+        checksum=hash_input(path),
         counts=counts,
         seconds=seconds,
     )
@@ -113,6 +123,7 @@ def _run(argv: Sequence[str] | None) -> int:
     arguments = _parse(argv)
     from plc_inspect.config import update
     from plc_inspect.offline.parameter_file import read_settings
+    from plc_inspect.offline.request import complete, locate_flight, read_request
     from plc_inspect.offline.results_folder import check_folder, write_results
     from plc_inspect.offline.summary import render_summary
 
@@ -122,11 +133,14 @@ def _run(argv: Sequence[str] | None) -> int:
         'input.odometry_topic': arguments.odometry_topic,
     }
     settings = update(settings, {name: topic for name, topic in topics.items() if topic})
+    request, settings = read_request(arguments, settings)
+    origin = locate_flight(arguments.origin)
     check_folder(arguments.output, arguments.force)
     with show_progress(arguments.quiet) as progress:
-        inspection = replay(arguments.bag, settings, progress)
+        inspection = replay(arguments.bag, settings, progress, request.rules)
+        inspection = complete(dataclasses.replace(inspection, **origin), request)
         progress('writing', 0.0)
-        write_results(arguments.output, inspection, arguments.force)
+        write_results(arguments.output, inspection, arguments.force, request.pdf)
     if not arguments.quiet:
         losses = describe_losses(inspection)
         print(render_summary(inspection), *([losses] if losses else []), sep='\n\n')
@@ -142,5 +156,9 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument('--scan-topic', metavar='TOPIC', help='instead of input.scan_topic')
     parser.add_argument(
         '--odometry-topic', metavar='TOPIC', help='instead of input.odometry_topic'
+    )
+    parser.add_argument(
+        '--origin', metavar='LAT,LON,ALT',
+        help='WGS 84 place of the origin of the odometry (x east, y north)',
     )
     return parser.parse_args(argv)

@@ -33,16 +33,23 @@ import numpy as np
 from plc_inspect import __version__
 from plc_inspect.config import to_mapping
 from plc_inspect.errors import DataError
+from plc_inspect.offline.browser import print_pdf
+from plc_inspect.offline.changes import describe_changes
+from plc_inspect.offline.dxf import write_dxf
+from plc_inspect.offline.geo import GEO_FILES, write_geo
 from plc_inspect.offline.inspection import (
     describe_hazard,
     describe_span,
     describe_support,
     flatten,
     Inspection,
+    measure_clearances,
     Record,
 )
+from plc_inspect.offline.playback import write_playback
 from plc_inspect.offline.points_file import write_points
 from plc_inspect.offline.report import render_report
+from plc_inspect.offline.what_if import describe_what_if
 from plc_inspect.results import Decision, PointClass
 
 FILES = (
@@ -54,18 +61,28 @@ FILES = (
     'hazards.csv',
     'points.laz',
     'report.html',
+    'supports.csv',
+    'catenaries.dxf',
+    'results.mcap',
 )
+"""Every results folder holds these."""
+OPTIONAL_FILES = ('whatif.json', 'changes.json', 'report.pdf', *GEO_FILES)
+"""And these where they were asked for or are possible."""
 SPAN_COLUMNS = (
     'line_id', 'span_id', 'start_x', 'start_y', 'start_z', 'end_x', 'end_y', 'end_z',
     'azimuth', 'length', 'a', 'b', 'c', 'a2', 'a1', 'a0', 'sag', 'lowest_x', 'lowest_y',
     'lowest_z', 'open_start', 'open_end', 'rmse', 'num_points', 'coverage', 'sigma_a',
-    'sigma_b', 'sigma_c', 'sigma_sag',
+    'sigma_b', 'sigma_c', 'sigma_sag', 'ground_clearance', 'ground_along',
+    'vegetation_clearance',
+)
+SUPPORT_COLUMNS = (
+    'support_id', 'position_x', 'position_y', 'position_z', 'height', 'kind', 'lines',
 )
 HAZARD_COLUMNS = (
     'hazard_id', 'line_id', 'span_id', 'kind', 'severity', 'position_x', 'position_y',
     'position_z', 'clearance', 'required', 'horizontal', 'vertical', 'sigma', 'along_span',
     'num_points', 'min_x', 'min_y', 'min_z', 'max_x', 'max_y', 'max_z', 'rule', 'edition',
-    'source',
+    'source', 'voltage', 'other_line_id', 'support_id', 'from_support', 'height', 'years', 'note',
 )
 
 
@@ -82,7 +99,7 @@ def check_folder(folder: Path, force: bool = False) -> None:
     if folder.exists():
         if not force:
             raise DataError(f'{folder} exists; --force replaces it')
-        foreign = sorted({item.name for item in folder.iterdir()} - set(FILES))
+        foreign = sorted({item.name for item in folder.iterdir()} - {*FILES, *OPTIONAL_FILES})
         if foreign:
             raise DataError(
                 f'{folder} is not replaced: it holds {len(foreign)} files that are no results,'
@@ -95,7 +112,9 @@ def check_folder(folder: Path, force: bool = False) -> None:
         raise DataError(f'{folder} cannot be written: no permission to write in {ancestor}')
 
 
-def write_results(folder: Path, inspection: Inspection, force: bool = False) -> None:
+def write_results(
+    folder: Path, inspection: Inspection, force: bool = False, pdf: bool = False
+) -> None:
     """
     Write the results folder of one run.
 
@@ -110,6 +129,8 @@ def write_results(folder: Path, inspection: Inspection, force: bool = False) -> 
         The run.
     force : bool
         Replace a results folder that exists.
+    pdf : bool
+        Print the report with an installed Chromium as well.
 
     Raises
     ------
@@ -121,6 +142,8 @@ def write_results(folder: Path, inspection: Inspection, force: bool = False) -> 
     try:
         with _replace_folder(folder) as aside:
             _write_files(aside, inspection)
+            if pdf:
+                print_pdf(aside / 'report.html', aside / 'report.pdf')
     except OSError as error:
         reason = error.strerror or type(error).__name__
         raise DataError(f'{folder} cannot be written: {reason}') from error
@@ -152,7 +175,13 @@ def _write_files(folder: Path, inspection: Inspection) -> None:
     spans = [describe_span(span, units) for span in result.spans]
     supports = [describe_support(support, units) for support in result.supports]
     hazards = [describe_hazard(hazard, units) for hazard in result.hazards]
-    for name, records in (('spans', spans), ('supports', supports), ('hazards', hazards)):
+    for span, distance in zip(
+        spans, measure_clearances(result, inspection.settings.hazards.min_points).values(),
+        strict=True,
+    ):
+        span['vegetation_clearance'] = None if distance is None else distance / units.horizontal
+    tables = {'spans': spans, 'supports': supports, 'hazards': hazards}
+    for name, records in tables.items():
         head = {
             'frame_id': inspection.frame_id,
             'crs': inspection.crs,
@@ -161,6 +190,16 @@ def _write_files(folder: Path, inspection: Inspection) -> None:
         _write_json(folder / f'{name}.json', head | {name: records})
     _write_table(folder / 'spans.csv', SPAN_COLUMNS, spans)
     _write_table(folder / 'hazards.csv', HAZARD_COLUMNS, hazards)
+    _write_table(folder / 'supports.csv', SUPPORT_COLUMNS, [
+        row | {'lines': ' '.join(map(str, row['lines']))} for row in supports
+    ])
+    write_geo(folder, inspection, tables)
+    write_dxf(folder / 'catenaries.dxf', inspection, tables)
+    write_playback(folder / 'results.mcap', inspection)
+    if inspection.what_if is not None:
+        _write_json(folder / 'whatif.json', describe_what_if(inspection.what_if, units))
+    if inspection.changes is not None:
+        _write_json(folder / 'changes.json', describe_changes(inspection.changes, units))
     started = time.perf_counter()
     num_written = write_points(folder / 'points.laz', inspection)
     seconds = dict(inspection.seconds) | {'points_file': time.perf_counter() - started}
@@ -197,6 +236,7 @@ def describe_run(inspection: Inspection, num_written: int) -> Record:
             'frame_id': inspection.frame_id,
             'crs': inspection.crs,
             'metres_per_unit': [inspection.units.horizontal, inspection.units.vertical],
+            'sha256': inspection.checksum,
             'counts': dict(inspection.counts),
         },
         'num_points': result.num_points,

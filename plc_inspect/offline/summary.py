@@ -15,6 +15,7 @@
 """The table that a command prints at its end."""
 
 from collections.abc import Sequence
+import math
 
 from plc_inspect.offline.inspection import (
     describe_hazard,
@@ -50,7 +51,7 @@ def render_summary(inspection: Inspection) -> str:
     if not result.spans:
         return parts[0] + '\nno power line was found'
     clearances = measure_clearances(result, inspection.settings.hazards.min_points)
-    parts.append(_format_table(
+    parts.append(format_table(
         ('line', 'span', f'length [{unit}]', f'sag [{unit}]', '+-', f'rmse [{unit}]', 'points',
          'seen', f'vegetation [{unit}]'),
         [
@@ -62,7 +63,7 @@ def render_summary(inspection: Inspection) -> str:
         ],
     ))
     if result.hazards:
-        parts.append(_format_table(
+        parts.append(format_table(
             ('hazard', 'severity', 'kind', 'line', 'span', f'measured [{unit}]',
              f'required [{unit}]', f'along span [{unit}]'),
             [_hazard_row(describe_hazard(hazard, units)) for hazard in result.hazards],
@@ -71,17 +72,17 @@ def render_summary(inspection: Inspection) -> str:
 
 
 def _span_row(span: Record, clearance: float | None, scale: float) -> list[str]:
-    length = _number(span['length'], 2)
+    length = format_number(span['length'], 2)
     return [
         str(span['line_id']),
         str(span['span_id']),
         length + ('+' if span['open_start'] or span['open_end'] else ' '),
-        _number(span['sag'], 2),
-        _number(span['sigma']['sag'], 3),
-        _number(span['rmse'], 3),
+        format_number(span['sag'], 2),
+        format_number(span['sigma']['sag'], 3),
+        format_number(span['rmse'], 3),
         str(span['num_points']),
         f'{100 * span["coverage"]:.0f} %',
-        '-' if clearance is None else _number(clearance / scale, 2),
+        '-' if clearance is None else format_number(clearance / scale, 2),
     ]
 
 
@@ -92,14 +93,14 @@ def _hazard_row(hazard: Record) -> list[str]:
         hazard['kind'],
         str(hazard['line_id']),
         str(hazard['span_id']),
-        _number(hazard['clearance'], 2),
-        _number(hazard['required'], 2),
-        _number(hazard['along_span'], 1),
+        format_number(hazard['clearance'], 2),
+        format_number(hazard['required'], 2),
+        format_number(hazard['along_span'], 1),
     ]
 
 
-def _format_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Align the columns: numbers to the right, words to the left."""
+def format_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table with its columns aligned: numbers to the right, words to the left."""
     widths = [max(len(cell) for cell in column) for column in zip(head, *rows, strict=True)]
     words = [any(cell[:1].isalpha() for cell in column) for column in zip(*rows, strict=True)]
     return '\n'.join(
@@ -111,8 +112,9 @@ def _format_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     )
 
 
-def _number(value: float | None, decimals: int) -> str:
-    return '-' if value is None else f'{value:.{decimals}f}'
+def format_number(value: float | None, decimals: int) -> str:
+    """Return a number with so many decimals; a dash where there is none."""
+    return '-' if value is None or not math.isfinite(value) else f'{value:.{decimals}f}'
 
 
 def _plural(count: int, noun: str) -> str:

@@ -24,6 +24,7 @@ from plc_inspect.offline.command import DONE, make_parser, Progress, run_command
 
 if TYPE_CHECKING:
     from plc_inspect.config import Settings
+    from plc_inspect.core.clearance import RuleSet
     from plc_inspect.offline.inspection import Inspection
 
 NAME = 'plc_survey'
@@ -35,7 +36,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def survey(
-    path: Path, settings: 'Settings', crs: str | None = None, progress: Progress | None = None
+    path: Path,
+    settings: 'Settings',
+    crs: str | None = None,
+    progress: Progress | None = None,
+    rules: 'RuleSet | None' = None,
 ) -> 'Inspection':
     """
     Run the pipeline over one cloud.
@@ -50,6 +55,8 @@ def survey(
         Coordinate reference system instead of the file's, such as ``EPSG:2992``.
     progress : callable or None
         Called with the name of the step and its share.
+    rules : RuleSet or None
+        Clearance rules, by default the plain ones of the settings.
 
     Returns
     -------
@@ -67,6 +74,7 @@ def survey(
     from plc_inspect.errors import DataError
     from plc_inspect.offline.clouds import read_cloud
     from plc_inspect.offline.inspection import Inspection, Units
+    from plc_inspect.offline.request import hash_input
 
     tell = progress or (lambda step, share: None)
     started = time.perf_counter()
@@ -81,7 +89,7 @@ def survey(
         )
     seconds = {'read': time.perf_counter() - started}
     started = time.perf_counter()
-    result = Pipeline(settings).run(cloud.points, progress=tell)
+    result = Pipeline(settings, rules).run(cloud.points, progress=tell)
     seconds['pipeline'] = time.perf_counter() - started
     horizontal, vertical = cloud.metres_per_unit
     return Inspection(
@@ -93,6 +101,8 @@ def survey(
         crs=cloud.crs,
         units=Units(horizontal=horizontal, vertical=vertical),
         las=cloud.las,
+        rules=rules,
+        checksum=hash_input(path),
         counts={'num_points': num_points, 'num_not_finite': cloud.num_not_finite},
         seconds=seconds,
     )
@@ -101,15 +111,18 @@ def survey(
 def _run(argv: Sequence[str] | None) -> int:
     arguments = _parse(argv)
     from plc_inspect.offline.parameter_file import read_settings
+    from plc_inspect.offline.request import complete, read_request
     from plc_inspect.offline.results_folder import check_folder, write_results
     from plc_inspect.offline.summary import render_summary
 
     settings = read_settings(arguments.params, arguments.assignments)
+    request, settings = read_request(arguments, settings)
     check_folder(arguments.output, arguments.force)
     with show_progress(arguments.quiet) as progress:
-        inspection = survey(arguments.cloud, settings, arguments.crs, progress)
+        inspection = survey(arguments.cloud, settings, arguments.crs, progress, request.rules)
+        inspection = complete(inspection, request)
         progress('writing', 0.0)
-        write_results(arguments.output, inspection, arguments.force)
+        write_results(arguments.output, inspection, arguments.force, request.pdf)
     if not arguments.quiet:
         print(f'{render_summary(inspection)}\n\nreport: {arguments.output / "report.html"}')
     return DONE

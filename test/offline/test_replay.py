@@ -44,7 +44,7 @@ def pipeline(monkeypatch):
     class Pipeline:
         given = None
 
-        def __init__(self, settings):
+        def __init__(self, settings, rules=None):
             pass
 
         def run(self, points, progress=None):

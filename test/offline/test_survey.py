@@ -45,7 +45,7 @@ class StandIn:
     result = None
     given = None
 
-    def __init__(self, settings):
+    def __init__(self, settings, rules=None):
         self.settings = settings
 
     def run(self, points, progress=None):
@@ -260,7 +260,7 @@ module = types.ModuleType('plc_inspect.core.pipeline')
 sys.modules[module.__name__] = module
 import plc_inspect.offline.points_file as points_file
 class Pipeline:
-    def __init__(self, settings): pass
+    def __init__(self, settings, rules=None): pass
     def run(self, points, progress=None):
         sys.path.append('test')
         from factories import make_empty_result

@@ -1,0 +1,273 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What changed between two surveys of one line."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from plc_inspect.errors import DataError
+from plc_inspect.results import Float64, Hazard, Span
+
+MIN_COMMON = 0.5
+"""Spans of two surveys are the same if they share this much of the shorter one."""
+MAX_LATERAL = 1.0
+"""And lie within this of each other in plan [m]."""
+MAX_VERTICAL = 5.0
+"""And within this vertically, on average [m]."""
+JOINT = 5.0
+"""Ends this near to each other in plan hang on one support [m]."""
+MAX_END = 0.3
+"""Ends that hang on a support in both surveys are within this vertically [m]."""
+SAME_PLACE = 3.0
+"""Hazards of one kind within this of each other are the same [m]."""
+NUM_STATIONS = 41
+LEAST_CHANGE = 0.15
+"""Changes of sag below this are never called abnormal [m]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Change:
+    """A value in both surveys."""
+
+    before: float
+    after: float
+    sigma: float
+    """Standard deviation of the difference; NaN unknown."""
+
+    @property
+    def difference(self) -> float:
+        """After minus before."""
+        return self.after - self.before
+
+    @property
+    def is_significant(self) -> bool:
+        """Whether the difference is beyond two sigma."""
+        return abs(self.difference) > 2 * self.sigma
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SpanChange:
+    """One span that both surveys saw."""
+
+    before: Span
+    after: Span
+    common: float
+    """Length of the stretch that both saw [m]."""
+    height: Change
+    """Mean height of the curve over the common stretch [m], relative to that of before."""
+    sag: Change
+    """Of the whole span [m]; NaN where an end is open."""
+    ground: Change
+    """Least clearance to the ground [m]; NaN unknown."""
+    is_abnormal: bool
+    """Its sag changed more than is tolerated, and more than the measurement can explain."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Comparison:
+    """Two surveys."""
+
+    spans: tuple[SpanChange, ...]
+    lost: tuple[Span, ...]
+    """Spans of the first survey that the second has not."""
+    added: tuple[Span, ...]
+    kept: tuple[tuple[Hazard, Hazard], ...]
+    """Hazards in both, before and after."""
+    new: tuple[Hazard, ...]
+    cleared: tuple[Hazard, ...]
+    """Hazards that are gone where the second survey saw the conductor."""
+    unseen: tuple[Hazard, ...]
+    """Hazards of the first survey where the second saw no conductor."""
+
+
+def compare_surveys(
+    before: Sequence[Span], after: Sequence[Span], hazards_before: Sequence[Hazard],
+    hazards_after: Sequence[Hazard], *, sag_deviation: float,
+) -> Comparison:
+    """
+    Match the spans and hazards of two surveys and take the differences.
+
+    Parameters
+    ----------
+    before, after : sequence of Span
+        In one frame; numbers of lines and spans may differ.
+    hazards_before, hazards_after : sequence of Hazard
+        Of the same surveys.
+    sag_deviation : float
+        Change of sag that is tolerated, as a share of the sag before.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    DataError
+        No span of one survey is a span of the other.
+
+    """
+    pairs = match_spans(before, after)
+    if not pairs:
+        raise DataError(
+            f'the surveys do not overlap: none of {len(before)} spans before is one of'
+            f' {len(after)} after'
+        )
+    spans = tuple(_compare(before[i], after[j], sag_deviation) for i, j in pairs)
+    firsts, seconds = {i for i, _ in pairs}, {j for _, j in pairs}
+    kept, gone, new = _match_hazards(hazards_before, hazards_after)
+    seen = {(before[i].line_id, before[i].span_id) for i in firsts}
+    return Comparison(
+        spans=spans,
+        lost=tuple(span for i, span in enumerate(before) if i not in firsts),
+        added=tuple(span for j, span in enumerate(after) if j not in seconds),
+        kept=kept,
+        new=new,
+        cleared=tuple(item for item in gone if (item.line_id, item.span_id) in seen),
+        unseen=tuple(item for item in gone if (item.line_id, item.span_id) not in seen),
+    )
+
+
+def match_spans(before: Sequence[Span], after: Sequence[Span]) -> list[tuple[int, int]]:
+    """
+    Return the pairs of spans that are the same, one to one, nearest first.
+
+    Parameters
+    ----------
+    before, after : sequence of Span
+        In one frame.
+
+    Returns
+    -------
+    list of tuple of int
+        Indices into both.
+
+    """
+    if not before or not after:
+        return []
+    cost = np.full((len(before), len(after)), np.inf)
+    for i, first in enumerate(before):
+        for j, second in enumerate(after):
+            if math.dist((first.start + first.end)[:2] / 2, (second.start + second.end)[:2] / 2) \
+                    > first.length + second.length:
+                continue
+            common = _overlay(first, second)
+            if common is None:
+                continue
+            lateral, vertical = (float(np.abs(value).mean()) for value in common[1:])
+            held = _are_held_alike(first, second)
+            if held and lateral <= MAX_LATERAL and vertical <= MAX_VERTICAL:
+                cost[i, j] = math.hypot(lateral, vertical)
+    possible = np.isfinite(cost)
+    filled = np.where(possible, cost, 1e6)
+    rows, columns = linear_sum_assignment(filled)
+    return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if possible[i, j]]
+
+
+def locate(span: Span, x: Float64) -> Float64:
+    """Return the points (N, 3) of a span at distances x (N,) from its start."""
+    unit = (span.end - span.start)[:2] / span.length
+    return np.column_stack([
+        span.start[:2] + x[:, None] * unit, span.a + span.c * np.cosh((x - span.b) / span.c),
+    ])
+
+
+def _overlay(first: Span, second: Span) -> tuple[float, Float64, Float64] | None:
+    """Length of the common stretch, and how far the second span is beside and above the first."""
+    unit = (first.end - first.start)[:2] / first.length
+    ends = np.array([second.start, second.end])[:, :2] - first.start[:2]
+    low, high = np.sort(ends @ unit)
+    low, high = max(float(low), 0.0), min(float(high), first.length)
+    if high - low < MIN_COMMON * min(first.length, second.length):
+        return None
+    at = locate(first, np.linspace(low, high, NUM_STATIONS))
+    along = (second.end - second.start)[:2] / second.length
+    moved = at[:, :2] - second.start[:2]
+    x = np.clip(moved @ along, 0.0, second.length)
+    other = locate(second, x)
+    lateral = moved @ np.array([-along[1], along[0]])
+    return high - low, lateral, other[:, 2] - at[:, 2]
+
+
+def _are_held_alike(first: Span, second: Span) -> bool:
+    """Whether ends that hang on a support in both surveys are at one height; sag is no matter."""
+    ends = [(span.start, span.open_start) for span in (first, second)]
+    others = [(span.end, span.open_end) for span in (first, second)]
+    if math.dist(first.start[:2], second.start[:2]) > math.dist(first.start[:2], second.end[:2]):
+        ends[1], others[1] = others[1], ends[1]
+    return all(
+        one_open or other_open or abs(float(one[2] - other[2])) <= MAX_END
+        or math.dist(one[:2], other[:2]) > JOINT
+        for (one, one_open), (other, other_open) in (ends, others)
+    )
+
+
+def _compare(before: Span, after: Span, sag_deviation: float) -> SpanChange:
+    overlay = _overlay(before, after)
+    length, lift = (overlay[0], overlay[2]) if overlay else (0.0, np.zeros(1))
+    sigma = math.hypot(before.sigma['sag'], after.sigma['sag'])
+    noise = math.hypot(
+        before.rmse / math.sqrt(max(before.num_points, 1)),
+        after.rmse / math.sqrt(max(after.num_points, 1)),
+    )
+    is_open = before.open_start or before.open_end or after.open_start or after.open_end
+    sag = Change(
+        before=math.nan if is_open else before.sag,
+        after=math.nan if is_open else after.sag,
+        sigma=sigma,
+    )
+    tolerated = max(sag_deviation * before.sag, LEAST_CHANGE)
+    return SpanChange(
+        before=before,
+        after=after,
+        common=length,
+        height=Change(before=0.0, after=float(lift.mean()), sigma=noise),
+        sag=sag,
+        ground=Change(
+            before=before.ground_clearance, after=after.ground_clearance, sigma=sigma,
+        ),
+        is_abnormal=abs(sag.difference) > tolerated + 3 * sigma,
+    )
+
+
+def _match_hazards(
+    before: Sequence[Hazard], after: Sequence[Hazard]
+) -> tuple[tuple[tuple[Hazard, Hazard], ...], list[Hazard], tuple[Hazard, ...]]:
+    """Pairs of hazards that are the same, those that are gone, and those that are new."""
+    cost = np.full((len(before), len(after)), np.inf)
+    for i, first in enumerate(before):
+        for j, second in enumerate(after):
+            if first.kind != second.kind:
+                continue
+            below = first.extent[0] - second.extent[1]
+            gap = np.maximum(below, second.extent[0] - first.extent[1])
+            apart = float(np.linalg.norm(np.maximum(gap, 0.0)))
+            if apart <= SAME_PLACE:
+                cost[i, j] = apart + 1e-3 * math.dist(first.position, second.position)
+    pairs = []
+    if cost.size:
+        possible = np.isfinite(cost)
+        rows, columns = linear_sum_assignment(np.where(possible, cost, 1e6))
+        pairs = [(i, j) for i, j in zip(rows.tolist(), columns.tolist(), strict=True)
+                 if possible[i, j]]
+    firsts, seconds = {i for i, _ in pairs}, {j for _, j in pairs}
+    return (
+        tuple((before[i], after[j]) for i, j in pairs),
+        [item for i, item in enumerate(before) if i not in firsts],
+        tuple(item for j, item in enumerate(after) if j not in seconds),
+    )

@@ -1,0 +1,81 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A headless Chromium, where one is installed, prints the report."""
+
+from pathlib import Path
+import shutil
+import subprocess
+import tempfile
+
+from plc_inspect.errors import ConfigError, DataError
+
+BROWSERS = ('chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stable')
+TIMEOUT = 120.0
+"""Longer than this no page takes to print [s]."""
+FLAGS = (
+    '--headless', '--no-sandbox', '--disable-gpu', '--use-angle=swiftshader',
+    '--enable-unsafe-swiftshader', '--disable-background-networking', '--hide-scrollbars',
+    '--disable-dev-shm-usage', '--no-first-run',
+)
+
+
+def find_browser() -> str:
+    """
+    Return the path of an installed Chromium.
+
+    Raises
+    ------
+    ConfigError
+        None is installed.
+
+    """
+    found = next((path for name in BROWSERS if (path := shutil.which(name))), None)
+    if found is None:
+        raise ConfigError(f'--pdf needs one of {", ".join(BROWSERS)}, and none is installed')
+    return found
+
+
+def print_pdf(page: Path, path: Path) -> None:
+    """
+    Print a page.
+
+    Parameters
+    ----------
+    page : Path
+        An HTML file.
+    path : Path
+        The PDF to write.
+
+    Raises
+    ------
+    ConfigError
+        No Chromium is installed.
+    DataError
+        It did not print the page.
+
+    """
+    with tempfile.TemporaryDirectory() as profile:
+        command = [
+            find_browser(), *FLAGS, f'--user-data-dir={profile}', '--no-pdf-header-footer',
+            '--virtual-time-budget=20000', f'--print-to-pdf={path.absolute()}',
+            page.absolute().as_uri(),
+        ]
+        try:
+            done = subprocess.run(command, capture_output=True, timeout=TIMEOUT, check=False)
+        except subprocess.TimeoutExpired as error:
+            raise DataError(f'{page.name} was not printed within {TIMEOUT:g} s') from error
+    if done.returncode or not path.exists() or not path.stat().st_size:
+        text = done.stderr.decode('utf-8', 'replace').strip().splitlines()
+        raise DataError(f'{page.name} was not printed: {text[-1] if text else done.returncode}')
