@@ -59,6 +59,8 @@ OFF_GROUND = 0.5
 GROUND_REACH = 3.0
 """The ground under a place is known from points this near to it in plan [m]."""
 CELL = 4.0
+BLOCK = 3.0
+"""Edge of the blocks that are structure or vegetation as a whole [m]."""
 MOST_GROUND = 200_000
 """Ground under a span is known from at most about this many points."""
 
@@ -189,7 +191,7 @@ def evaluate_cases(
             reach += max(item.sag * math.sin(item.swing) for item in states)
             near = _gather(objects, span, reach)
             near = near[~_is_held(points[near], span, result)]
-            surface = is_surface(points, near)
+            surface = _smooth(points[near], is_surface(points, near))
             floor = _gather(ground, span, reach + GROUND_REACH)
             floor = floor[:: 1 + len(floor) // MOST_GROUND]
             below = points[floor].copy()
@@ -299,6 +301,19 @@ def _is_held(points: Float64, span: Span, result: InspectionResult) -> Bool:
         if kind is not None:
             held |= distance <= (POLE_ROOM if kind == 'pole' else TOWER_ROOM)
     return held
+
+
+def _smooth(points: Float64, surface: Bool) -> Bool:
+    """Let the greater part of each block say what it is: crowns have flat patches."""
+    if not len(points):
+        return surface
+    _, block = np.unique(
+        np.floor(points / BLOCK).astype(np.int64), axis=0, return_inverse=True
+    )
+    block = block.ravel()
+    share = np.bincount(block, weights=surface) / np.bincount(block)
+    result: Bool = share[block] > 0.5
+    return result
 
 
 def _nearest(frames: Sequence[SwungSpan], points: Float64) -> tuple[Float64, Float64]:

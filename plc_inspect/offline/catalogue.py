@@ -29,7 +29,7 @@ from plc_inspect.errors import ConfigError, DataError
 
 GRAVITY = 9.80665
 _COLUMNS = ('name', 'diameter', 'mass', 'area', 'modulus', 'expansion', 'source')
-_CASE_UNITS = {'temperature': 'C', 'ice': 'm', 'wind': 'm/s'}
+_CASE_KEYS = ('temperature', 'ice', 'wind')
 
 
 def find_shared(name: str) -> Path | None:
@@ -145,7 +145,7 @@ def parse_case(text: str) -> Case:
     for part in body.split(','):
         key, equals, value = part.partition('=')
         key = key.strip()
-        if key not in _CASE_UNITS or not equals or key in values:
+        if key not in _CASE_KEYS or not equals or key in values:
             raise ConfigError(
                 f'case {text!r}: expected temperature=C, ice=m, wind=m/s, got {part.strip()!r}'
             )
@@ -155,9 +155,9 @@ def parse_case(text: str) -> Case:
             raise ConfigError(f'case {text!r}: {value.strip()!r} is no number') from None
     if 'temperature' not in values:
         raise ConfigError(f'case {text!r} has no temperature')
-    title = ', '.join(
-        f'{key} {values[key]:g} {_CASE_UNITS[key]}' for key in _CASE_UNITS if key in values
-    )
+    title = f'{values["temperature"]:g} C'
+    title += f', {1000 * values["ice"]:g} mm ice' if values.get('ice') else ''
+    title += f', {values["wind"]:g} m/s wind' if values.get('wind') else ''
     try:
         return Case(name=name or title, **values)
     except DataError as error:

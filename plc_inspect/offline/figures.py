@@ -22,14 +22,15 @@ from plc_inspect.offline.drawing import Plot
 from plc_inspect.offline.inspection import Record
 from plc_inspect.offline.scene import (
     FIRST_STRUCTURE,
+    FIRST_TREE,
     line_color,
     PALETTE,
     Scene,
     SEVERITY_COLORS,
 )
-from plc_inspect.results import Float64, Int64
+from plc_inspect.results import Float64, Int64, UInt8
 
-_PROFILE_SIZE = (1060, 330)
+PROFILE_SIZE = (1060, 330)
 _SECTION_SIZE = (430, 330)
 _MAP_WIDTH = 1060
 _MAP_HEIGHTS = (300, 820)
@@ -71,7 +72,7 @@ def draw_map(scene: Scene) -> str:
         plot.add_square(x, y, 9.0, 'support', label)
     _label_spans(plot, scene)
     for hazard in scene.hazards:
-        _add_badge(plot, hazard['position'][0], hazard['position'][1], hazard)
+        add_badge(plot, hazard['position'][0], hazard['position'][1], hazard)
     plot.add_axes(
         _axis_name('x', scene.origin[0], scene.unit), _axis_name('y', scene.origin[1], scene.unit),
         grid=False,
@@ -80,22 +81,39 @@ def draw_map(scene: Scene) -> str:
     return plot.render('map')
 
 
-def draw_profile(scene: Scene, span_id: int) -> str:
-    """Return the side view of all lines of a span, as SVG."""
+def draw_profile(scene: Scene, span_id: int, required: float = 0.0) -> str:
+    """
+    Return the side view of all lines of a span, as SVG.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is shown.
+    span_id : int
+        Which span.
+    required : float
+        Clearance to vegetation, drawn as an envelope below the lowest conductor [unit of the
+        input]; 0: none.
+
+    Returns
+    -------
+    str
+
+    """
     spans = [span for span in scene.spans if span['span_id'] == span_id]
-    origin, along, across = _find_axes(spans)
+    origin, along, across = find_axes(spans)
     ends = np.array([span[name] for span in spans for name in ('start', 'end')])
     stations, offsets = (ends[:, :2] - origin) @ along, (ends[:, :2] - origin) @ across
     margin = max(0.04 * (stations.max() - stations.min()), 4.0 * scene.metre)
     reach = 6.0 * scene.metre
-    rows = _crop(scene, spans, margin + reach)
+    rows = crop(scene, spans, margin + reach)
     s, t = ((scene.points[rows, :2] - origin) @ axis for axis in (along, across))
     near = (s > stations.min() - margin) & (s < stations.max() + margin)
     near &= (t > offsets.min() - reach) & (t < offsets.max() + reach)
     rows, s = rows[near], s[near]
     z, color = scene.points[rows, 2], scene.color[rows]
     hazards = [hazard for hazard in scene.hazards if hazard['span_id'] == span_id]
-    curves = {span['line_id']: _sample(span, 161) for span in spans}
+    curves = {span['line_id']: sample(span, 161) for span in spans}
     heights = np.concatenate([curve[:, 2] for curve in curves.values()])
     heights = np.concatenate((heights, [hazard['position'][2] for hazard in hazards]))
     if len(z):
@@ -103,7 +121,7 @@ def draw_profile(scene: Scene, span_id: int) -> str:
     room = max(0.06 * (heights.max() - heights.min()), 1.0 * scene.metre)
     plot = Plot(
         (stations.min() - margin, stations.max() + margin),
-        (heights.min() - room, heights.max() + 2 * room), _PROFILE_SIZE,
+        (heights.min() - room, heights.max() + 2 * room), PROFILE_SIZE,
         f'Profile of span {span_id}',
     )
     order = np.argsort(color, kind='stable')
@@ -116,6 +134,10 @@ def draw_profile(scene: Scene, span_id: int) -> str:
             (curve[:, :2] - origin) @ along, curve[:, 2],
             'wire ' + line_color(span['line_id']), label,
         )
+    _add_ground(plot, s, z, color)
+    if required > 0:
+        _add_envelope(plot, [curves[span['line_id']] for span in spans], origin, along, required,
+                      scene.unit)
     _add_sag(plot, max(spans, key=lambda span: span['sag']), origin, along, scene.unit)
     for hazard in hazards:
         position = np.array(hazard['position'])
@@ -127,7 +149,7 @@ def draw_profile(scene: Scene, span_id: int) -> str:
                 np.array([station, (nearest[:2] - origin) @ along]),
                 np.array([position[2], nearest[2]]), 'leader',
             )
-        _add_badge(plot, station, position[2], hazard)
+        add_badge(plot, station, position[2], hazard)
     plot.add_axes(f'along the span [{scene.unit}]', f'z [{scene.unit}]')
     return plot.render(f'profile{span_id}')
 
@@ -151,16 +173,16 @@ def draw_section(scene: Scene, span_id: int, distances: dict[str, float]) -> tup
 
     """
     spans = [span for span in scene.spans if span['span_id'] == span_id]
-    origin, along, across = _find_axes(spans)
+    origin, along, across = find_axes(spans)
     hazards = [hazard for hazard in scene.hazards if hazard['span_id'] == span_id]
     if hazards:
-        place = min(hazards, key=_rank)
+        place = min(hazards, key=rank)
         station = float((np.array(place['position'][:2]) - origin) @ along)
         where = f'at hazard {place["hazard_id"]}'
     else:
         stations = [(np.array(span['lowest'][:2]) - origin) @ along for span in spans]
         station, where = float(np.median(stations)), 'at the lowest point'
-    curves = [_sample(span, 401) for span in spans]
+    curves = [sample(span, 401) for span in spans]
     cuts = [curve[np.argmin(np.abs((curve[:, :2] - origin) @ along - station))]
             for curve in curves]
     offsets = np.array([(cut[:2] - origin) @ across for cut in cuts])
@@ -168,7 +190,7 @@ def draw_section(scene: Scene, span_id: int, distances: dict[str, float]) -> tup
     half = 2.5 * scene.metre
     reach = max(8.0 * scene.metre, *distances.values())
     low, high = offsets.min() - reach, offsets.max() + reach
-    rows = _crop(scene, spans, 2 * reach)
+    rows = crop(scene, spans, 2 * reach)
     s, t = ((scene.points[rows, :2] - origin) @ axis for axis in (along, across))
     near = (np.abs(s - station) < half) & (t > low - reach) & (t < high + reach)
     rows, t = rows[near], t[near]
@@ -196,13 +218,13 @@ def draw_section(scene: Scene, span_id: int, distances: dict[str, float]) -> tup
     for hazard in hazards:
         position = np.array(hazard['position'])
         if abs((position[:2] - origin) @ along - station) < half:
-            _add_badge(plot, float((position[:2] - origin) @ across), position[2], hazard)
+            add_badge(plot, float((position[:2] - origin) @ across), position[2], hazard)
     plot.add_axes(f'across [{scene.unit}]', f'z [{scene.unit}]')
     thickness = f'{2 * half:.1f} {scene.unit}'
     return plot.render(f'section{span_id}'), f'{where}, points within a slice of {thickness}'
 
 
-def _find_axes(spans: list[Record]) -> tuple[Float64, Float64, Float64]:
+def find_axes(spans: list[Record]) -> tuple[Float64, Float64, Float64]:
     """Return origin, direction along and direction across (left) of the longest span."""
     longest = max(spans, key=lambda span: span['length'])
     origin, end = np.array(longest['start'][:2]), np.array(longest['end'][:2])
@@ -210,7 +232,7 @@ def _find_axes(spans: list[Record]) -> tuple[Float64, Float64, Float64]:
     return origin, along, np.array([-along[1], along[0]])
 
 
-def _sample(span: Record, count: int) -> Float64:
+def sample(span: Record, count: int) -> Float64:
     """Return points (count, 3) of the curve, in units of the input."""
     share = np.linspace(0.0, 1.0, count)
     start, end = np.array(span['start']), np.array(span['end'])
@@ -219,7 +241,7 @@ def _sample(span: Record, count: int) -> Float64:
     return curve
 
 
-def _crop(scene: Scene, spans: list[Record], reach: float) -> Int64:
+def crop(scene: Scene, spans: list[Record], reach: float) -> Int64:
     """Return the rows of the points within the box around some spans, ``reach`` wider."""
     ends = np.array([span[name][:2] for span in spans for name in ('start', 'end')])
     low, high = ends.min(axis=0) - reach, ends.max(axis=0) + reach
@@ -229,7 +251,7 @@ def _crop(scene: Scene, spans: list[Record], reach: float) -> Int64:
 
 def _add_sag(plot: Plot, span: Record, origin: Float64, along: Float64, unit: str) -> None:
     """Draw chord and sag of one span."""
-    curve = _sample(span, 161)
+    curve = sample(span, 161)
     stations = (curve[:, :2] - origin) @ along
     chord = np.linspace(curve[0, 2], curve[-1, 2], len(curve))
     deepest = int(np.argmax(chord - curve[:, 2]))
@@ -239,6 +261,37 @@ def _add_sag(plot: Plot, span: Record, origin: Float64, along: Float64, unit: st
     )
     text = f'sag {span["sag"]:.2f} {unit} (line {span["line_id"]})'
     plot.add_text(stations[deepest], chord[deepest], text, 'note mid', dy=-5.0)
+
+
+def _add_ground(plot: Plot, s: Float64, z: Float64, color: UInt8) -> None:
+    """Draw the ground as the median of its points in each step along the span."""
+    ground = color < FIRST_TREE
+    if ground.sum() < 10:
+        return
+    low, high = plot.x_range
+    place = np.clip(((s[ground] - low) / (high - low) * 120).astype(np.int64), 0, 119)
+    order = np.argsort(place, kind='stable')
+    steps, first = np.unique(place[order], return_index=True)
+    heights = [float(np.median(part)) for part in np.split(z[ground][order], first[1:])]
+    plot.add_line(low + (steps + 0.5) * (high - low) / 120, np.array(heights), 'ground', 'ground')
+
+
+def _add_envelope(
+    plot: Plot, curves: list[Float64], origin: Float64, along: Float64, required: float, unit: str
+) -> None:
+    """Draw the lower edge of the space that must stay free around the conductors."""
+    stations = np.linspace(*plot.x_range, 241)
+    lowest = np.full(len(stations), np.inf)
+    for curve in curves:
+        x = (curve[:, :2] - origin) @ along
+        order = np.argsort(x)
+        for step in np.linspace(-required, required, 21):
+            drop = math.sqrt(max(required**2 - step**2, 0.0))
+            height = np.interp(stations + step, x[order], curve[order, 2] - drop,
+                               left=np.inf, right=np.inf)
+            lowest = np.minimum(lowest, height)
+    known = np.isfinite(lowest)
+    plot.add_line(stations[known], lowest[known], 'zone warn', f'required {required:.2f} {unit}')
 
 
 def _add_supports(
@@ -270,14 +323,14 @@ def _label_spans(plot: Plot, scene: Scene) -> None:
         plot.add_text(x, y, f'span {span_id}', 'label mid', dy=-14.0)
 
 
-def _add_badge(plot: Plot, x: float, y: float, hazard: Record) -> None:
+def add_badge(plot: Plot, x: float, y: float, hazard: Record) -> None:
     """Draw the number of a hazard in the colour of its severity."""
     label = f'hazard {hazard["hazard_id"]}: {hazard["severity"]} {hazard["kind"]}'
     plot.add_circle(x, y, 8.0, 'badge ' + SEVERITY_COLORS[hazard['severity']], label)
     plot.add_text(x, y, str(hazard['hazard_id']), 'number mid', dy=3.5)
 
 
-def _rank(hazard: Record) -> tuple[int, float]:
+def rank(hazard: Record) -> tuple[int, float]:
     """Order hazards from the worst: severity, then clearance."""
     clearance = hazard['clearance']
     order = list(SEVERITY_COLORS).index(hazard['severity'])

@@ -25,11 +25,15 @@ import numpy as np
 
 from plc_inspect import __version__
 from plc_inspect.config import describe, to_mapping
+from plc_inspect.core.clearance import describe_rules, plain_rules
 from plc_inspect.offline.drawing import draw_bars
 from plc_inspect.offline.figures import draw_map, draw_profile, draw_section
+from plc_inspect.offline.findings import list_changes, list_what_if, list_worst
 from plc_inspect.offline.inspection import Inspection, measure_clearances, Record
 from plc_inspect.offline.scene import line_color, make_scene, Scene, SEVERITY_COLORS
-from plc_inspect.results import Decision, HazardKind, PointClass, StageReport
+from plc_inspect.offline.sheets import draw_plan
+from plc_inspect.offline.view import encode_view
+from plc_inspect.results import Decision, HazardKind, PointClass, Severity, StageReport
 
 STAGES = {
     'height': 'Keeps what stands high above the local ground, by the histogram of heights.',
@@ -82,6 +86,11 @@ def render_report(inspection: Inspection) -> str:
         unit=scene.unit,
         summary=_summarise(inspection, scene),
         map=Markup(draw_map(scene)),
+        view=Markup(encode_view(scene)),
+        worst=list_worst(scene, inspection),
+        what_if=list_what_if(inspection),
+        changes=list_changes(inspection),
+        rules=describe_rules(inspection.rules or plain_rules(inspection.settings.hazards)),
         groups=_describe_groups(inspection, scene),
         supports=scene.supports,
         hazards=scene.hazards,
@@ -155,10 +164,14 @@ def _summarise(inspection: Inspection, scene: Scene) -> list[tuple[str, str, str
 def _describe_groups(inspection: Inspection, scene: Scene) -> list[Record]:
     """Return what the page shows of each span: its lines, hazards and figures."""
     settings = inspection.settings.hazards
+    rules = inspection.rules or plain_rules(settings)
+    limits = [limit for limit in rules.find('vegetation') if limit.where != 'under']
+    styles = {Severity.WARNING: 'zone warn', Severity.CRITICAL: 'zone crit'}
     distances = {
-        'zone warn': settings.warning_distance * scene.metre,
-        'zone crit': settings.critical_distance * scene.metre,
+        styles[severity]: distance * scene.metre
+        for limit in limits[:1] for severity, distance in limit.tiers if severity in styles
     }
+    required = max((limit.distance for limit in limits), default=0.0) * scene.metre
     clearances = measure_clearances(inspection.result, settings.min_points)
     groups = []
     for span_id in sorted({span['span_id'] for span in scene.spans}):
@@ -168,7 +181,8 @@ def _describe_groups(inspection: Inspection, scene: Scene) -> list[Record]:
             'span_id': span_id,
             'spans': spans,
             'length': max(span['length'] for span in spans),
-            'profile': Markup(draw_profile(scene, span_id)),
+            'profile': Markup(draw_profile(scene, span_id, required)),
+            'plan': Markup(draw_plan(scene, span_id, required)),
             'section': Markup(section),
             'where': where,
             'clearances': {

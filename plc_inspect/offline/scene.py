@@ -36,7 +36,7 @@ LINE_COLORS = (
 )
 SEVERITY_COLORS = {'critical': '#c62828', 'warning': '#ef7d00', 'notice': '#1565c0'}
 _SHADES = 24
-_GROUND, _TREE, _OTHER, FIRST_STRUCTURE = 1, 1 + _SHADES, 1 + 2 * _SHADES, 2 + 2 * _SHADES
+_GROUND, FIRST_TREE, _OTHER, FIRST_STRUCTURE = 1, 1 + _SHADES, 1 + 2 * _SHADES, 2 + 2 * _SHADES
 _WIRE = 3 + 2 * _SHADES
 PALETTE = (
     '#ffffff',
@@ -119,7 +119,7 @@ def _choose_colors(z: Float64, height: Float32, kind: UInt8, line_id: Int32) -> 
         kind == item for item in (PointClass.GROUND, PointClass.VEGETATION, PointClass.WIRE)
     )
     color[ground] = _GROUND + _shade(z[ground], low, max(high, low + 1e-6))
-    color[tree] = _TREE + _shade(np.nan_to_num(height[tree]), 0.0, 25.0)
+    color[tree] = FIRST_TREE + _shade(np.nan_to_num(height[tree]), 0.0, 25.0)
     color[kind == PointClass.TOWER] = FIRST_STRUCTURE
     color[wire] = _WIRE + np.maximum(line_id[wire], 0) % len(LINE_COLORS)
     return color

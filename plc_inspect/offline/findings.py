@@ -1,0 +1,158 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the report says in words: the worst places, the what-if and the changes as tables."""
+
+from typing import Any
+
+from plc_inspect.offline.changes import describe_changes
+from plc_inspect.offline.figures import rank
+from plc_inspect.offline.inspection import Inspection, Record, Units
+from plc_inspect.offline.scene import Scene
+from plc_inspect.offline.what_if import describe_what_if
+
+MOST = 10
+_NAMES = {
+    'vegetation': 'vegetation', 'structure': 'a structure', 'ground': 'the ground',
+    'fall_in': 'a tree that can fall',
+}
+
+
+def list_worst(scene: Scene, inspection: Inspection) -> list[Record]:
+    """
+    Return the worst hazards, each with a sentence.
+
+    Parameters
+    ----------
+    scene : Scene
+        Holds the hazards in the unit of the figures.
+    inspection : Inspection
+        The run.
+
+    Returns
+    -------
+    list of dict
+        At most MOST, the worst first, with ``text``.
+
+    """
+    moved = {}
+    if inspection.what_if is not None:
+        moved = {
+            number: list(zip([case.name for case in inspection.what_if.cases], values[1:],
+                             strict=True))
+            for number, values in inspection.what_if.hazards.items()
+        }
+    worst = []
+    for item in sorted(scene.hazards, key=rank)[:MOST]:
+        cases = moved.get(item['hazard_id'])
+        worst.append(item | {'text': describe_place(item, scene.unit, scene.metre, cases)})
+    return worst
+
+
+def describe_place(
+    item: Record, unit: str, metre: float = 1.0, moved: list[tuple[str, float]] | None = None
+) -> str:
+    """
+    Return one hazard as a sentence.
+
+    Parameters
+    ----------
+    item : dict
+        As ``hazards.json`` holds it.
+    unit : str
+        Of its lengths.
+    metre : float
+        One metre in that unit.
+    moved : list of tuple
+        Name of each case and the clearance of the object in it [m].
+
+    Returns
+    -------
+    str
+
+    """
+    where = f'Span {item["span_id"]}, line {item["line_id"]}'
+    along = f'{item["along_span"]:.0f} {unit} from the start of the span'
+    if item['support_id'] >= 0 and item['from_support'] is not None:
+        along = f'{item["from_support"]:.0f} {unit} from support {item["support_id"]}'
+    measured = f'{item["clearance"]:.2f} {unit}'
+    required = f'{item["required"]:.2f} {unit}'
+    kind = item['kind']
+    if kind == 'sag':
+        text = f'sags {measured} more than its peers, {required} tolerated'
+        return f'{where}: {text}.'
+    if kind in ('interference', 'crossing'):
+        what = 'the next conductor' if kind == 'interference' else 'a crossing conductor'
+        text = f'{what} (line {item["other_line_id"]}) at {along} is {measured} away'
+        return f'{where}: {text}, {required} required.'
+    tall = f', {item["height"]:.1f} {unit} high,' if item['height'] is not None else ''
+    if kind == 'fall_in':
+        text = f'a tree{tall} at {along} would fall to {measured} of it'
+    elif kind == 'ground':
+        text = f'hangs {measured} above the ground at {along}'
+    else:
+        text = f'{_NAMES[kind]}{tall} at {along} is {measured} away'
+    text += f', {required} required'
+    for name, clearance in moved or []:
+        if clearance == clearance:
+            text += f'; {clearance * metre:.2f} {unit} at {name}'
+    if item['years'] is not None and item['years'] > 0:
+        text += f'; critical in {item["years"]:.1f} years'
+    return f'{where}: {text}.'
+
+
+def list_what_if(inspection: Inspection) -> Record | None:
+    """Return the table of the what-if: a row for each span and kind, a column for each case."""
+    if inspection.what_if is None:
+        return None
+    horizontal = inspection.units.horizontal
+    units = Units(horizontal=horizontal, vertical=horizontal)
+    record = describe_what_if(inspection.what_if, units)
+    rows: list[Record] = []
+    for span in record['spans']:
+        outcomes = span['outcomes']
+        for kind in ('sag', 'vegetation', 'building', 'ground'):
+            cells: list[Any] = [
+                {'value': item['sag'], 'severity': None} if kind == 'sag' else
+                {'value': item[kind]['clearance'], 'severity': item[kind]['severity']}
+                for item in outcomes
+            ]
+            if any(cell['value'] is not None for cell in cells):
+                rows.append({
+                    'line_id': span['line_id'], 'span_id': span['span_id'], 'kind': kind,
+                    'cells': cells, 'worst': span['worst'].get(kind) if kind != 'sag' else None,
+                })
+    return record | {
+        'rows': rows, 'worst_sags': [
+            max(item['sag'] for item in span['outcomes']) for span in record['spans']
+        ],
+        'worst_reaches': [
+            {kind: _pick(span['outcomes'], kind, span['worst'][kind])
+             for kind in ('vegetation', 'building', 'ground')}
+            for span in record['spans']
+        ],
+    }
+
+
+def _pick(outcomes: list[Record], kind: str, case: str | None) -> Record | None:
+    """Return what is nearest in one case, with its name."""
+    return next((item[kind] | {'case': case} for item in outcomes if item['case'] == case), None)
+
+
+def list_changes(inspection: Inspection) -> Record | None:
+    """Return the changes since an earlier survey, in the unit of the report."""
+    if inspection.changes is None:
+        return None
+    horizontal = inspection.units.horizontal
+    return describe_changes(inspection.changes, Units(horizontal=horizontal, vertical=horizontal))
