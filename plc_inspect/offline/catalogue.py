@@ -174,6 +174,14 @@ def _read_yaml(path: Path) -> Any:
         raise ConfigError(f'{path} is no YAML: {" ".join(str(error).split())[:160]}') from error
 
 
+def _to_float(value: Any) -> Any:
+    """Return the number that YAML 1.1 takes for text, such as 2e-05."""
+    try:
+        return float(value) if isinstance(value, str) else value
+    except ValueError:
+        return value
+
+
 def _read_conductor(row: Any, where: str) -> Conductor:
     if not isinstance(row, dict):
         raise ConfigError(f'{where} is no mapping')
@@ -183,7 +191,7 @@ def _read_conductor(row: Any, where: str) -> Conductor:
         raise ConfigError(f'{where}: {wrong[0]} {state}')
     values = {}
     for key in ('diameter', 'mass', 'area', 'modulus', 'expansion'):
-        value = row[key]
+        value = _to_float(row[key])
         if isinstance(value, bool) or not isinstance(value, int | float) or not (
             math.isfinite(value) and value > 0
         ):
