@@ -22,10 +22,11 @@ include this file and the driver's in one launch file after SetEnvironmentVariab
 import os
 
 from ament_index_python.packages import get_package_share_directory
-from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, SetEnvironmentVariable
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
+
+from launch import LaunchDescription
 
 TRANSPORT = 'LARGE_DATA?max_msg_size=2MB&sockets_size=4MB&non_blocking=true'
 

@@ -15,6 +15,7 @@
 """The real node on a ROS graph of its own, and a robot that feeds it, for tests."""
 
 from array import array
+import contextlib
 import itertools
 import os
 import threading
@@ -208,10 +209,8 @@ class Rig:
 
     @staticmethod
     def _spin(executor):
-        try:
+        with contextlib.suppress(ExternalShutdownException):
             executor.spin()
-        except ExternalShutdownException:
-            pass
 
     def listen(self, name, kind, topic, qos):
         """Keep all messages of a topic."""

@@ -22,7 +22,6 @@ from plc_inspect.config import MapSettings
 from plc_inspect.core.voxel_map import INITIAL_CAPACITY, VoxelMap
 from plc_inspect.errors import DataError
 
-
 ALL = np.ones(256, dtype=np.uint8)
 NOTHING = np.zeros(256, dtype=np.bool_)
 
@@ -183,7 +182,7 @@ def test_cells_know_their_voxels():
     np.testing.assert_allclose(cells.high, [3.1, 0.1, 0.1], atol=1e-9)
     np.testing.assert_allclose(cells.centers, [[5, 5], [15, 5], [-5, 5]])
     assert cells.find(np.array([[1, 0], [5, 5], [-1, 0]])).tolist() == [1, -1, 2]
-    slots, centroids = voxels.copy_voxels(voxels.collect(np.array([0]), ALL))
+    _, centroids = voxels.copy_voxels(voxels.collect(np.array([0]), ALL))
     np.testing.assert_allclose(
         sort_rows(centroids), [[0.05, 0.05, 1.05], [9.95, 9.95, 3.05]], atol=1e-6
     )
@@ -197,7 +196,8 @@ def test_cells_know_their_voxels():
 def test_cells_against_brute_force():
     points = np.random.default_rng(8).uniform(-900, 900, (20_000, 3))
     voxels = make_map(points)
-    places, number = np.unique(np.floor(voxels.centroids()[:, :2] / 10), axis=0, return_counts=True)
+    tiles = np.floor(voxels.centroids()[:, :2] / 10)
+    places, number = np.unique(tiles, axis=0, return_counts=True)
     cells = voxels.cells
     assert len(cells) == len(places) > 4096
     np.testing.assert_array_equal(cells.count[cells.find(places.astype(np.int64))], number)
@@ -215,9 +215,8 @@ def test_labels_choose_what_is_collected():
     wanted = np.zeros(256, dtype=np.uint8)
     wanted[14] = 1
     assert sorted(voxels.collect(np.array([0]), wanted)) == sorted(slots[:100])
-    wanted[2] = 2
-    share = (len(voxels.collect(np.array([0]), wanted)) - 100) / (len(slots) - 100)
-    assert 0.1 < share < 0.15
+    wanted[2] = 2  # a sample where the cell is dense, which this one is not
+    assert len(voxels.collect(np.array([0]), wanted)) == len(slots)
     voxels.drop(0, NOTHING)
     voxels.insert(centroids + 20.0)
     voxels.label(slots, centroids, np.full(len(slots), 14, dtype=np.uint8))
@@ -226,7 +225,7 @@ def test_labels_choose_what_is_collected():
 
 def test_voxels_with_few_points_are_not_used():
     voxels = make_map([[0.05, 0, 0], [0.06, 0, 0], [1.05, 0, 0]], min_points=2)
-    slots, centroids = voxels.copy_voxels(voxels.collect(np.array([0]), ALL))
+    slots, _ = voxels.copy_voxels(voxels.collect(np.array([0]), ALL))
     assert slots.tolist() == [0]
     assert len(voxels) == 2
 
