@@ -28,6 +28,8 @@ from plc_inspect.results import Float64, HazardKind, Severity, Support
 
 CROSSING_ANGLE_DEG = 5.0
 """Conductors that meet in plan at a smaller angle run along each other."""
+ONE_PLACE = 15.0
+"""Conductors that cross this near to each other are one crossing [m]."""
 AT_SUPPORT = 5.0
 """Spans that meet this near to the ends of both hang on one support [m]."""
 LEAST_EXCESS = 0.15
@@ -111,7 +113,7 @@ def find_crossings(
     """
     Find places where one line crosses another too near to it.
 
-    Each pair of spans counts once for each pair of lines, at its least distance; position is on
+    Conductors that cross at one place are one hazard, at its least distance; the position is on
     the lower conductor.
 
     Parameters
@@ -160,7 +162,11 @@ def find_crossings(
                 extent=np.stack([below, below]),
                 other_line_id=lower.span.line_id,
             )
-    return list(worst.values())
+    kept: Records = []
+    for item in sorted(worst.values(), key=lambda item: float(item['clearance'])):
+        if all(math.dist(item['position'], other['position']) > ONE_PLACE for other in kept):
+            kept.append(item)
+    return kept
 
 
 def _cross(first: SpanModel, second: SpanModel) -> bool:
