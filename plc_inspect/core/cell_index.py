@@ -28,8 +28,8 @@ from plc_inspect.results import Bool, Float64, Int32, Int64, UInt8
 CELL_SIZE = 10.0
 """Edge of a plan cell, rounded to whole voxels [m]."""
 
-SAMPLE = 2000
-"""Where a cell holds more voxels, only so many of every number of it are a sample."""
+SAMPLE = 250
+"""Of a label that is sampled, a multiple of this many voxels is taken from a cell."""
 
 INITIAL_CELLS = 1 << 12
 _MASK = (1 << KEY_BITS) - 1
@@ -175,8 +175,8 @@ class CellIndex:
         cells : Int64
             (K,) cells.
         wanted : UInt8
-            (256,) for each label 0 to leave out, 1 to take, 2 to take a sample where the cell is
-            dense.
+            (256,) for each label 0 to leave out, 1 to take, 1 + k to take k SAMPLE of them, or
+            up to twice as many, where there are more.
         following, keys, labels : Int32, Int64, UInt8
             Of the map, by slot.
         out : Int32
@@ -189,9 +189,7 @@ class CellIndex:
 
         """
         return int(
-            _collect_slots(
-                cells, wanted, self._head, self._state, following, keys, labels, out
-            )
+            _collect_slots(cells, wanted, self._head, following, keys, labels, out)
         )
 
     def drop(
@@ -295,15 +293,26 @@ def _link_slots(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _collect_slots(  # type: ignore[no-untyped-def]
-    cells, wanted, head, state, following, keys, labels, out
+    cells, wanted, head, following, keys, labels, out
 ):
     num = 0
+    count = np.zeros(256, dtype=np.int64)
+    one_in = np.ones(256, dtype=np.int64)
     for cell in cells:
+        count[:] = 0
         slot = head[cell]
-        one_in = max(state[cell, 0] // SAMPLE, 1)
         while slot >= 0:
-            take = wanted[labels[slot]]
-            if take == 1 or (take == 2 and (hash_key(keys[slot]) >> 20) % one_in == 0):
+            count[labels[slot]] += 1
+            slot = following[slot]
+        for k in range(256):
+            if wanted[k] > 1:
+                one_in[k] = max(count[k] // (SAMPLE * (wanted[k] - 1)), 1)
+        slot = head[cell]
+        while slot >= 0:
+            label = labels[slot]
+            if wanted[label] == 1 or (
+                wanted[label] > 1 and (hash_key(keys[slot]) >> 20) % one_in[label] == 0
+            ):
                 out[num] = slot
                 num += 1
             slot = following[slot]

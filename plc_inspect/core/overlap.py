@@ -19,6 +19,8 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from plc_inspect.results import Float64, Span
 
@@ -122,6 +124,45 @@ def match_spans(first: Sequence[Span], second: Sequence[Span]) -> list[Overlap]:
             continue
         taken.append(item)
     return taken
+
+
+def connect(
+    num_found: int, num_known: int, pairs: Sequence[Overlap]
+) -> list[tuple[list[int], list[int], list[Overlap]]]:
+    """
+    Group found and known spans that are linked by pairs.
+
+    Parameters
+    ----------
+    num_found, num_known : int
+        Spans of the first list, and of the second.
+    pairs : sequence of Overlap
+        Their pairs.
+
+    Returns
+    -------
+    list[tuple[list[int], list[int], list[Overlap]]]
+        Spans of the first list, of the second, and pairs of each group; a span without any pair
+        stands alone.
+
+    """
+    graph = coo_matrix(
+        (
+            np.ones(len(pairs)),
+            ([p.first for p in pairs], [num_found + p.second for p in pairs]),
+        ),
+        shape=(num_found + num_known,) * 2,
+    )
+    num, label = connected_components(graph, directed=False)
+    pieces: list[tuple[list[int], list[int], list[Overlap]]] = [([], [], []) for _ in range(num)]
+    for place, number in enumerate(label):
+        if place < num_found:
+            pieces[number][0].append(place)
+        else:
+            pieces[number][1].append(place - num_found)
+    for pair in pairs:
+        pieces[label[pair.first]][2].append(pair)
+    return pieces
 
 
 def _candidates(first: Sequence[Span], second: Sequence[Span]) -> list[tuple[int, int]]:

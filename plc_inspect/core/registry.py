@@ -26,12 +26,8 @@ from dataclasses import dataclass, replace
 import itertools
 import math
 
-import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-
 from plc_inspect.core.continuation import continue_lines, find_ends
-from plc_inspect.core.overlap import match_spans, Overlap
+from plc_inspect.core.overlap import connect, match_spans, Overlap
 from plc_inspect.core.window import SpanKey
 from plc_inspect.core.wire_points import thin_points, WirePoints
 from plc_inspect.results import Float32, Float64, InspectionResult, Span
@@ -44,6 +40,8 @@ NOT_LESS = 0.9
 """A span is updated at once by one that covers this share of it."""
 FINISHED_SPACING = 0.5
 """Wire points of finished spans are thinned out to this distance [m]."""
+SAME = 0.6
+"""Spans that share this much of both are the same, whatever becomes of those beside them."""
 MAX_WAIT = 6
 """Ticks that a new line waits to be joined to a known one that ends before it."""
 
@@ -137,7 +135,7 @@ class SpanRegistry:
             pairs = match_spans(found, [item.span for item in known])
         keys = self._number(found, known, pairs)
         wires = WirePoints(result, points)
-        for piece in _connect(len(found), len(known), pairs):
+        for piece in connect(len(found), len(known), pairs):
             self._put(piece, found, known, keys, set(expected), wires, final, complete)
         self._confirm(final)
         numbered = {}
@@ -175,7 +173,9 @@ class SpanRegistry:
                 for gone in others:
                     self._agreed[attribute, kept, gone] += 1
                     if final or self._agreed[attribute, kept, gone] >= CONFIRMATIONS:
-                        merged |= self._unite(attribute, kept, gone)
+                        united = self._unite(attribute, kept, gone)
+                        self.num_merges += united and attribute == 'line_id'
+                        merged |= united
         return merged
 
     def _unite(self, attribute: str, kept: int, gone: int) -> bool:
@@ -188,7 +188,6 @@ class SpanRegistry:
         if not places[gone] or not places[kept] or places[kept] & places[gone]:
             return False
         self._rename(attribute, gone, kept)
-        self.num_merges += attribute == 'line_id'
         return True
 
     def _rename(self, attribute: str, old: int, new: int) -> None:
@@ -208,9 +207,16 @@ class SpanRegistry:
         self._names.clear()
         lines = self._number_lines(found, known, pairs)
         groups = self._number_groups(found, known, pairs)
+        same = {
+            pair.first: known[pair.second].span.span_id for pair in pairs
+            if pair.length >= SAME * max(
+                found[pair.first].length, known[pair.second].span.length
+            )
+        }
         keys: list[SpanKey] = []
-        for span, line in zip(found, lines, strict=True):
-            key = line, groups[span.span_id]
+        for place, (span, line) in enumerate(zip(found, lines, strict=True)):
+            group = same.get(place, -1)
+            key = line, group if group >= 0 else groups[span.span_id]
             if key in keys:
                 key = line, self._take_provisional()
             keys.append(key)
@@ -220,9 +226,10 @@ class SpanRegistry:
         self, found: Sequence[Span], known: Sequence[TrackedSpan], pairs: Sequence[Overlap]
     ) -> list[int]:
         own: dict[int, int] = {}
-        for pair in sorted(pairs, key=lambda item: (item.length, -item.second)):
+        for pair in sorted(pairs, key=lambda item: (item.length, item.second)):
             number = known[pair.second].span.line_id
-            if number >= 0 or own.get(pair.first, -1) < 0:
+            before = own.get(pair.first, -1)
+            if before < 0 or 0 <= number < before:
                 own[pair.first] = number
         provisional: dict[int, int] = {}
         lines = []
@@ -310,6 +317,10 @@ class SpanRegistry:
     ) -> None:
         if key in self._spans:
             key = key[0], self._take_provisional()
+        for other in sorted({item.span.line_id for item in matched if item.confirmed}):
+            if other != key[0]:
+                self._unite('line_id', key[0], other)
+                self.num_merges += 1
         points, residual = wires.take(span)
         numbered = replace(span, line_id=key[0], span_id=key[1])
         self._spans[key] = TrackedSpan(
@@ -360,29 +371,6 @@ class SpanRegistry:
     def _renamed(self, key: SpanKey) -> SpanKey:
         line, span = key
         return self._names.get(('line_id', line), line), self._names.get(('span_id', span), span)
-
-
-def _connect(
-    num_found: int, num_known: int, pairs: Sequence[Overlap]
-) -> list[tuple[list[int], list[int], list[Overlap]]]:
-    """Group found and known spans that are linked by pairs; those without any stand alone."""
-    graph = coo_matrix(
-        (
-            np.ones(len(pairs)),
-            ([p.first for p in pairs], [num_found + p.second for p in pairs]),
-        ),
-        shape=(num_found + num_known,) * 2,
-    )
-    num, label = connected_components(graph, directed=False)
-    pieces: list[tuple[list[int], list[int], list[Overlap]]] = [([], [], []) for _ in range(num)]
-    for place, number in enumerate(label):
-        if place < num_found:
-            pieces[number][0].append(place)
-        else:
-            pieces[number][1].append(place - num_found)
-    for pair in pairs:
-        pieces[label[pair.first]][2].append(pair)
-    return pieces
 
 
 def _distance(first: Span, second: Span) -> float:

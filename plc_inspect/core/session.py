@@ -28,9 +28,10 @@ from plc_inspect.config import Settings
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.core.registry import SpanRegistry, TrackedSpan
 from plc_inspect.core.tracking import HazardBook, HazardNews, leave_out_ends, SupportBook
-from plc_inspect.core.window import sample_span, SpanKey, Window
+from plc_inspect.core.window import CLOSE, CLOSE_DISTANCE, sample_span, SpanKey, Window
 from plc_inspect.results import (
     Bool,
+    Decision,
     Float32,
     Float64,
     Hazard,
@@ -104,8 +105,8 @@ class Tick:
     """What came of one window."""
 
     state: LiveState
-    decision: UInt8
-    """(N,) Decision of each point of the window."""
+    labels: UInt8
+    """(N,) label of each point of the window, for the map."""
 
 
 class Session:
@@ -166,7 +167,7 @@ class Session:
         self._keep_corridor(result, window, numbered, vehicle)
         return Tick(
             state=self._describe(news, result, window.sequence, started),
-            decision=result.decision,
+            labels=label_points(result),
         )
 
     def conclude(
@@ -275,6 +276,14 @@ class Session:
             line_id=np.concatenate((kept.line_id, new.line_id)),
             span_id=np.concatenate((kept.span_id, new.span_id)),
         )
+
+
+def label_points(result: InspectionResult) -> UInt8:
+    """Return the (N,) labels that the map keeps: Decision, or CLOSE to a conductor."""
+    close = result.clearance <= CLOSE_DISTANCE
+    close &= (result.decision != Decision.WIRE) & (result.decision != Decision.SUPPORT)
+    close &= result.decision != Decision.GROUND
+    return np.where(close, CLOSE, result.decision).astype(np.uint8)
 
 
 def map_numbers(

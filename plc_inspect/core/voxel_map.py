@@ -122,6 +122,11 @@ class VoxelMap:
         return self._size - self._num_free
 
     @property
+    def num_slots(self) -> int:
+        """Slots that were ever in use; some of them may be free."""
+        return self._size
+
+    @property
     def voxel_size(self) -> float:
         """Edge of a voxel [m]."""
         return self._voxel_size
@@ -291,8 +296,8 @@ class VoxelMap:
         cells : Int64
             (K,) cells of ``cells``.
         wanted : UInt8
-            (256,) for each label 0 to leave out, 1 to take, 2 to take a sample where the cell is
-            dense.
+            (256,) for each label 0 to leave out, 1 to take, 1 + k to take k SAMPLE of
+            ``cell_index``, or up to twice as many, where a cell holds more.
 
         Returns
         -------

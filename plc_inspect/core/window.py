@@ -16,15 +16,15 @@
 The part of the map that one tick of the node looks at.
 
 A plan cell is fresh when enough of it is new and something stands high in it.  Fresh cells are
-taken whole.  Of their neighbours, of the spans that run through them and of the spans next to
-those, along their whole length, everything is taken that was ever linear, with a sample of the
-ground: so a span is always fitted from all its points.  The cost follows what is new, not the
-length of the flight.
+taken whole, but for a sample of ground and foliage that earlier ticks saw far from conductors.
+Of their neighbours, and of the spans that run through them along their whole length, everything
+is taken that was ever linear, with a sample of the ground: so a span is always fitted from all
+its points.  Of the spans next to those the part near the joint is taken.  The cost follows what
+is new, not the length of the flight.
 """
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-import itertools
 import math
 
 import numpy as np
@@ -36,13 +36,14 @@ from plc_inspect.results import Bool, Decision, Float64, Int32, Int64, Span, UIn
 SpanKey = tuple[int, int]
 """line_id and span_id."""
 
-NEAR = 45.0
-"""Cells this near to the vehicle are looked at as soon as a little of them is new [m]."""
-NEAR_GROWTH = 0.05
-FAR_GROWTH = 1.0
-"""Share of new voxels that makes a cell fresh, near the vehicle and far from it."""
+NEAR = 50.0
+"""Cells this near to the vehicle are looked at while they grow, others when they are quiet [m]."""
+GROWTH = 0.1
+"""Share of new voxels that makes a cell near the vehicle fresh."""
 QUIET = 30
 """A cell without a new voxel for so many scans is looked at once more."""
+STUB = 60.0
+"""Of a neighbouring span, the part this near to the joint is taken [m]."""
 SIDE = 8.0
 """Points this far to the side of a span are taken with it [m]."""
 SPACING = 5.0
@@ -56,17 +57,21 @@ _RING = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)], dtype=np.int6
 _TURN = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
 _AROUND = SIDE * np.vstack(([[0.0, 0.0]], np.column_stack((np.cos(_TURN), np.sin(_TURN)))))
 
+CLOSE = 100
+"""Label of a voxel that is no wire but close to one; other labels are Decision, 0 is unseen."""
+CLOSE_DISTANCE = 8.0
+"""What is this near to a conductor may be a hazard and is never thinned out [m]."""
+
 WHOLE: UInt8 = np.ones(256, dtype=np.uint8)
-"""Labels taken from a cell that is looked at as a whole."""
+"""Labels taken from fresh cells: everything, of ground and foliage far from wires a sample."""
+WHOLE[[Decision.GROUND, Decision.TOO_LOW]] = 3
+WHOLE[Decision.NOT_LINEAR] = 5
 
 THIN: UInt8 = np.zeros(256, dtype=np.uint8)
-"""Labels taken from the other cells: what is new or was ever linear, some ground."""
-THIN[Decision.NOT_FINITE] = 1  # voxels that no tick has seen carry 0
-THIN[Decision.GROUND] = 2
-THIN[[
-    Decision.OUTLIER, Decision.NO_SECTION, Decision.NO_CLUSTER, Decision.NO_CATENARY,
-    Decision.WIRE, Decision.SUPPORT,
-]] = 1
+"""Labels taken from the other cells: what is new or was ever linear, and a little ground."""
+THIN[[Decision.GROUND, Decision.SUPPORT]] = 2
+THIN[[0, Decision.OUTLIER, Decision.WIRE]] = 3
+THIN[[Decision.NO_SECTION, Decision.NO_CLUSTER, Decision.NO_CATENARY]] = 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -77,6 +82,8 @@ class WindowPlan:
     """(C,) cells to be copied whole, because of what is new in them."""
     thin: Int64
     """(T,) cells about them and along spans, of which only a part is copied."""
+    everything: bool
+    """Copy the whole map, in the order in which its voxels were made."""
     spans: frozenset[SpanKey]
     """Known spans that are in the window with all their points and both neighbours."""
     sequence: int
@@ -128,7 +135,12 @@ class WindowPlanner:
         self._beta = beta
 
     def plan(
-        self, voxels: VoxelMap, spans: Sequence[Span], vehicle: Float64 | None
+        self,
+        voxels: VoxelMap,
+        spans: Sequence[Span],
+        vehicle: Float64 | None,
+        *,
+        at_once: bool = False,
     ) -> WindowPlan | None:
         """
         Choose the window and take its fresh cells as seen.
@@ -141,6 +153,8 @@ class WindowPlanner:
             Those known so far.
         vehicle : Float64 or None
             (2+,) where the vehicle is [m]; None: everywhere near.
+        at_once : bool
+            Take every high cell with anything new in it, however little.
 
         Returns
         -------
@@ -149,23 +163,25 @@ class WindowPlanner:
 
         """
         cells = voxels.cells
-        fresh = self._find_fresh(cells, voxels.sequence, vehicle)
+        fresh = self._find_fresh(cells, voxels.sequence, vehicle, at_once)
         if not len(fresh):
             return None
         index = cells.index
         around = _find_around(cells, index[fresh])
-        core, others = _involve(spans, cells, index[around])
-        thin = np.setdiff1d(np.union1d(around, _cells_of(core + others, cells)), fresh)
+        core, stubs = _involve(spans, cells, index[around])
+        along = _cells_of([sample_span(span, SPACING) for span in core] + stubs, cells)
+        thin = np.setdiff1d(np.union1d(around, along), fresh)
         cells.settle(fresh)
         return WindowPlan(
             fresh=fresh,
             thin=thin,
+            everything=False,
             spans=frozenset(_key(span) for span in core),
             sequence=voxels.sequence,
         )
 
     def _find_fresh(
-        self, cells: CellIndex, sequence: int, vehicle: Float64 | None
+        self, cells: CellIndex, sequence: int, vehicle: Float64 | None, at_once: bool
     ) -> Int64:
         new = np.flatnonzero(cells.num_new)
         if not len(new):
@@ -174,14 +190,13 @@ class WindowPlanner:
         low = np.where(around >= 0, cells.low[around], np.inf).reshape(-1, len(_RING))
         high = cells.high[new] - low.min(axis=1) >= self._beta
         num_new = cells.num_new[new]
-        seen = cells.count[new] - num_new
-        growth = np.full(len(new), NEAR_GROWTH)
+        due = num_new > GROWTH * (cells.count[new] - num_new)
         if vehicle is not None:
             apart = np.linalg.norm(cells.centers[new] - vehicle[:2], axis=1)
-            growth[apart > NEAR] = FAR_GROWTH
+            due &= apart <= NEAR
         quiet = sequence - cells.touched[new] > QUIET
         cells.settle(new[quiet & ~high])
-        return new[high & (quiet | (num_new > growth * seen))]
+        return new[high & (quiet | due | at_once)]
 
 
 def copy_window(voxels: VoxelMap, plan: WindowPlan) -> Iterator[Window | None]:
@@ -201,11 +216,10 @@ def copy_window(voxels: VoxelMap, plan: WindowPlan) -> Iterator[Window | None]:
         None after each step, at last the window.
 
     """
-    parts: list[tuple[Int64, Float64]] = []
-    for chosen, wanted in ((plan.fresh, WHOLE), (plan.thin, THIN)):
-        for group in _split(chosen, voxels.cells.count[chosen]):
-            parts.append(voxels.copy_voxels(voxels.collect(group, wanted)))
-            yield None
+    parts = [voxels.copy_voxels(np.empty(0, dtype=np.int32))]
+    for slots in _list_everything(voxels) if plan.everything else _list_slots(voxels, plan):
+        parts.append(voxels.copy_voxels(slots))
+        yield None
     index = voxels.cells.index
     yield Window(
         slots=np.concatenate([part[0] for part in parts]),
@@ -223,9 +237,24 @@ def plan_everything(voxels: VoxelMap, spans: Sequence[Span]) -> WindowPlan:
     return WindowPlan(
         fresh=everything,
         thin=everything[:0],
+        everything=True,
         spans=frozenset(_key(span) for span in spans),
         sequence=voxels.sequence,
     )
+
+
+def _list_everything(voxels: VoxelMap) -> Iterator[Int32]:
+    start = 0
+    while start < voxels.num_slots:
+        stop = min(start + CHUNK, voxels.num_slots)
+        yield np.arange(start, stop, dtype=np.int32)
+        start = stop
+
+
+def _list_slots(voxels: VoxelMap, plan: WindowPlan) -> Iterator[Int32]:
+    for cells, wanted in ((plan.fresh, WHOLE), (plan.thin, THIN)):
+        for group in _split(cells, voxels.cells.count[cells]):
+            yield voxels.collect(group, wanted)
 
 
 def _key(span: Span) -> SpanKey:
@@ -248,11 +277,11 @@ def _find_around(cells: CellIndex, index: Int64) -> Int64:
     return found[found >= 0].astype(np.int64)
 
 
-def _cells_of(spans: Sequence[Span], cells: CellIndex) -> Int64:
-    """Return the cells along spans and to their sides, ascending."""
-    if not spans:
+def _cells_of(samples: Sequence[Float64], cells: CellIndex) -> Int64:
+    """Return the cells at plan points and to their sides, ascending."""
+    if not samples:
         return np.empty(0, dtype=np.int64)
-    at = np.vstack([sample_span(span, SPACING) for span in spans])
+    at = np.vstack(samples)
     around = (at[:, None, :] + _AROUND).reshape(-1, 2)
     found = np.unique(cells.find(np.unique(cells.locate(around), axis=0)))
     return found[found >= 0].astype(np.int64)
@@ -260,8 +289,12 @@ def _cells_of(spans: Sequence[Span], cells: CellIndex) -> Int64:
 
 def _involve(
     spans: Sequence[Span], cells: CellIndex, index: Int64
-) -> tuple[list[Span], list[Span]]:
-    """Find the spans through some cells with those beside them, and the next along the lines."""
+) -> tuple[list[Span], list[Float64]]:
+    """
+    Find the spans through some cells with those beside them, and the next along the lines.
+
+    Of the latter come only plan points near the joint.
+    """
     if not spans:
         return [], []
     samples = [_pack(cells.locate(sample_span(span, SPACING))) for span in spans]
@@ -272,17 +305,21 @@ def _involve(
     by_line: dict[int, list[Span]] = {}
     for span in core:
         by_line.setdefault(span.line_id, []).append(span)
-    nexts = {
-        span.span_id
-        for span in spans
-        if span.span_id not in touched
-        and any(_meet(span, other) for other in by_line.get(span.line_id, ()))
-    }
-    return core, [span for span in spans if span.span_id in nexts]
+    stubs = []
+    for span in spans:
+        if span.span_id in touched:
+            continue
+        for other in by_line.get(span.line_id, ()):
+            joint = _meet(span, other)
+            if joint is not None:
+                at = sample_span(span, SPACING)
+                stubs.append(at[np.hypot(*(at - joint).T) <= STUB])
+    return core, stubs
 
 
-def _meet(first: Span, second: Span) -> bool:
-    return any(
-        math.dist(a, b) <= JOINT
-        for a, b in itertools.product((first.start, first.end), (second.start, second.end))
-    )
+def _meet(span: Span, other: Span) -> Float64 | None:
+    """Return the plan position of the end of a span at which another one meets it."""
+    for end in (span.start, span.end):
+        if any(math.dist(end, place) <= JOINT for place in (other.start, other.end)):
+            return end[:2]
+    return None

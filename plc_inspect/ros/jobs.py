@@ -24,7 +24,7 @@ from typing import Any
 import numba
 
 from plc_inspect.config import Settings
-from plc_inspect.core.session import LiveState, Session
+from plc_inspect.core.session import label_points, LiveState, Session
 from plc_inspect.core.warm_up import warm_up_pipeline
 from plc_inspect.core.window import Window
 from plc_inspect.errors import PlcInspectError
@@ -61,8 +61,8 @@ class Done:
     bundle: Bundle
     slots: Int64
     points: Float64
-    decision: UInt8
-    """Labels for the map: one for each point of the window."""
+    labels: UInt8
+    """For the map: one for each point of the window."""
     folder: Path | None = None
     problem: str = ''
     """Why no folder was written."""
@@ -83,7 +83,7 @@ def run_tick(session: Session, snapshot: Snapshot) -> Done:
         bundle=make_bundle(tick.state, snapshot.frame_id, snapshot.stamp_ns),
         slots=window.slots,
         points=window.points,
-        decision=tick.decision,
+        labels=tick.labels,
     )
 
 
@@ -122,7 +122,7 @@ def run_save(session: Session, snapshot: Snapshot, folder: Path) -> Done:
         bundle=make_bundle(state, snapshot.frame_id, snapshot.stamp_ns),
         slots=window.slots,
         points=window.points,
-        decision=result.decision,
+        labels=label_points(result),
         folder=None if problem else folder,
         problem=problem,
     )

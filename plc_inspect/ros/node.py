@@ -301,7 +301,9 @@ class InspectNode(Node):
                 return
             plan, job = plan_everything(voxels, spans), 'save'
         elif self._wants_tick or self._tick_waiters:
-            plan, job = self._planner.plan(voxels, spans, self._intake.vehicle), 'tick'
+            asked = bool(self._tick_waiters)
+            plan = self._planner.plan(voxels, spans, self._intake.vehicle, at_once=asked)
+            job = 'tick'
             self._wants_tick = False
             if plan is None:
                 self._answer(self._tick_waiters, True, 'nothing is new since the last tick')
@@ -351,7 +353,7 @@ class InspectNode(Node):
         if job == 'start' or done is None:
             self.get_logger().info('ready')
             return
-        self._intake.accumulator.map.label(done.slots, done.points, done.decision)
+        self._intake.accumulator.map.label(done.slots, done.points, done.labels)
         self._state = done.state
         self._results.publish(done.bundle)
         self._teller.tell(done.state)

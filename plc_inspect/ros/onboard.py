@@ -14,7 +14,9 @@
 
 """The command ``plc_node``: the onboard node."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+import os
 import signal
 import sys
 
@@ -44,7 +46,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return DONE
     sys.setswitchinterval(SWITCH_INTERVAL)
     try:
-        rclpy.init(args=arguments)
+        with _hold_tongue():
+            rclpy.init(args=arguments)
     except Exception as error:  # rclpy has an exception for each kind of bad argument
         return _complain(error)
     try:
@@ -70,6 +73,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         node.destroy_node()
         rclpy.utilities.try_shutdown()
     return DONE
+
+
+@contextmanager
+def _hold_tongue() -> Iterator[None]:
+    """Keep the ROS client library from writing to stderr; what it says is in the exception."""
+    kept = os.dup(2)
+    try:
+        with open(os.devnull, 'wb') as nothing:
+            os.dup2(nothing.fileno(), 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
 
 
 def _complain(error: object) -> int:

@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 
 from plc_inspect.config import MapSettings
+from plc_inspect.core.cell_index import SAMPLE
 from plc_inspect.core.voxel_map import INITIAL_CAPACITY, VoxelMap
 from plc_inspect.errors import DataError
 
@@ -215,8 +216,10 @@ def test_labels_choose_what_is_collected():
     wanted = np.zeros(256, dtype=np.uint8)
     wanted[14] = 1
     assert sorted(voxels.collect(np.array([0]), wanted)) == sorted(slots[:100])
-    wanted[2] = 2  # a sample where the cell is dense, which this one is not
-    assert len(voxels.collect(np.array([0]), wanted)) == len(slots)
+    for kinds in (1, 3):
+        wanted[2] = 1 + kinds
+        num = len(voxels.collect(np.array([0]), wanted)) - 100
+        assert 0.8 * kinds * SAMPLE < num < 2.2 * kinds * SAMPLE
     voxels.drop(0, NOTHING)
     voxels.insert(centroids + 20.0)
     voxels.label(slots, centroids, np.full(len(slots), 14, dtype=np.uint8))

@@ -1,0 +1,108 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Launch files and viewer configurations name only what exists; they cannot run here."""
+
+import ast
+import json
+from pathlib import Path
+import re
+import xml.etree.ElementTree as ElementTree
+
+import pytest
+import yaml
+
+from plc_inspect.config import describe
+from plc_inspect.ros.transport import VALUE, VARIABLE
+
+ROOT = Path(__file__).parents[2]
+LAUNCH = sorted((ROOT / 'launch').glob('*.launch.py'))
+TOPICS = {f'/plc_inspect/{name}' for name in ('lines', 'corridor', 'catenaries', 'hazards',
+                                              'markers')}
+SETUP = (ROOT / 'setup.py').read_text(encoding='utf-8')
+
+
+def list_strings(tree):
+    """List all string constants of a tree."""
+    return [node.value for node in ast.walk(tree)
+            if isinstance(node, ast.Constant) and isinstance(node.value, str)]
+
+
+@pytest.mark.parametrize('path', LAUNCH, ids=lambda path: path.name)
+def test_launch_files_name_what_exists(path):
+    text = path.read_text(encoding='utf-8')
+    tree = ast.parse(text)
+    compile(tree, str(path), 'exec')
+    functions = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+    assert 'generate_launch_description' in functions
+    for executable in re.findall(r"package='plc_inspect',\s+executable='(\w+)'", text):
+        assert f"'{executable}':" in SETUP, executable
+    strings = list_strings(tree)
+    for folder, name in re.findall(r"share, '(\w+)', '([\w.]+)'", text):
+        assert (ROOT / folder / name).is_file(), name
+    settings = {name for name, _, _ in describe()}
+    for string in strings:
+        if re.fullmatch(r'(output|input|map|segment|height)\.\w+', string):
+            assert string in settings
+    declared = re.findall(r"DeclareLaunchArgument\('(\w+)'", text)
+    used = re.findall(r"LaunchConfiguration\('(\w+)'\)", text)
+    assert set(used) == set(declared)
+
+
+def test_there_are_both_launch_files():
+    assert [path.name for path in LAUNCH] == ['inspect.launch.py', 'replay.launch.py']
+
+
+def test_transport_is_the_same_everywhere():
+    text = (ROOT / 'launch/inspect.launch.py').read_text(encoding='utf-8')
+    strings = list_strings(ast.parse(text))
+    assert VALUE in strings
+    assert VARIABLE in strings
+    root = ElementTree.parse(ROOT / 'config/fastdds.xml').getroot()
+    space = '{http://www.eprosima.com}'
+    transports = next(root.iter(f'{space}builtinTransports'))
+    name, _, options = VALUE.partition('?')
+    assert transports.text == name
+    assert transports.attrib == dict(item.split('=') for item in options.split('&'))
+
+
+def test_rviz_shows_the_topics():
+    content = yaml.safe_load((ROOT / 'config/inspect.rviz').read_text(encoding='utf-8'))
+    displays = content['Visualization Manager']['Displays']
+    shown = {item['Topic']['Value'] for item in displays if 'Topic' in item}
+    assert TOPICS - {'/plc_inspect/catenaries', '/plc_inspect/hazards'} <= shown
+    assert '/velodyne_points' in shown
+    for item in displays:
+        if item.get('Topic', {}).get('Value') in TOPICS:
+            assert item['Topic']['Durability Policy'] == 'Transient Local'
+            assert item['Topic']['Reliability Policy'] == 'Reliable'
+
+
+def test_foxglove_shows_the_topics():
+    content = json.loads((ROOT / 'config/foxglove.json').read_text(encoding='utf-8'))
+    panels = content['configById']
+    shown = {
+        topic for name, panel in panels.items() if name.startswith('3D!')
+        for topic, options in panel['topics'].items() if options['visible']
+    }
+    assert {'/plc_inspect/lines', '/plc_inspect/corridor', '/plc_inspect/markers'} <= shown
+
+    def leaves(node):
+        if isinstance(node, str):
+            return {node}
+        return leaves(node['first']) | leaves(node['second'])
+
+    assert leaves(content['layout']) == set(panels)
+    raw = {panel['topicPath'] for name, panel in panels.items() if name.startswith('RawMessages!')}
+    assert raw <= TOPICS | {'/diagnostics'}

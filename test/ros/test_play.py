@@ -1,0 +1,172 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The player: what was recorded, in its timing, with /clock."""
+
+import dataclasses
+from pathlib import Path
+import threading
+import time
+
+from nav_msgs.msg import Odometry
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, QoSReliabilityPolicy
+from rig import isolate, take_domain, wait_for
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.typesys import get_typestore, Stores
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import PointCloud2
+
+from plc_inspect.offline.bags import Recording
+from plc_inspect.ros.play import main, Player
+
+DEMO = Path(__file__).parents[2] / 'bags' / 'demo'
+
+
+class Listener:
+    """Keeps what arrives, and when."""
+
+    def __init__(self, context, depth=1000):
+        self.node = Node('listener', context=context)
+        self.received = {'scans': [], 'poses': [], 'clock': []}
+        reliable = QoSProfile(depth=depth, reliability=QoSReliabilityPolicy.RELIABLE)
+        for name, kind, topic in (
+            ('scans', PointCloud2, 'velodyne_points'), ('poses', Odometry, 'odometry'),
+            ('clock', Clock, '/clock'),
+        ):
+            self.node.create_subscription(
+                kind, topic,
+                lambda message, name=name: self.received[name].append((time.monotonic(), message)),
+                reliable,
+            )
+        self.executor = SingleThreadedExecutor(context=context)
+        self.executor.add_node(self.node)
+        self.thread = threading.Thread(target=self.executor.spin, daemon=True)
+        self.thread.start()
+
+    def close(self):
+        self.executor.shutdown()
+        self.thread.join(10.0)
+        self.node.destroy_node()
+
+
+@pytest.fixture
+def graph(monkeypatch):
+    """Return a listener; the player's default context is on the same graph."""
+    isolate()
+    domain = take_domain()
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
+    context = Context()
+    rclpy.init(context=context, domain_id=domain)
+    listener = Listener(context)
+    yield listener
+    listener.close()
+    rclpy.shutdown(context=context)
+
+
+def to_ns(stamp):
+    return stamp.sec * 10**9 + stamp.nanosec
+
+
+def test_everything_arrives_as_recorded(graph):
+    assert main([str(DEMO), '--rate', '20', '--start', '40', '--wait', '20', '--quiet']) == 0
+    with AnyReader([DEMO]) as reader:
+        first = reader.start_time
+        messages = [
+            (stamp, connection.topic, reader.deserialize(raw, connection.msgtype))
+            for connection, stamp, raw in reader.messages() if stamp - first >= 40 * 10**9
+        ]
+    scans = [message for _, topic, message in messages if topic == '/velodyne_points']
+    poses = [message for _, topic, message in messages if topic == '/odometry']
+    wait_for(lambda: len(graph.received['poses']) == len(poses), 'poses')
+    got = [message for _, message in graph.received['scans']]
+    assert len(got) == len(scans) > 50
+    for one, other in zip(got, scans, strict=True):
+        assert to_ns(one.header.stamp) == to_ns(other.header.stamp)
+        assert (one.width, one.point_step) == (other.width, other.point_step)
+        assert bytes(one.data) == bytes(other.data)
+        assert [f.name for f in one.fields] == [f.name for f in other.fields]
+    for (_, one), other in zip(graph.received['poses'], poses, strict=True):
+        assert one.pose.pose.position.x == other.pose.pose.position.x
+        assert one.header.frame_id == other.header.frame_id
+    clock = [to_ns(message.clock) for _, message in graph.received['clock']]
+    assert clock == sorted(clock)
+    assert clock[0] <= messages[0][0]
+    assert messages[-1][0] - clock[-1] < 0.5e9
+
+
+def test_timing_follows_the_rate(graph):
+    began = time.monotonic()
+    assert main([str(DEMO), '--rate', '4', '--start', '38', '--wait', '20', '--quiet']) == 0
+    scans = graph.received['scans']
+    wait_for(lambda: len(scans) > 50, 'scans')
+    arrival = [at for at, _ in scans]
+    stamp = [to_ns(message.header.stamp) * 1e-9 for _, message in scans]
+    assert arrival[-1] - arrival[0] == pytest.approx((stamp[-1] - stamp[0]) / 4, abs=0.4)
+    assert time.monotonic() - began < 30
+
+
+def test_the_end_of_ros_ends_a_loop(graph):
+    isolate()
+    rclpy.init()
+    try:
+        with Recording(DEMO, 'velodyne_points', 'odometry') as recording:
+            player = Player(recording, 'velodyne_points', 'odometry')
+            assert player.wait_for_subscribers(20.0)
+            threading.Timer(0.5, rclpy.utilities.try_shutdown).start()
+            count = player.play(1.0, 0.0)
+            assert 0 < count < recording.num_messages
+            player.close()
+    finally:
+        rclpy.utilities.try_shutdown()
+
+
+def test_ros1_recordings_become_ros2_messages(graph, tmp_path):
+    ros1 = get_typestore(Stores.ROS1_NOETIC)
+    with AnyReader([DEMO]) as reader:
+        messages = [
+            (c.topic, c.msgtype, stamp, reader.deserialize(raw, c.msgtype))
+            for c, stamp, raw in list(reader.messages())[:40]
+        ]
+    with Writer1(tmp_path / 'old.bag') as writer:
+        connections = {}
+        for topic, kind, stamp, message in messages:
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=ros1)
+            writer.write(connections[topic], stamp, to_ros1(ros1, message, kind))
+    assert main([str(tmp_path / 'old.bag'), '--rate', '10', '--wait', '20', '--quiet']) == 0
+    expected = [message for topic, _, _, message in messages if topic == '/odometry']
+    wait_for(lambda: len(graph.received['poses']) == len(expected), 'poses')
+    for (_, one), other in zip(graph.received['poses'], expected, strict=True):
+        assert to_ns(one.header.stamp) == to_ns(other.header.stamp)
+        assert one.header.frame_id == other.header.frame_id
+        assert one.pose.pose.position.y == other.pose.pose.position.y
+    scans = [message for topic, _, _, message in messages if topic == '/velodyne_points']
+    for (_, one), other in zip(graph.received['scans'], scans, strict=True):
+        assert bytes(one.data) == bytes(other.data)
+
+
+def to_ros1(ros1, message, kind):
+    """Serialise a ROS 2 message for ROS 1, whose header has a sequence number."""
+    header = ros1.types['std_msgs/msg/Header'](seq=0, stamp=message.header.stamp,
+                                               frame_id=message.header.frame_id)
+    fields = {f.name: getattr(message, f.name) for f in dataclasses.fields(message)
+              if f.name != '__msgtype__'}
+    fields['header'] = header
+    return bytes(ros1.serialize_ros1(ros1.types[kind](**fields), kind))

@@ -1,0 +1,163 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The node and the player as the processes that users start."""
+
+import json
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+import rclpy
+from rclpy.context import Context
+from rig import isolate, Robot, take_domain, wait_for
+
+ROOT = Path(__file__).parents[2]
+DEMO = ROOT / 'bags' / 'demo'
+NODE = 'plc_inspect.ros.onboard'
+PLAYER = 'plc_inspect.ros.play'
+
+
+class Command:
+    """A module that runs as a process; its stderr goes into a file."""
+
+    def __init__(self, folder, domain, module, *arguments):
+        isolate()
+        self.log = folder / f'{module}.log'
+        environment = os.environ | {'ROS_DOMAIN_ID': str(domain), 'ROS_HOME': str(folder)}
+        with self.log.open('w') as stream:
+            self.process = subprocess.Popen(
+                [sys.executable, '-m', module, *map(str, arguments)], cwd=ROOT,
+                env=environment, stdout=stream, stderr=subprocess.STDOUT,
+            )
+
+    def text(self):
+        return self.log.read_text()
+
+    def end(self, number=signal.SIGINT, deadline=40.0):
+        """Send a signal and return the exit code."""
+        self.process.send_signal(number)
+        return self.process.wait(deadline)
+
+    def kill(self):
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+
+
+@pytest.fixture
+def start(tmp_path):
+    """Return a function that starts a command; all are ended after the test."""
+    commands = []
+    domain = take_domain()
+
+    def run(module, *arguments):
+        commands.append(Command(tmp_path, domain, module, *arguments))
+        return commands[-1]
+
+    run.domain = domain
+    yield run
+    for command in commands:
+        command.kill()
+
+
+@pytest.fixture
+def robot(start):
+    """Return a robot on the graph of the commands."""
+    isolate()
+    context = Context()
+    rclpy.init(context=context, domain_id=start.domain)
+    robot = Robot(context)
+    yield robot
+    robot.close()
+    rclpy.shutdown(context=context)
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_signal_during_a_tick_saves_the_results(start, robot, tmp_path, number):
+    node = start(
+        NODE, '--ros-args', '-p', f'output.directory:={tmp_path / "out"}',
+        '-p', 'segment.period:=0.05', '-p', 'map.max_voxels:=200000',
+    )
+    robot.connect()
+    wait_for(lambda: 'ready' in node.text(), 'ready node', 180.0)
+    end = time.monotonic() + 3.0
+    while time.monotonic() < end:  # a tick is running nearly all the time
+        robot.step()
+        time.sleep(0.02)
+    assert node.end(number) == 0, node.text()
+    assert f'saved to {tmp_path / "out"}' in node.text()
+    assert 'Traceback' not in node.text()
+    assert len(json.loads((tmp_path / 'out' / 'spans.json').read_text())['spans']) == 6
+    assert sorted(path.name for path in tmp_path.iterdir() if 'partial' in path.name) == []
+
+
+def test_without_data_nothing_is_saved(start, tmp_path):
+    node = start(NODE, '--ros-args', '-p', 'map.max_voxels:=20000')
+    wait_for(lambda: 'ready' in node.text(), 'ready node', 180.0)
+    assert node.end() == 0
+    assert 'nothing to save' in node.text()
+    assert not (tmp_path / 'plc_inspect').exists()
+
+
+@pytest.mark.parametrize(('arguments', 'text'), [
+    (['--ros-args', '-p', 'height.beta:=1000.0'], 'height.beta must lie in [1, 50]'),
+    (['--ros-args', '-p', 'height.betta:=5.0'], 'unknown parameter height.betta'),
+    (['--ros-args', '-p', 'height.num_bins:=many'], 'height.num_bins must be like 100'),
+    (['--ros-args', '--params-file', '/nowhere.yaml'], '/nowhere.yaml'),
+    (['--ros-args', '--nonsense'], '--nonsense'),
+    (['surplus'], "unknown argument 'surplus'"),
+])
+def test_bad_usage_of_the_node_is_one_line(start, arguments, text):
+    node = start(NODE, *arguments)
+    assert node.process.wait(60.0) == 2, node.text()
+    assert text in node.text()
+    assert node.text().startswith('plc_node: ')
+    assert node.text().count('\n') == 1
+
+
+def test_committed_parameter_file_is_taken(start):
+    node = start(
+        NODE, '--ros-args', '--params-file', ROOT / 'config' / 'plc_inspect.yaml',
+        '-p', 'map.max_voxels:=20000',
+    )
+    wait_for(lambda: 'ready' in node.text(), 'ready node', 180.0)
+    assert node.end(signal.SIGTERM) == 0
+
+
+def test_help():
+    for module, usage in ((NODE, 'usage: plc_node'), (PLAYER, 'usage: plc_play')):
+        done = subprocess.run(
+            [sys.executable, '-m', module, '--help'], capture_output=True, text=True, cwd=ROOT,
+            timeout=30, check=True,
+        )
+        assert done.stdout.startswith(usage)
+
+
+@pytest.mark.parametrize(('arguments', 'text'), [
+    (['/nowhere'], '/nowhere does not exist'),
+    ([DEMO, '--rate', '0'], 'not a positive number'),
+    ([DEMO, '--start', '1000'], 'beyond the end'),
+    ([DEMO, '--scan-topic', 'camera'], 'has no /camera'),
+    ([], 'BAG'),
+])
+def test_bad_usage_of_the_player_is_one_line(start, arguments, text):
+    player = start(PLAYER, *arguments)
+    assert player.process.wait(30.0) == 2
+    assert text in player.text()
+    assert player.text().count('\n') == 1
