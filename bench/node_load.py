@@ -1,0 +1,248 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Loads the node with a recording in its own timing, and measures it from outside.
+
+Node and player are processes of their own; this one listens to the results, /diagnostics and
+/clock and reads the node's processor time and memory from /proc.  ``bench/node_flight.py`` makes
+recordings for it.  Where the recording has a truth.json, the numbers of the lines are followed
+too: which conductor changed its number.
+"""
+
+import argparse
+from collections import defaultdict
+from collections.abc import Sequence
+import json
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+
+import numpy as np
+
+from plc_inspect.offline.bags import Recording
+from plc_inspect.ros.transport import prepare_transport
+
+PAGE, TICKS = os.sysconf('SC_PAGE_SIZE'), os.sysconf('SC_CLK_TCK')
+
+
+class Probe:
+    """Listens to the node."""
+
+    def __init__(self, pid: int, scan_rate: float) -> None:
+        from diagnostic_msgs.msg import DiagnosticArray
+        import rclpy
+        from rclpy.executors import SingleThreadedExecutor
+        from rosgraph_msgs.msg import Clock
+        from sensor_msgs.msg import PointCloud2
+
+        from plc_inspect.ros.messages import read_rows
+        from plc_inspect.ros.qos import RESULTS
+
+        rclpy.init()
+        self.node = rclpy.create_node('probe')
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
+        self.node.create_subscription(Clock, '/clock', self._on_clock, 10)
+        self.node.create_subscription(
+            PointCloud2, '/plc_inspect/catenaries', self._on_catenaries, RESULTS
+        )
+        self._read = read_rows
+        self._pid, self._period = pid, 1.0 / scan_rate
+        self._offset: float | None = None
+        self._newest: float | None = None
+        self.values: dict[str, str] = {}
+        self.ready = False
+        self.latency: list[tuple[float, float]] = []
+        self.ticks: list[tuple[float, float]] = []
+        self.usage: list[tuple[float, float, float]] = []
+        self.rows: list[tuple[float, np.ndarray]] = []
+        self._last_tick = ''
+
+    def _on_clock(self, message) -> None:
+        self._offset = message.clock.sec + message.clock.nanosec * 1e-9 - time.monotonic()
+
+    def _on_catenaries(self, message) -> None:
+        stamp = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
+        if self._offset is None or (self._newest is not None and stamp <= self._newest):
+            return
+        now = time.monotonic() + self._offset
+        scan = stamp
+        while scan > (self._newest if self._newest is not None else stamp - self._period / 2):
+            self.latency.append((time.monotonic(), now - scan))
+            scan -= self._period
+        self._newest = stamp
+        self.rows.append((time.monotonic(), self._read(message).copy()))
+
+    def _on_diagnostics(self, message) -> None:
+        for status in message.status:
+            for item in status.values:
+                self.values[item.key] = item.value
+        self.ready = self.values.get('busy') == 'False' or self.ready
+        if self.values.get('ticks') != self._last_tick and 'last tick [ms]' in self.values:
+            self._last_tick = self.values['ticks']
+            self.ticks.append((time.monotonic(), float(self.values['last tick [ms]'])))
+
+    def sample(self) -> None:
+        """Read processor time and resident memory of the node."""
+        fields = Path(f'/proc/{self._pid}/stat').read_text().rpartition(')')[2].split()
+        cpu = (int(fields[11]) + int(fields[12])) / TICKS
+        memory = int(Path(f'/proc/{self._pid}/statm').read_text().split()[1]) * PAGE
+        self.usage.append((time.monotonic(), cpu, memory))
+
+
+def run(bag: Path, out: Path, scan_rate: float, settings: Sequence[str]) -> tuple[Probe, str]:
+    """Fly a recording past the node and return what was seen, and the last diagnostics."""
+    extra = [item for setting in settings for item in ('-p', setting)]
+    node = subprocess.Popen([
+        sys.executable, '-m', 'plc_inspect.ros.onboard', '--ros-args', '--log-level', 'warn',
+        '-p', f'output.directory:={out}', *extra,
+    ])
+    probe = Probe(node.pid, scan_rate)
+    player = None
+    try:
+        deadline = time.monotonic() + 300.0
+        while not probe.ready:
+            probe.executor.spin_once(timeout_sec=0.2)
+            if node.poll() is not None or time.monotonic() > deadline:
+                raise SystemExit('the node does not come up')
+        player = subprocess.Popen([
+            sys.executable, '-m', 'plc_inspect.ros.play', str(bag), '--wait', '10', '--quiet',
+        ])
+        due = 0.0
+        while player.poll() is None and node.poll() is None:
+            probe.executor.spin_once(timeout_sec=0.2)
+            if time.monotonic() >= due:
+                probe.sample()
+                due = time.monotonic() + 1.0
+        end = time.monotonic() + 3.0
+        while time.monotonic() < end and node.poll() is None:
+            probe.executor.spin_once(timeout_sec=0.2)
+        began = time.monotonic()
+        node.send_signal(signal.SIGINT)
+        code = node.wait(180.0)
+        return probe, f'exit code {code}, results saved in {time.monotonic() - began:.1f} s'
+    finally:
+        for process in (player, node):
+            if process is not None and process.poll() is None:
+                process.kill()
+
+
+def report(probe: Probe, num_scans: int, end: str) -> None:
+    """Print the figures, of the whole run and of its halves."""
+    values = probe.values
+    print(f'scans: {num_scans} played, {values["scans"]} received, '
+          f'{num_scans - int(values["scans"])} lost, {values["scans dropped"]} dropped')
+    print(f'callbacks p99: {values["callbacks p99 [ms]"]} ms')
+    for key, value in sorted(values.items()):
+        if key.startswith('callback '):
+            print(f'  {key}: {value}')
+    middle = (probe.usage[0][0] + probe.usage[-1][0]) / 2
+    for title, series, scale, unit in (
+        ('tick', probe.ticks, 1.0, 'ms'), ('scan to published lines', probe.latency, 1.0, 's'),
+    ):
+        both = np.array(series)
+        parts = both[:, 1], both[both[:, 0] < middle, 1], both[both[:, 0] >= middle, 1]
+        numbers = [
+            f'median {np.median(part) * scale:.2f}, p95 {np.percentile(part, 95) * scale:.2f}'
+            for part in parts if len(part)
+        ]
+        print(f'{title} [{unit}]: {numbers[0]} (first half {numbers[1]}; second {numbers[-1]})')
+    usage = np.array(probe.usage)
+    half = int(np.searchsorted(usage[:, 0], middle))
+    cores = np.diff(usage[[0, half, -1], 1]) / np.diff(usage[[0, half, -1], 0])
+    total = (usage[-1, 1] - usage[0, 1]) / (usage[-1, 0] - usage[0, 0])
+    print(f'processor: {total:.2f} cores (first half {cores[0]:.2f}, second {cores[1]:.2f})')
+    second = usage[half:, 2] / 1e6
+    print(f'resident memory: {usage[0, 2] / 1e6:.0f} MB at start, {second[0]:.0f} MB half way, '
+          f'{second[-1]:.0f} MB at the end, {usage[:, 2].max() / 1e6:.0f} MB at most; '
+          f'second half within {100 * (second.max() / second.min() - 1):.1f} %')
+    print(f'map: {values["voxels"]} voxels, {values["voxels evicted"]} evicted, '
+          f'{values["points refused"]} points refused; ticks postponed: '
+          f'{values["ticks postponed"]}, failed: {values["ticks failed"]}')
+    print(f'{values["lines"]} lines, {values["spans"]} spans, {values["hazards"]} hazards, '
+          f'{values["lines merged"]} lines merged; {end}')
+
+
+def follow(probe: Probe, truth: Path) -> None:
+    """Print which conductors changed their number, by where they hang in truth."""
+    spans = json.loads(truth.read_text(encoding='utf-8'))['spans']
+    names: dict[tuple[int, int], dict[int, int]] = defaultdict(lambda: defaultdict(int))
+    for _, rows in probe.rows:
+        for row in rows:
+            key = find_conductor(row, spans)
+            if key is not None:
+                names[key][int(row['line_id'])] += 1
+    lines: dict[int, set[int]] = defaultdict(set)
+    for (line, _), numbers in names.items():
+        lines[line] |= set(numbers)
+    changed = [key for key, numbers in names.items() if len(numbers) > 1]
+    print(f'conductor-spans seen: {len(names)} of {len(spans)}; with more than one line number '
+          f'over time: {len(changed)}')
+    for line in sorted(lines):
+        print(f'  conductor {line}: published as line {sorted(lines[line])}')
+
+
+def find_conductor(row: np.ndarray, spans: Sequence[dict]) -> tuple[int, int] | None:
+    """Return line_id and span_id of the true conductor-span at the middle of a found one."""
+    middle = [
+        (row[f'start_{axis}'] + row[f'end_{axis}']) / 2 for axis in 'xy'
+    ]
+    height = row['a'] + row['c'] * np.cosh((row['length'] / 2 - row['b']) / row['c'])
+    best, found = 1.5, None
+    for span in spans:
+        start, end = np.array(span['start']), np.array(span['end'])
+        unit = (end - start)[:2] / np.linalg.norm((end - start)[:2])
+        apart = np.array(middle) - start[:2]
+        along = float(apart @ unit)
+        if not 0.0 <= along <= span['length']:
+            continue
+        z = span['a'] + span['c'] * np.cosh((along - span['b']) / span['c'])
+        gap = float(np.hypot(apart[1] * unit[0] - apart[0] * unit[1], height - z))
+        if gap < best:
+            best, found = gap, (span['line_id'], span['span_id'])
+    return found
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the benchmark."""
+    parser = argparse.ArgumentParser(description='Measures the node under load.')
+    parser.add_argument('bag', type=Path)
+    parser.add_argument('--scan-rate', type=float, default=10.0, metavar='HZ')
+    parser.add_argument('-p', '--set', action='append', default=[], metavar='NAME:=VALUE')
+    arguments = parser.parse_args(argv)
+    prepare_transport()
+    os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 100)
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    with Recording(arguments.bag, 'velodyne_points', 'odometry') as recording:
+        num_scans = sum('points' in m.topic for m in recording.raw_messages())
+        print(f'{arguments.bag}: {recording.duration:.0f} s, {num_scans} scans')
+    with tempfile.TemporaryDirectory() as room:
+        probe, end = run(
+            arguments.bag, Path(room) / 'out', arguments.scan_rate, arguments.set
+        )
+    report(probe, num_scans, end)
+    truth = arguments.bag / 'truth.json'
+    if truth.exists():
+        follow(probe, truth)
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
