@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import math
 from typing import Any
 
+from numba import njit
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
@@ -26,7 +27,6 @@ from scipy.spatial import cKDTree
 
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.clearance import Limit, RuleSet
-from plc_inspect.core.corridor import find_near, span_table
 from plc_inspect.core.span_model import find_support, SpanModel
 from plc_inspect.core.trees import segment_trees
 from plc_inspect.results import (
@@ -44,12 +44,6 @@ POLE_ROOM, TOWER_ROOM = 1.5, 5.0
 """What lies wholly within this of a support along the line may be part of it [m]."""
 TREE_MARGIN = 8.0
 """What stands within this of offending points in plan tells which trees they belong to [m]."""
-FALL_REACH = 50.0
-"""Trees farther from all conductors than this are not looked at [m]."""
-TREE_HEIGHT = 2.0
-"""Lower things do not fall on conductors [m]."""
-TREE_SIGMA = 0.15
-"""Standard deviation of the height of a tree above its foot [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -199,18 +193,29 @@ def _split_kinds(surface: Bool, min_points: int) -> list[tuple[HazardKind, Bool]
 
 def _find_trees(around: Surroundings, offends: Bool) -> Int64:
     """Tree of each point about the offending ones, -1 of those far from them."""
-    low = around.points[:, :2].min(axis=0)
-    size = np.floor((around.points[:, :2] - low) / TREE_MARGIN).astype(np.int64) + 1
-    columns, rows = (size.max(axis=0) + 2).tolist()
-    wanted = np.zeros((columns, rows), dtype=bool)
-    x, y = size[offends].T
-    for dx in (-1, 0, 1):
-        for dy in (-1, 0, 1):
-            wanted[x + dx, y + dy] = True
-    near = np.flatnonzero(wanted[size[:, 0], size[:, 1]])
+    near = np.flatnonzero(_stand_near(around.points, offends, TREE_MARGIN))
     tree = np.full(len(around.points), -1, dtype=np.int64)
     tree[near] = segment_trees(around.points[near], around.height[near])
     return tree
+
+
+@njit(cache=True, nogil=True)
+def _stand_near(points, offends, margin):  # type: ignore[no-untyped-def]
+    """Tell the points in the plan cells of offending points, and in those about them."""
+    x0, y0 = points[:, 0].min(), points[:, 1].min()
+    columns = int((points[:, 0].max() - x0) / margin) + 3
+    rows = int((points[:, 1].max() - y0) / margin) + 3
+    wanted = np.zeros((columns, rows), dtype=np.bool_)
+    for i in range(len(points)):
+        if not offends[i]:
+            continue
+        column, row = int((points[i, 0] - x0) / margin), int((points[i, 1] - y0) / margin)
+        wanted[column : column + 3, row : row + 3] = True
+    result = np.empty(len(points), dtype=np.bool_)
+    for i in range(len(points)):
+        column, row = int((points[i, 0] - x0) / margin), int((points[i, 1] - y0) / margin)
+        result[i] = wanted[column + 1, row + 1]
+    return result
 
 
 def _score(
@@ -306,91 +311,3 @@ def describe_hazard(
         'voltage': rules.voltage,
         'note': limit.note,
     } | values
-
-
-def find_falling_trees(
-    points: Float64,
-    height: Float64,
-    surface: Bool,
-    models: Sequence[SpanModel],
-    supports: Sequence[Support],
-    rules: RuleSet,
-    settings: HazardSettings,
-    known: Sequence[dict[str, Any]],
-) -> list[dict[str, Any]]:
-    """
-    Find trees that come too near to a conductor when they fall.
-
-    A tree of height h whose foot is at the distance s from the conductor reaches to s - h of it.
-
-    Parameters
-    ----------
-    points : (K, 3) float64
-        Off the ground, neither wire nor support [m].
-    height : (K,) float64
-        Above local ground [m].
-    surface : (K,) bool
-        Points of roofs and walls.
-    models, supports, rules, settings
-        As in `find_encroachments`.
-    known : sequence
-        Hazards found before; their trees are left out.
-
-    Returns
-    -------
-    list of dict
-        Values of Hazard; position and height are those of the tree's top.
-
-    """
-    limits = rules.find('fall_in')
-    if not limits or not len(points) or not models:
-        return []
-    limit = limits[0]
-    tree = segment_trees(points, height)
-    size = np.bincount(tree)
-    flat = np.bincount(tree, weights=surface.astype(np.float64))
-    top = np.full(len(size), -1, dtype=np.int64)
-    order = np.argsort(height, kind='stable')
-    top[tree[order]] = order
-    ends = np.sort(np.array([[item.start_x, item.end_x] for item in models]), axis=1)
-    table = span_table([item.curve for item in models], ends[:, 0], ends[:, 1])
-    feet = points[top].copy()
-    feet[:, 2] -= height[top]
-    found, distance, owner = find_near(feet, table, FALL_REACH + 60.0)
-    taken = _trees_at(points, tree, [item['position'] for item in known
-                                     if item['kind'] == HazardKind.VEGETATION])
-    result = []
-    for number, reach, span in zip(found.tolist(), distance.tolist(), owner.tolist(), strict=True):
-        tall = float(height[top[number]])
-        clearance = reach - tall
-        severity = limit.judge(clearance)
-        solid = flat[number] > 0.5 * size[number] or size[number] < settings.min_points
-        if severity is None or solid or number in taken:
-            continue
-        model, own = models[span], points[tree == number]
-        x, horizontal, vertical = (
-            float(value[0]) for value in model.part(feet[number : number + 1])
-        )
-        result.append(describe_hazard(
-            model, x, supports, rules, limit,
-            kind=HazardKind.FALL_IN,
-            severity=severity,
-            position=points[top[number]].copy(),
-            clearance=clearance,
-            horizontal=horizontal,
-            vertical=vertical,
-            sigma=math.hypot(model.sigma(x), TREE_SIGMA),
-            num_points=len(own),
-            extent=np.stack([own.min(axis=0), own.max(axis=0)]),
-            height=tall,
-            note='horizontal and vertical are from the foot, which is taken to be under the top',
-        ))
-    return result
-
-
-def _trees_at(points: Float64, tree: Int64, places: Sequence[Float64]) -> set[int]:
-    """Return the trees that the points nearest to some places belong to."""
-    if not places:
-        return set()
-    _, nearest = cKDTree(points).query(np.array(places))
-    return set(tree[nearest].tolist())

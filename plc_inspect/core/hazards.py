@@ -17,7 +17,6 @@
 from collections.abc import Sequence
 import dataclasses
 
-from numba import njit, prange
 import numpy as np
 
 from plc_inspect.config import HazardSettings
@@ -28,22 +27,12 @@ from plc_inspect.core.conductor_hazards import (
     find_interference,
     find_low_conductors,
 )
-from plc_inspect.core.corridor import find_near, span_table
-from plc_inspect.core.encroachments import (
-    FALL_REACH,
-    find_encroachments,
-    find_falling_trees,
-    Surroundings,
-    TREE_HEIGHT,
-)
-from plc_inspect.core.linearity import measure_likeness
+from plc_inspect.core.encroachments import find_encroachments, Surroundings
+from plc_inspect.core.falling_trees import find_fallible, find_falling_trees
 from plc_inspect.core.span_model import SpanModel as SpanModel
-from plc_inspect.core.voxels import build_voxels, find_slot, pack
+from plc_inspect.core.surfaces import is_surface
 from plc_inspect.errors import ConfigError
-from plc_inspect.results import Bool, Float32, Float64, Hazard, Int64, Span, Support
-
-PLANAR = 0.45
-"""Planar likeness from which a neighbourhood is a surface, not foliage."""
+from plc_inspect.results import Bool, Float32, Float64, Hazard, Int32, Int64, Span, Support
 
 
 def choose_rules(settings: HazardSettings, rules: RuleSet | None = None) -> RuleSet:
@@ -75,7 +64,8 @@ def find_hazards(
     rules: RuleSet | None = None,
     height: Float32 | None = None,
     supports: Sequence[Support] = (),
-    others: Bool | None = None,
+    line_id: Int32 | None = None,
+    support: Bool | None = None,
 ) -> tuple[tuple[Hazard, ...], Bool]:
     """
     Find the places where a rule is broken.
@@ -102,8 +92,10 @@ def find_hazards(
         the lowest point, and none is taken to fall
     supports : sequence of Support
         Towers and poles.
-    others : (N,) bool
-        Wire and support points, which do not fall.
+    line_id : (N,) int32
+        Conductor of each point, -1 none; these do not fall.
+    support : (N,) bool
+        Points of towers and poles, which do not either.
 
     Returns
     -------
@@ -128,9 +120,7 @@ def find_hazards(
     )
     found = find_encroachments(around, models, supports, rules, settings)
     if height is not None and rules.find('fall_in'):
-        free = np.isfinite(points).all(axis=1) & (height > TREE_HEIGHT)
-        free &= ~others if others is not None else True
-        wide = _search_wide(points, free, models)
+        wide = find_fallible(points, height, models, line_id, support)
         found += find_falling_trees(
             points[wide], np.asarray(height[wide], dtype=np.float64), is_surface(points, wide),
             models, supports, rules, settings, found,
@@ -160,63 +150,8 @@ def add_ground_clearance(
 
 def _heights(own: Float64, height: Float32 | None) -> Float64:
     """Heights above ground; where that is unknown, above the lowest point."""
-    lowest = own[:, 2].min() if len(own) else 0.0
-    above: Float64 = own[:, 2] - lowest
-    if height is None:
-        return above
-    return np.where(np.isfinite(height), height, above).astype(np.float64)
-
-
-def _search_wide(points: Float64, free: Bool, models: Sequence[SpanModel]) -> Int64:
-    """Return the indices of the free points from which something could fall on a conductor."""
-    if not models:
-        return np.zeros(0, dtype=np.int64)
-    ends = np.sort(np.array([[item.start_x, item.end_x] for item in models]), axis=1)
-    table = span_table([item.curve for item in models], ends[:, 0], ends[:, 1])
-    found, _, _ = find_near(points, table, FALL_REACH)
-    return found[free[found]]
-
-
-def is_surface(points: Float64, chosen: Int64) -> Bool:
-    """
-    Tell points of roofs and walls from foliage by the planar likeness about them.
-
-    Parameters
-    ----------
-    points : (N, 3) float64
-        Positions [m].
-    chosen : (K,)
-        Indices.
-
-    Returns
-    -------
-    (K,) bool
-
-    """
-    if not len(chosen):
-        return np.zeros(0, dtype=bool)
-    own = points[chosen]
-    origin = own.min(axis=0) - 2.0
-    voxels = build_voxels(own, np.arange(len(own)), origin, 0.5)
-    likeness = measure_likeness(voxels)
-    surface = (
-        (likeness.planar >= PLANAR) & (likeness.spherical <= 0.08) & (likeness.count >= 5)
-    )
-    result: Bool = _look_up(
-        own, origin, voxels.size, voxels.table_key, voxels.table_slot, surface
-    )
-    return result
-
-
-@njit(cache=True, parallel=True, nogil=True)
-def _look_up(points, origin, size, table_key, table_slot, values):  # type: ignore[no-untyped-def]
-    """Value of the voxel that each point lies in."""
-    result = np.empty(len(points), dtype=values.dtype)
-    for i in prange(len(points)):
-        key = pack(
-            int((points[i, 0] - origin[0]) / size),
-            int((points[i, 1] - origin[1]) / size),
-            int((points[i, 2] - origin[2]) / size),
-        )
-        result[i] = values[find_slot(table_key, table_slot, key)]
-    return result
+    if height is None or not np.isfinite(height).all():
+        lowest = own[:, 2].min() if len(own) else 0.0
+        above: Float64 = own[:, 2] - lowest
+        return above if height is None else np.where(np.isfinite(height), height, above)
+    return height.astype(np.float64)

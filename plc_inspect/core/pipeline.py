@@ -27,9 +27,9 @@ from plc_inspect.core.clearance import describe_rules, RuleSet
 from plc_inspect.core.clustering import cluster, ClusteringResult
 from plc_inspect.core.conductors import model_conductors
 from plc_inspect.core.corridor import CorridorResult, extract_corridor
-from plc_inspect.core.decisions import decide, GROUND_BAND
 from plc_inspect.core.hazards import add_ground_clearance, choose_rules, find_hazards
 from plc_inspect.core.height import extract_high, HeightResult
+from plc_inspect.core.labels import choose_surroundings, label
 from plc_inspect.core.linearity import anchor, find_candidates, LinearityResult
 from plc_inspect.core.outliers import OutlierResult, remove_outliers
 from plc_inspect.core.plan_index import build_plan_index
@@ -38,11 +38,9 @@ from plc_inspect.core.spans import build_spans, claim_strays, FREE_RADIUS, SpanR
 from plc_inspect.core.supports import find_layout
 from plc_inspect.errors import DataError
 from plc_inspect.results import (
-    Decision,
     Float64,
     InspectionResult,
     Int64,
-    PointClass,
     StageReport,
 )
 
@@ -289,46 +287,26 @@ class _Run:
         corridor: CorridorResult,
     ) -> InspectionResult:
         points = self.points
-        wire = spans.line_id >= 0
-        off_ground = (
-            ~wire[corridor.near]
-            & ~spans.support[corridor.near]
-            & ~(height.height[corridor.near] < GROUND_BAND)
-        )
-        near = corridor.near[off_ground]
+        around = choose_surroundings(height.height, spans, corridor)
+        near = corridor.near[around]
         hazards, surface = find_hazards(
             points,
             near,
-            corridor.near_distance[off_ground].astype(np.float64),
-            corridor.near_span[off_ground].astype(np.int64),
+            corridor.near_distance[around].astype(np.float64),
+            corridor.near_span[around].astype(np.int64),
             spans.models,
             spans.ground_below,
             self.settings.hazards,
             rules=self.rules,
             height=height.height,
             supports=spans.supports,
-            others=wire | spans.support,
+            line_id=spans.line_id,
+            support=spans.support,
         )
-        classification = np.full(len(points), PointClass.OTHER, dtype=np.uint8)
-        classification[height.height < GROUND_BAND] = PointClass.GROUND
-        classification[height.height < -2.0] = PointClass.OTHER
-        classification[near[~surface]] = PointClass.VEGETATION
-        classification[spans.support] = PointClass.TOWER
-        classification[wire] = PointClass.WIRE
-        clearance = np.full(len(points), np.nan, dtype=np.float32)
-        clearance[corridor.points] = corridor.distance
-        line_of = np.array([model.span.line_id for model in spans.models], dtype=np.int32)
-        span_of = np.array([model.span.span_id for model in spans.models], dtype=np.int32)
-        span_id = spans.span_id.copy()
-        corridor_span = span_of[corridor.span] if len(span_of) else corridor.span
-        own_wire = wire[corridor.points]
-        span_id[corridor.points[~own_wire]] = corridor_span[~own_wire]
-        corridor_span = span_id[corridor.points]
-        corridor_line = line_of[corridor.span] if len(line_of) else corridor.span
-        corridor_line = np.where(own_wire, spans.line_id[corridor.points], corridor_line)
-        decision = decide(points, height, high, candidates, outliers, alignment, clustering)
-        decision[spans.support] = Decision.SUPPORT
-        decision[wire] = Decision.WIRE
+        labels = label(
+            points, height, candidates, outliers, alignment, clustering, spans, corridor,
+            near[~surface], used=len(high) > 0,
+        )
         self.report(
             len(near),
             len(hazards),
@@ -340,15 +318,15 @@ class _Run:
             supports=spans.supports,
             hazards=hazards,
             line_id=spans.line_id,
-            span_id=span_id,
+            span_id=labels.span_id,
             residual=spans.residual,
-            clearance=clearance,
-            classification=classification,
-            decision=decision,
+            clearance=labels.clearance,
+            classification=labels.classification,
+            decision=labels.decision,
             ground_height=height.height,
             corridor=corridor.points,
-            corridor_line_id=corridor_line,
-            corridor_span_id=corridor_span,
+            corridor_line_id=labels.corridor_line_id,
+            corridor_span_id=labels.corridor_span_id,
             stages=tuple(self.stages),
         )
 

@@ -23,7 +23,6 @@ from scipy.spatial import cKDTree
 
 from plc_inspect.core.clearance import Limit, RuleSet
 from plc_inspect.core.encroachments import POLE_ROOM, TOWER_ROOM
-from plc_inspect.core.hazards import is_surface
 from plc_inspect.core.physics import (
     Case,
     change_state,
@@ -34,6 +33,7 @@ from plc_inspect.core.physics import (
 )
 from plc_inspect.core.plan_index import build_plan_index, gather_strip, PlanIndex
 from plc_inspect.core.span_model import find_support
+from plc_inspect.core.surfaces import is_surface
 from plc_inspect.core.swung_span import SwungSpan
 from plc_inspect.errors import DataError
 from plc_inspect.results import (

@@ -21,8 +21,9 @@ from toys import make_curve, make_tree, make_wire
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.corridor import find_near, span_table
 from plc_inspect.core.encroachments import group_points
-from plc_inspect.core.hazards import find_hazards, is_surface
+from plc_inspect.core.hazards import find_hazards
 from plc_inspect.core.span_model import SpanModel
+from plc_inspect.core.surfaces import is_surface
 from plc_inspect.errors import ConfigError
 from plc_inspect.results import HazardKind, Severity
 

@@ -1,0 +1,268 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Labels: class, decision, clearance and span of each point."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from numba import njit, prange
+import numpy as np
+
+from plc_inspect.core.alignment import AlignmentResult
+from plc_inspect.core.clustering import ClusteringResult
+from plc_inspect.core.corridor import CorridorResult
+from plc_inspect.core.height import HeightResult
+from plc_inspect.core.linearity import LinearityResult
+from plc_inspect.core.outliers import OutlierResult
+from plc_inspect.core.span_model import SpanModel
+from plc_inspect.core.spans import SpanResult
+from plc_inspect.core.voxels import hash_key, pack
+from plc_inspect.results import Bool, Decision, Float32, Float64, Int32, Int64, PointClass, UInt8
+
+NOT_FINITE = np.uint8(Decision.NOT_FINITE)
+GROUND = np.uint8(Decision.GROUND)
+TOO_LOW = np.uint8(Decision.TOO_LOW)
+NOT_LINEAR = np.uint8(Decision.NOT_LINEAR)
+NO_CATENARY = np.uint8(Decision.NO_CATENARY)
+WIRE = np.uint8(Decision.WIRE)
+SUPPORT = np.uint8(Decision.SUPPORT)
+"""Decisions as the kernels know them."""
+CLASS_OTHER = np.uint8(PointClass.OTHER)
+CLASS_GROUND = np.uint8(PointClass.GROUND)
+CLASS_WIRE = np.uint8(PointClass.WIRE)
+CLASS_TOWER = np.uint8(PointClass.TOWER)
+GROUND_BAND = 0.5
+"""Points this near to the ground surface are ground [m]."""
+FAR_BELOW = -2.0
+"""Points farther below it are not [m]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Labels:
+    """What N points are, and why."""
+
+    classification: UInt8
+    """(N,) PointClass."""
+    decision: UInt8
+    """(N,) Decision."""
+    clearance: Float32
+    """(N,) distance to the nearest conductor [m], NaN beyond the corridor."""
+    span_id: Int32
+    """(N,) span of wire and corridor points, -1 elsewhere."""
+    corridor_line_id: Int32
+    """(K,) nearest conductor of each corridor point; of a wire point, its own."""
+    corridor_span_id: Int32
+    """(K,) its span."""
+
+
+def choose_surroundings(height: Float32, spans: SpanResult, corridor: CorridorResult) -> Bool:
+    """
+    Tell which points near the conductors are surroundings.
+
+    Parameters
+    ----------
+    height : (N,) float32
+        Above local ground [m], NaN unknown.
+    spans : SpanResult
+        Knows wire and support points.
+    corridor : CorridorResult
+        Knows the J points near the conductors.
+
+    Returns
+    -------
+    (J,) bool
+        Off the ground, neither wire nor support.
+
+    """
+    result: Bool = _choose(corridor.near, height, spans.line_id, spans.support)
+    return result
+
+
+def label(
+    points: Float64,
+    height: HeightResult,
+    candidates: LinearityResult,
+    outliers: OutlierResult,
+    alignment: AlignmentResult,
+    clustering: ClusteringResult,
+    spans: SpanResult,
+    corridor: CorridorResult,
+    foliage: Int64,
+    used: bool = True,
+) -> Labels:
+    """
+    Say what each point is and which stage settled it, in one pass.
+
+    A high point that is neither wire nor support shares the fate of the best candidate in its
+    cell of a metre.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    height, candidates, outliers, alignment, clustering, spans, corridor
+        What the stages found.
+    foliage : (F,) int64
+        Indices of vegetation, among the surroundings.
+    used : bool
+        Whether the high points were looked at; too few points are not.
+
+    Returns
+    -------
+    Labels
+
+    """
+    state = np.full(len(candidates.position), Decision.OUTLIER, dtype=np.uint8)
+    state[np.flatnonzero(outliers.keep)] = np.where(
+        alignment.voted, Decision.NO_CLUSTER, Decision.NO_SECTION
+    )
+    origin, cells, values = _index_states(candidates.position, state)
+    decision, classification = _settle(
+        points, height.height, height.high, used, spans.line_id, spans.support,
+        origin, cells, values,
+    )
+    classification[foliage] = PointClass.VEGETATION
+    _settle_beads(clustering.beads.points, spans.line_id, spans.support, decision)
+    clearance, span_id, corridor_line_id, corridor_span_id = _spread(
+        corridor.points, corridor.distance, corridor.span, spans.line_id, spans.span_id,
+        *_ids(spans.models),
+    )
+    return Labels(
+        classification=classification,
+        decision=decision,
+        clearance=clearance,
+        span_id=span_id,
+        corridor_line_id=corridor_line_id,
+        corridor_span_id=corridor_span_id,
+    )
+
+
+def _ids(models: Sequence[SpanModel]) -> tuple[Int32, Int32]:
+    return (
+        np.array([model.span.line_id for model in models], dtype=np.int32),
+        np.array([model.span.span_id for model in models], dtype=np.int32),
+    )
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _choose(near, height, line_id, support):  # type: ignore[no-untyped-def]
+    result = np.empty(len(near), dtype=np.bool_)
+    for k in prange(len(near)):
+        i = near[k]
+        result[k] = not (height[i] < GROUND_BAND) and line_id[i] < 0 and not support[i]
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _index_states(position, state):  # type: ignore[no-untyped-def]
+    """Hash table of the greatest state of the candidates in each cell of a metre."""
+    origin = np.full(3, np.inf)
+    for k in range(len(position)):
+        for axis in range(3):
+            origin[axis] = min(origin[axis], position[k, axis])
+    origin = np.floor(origin) - 1.0
+    size = 16
+    while size < len(position) + 2:
+        size *= 2
+    keys = np.full(2 * size, -1, dtype=np.int64)
+    values = np.zeros(2 * size, dtype=np.uint8)
+    for k in range(len(position)):
+        key = pack(
+            int(position[k, 0] - origin[0]),
+            int(position[k, 1] - origin[1]),
+            int(position[k, 2] - origin[2]),
+        )
+        place = hash_key(key, 2 * size - 1)
+        while keys[place] >= 0 and keys[place] != key:
+            place = (place + 1) & (2 * size - 1)
+        keys[place] = key
+        values[place] = max(values[place], state[k])
+    return origin, keys, values
+
+
+@njit(cache=True, nogil=True, inline='always')
+def _find_state(x, y, z, keys, values):  # type: ignore[no-untyped-def]
+    """State of the cell that a position from the origin lies in."""
+    if not (x >= 0.0 and y >= 0.0 and z >= 0.0):
+        return NOT_LINEAR
+    key = pack(int(x), int(y), int(z))
+    mask = len(keys) - 1
+    place = hash_key(key, mask)
+    while keys[place] >= 0:
+        if keys[place] == key:
+            return values[place]
+        place = (place + 1) & mask
+    return NOT_LINEAR
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _settle(  # type: ignore[no-untyped-def]
+    points, height, high, used, line_id, support, origin, keys, values
+):
+    """Decision and class of each point by its height, its candidates, wires and supports."""
+    num = len(height)
+    decision = np.empty(num, dtype=np.uint8)
+    classification = np.empty(num, dtype=np.uint8)
+    for i in prange(num):
+        kind = CLASS_OTHER
+        if height[i] < GROUND_BAND:
+            settled = GROUND
+            if height[i] >= FAR_BELOW:
+                kind = CLASS_GROUND
+        elif np.isfinite(points[i, 0] + points[i, 1] + points[i, 2]):
+            settled = TOO_LOW
+        else:
+            settled = NOT_FINITE
+        if line_id[i] >= 0:
+            settled, kind = WIRE, CLASS_WIRE
+        elif support[i]:
+            settled, kind = SUPPORT, CLASS_TOWER
+        elif used and high[i]:
+            settled = _find_state(
+                points[i, 0] - origin[0], points[i, 1] - origin[1], points[i, 2] - origin[2],
+                keys, values,
+            )
+        decision[i], classification[i] = settled, kind
+    return decision, classification
+
+
+@njit(cache=True, nogil=True)
+def _settle_beads(in_beads, line_id, support, decision):  # type: ignore[no-untyped-def]
+    for i in in_beads:
+        if line_id[i] < 0 and not support[i]:
+            decision[i] = NO_CATENARY
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _spread(  # type: ignore[no-untyped-def]
+    corridor, distance, owner, line_id, span_id, lines, spans
+):
+    """Clearance and span of each point, line and span of each corridor point."""
+    clearance = np.empty(len(line_id), dtype=np.float32)
+    result = np.empty(len(line_id), dtype=np.int32)
+    for i in prange(len(line_id)):
+        clearance[i] = np.nan
+        result[i] = span_id[i]
+    own_line = np.empty(len(corridor), dtype=np.int32)
+    own_span = np.empty(len(corridor), dtype=np.int32)
+    for k in prange(len(corridor)):
+        i, s = corridor[k], owner[k]
+        clearance[i] = distance[k]
+        if line_id[i] >= 0:
+            own_line[k], own_span[k] = line_id[i], span_id[i]
+        else:
+            own_line[k], own_span[k] = lines[s], spans[s]
+            result[i] = spans[s]
+    return clearance, result, own_line, own_span
