@@ -23,8 +23,8 @@ from plc_inspect.core.voxels import build_voxels
 
 
 def make_scene(rng, offset=(0.0, 0.0, 0.0)):
-    """Make a flat roof of 400 points and a crown of 400, 20 m apart."""
-    roof = np.column_stack([rng.uniform(0, 6, (400, 2)), rng.normal(5.0, 0.01, 400)])
+    """Make a flat roof of 4000 points and a crown of 400, 20 m apart."""
+    roof = np.column_stack([rng.uniform(0, 6, (4000, 2)), rng.normal(5.0, 0.01, 4000)])
     crown = rng.normal((20.0, 0.0, 6.0), 1.5, (400, 3))
     return np.vstack([roof, crown]) + offset
 
@@ -33,16 +33,16 @@ def make_scene(rng, offset=(0.0, 0.0, 0.0)):
 def test_a_roof_is_a_surface_and_a_crown_is_not(offset):
     points = make_scene(np.random.default_rng(0), offset)
     flat = is_surface(points, np.arange(len(points)))
-    inner = (np.abs(points[:400, :2] - np.array(offset[:2]) - 3.0) < 1.5).all(axis=1)
-    assert flat[:400][inner].mean() > 0.97
-    assert flat[400:].mean() < 0.2
+    inner = (np.abs(points[:4000, :2] - np.array(offset[:2]) - 3.0) < 1.5).all(axis=1)
+    assert flat[:4000][inner].mean() > 0.97
+    assert flat[4000:].mean() < 0.2
 
 
 @pytest.mark.parametrize('seed', range(5))
 def test_it_is_the_likeness_of_the_voxel_a_point_lies_in(seed):
     rng = np.random.default_rng(seed)
     points = make_scene(rng)
-    chosen = np.flatnonzero(rng.random(len(points)) < 0.7)
+    chosen = np.flatnonzero(rng.random(len(points)) < 0.3)
     origin = points[chosen].min(axis=0) - 2.0
     voxels = build_voxels(points, chosen, origin, SIZE)
     likeness = measure_likeness(voxels)
