@@ -439,6 +439,23 @@ class OutputSettings(_Checked):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class StreamSettings(_Checked):
+    """What the node streams to ground stations over a thin link."""
+
+    max_kbps: float = _setting(
+        256.0,
+        'rate that summary and thinned corridor keep to, for each monitor; 0: no corridor',
+        unit='kbit/s',
+        low=0.0,
+        high=100_000.0,
+    )
+    voxel_size: float = _setting(
+        0.5, 'edge of a cell of the thinned corridor', unit='m', low=0.1, high=10.0,
+        structural=True,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
     """All settings; the attribute names are the sections of files and parameters."""
 
@@ -455,6 +472,7 @@ class Settings:
     corridor: CorridorSettings = field(default_factory=CorridorSettings)
     hazards: HazardSettings = field(default_factory=HazardSettings)
     output: OutputSettings = field(default_factory=OutputSettings)
+    stream: StreamSettings = field(default_factory=StreamSettings)
 
 
 def describe() -> Iterator[tuple[str, Any, Mapping[str, Any]]]:

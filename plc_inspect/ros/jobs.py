@@ -80,7 +80,9 @@ def run_tick(session: Session, snapshot: Snapshot) -> Done:
     tick = session.tick(window, snapshot.settings, snapshot.vehicle)
     return Done(
         state=tick.state,
-        bundle=make_bundle(tick.state, snapshot.frame_id, snapshot.stamp_ns),
+        bundle=make_bundle(
+            tick.state, snapshot.frame_id, snapshot.stamp_ns, snapshot.settings.stream
+        ),
         slots=window.slots,
         points=window.points,
         labels=tick.labels,
@@ -119,7 +121,9 @@ def run_save(session: Session, snapshot: Snapshot, folder: Path) -> Done:
         problem = str(error)
     return Done(
         state=state,
-        bundle=make_bundle(state, snapshot.frame_id, snapshot.stamp_ns),
+        bundle=make_bundle(
+            state, snapshot.frame_id, snapshot.stamp_ns, snapshot.settings.stream
+        ),
         slots=window.slots,
         points=window.points,
         labels=label_points(result),

@@ -54,6 +54,7 @@ from plc_inspect.ros.jobs import choose_folder, Done, prepare, run_save, run_tic
 from plc_inspect.ros.parameters import Parameters
 from plc_inspect.ros.publishing import make_bundle, ResultPublishers
 from plc_inspect.ros.qos import DIAGNOSTICS, make_overridable, ODOMETRY, SCANS
+from plc_inspect.ros.stream import Stream
 from plc_inspect.ros.teller import summarize, Teller
 from plc_inspect.ros.worker import Worker
 
@@ -104,7 +105,10 @@ class InspectNode(Node):
         self._complaints = Complaints(self.get_logger().warning)
         self._teller = Teller(self.get_logger().info)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._results = ResultPublishers(self)
+        self._stream = Stream(
+            self, lambda: self.settings.stream, lambda: self._intake.vehicle, self._guard
+        )
+        self._results = ResultPublishers(self, self._stream)
         self._diagnostics = self.create_publisher(
             DiagnosticArray, '/diagnostics', DIAGNOSTICS
         )
@@ -218,19 +222,16 @@ class InspectNode(Node):
         now = time.monotonic()
         lossy = self._intake.report_losses()
         counters = self._intake.accumulator.counters()
-        self._diagnostics.publish(
-            DiagnosticArray(
-                header=_stamp(self),
-                status=[
-                    describe_input(counters, self._health, now, lossy),
-                    describe_map(
-                        self._intake.accumulator.map, self._intake.evictor.num_evicted,
-                        counters.points_dropped.get('map full', 0),
-                    ),
-                    describe_segmentation(self._state, self._health, self._worker.busy),
-                ],
-            )
-        )
+        status = [
+            describe_input(counters, self._health, now, lossy),
+            describe_map(
+                self._intake.accumulator.map, self._intake.evictor.num_evicted,
+                counters.points_dropped.get('map full', 0),
+            ),
+            describe_segmentation(self._state, self._health, self._worker.busy),
+        ]
+        self._diagnostics.publish(DiagnosticArray(header=_stamp(self), status=status))
+        self._stream.tell_health(status)
 
     async def _on_segment(
         self, request: Trigger.Request, response: Trigger.Response
@@ -270,7 +271,8 @@ class InspectNode(Node):
         self._answer(self._tick_waiters, False, 'the node was reset')
         self._answer(self._save_waiters, False, 'the node was reset')
         now = self.get_clock().now().nanoseconds
-        self._results.publish(make_bundle(self._session.state, '', now))
+        self._stream.forget()
+        self._results.publish(make_bundle(self._session.state, '', now, self.settings.stream))
         self.get_logger().info('reset: map, lines and hazards are forgotten')
         response.success, response.message = True, 'map, lines and hazards are forgotten'
         return response

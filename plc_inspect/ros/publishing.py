@@ -22,6 +22,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+from plc_inspect.config import StreamSettings
 from plc_inspect.core.session import LiveState
 from plc_inspect.ros.markers import add_deletions, make_markers, MarkerKey
 from plc_inspect.ros.messages import (
@@ -31,6 +32,7 @@ from plc_inspect.ros.messages import (
     make_lines,
 )
 from plc_inspect.ros.qos import make_overridable, RESULTS
+from plc_inspect.ros.stream import make_news, News, Stream
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,9 +45,13 @@ class Bundle:
     catenaries: PointCloud2
     hazards: PointCloud2
     markers: list[Marker]
+    news: News
+    """For the stream."""
 
 
-def make_bundle(state: LiveState, frame_id: str, stamp_ns: int) -> Bundle:
+def make_bundle(
+    state: LiveState, frame_id: str, stamp_ns: int, stream: StreamSettings
+) -> Bundle:
     """
     Turn a state into messages.
 
@@ -57,6 +63,8 @@ def make_bundle(state: LiveState, frame_id: str, stamp_ns: int) -> Bundle:
         Frame of the odometry.
     stamp_ns : int
         Stamp of the newest scan that is in [ns].
+    stream : StreamSettings
+        How the corridor is thinned.
 
     Returns
     -------
@@ -73,6 +81,7 @@ def make_bundle(state: LiveState, frame_id: str, stamp_ns: int) -> Bundle:
         catenaries=make_catenaries(header, spans),
         hazards=make_hazards(header, state.hazards),
         markers=make_markers(header, state),
+        news=make_news(state, frame_id, stamp_ns, stream),
     )
 
 
@@ -84,10 +93,13 @@ class ResultPublishers:
     ----------
     node : Node
         Owns the publishers.
+    stream : Stream
+        Gets what is published too.
 
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, stream: Stream) -> None:
+        self._stream = stream
         self._clouds = {
             name: node.create_publisher(
                 PointCloud2, f'~/{name}', RESULTS, qos_overriding_options=make_overridable()
@@ -105,3 +117,4 @@ class ResultPublishers:
             publisher.publish(getattr(bundle, name))
         markers, self._seen = add_deletions(bundle.header, bundle.markers, self._seen)
         self._markers.publish(markers)
+        self._stream.publish(bundle.news)

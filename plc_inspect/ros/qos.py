@@ -49,6 +49,22 @@ RESULTS = QoSProfile(
 
 DIAGNOSTICS = QoSProfile(depth=10)
 
+SUMMARY = QoSProfile(
+    history=QoSHistoryPolicy.KEEP_LAST,
+    depth=24,
+    reliability=QoSReliabilityPolicy.RELIABLE,
+    durability=QoSDurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""Of the stream: a keyframe is always among these, so whoever comes late has all at once."""
+
+THIN_CORRIDOR = QoSProfile(
+    history=QoSHistoryPolicy.KEEP_LAST,
+    depth=8,
+    reliability=QoSReliabilityPolicy.RELIABLE,
+    durability=QoSDurabilityPolicy.VOLATILE,
+)
+"""Of the stream: what a link cannot take in time is dropped, and sent anew later."""
+
 PLAYER = QoSProfile(
     history=QoSHistoryPolicy.KEEP_LAST,
     depth=50,
