@@ -28,8 +28,6 @@ from launch_ros.actions import Node
 
 from launch import LaunchDescription
 
-TRANSPORT = 'LARGE_DATA?max_msg_size=2MB&sockets_size=4MB&non_blocking=true'
-
 
 def generate_launch_description():
     """Describe the node with its parameters and remappings."""
@@ -41,7 +39,8 @@ def generate_launch_description():
         DeclareLaunchArgument('odometry', default_value='odometry'),
         DeclareLaunchArgument('output', default_value=''),
         DeclareLaunchArgument('use_sim_time', default_value='false'),
-        SetEnvironmentVariable('FASTDDS_BUILTIN_TRANSPORTS', TRANSPORT),
+        SetEnvironmentVariable(
+            'FASTRTPS_DEFAULT_PROFILES_FILE', os.path.join(share, 'config', 'fastdds.xml')),
         Node(
             package='plc_inspect',
             executable='plc_node',

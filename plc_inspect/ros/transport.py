@@ -16,20 +16,32 @@
 The transport that scans need: Fast DDS loses four of five large messages on its default.
 
 A scan of 30,000 points is 660 kB; sent best effort it does not fit the default buffers.  Both
-ends need the same setting, or the equivalent ``config/fastdds.xml``.
+ends need ``config/fastdds.xml``.  FASTDDS_BUILTIN_TRANSPORTS can say the same, but rmw_fastrtps
+does not listen to it where ROS_AUTOMATIC_DISCOVERY_RANGE is LOCALHOST or ROS_LOCALHOST_ONLY is
+set: measured, 43 of 100 scans arrive then, and all with the file.
 """
 
 import os
 
-VARIABLE = 'FASTDDS_BUILTIN_TRANSPORTS'
-VALUE = 'LARGE_DATA?max_msg_size=2MB&sockets_size=4MB&non_blocking=true'
-PROFILE_VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
+from plc_inspect.offline.catalogue import find_shared
+
+VARIABLE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
+PROFILE = 'fastdds.xml'
+CHOICES = (VARIABLE, 'FASTDDS_DEFAULT_PROFILES_FILE', 'FASTDDS_BUILTIN_TRANSPORTS')
+"""Variables by which a user chooses the transport."""
+BUILTIN = 'LARGE_DATA?max_msg_size=2MB&sockets_size=4MB&non_blocking=true'
 ADVICE = (
-    f'start the driver with {VARIABLE}={VALUE} or with config/fastdds.xml, as plc_node does'
+    f"start the driver with {VARIABLE} set to the path of plc_inspect's config/{PROFILE}, "
+    'as plc_node does'
 )
 
 
 def prepare_transport() -> None:
     """Choose the transport for large messages, unless the user chose one; before rclpy.init."""
-    if not any(name in os.environ for name in PROFILE_VARIABLES):
-        os.environ.setdefault(VARIABLE, VALUE)
+    if any(os.environ.get(name) for name in CHOICES):
+        return
+    profile = find_shared(PROFILE)
+    if profile is not None:
+        os.environ[VARIABLE] = str(profile)
+    else:
+        os.environ[CHOICES[-1]] = BUILTIN

@@ -16,6 +16,7 @@
 
 import ast
 import json
+import os
 from pathlib import Path
 import re
 import xml.etree.ElementTree as ElementTree
@@ -24,7 +25,7 @@ import pytest
 import yaml
 
 from plc_inspect.config import describe
-from plc_inspect.ros.transport import VALUE, VARIABLE
+from plc_inspect.ros.transport import BUILTIN, CHOICES, prepare_transport, PROFILE, VARIABLE
 
 ROOT = Path(__file__).parents[2]
 LAUNCH = sorted((ROOT / 'launch').glob('*.launch.py'))
@@ -67,14 +68,25 @@ def test_there_are_both_launch_files():
 def test_transport_is_the_same_everywhere():
     text = (ROOT / 'launch/inspect.launch.py').read_text(encoding='utf-8')
     strings = list_strings(ast.parse(text))
-    assert VALUE in strings
+    assert PROFILE in strings
     assert VARIABLE in strings
     root = ElementTree.parse(ROOT / 'config/fastdds.xml').getroot()
     space = '{http://www.eprosima.com}'
     transports = next(root.iter(f'{space}builtinTransports'))
-    name, _, options = VALUE.partition('?')
+    name, _, options = BUILTIN.partition('?')
     assert transports.text == name
     assert transports.attrib == dict(item.split('=') for item in options.split('&'))
+
+
+def test_transport_is_chosen_unless_the_user_did(monkeypatch):
+    for name in CHOICES:
+        monkeypatch.delenv(name, raising=False)
+    prepare_transport()
+    assert Path(os.environ[VARIABLE]) == ROOT / 'config' / PROFILE
+    monkeypatch.delenv(VARIABLE)
+    monkeypatch.setenv('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
+    prepare_transport()
+    assert VARIABLE not in os.environ
 
 
 def test_rviz_shows_the_topics():

@@ -1,0 +1,78 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Large scans between two processes: what the chosen transport is for."""
+
+import os
+import subprocess
+import sys
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rig import isolate, take_domain
+from sensor_msgs.msg import PointCloud2
+
+from plc_inspect.ros.qos import SCANS
+
+NUM_SCANS = 40
+PUBLISHER = f"""
+import array, time
+import rclpy
+from rclpy.qos import QoSProfile, QoSReliabilityPolicy
+from sensor_msgs.msg import PointCloud2
+rclpy.init()
+node = rclpy.create_node('driver')
+qos = QoSProfile(depth=5, reliability=QoSReliabilityPolicy.BEST_EFFORT)
+publisher = node.create_publisher(PointCloud2, 'velodyne_points', qos)
+while not publisher.get_subscription_count():
+    time.sleep(0.02)
+time.sleep(0.5)
+message = PointCloud2()
+message.data = array.array('B', bytes(30_000 * 22))
+for number in range({NUM_SCANS}):
+    message.header.stamp.sec = number
+    publisher.publish(message)
+    time.sleep(0.05)
+time.sleep(1.0)
+"""
+
+
+def test_large_scans_sent_best_effort_all_arrive():
+    isolate()
+    domain = take_domain()
+    context = Context()
+    rclpy.init(context=context, domain_id=domain)
+    node = Node('listener', context=context)
+    seen = []
+    node.create_subscription(
+        PointCloud2, 'velodyne_points', lambda message: seen.append(message.header.stamp.sec),
+        SCANS,
+    )
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    driver = subprocess.Popen(
+        [sys.executable, '-c', PUBLISHER], env={**os.environ, 'ROS_DOMAIN_ID': str(domain)}
+    )
+    try:
+        while driver.poll() is None:
+            executor.spin_once(timeout_sec=0.05)
+    finally:
+        driver.kill()
+        driver.wait()
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.shutdown(context=context)
+    assert driver.returncode == 0
+    assert seen == list(range(NUM_SCANS))
