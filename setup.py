@@ -27,6 +27,7 @@ COMMANDS = {
     'plc_compare': 'plc_inspect.offline.compare:main',
     'plc_replay': 'plc_inspect.offline.replay:main',
     'plc_simulate': 'plc_inspect.sim.simulate:main',
+    'plc_monitor': 'plc_inspect.monitor.command:main',
     'plc_evaluate': 'plc_inspect.sim.evaluate:main',
 }
 
@@ -59,16 +60,19 @@ setup(
         'ezdxf>=1.1',
         'jinja2>=3.1',
         'laspy[lazrs]>=2.5',
+        'mcap>=1.0',
         'numba>=0.58',
         'numpy>=1.26',
         'pyogrio>=0.7',
         'pyproj>=3.6',
         'PyYAML>=6.0',
+        'rich>=13.3.3',
         'rosbags>=0.10',
         'scikit-learn>=1.4',
         'scipy>=1.11',
         'shapely>=2.0',
         'tqdm>=4.65',
+        'viser>=1.1,<2',
     ],
     extras_require={
         'dev': [
@@ -76,6 +80,8 @@ setup(
             'matplotlib>=3.8',
             'mypy>=1.10',
             'pillow>=10',
+            'playwright>=1.40',
+            'pyte>=0.8',
             'pytest>=8.0',
             'pytest-xdist>=3.5',
             'ruff>=0.8',

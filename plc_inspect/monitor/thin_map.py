@@ -168,7 +168,7 @@ class ThinMap:
 
         """
         ranked = sorted(
-            ((self._rate(key, now), key) for key in self._pending), reverse=True
+            ((self._rate(key, now), key) for key in list(self._pending)), reverse=True
         )
         chosen: dict[BlockKey, UInt64] = {}
         size = 0.0

@@ -1,0 +1,145 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The command ``plc_monitor``: the ground station."""
+
+import argparse
+from collections.abc import Callable, Sequence
+import math
+from pathlib import Path
+import sys
+import time
+from typing import Any
+
+from plc_inspect.errors import DataError
+from plc_inspect.monitor.picture import Picture
+from plc_inspect.offline.command import DONE, Parser, run_command
+
+NAME = 'plc_monitor'
+NODE = '/plc_inspect'
+PERIOD = 0.5
+"""Time between two pictures on the screen [s]."""
+SETTLE = 0.3
+"""After the first keyframe, what the node kept may go on coming in for so long [s]."""
+
+View = Callable[[Picture], object]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the monitor; return 0 done, 2 bad usage or no node with ``--once``."""
+    arguments = _parse(argv)
+    return run_command(NAME, lambda: _run(arguments))
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from plc_inspect.monitor.station import Station
+    from plc_inspect.ros.transport import prepare_transport
+
+    prepare_transport()
+    with Station(arguments.node, arguments.ros, cloud=_wants_cloud(arguments)) as station:
+        if arguments.once:
+            return _show_once(station, arguments)
+        return _show(station, arguments)
+
+
+def _wants_cloud(arguments: argparse.Namespace) -> bool:
+    return bool(arguments.corridor)
+
+
+def _show_once(station: Any, arguments: argparse.Namespace) -> int:
+    deadline = time.monotonic() + arguments.wait
+    picture = station.look()
+    while not picture.complete:
+        if time.monotonic() > deadline:
+            raise DataError(
+                f'no summary of {arguments.node} within {arguments.wait:g} s: is the node '
+                'running, on this network and with the same ROS_DOMAIN_ID?'
+            )
+        station.spin(0.1)
+        picture = station.look()
+    settled = time.monotonic() + SETTLE
+    while time.monotonic() < settled:
+        station.spin(0.05)
+    picture = station.look()
+    if arguments.json:
+        from plc_inspect.monitor.snapshot import format_snapshot
+        print(format_snapshot(picture), flush=True)
+    else:
+        from plc_inspect.monitor.terminal import print_once
+        print_once(picture, arguments.node)
+    return DONE
+
+
+def _show(station: Any, arguments: argparse.Namespace) -> int:
+    if arguments.json:
+        return _show_json(station, arguments.period)
+    from plc_inspect.monitor.screen import Screen
+
+    with Screen(arguments.node) as screen:
+        _loop(station, PERIOD, screen.show)
+    return DONE
+
+
+def _show_json(station: Any, period: float) -> int:
+    from plc_inspect.monitor.snapshot import format_snapshot
+
+    _loop(station, period, lambda picture: print(format_snapshot(picture), flush=True))
+    return DONE
+
+
+def _loop(station: Any, period: float, show: View) -> None:
+    """Show a picture every period until the graph is left."""
+    due = time.monotonic()
+    while station.spin(max(0.0, min(due - time.monotonic(), 0.2))):
+        if time.monotonic() >= due:
+            show(station.look())
+            due = max(due + period, time.monotonic())
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not 0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f'{text} is not a positive number')
+    return value
+
+
+def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = Parser(
+        prog=NAME,
+        description='Shows what plc_node finds, over a thin link, while the vehicle flies.',
+    )
+    parser.add_argument('--once', action='store_true', help='print a snapshot and end')
+    parser.add_argument('--json', action='store_true', help='print a JSON object a line')
+    parser.add_argument('--period', type=_positive, default=1.0, metavar='S',
+                        help='time between two lines of --json (default: %(default)s)')
+    parser.add_argument('--wait', type=_positive, default=10.0, metavar='S',
+                        help='longest wait of --once for the node (default: %(default)s)')
+    parser.add_argument('--node', default=NODE, metavar='NAME',
+                        help='node with its namespace (default: %(default)s)')
+    parser.add_argument('--record', type=Path, metavar='FILE.mcap', help='write what is seen')
+    parser.add_argument('--force', action='store_true', help='replace the file of --record')
+    parser.add_argument('--no-corridor', dest='corridor', action='store_false',
+                        help='do not subscribe to the thinned corridor')
+    items = list(sys.argv[1:] if argv is None else argv)
+    ros: list[str] = []
+    if '--ros-args' in items:
+        at = items.index('--ros-args')
+        items, ros = items[:at], items[at + 1:]
+    arguments = parser.parse_args(items)
+    arguments.ros = ros
+    return arguments
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,106 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The monitor's place on the ROS graph: it subscribes to the stream, and publishes nothing."""
+
+from collections.abc import Callable, Mapping
+import contextlib
+from typing import Any
+
+from plc_inspect.errors import ConfigError
+
+TOPICS = {'summary': 'summary', 'cloud': 'thin_corridor'}
+
+
+class Listener:
+    """
+    Subscriptions to the stream of one node.
+
+    Parameters
+    ----------
+    node_name : str
+        Name of the node with its namespace, such as ``/plc_inspect``.
+    take : mapping of str to callable
+        Gets the bytes of each message of 'summary' and, if it is there, of 'cloud'.
+    arguments : list[str]
+        For ROS, such as remappings; without ``--ros-args``.
+
+    Raises
+    ------
+    ConfigError
+        ROS does not take the arguments or the name.
+
+    """
+
+    def __init__(
+        self, node_name: str, take: Mapping[str, Callable[[bytes], object]], arguments: list[str]
+    ) -> None:
+        import rclpy
+        from rclpy.executors import SingleThreadedExecutor
+
+        self._rclpy = rclpy
+        self._context = rclpy.context.Context()
+        try:
+            rclpy.init(
+                args=['--ros-args', *arguments] if arguments else [], context=self._context
+            )
+            self._node = rclpy.create_node(
+                'plc_monitor', context=self._context, start_parameter_services=False,
+                enable_rosout=False,
+            )
+            self._executor = SingleThreadedExecutor(context=self._context)
+            self._executor.add_node(self._node)
+            self._take, self._name = take, node_name.rstrip('/')
+            self._subscriptions: dict[str, Any] = {}
+            for topic in take:
+                self.subscribe(topic)
+        except Exception as error:  # rclpy has an exception for each kind of bad argument
+            with contextlib.suppress(Exception):
+                rclpy.shutdown(context=self._context)
+            raise ConfigError(' '.join(str(error).split())) from error
+
+    def subscribe(self, topic: str) -> None:
+        """Subscribe, anew if need be: then the node sends again what it has."""
+        from std_msgs.msg import UInt8MultiArray
+
+        from plc_inspect.ros.qos import SUMMARY, THIN_CORRIDOR
+
+        old = self._subscriptions.pop(topic, None)
+        if old is not None:
+            self._node.destroy_subscription(old)
+        take = self._take[topic]
+
+        def receive(message: Any) -> None:
+            take(message.data.tobytes())
+
+        self._subscriptions[topic] = self._node.create_subscription(
+            UInt8MultiArray, f'{self._name}/{TOPICS[topic]}',
+            receive, SUMMARY if topic == 'summary' else THIN_CORRIDOR,
+        )
+
+    def spin(self, seconds: float) -> bool:
+        """Take up what comes in until something did or the time is over; False at the end."""
+        if not self._context.ok():
+            return False
+        try:
+            self._executor.spin_once(timeout_sec=seconds)
+        except self._rclpy.executors.ExternalShutdownException:
+            return False
+        return bool(self._context.ok())
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.shutdown()
+        self._node.destroy_node()
+        self._rclpy.shutdown(context=self._context, uninstall_handlers=False)

@@ -1,0 +1,78 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Listener and model together: one thread that takes up what comes in and knows what it means."""
+
+import time
+from types import TracebackType
+
+from plc_inspect.monitor.listener import Listener
+from plc_inspect.monitor.model import Monitor
+from plc_inspect.monitor.picture import Picture
+
+
+class Station:
+    """
+    A monitor of one node on the ROS graph.
+
+    Parameters
+    ----------
+    node_name : str
+        Name of the node with its namespace.
+    arguments : list[str]
+        For ROS.
+    cloud : bool
+        Subscribe to the thinned corridor too.
+
+    Raises
+    ------
+    ConfigError
+        ROS does not take the arguments or the name.
+
+    """
+
+    def __init__(self, node_name: str, arguments: list[str], *, cloud: bool = True) -> None:
+        self.monitor = Monitor()
+        take = {'summary': self._take_summary}
+        if cloud:
+            take['cloud'] = self._take_cloud
+        self._listener = Listener(node_name, take, arguments)
+
+    def __enter__(self) -> 'Station':
+        """Return the station."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Leave the graph."""
+        self._listener.close()
+
+    def spin(self, seconds: float) -> bool:
+        """Take up what comes in, for at most so long; return False when ROS was shut down."""
+        alive = self._listener.spin(seconds)
+        for topic in self.monitor.take_wishes(time.monotonic()):
+            self._listener.subscribe(topic)
+        return alive
+
+    def look(self) -> Picture:
+        """Return what is known now."""
+        return self.monitor.look(time.monotonic())
+
+    def _take_summary(self, data: bytes) -> None:
+        self.monitor.take_summary(data, time.monotonic())
+
+    def _take_cloud(self, data: bytes) -> None:
+        self.monitor.take_cloud(data, time.monotonic())
