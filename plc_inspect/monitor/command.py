@@ -17,12 +17,15 @@
 import argparse
 from collections.abc import Callable, Sequence
 import math
+import os
 from pathlib import Path
+import secrets
 import sys
 import time
 from typing import Any
 
-from plc_inspect.errors import DataError
+from plc_inspect.errors import ConfigError, DataError
+from plc_inspect.monitor.gate import is_loopback
 from plc_inspect.monitor.picture import Picture
 from plc_inspect.offline.command import DONE, Parser, run_command
 
@@ -32,6 +35,10 @@ PERIOD = 0.5
 """Time between two pictures on the screen [s]."""
 SETTLE = 0.3
 """After the first keyframe, what the node kept may go on coming in for so long [s]."""
+
+AUTO = 'auto'
+SHORTEST_TOKEN = 8
+VARIABLE = 'PLC_MONITOR_TOKEN'
 
 View = Callable[[Picture], object]
 
@@ -84,6 +91,8 @@ def _show_once(station: Any, arguments: argparse.Namespace) -> int:
 def _show(station: Any, arguments: argparse.Namespace) -> int:
     if arguments.json:
         return _show_json(station, arguments.period)
+    if arguments.web:
+        return _show_page(station, arguments)
     from plc_inspect.monitor.screen import Screen
 
     with Screen(arguments.node) as screen:
@@ -96,6 +105,32 @@ def _show_json(station: Any, period: float) -> int:
 
     _loop(station, period, lambda picture: print(format_snapshot(picture), flush=True))
     return DONE
+
+
+def _show_page(station: Any, arguments: argparse.Namespace) -> int:
+    from plc_inspect.monitor.page import Page
+
+    token = _choose_token(arguments)
+    with Page(arguments.host, arguments.port, token, station.monitor.cloud) as page:
+        print(f'{NAME}: {page.address}', flush=True)
+        if arguments.token == AUTO:
+            print(f'{NAME}: token {token}', flush=True)
+        if not is_loopback(arguments.host):
+            print(f'{NAME}: the token and the page cross the network unencrypted', flush=True)
+        _loop(station, PERIOD, page.show)
+    return DONE
+
+
+def _choose_token(arguments: argparse.Namespace) -> str:
+    """Return what browsers must show: given, made up, or nothing on this machine alone."""
+    token: str = arguments.token
+    if token == AUTO:
+        return secrets.token_urlsafe(9)
+    if token and len(token) < SHORTEST_TOKEN:
+        raise ConfigError(
+            f'a token needs at least {SHORTEST_TOKEN} characters, this has {len(token)}'
+        )
+    return token
 
 
 def _loop(station: Any, period: float, show: View) -> None:
@@ -114,11 +149,27 @@ def _positive(text: str) -> float:
     return value
 
 
+def _port(text: str) -> int:
+    value = int(text)
+    if not 0 <= value <= 65_535:
+        raise argparse.ArgumentTypeError(f'{text} is no port')
+    return value
+
+
 def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = Parser(
         prog=NAME,
         description='Shows what plc_node finds, over a thin link, while the vehicle flies.',
     )
+    parser.add_argument('--web', action='store_true', help='serve a live page for browsers')
+    parser.add_argument('--host', default='127.0.0.1', metavar='ADDRESS',
+                        help='where --web listens; for others than this machine it needs --token '
+                        '(default: %(default)s)')
+    parser.add_argument('--port', type=_port, default=8080, metavar='N',
+                        help='port of --web, 0 any (default: %(default)s)')
+    parser.add_argument('--token', default=os.environ.get(VARIABLE, ''), metavar='TEXT',
+                        help=f'what browsers must show, auto makes one up; also {VARIABLE} in the '
+                        'environment')
     parser.add_argument('--once', action='store_true', help='print a snapshot and end')
     parser.add_argument('--json', action='store_true', help='print a JSON object a line')
     parser.add_argument('--period', type=_positive, default=1.0, metavar='S',
