@@ -33,7 +33,13 @@ ONE_PLACE = 15.0
 AT_SUPPORT = 5.0
 """Spans that meet this near to the ends of both hang on one support [m]."""
 LEAST_EXCESS = 0.15
-"""A sag beyond its peers by less than this is no hazard [m]."""
+"""A sag beyond its peers by less than this is tolerated [m]."""
+LEAST_SIGMA = 0.01
+"""Standard deviation of the sag of the peers, at least [m]."""
+SURE = 3.0
+"""Standard deviations from which a difference between conductors is none of chance."""
+GROUND_SIGMA = 0.05
+"""Standard deviation of the height of the ground under a place [m]."""
 SAG_NOTE = (
     'compared with the other conductors of the span, which are taken to be as warm: ice, a '
     'slipped clamp and broken strands look alike'
@@ -102,6 +108,7 @@ def _low(
         clearance=clearance,
         horizontal=0.0,
         vertical=clearance,
+        sigma=math.hypot(model.sigma(x), GROUND_SIGMA),
         num_points=int(below.sum()),
         extent=np.stack([run.min(axis=0), run.max(axis=0)]),
     )
@@ -248,7 +255,7 @@ def find_interference(
             required = settings.interference_ratio * float(min(held))
             worst = int(np.argmin(apart))
             sigma = math.hypot(first.sigma(float(x[worst])), second.sigma(float(other_x[worst])))
-            if apart[worst] >= required - 2 * sigma:
+            if apart[worst] >= required or min(held) - apart[worst] <= SURE * sigma:
                 continue
             result.append(describe_hazard(
                 first, float(x[worst]), supports, rules, _own_limit(required),
@@ -277,7 +284,8 @@ def find_abnormal_sag(
     Find conductors that sag much more than the others of their span.
 
     Sags are compared as the sag over the square of the length, and only where two others have at
-    least 0.7 of the length.
+    least 0.7 of the length.  Where the others differ among themselves, as cables of different
+    kinds on one row of poles do, nothing is abnormal.
 
     Parameters
     ----------
@@ -308,9 +316,10 @@ def find_abnormal_sag(
             continue
         usual = float(np.median(peers)) * model.span.length**2
         excess = model.span.sag - usual
-        tolerated = settings.sag_deviation * usual
-        sigma = max(model.span.sigma['sag'], 0.01)
-        if excess <= tolerated + 3 * sigma or excess < LEAST_EXCESS:
+        tolerated = max(settings.sag_deviation * usual, LEAST_EXCESS)
+        spread = 1.4826 * float(np.median(np.abs(np.array(peers) - np.median(peers))))
+        sigma = math.hypot(model.span.sigma['sag'], LEAST_SIGMA, spread * model.span.length**2)
+        if excess <= max(tolerated, SURE * sigma):
             continue
         lowest = model.span.lowest
         x, _ = model.curve.local(lowest[None, :])

@@ -27,7 +27,7 @@ from scipy.spatial import cKDTree
 
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.clearance import Limit, RuleSet
-from plc_inspect.core.span_model import find_support, SpanModel
+from plc_inspect.core.span_model import find_kind, find_support, SpanModel
 from plc_inspect.core.trees import segment_trees
 from plc_inspect.results import (
     Bool,
@@ -39,9 +39,13 @@ from plc_inspect.results import (
 )
 
 MINOR_SHARE = 0.25
-"""Foliage on a roof, or a flat patch of a crown, is a hazard of its own from this share."""
-POLE_ROOM, TOWER_ROOM = 1.5, 5.0
+"""Foliage on a roof, or something flat in a crown, is a hazard of its own from this share."""
+LEAFY, FLAT = 0.15, 0.5
+"""An object with this share of surfaces or less is foliage, with that or more a structure [1]."""
+ROOM = {'pole': 1.5, 'tower': 5.0}
 """What lies wholly within this of a support along the line may be part of it [m]."""
+THIN_ROOM = 0.75
+"""The same at an end whose support was not seen, or not recognised [m]."""
 TREE_MARGIN = 8.0
 """What stands within this of offending points in plan tells which trees they belong to [m]."""
 
@@ -95,7 +99,7 @@ def find_encroachments(
     supports: Sequence[Support],
     rules: RuleSet,
     settings: HazardSettings,
-) -> list[dict[str, Any]]:
+) -> tuple[list[dict[str, Any]], Bool]:
     """
     Find trees and structures that are nearer to a conductor than a rule allows.
 
@@ -117,8 +121,10 @@ def find_encroachments(
 
     Returns
     -------
-    list of dict
+    hazards : list of dict
         Values of Hazard without its number.
+    explained : (K,) bool
+        Points that are near enough to offend, but belong to a support.
 
     """
     limits = {
@@ -129,44 +135,65 @@ def find_encroachments(
     for kind, asked in limits.items():
         _, score = _score(around, models, asked, around.surface == (kind == HazardKind.STRUCTURE))
         offends |= np.isfinite(score)
+    explained = np.zeros(len(offends), dtype=bool)
     if not offends.any():
-        return []
+        return [], explained
     tree = _find_trees(around, offends)
     bad = np.flatnonzero(offends)
     near = around.take(bad)
     cluster = group_points(near.points, settings.group_distance)
     lone = np.bincount(cluster)[cluster] < settings.min_points
-    held = np.bincount(cluster, weights=~_at_supports(near, models, supports)) == 0
-    lone |= held[cluster]
+    held = (np.bincount(cluster, weights=~_are_held(near, models, supports)) == 0)[cluster]
+    explained[bad[held]] = True
+    lone |= held
     tallest = np.full(int(tree.max()) + 1, -np.inf)
     np.maximum.at(tallest, tree[tree >= 0], around.height[tree >= 0])
+    known = tree >= 0
+    flat = np.bincount(tree[known], weights=around.surface[known]) / np.bincount(tree[known])
     result = []
     for own in _split(np.where(lone, -1, tree[bad])):
-        for kind, chosen in _split_kinds(near.surface[own], settings.min_points):
+        share = float(flat[tree[bad[own[0]]]])
+        for kind, chosen in _split_kinds(near.surface[own], share, settings.min_points):
             record = _describe(
                 near.take(own[chosen]), models, supports, kind, limits[kind], rules, settings
             )
             if record is not None:
                 result.append(record | {'height': float(tallest[tree[bad[own[0]]]])})
+    return result, explained
+
+
+def is_held(points: Float64, model: SpanModel, supports: Sequence[Support]) -> Bool:
+    """
+    Tell the points so near to an end of a span along it that its support explains them.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Positions [m].
+    model : SpanModel
+        The span.
+    supports : sequence of Support
+        Towers and poles; where none is known something thin holds the end.
+
+    Returns
+    -------
+    (N,) bool
+
+    """
+    result = np.zeros(len(points), dtype=bool)
+    x, _ = model.curve.local(points)
+    for place, end in ((model.start_x, model.span.start), (model.end_x, model.span.end)):
+        result |= np.abs(x - place) <= ROOM.get(find_kind(model.span, end, supports), THIN_ROOM)
     return result
 
 
-def _at_supports(
+def _are_held(
     near: Surroundings, models: Sequence[SpanModel], supports: Sequence[Support]
 ) -> Bool:
-    """Tell the points so near to a support that its arms and insulators explain them."""
     result = np.zeros(len(near.points), dtype=bool)
     for number in np.unique(near.owner).tolist():
-        model = models[number]
         mine = np.flatnonzero(near.owner == number)
-        x, _, _ = model.part(near.points[mine])
-        along = model.along(x)
-        for place, distance in ((0.0, along), (model.span.length, model.span.length - along)):
-            support, _ = find_support(model.span, place, supports)
-            kinds = [item.kind for item in supports if item.support_id == support]
-            if kinds and kinds[0] != 'unseen':
-                result[mine[distance <= POLE_ROOM if kinds[0] == 'pole' else
-                            distance <= TOWER_ROOM]] = True
+        result[mine] = is_held(near.points[mine], models[number], supports)
     return result
 
 
@@ -178,17 +205,19 @@ def _split(label: Int64) -> list[Int64]:
     return [part for part in parts if len(part)]
 
 
-def _split_kinds(surface: Bool, min_points: int) -> list[tuple[HazardKind, Bool]]:
-    """Foliage and surfaces of one object: the greater part, and the other if it is no accident."""
-    flat = int(surface.sum())
-    leafy = len(surface) - flat
-    least = max(min_points, MINOR_SHARE * len(surface))
+def _split_kinds(
+    surface: Bool, share: float, min_points: int
+) -> list[tuple[HazardKind, Bool]]:
+    """Foliage and surfaces of one object, or all as what most of the whole object is."""
     everything = np.ones(len(surface), dtype=bool)
-    if min(flat, leafy) >= least:
-        return [(HazardKind.VEGETATION, ~surface), (HazardKind.STRUCTURE, surface)]
     if len(surface) < min_points:
         return []
-    return [(HazardKind.STRUCTURE if flat > leafy else HazardKind.VEGETATION, everything)]
+    if not LEAFY < share < FLAT:
+        return [(HazardKind.STRUCTURE if share >= FLAT else HazardKind.VEGETATION, everything)]
+    parts = [(HazardKind.VEGETATION, ~surface), (HazardKind.STRUCTURE, surface)]
+    if min(int(part.sum()) for _, part in parts) >= max(min_points, MINOR_SHARE * len(surface)):
+        return parts
+    return [(HazardKind.STRUCTURE if surface.mean() > 0.5 else HazardKind.VEGETATION, everything)]
 
 
 def _find_trees(around: Surroundings, offends: Bool) -> Int64:

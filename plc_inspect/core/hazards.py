@@ -100,7 +100,8 @@ def find_hazards(
     Returns
     -------
     hazards : tuple of Hazard, numbered in order of span, line and place
-    surface : (K,) bool, points of surfaces such as roofs and walls rather than of foliage
+    foliage : (K,) bool, points that are neither of surfaces, such as roofs and walls, nor of what
+        holds the conductors
 
     Raises
     ------
@@ -118,7 +119,7 @@ def find_hazards(
         owner=owner,
         surface=surface,
     )
-    found = find_encroachments(around, models, supports, rules, settings)
+    found, explained = find_encroachments(around, models, supports, rules, settings)
     if height is not None and rules.find('fall_in'):
         wide = find_fallible(points, height, models, line_id, support)
         found += find_falling_trees(
@@ -131,7 +132,8 @@ def find_hazards(
     found += find_abnormal_sag(models, supports, rules, settings)
     order = ('span_id', 'line_id', 'along_span', 'kind')
     found.sort(key=lambda item: tuple(item[name] for name in order))
-    return tuple(Hazard(hazard_id=number, **item) for number, item in enumerate(found)), surface
+    hazards = tuple(Hazard(hazard_id=number, **item) for number, item in enumerate(found))
+    return hazards, ~(surface | explained)
 
 
 def add_ground_clearance(

@@ -289,7 +289,7 @@ class _Run:
         points = self.points
         around = choose_surroundings(height.height, spans, corridor)
         near = corridor.near[around]
-        hazards, surface = find_hazards(
+        hazards, foliage = find_hazards(
             points,
             near,
             corridor.near_distance[around].astype(np.float64),
@@ -305,7 +305,7 @@ class _Run:
         )
         labels = label(
             points, height, candidates, outliers, alignment, clustering, spans, corridor,
-            near[~surface], used=len(high) > 0,
+            near[foliage], used=len(high) > 0,
         )
         self.report(
             len(near),

@@ -106,3 +106,12 @@ def find_support(
         if near and min(near)[0] <= SUPPORT_REACH:
             best = (min(near)[1], max(distance, 0.0))
     return best
+
+
+def find_kind(span: Span, end: Float64, supports: Sequence[Support]) -> str:
+    """Return the kind of the support that an end (3,) hangs on, 'unseen' if none is known."""
+    near = [
+        (math.dist(item.position[:2], end[:2]), item.support_id, item.kind)
+        for item in supports if span.line_id in item.line_ids
+    ]
+    return min(near)[2] if near and min(near)[0] <= SUPPORT_REACH else 'unseen'

@@ -22,7 +22,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from plc_inspect.core.clearance import Limit, RuleSet
-from plc_inspect.core.encroachments import POLE_ROOM, TOWER_ROOM
+from plc_inspect.core.encroachments import ROOM, THIN_ROOM
 from plc_inspect.core.physics import (
     Case,
     change_state,
@@ -32,7 +32,7 @@ from plc_inspect.core.physics import (
     State,
 )
 from plc_inspect.core.plan_index import build_plan_index, gather_strip, PlanIndex
-from plc_inspect.core.span_model import find_support
+from plc_inspect.core.span_model import find_kind
 from plc_inspect.core.surfaces import is_surface
 from plc_inspect.core.swung_span import SwungSpan
 from plc_inspect.errors import DataError
@@ -295,11 +295,8 @@ def _is_held(points: Float64, span: Span, result: InspectionResult) -> Bool:
     held = np.zeros(len(points), dtype=bool)
     unit = (span.end - span.start)[:2] / max(span.length, 1e-9)
     along = (points[:, :2] - span.start[:2]) @ unit
-    kinds = {item.support_id: item.kind for item in result.supports}
-    for place, distance in ((0.0, along), (span.length, span.length - along)):
-        kind = kinds.get(find_support(span, place, result.supports)[0])
-        if kind is not None:
-            held |= distance <= (POLE_ROOM if kind == 'pole' else TOWER_ROOM)
+    for end, distance in ((span.start, along), (span.end, span.length - along)):
+        held |= distance <= ROOM.get(find_kind(span, end, result.supports), THIN_ROOM)
     return held
 
 

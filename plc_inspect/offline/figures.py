@@ -188,7 +188,7 @@ def draw_section(scene: Scene, span_id: int, distances: dict[str, float]) -> tup
     offsets = np.array([(cut[:2] - origin) @ across for cut in cuts])
     heights = np.array([cut[2] for cut in cuts])
     half = 2.5 * scene.metre
-    reach = max(8.0 * scene.metre, *distances.values())
+    reach = max([8.0 * scene.metre, *distances.values()])
     low, high = offsets.min() - reach, offsets.max() + reach
     rows = crop(scene, spans, 2 * reach)
     s, t = ((scene.points[rows, :2] - origin) @ axis for axis in (along, across))
