@@ -173,6 +173,7 @@ def parse_rules(content: Mapping[str, Any], settings: HazardSettings) -> RuleSet
     applied: list[Limit] = []
     left_out: list[str] = []
     voltages: list[str] = []
+    elsewhere: list[str] = []
     for number, row in enumerate(content['limits']):
         where = f'rule set {name}, limit {number + 1}'
         if not isinstance(row, Mapping):
@@ -191,6 +192,8 @@ def parse_rules(content: Mapping[str, Any], settings: HazardSettings) -> RuleSet
                 left_out.append(f'{title} at {_name_range(kv)}: the voltage is unknown')
             elif _holds(kv, settings.voltage, where):
                 applied.append(limit)
+            else:
+                elsewhere.append(limit.feature)
     _check_contradictions(applied, name)
     if not applied:
         given = _name_voltage(settings.voltage)
@@ -201,6 +204,11 @@ def parse_rules(content: Mapping[str, Any], settings: HazardSettings) -> RuleSet
             )
             if voltages else f'rule set {name} has no limit that points can be held against'
         )
+    left_out += [
+        f'{feature}: no limit for {_name_voltage(settings.voltage)}'
+        for feature in dict.fromkeys(elsewhere)
+        if feature not in {limit.feature for limit in applied}
+    ]
     return RuleSet(
         name=name,
         title=str(content['title']),

@@ -20,13 +20,10 @@ from plc_inspect.offline.changes import describe_changes
 from plc_inspect.offline.figures import rank
 from plc_inspect.offline.inspection import Inspection, Record, Units
 from plc_inspect.offline.scene import Scene
+from plc_inspect.offline.sentences import describe_place
 from plc_inspect.offline.what_if import describe_what_if
 
 MOST = 10
-_NAMES = {
-    'vegetation': 'vegetation', 'structure': 'a structure', 'ground': 'the ground',
-    'fall_in': 'a tree that can fall',
-}
 
 
 def list_worst(scene: Scene, inspection: Inspection) -> list[Record]:
@@ -58,58 +55,6 @@ def list_worst(scene: Scene, inspection: Inspection) -> list[Record]:
         cases = moved.get(item['hazard_id'])
         worst.append(item | {'text': describe_place(item, scene.unit, scene.metre, cases)})
     return worst
-
-
-def describe_place(
-    item: Record, unit: str, metre: float = 1.0, moved: list[tuple[str, float]] | None = None
-) -> str:
-    """
-    Return one hazard as a sentence.
-
-    Parameters
-    ----------
-    item : dict
-        As ``hazards.json`` holds it.
-    unit : str
-        Of its lengths.
-    metre : float
-        One metre in that unit.
-    moved : list of tuple
-        Name of each case and the clearance of the object in it [m].
-
-    Returns
-    -------
-    str
-
-    """
-    where = f'Span {item["span_id"]}, line {item["line_id"]}'
-    along = f'{item["along_span"]:.0f} {unit} from the start of the span'
-    if item['support_id'] >= 0 and item['from_support'] is not None:
-        along = f'{item["from_support"]:.0f} {unit} from support {item["support_id"]}'
-    measured = f'{item["clearance"]:.2f} {unit}'
-    required = f'{item["required"]:.2f} {unit}'
-    kind = item['kind']
-    if kind == 'sag':
-        text = f'sags {measured} more than its peers, {required} tolerated'
-        return f'{where}: {text}.'
-    if kind in ('interference', 'crossing'):
-        what = 'the next conductor' if kind == 'interference' else 'a crossing conductor'
-        text = f'{what} (line {item["other_line_id"]}) at {along} is {measured} away'
-        return f'{where}: {text}, {required} required.'
-    tall = f', {item["height"]:.1f} {unit} high,' if item['height'] is not None else ''
-    if kind == 'fall_in':
-        text = f'a tree{tall} at {along} would fall to {measured} of it'
-    elif kind == 'ground':
-        text = f'hangs {measured} above the ground at {along}'
-    else:
-        text = f'{_NAMES[kind]}{tall} at {along} is {measured} away'
-    text += f', {required} required'
-    for name, clearance in moved or []:
-        if clearance == clearance:
-            text += f'; {clearance * metre:.2f} {unit} at {name}'
-    if item['years'] is not None and item['years'] > 0:
-        text += f'; critical in {item["years"]:.1f} years'
-    return f'{where}: {text}.'
 
 
 def list_what_if(inspection: Inspection) -> Record | None:

@@ -25,6 +25,7 @@ import numpy as np
 from plc_inspect.config import Settings
 from plc_inspect.core.clearance import RuleSet
 from plc_inspect.core.whatif import WhatIf
+from plc_inspect.offline.sentences import describe_place
 from plc_inspect.results import (
     Float64,
     Hazard,
@@ -155,10 +156,11 @@ def describe_hazard(hazard: Hazard, units: Units) -> Record:
     """
     Return one hazard as ``hazards.json`` holds it.
 
-    ``kind`` and ``severity`` are the lower-case names of ``HazardKind`` and ``Severity``.
+    ``kind`` and ``severity`` are the lower-case names of ``HazardKind`` and ``Severity``; ``text``
+    says it all in one sentence.
     """
     scale = units.horizontal
-    return {
+    record: Record = {
         'hazard_id': hazard.hazard_id,
         'line_id': hazard.line_id,
         'span_id': hazard.span_id,
@@ -184,6 +186,7 @@ def describe_hazard(hazard: Hazard, units: Units) -> Record:
         'years': _number(hazard.years),
         'note': hazard.note,
     }
+    return record | {'text': describe_place(record, units.name)}
 
 
 def measure_clearances(

@@ -111,7 +111,7 @@ def format_number(value: float | None, decimals: int = 2) -> str:
     """Return a number for people; an en dash where there is none."""
     if value is None or not math.isfinite(value):
         return '\u2013'
-    text = f'{value:,.{decimals}f}'
+    text = f'{round(value, decimals) + 0.0:,.{decimals}f}'  # no minus before nothing
     return text.replace('-', '\u2212')
 
 

@@ -114,7 +114,9 @@ def format_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 def format_number(value: float | None, decimals: int) -> str:
     """Return a number with so many decimals; a dash where there is none."""
-    return '-' if value is None or not math.isfinite(value) else f'{value:.{decimals}f}'
+    if value is None or not math.isfinite(value):
+        return '-'
+    return f'{round(value, decimals) + 0.0:.{decimals}f}'  # no minus before nothing
 
 
 def _plural(count: int, noun: str) -> str:

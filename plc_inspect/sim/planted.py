@@ -244,7 +244,7 @@ def _grow_trees(builder: SceneBuilder, rng: np.random.Generator) -> list[Planted
 
 
 def _build_house(builder: SceneBuilder, rng: np.random.Generator) -> Planted:
-    at = np.array([4.5 * SPAN, rng.uniform(-7.0, 7.0)])
+    at = np.array([4.5 * SPAN, rng.uniform(-16.0, 16.0)])
     structures.add_house(builder, at, rng.uniform(0.0, math.pi), length=9.0, eaves=3.5,
                          ridge=rng.uniform(5.0, 7.5))
     return Planted(kind=HazardKind.STRUCTURE, position=at, radius=8.0)

@@ -94,6 +94,15 @@ def test_unknown_voltage_is_said_and_never_guessed():
         parse_rules(read('go95_case_13'), HazardSettings())
 
 
+def test_features_without_a_limit_at_the_voltage_are_named():
+    rules = parse_rules(read('sweden'), HazardSettings(voltage=220.0))
+    assert [limit.feature for limit in rules.limits] == ['fall_in']
+    assert rules.not_applied == (
+        'vegetation: no limit for 220 kV', 'building: no limit for 220 kV',
+    )
+    assert parse_rules(read('sweden'), HazardSettings(voltage=20.0)).not_applied == ()
+
+
 def test_voltage_and_elevation_beyond_the_table():
     with pytest.raises(ConfigError, match=r'no limit for a line of 400 kV.*345 kV, 230 kV'):
         parse_rules(read('nerc_fac_003_4'), HazardSettings(voltage=400.0, elevation=0.0))

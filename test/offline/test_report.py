@@ -18,6 +18,7 @@ import base64
 from html.parser import HTMLParser
 import io
 import json
+from pathlib import Path
 import re
 import xml.etree.ElementTree as ElementTree
 
@@ -27,6 +28,7 @@ from PIL import Image
 import pytest
 
 from plc_inspect.config import describe, Settings, update
+from plc_inspect.offline.catalogue import load_rules
 from plc_inspect.offline.drawing import (
     blend,
     choose_ticks,
@@ -35,13 +37,14 @@ from plc_inspect.offline.drawing import (
     format_tick,
     Plot,
 )
-from plc_inspect.offline.findings import describe_place
 from plc_inspect.offline.inspection import measure_clearances, Units
 from plc_inspect.offline.report import format_number, render_report
 from plc_inspect.offline.scene import make_scene
+from plc_inspect.offline.sentences import describe_place
 from plc_inspect.offline.view import encode_view
 from plc_inspect.results import PointClass
 
+RULES = Path(__file__).parents[2] / 'config' / 'rules'
 VOID = {'meta', 'br', 'img', 'hr', 'link', 'input'}
 UTM = (615_300.0, 5_712_000.0, 30.0)
 
@@ -240,7 +243,8 @@ def test_colors_blend():
 
 
 @pytest.mark.parametrize(('value', 'text'), [
-    (1234.567, '1,234.57'), (-0.5, '\u22120.50'), (None, '\u2013'), (float('nan'), '\u2013'),
+    (1234.567, '1,234.57'), (-0.5, '\u22120.50'), (-0.004, '0.00'), (None, '\u2013'),
+    (float('nan'), '\u2013'),
 ])
 def test_numbers_for_people(value, text):
     assert format_number(value) == text
@@ -262,6 +266,8 @@ def test_worst_places_are_said_in_words(page):
      ' 0.80 m at 80 C.'),
     ({'kind': 'ground'}, 'hangs 1.90 m above the ground at 12 m from support 3, 2.50 m required'),
     ({'kind': 'fall_in'}, 'a tree, 7.5 m high, at 12 m from support 3 would fall to 1.90 m of it'),
+    ({'kind': 'fall_in', 'clearance': -1.2}, 'a tree, 7.5 m high, at 12 m from support 3 can fall'
+     ' on it, 1.20 m to spare, 2.50 m required'),
     ({'kind': 'sag'}, 'sags 1.90 m more than its peers, 2.50 m tolerated.'),
     ({'kind': 'crossing', 'other_line_id': 5}, 'a crossing conductor (line 5) at 12 m from'),
 ])
@@ -274,6 +280,18 @@ def test_sentences(changes, words):
     text = describe_place(item | changes, 'm', 1.0, [('80 C', 0.8)])
     assert text.startswith('Span 14, line 2: ')
     assert words in text
+
+
+@pytest.mark.parametrize('name', sorted(path.stem for path in RULES.glob('*.yaml')))
+def test_a_report_by_each_rule_set(name):
+    settings = update(Settings(), {
+        'hazards.rules': name, 'hazards.voltage': 230.0, 'hazards.elevation': 100.0,
+    })
+    inspection = make_inspection(rules=load_rules(settings.hazards))
+    page = render_report(inspection)
+    assert inspection.rules.title in page
+    for text in inspection.rules.not_applied:
+        assert f'Not applied: {text}.' in page
 
 
 def test_view_keeps_the_places():

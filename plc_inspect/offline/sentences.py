@@ -1,0 +1,78 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""One sentence about each hazard, for people."""
+
+from typing import Any
+
+Record = dict[str, Any]
+_NAMES = {
+    'vegetation': 'vegetation', 'structure': 'a structure', 'ground': 'the ground',
+    'fall_in': 'a tree that can fall',
+}
+
+
+def describe_place(
+    item: Record, unit: str, metre: float = 1.0, moved: list[tuple[str, float]] | None = None
+) -> str:
+    """
+    Return one hazard as a sentence.
+
+    Parameters
+    ----------
+    item : dict
+        As ``hazards.json`` holds it.
+    unit : str
+        Of its lengths.
+    metre : float
+        One metre in that unit.
+    moved : list of tuple
+        Name of each case and the clearance of the object in it [m].
+
+    Returns
+    -------
+    str
+
+    """
+    where = f'Span {item["span_id"]}, line {item["line_id"]}'
+    along = f'{item["along_span"]:.0f} {unit} from the start of the span'
+    if item['support_id'] >= 0 and item['from_support'] is not None:
+        along = f'{item["from_support"]:.0f} {unit} from support {item["support_id"]}'
+    measured = f'{item["clearance"]:.2f} {unit}'
+    required = f'{item["required"]:.2f} {unit}'
+    kind = item['kind']
+    if kind == 'sag':
+        text = f'sags {measured} more than its peers, {required} tolerated'
+        return f'{where}: {text}.'
+    if kind in ('interference', 'crossing'):
+        what = 'the next conductor' if kind == 'interference' else 'a crossing conductor'
+        text = f'{what} (line {item["other_line_id"]}) at {along} is {measured} away'
+        return f'{where}: {text}, {required} required.'
+    tall = f', {item["height"]:.1f} {unit} high,' if item['height'] is not None else ''
+    if kind == 'fall_in':
+        text = f'a tree{tall} at {along} would fall to {measured} of it'
+        if item['clearance'] < 0:
+            spare = f'{-item["clearance"]:.2f} {unit} to spare'
+            text = f'a tree{tall} at {along} can fall on it, {spare}'
+    elif kind == 'ground':
+        text = f'hangs {measured} above the ground at {along}'
+    else:
+        text = f'{_NAMES[kind]}{tall} at {along} is {measured} away'
+    text += f', {required} required'
+    for name, clearance in moved or []:
+        if clearance == clearance:
+            text += f'; {clearance * metre:.2f} {unit} at {name}'
+    if item['years'] is not None and item['years'] > 0:
+        text += f'; critical in {item["years"]:.1f} years'
+    return f'{where}: {text}.'
