@@ -14,6 +14,7 @@
 
 """Figures of the report: the map, and a profile and a cross-section of each span."""
 
+from itertools import pairwise
 import math
 
 import numpy as np
@@ -31,6 +32,8 @@ from plc_inspect.offline.scene import (
 from plc_inspect.results import Float64, Int64, UInt8
 
 PROFILE_SIZE = (1060, 330)
+_LABEL_ROOM, _NUMBER_ROOM = 60.0, 22.0
+"""Labels of spans nearer to each other are numbers only, and left out [px]."""
 _SECTION_SIZE = (430, 330)
 _MAP_WIDTH = 1060
 _MAP_HEIGHTS = (300, 820)
@@ -313,14 +316,23 @@ def _add_supports(
 
 
 def _label_spans(plot: Plot, scene: Scene) -> None:
-    """Write the number of each span above the middle of its lines."""
+    """Write the number of each span above the middle of its lines, as far as there is room."""
+    labels = []
     for span_id in sorted({span['span_id'] for span in scene.spans}):
         middles = np.array([
             np.add(span['start'][:2], span['end'][:2]) / 2
             for span in scene.spans if span['span_id'] == span_id
         ])
         x, y = middles[np.argmax(middles[:, 1])]
-        plot.add_text(x, y, f'span {span_id}', 'label mid', dy=-14.0)
+        labels.append((span_id, x, y, np.array(plot.to_pixels(np.array(x), np.array(y)))))
+    gaps = [math.dist(first[3], second[3]) for first, second in pairwise(labels)]
+    crowded = min(gaps, default=math.inf) < _LABEL_ROOM
+    placed: list[Float64] = []
+    for span_id, x, y, at in labels:
+        if all(abs(at - other).max() > _NUMBER_ROOM for other in placed):
+            text = str(span_id) if crowded else f'span {span_id}'
+            plot.add_text(x, y, text, 'label mid', dy=-14.0)
+            placed.append(at)
 
 
 def add_badge(plot: Plot, x: float, y: float, hazard: Record) -> None:

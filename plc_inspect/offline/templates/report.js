@@ -126,7 +126,8 @@ class View {
     this.target = d.center.slice();
     this.azimuth = d.azimuth;
     this.elevation = 0.45;
-    this.distance = 0.75 * d.extent + 20 * d.metre;
+    const shape = this.canvas.clientWidth / Math.max(this.canvas.clientHeight, 1);
+    this.distance = Math.max(0.75, 1.5 / shape) * d.extent + 20 * d.metre;
     this.ask();
   }
 
