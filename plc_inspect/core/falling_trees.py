@@ -25,7 +25,7 @@ from scipy.spatial import cKDTree
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.clearance import RuleSet
 from plc_inspect.core.corridor import find_near, span_table
-from plc_inspect.core.encroachments import describe_hazard
+from plc_inspect.core.encroachments import describe_hazard, is_held
 from plc_inspect.core.span_model import SpanModel
 from plc_inspect.core.trees import segment_trees
 from plc_inspect.results import Bool, Float32, Float64, HazardKind, Int32, Int64, Support
@@ -135,6 +135,8 @@ def find_falling_trees(
         if severity is None or solid or number in taken:
             continue
         model, own = models[span], points[tree == number]
+        if is_held(own, model, supports).all():
+            continue
         x, horizontal, vertical = (
             float(value[0]) for value in model.part(feet[number : number + 1])
         )
