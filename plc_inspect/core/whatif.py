@@ -15,7 +15,7 @@
 """What-if: every span at other temperatures, under ice and in wind, with its clearances."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 import math
 
 import numpy as np
@@ -117,6 +117,8 @@ class WhatIf:
     hazards: dict[int, tuple[float, ...]]
     """Clearance [m] of the object of each vegetation and structure hazard, as surveyed and in
     each case, by hazard_id."""
+    contacts: dict[int, float] = field(default_factory=dict)
+    """Temperature at which a conductor touches it, by hazard_id, where one does."""
 
 
 def evaluate_cases(
@@ -183,8 +185,8 @@ def evaluate_cases(
         for i in section:
             span = result.spans[i]
             states = [_surveyed(span, conductor)] + [
-                _state(span, [result.spans[k] for k in section], ruling, temperature, conductor,
-                       case)
+                change_span(span, [result.spans[k] for k in section], temperature, conductor,
+                            case)
                 for case in cases
             ]
             reach = rules.reach('vegetation', 'building') + 2.0
@@ -264,15 +266,15 @@ def _surveyed(span: Span, conductor: Conductor) -> State:
     )
 
 
-def _state(
-    span: Span, section: Sequence[Span], ruling: float, temperature: float, conductor: Conductor,
-    case: Case,
+def change_span(
+    span: Span, section: Sequence[Span], temperature: float, conductor: Conductor, case: Case
 ) -> State:
-    """State of one span: its own, or by the tension of its section."""
+    """Return the state of a span in a case: its own, or by the tension of its section."""
     rise = float(span.end[2] - span.start[2])
     own = change_state(span.length, rise, span.c, temperature, conductor, case)
     if len(section) == 1:
         return own
+    ruling = ruling_span([item.length for item in section])
     constant = float(np.mean([item.c for item in section]))
     before = change_state(ruling, 0.0, constant, temperature, conductor,
                           Case(name=SURVEYED, temperature=temperature))

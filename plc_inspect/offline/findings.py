@@ -44,7 +44,9 @@ def list_worst(scene: Scene, inspection: Inspection) -> list[Record]:
 
     """
     moved = {}
+    contacts: dict[int, float] = {}
     if inspection.what_if is not None:
+        contacts = inspection.what_if.contacts
         moved = {
             number: list(zip([case.name for case in inspection.what_if.cases], values[1:],
                              strict=True))
@@ -53,7 +55,9 @@ def list_worst(scene: Scene, inspection: Inspection) -> list[Record]:
     worst = []
     for item in sorted(scene.hazards, key=rank)[:MOST]:
         cases = moved.get(item['hazard_id'])
-        worst.append(item | {'text': describe_place(item, scene.unit, scene.metre, cases)})
+        contact = contacts.get(item['hazard_id'])
+        text = describe_place(item, scene.unit, scene.metre, cases, contact)
+        worst.append(item | {'text': text})
     return worst
 
 

@@ -24,6 +24,7 @@ from typing import Any
 
 from plc_inspect.config import Settings, update
 from plc_inspect.core.clearance import RuleSet
+from plc_inspect.core.contact import find_contacts
 from plc_inspect.core.physics import Case, Conductor
 from plc_inspect.core.whatif import evaluate_cases
 from plc_inspect.errors import ConfigError
@@ -135,6 +136,10 @@ def complete(inspection: Inspection, request: Request) -> Inspection:
             inspection.points, inspection.result, request.conductor, request.temperature,
             request.cases, request.rules, settings.min_points,
         )
+        contacts = find_contacts(
+            inspection.points, inspection.result, request.conductor, request.temperature
+        )
+        what_if = dataclasses.replace(what_if, contacts=contacts)
         inspection = dataclasses.replace(inspection, what_if=what_if)
     if request.baseline is not None:
         changes = find_changes(request.baseline, to_survey(inspection), settings.sag_deviation)

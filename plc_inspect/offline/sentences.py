@@ -24,7 +24,8 @@ _NAMES = {
 
 
 def describe_place(
-    item: Record, unit: str, metre: float = 1.0, moved: list[tuple[str, float]] | None = None
+    item: Record, unit: str, metre: float = 1.0, moved: list[tuple[str, float]] | None = None,
+    contact: float | None = None,
 ) -> str:
     """
     Return one hazard as a sentence.
@@ -39,6 +40,8 @@ def describe_place(
         One metre in that unit.
     moved : list of tuple
         Name of each case and the clearance of the object in it [m].
+    contact : float
+        Temperature at which the conductor touches it [degrees Celsius].
 
     Returns
     -------
@@ -73,6 +76,8 @@ def describe_place(
     for name, clearance in moved or []:
         if clearance == clearance:
             text += f'; {clearance * metre:.2f} {unit} at {name}'
+    if contact is not None:
+        text += f'; will touch at {contact:.0f} \u00b0C'
     if item['years'] is not None and item['years'] > 0:
         text += f'; critical in {item["years"]:.1f} years'
     return f'{where}: {text}.'

@@ -70,7 +70,8 @@ def describe_what_if(what_if: WhatIf, units: Units) -> Record:
         ],
         'hazards': [
             {'hazard_id': number,
-             'clearances': [None if math.isnan(value) else value / scale for value in values]}
+             'clearances': [None if math.isnan(value) else value / scale for value in values],
+             'contact': what_if.contacts.get(number)}
             for number, values in sorted(what_if.hazards.items())
         ],
     }

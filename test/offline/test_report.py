@@ -279,6 +279,8 @@ def test_sentences(changes, words):
     }
     text = describe_place(item | changes, 'm', 1.0, [('80 C', 0.8)])
     assert text.startswith('Span 14, line 2: ')
+    assert 'touch' not in text
+    assert '; will touch at 60 \u00b0C' in describe_place(item, 'm', contact=60.2)
     assert words in text
 
 
