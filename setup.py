@@ -73,6 +73,7 @@ setup(
         'shapely>=2.0',
         'tqdm>=4.65',
         'viser>=1.1,<2',
+        'zstandard>=0.20',
     ],
     extras_require={
         'dev': [
@@ -80,7 +81,6 @@ setup(
             'matplotlib>=3.8',
             'mypy>=1.10',
             'pillow>=10',
-            'playwright>=1.40',
             'pyte>=0.8',
             'pytest>=8.0',
             'pytest-xdist>=3.5',

@@ -45,7 +45,7 @@ IMPORT_TO_KEY = {
 IMPORT_TO_REQUIREMENT = {
     'markupsafe': 'jinja2', 'sklearn': 'scikit-learn', 'yaml': 'PyYAML', 'lazrs': 'laspy',
 }
-WITHOUT_KEY = {'ezdxf', 'laspy', 'lazrs', 'mcap', 'pyogrio', 'rich', 'viser'}
+WITHOUT_KEY = {'ezdxf', 'laspy', 'lazrs', 'mcap', 'pyogrio', 'rich', 'viser', 'zstandard'}
 
 
 @pytest.fixture(scope='module')

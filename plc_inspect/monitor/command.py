@@ -16,6 +16,7 @@
 
 import argparse
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 import math
 import os
 from pathlib import Path
@@ -54,14 +55,20 @@ def _run(arguments: argparse.Namespace) -> int:
     from plc_inspect.ros.transport import prepare_transport
 
     prepare_transport()
-    with Station(arguments.node, arguments.ros, cloud=_wants_cloud(arguments)) as station:
+    with ExitStack() as stack:
+        recorder = None
+        if arguments.record is not None:
+            from plc_inspect.monitor.recorder import Recorder
+
+            recorder = stack.enter_context(
+                Recorder(arguments.record, arguments.node, force=arguments.force)
+            )
+        station = stack.enter_context(Station(
+            arguments.node, arguments.ros, cloud=arguments.corridor, recorder=recorder
+        ))
         if arguments.once:
             return _show_once(station, arguments)
         return _show(station, arguments)
-
-
-def _wants_cloud(arguments: argparse.Namespace) -> bool:
-    return bool(arguments.corridor)
 
 
 def _show_once(station: Any, arguments: argparse.Namespace) -> int:

@@ -41,7 +41,13 @@ width:100%}.plc td,.plc th{padding:1px 4px;text-align:right;white-space:nowrap}
 .plc .old{color:#c62828;font-weight:600}.plc .dot{display:inline-block;width:.7em;height:.7em;
 border-radius:50%;margin-right:.4em}.plc .scroll{max-height:16em;overflow:auto}
 .plc .events{opacity:.85;white-space:normal}.plc .pairs td{white-space:normal}
-@media (max-width:600px){.plc{font-size:12px;margin:0 .2em}.plc td,.plc th{padding:1px 2px}}
+.plc .frozen{background:#c62828;color:#fff;font-weight:600;overflow:hidden;max-height:0;
+border-radius:4px;animation:plc-frozen 0s 3s forwards}
+@keyframes plc-frozen{to{max-height:10em;padding:.4em .6em;margin-bottom:.3em}}
+@media (max-width:600px){.mantine-Paper-root:has(#plc-link){left:0!important}
+.mantine-Paper-root:has(#plc-link),.mantine-Paper-root div:not(.plc):has(#plc-link){
+width:100%!important}
+.plc .scroll{max-height:9em}}
 </style>"""
 
 
@@ -61,8 +67,12 @@ def draw_bar(picture: Picture) -> str:
         text += ' &middot; incomplete'
     lost = picture.counts.lost_summary + picture.counts.lost_cloud
     text += f' &middot; {lost} lost &middot; {picture.counts.kbps:.0f} kbit/s'
+    # The browser shows this by itself where nothing replaces it within three seconds.
     parts = [
+        '<div class="frozen">FROZEN: the monitor no longer updates this page; all of it is old'
+        '</div>',
         f'<div class="bar" id="plc-link" data-link="{picture.link.value}" '
+        f'data-time="{picture.time:.2f}" '
         f'style="background:{color}">{text}</div>'
     ]
     for item in picture.alarms[:2]:

@@ -80,7 +80,8 @@ class Page:
     ) -> None:
         """Stop serving."""
         self._gate.close()
-        self._server.stop()
+        with contextlib.redirect_stdout(io.StringIO()):
+            self._server.stop()
 
     @property
     def address(self) -> str:
@@ -134,5 +135,7 @@ def _start_server(port: int) -> Any:
         server = viser.ViserServer(host='127.0.0.1', port=port, label='plc_monitor',
                                    verbose=False)
     server.request_share_url = lambda *_, **__: None  # type: ignore[method-assign]
-    server.gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=True)
+    server.gui.configure_theme(
+        show_logo=False, show_share_button=False, dark_mode=True, control_width='large'
+    )
     return server

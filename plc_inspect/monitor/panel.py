@@ -36,8 +36,8 @@ NONE = 'none'
 BEHIND = np.array([-35.0, -35.0, 30.0])
 """Where a browser that follows the vehicle looks from, about it [m]."""
 NEAR = np.array([-14.0, -14.0, 9.0])
-PHONE = 600
-"""On a narrower screen the controls take all of its width [px]."""
+LIFT = -14.0
+"""On an upright screen, whose lower half is controls, it looks below its target by this [m]."""
 PROFILE_PERIOD = 2.0
 """The profile is drawn anew no sooner [s]."""
 
@@ -67,8 +67,8 @@ class Panel:
         self._last: NDArray[np.float64] | None = None
         self._profile: tuple[object, float] = (None, 0.0)
         gui = client.gui
-        if 0 < client.camera.image_width < PHONE:
-            gui.main_panel.set_width(client.camera.image_width)
+        upright = client.camera.image_height > client.camera.image_width
+        self._lift = np.array([0.0, 0.0, LIFT if upright else 0.0])
         self._bar = gui.add_html('')
         self._follow = gui.add_checkbox('Follow the vehicle', True)
         tabs = gui.add_tab_group()
@@ -161,8 +161,8 @@ class Panel:
     def _look(self, place: NDArray[np.float64], offset: NDArray[np.float64]) -> None:
         target = place - self._find_origin()
         with self._client.atomic():
-            self._client.camera.position = target + offset
-            self._client.camera.look_at = target
+            self._client.camera.position = target + self._lift + offset
+            self._client.camera.look_at = target + self._lift
 
 
 _NO_CELLS: CellArrays = (
@@ -186,4 +186,5 @@ def _offer(handle: Any, names: list[str]) -> None:
     if tuple(handle.options) != options:
         chosen = handle.value
         handle.options = options
-        handle.value = chosen if chosen in options else NONE
+        if handle.value != chosen and chosen in options:
+            handle.value = chosen

@@ -16,10 +16,17 @@
 
 import time
 from types import TracebackType
+from typing import TYPE_CHECKING
 
 from plc_inspect.monitor.listener import Listener
 from plc_inspect.monitor.model import Monitor
 from plc_inspect.monitor.picture import Picture
+
+if TYPE_CHECKING:
+    from plc_inspect.monitor.recorder import Recorder
+
+RECORD_PERIOD = 1.0
+"""Time between two pictures that are recorded [s]."""
 
 
 class Station:
@@ -34,6 +41,8 @@ class Station:
         For ROS.
     cloud : bool
         Subscribe to the thinned corridor too.
+    recorder : Recorder or None
+        Gets what comes in, and what is known from it.
 
     Raises
     ------
@@ -42,8 +51,13 @@ class Station:
 
     """
 
-    def __init__(self, node_name: str, arguments: list[str], *, cloud: bool = True) -> None:
+    def __init__(
+        self, node_name: str, arguments: list[str], *, cloud: bool = True,
+        recorder: 'Recorder | None' = None,
+    ) -> None:
         self.monitor = Monitor()
+        self._recorder = recorder
+        self._recorded = 0.0
         take = {'summary': self._take_summary}
         if cloud:
             take['cloud'] = self._take_cloud
@@ -65,6 +79,10 @@ class Station:
         alive = self._listener.spin(seconds)
         for topic in self.monitor.take_wishes(time.monotonic()):
             self._listener.subscribe(topic)
+        now = time.monotonic()
+        if self._recorder is not None and now - self._recorded >= RECORD_PERIOD:
+            self._recorded = now
+            self._recorder.show(self.monitor.look(now), self.monitor.cloud)
         return alive
 
     def look(self) -> Picture:
@@ -72,7 +90,13 @@ class Station:
         return self.monitor.look(time.monotonic())
 
     def _take_summary(self, data: bytes) -> None:
+        self._record('summary', data)
         self.monitor.take_summary(data, time.monotonic())
 
     def _take_cloud(self, data: bytes) -> None:
+        self._record('cloud', data)
         self.monitor.take_cloud(data, time.monotonic())
+
+    def _record(self, topic: str, data: bytes) -> None:
+        if self._recorder is not None:
+            self._recorder.take(topic, data)

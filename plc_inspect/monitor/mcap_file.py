@@ -1,0 +1,233 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+An MCAP file that is whole at every moment, whenever its writer is killed.
+
+Behind the last chunk stand an end of data, a footer without a summary and the magic, which make
+the file complete.  The next chunk is written behind them, and its beginning over them at last, so
+whoever reads from the beginning finds a whole file at every moment.  An orderly end adds the
+summary, with which readers can jump.
+"""
+
+from collections import Counter
+import os
+from pathlib import Path
+from types import TracebackType
+import zlib
+
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import (
+    Channel,
+    Chunk,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    Message,
+    MessageIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
+from mcap.writer import MCAP0_MAGIC
+import zstandard
+
+from plc_inspect import __version__
+from plc_inspect.errors import ConfigError
+
+
+class McapFile:
+    """
+    Writes messages; what was written is safe after each ``flush``.
+
+    Parameters
+    ----------
+    path : Path
+        File to write.
+    force : bool
+        Replace a file that is there.
+
+    Raises
+    ------
+    ConfigError
+        There is a file already, or it cannot be written.
+
+    """
+
+    def __init__(self, path: Path, *, force: bool = False) -> None:
+        flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | (os.O_TRUNC if force else os.O_EXCL)
+        try:
+            self._file = os.open(path, flags, 0o644)
+        except FileExistsError as error:
+            raise ConfigError(f'{path} is there already: --force replaces it') from error
+        except OSError as error:
+            raise ConfigError(f'{path}: {error.strerror}') from error
+        self._compressor = zstandard.ZstdCompressor(level=3)
+        self._chunk = RecordBuilder()
+        self._indexes: dict[int, MessageIndex] = {}
+        self._times: list[int] = []
+        self._channels: dict[str, Channel] = {}
+        self._schemas: dict[str, Schema] = {}
+        self._chunk_indexes: list[ChunkIndex] = []
+        self._counts: Counter[int] = Counter()
+        self._span: tuple[int, int] | None = None
+        head = RecordBuilder()
+        Header(profile='ros2', library=f'plc_inspect {__version__}').write(head)
+        start = MCAP0_MAGIC + head.end()
+        self._end = self._tail = 0
+        self._put(start)
+
+    def __enter__(self) -> 'McapFile':
+        """Return the file."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """End the file in order."""
+        self.close()
+
+    def add_channel(self, topic: str, kind: str, definition: str) -> int:
+        """
+        Announce a topic.
+
+        Parameters
+        ----------
+        topic : str
+            Its name.
+        kind : str
+            Its type, such as ``std_msgs/msg/String``.
+        definition : str
+            The type as ROS 2 writes it, with the types it uses.
+
+        Returns
+        -------
+        int
+            Number of the channel.
+
+        """
+        if topic in self._channels:
+            return self._channels[topic].id
+        schema = self._schemas.get(kind)
+        if schema is None:
+            schema = Schema(id=len(self._schemas) + 1, name=kind, encoding='ros2msg',
+                            data=definition.encode())
+            self._schemas[kind] = schema
+            schema.write(self._chunk)
+        channel = Channel(id=len(self._channels) + 1, topic=topic, message_encoding='cdr',
+                          metadata={}, schema_id=schema.id)
+        self._channels[topic] = channel
+        channel.write(self._chunk)
+        return channel.id
+
+    def write(self, channel: int, time_ns: int, data: bytes) -> None:
+        """Put a message, serialised as CDR, into the chunk that is being filled."""
+        index = self._indexes.setdefault(channel, MessageIndex(channel_id=channel, records=[]))
+        index.records.append((time_ns, self._chunk.count))
+        Message(channel_id=channel, log_time=time_ns, publish_time=time_ns, data=data,
+                sequence=self._counts[channel]).write(self._chunk)
+        self._counts[channel] += 1
+        self._times.append(time_ns)
+
+    def flush(self) -> None:
+        """Write what was put in since the last time; the file is whole before and after."""
+        if not self._times:
+            return
+        plain = self._chunk.end()
+        first, last = min(self._times), max(self._times)
+        packed = self._compressor.compress(plain)
+        out = RecordBuilder()
+        Chunk(compression='zstd', data=packed, message_start_time=first, message_end_time=last,
+              uncompressed_crc=zlib.crc32(plain), uncompressed_size=len(plain)).write(out)
+        length = out.count
+        offsets = {}
+        for number, index in self._indexes.items():
+            offsets[number] = self._end + out.count
+            index.write(out)
+        self._chunk_indexes.append(ChunkIndex(
+            chunk_length=length, chunk_start_offset=self._end, compression='zstd',
+            compressed_size=len(packed), message_start_time=first, message_end_time=last,
+            message_index_length=out.count - length, message_index_offsets=offsets,
+            uncompressed_size=len(plain),
+        ))
+        low, high = self._span or (first, last)
+        self._span = min(low, first), max(high, last)
+        self._indexes, self._times = {}, []
+        self._put(out.end())
+
+    def close(self) -> None:
+        """Write the rest and the summary."""
+        if self._file < 0:
+            return
+        try:
+            self.flush()
+            self._put(b'', self._make_summary())
+        finally:
+            os.close(self._file)
+            self._file = -1
+
+    def _put(self, records: bytes, tail: bytes = b'') -> None:
+        """
+        Write records over the old tail, and a tail behind them.
+
+        What reaches beyond the old tail comes first: until the last, short write the old end of
+        data and footer stand where they were.
+        """
+        data = records + (tail or _make_tail(0, 0, b''))
+        for low, high in ((self._tail, len(data)), (0, min(self._tail, len(data)))):
+            view, at = memoryview(data)[low:high], self._end + low
+            while view:
+                written = os.pwrite(self._file, view, at)
+                view, at = view[written:], at + written
+        self._end += len(records)
+        self._tail = len(data) - len(records)
+
+    def _make_summary(self) -> bytes:
+        start = self._end + len(_make_end_of_data())
+        out, offsets = RecordBuilder(), RecordBuilder()
+        first, last = self._span or (0, 0)
+        statistics = Statistics(
+            attachment_count=0, channel_count=len(self._channels),
+            channel_message_counts=dict(self._counts), chunk_count=len(self._chunk_indexes),
+            message_count=sum(self._counts.values()), message_start_time=first,
+            message_end_time=last, metadata_count=0, schema_count=len(self._schemas),
+        )
+        for opcode, group in (
+            (Opcode.SCHEMA, list(self._schemas.values())),
+            (Opcode.CHANNEL, list(self._channels.values())),
+            (Opcode.STATISTICS, [statistics]), (Opcode.CHUNK_INDEX, self._chunk_indexes),
+        ):
+            before = out.count
+            for record in group:
+                record.write(out)
+            if group:
+                SummaryOffset(group_opcode=opcode, group_start=start + before,
+                              group_length=out.count - before).write(offsets)
+        summary = out.end()
+        return _make_tail(start, start + len(summary), summary + offsets.end())
+
+
+def _make_end_of_data() -> bytes:
+    out = RecordBuilder()
+    DataEnd(data_section_crc=0).write(out)
+    return bytes(out.end())
+
+
+def _make_tail(start: int, offsets: int, summary: bytes) -> bytes:
+    out = RecordBuilder()
+    Footer(summary_start=start, summary_offset_start=offsets, summary_crc=0).write(out)
+    return _make_end_of_data() + summary + bytes(out.end()) + bytes(MCAP0_MAGIC)

@@ -1,0 +1,114 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Messages of common_interfaces without ROS, for the recorder."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.typesys import get_typestore, Stores
+
+_DATATYPES = {'i1': 1, 'u1': 2, 'i2': 3, 'u2': 4, 'i4': 5, 'u4': 6, 'f4': 7, 'f8': 8}
+LINE_STRIP, SPHERE, CYLINDER, TEXT = 4, 2, 3, 9
+DELETE_ALL = 3
+
+Place = Any
+"""Three numbers."""
+Color = tuple[float, float, float]
+
+
+class MessageMaker:
+    """Makes and serialises messages of ROS 2 Jazzy."""
+
+    def __init__(self) -> None:
+        self.store = get_typestore(Stores.ROS2_JAZZY)
+
+    def make(self, kind: str, **values: Any) -> Any:
+        """Make a message."""
+        return self.store.types[kind](**values)
+
+    def serialize(self, message: Any, kind: str) -> bytes:
+        """Return a message as CDR."""
+        return bytes(self.store.serialize_cdr(message, kind))
+
+    def define(self, kind: str) -> str:
+        """Return the definition of a type, with the types it uses."""
+        text, _ = self.store.generate_msgdef(kind, ros_version=2)
+        return text
+
+    def header(self, stamp_ns: int, frame_id: str) -> Any:
+        """Make a header."""
+        seconds, nanoseconds = divmod(max(stamp_ns, 0), 1_000_000_000)
+        stamp = self.make('builtin_interfaces/msg/Time', sec=seconds, nanosec=nanoseconds)
+        return self.make('std_msgs/msg/Header', stamp=stamp, frame_id=frame_id)
+
+    def vector(self, kind: str, values: Place) -> Any:
+        """Make a Point or a Vector3."""
+        x, y, z = (float(value) for value in values)
+        return self.make(f'geometry_msgs/msg/{kind}', x=x, y=y, z=z)
+
+    def pose(self, place: Place) -> Any:
+        """Make a pose that is not turned."""
+        turn = self.make('geometry_msgs/msg/Quaternion', x=0.0, y=0.0, z=0.0, w=1.0)
+        return self.make(
+            'geometry_msgs/msg/Pose', position=self.vector('Point', place), orientation=turn
+        )
+
+    def bytes_array(self, data: bytes) -> Any:
+        """Make a UInt8MultiArray."""
+        layout = self.make('std_msgs/msg/MultiArrayLayout', dim=[], data_offset=0)
+        return self.make(
+            'std_msgs/msg/UInt8MultiArray', layout=layout,
+            data=np.frombuffer(data, dtype=np.uint8),
+        )
+
+    def cloud(self, header: Any, rows: NDArray[Any]) -> Any:
+        """Make a PointCloud2 of rows."""
+        places: dict[str, Any] = dict(rows.dtype.fields or {})
+        fields = [
+            self.make('sensor_msgs/msg/PointField', name=name, count=1, offset=place[1],
+                      datatype=_DATATYPES[place[0].str[1:]])
+            for name, place in places.items()
+        ]
+        return self.make(
+            'sensor_msgs/msg/PointCloud2', header=header, height=1, width=len(rows),
+            fields=fields, is_bigendian=False, point_step=rows.dtype.itemsize,
+            row_step=rows.dtype.itemsize * len(rows),
+            data=np.frombuffer(rows.tobytes(), dtype=np.uint8), is_dense=True,
+        )
+
+    def marker(
+        self, header: Any, name: str, number: int, kind: int, place: Place, scale: Place,
+        color: Color, points: Any = (), text: str = '', action: int = 0,
+    ) -> Any:
+        """Make a marker."""
+        empty = np.zeros(0, dtype=np.uint8)
+        still = self.make('builtin_interfaces/msg/Time', sec=0, nanosec=0)
+        red, green, blue = color
+        return self.make(
+            'visualization_msgs/msg/Marker', header=header, ns=name, id=number, type=kind,
+            action=action, pose=self.pose(place), scale=self.vector('Vector3', scale),
+            color=self.make('std_msgs/msg/ColorRGBA', r=red, g=green, b=blue, a=1.0),
+            lifetime=self.make('builtin_interfaces/msg/Duration', sec=0, nanosec=0),
+            frame_locked=False, points=[self.vector('Point', point) for point in points],
+            colors=[], texture_resource='',
+            texture=self.make(
+                'sensor_msgs/msg/CompressedImage', format='', data=empty,
+                header=self.make('std_msgs/msg/Header', stamp=still, frame_id=''),
+            ),
+            uv_coordinates=[], text=text, mesh_resource='',
+            mesh_file=self.make('visualization_msgs/msg/MeshFile', filename='', data=empty),
+            mesh_use_embedded_materials=False,
+        )
