@@ -33,6 +33,9 @@ VOTE_CELL = 2.0
 NUM_BINS = 16
 """Bins along a candidate's axis that are checked for others in line with it."""
 
+MIN_SHARE = 0.1
+"""A window with fewer candidates than this share of those of its tile's fullest is dropped."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AlignmentResult:
@@ -101,11 +104,11 @@ def align(candidates: LinearityResult, settings: AlignmentSettings) -> Alignment
     slope = direction[kept, 2] / np.maximum(np.hypot(direction[kept, 0], direction[kept, 1]), 1e-9)
     azimuth, slope = _half_turn(azimuth, slope)
     position = candidates.position[kept]
-    window = _split_azimuths(
-        np.floor(position[:, :2] / settings.tile_size).astype(np.int64),
-        azimuth,
-        math.radians(settings.max_turn_deg),
-    )
+    tile = np.floor(position[:, :2] / settings.tile_size).astype(np.int64)
+    window = _split_azimuths(tile, azimuth, math.radians(settings.max_turn_deg))
+    sure = _is_sure(tile, window)
+    kept, azimuth, slope, position = kept[sure], azimuth[sure], slope[sure], position[sure]
+    window = np.unique(window[sure], return_inverse=True)[1]
     order = np.argsort(window, kind='stable')
     num_windows = int(window.max()) + 1
     start = np.searchsorted(window[order], np.arange(num_windows + 1)).astype(np.int32)
@@ -177,6 +180,18 @@ def _split_azimuths(tile: Int64, azimuth: Float64, gap: float) -> Int64:
     _, number = np.unique(group, return_inverse=True)
     result = np.empty(len(order), dtype=np.int64)
     result[order] = number
+    return result
+
+
+def _is_sure(tile: Int64, window: Int64) -> Bool:
+    """Tell which items are in a window that is not a few strays beside the main one of a tile."""
+    _, first, own, count = np.unique(
+        window, return_index=True, return_inverse=True, return_counts=True
+    )
+    home = np.unique(tile[first], axis=0, return_inverse=True)[1].ravel()
+    fullest = np.zeros(len(first), dtype=np.int64)
+    np.maximum.at(fullest, home, count)
+    result: Bool = (count >= MIN_SHARE * fullest[home])[own]
     return result
 
 

@@ -28,7 +28,7 @@ from plc_inspect.results import Bool, Float64, Int32, Int64, UInt8
 CELL_SIZE = 10.0
 """Edge of a plan cell, rounded to whole voxels [m]."""
 
-SAMPLE = 250
+SAMPLE = 50
 """Of a label that is sampled, a multiple of this many voxels is taken from a cell."""
 
 INITIAL_CELLS = 1 << 12

@@ -379,6 +379,18 @@ def _lies_on(points: Float64, curve: Curve, reach: float) -> Bool:
 
 
 def _far_apart(first: Curve, second: Curve) -> bool:
-    """Cheap test that two curves cannot lie on each other."""
-    dx, dy = second.origin - first.origin
-    return math.hypot(dx, dy) > first.length + second.length + 2.0
+    """Cheap test that no point of one curve can lie on the other."""
+    dx, dy = first.origin - second.origin
+    ca, sa = math.cos(second.azimuth), math.sin(second.azimuth)
+    turn = first.azimuth - second.azimuth
+    x, y = ca * dx + sa * dy, ca * dy - sa * dx
+    along, across = math.cos(turn), math.sin(turn)
+    ends_x = x + first.low * along, x + first.high * along
+    ends_y = y + first.low * across, y + first.high * across
+    reach = first.tolerance + second.tolerance + 1.0
+    return (
+        max(ends_x) < second.low - reach
+        or min(ends_x) > second.high + reach
+        or max(ends_y) < -reach
+        or min(ends_y) > reach
+    )

@@ -17,6 +17,7 @@
 from dataclasses import dataclass
 import math
 
+from numba import njit
 import numpy as np
 
 from plc_inspect.core.catenary import CatenaryFit, fit_catenary
@@ -25,6 +26,8 @@ from plc_inspect.results import Float64, Int64
 
 MAX_POINTS = 2000
 """Points that a fit needs while conductors are looked for."""
+NUM_PLANES = 4
+"""Rounds of fitting the plane and choosing the points near it."""
 MIN_TOLERANCE = 0.1
 MAX_TOLERANCE = 0.35
 """Bounds of the residual of an inlier, when it is derived from the noise [m]."""
@@ -134,50 +137,38 @@ def fit_curve(
 
     """
     stride = max(-(-len(chosen) // max_points), 1)
-    chosen = chosen[::stride]
+    chosen = np.ascontiguousarray(chosen[::stride], dtype=np.int64)
     if len(chosen) < 4:
         raise FitError(f'a conductor needs 4 points, got {len(chosen)}')
-    own = points[chosen]
-    origin = own[:, :2].mean(axis=0)
-    wanted = azimuth
-    azimuth = _principal_azimuth(own[:, :2] - origin)
-    if wanted is not None and math.cos(azimuth - wanted) < 0:
-        azimuth += math.pi
-    keep = np.ones(len(own), dtype=bool)
-    for _ in range(4):
-        x, y = _rotate(own[:, :2] - origin, azimuth)
-        if keep.sum() < 4:
-            break
-        slope, offset = _line(x[keep], y[keep])
-        origin = origin + offset * np.array([-math.sin(azimuth), math.cos(azimuth)])
-        azimuth += math.atan(slope)
-        x, y = _rotate(own[:, :2] - origin, azimuth)
-        keep = np.abs(y) <= tolerance
-    if keep.sum() < 4:
-        raise FitError(f'{int(keep.sum())} of {len(own)} points lie in a vertical plane')
-    fit = fit_catenary(
-        x[keep], own[keep, 2], tolerance=tolerance, num_trials=num_trials, rng=rng
+    origin, azimuth, x, y, z, keep = _find_plane(
+        points, chosen, tolerance, math.nan if azimuth is None else azimuth
     )
-    inlier = np.flatnonzero(keep)[fit.inlier]
-    if len(inlier) < 4:
-        raise FitError(f'{len(inlier)} of {len(own)} points lie on a catenary')
+    num_kept = int(keep.sum())
+    if num_kept < 4:
+        raise FitError(f'{num_kept} of {len(keep)} points lie in a vertical plane')
+    if num_kept < len(keep):
+        chosen, x, y, z = chosen[keep], x[keep], y[keep], z[keep]
+    fit = fit_catenary(x, z, tolerance=tolerance, num_trials=num_trials, rng=rng)
+    if not fit.inlier.all():
+        chosen, x, y = chosen[fit.inlier], x[fit.inlier], y[fit.inlier]
+    if len(chosen) < 4:
+        raise FitError(f'{len(chosen)} of {len(keep)} points lie on a catenary')
     azimuth = math.remainder(azimuth, 2 * math.pi)
-    along, across = x[inlier], y[inlier]
-    rms = float(np.sqrt(np.mean(across**2)))
-    mean = float(along.mean())
-    spread = max(float(((along - mean) ** 2).sum()), 1e-9)
+    rms = math.sqrt(float(y @ y) / len(y))
+    mean = float(x.mean())
+    spread = max(float(x @ x) - len(x) * mean * mean, 1e-9)
     noise = max(rms, 1e-3)
     return Curve(
         origin=origin,
         azimuth=azimuth,
         fit=fit,
-        low=float(along.min()),
-        high=float(along.max()),
+        low=float(x.min()),
+        high=float(x.max()),
         lateral_rmse=rms,
-        lateral_sigma=(noise / math.sqrt(len(inlier)), noise / math.sqrt(spread)),
+        lateral_sigma=(noise / math.sqrt(len(x)), noise / math.sqrt(spread)),
         mean_x=mean,
         tolerance=tolerance,
-        points=chosen[inlier].astype(np.int64),
+        points=chosen,
         stride=stride,
     )
 
@@ -187,25 +178,59 @@ def derive_tolerance(noise: float) -> float:
     return min(max(3.0 * noise, MIN_TOLERANCE), MAX_TOLERANCE)
 
 
-def _principal_azimuth(centered: Float64) -> float:
-    """Direction of greatest spread, in (-pi/2, pi/2]."""
-    xx, xy, yy = (
-        float((centered[:, i] * centered[:, j]).sum()) for i, j in ((0, 0), (0, 1), (1, 1))
-    )
-    return 0.5 * math.atan2(2 * xy, xx - yy)
+@njit(cache=True, nogil=True)
+def _find_plane(points, chosen, tolerance, wanted):  # type: ignore[no-untyped-def]
+    """
+    Find the vertical plane of points, robustly.
 
-
-def _rotate(centered: Float64, azimuth: float) -> tuple[Float64, Float64]:
-    ca, sa = math.cos(azimuth), math.sin(azimuth)
-    return (
-        ca * centered[:, 0] + sa * centered[:, 1],
-        ca * centered[:, 1] - sa * centered[:, 0],
-    )
-
-
-def _line(x: Float64, y: Float64) -> tuple[float, float]:
-    """Slope and the offset at x = 0 of the least-squares line."""
-    mx, my = x.mean(), y.mean()
-    spread = ((x - mx) ** 2).sum()
-    slope = float(((x - mx) * (y - my)).sum() / spread) if spread > 1e-9 else 0.0
-    return slope, float(my - slope * mx)
+    Returned are its origin and azimuth, x and y of the points in it, their z, and which of them
+    lie within the tolerance.
+    """
+    num = len(chosen)
+    ox = oy = 0.0
+    for i in chosen:
+        ox += points[i, 0] / num
+        oy += points[i, 1] / num
+    # plan positions from their mean: the loops below stay exact for map coordinates
+    dx, dy, z = np.empty(num), np.empty(num), np.empty(num)
+    xx = xy = yy = 0.0
+    for k in range(num):
+        i = chosen[k]
+        dx[k], dy[k], z[k] = points[i, 0] - ox, points[i, 1] - oy, points[i, 2]
+        xx += dx[k] * dx[k]
+        xy += dx[k] * dy[k]
+        yy += dy[k] * dy[k]
+    azimuth = 0.5 * math.atan2(2.0 * xy, xx - yy)
+    if math.cos(azimuth - wanted) < 0.0:  # never where none is wanted: NaN
+        azimuth += math.pi
+    sx = sy = 0.0
+    keep = np.ones(num, dtype=np.bool_)
+    x, y = np.empty(num), np.empty(num)
+    for step in range(NUM_PLANES + 1):
+        ca, sa = math.cos(azimuth), math.sin(azimuth)
+        count = 0
+        mx = my = 0.0
+        for k in range(num):
+            x[k] = ca * (dx[k] - sx) + sa * (dy[k] - sy)
+            y[k] = ca * (dy[k] - sy) - sa * (dx[k] - sx)
+            if step:
+                keep[k] = abs(y[k]) <= tolerance
+            if keep[k]:
+                count += 1
+                mx += x[k]
+                my += y[k]
+        if step == NUM_PLANES or count < 4:
+            break
+        mx /= count
+        my /= count
+        spread = product = 0.0
+        for k in range(num):
+            if keep[k]:
+                spread += (x[k] - mx) * (x[k] - mx)
+                product += (x[k] - mx) * (y[k] - my)
+        slope = product / spread if spread > 1e-9 else 0.0
+        offset = my - slope * mx
+        sx -= offset * sa
+        sy += offset * ca
+        azimuth += math.atan(slope)
+    return np.array([ox + sx, oy + sy]), azimuth, x, y, z, keep

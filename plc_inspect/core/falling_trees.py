@@ -24,8 +24,8 @@ from scipy.spatial import cKDTree
 
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.clearance import RuleSet
-from plc_inspect.core.corridor import find_near, span_table
 from plc_inspect.core.encroachments import describe_hazard, is_held
+from plc_inspect.core.nearest import find_near, span_table
 from plc_inspect.core.span_model import SpanModel
 from plc_inspect.core.trees import segment_trees
 from plc_inspect.results import Bool, Float32, Float64, HazardKind, Int32, Int64, Support

@@ -35,6 +35,9 @@ from plc_inspect.results import Float64, Int64
 BULK_CELL = 1.0
 """Edge of the cells whose occupied neighbours tell bulky things [m]."""
 
+SAME_WAY = 0.97
+"""Cosine between directions that are about the same."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Likeness:
@@ -83,7 +86,8 @@ def find_candidates(
     A voxel is a candidate where the block about it holds ``min_neighbors`` points or more, has a
     linear likeness of ``threshold`` or more and a first eigenvector within
     ``max_inclination_deg`` of the horizontal.  Moments of coarse scales are sums of those of
-    fine ones, so the points are visited once.
+    fine ones, so the points are visited once.  A coarse voxel that has a part which is linear
+    the same way is left out: the finer one says it already.
 
     Parameters
     ----------
@@ -107,22 +111,32 @@ def find_candidates(
     limit = math.sin(math.radians(settings.max_inclination_deg))
     parts = []
     sizes, nums = [], []
+    linear = np.zeros(0, dtype=bool)
+    likeness: Likeness | None = None
     for scale in range(settings.num_scales):
-        if scale:
-            voxels = coarsen(voxels)
+        finer, voxels = voxels, coarsen(voxels) if scale else voxels
+        before = likeness
         likeness = measure_likeness(voxels)
-        good = (
+        linear_before, linear = linear, (
             (likeness.count >= settings.min_neighbors)
             & (likeness.linear >= settings.threshold)
             & (np.abs(likeness.direction[:, 2]) <= limit)
         )
+        good = np.flatnonzero(linear)
+        if before is not None:
+            good = good[
+                ~_has_finer(
+                    voxels.index[good], likeness.direction[good],
+                    finer.table_key, finer.table_slot, linear_before, before.direction,
+                )
+            ]
         sizes.append(3 * voxels.size)
         nums.append(len(voxels))
         parts.append(
             (
                 voxels.centroids[good],
                 likeness.direction[good],
-                np.full(int(good.sum()), 3 * voxels.size),
+                np.full(len(good), 3 * voxels.size),
                 likeness.linear[good],
                 likeness.count[good],
             )
@@ -207,6 +221,33 @@ def measure_likeness(voxels: Voxels) -> Likeness:
         spherical=spherical,
         direction=direction,
     )
+
+
+@njit(cache=True, nogil=True)
+def _has_finer(  # type: ignore[no-untyped-def]
+    index, direction, table_key, table_slot, linear, finer_direction
+):
+    """Tell which voxels have an eighth that is linear in about the same direction."""
+    result = np.zeros(len(index), dtype=np.bool_)
+    for k in range(len(index)):
+        for part in range(8):
+            slot = find_slot(
+                table_key,
+                table_slot,
+                pack(
+                    2 * index[k, 0] + (part >> 2),
+                    2 * index[k, 1] + ((part >> 1) & 1),
+                    2 * index[k, 2] + (part & 1),
+                ),
+            )
+            if slot >= 0 and linear[slot]:
+                cosine = 0.0
+                for axis in range(3):
+                    cosine += direction[k, axis] * finer_direction[slot, axis]
+                if abs(cosine) >= SAME_WAY:
+                    result[k] = True
+                    break
+    return result
 
 
 @njit(cache=True, nogil=True)

@@ -64,13 +64,13 @@ CLOSE_DISTANCE = 8.0
 
 WHOLE: UInt8 = np.ones(256, dtype=np.uint8)
 """Labels taken from fresh cells: everything, of ground and foliage far from wires a sample."""
-WHOLE[[Decision.GROUND, Decision.TOO_LOW]] = 3
-WHOLE[Decision.NOT_LINEAR] = 5
+WHOLE[[Decision.GROUND, Decision.TOO_LOW, Decision.NOT_LINEAR]] = 1 + 4
 
 THIN: UInt8 = np.zeros(256, dtype=np.uint8)
 """Labels taken from the other cells: what is new or was ever linear, and a little ground."""
-THIN[[Decision.GROUND, Decision.SUPPORT]] = 2
-THIN[[0, Decision.OUTLIER, Decision.WIRE]] = 3
+THIN[Decision.GROUND] = 1 + 2
+THIN[[Decision.WIRE, Decision.SUPPORT]] = 1 + 4
+THIN[[0, Decision.OUTLIER]] = 1 + 10
 THIN[[Decision.NO_SECTION, Decision.NO_CLUSTER, Decision.NO_CATENARY]] = 1
 
 

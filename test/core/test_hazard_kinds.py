@@ -24,8 +24,8 @@ from toys import make_curve, make_tree, make_wire
 
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.clearance import parse_rules
-from plc_inspect.core.corridor import find_near, span_table
 from plc_inspect.core.hazards import add_ground_clearance, find_hazards
+from plc_inspect.core.nearest import find_near, span_table
 from plc_inspect.core.span_model import find_support, SpanModel
 from plc_inspect.errors import ConfigError
 from plc_inspect.results import HazardKind, Severity, Support

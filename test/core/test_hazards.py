@@ -19,9 +19,9 @@ from scipy.cluster.hierarchy import fcluster, linkage
 from toys import make_curve, make_tree, make_wire
 
 from plc_inspect.config import HazardSettings
-from plc_inspect.core.corridor import find_near, span_table
 from plc_inspect.core.encroachments import group_points
 from plc_inspect.core.hazards import find_hazards
+from plc_inspect.core.nearest import find_near, span_table
 from plc_inspect.core.span_model import SpanModel
 from plc_inspect.core.surfaces import is_surface
 from plc_inspect.errors import ConfigError
@@ -45,11 +45,11 @@ def find(points, models, ground=None, **changes):
     table = span_table([model.curve for model in models], ends[:, 0], ends[:, 1])
     near, distance, owner = find_near(points, table, np.full(len(models), 20.0))
     ground = [np.zeros((0, 2))] * len(models) if ground is None else ground
-    hazards, surface = find_hazards(
+    hazards, foliage = find_hazards(
         points, near, distance.astype(float), owner.astype(np.int64), models, ground,
         HazardSettings(**changes),
     )
-    assert surface.shape == near.shape
+    assert foliage.shape == near.shape
     assert [item.hazard_id for item in hazards] == list(range(len(hazards)))
     return hazards
 
