@@ -32,12 +32,12 @@ SURVEYED = 15.0
 
 def place(degrees, aside=0.0, origin=(0.0, 0.0, 0.0), at=40.0):
     """Return a span, and a point where its conductor is at a temperature, moved aside."""
-    origin = np.array(origin)
-    span = make_span(0, 0, origin + [0, 0, 15], origin + [120, 0, 19], c=700.0)
+    start, end = np.add(origin, [0, 0, 15]), np.add(origin, [120, 0, 19])
+    span = make_span(0, 0, start, end, c=700.0)
     state = change_state(span.length, 4.0, span.c, SURVEYED, CONDUCTOR,
                          Case(name='', temperature=degrees))
     z = float(height_at(np.array([at]), state.length, state.rise, state.c)[0])
-    return span, span.start + [at, aside, z]
+    return span, np.add(span.start, [at, aside, z])
 
 
 def contact(span, points, kind=HazardKind.VEGETATION, classes=PointClass.VEGETATION):

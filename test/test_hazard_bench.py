@@ -1,0 +1,67 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The bench of hazards: one scene whole, and what it counts."""
+
+import importlib
+from pathlib import Path
+import sys
+
+import numpy as np
+import pytest
+
+from plc_inspect.results import HazardKind
+from plc_inspect.sim.planted import Planted
+
+BENCH = Path(__file__).parents[1] / 'bench'
+
+
+@pytest.fixture(scope='module')
+def bench():
+    """Import the bench as it is when it is run as a script."""
+    sys.path.insert(0, str(BENCH))
+    try:
+        yield importlib.import_module('hazards')
+    finally:
+        sys.path.remove(str(BENCH))
+
+
+@pytest.fixture(scope='module')
+def rows(bench):
+    """Survey one scene."""
+    return bench.survey(3, 40.0)
+
+
+def test_what_is_planted_is_found_once_and_nothing_else(bench, rows):
+    assert bench.list_faults(rows) == []
+    tallies = bench.tally(rows)
+    assert {item.kind for item in tallies if item.due + item.safe + item.close} == set(HazardKind)
+    assert sum(item.due for item in tallies) >= 5
+    assert all(check.passed for check in bench.check_tallies(tallies))
+
+
+def test_faults_are_counted(bench, rows):
+    hazard = next(found[0] for _, _, found in rows if found)
+    place = Planted(kind=HazardKind.VEGETATION, position=np.zeros(2))
+    missed, safe = (place, -1.0, []), (place, 1.0, [hazard])
+    twice, stray = (place, -1.0, [hazard, hazard]), (None, 0.0, [hazard])
+    faults = [missed, safe, twice, stray]
+    assert [line.split(':')[0] for line in bench.list_faults(faults)] == [
+        'missed', 'raised', 'twice', 'for nothing',
+    ]
+    by_kind = {item.kind: item for item in bench.tally(faults)}
+    own = by_kind[HazardKind.VEGETATION]
+    assert (own.due, own.found, own.safe, own.raised, own.doubled) == (2, 1, 1, 1, 1)
+    assert by_kind[hazard.kind].stray == 1
+    assert not any(check.passed for check in bench.check_tallies(list(by_kind.values())))
