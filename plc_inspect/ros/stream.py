@@ -142,7 +142,7 @@ class Stream:
         self._tables = SummaryTables()
         self._vehicle: Float64 | None = None
         self._told = -math.inf
-        self._arrived = self._listened = False
+        self._arrived = self._listened = self._blank = False
         self._begin()
         overridable = make_overridable()
         self._summary = node.create_publisher(
@@ -170,6 +170,7 @@ class Stream:
         """Begin anew after a reset of the node: a session of its own, so nothing is mixed up."""
         self._session = (self._session + 1) % (1 << 32)
         self._status = replace(self._status, resets=self._status.resets + 1)
+        self._blank = True
         self._begin()
 
     def publish(self, news: News) -> None:
@@ -177,7 +178,9 @@ class Stream:
         now = self._now()
         self._tables = news.tables
         self._texts[0] = news.frame_id or self._texts[0]
-        self._status = replace(self._status, stamp_ns=news.stamp_ns, tick_uptime=now)
+        stamp_ns = 0 if self._blank else news.stamp_ns
+        self._blank = False
+        self._status = replace(self._status, stamp_ns=stamp_ns, tick_uptime=now)
         if news.cells is not None:
             self._map.update(news.cells, self._find_vehicle(), now)
         self._tell(now)
@@ -219,7 +222,8 @@ class Stream:
         self._summary.publish(_wrap(data))
 
     def _on_match(self, info: QoSPublisherMatchedInfo) -> None:
-        self._arrived |= info.current_count_change > 0
+        # Who leaves and comes at once does not change the count of those that are there.
+        self._arrived |= info.total_count_change > 0
 
     def _step(self) -> None:
         """Send as much of the corridor as the budget allows."""
