@@ -15,6 +15,8 @@
 """Files for other tools: they open, and what is in them is where it should be."""
 
 import json
+import shutil
+import subprocess
 
 import ezdxf
 from factories import make_inspection
@@ -191,6 +193,19 @@ def test_points_open_in_laspy_with_their_reference_system(folder):
     las = laspy.read(folder / 'points.laz')
     assert pyproj.CRS(las.header.parse_crs()).to_epsg() == 25832
     assert {'line_id', 'span_id', 'clearance', 'decision'} <= set(las.point_format.dimension_names)
+
+
+def test_points_open_in_pdal(folder):
+    pdal = shutil.which('pdal')
+    if pdal is None:
+        pytest.skip('pdal is not installed')
+    done = subprocess.run([pdal, 'info', '--summary', str(folder / 'points.laz')],
+                          capture_output=True, check=True, text=True, timeout=120)
+    summary = json.loads(done.stdout)['summary']
+    assert summary['num_points'] == len(laspy.read(folder / 'points.laz').points)
+    assert {'line_id', 'span_id', 'clearance', 'decision'} <= {
+        name.strip() for name in summary['dimensions'].split(',')
+    }
 
 
 def test_supports_as_a_table(folder):
