@@ -146,8 +146,7 @@ def find_encroachments(
     held = (np.bincount(cluster, weights=~_are_held(near, models, supports)) == 0)[cluster]
     explained[bad[held]] = True
     lone |= held
-    tallest = np.full(int(tree.max()) + 1, -np.inf)
-    np.maximum.at(tallest, tree[tree >= 0], around.height[tree >= 0])
+    tallest = _measure_trees(around, tree, models, supports)
     known = tree >= 0
     flat = np.bincount(tree[known], weights=around.surface[known]) / np.bincount(tree[known])
     result = []
@@ -195,6 +194,19 @@ def _are_held(
         mine = np.flatnonzero(near.owner == number)
         result[mine] = is_held(near.points[mine], models[number], supports)
     return result
+
+
+def _measure_trees(
+    around: Surroundings, tree: Int64, models: Sequence[SpanModel], supports: Sequence[Support]
+) -> Float64:
+    """Return the height of each tree, without the support that it may stand at."""
+    own = np.flatnonzero(tree >= 0)
+    held = _are_held(around.take(own), models, supports)
+    whole = np.bincount(tree[own], weights=~held) == 0
+    own = own[~held | whole[tree[own]]]
+    tallest = np.full(int(tree.max()) + 1, -np.inf)
+    np.maximum.at(tallest, tree[own], around.height[own])
+    return tallest
 
 
 def _split(label: Int64) -> list[Int64]:

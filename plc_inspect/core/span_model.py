@@ -28,6 +28,9 @@ POINT_SIGMA = 0.03
 SUPPORT_REACH = 20.0
 """A span hangs on the nearest support of its line within this of its end in plan [m]."""
 
+NEIGHBOR_REACH = 10.0
+"""A support that is known to carry other lines only may hold an end within this of it [m]."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SpanModel:
@@ -111,7 +114,8 @@ def find_support(
 def find_kind(span: Span, end: Float64, supports: Sequence[Support]) -> str:
     """Return the kind of the support that an end (3,) hangs on, 'unseen' if none is known."""
     near = [
-        (math.dist(item.position[:2], end[:2]), item.support_id, item.kind)
-        for item in supports if span.line_id in item.line_ids
+        (distance, item.support_id, item.kind) for item in supports
+        if (distance := math.dist(item.position[:2], end[:2]))
+        <= (SUPPORT_REACH if span.line_id in item.line_ids else NEIGHBOR_REACH)
     ]
-    return min(near)[2] if near and min(near)[0] <= SUPPORT_REACH else 'unseen'
+    return min(near)[2] if near else 'unseen'

@@ -26,6 +26,7 @@ from plc_inspect.core.clearance import plain_rules
 from plc_inspect.core.encroachments import find_encroachments, is_held, Surroundings
 from plc_inspect.core.falling_trees import find_falling_trees
 from plc_inspect.core.span_model import SpanModel
+from plc_inspect.core.trees import segment_trees
 from plc_inspect.results import HazardKind, Support
 
 SETTINGS = HazardSettings(fall_distance=2.0)
@@ -86,9 +87,13 @@ def test_supports_explain_what_is_near_them_along_the_line_on_both_sides(kind, r
     assert is_held(points[:0], make_model(), make_supports(kind)).shape == (0,)
 
 
-def test_a_support_of_other_lines_explains_nothing_of_this_one():
-    others = tuple(dataclasses.replace(item, line_ids=(7,)) for item in make_supports('tower'))
-    assert not is_held(np.array([[4.0, 0.0, 11.0]]), make_model(), others).any()
+@pytest.mark.parametrize(('aside', 'held'), [(6.0, True), (15.0, False)])
+def test_a_support_of_other_lines_explains_only_what_is_near_it(aside, held):
+    others = tuple(
+        dataclasses.replace(item, line_ids=(7,), position=np.add(item.position, [0.0, aside, 0.0]))
+        for item in make_supports('tower')
+    )
+    assert is_held(np.array([[4.0, 0.0, 11.0]]), make_model(), others).tolist() == [held]
 
 
 @pytest.mark.parametrize('kind', ['pole', 'tower', 'unseen', None])
@@ -104,6 +109,15 @@ def test_a_thin_tree_elsewhere_is_one_and_so_is_one_behind_the_last_pole(x):
     assert record['kind'] == HazardKind.VEGETATION
     assert record['position'][0] == pytest.approx(x, abs=0.3)
     assert not explained.any()
+
+
+def test_a_tree_at_a_tower_is_not_as_tall_as_the_tower():
+    tower = make_column(4.7, y=0.5, top=25.0, num=200)
+    tree = make_tree(4.7, 0.5, 10.0, bottom=2.0)
+    assert segment_trees(np.vstack([tower, tree]), np.hstack([tower[:, 2], tree[:, 2]])).max() == 0
+    records, _ = search(np.vstack([tower, tree]), supports=make_supports('tower'))
+    assert records
+    assert all(record['height'] < 12.5 for record in records)
 
 
 @pytest.mark.parametrize(('share', 'kinds'), [
