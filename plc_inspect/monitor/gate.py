@@ -173,8 +173,9 @@ class Gate:
                 await self._welcome(request, reader, writer)
             else:
                 await self._forward(request, reader, writer)
-        except (OSError, asyncio.IncompleteReadError, asyncio.LimitOverrunError, TimeoutError):
-            pass
+        except (OSError, asyncio.IncompleteReadError, asyncio.LimitOverrunError, TimeoutError,
+                asyncio.CancelledError):
+            pass  # It is cancelled only when the gate closes.
         finally:
             writer.close()
             with contextlib.suppress(OSError):

@@ -16,6 +16,7 @@
 import os
 import subprocess
 import sys
+import time
 
 import rclpy
 from rclpy.context import Context
@@ -27,8 +28,10 @@ from sensor_msgs.msg import PointCloud2
 from plc_inspect.ros.qos import SCANS
 
 NUM_SCANS = 40
+PATIENCE = 60.0
+"""Longest time to find each other and send everything [s]."""
 PUBLISHER = f"""
-import array, time
+import array, sys, time
 import rclpy
 from rclpy.qos import QoSProfile, QoSReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
@@ -36,7 +39,10 @@ rclpy.init()
 node = rclpy.create_node('driver')
 qos = QoSProfile(depth=5, reliability=QoSReliabilityPolicy.BEST_EFFORT)
 publisher = node.create_publisher(PointCloud2, 'velodyne_points', qos)
+end = time.monotonic() + {PATIENCE / 2}
 while not publisher.get_subscription_count():
+    if time.monotonic() > end:
+        sys.exit('nobody listens')
     time.sleep(0.02)
 time.sleep(0.5)
 message = PointCloud2()
@@ -66,7 +72,8 @@ def test_large_scans_sent_best_effort_all_arrive():
         [sys.executable, '-c', PUBLISHER], env={**os.environ, 'ROS_DOMAIN_ID': str(domain)}
     )
     try:
-        while driver.poll() is None:
+        end = time.monotonic() + PATIENCE
+        while driver.poll() is None and time.monotonic() < end:
             executor.spin_once(timeout_sec=0.05)
     finally:
         driver.kill()
