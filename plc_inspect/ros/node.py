@@ -53,7 +53,7 @@ from plc_inspect.ros.intake import Complaints, Intake
 from plc_inspect.ros.jobs import choose_folder, Done, prepare, run_save, run_tick, Snapshot
 from plc_inspect.ros.parameters import Parameters
 from plc_inspect.ros.publishing import make_bundle, ResultPublishers
-from plc_inspect.ros.qos import DIAGNOSTICS, make_overridable, ODOMETRY, SCANS
+from plc_inspect.ros.qos import DIAGNOSTICS, ODOMETRY, overridable, SCANS
 from plc_inspect.ros.stream import Stream
 from plc_inspect.ros.teller import summarize, Teller
 from plc_inspect.ros.worker import Worker
@@ -136,13 +136,12 @@ class InspectNode(Node):
         events = SubscriptionEventCallbacks(message_lost=self._on_message_lost)
         self.create_subscription(
             PointCloud2, settings.input.scan_topic,
-            self._guard('scan', self._intake.take_scan), SCANS, event_callbacks=events,
-            qos_overriding_options=make_overridable(),
+            self._guard('scan', self._intake.take_scan), event_callbacks=events,
+            **overridable(SCANS),
         )
         self.create_subscription(
             Odometry, settings.input.odometry_topic,
-            self._guard('odometry', self._intake.take_odometry), ODOMETRY,
-            qos_overriding_options=make_overridable(),
+            self._guard('odometry', self._intake.take_odometry), **overridable(ODOMETRY),
         )
 
     @property

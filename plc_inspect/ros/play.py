@@ -106,15 +106,13 @@ class Player:
         from rosgraph_msgs.msg import Clock
         from sensor_msgs.msg import PointCloud2
 
-        from plc_inspect.ros.qos import CLOCK, make_overridable, PLAYER
+        from plc_inspect.ros.qos import CLOCK, overridable, PLAYER
 
         self._recording = recording
         self._node = Node('plc_play')
         self._clock_type = Clock
         self._publishers = {
-            '/' + topic.strip('/'): self._node.create_publisher(
-                kind, topic, PLAYER, qos_overriding_options=make_overridable()
-            )
+            '/' + topic.strip('/'): self._node.create_publisher(kind, topic, **overridable(PLAYER))
             for topic, kind in ((scan_topic, PointCloud2), (odometry_topic, Odometry))
         }
         self._clock = self._node.create_publisher(Clock, '/clock', CLOCK)

@@ -31,7 +31,7 @@ from plc_inspect.ros.messages import (
     make_hazards,
     make_lines,
 )
-from plc_inspect.ros.qos import make_overridable, RESULTS
+from plc_inspect.ros.qos import overridable, RESULTS
 from plc_inspect.ros.stream import make_news, News, Stream
 
 
@@ -101,14 +101,10 @@ class ResultPublishers:
     def __init__(self, node: Node, stream: Stream) -> None:
         self._stream = stream
         self._clouds = {
-            name: node.create_publisher(
-                PointCloud2, f'~/{name}', RESULTS, qos_overriding_options=make_overridable()
-            )
+            name: node.create_publisher(PointCloud2, f'~/{name}', **overridable(RESULTS))
             for name in ('lines', 'corridor', 'catenaries', 'hazards')
         }
-        self._markers = node.create_publisher(
-            MarkerArray, '~/markers', RESULTS, qos_overriding_options=make_overridable()
-        )
+        self._markers = node.create_publisher(MarkerArray, '~/markers', **overridable(RESULTS))
         self._seen: set[MarkerKey] = set()
 
     def publish(self, bundle: Bundle) -> None:

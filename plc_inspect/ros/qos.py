@@ -14,6 +14,9 @@
 
 """Quality of service of every topic; all of it can be overridden by ``qos_overrides``."""
 
+from copy import copy
+from typing import TypedDict
+
 from rclpy.qos import (
     QoSDurabilityPolicy,
     QoSHistoryPolicy,
@@ -76,13 +79,26 @@ PLAYER = QoSProfile(
 CLOCK = QoSProfile(depth=10)
 
 
-def make_overridable() -> QoSOverridingOptions:
-    """Return options that let parameters override history, depth, reliability, durability."""
-    return QoSOverridingOptions(
-        policy_kinds=(
-            QoSPolicyKind.HISTORY,
-            QoSPolicyKind.DEPTH,
-            QoSPolicyKind.RELIABILITY,
-            QoSPolicyKind.DURABILITY,
-        )
+class Overridable(TypedDict):
+    """Arguments of a publisher or a subscription."""
+
+    qos_profile: QoSProfile
+    qos_overriding_options: QoSOverridingOptions
+
+
+def overridable(profile: QoSProfile) -> Overridable:
+    """
+    Let parameters override history, depth, reliability and durability of one topic.
+
+    rclpy writes an override into the profile it is given, so each topic gets a copy.
+    """
+    kinds = (
+        QoSPolicyKind.HISTORY,
+        QoSPolicyKind.DEPTH,
+        QoSPolicyKind.RELIABILITY,
+        QoSPolicyKind.DURABILITY,
     )
+    return {
+        'qos_profile': copy(profile),
+        'qos_overriding_options': QoSOverridingOptions(policy_kinds=kinds),
+    }

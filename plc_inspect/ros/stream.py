@@ -54,7 +54,7 @@ from plc_inspect.monitor.summary import (
 from plc_inspect.monitor.thin_map import ThinMap
 from plc_inspect.monitor.wire import CLOUD, Frame, pack_frame
 from plc_inspect.results import Float64
-from plc_inspect.ros.qos import make_overridable, SUMMARY, THIN_CORRIDOR
+from plc_inspect.ros.qos import overridable, SUMMARY, THIN_CORRIDOR
 
 PERIOD = 0.25
 """Time between two looks at what the budget allows [s]."""
@@ -144,13 +144,11 @@ class Stream:
         self._told = -math.inf
         self._arrived = self._listened = self._blank = False
         self._begin()
-        overridable = make_overridable()
         self._summary = node.create_publisher(
-            UInt8MultiArray, '~/summary', SUMMARY, qos_overriding_options=overridable
+            UInt8MultiArray, '~/summary', **overridable(SUMMARY)
         )
         self._corridor = node.create_publisher(
-            UInt8MultiArray, '~/thin_corridor', THIN_CORRIDOR,
-            qos_overriding_options=overridable,
+            UInt8MultiArray, '~/thin_corridor', **overridable(THIN_CORRIDOR),
             event_callbacks=PublisherEventCallbacks(matched=self._on_match),
         )
         node.create_timer(

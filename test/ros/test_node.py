@@ -314,6 +314,8 @@ def test_integers_remappings_and_qos_overrides_at_the_start(shared):
             lambda: shared.client.get_publishers_info_by_topic('/drone/plc_inspect/lines'), 'lines'
         )
         assert publishers[0].qos_profile.durability == QoSDurabilityPolicy.VOLATILE
+        others = shared.client.get_publishers_info_by_topic('/drone/plc_inspect/corridor')
+        assert others[0].qos_profile.durability == QoSDurabilityPolicy.TRANSIENT_LOCAL
     finally:
         node.close(save=False)
         node.destroy_node()
