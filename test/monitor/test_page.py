@@ -47,7 +47,11 @@ ROOT = Path(__file__).parents[2]
 TABLE = """(() => { const table = document.querySelector('#plc-%s');
 return table && JSON.stringify([...table.querySelectorAll('tr')].slice(1)
 .map(row => [...row.children].map(cell => cell.textContent.trim()))) })()"""
-TAB = "[...document.querySelectorAll('[role=tab]')].find(t => t.innerText == '%s').click()"
+TAB = """(() => { const tab = [...document.querySelectorAll('[role=tab]')]
+.find(tab => tab.innerText.trim() == '%s'), box = tab.getBoundingClientRect();
+for (const kind of ['pointerdown', 'pointerup', 'click'])
+tab.dispatchEvent(new PointerEvent(kind, {bubbles: true, pointerId: 1, isPrimary: true,
+clientX: box.left + box.width / 2, clientY: box.top + box.height / 2})) })()"""
 LINK = "document.querySelector('#plc-link')?.dataset.link"
 WIDTH = """(() => { const box = document.querySelector('#plc-hazards').getBoundingClientRect();
 return [box.left, box.right, document.documentElement.scrollWidth] })()"""
@@ -170,9 +174,14 @@ def agree(shown, published):
     return True
 
 
+def open_tab(chrome, name):
+    """Click a tab of the panel."""
+    chrome.run(TAB % name)
+
+
 def read_table(chrome, tab, name):
     """Return the rows of a table, None if its tab does not open soon."""
-    chrome.run(TAB % tab)
+    open_tab(chrome, tab)
     end = time.monotonic() + 5.0
     while time.monotonic() < end:
         if text := chrome.run(TABLE % name):
@@ -221,7 +230,7 @@ def test_it_shows_what_is_published_and_recovers(flight, browse, tmp_path):
     flight.start_node()
     chrome.wait(f"{LINK} == 'live'")
     assert json.loads(chrome.run(TABLE % 'hazards')) == []
-    chrome.run(TAB % 'Health')
+    open_tab(chrome, 'Health')
     chrome.wait("document.querySelector('#plc-events').innerText.includes('started anew')")
     flight.play('--start', '1')
     wait_for(lambda: 'catenaries' in flight.newest and len(flight.rows('catenaries')), 'spans',
@@ -259,7 +268,7 @@ def test_a_phone_a_profile_a_tap_and_a_frozen_page(browse):
             detail = "document.querySelector('#plc-hazard')?.dataset.hazard"
             phone.wait(f"{detail} == '{hazard.hazard_id}'")
             panel._go_to_hazard()
-            phone.run(TAB % 'Spans')
+            open_tab(phone, 'Spans')
             panel._span.value = '1/0'
             panel._redraw_profile()
             phone.wait("document.querySelector('#plc-span')?.dataset.span == '1/0'")
