@@ -187,7 +187,7 @@ class Rig:
         self.log = []
         self.robot = Robot(self.contexts[1])
         self.client = Node('client', context=self.contexts[1])
-        self.received = {}
+        self.received, self.services = {}, {}
         for name in ('lines', 'corridor', 'catenaries', 'hazards'):
             self.listen(name, PointCloud2, f'/plc_inspect/{name}', RESULTS)
         self.listen('markers', MarkerArray, '/plc_inspect/markers', RESULTS)
@@ -219,11 +219,13 @@ class Rig:
 
     def call(self, service, deadline=DEADLINE):
         """Call a service and return its response."""
-        client = self.client.create_client(Trigger, f'/plc_inspect/{service}')
+        # A client is kept: an answer may be lost on one that the server has only just met.
+        if service not in self.services:
+            self.services[service] = self.client.create_client(Trigger, f'/plc_inspect/{service}')
+        client = self.services[service]
         assert client.wait_for_service(deadline)
         future = client.call_async(Trigger.Request())
         wait_for(future.done, f'answer of {service}', deadline)
-        self.client.destroy_client(client)
         return future.result()
 
     def counters(self):

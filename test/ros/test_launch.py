@@ -25,7 +25,7 @@ import pytest
 import yaml
 
 from plc_inspect.config import describe
-from plc_inspect.ros.transport import BUILTIN, CHOICES, prepare_transport, PROFILE, VARIABLE
+from plc_inspect.ros.transport import CHOICES, prepare_transport, PROFILE, VARIABLE
 
 ROOT = Path(__file__).parents[2]
 LAUNCH = sorted((ROOT / 'launch').glob('*.launch.py'))
@@ -72,10 +72,10 @@ def test_transport_is_the_same_everywhere():
     assert VARIABLE in strings
     root = ElementTree.parse(ROOT / 'config/fastdds.xml').getroot()
     space = '{http://www.eprosima.com}'
-    transports = next(root.iter(f'{space}builtinTransports'))
-    name, _, options = BUILTIN.partition('?')
-    assert transports.text == name
-    assert transports.attrib == dict(item.split('=') for item in options.split('&'))
+    kinds = {item.findtext(f'{space}transport_id'): item.findtext(f'{space}type')
+             for item in root.iter(f'{space}transport_descriptor')}
+    used = [item.text for item in next(root.iter(f'{space}userTransports'))]
+    assert [kinds[name] for name in used] == ['SHM', 'UDPv4']
 
 
 def test_transport_is_chosen_unless_the_user_did(monkeypatch):
