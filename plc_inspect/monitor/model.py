@@ -66,9 +66,18 @@ RATE_WINDOW = 10.0
 
 
 class Monitor:
-    """What is known of one node; for one thread."""
+    """
+    What is known of one node; for one thread.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    cloud : bool
+        The thinned corridor is subscribed to.
+
+    """
+
+    def __init__(self, *, cloud: bool = True) -> None:
+        self._listens = cloud
         self.cloud = CloudStore()
         self._clock = NodeClock()
         self._counts = Counts()
@@ -80,6 +89,7 @@ class Monitor:
         self._cloud_sequence = -1
         self._link = Link.WAITING
         self._last = self._last_cloud = math.nan
+        self._behind: float | None = None
         self._rows: dict[str, dict[tuple[int, ...], Any]] = {name: {} for name in TABLES}
         self._status = Status()
         self._texts = ('', *('' for _ in STATUSES))
@@ -135,6 +145,7 @@ class Monitor:
         self._sequence, self._last = sequence, now
         self._clock.hear(message.frame.uptime, now)
         self._apply(message, now)
+        self._compare_cloud(now)
         return True
 
     def take_cloud(self, data: bytes, now: float) -> bool:
@@ -159,7 +170,7 @@ class Monitor:
             self._counts = replace(self._counts, lost_cloud=self._counts.lost_cloud + missing)
             self._tell(now, 1, f'{missing} messages of the corridor were lost: asked for anew')
             self._wishes.setdefault('cloud', now)
-        self._cloud_sequence, self._last_cloud = sequence, now
+        self._cloud_sequence, self._last_cloud, self._behind = sequence, now, None
         self.cloud.put(message)
         return True
 
@@ -238,7 +249,7 @@ class Monitor:
             rows.clear()
         if self._cloud_session != session:
             self.cloud.clear()
-            self._cloud_session, self._last_cloud = None, math.nan
+            self._cloud_session, self._last_cloud, self._behind = None, math.nan, None
         self._session, self._sequence, self._complete = session, -1, False
         self._status = Status()
         self._items = ((), (), ())
@@ -269,6 +280,18 @@ class Monitor:
             not self._track or math.dist(place, self._track[-1]) >= TRACK_STEP
         ):
             self._track.append(place)
+
+    def _compare_cloud(self, now: float) -> None:
+        """Ask for the corridor anew where the node sent more than came, and nothing comes."""
+        known = self._cloud_sequence + 1 if self._cloud_session == self._session else 0
+        if not self._listens or self._status.cloud_sent <= known:
+            self._behind = None
+        elif self._behind is None:
+            self._behind = now
+        elif now - self._behind > PATIENCE:
+            self._behind = None
+            self._wishes.setdefault('cloud', now)
+            self._tell(now, 1, 'the newest messages of the corridor were lost: asked for anew')
 
     def _rebuild(self) -> None:
         hazards = [make_hazard(row) for row in self._rows['hazards'].values()]

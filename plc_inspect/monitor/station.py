@@ -55,7 +55,7 @@ class Station:
         self, node_name: str, arguments: list[str], *, cloud: bool = True,
         recorder: 'Recorder | None' = None,
     ) -> None:
-        self.monitor = Monitor()
+        self.monitor = Monitor(cloud=cloud)
         self._recorder = recorder
         self._recorded = 0.0
         take = {'summary': self._take_summary}

@@ -95,7 +95,7 @@ HEALTH = {
     'callback_ms': ('segmentation', 'callbacks p99 [ms]'),
 }
 """Numbers of health, each with its status and key in /diagnostics; NaN where there is none."""
-_FIXED = struct.Struct(f'<qIIHiiiI{len(STATUSES)}B{len(HEALTH)}f')
+_FIXED = struct.Struct(f'<qIIHIiiiI{len(STATUSES)}B{len(HEALTH)}f')
 _NEVER = 0xFFFFFFFF
 
 RowKey = tuple[int, ...]
@@ -122,6 +122,8 @@ class Status:
     """Steady time of the node when the position came in [s], NaN never."""
     resets: int = 0
     """How often the node was told to forget everything."""
+    cloud_sent: int = 0
+    """Messages of the thinned corridor that the session sent so far."""
     vehicle: tuple[float, float, float] | None = None
     """Position in the frame of the tables [m]."""
     health_uptime: float = math.nan
@@ -346,22 +348,23 @@ def _pack_status(status: Status) -> bytes:
     place = (math.nan,) * 3 if status.vehicle is None else status.vehicle
     return _FIXED.pack(
         status.stamp_ns, _pack_time(status.tick_uptime), _pack_time(status.vehicle_uptime),
-        status.resets & 0xFFFF, *map(_millimetres, place), _pack_time(status.health_uptime),
+        status.resets & 0xFFFF, status.cloud_sent, *map(_millimetres, place),
+        _pack_time(status.health_uptime),
         *status.levels, *(status.health.get(name, math.nan) for name in HEALTH),
     )
 
 
 def _read_status(reader: BodyReader) -> Status:
     values = reader.take_struct(_FIXED)
-    stamp_ns, tick, vehicle, resets, *place = values[:7]
+    stamp_ns, tick, vehicle, resets, cloud_sent, *place = values[:8]
     return Status(
         stamp_ns=stamp_ns, tick_uptime=_read_time(tick), vehicle_uptime=_read_time(vehicle),
-        resets=resets, health_uptime=_read_time(values[7]),
+        resets=resets, cloud_sent=cloud_sent, health_uptime=_read_time(values[8]),
         vehicle=None if NO_LENGTH in place else (
             metres(place[0]), metres(place[1]), metres(place[2])
         ),
-        levels=values[8:8 + len(STATUSES)],
-        health=dict(zip(HEALTH, values[8 + len(STATUSES):], strict=True)),
+        levels=values[9:9 + len(STATUSES)],
+        health=dict(zip(HEALTH, values[9 + len(STATUSES):], strict=True)),
     )
 
 

@@ -58,6 +58,8 @@ from plc_inspect.ros.qos import overridable, SUMMARY, THIN_CORRIDOR
 
 PERIOD = 0.25
 """Time between two looks at what the budget allows [s]."""
+SETTLE = 0.3
+"""A listener that is new has found the node too after this [s]; what is sent before is lost."""
 PULSE = 0.9
 """The summary says at least this often that the node lives [s]."""
 KEYFRAME_EVERY = 20
@@ -142,7 +144,8 @@ class Stream:
         self._tables = SummaryTables()
         self._vehicle: Float64 | None = None
         self._told = -math.inf
-        self._arrived = self._listened = self._blank = False
+        self._listened = self._blank = False
+        self._arrived: float | None = None
         self._begin()
         self._summary = node.create_publisher(
             UInt8MultiArray, '~/summary', **overridable(SUMMARY)
@@ -167,7 +170,7 @@ class Stream:
     def forget(self) -> None:
         """Begin anew after a reset of the node: a session of its own, so nothing is mixed up."""
         self._session = (self._session + 1) % (1 << 32)
-        self._status = replace(self._status, resets=self._status.resets + 1)
+        self._status = replace(self._status, resets=self._status.resets + 1, cloud_sent=0)
         self._blank = True
         self._begin()
 
@@ -221,7 +224,8 @@ class Stream:
 
     def _on_match(self, info: QoSPublisherMatchedInfo) -> None:
         # Who leaves and comes at once does not change the count of those that are there.
-        self._arrived |= info.total_count_change > 0
+        if info.total_count_change > 0:
+            self._arrived = self._now()
 
     def _step(self) -> None:
         """Send as much of the corridor as the budget allows."""
@@ -233,8 +237,8 @@ class Stream:
             return
         self._listened = True
         now = self._now()
-        if self._arrived:
-            self._arrived = False
+        if self._arrived is not None and now - self._arrived >= SETTLE:
+            self._arrived = None
             self._map.refresh(now)
         while self._budget.balance > 0.0:
             voxel = self._map.voxel
@@ -254,6 +258,7 @@ class Stream:
             body=pack_blocks(blocks, overview=overview, voxel=voxel, total=len(self._map)),
         ))
         self._sequence += 1
+        self._status = replace(self._status, cloud_sent=self._sequence)
         self._budget.spend(len(data))
         self._corridor.publish(_wrap(data))
 

@@ -256,6 +256,20 @@ def test_a_gap_in_the_corridor_is_told_and_asked_for():
     assert monitor.look(12.0).cloud_blocks == 2
 
 
+@pytest.mark.parametrize('cloud', [True, False])
+def test_a_corridor_that_never_came_is_asked_for(cloud):
+    monitor, source = Monitor(cloud=cloud), Source()
+    for second in range(int(PATIENCE) + 3):
+        monitor.take_summary(source.summary(second, keyframe=True, cloud_sent=2), 10.0 + second)
+        asked = monitor.take_wishes(10.0 + second)
+        assert asked == ({'cloud'} if cloud and second == int(PATIENCE) + 1 else set())
+    source.sequence = 2
+    monitor.take_cloud(source.cloud(20.0), 30.0)
+    for second in range(20, 30):
+        monitor.take_summary(source.summary(second, keyframe=True, cloud_sent=3), 10.0 + second)
+        assert not monitor.take_wishes(10.0 + second)
+
+
 def test_everything_is_bounded(monitor, source):
     for k in range(400):
         rows = make_rows(2, k % 4)
