@@ -14,6 +14,7 @@
 
 """High elevation extraction: height above local ground, and its histogram."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
@@ -21,11 +22,17 @@ from numba import njit, prange
 import numpy as np
 
 from plc_inspect.config import HeightSettings
+from plc_inspect.core.curve import Curve
 from plc_inspect.core.ground import estimate_ground, measure_gap
+from plc_inspect.core.nearest import find_near, span_table
 from plc_inspect.results import Bool, Float32, Float64, Int64
 
 MAX_PEAK = 1.0
 """The peak of the histogram is the ground within this of the surface; shrubs are higher [m]."""
+OWN_REACH = 0.5
+"""Points this near to the curve of a conductor may be its own, and are no ground [m]."""
+BEYOND = 20.0
+"""A conductor is looked for this far beyond the points that its curve was fitted to [m]."""
 MAX_CELLS = 16_000_000
 """Bound of the ground grid; a wider area gets larger cells."""
 
@@ -54,7 +61,9 @@ class HeightResult:
     cell_size: float
 
 
-def extract_high(points: Float64, settings: HeightSettings) -> HeightResult:
+def extract_high(
+    points: Float64, settings: HeightSettings, airborne: Bool | None = None
+) -> HeightResult:
     """
     Find the points that stand high above the ground below them.
 
@@ -70,6 +79,8 @@ def extract_high(points: Float64, settings: HeightSettings) -> HeightResult:
         Map frame [m]; not-finite rows are counted and never high.
     settings : HeightSettings
         Settings of this stage.
+    airborne : (N,) bool or None
+        Points that cannot be ground.
 
     Returns
     -------
@@ -83,7 +94,8 @@ def extract_high(points: Float64, settings: HeightSettings) -> HeightResult:
     extent = high[:2] - low[:2]
     cell = max(settings.cell_size, math.sqrt(float(extent[0] * extent[1]) / MAX_CELLS))
     shape = (int(extent[1] / cell) + 1, int(extent[0] / cell) + 1)
-    lowest = _lowest_points(points, low, cell, shape[0], shape[1])
+    solid = points if airborne is None else points[~airborne]
+    lowest = _lowest_points(solid, low, cell, shape[0], shape[1])
     ground, seen = estimate_ground(lowest, cell, math.tan(math.radians(settings.max_slope_deg)))
     gap = measure_gap(seen, cell)
     height, extremes = _heights(points, ground, low, cell)
@@ -119,6 +131,52 @@ def extract_high(points: Float64, settings: HeightSettings) -> HeightResult:
         origin=low[:2],
         cell_size=cell,
     )
+
+
+def free_ground(
+    points: Float64, height: HeightResult, curves: Sequence[Curve], settings: HeightSettings
+) -> HeightResult:
+    """
+    Estimate the ground anew where it reaches up to conductors, without their own points.
+
+    Where wires are seen before the ground below them, their points are the lowest of their cells.
+    Nothing is done where each curve keeps ``beta`` above the ground.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Map frame [m].
+    height : HeightResult
+        Of these points.
+    curves : sequence of Curve
+        Conductors that were found.
+    settings : HeightSettings
+        Settings of this stage.
+
+    Returns
+    -------
+    HeightResult
+        That given, where no conductor is low.
+
+    """
+    low = [curve for curve in curves if _is_low(curve, height, settings.beta)]
+    if not low:
+        return height
+    table = span_table(
+        low,
+        np.array([curve.low - BEYOND for curve in low]),
+        np.array([curve.high + BEYOND for curve in low]),
+    )
+    own, _, _ = find_near(points, table, OWN_REACH)
+    airborne = np.zeros(len(points), dtype=np.bool_)
+    airborne[own] = True
+    return extract_high(points, settings, airborne)
+
+
+def _is_low(curve: Curve, height: HeightResult, beta: float) -> bool:
+    num = int((curve.length + 2 * BEYOND) / height.cell_size) + 2
+    at = curve.position(np.linspace(curve.low - BEYOND, curve.high + BEYOND, num))
+    return bool((at[:, 2] - ground_at(height, at[:, :2]) < beta).any())
 
 
 def ground_at(

@@ -28,11 +28,11 @@ from plc_inspect.core.clustering import cluster, ClusteringResult
 from plc_inspect.core.conductors import model_conductors
 from plc_inspect.core.corridor import CorridorResult, extract_corridor
 from plc_inspect.core.hazards import add_ground_clearance, choose_rules, find_hazards
-from plc_inspect.core.height import extract_high, HeightResult
+from plc_inspect.core.height import extract_high, free_ground, HeightResult
 from plc_inspect.core.labels import choose_surroundings, label
 from plc_inspect.core.linearity import anchor, find_candidates, LinearityResult
 from plc_inspect.core.outliers import OutlierResult, remove_outliers
-from plc_inspect.core.plan_index import build_plan_index
+from plc_inspect.core.plan_index import build_plan_index, PlanIndex
 from plc_inspect.core.route import trace_routes
 from plc_inspect.core.spans import build_spans, claim_strays, FREE_RADIUS, SpanResult
 from plc_inspect.core.supports import find_layout
@@ -154,10 +154,7 @@ class _Run:
             azimuths_deg=_azimuth_histogram(alignment.azimuth),
         )
         clustering = self._clusters(high, inliers, alignment)
-        off_ground = np.flatnonzero(
-            height.high | (height.height >= settings.height.beta / 2)
-        )
-        index = build_plan_index(points, off_ground, INDEX_CELL)
+        index = self._index_off_ground(height)
         rng = np.random.default_rng(0)
         conductors = model_conductors(points, index, clustering, settings.catenary, rng)
         self.report(
@@ -167,6 +164,9 @@ class _Run:
             constants=[round(curve.fit.c, 1) for curve in conductors.curves],
             rmse=[round(curve.fit.rmse, 4) for curve in conductors.curves],
         )
+        height, found = free_ground(points, height, conductors.curves, settings.height), height
+        if height is not found:
+            index = self._index_off_ground(height)
         layout = find_layout(points, conductors.curves, conductors.doubtful, settings.supports)
         spans = build_spans(
             points, height, index, layout, trace_routes(layout), settings, rng
@@ -218,6 +218,11 @@ class _Run:
             cell_size=height.cell_size,
         )
         return height
+
+    def _index_off_ground(self, height: HeightResult) -> PlanIndex:
+        beta = self.settings.height.beta
+        off_ground = np.flatnonzero(height.high | (height.height >= beta / 2))
+        return build_plan_index(self.points, off_ground, INDEX_CELL)
 
     def _candidates(
         self, high: Int64

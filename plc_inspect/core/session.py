@@ -160,7 +160,8 @@ class Session:
         keys = {item.key for item in self._registry.spans if item.confirmed}
         told = {old: new for old, new in numbered.items() if new in keys}
         news = self._hazards.update(
-            leave_out_ends(result.hazards, result.spans), told, window.spans, window.holds
+            leave_out_ends(result.hazards, result.spans, result.supports), told, window.spans,
+            window.holds,
         )
         news = replace(news, cleared=news.cleared + self._hazards.keep(keys))
         self._supports.update(result.supports, told, window.holds)

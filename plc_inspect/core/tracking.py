@@ -20,6 +20,7 @@ import math
 
 import numpy as np
 
+from plc_inspect.core.span_model import find_kind
 from plc_inspect.core.window import SpanKey
 from plc_inspect.results import Bool, Float64, Hazard, HazardKind, Span, Support
 
@@ -29,8 +30,10 @@ SUPPORT_DISTANCE = 4.0
 """A support this near to a known one is that one [m]."""
 CONFIRMATIONS = 2
 """Ticks that must find a hazard before it is raised."""
+END_CONFIRMATIONS = 4
+"""The same near a support, of which more may come to be seen."""
 END = 4.0
-"""What is this near to the open end of a span may be more of the conductor [m]."""
+"""What is this near to an unseen end of a span may be conductor or support [m]."""
 MAX_MISSES = 3
 """Ticks in a row that must miss a hazard, or find it less severe, before it is changed."""
 
@@ -95,8 +98,9 @@ class HazardBook:
         """
         Put in the hazards of one tick.
 
-        A hazard is raised when CONFIRMATIONS ticks that saw its place found it, and made more
-        severe at once; it is cleared, or made less severe, when MAX_MISSES such ticks agree.
+        A hazard is raised when CONFIRMATIONS ticks that saw its place found it, END_CONFIRMATIONS
+        near a support, and made more severe at once; it is cleared, or made less severe, when
+        MAX_MISSES such ticks agree.
 
         Parameters
         ----------
@@ -137,7 +141,8 @@ class HazardBook:
                 own = _follow(before, hazard, held, final)
                 if number >= 0 and own.hazard.severity != before.hazard.severity:
                     updated.append(replace(own.hazard, hazard_id=number))
-            if number < 0 and (final or own.hits >= CONFIRMATIONS):
+            enough = END_CONFIRMATIONS if hazard.from_support <= END else CONFIRMATIONS
+            if number < 0 and (final or own.hits >= enough):
                 number, self._next = self._next, self._next + 1
                 raised.append(replace(own.hazard, hazard_id=number))
             taken.add(number)
@@ -192,13 +197,15 @@ def _follow(item: TrackedHazard, hazard: Hazard, held: bool, final: bool) -> Tra
     return TrackedHazard(hazard=hazard, hits=hits)
 
 
-def leave_out_ends(hazards: Sequence[Hazard], spans: Sequence[Span]) -> list[Hazard]:
+def leave_out_ends(
+    hazards: Sequence[Hazard], spans: Sequence[Span], supports: Sequence[Support]
+) -> list[Hazard]:
     """
-    Leave out what lies by the open end of a span: it may be more of the same conductor.
+    Leave out what lies by an end whose support is not seen: it is more conductor or the support.
 
     Parameters
     ----------
-    hazards, spans : sequence of Hazard, of Span
+    hazards, spans, supports : sequence of Hazard, of Span, of Support
         Of one result.
 
     Returns
@@ -208,8 +215,8 @@ def leave_out_ends(hazards: Sequence[Hazard], spans: Sequence[Span]) -> list[Haz
     """
     inside = {
         (span.line_id, span.span_id): (
-            END if span.open_start else -math.inf,
-            span.length - END if span.open_end else math.inf,
+            END if find_kind(span, span.start, supports) == 'unseen' else -math.inf,
+            span.length - END if find_kind(span, span.end, supports) == 'unseen' else math.inf,
         )
         for span in spans
     }

@@ -14,10 +14,10 @@
 
 import numpy as np
 import pytest
-from toys import make_ground, make_tree, make_wire, turn
+from toys import make_curve, make_ground, make_tree, make_wire, turn
 
 from plc_inspect.config import HeightSettings
-from plc_inspect.core.height import bounds, extract_high, ground_at
+from plc_inspect.core.height import bounds, extract_high, free_ground, ground_at
 from plc_inspect.errors import ConfigError
 
 SETTINGS = HeightSettings()
@@ -192,3 +192,28 @@ def test_beta_decides_what_is_high():
     points = np.vstack([make_grid(), [[10.2, 10.2, 6.0], [10.2, 10.2, 9.0]]])
     high = extract_high(points, HeightSettings(beta=7.0)).high
     assert np.flatnonzero(high).tolist() == [401]
+
+
+def test_ground_that_was_not_seen_does_not_rise_to_the_wire_above_it():
+    ground = make_ground((0, 0), (120, 80))
+    hole = (np.abs(ground[:, 0] - 60) < 35) & (np.abs(ground[:, 1] - 40) < 28)
+    wires = [make_wire((0.0, y, 12.0), (120.0, y, 12.0), c=900.0) for y in (36, 38, 40, 42, 44)]
+    curves = [make_curve(wire) for wire in wires]
+    points = np.vstack([*wires, ground[~hole]])
+    own = slice(0, sum(map(len, wires)))
+    result = extract_high(points, SETTINGS)
+    assert not result.high[own].all()  # what is to be mended
+    mended = free_ground(points, result, curves, SETTINGS)
+    assert mended.high[own].all()
+    np.testing.assert_allclose(ground_at(mended, points[own, :2]), 0.0, atol=0.2)
+    assert free_ground(points, mended, curves, SETTINGS) is mended
+
+
+def test_ground_that_is_near_a_conductor_stays():
+    ground = make_ground((0, 0), (120, 60))
+    wire = make_wire((0.0, 30.0, 4.0), (120.0, 30.0, 4.0), c=600.0)
+    points = np.vstack([ground, wire])
+    result = extract_high(points, SETTINGS)
+    mended = free_ground(points, result, [make_curve(wire)], SETTINGS)
+    assert mended is not result
+    np.testing.assert_allclose(mended.ground, 0.0, atol=0.15)

@@ -21,6 +21,7 @@ from spans import make_hazard, make_span, make_support
 from plc_inspect.core.tracking import (
     CONFIRMATIONS,
     END,
+    END_CONFIRMATIONS,
     HazardBook,
     leave_out_ends,
     MAX_MISSES,
@@ -168,6 +169,15 @@ def test_numbers_of_lines_are_translated():
     assert book.hazards == ()
 
 
+def test_near_a_support_more_ticks_must_agree():
+    book = HazardBook()
+    near = make_hazard((10, 0, 5), from_support=1.0)
+    for _ in range(END_CONFIRMATIONS - 1):
+        assert tick(book, near).raised == ()
+    assert [item.hazard_id for item in tick(book, near).raised] == [0]
+    assert tick(book, make_hazard((50, 0, 5), from_support=1.0), final=True).raised
+
+
 def test_the_final_word():
     book = HazardBook()
     raise_hazard(book, make_hazard((10, 0, 5)))
@@ -176,14 +186,17 @@ def test_the_final_word():
     assert [item.hazard_id for item in news.cleared] == [0]
 
 
-def test_what_lies_by_an_open_end_may_be_the_conductor_itself():
+def test_what_lies_by_an_unseen_end_may_be_conductor_or_support():
     span = make_span((0, 0, 10), (50, 0, 10), is_open=(False, True))
+    pole = make_support((0, 0, 0), kind='pole')
     places = (END / 2, 25.0, 50 - END / 2)
     hazards = [make_hazard((x, 0, 9), along_span=x) for x in places]
     ground = make_hazard((49, 0, 9), along_span=49.0, kind=HazardKind.SAG)
-    kept = leave_out_ends([*hazards, ground], [span])
+    kept = leave_out_ends([*hazards, ground], [span], [pole])
     assert [item.along_span for item in kept] == [places[0], places[1], 49.0]
-    assert leave_out_ends([], []) == []
+    kept = leave_out_ends(hazards, [span], [])
+    assert [item.along_span for item in kept] == [25.0]
+    assert leave_out_ends([], [], []) == []
 
 
 def support_tick(book, *supports, holds=everywhere, **options):
