@@ -23,8 +23,9 @@ too: which conductor changed its number.
 
 import argparse
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import json
+import math
 import os
 from pathlib import Path
 import signal
@@ -107,15 +108,30 @@ class Probe:
         self.usage.append((time.monotonic(), cpu, memory))
 
 
-def run(bag: Path, out: Path, scan_rate: float, settings: Sequence[str]) -> tuple[Probe, str]:
-    """Fly a recording past the node and return what was seen, and the last diagnostics."""
+def run(
+    bag: Path, out: Path, scan_rate: float, settings: Sequence[str], *,
+    seconds: float = math.inf, monitors: int = 0, watch: Callable[[Probe], None] | None = None,
+) -> tuple[Probe, str]:
+    """
+    Fly a recording past the node and return what was seen, and how the node ended.
+
+    At most so many seconds are flown, with so many plc_monitor beside; ``watch`` may subscribe to
+    more.
+    """
     extra = [item for setting in settings for item in ('-p', setting)]
     node = subprocess.Popen([
         sys.executable, '-m', 'plc_inspect.ros.onboard', '--ros-args', '--log-level', 'warn',
         '-p', f'output.directory:={out}', *extra,
     ])
     probe = Probe(node.pid, scan_rate)
+    if watch is not None:
+        watch(probe)
     player = None
+    beside = [
+        subprocess.Popen([sys.executable, '-m', 'plc_inspect.monitor.command', '--json'],
+                         stdout=subprocess.DEVNULL)
+        for _ in range(monitors)
+    ]
     try:
         deadline = time.monotonic() + 300.0
         while not probe.ready:
@@ -125,12 +141,13 @@ def run(bag: Path, out: Path, scan_rate: float, settings: Sequence[str]) -> tupl
         player = subprocess.Popen([
             sys.executable, '-m', 'plc_inspect.ros.play', str(bag), '--wait', '10', '--quiet',
         ])
-        due = 0.0
-        while player.poll() is None and node.poll() is None:
+        due, over = 0.0, time.monotonic() + seconds
+        while player.poll() is None and node.poll() is None and time.monotonic() < over:
             probe.executor.spin_once(timeout_sec=0.2)
             if time.monotonic() >= due:
                 probe.sample()
                 due = time.monotonic() + 1.0
+        player.kill()
         end = time.monotonic() + 3.0
         while time.monotonic() < end and node.poll() is None:
             probe.executor.spin_once(timeout_sec=0.2)
@@ -139,7 +156,7 @@ def run(bag: Path, out: Path, scan_rate: float, settings: Sequence[str]) -> tupl
         code = node.wait(180.0)
         return probe, f'exit code {code}, results saved in {time.monotonic() - began:.1f} s'
     finally:
-        for process in (player, node):
+        for process in (player, node, *beside):
             if process is not None and process.poll() is None:
                 process.kill()
 

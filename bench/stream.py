@@ -1,0 +1,122 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Measures the stream for thin links, and what monitors cost the node.
+
+One flight is flown twice: without a monitor, and with three, of which this process is one.  Sizes
+are those of the messages with what DDS, UDP and IP add (``monitor/budget.py``).
+"""
+
+import argparse
+from collections.abc import Sequence
+import os
+from pathlib import Path
+import sys
+import tempfile
+import time
+
+from node_load import Probe, run
+import numpy as np
+
+from plc_inspect.monitor.budget import OVERHEAD
+from plc_inspect.ros.transport import prepare_transport
+
+BUDGET = 256.0
+"""What the stream may use [kbit/s]."""
+LIMIT = 5.0
+"""What the summary may use on average [kB/s]."""
+GROWTH = 0.10
+"""Share by which the node's own figures may change."""
+WINDOW = 5.0
+"""The rate of the stream is the greatest mean over this [s]."""
+
+
+class Sizes:
+    """Listens to both topics of the stream."""
+
+    def __init__(self) -> None:
+        self.messages: dict[str, list[tuple[float, int]]] = {'summary': [], 'thin_corridor': []}
+
+    def watch(self, probe: Probe) -> None:
+        """Subscribe."""
+        from std_msgs.msg import UInt8MultiArray
+
+        from plc_inspect.ros.qos import SUMMARY, THIN_CORRIDOR
+
+        for name, qos in (('summary', SUMMARY), ('thin_corridor', THIN_CORRIDOR)):
+            probe.node.create_subscription(
+                UInt8MultiArray, f'/plc_inspect/{name}',
+                lambda message, own=self.messages[name]: own.append(
+                    (time.monotonic(), len(message.data) + OVERHEAD)
+                ), qos,
+            )
+
+    def rate(self, *names: str) -> tuple[float, float]:
+        """Return the mean and the greatest rate [B/s]."""
+        rows = np.array(sorted(row for name in names for row in self.messages[name]))
+        total = np.concatenate(([0.0], np.cumsum(rows[:, 1])))
+        before = np.searchsorted(rows[:, 0], rows[:, 0] - WINDOW)
+        most = (total[1:] - total[before]).max() / WINDOW
+        return float(total[-1] / np.ptp(rows[:, 0])), float(most)
+
+
+def measure(probe: Probe) -> dict[str, float]:
+    """Return the node's own figures."""
+    usage, ticks = np.array(probe.usage), np.array(probe.ticks)[:, 1]
+    return {
+        'processor [cores]': (usage[-1, 1] - usage[0, 1]) / (usage[-1, 0] - usage[0, 0]),
+        'memory at most [MB]': usage[:, 2].max() / 1e6,
+        'tick, median [ms]': float(np.median(ticks)),
+        'tick, p95 [ms]': float(np.percentile(ticks, 95)),
+    }
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the benchmark; 1 where a limit is not kept."""
+    parser = argparse.ArgumentParser(description='Measures the stream for thin links.')
+    parser.add_argument('bag', type=Path, help='a flight, such as bench/node_flight.py makes')
+    parser.add_argument('--seconds', type=float, default=340.0, metavar='S',
+                        help='length of the flight (default: %(default)s, ten spans)')
+    arguments = parser.parse_args(argv)
+    prepare_transport()
+    os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 100)
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    sizes, figures = Sizes(), []
+    for monitors in (0, 2):
+        with tempfile.TemporaryDirectory() as room:
+            probe, _ = run(
+                arguments.bag, Path(room) / 'out', 10.0, [f'stream.max_kbps:={BUDGET}'],
+                seconds=arguments.seconds, monitors=monitors,
+                watch=sizes.watch if monitors else None,
+            )
+        figures.append(measure(probe))
+    print(f'{arguments.bag}: {arguments.seconds:.0f} s, {probe.values["spans"]} conductor-spans')
+    mean, _ = sizes.rate('summary')
+    good = mean <= LIMIT * 1e3
+    print(f'summary: {mean / 1e3:.2f} kB/s on average (limit {LIMIT:g})')
+    mean, most = (value * 8e-3 for value in sizes.rate('summary', 'thin_corridor'))
+    good &= most <= BUDGET
+    print(f'summary and corridor: {mean:.0f} kbit/s on average, {most:.0f} at most over '
+          f'{WINDOW:g} s (budget {BUDGET:g})')
+    for name, alone in figures[0].items():
+        share = figures[1][name] / alone - 1.0
+        good &= share <= GROWTH
+        print(f'{name}: {alone:.2f} alone, {figures[1][name]:.2f} with three monitors '
+              f'({share:+.1%}, limit {GROWTH:+.0%})')
+    return 0 if good else 1
+
+
+if __name__ == '__main__':
+    sys.exit(main())
