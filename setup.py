@@ -78,6 +78,7 @@ setup(
     extras_require={
         'dev': [
             'hypothesis>=6.90',
+            'laszip>=0.2',
             'matplotlib>=3.8',
             'mypy>=1.10',
             'pillow>=10',

@@ -195,6 +195,14 @@ def test_points_open_in_laspy_with_their_reference_system(folder):
     assert {'line_id', 'span_id', 'clearance', 'decision'} <= set(las.point_format.dimension_names)
 
 
+def test_points_open_in_the_reference_implementation_of_laz(folder):
+    with laspy.open(folder / 'points.laz', laz_backend=laspy.LazBackend.Laszip) as file:
+        decoded = file.read()
+    own = laspy.read(folder / 'points.laz', laz_backend=laspy.LazBackend.Lazrs)
+    for name in own.point_format.dimension_names:
+        np.testing.assert_array_equal(decoded[name], own[name])
+
+
 def test_points_open_in_pdal(folder):
     pdal = shutil.which('pdal')
     if pdal is None:
