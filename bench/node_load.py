@@ -55,9 +55,10 @@ class Probe:
         from plc_inspect.ros.messages import read_rows
         from plc_inspect.ros.qos import RESULTS
 
-        rclpy.init()
-        self.node = rclpy.create_node('probe')
-        self.executor = SingleThreadedExecutor()
+        self.context = rclpy.context.Context()
+        rclpy.init(context=self.context)
+        self.node = rclpy.create_node('probe', context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
         self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         self.node.create_subscription(Clock, '/clock', self._on_clock, 10)
@@ -99,6 +100,12 @@ class Probe:
         if self.values.get('ticks') != self._last_tick and 'last tick [ms]' in self.values:
             self._last_tick = self.values['ticks']
             self.ticks.append((time.monotonic(), float(self.values['last tick [ms]'])))
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.context.shutdown()
 
     def sample(self) -> None:
         """Read processor time and resident memory of the node."""
@@ -159,6 +166,7 @@ def run(
         for process in (player, node, *beside):
             if process is not None and process.poll() is None:
                 process.kill()
+        probe.close()
 
 
 def report(probe: Probe, num_scans: int, end: str) -> None:
