@@ -122,8 +122,8 @@ def run(
     """
     Fly a recording past the node and return what was seen, and how the node ended.
 
-    At most so many seconds are flown, with so many plc_monitor beside; ``watch`` may subscribe to
-    more.
+    At most so many seconds are flown, with so many plc_monitor beside, which on the ground have a
+    machine of their own and here get what the others leave; ``watch`` may subscribe to more.
     """
     extra = [item for setting in settings for item in ('-p', setting)]
     node = subprocess.Popen([
@@ -135,8 +135,8 @@ def run(
         watch(probe)
     player = None
     beside = [
-        subprocess.Popen([sys.executable, '-m', 'plc_inspect.monitor.command', '--json'],
-                         stdout=subprocess.DEVNULL)
+        subprocess.Popen(['nice', '-n', '19', sys.executable, '-m', 'plc_inspect.monitor.command',
+                          '--json'], stdout=subprocess.DEVNULL)
         for _ in range(monitors)
     ]
     try:
