@@ -79,5 +79,5 @@ def read_labels(path: Path) -> UInt8:
     try:
         with laspy.open(str(path)) as reader:
             return np.array(reader.read().classification, dtype=np.uint8)
-    except (laspy.errors.LaspyException, ValueError, RuntimeError, OSError, EOFError) as error:
+    except Exception as error:  # laspy lets errors of its decoders through
         raise DataError(f'{path}: not a readable LAS file: {error}') from error
