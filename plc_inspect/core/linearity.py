@@ -291,6 +291,21 @@ def principal_axis(xx, xy, xz, yy, yz, zz):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
+def principal_axis_of(total):  # type: ignore[no-untyped-def]
+    """``principal_axis`` of the covariance [m2] of (10,) count, sums and products of points."""
+    n = total[0]
+    mx, my, mz = total[1] / n, total[2] / n, total[3] / n
+    return principal_axis(
+        total[4] / n - mx * mx,
+        total[5] / n - mx * my,
+        total[6] / n - mx * mz,
+        total[7] / n - my * my,
+        total[8] / n - my * mz,
+        total[9] / n - mz * mz,
+    )
+
+
+@njit(cache=True, nogil=True)
 def _lowest(points, chosen):  # type: ignore[no-untyped-def]
     low = np.full(3, np.inf)
     for i in chosen:
@@ -339,17 +354,8 @@ def _measure(index, moments, table_key, table_slot, size):  # type: ignore[no-un
                     slot = find_slot(table_key, table_slot, pack(x, y, z))
                     if slot >= 0:
                         add_shifted(total, moments[slot], dx * size, dy * size, dz * size)
-        n = total[0]
-        mx, my, mz = total[1] / n, total[2] / n, total[3] / n
-        l1, l2, l3, vx, vy, vz = principal_axis(
-            total[4] / n - mx * mx,
-            total[5] / n - mx * my,
-            total[6] / n - mx * mz,
-            total[7] / n - my * my,
-            total[8] / n - my * mz,
-            total[9] / n - mz * mz,
-        )
-        count[i] = int(n)
+        l1, l2, l3, vx, vy, vz = principal_axis_of(total)
+        count[i] = int(total[0])
         scale = 1.0 / l1 if l1 > 0.0 else 0.0
         linear[i] = (l1 - l2) * scale
         planar[i] = (l2 - l3) * scale

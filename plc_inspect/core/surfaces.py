@@ -17,8 +17,8 @@
 from numba import njit, prange
 import numpy as np
 
-from plc_inspect.core.linearity import principal_axis
-from plc_inspect.core.voxels import add_shifted, number_cells, pack
+from plc_inspect.core.linearity import principal_axis_of
+from plc_inspect.core.voxels import add_point, add_shifted, number_cells, pack
 from plc_inspect.results import Bool, Float64, Int64
 
 PLANAR = 0.45
@@ -94,17 +94,7 @@ def _sum_moments(points, chosen, origin, size, cell_of, rank):  # type: ignore[n
         x = (x - int(x) - 0.5) * size
         y = (y - int(y) - 0.5) * size
         z = (z - int(z) - 0.5) * size
-        row = moments[rank[cell_of[k]]]
-        row[0] += 1.0
-        row[1] += x
-        row[2] += y
-        row[3] += z
-        row[4] += x * x
-        row[5] += x * y
-        row[6] += x * z
-        row[7] += y * y
-        row[8] += y * z
-        row[9] += z * z
+        add_point(moments[rank[cell_of[k]]], x, y, z)
     return moments
 
 
@@ -145,17 +135,8 @@ def _judge(keys, moments, size):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _is_flat(total):  # type: ignore[no-untyped-def]
-    n = total[0]
-    if n < MIN_POINTS:
+    if total[0] < MIN_POINTS:
         return False
-    mx, my, mz = total[1] / n, total[2] / n, total[3] / n
-    l1, l2, l3, _, _, _ = principal_axis(
-        total[4] / n - mx * mx,
-        total[5] / n - mx * my,
-        total[6] / n - mx * mz,
-        total[7] / n - my * my,
-        total[8] / n - my * mz,
-        total[9] / n - mz * mz,
-    )
+    l1, l2, l3, _, _, _ = principal_axis_of(total)
     scale = 1.0 / l1 if l1 > 0.0 else 0.0
     return (l2 - l3) * scale >= PLANAR and l3 * scale <= SPHERICAL

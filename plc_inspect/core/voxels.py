@@ -234,17 +234,7 @@ def _fill_part(points, chosen, origin, size, part):  # type: ignore[no-untyped-d
         x = (x - ix - 0.5) * size
         y = (y - iy - 0.5) * size
         z = (z - iz - 0.5) * size
-        row = moments[slot]
-        row[0] += 1.0
-        row[1] += x
-        row[2] += y
-        row[3] += z
-        row[4] += x * x
-        row[5] += x * y
-        row[6] += x * z
-        row[7] += y * y
-        row[8] += y * z
-        row[9] += z * z
+        add_point(moments[slot], x, y, z)
     return keys[:used], moments[:used]
 
 
@@ -329,6 +319,21 @@ def _index_keys(keys):  # type: ignore[no-untyped-def]
         table_key[place] = keys[slot]
         table_slot[place] = slot
     return table_key, table_slot
+
+
+@njit(cache=True, nogil=True)
+def add_point(row, x, y, z):  # type: ignore[no-untyped-def]
+    """Add a point at x, y, z [m] to the (10,) count, sums and products of a voxel."""
+    row[0] += 1.0
+    row[1] += x
+    row[2] += y
+    row[3] += z
+    row[4] += x * x
+    row[5] += x * y
+    row[6] += x * z
+    row[7] += y * y
+    row[8] += y * z
+    row[9] += z * z
 
 
 @njit(cache=True, nogil=True)

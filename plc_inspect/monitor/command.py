@@ -28,7 +28,7 @@ from typing import Any
 from plc_inspect.errors import ConfigError, DataError
 from plc_inspect.monitor.gate import is_loopback
 from plc_inspect.monitor.picture import Picture
-from plc_inspect.offline.command import DONE, Parser, run_command
+from plc_inspect.offline.command import DONE, parse_with_ros, Parser, run_command
 
 NAME = 'plc_monitor'
 NODE = '/plc_inspect'
@@ -189,14 +189,7 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument('--force', action='store_true', help='replace the file of --record')
     parser.add_argument('--no-corridor', dest='corridor', action='store_false',
                         help='do not subscribe to the thinned corridor')
-    items = list(sys.argv[1:] if argv is None else argv)
-    ros: list[str] = []
-    if '--ros-args' in items:
-        at = items.index('--ros-args')
-        items, ros = items[:at], items[at + 1:]
-    arguments = parser.parse_args(items)
-    arguments.ros = ros
-    return arguments
+    return parse_with_ros(parser, argv)
 
 
 if __name__ == '__main__':

@@ -15,7 +15,7 @@
 """What the command lines share: arguments, one-line errors, exit codes, progress."""
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 import os
 from pathlib import Path
@@ -39,6 +39,20 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Print one line and exit with 2."""
         self.exit(BAD_INPUT, f'{self.prog}: {message} (see {self.prog} --help)\n')
+
+
+def parse_with_ros(
+    parser: argparse.ArgumentParser, argv: Sequence[str] | None
+) -> argparse.Namespace:
+    """Parse arguments, those of the process by default; ``ros`` are those after --ros-args."""
+    items = list(sys.argv[1:] if argv is None else argv)
+    ros: list[str] = []
+    if '--ros-args' in items:
+        at = items.index('--ros-args')
+        items, ros = items[:at], items[at + 1:]
+    arguments = parser.parse_args(items)
+    arguments.ros = ros
+    return arguments
 
 
 def make_parser(name: str, description: str) -> Parser:

@@ -25,7 +25,7 @@ from typing import Any
 
 from plc_inspect.errors import DataError, PlcInspectError
 from plc_inspect.offline.bags import Recording
-from plc_inspect.offline.command import Parser
+from plc_inspect.offline.command import parse_with_ros, Parser
 from plc_inspect.ros.transport import prepare_transport
 
 NAME = 'plc_play'
@@ -231,14 +231,7 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument('--scan-topic', default='velodyne_points', metavar='TOPIC')
     parser.add_argument('--odometry-topic', default='odometry', metavar='TOPIC')
     parser.add_argument('--quiet', action='store_true', help='print errors only')
-    items = list(sys.argv[1:] if argv is None else argv)
-    ros: list[str] = []
-    if '--ros-args' in items:
-        at = items.index('--ros-args')
-        items, ros = items[:at], items[at + 1:]
-    arguments = parser.parse_args(items)
-    arguments.ros = ros
-    return arguments
+    return parse_with_ros(parser, argv)
 
 
 if __name__ == '__main__':
