@@ -24,6 +24,7 @@ too: which conductor changed its number.
 import argparse
 from collections import defaultdict
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 import json
 import math
 import os
@@ -33,6 +34,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from typing import Any
 
 import numpy as np
 
@@ -126,28 +128,31 @@ def run(
     machine of their own and here get what the others leave; ``watch`` may subscribe to more.
     """
     extra = [item for setting in settings for item in ('-p', setting)]
-    node = subprocess.Popen([
-        sys.executable, '-m', 'plc_inspect.ros.onboard', '--ros-args', '--log-level', 'warn',
-        '-p', f'output.directory:={out}', *extra,
-    ])
-    probe = Probe(node.pid, scan_rate)
-    if watch is not None:
-        watch(probe)
-    player = None
-    beside = [
-        subprocess.Popen(['nice', '-n', '19', sys.executable, '-m', 'plc_inspect.monitor.command',
-                          '--json'], stdout=subprocess.DEVNULL)
-        for _ in range(monitors)
-    ]
-    try:
+    with ExitStack() as stack:
+        def start(*command: str, **options: Any) -> subprocess.Popen:
+            process = subprocess.Popen(command, **options)
+            stack.callback(process.kill)
+            return process
+
+        node = start(
+            sys.executable, '-m', 'plc_inspect.ros.onboard', '--ros-args', '--log-level', 'warn',
+            '-p', f'output.directory:={out}', *extra,
+        )
+        probe = Probe(node.pid, scan_rate)
+        stack.callback(probe.close)
+        if watch is not None:
+            watch(probe)
+        for _ in range(monitors):
+            start('nice', '-n', '19', sys.executable, '-m', 'plc_inspect.monitor.command',
+                  '--json', stdout=subprocess.DEVNULL)
         deadline = time.monotonic() + 300.0
         while not probe.ready:
             probe.executor.spin_once(timeout_sec=0.2)
             if node.poll() is not None or time.monotonic() > deadline:
                 raise SystemExit('the node does not come up')
-        player = subprocess.Popen([
-            sys.executable, '-m', 'plc_inspect.ros.play', str(bag), '--wait', '10', '--quiet',
-        ])
+        player = start(
+            sys.executable, '-m', 'plc_inspect.ros.play', str(bag), '--wait', '10', '--quiet'
+        )
         due, over = 0.0, time.monotonic() + seconds
         while player.poll() is None and node.poll() is None and time.monotonic() < over:
             probe.executor.spin_once(timeout_sec=0.2)
@@ -162,11 +167,6 @@ def run(
         node.send_signal(signal.SIGINT)
         code = node.wait(180.0)
         return probe, f'exit code {code}, results saved in {time.monotonic() - began:.1f} s'
-    finally:
-        for process in (player, node, *beside):
-            if process is not None and process.poll() is None:
-                process.kill()
-        probe.close()
 
 
 def report(probe: Probe, num_scans: int, end: str) -> None:
