@@ -290,8 +290,8 @@ def _refine(t, z, inlier, tolerance):  # type: ignore[no-untyped-def]
         total = 0.0
         count = 0
         for m in range(n):
-            u = k * t[m] + base
-            cosh, sinh = math.cosh(u), math.sinh(u)
+            grown = math.exp(k * t[m] + base)
+            cosh, sinh = 0.5 * (grown + 1.0 / grown), 0.5 * (grown - 1.0 / grown)
             r = z[m] - h - (cosh - root) / k
             if step >= 2:
                 chosen[m] = abs(r) <= tolerance

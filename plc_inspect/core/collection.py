@@ -126,7 +126,8 @@ def profile_curve(
         curve.tolerance,
         ignore,
     )
-    return Profile(low=low, step=step, core=core, shell=shell, chosen=np.sort(chosen))
+    chosen.sort(kind='stable')  # it comes nearly in order
+    return Profile(low=low, step=step, core=core, shell=shell, chosen=chosen)
 
 
 def measure_company(
@@ -255,9 +256,10 @@ def _profile(  # type: ignore[no-untyped-def]
         y = ca * dy - sa * dx
         if abs(y) > tolerance * SHELL_RATIO:
             continue
-        u = k * (x - middle) + base
-        dz = points[i, 2] - h - (math.cosh(u) - root) / k
-        dz /= math.cosh(u)  # vertical to perpendicular: cosh of the angle's gudermannian
+        grown = math.exp(k * (x - middle) + base)
+        cosh = 0.5 * (grown + 1.0 / grown)
+        dz = points[i, 2] - h - (cosh - root) / k
+        dz /= cosh  # vertical to perpendicular: cosh of the angle's gudermannian
         r2 = y * y + dz * dz
         if r2 <= tolerance * tolerance:
             core[place] += 1

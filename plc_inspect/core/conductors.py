@@ -255,16 +255,18 @@ def bridge(
     first; the union must be explained by one catenary about as well as the parts are.
     """
     alive = list(curves)
+    centers = np.array([curve.position((curve.low + curve.high) / 2)[0] for curve in curves])
     result: list[Curve] = []
     while alive:
-        base = alive.pop(0)
+        base, centers = alive.pop(0), centers[1:]
         while alive:
-            ranked = _continuations(base, alive, settings.max_bridge)
+            ranked = _continuations(base, alive, centers, settings.max_bridge)
             for position in ranked:
                 union = join(points, base, alive[position], settings)
                 if union is not None:
                     base = union
                     del alive[position]
+                    centers = np.delete(centers, position, axis=0)
                     break
             else:
                 break
@@ -273,9 +275,10 @@ def bridge(
     return tuple(result)
 
 
-def _continuations(base: Curve, others: Sequence[Curve], max_bridge: float) -> list[int]:
-    """Positions of the curves that may continue ``base``, best first."""
-    centers = np.array([other.position((other.low + other.high) / 2)[0] for other in others])
+def _continuations(
+    base: Curve, others: Sequence[Curve], centers: Float64, max_bridge: float
+) -> list[int]:
+    """Positions of the curves, with middles at ``centers``, that may continue ``base``."""
     x, y = base.local(centers)
     reach = base.length + max_bridge
     near = np.flatnonzero(

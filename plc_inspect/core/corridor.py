@@ -125,7 +125,7 @@ def extract_corridor(
                 settings,
             )
     found, distance, span = find_near(points, table, np.maximum(radius, least_reach))
-    inside = distance <= radius[span]
+    inside = slice(None) if (radius >= least_reach).all() else distance <= radius[span]
     return CorridorResult(
         points=found[inside],
         distance=distance[inside],

@@ -21,7 +21,6 @@ from numba import njit, prange
 import numpy as np
 
 from plc_inspect.core.alignment import AlignmentResult
-from plc_inspect.core.clustering import ClusteringResult
 from plc_inspect.core.corridor import CorridorResult
 from plc_inspect.core.height import HeightResult
 from plc_inspect.core.linearity import LinearityResult
@@ -96,7 +95,7 @@ def label(
     candidates: LinearityResult,
     outliers: OutlierResult,
     alignment: AlignmentResult,
-    clustering: ClusteringResult,
+    in_beads: Int32,
     spans: SpanResult,
     corridor: CorridorResult,
     foliage: Int64,
@@ -112,8 +111,10 @@ def label(
     ----------
     points : (N, 3) float64
         Coordinates [m].
-    height, candidates, outliers, alignment, clustering, spans, corridor
+    height, candidates, outliers, alignment, spans, corridor
         What the stages found.
+    in_beads : (B,) int32
+        Indices of the points of beads.
     foliage : (F,) int64
         Indices of vegetation, among the surroundings.
     used : bool
@@ -134,7 +135,7 @@ def label(
         origin, cells, values,
     )
     classification[foliage] = PointClass.VEGETATION
-    _settle_beads(clustering.beads.points, spans.line_id, spans.support, decision)
+    _settle_beads(in_beads, spans.line_id, spans.support, decision)
     clearance, span_id, corridor_line_id, corridor_span_id = _spread(
         corridor.points, corridor.distance, corridor.span, spans.line_id, spans.span_id,
         *_ids(spans.models),

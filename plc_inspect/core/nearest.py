@@ -88,11 +88,10 @@ def find_near(
     rows, columns = int(extent[1] / cell) + 1, int(extent[0] / cell) + 1
     start, spans = _spans_by_cell(table, reach, low, cell, rows, columns)
     local, bottom, top = _expand(table, reach, low, cell, rows, columns, start, spans)
-    distance, span = _nearest(
+    found, distance, span = _nearest(
         points, table, reach, low, cell, rows, columns, start, spans, local, bottom, top
     )
-    found = np.flatnonzero(span >= 0)
-    return found, distance[found], span[found]
+    return found, distance, span
 
 
 @njit(cache=True, nogil=True)
@@ -135,10 +134,11 @@ def _expand(table, reach, low, cell, rows, columns, start, spans):  # type: igno
     Curve of each span of each cell as a parabola about the middle of the cell.
 
     Within a cell its error is below 1 mm for constants of 100 m and more.  Returned are x,
-    height, slope and half of the curvature there, and the heights between which points of each
-    cell can be within reach.
+    height, slope and half of the curvature there, and the square of the least share of a
+    vertical distance from the curve that is distance to it; and the heights between which points
+    of each cell can be within reach.
     """
-    local = np.empty((len(spans), 4))
+    local = np.empty((len(spans), 5))
     bottom = np.full(rows * columns, np.inf)
     top = np.full(rows * columns, -np.inf)
     for r in range(rows):
@@ -157,6 +157,8 @@ def _expand(table, reach, low, cell, rows, columns, start, spans):  # type: igno
                 # the foot of a point in the cell lies this far from the middle at most
                 away = cell * 0.7072 + reach[spans[k]] * min(abs(slope), 1.0)
                 slack = away * (abs(slope) + half * away) + reach[spans[k]]
+                steepest = abs(slope) + 2.0 * half * (away + reach[spans[k]])
+                local[k, 4] = 1.0 / (1.0 + steepest * steepest)
                 bottom[where] = min(bottom[where], z - slack)
                 top[where] = max(top[where], z + slack)
     return local, bottom, top
@@ -167,43 +169,68 @@ def _nearest(  # type: ignore[no-untyped-def]
     points, table, reach, low, cell, rows, columns, start, spans, local, bottom, top
 ):
     num = len(points)
+    num_parts = 16
+    # what each part of the points finds is written from its own place on, then moved together
+    found = np.empty(num, dtype=np.int32)
     distance = np.empty(num, dtype=np.float32)
-    span = np.full(num, -1, dtype=np.int32)
+    span = np.empty(num, dtype=np.int32)
+    last_of = np.zeros(num_parts + 1, dtype=np.int64)
     limit = reach * reach
-    for i in prange(num):
-        px, py, pz = points[i, 0], points[i, 1], points[i, 2]
-        fx, fy = (px - low[0]) / cell, (py - low[1]) / cell
-        if not (fx >= 0.0 and fy >= 0.0 and fx < columns and fy < rows):
-            continue
-        where = int(fy) * columns + int(fx)
-        if not (pz >= bottom[where] and pz <= top[where]):
-            continue
-        best = np.inf
-        own = -1
-        for k in range(start[where], start[where + 1]):
-            s = spans[k]
-            row = table[s]
-            dx, dy = px - row[0], py - row[1]
-            across = row[2] * dy - row[3] * dx
-            d2 = across * across
-            most = min(best, limit[s])
-            if d2 > most:
+    for part in prange(num_parts):
+        place = part * num // num_parts
+        for i in range(part * num // num_parts, (part + 1) * num // num_parts):
+            px, py, pz = points[i, 0], points[i, 1], points[i, 2]
+            fx, fy = (px - low[0]) / cell, (py - low[1]) / cell
+            if not (fx >= 0.0 and fy >= 0.0 and fx < columns and fy < rows):
                 continue
-            x0, z0, slope, half = local[k, 0], local[k, 1], local[k, 2], local[k, 3]
-            u = row[2] * dx + row[3] * dy - x0
-            first, last = row[8] - x0, row[9] - x0
-            x = min(max(u, first), last)
-            for _ in range(2):  # Newton on the distance, its curvature kept positive
-                tilt = slope + 2.0 * half * x
+            where = int(fy) * columns + int(fx)
+            if not (pz >= bottom[where] and pz <= top[where]):
+                continue
+            best = np.inf
+            own = -1
+            for k in range(start[where], start[where + 1]):
+                s = spans[k]
+                row = table[s]
+                dx, dy = px - row[0], py - row[1]
+                across = row[2] * dy - row[3] * dx
+                d2 = across * across
+                most = min(best, limit[s])
+                if d2 > most:
+                    continue
+                x0, z0, slope, half = local[k, 0], local[k, 1], local[k, 2], local[k, 3]
+                u = row[2] * dx + row[3] * dy - x0
+                first, last = row[8] - x0, row[9] - x0
+                x = min(max(u, first), last)
                 dz = pz - (z0 + x * (slope + half * x))
-                second = 1.0 + tilt * tilt - 2.0 * half * dz
-                x = min(max(x + (u - x + dz * tilt) / max(second, 0.5), first), last)
-            dz = pz - (z0 + x * (slope + half * x))
-            d2 += (u - x) * (u - x) + dz * dz
-            if d2 <= most:
-                best = d2
-                own = s
-        if own >= 0:
-            span[i] = own
-            distance[i] = math.sqrt(best)
-    return distance, span
+                if x == u and d2 + dz * dz * local[k, 4] > most:
+                    continue
+                for _ in range(2):  # Newton on the distance, its curvature kept positive
+                    tilt = slope + 2.0 * half * x
+                    dz = pz - (z0 + x * (slope + half * x))
+                    second = 1.0 + tilt * tilt - 2.0 * half * dz
+                    x = min(max(x + (u - x + dz * tilt) / max(second, 0.5), first), last)
+                dz = pz - (z0 + x * (slope + half * x))
+                d2 += (u - x) * (u - x) + dz * dz
+                if d2 <= most:
+                    best = d2
+                    own = s
+            if own >= 0:
+                found[place] = i
+                span[place] = own
+                distance[place] = math.sqrt(best)
+                place += 1
+        last_of[part + 1] = place - part * num // num_parts
+    for part in range(num_parts):
+        last_of[part + 1] += last_of[part]
+    total = last_of[num_parts]
+    all_found = np.empty(total, dtype=np.int64)
+    all_distance = np.empty(total, dtype=np.float32)
+    all_span = np.empty(total, dtype=np.int32)
+    for part in prange(num_parts):
+        place = part * num // num_parts
+        for k in range(last_of[part], last_of[part + 1]):
+            all_found[k] = found[place]
+            all_distance[k] = distance[place]
+            all_span[k] = span[place]
+            place += 1
+    return all_found, all_distance, all_span

@@ -15,6 +15,7 @@
 """The pipeline: from one cloud to conductors, corridor and hazards."""
 
 from collections.abc import Callable
+import dataclasses
 import math
 import time
 from typing import Any
@@ -31,16 +32,23 @@ from plc_inspect.core.hazards import add_ground_clearance, choose_rules, find_ha
 from plc_inspect.core.height import extract_high, free_ground, HeightResult
 from plc_inspect.core.labels import choose_surroundings, label
 from plc_inspect.core.linearity import anchor, find_candidates, LinearityResult
+from plc_inspect.core.off_ground import CELL, gather_off_ground, OffGround
 from plc_inspect.core.outliers import OutlierResult, remove_outliers
-from plc_inspect.core.plan_index import build_plan_index, PlanIndex
+from plc_inspect.core.plan_index import build_plan_index
 from plc_inspect.core.route import trace_routes
-from plc_inspect.core.spans import build_spans, claim_strays, FREE_RADIUS, SpanResult
+from plc_inspect.core.spans import (
+    build_spans,
+    claim_strays,
+    FREE_RADIUS,
+    SpanResult,
+    spread_spans,
+)
 from plc_inspect.core.supports import find_layout
 from plc_inspect.errors import DataError
 from plc_inspect.results import (
     Float64,
     InspectionResult,
-    Int64,
+    Int32,
     StageReport,
 )
 
@@ -56,8 +64,6 @@ STAGES = (
     'corridor',
     'hazards',
 )
-INDEX_CELL = 2.0
-"""Edge of the plan cells that points are searched by [m]."""
 
 
 class Pipeline:
@@ -140,10 +146,10 @@ class _Run:
         if self.progress is not None:
             self.progress(STAGES[0], 0.0)
         height = self._height()
-        high = np.flatnonzero(height.high)
+        cloud = self._gather(height)
         if len(points) - height.num_not_finite < settings.segment.min_points:
-            high = high[:0]
-        candidates, outliers, inliers = self._candidates(high)
+            cloud = dataclasses.replace(cloud, high=cloud.high[:0])
+        candidates, outliers, inliers = self._candidates(cloud)
         alignment = align(inliers, settings.alignment)
         self.report(
             len(inliers.position),
@@ -153,10 +159,11 @@ class _Run:
             windows=len(alignment.azimuth),
             azimuths_deg=_azimuth_histogram(alignment.azimuth),
         )
-        clustering = self._clusters(high, inliers, alignment)
-        index = self._index_off_ground(height)
+        clustering = self._clusters(cloud, inliers, alignment)
         rng = np.random.default_rng(0)
-        conductors = model_conductors(points, index, clustering, settings.catenary, rng)
+        conductors = model_conductors(
+            cloud.points, cloud.index, clustering, settings.catenary, rng
+        )
         self.report(
             clustering.num_tracks,
             len(conductors.curves),
@@ -164,13 +171,16 @@ class _Run:
             constants=[round(curve.fit.c, 1) for curve in conductors.curves],
             rmse=[round(curve.fit.rmse, 4) for curve in conductors.curves],
         )
-        height, found = free_ground(points, height, conductors.curves, settings.height), height
+        in_beads = cloud.place[clustering.beads.points]
+        used = len(cloud.high) > 0
+        curves, doubtful = conductors.curves, conductors.doubtful
+        height, found = free_ground(points, height, curves, settings.height), height
         if height is not found:
-            index = self._index_off_ground(height)
-        layout = find_layout(points, conductors.curves, conductors.doubtful, settings.supports)
-        spans = build_spans(
-            points, height, index, layout, trace_routes(layout), settings, rng
-        )
+            cloud, before = self._gather(height), cloud
+            curves, doubtful = cloud.adopt(before, curves), cloud.adopt(before, doubtful)
+        layout = find_layout(cloud.points, curves, doubtful, settings.supports)
+        spans = build_spans(cloud, layout, trace_routes(layout), settings, rng)
+        spans = spread_spans(claim_strays(cloud, spans), cloud)
         self.report(
             len(layout.joints),
             len(spans.supports),
@@ -189,7 +199,6 @@ class _Run:
             settings.corridor,
             least_reach=max(self.rules.reach('vegetation', 'building'), FREE_RADIUS),
         )
-        spans = claim_strays(points, spans, corridor)
         self.report(
             len(points),
             len(corridor.points),
@@ -198,7 +207,7 @@ class _Run:
             complex_case=[bool(value) for value in corridor.complex_case],
         )
         return self._finish(
-            height, high, candidates, outliers, alignment, clustering, spans, corridor
+            height, candidates, outliers, alignment, in_beads, spans, corridor, used
         )
 
     def _height(self) -> HeightResult:
@@ -219,17 +228,15 @@ class _Run:
         )
         return height
 
-    def _index_off_ground(self, height: HeightResult) -> PlanIndex:
-        beta = self.settings.height.beta
-        off_ground = np.flatnonzero(height.high | (height.height >= beta / 2))
-        return build_plan_index(self.points, off_ground, INDEX_CELL)
+    def _gather(self, height: HeightResult) -> OffGround:
+        return gather_off_ground(self.points, height, self.settings.height.beta / 2)
 
     def _candidates(
-        self, high: Int64
+        self, cloud: OffGround
     ) -> tuple[LinearityResult, OutlierResult, LinearityResult]:
         settings = self.settings
-        origin = anchor(self.points, high, settings.linearity)
-        candidates = find_candidates(self.points, high, origin, settings.linearity)
+        origin = anchor(cloud.points, cloud.high, settings.linearity)
+        candidates = find_candidates(cloud.points, cloud.high, origin, settings.linearity)
         self.report(
             sum(candidates.num_voxels),
             len(candidates.position),
@@ -264,11 +271,11 @@ class _Run:
         return candidates, outliers, inliers
 
     def _clusters(
-        self, high: Int64, inliers: LinearityResult, alignment: AlignmentResult
+        self, cloud: OffGround, inliers: LinearityResult, alignment: AlignmentResult
     ) -> ClusteringResult:
-        index = build_plan_index(self.points, high, INDEX_CELL)
+        index = build_plan_index(cloud.points, cloud.high, CELL)
         clustering = cluster(
-            self.points, index, inliers.position, alignment, self.settings.clustering
+            cloud.points, index, inliers.position, alignment, self.settings.clustering
         )
         self.report(
             clustering.num_clusters,
@@ -283,13 +290,13 @@ class _Run:
     def _finish(
         self,
         height: HeightResult,
-        high: Int64,
         candidates: LinearityResult,
         outliers: OutlierResult,
         alignment: AlignmentResult,
-        clustering: ClusteringResult,
+        in_beads: Int32,
         spans: SpanResult,
         corridor: CorridorResult,
+        used: bool,
     ) -> InspectionResult:
         points = self.points
         around = choose_surroundings(height.height, spans, corridor)
@@ -309,8 +316,8 @@ class _Run:
             support=spans.support,
         )
         labels = label(
-            points, height, candidates, outliers, alignment, clustering, spans, corridor,
-            near[foliage], used=len(high) > 0,
+            points, height, candidates, outliers, alignment, in_beads, spans, corridor,
+            near[foliage], used=used,
         )
         self.report(
             len(near),

@@ -23,10 +23,11 @@ import numpy as np
 from plc_inspect.config import Settings
 from plc_inspect.core.catenary import fit_quadratic
 from plc_inspect.core.collection import profile_curve
-from plc_inspect.core.corridor import CorridorResult
 from plc_inspect.core.curve import Curve, fit_curve
 from plc_inspect.core.hazards import SpanModel
 from plc_inspect.core.height import ground_at, HeightResult
+from plc_inspect.core.nearest import find_near, span_table
+from plc_inspect.core.off_ground import OffGround
 from plc_inspect.core.placement import place_supports
 from plc_inspect.core.plan_index import PlanIndex
 from plc_inspect.core.route import Route
@@ -76,9 +77,7 @@ class SpanResult:
 
 
 def build_spans(
-    points: Float64,
-    height: HeightResult,
-    index: PlanIndex,
+    cloud: OffGround,
     layout: Layout,
     route: Route,
     settings: Settings,
@@ -92,12 +91,8 @@ def build_spans(
 
     Parameters
     ----------
-    points : (N, 3) float64
-        Coordinates [m].
-    height : HeightResult
-        Heights above local ground.
-    index : PlanIndex
-        Of the points off the ground.
+    cloud : OffGround
+        Points off the ground.
     layout, route : Layout, Route
         The curves, and what they belong to.
     settings : Settings
@@ -108,8 +103,10 @@ def build_spans(
     Returns
     -------
     SpanResult
+        Labels of the points of ``cloud``.
 
     """
+    points, index = cloud.points, cloud.index
     num = len(points)
     line_id = np.full(num, -1, dtype=np.int32)
     span_id = np.full(num, -1, dtype=np.int32)
@@ -133,7 +130,7 @@ def build_spans(
         residual[chosen] = distance[nearer]
     wire = line_id >= 0
     supports, support_mask, closed = place_supports(
-        points, height, index, wire, layout, route, finals
+        points, cloud.height, index, wire, layout, route, finals
     )
     models = []
     for number, (curve, low, high) in enumerate(finals):
@@ -177,13 +174,11 @@ def build_spans(
         span_id=span_id,
         residual=residual,
         support=support_mask & ~wire,
-        ground_below=tuple(_ground_below(height, model) for model in models),
+        ground_below=tuple(_ground_below(cloud.height, model) for model in models),
     )
 
 
-def claim_strays(
-    points: Float64, spans: SpanResult, corridor: CorridorResult
-) -> SpanResult:
+def claim_strays(cloud: OffGround, spans: SpanResult) -> SpanResult:
     """
     Give conductors the stray points about them, which would look like hazards.
 
@@ -193,28 +188,32 @@ def claim_strays(
 
     Parameters
     ----------
-    points : (N, 3) float64
-        Coordinates [m].
+    cloud : OffGround
+        Points off the ground.
     spans : SpanResult
-        Spans so far.
-    corridor : int
-        CorridorResult of the same spans.
+        Spans so far, with labels of these points.
 
     Returns
     -------
     SpanResult
-        With labels, residuals and numbers of points brought up to date.
+        With labels, residuals and numbers of points brought up to date; the arrays are those
+        given.
 
     """
-    close = np.flatnonzero(corridor.near_distance <= FREE_RADIUS)
-    close = close[~spans.support[corridor.near[close]]]
-    line_id, span_id = spans.line_id.copy(), spans.span_id.copy()
-    residual = spans.residual.copy()
+    if not spans.models:
+        return spans
+    table = span_table(
+        [model.curve for model in spans.models],
+        np.array([min(model.start_x, model.end_x) for model in spans.models]),
+        np.array([max(model.start_x, model.end_x) for model in spans.models]),
+    )
+    near, near_distance, nearest = find_near(cloud.points, table, FREE_RADIUS)
+    free = ~spans.support[near]
     models = []
     for number, model in enumerate(spans.models):
-        own = close[corridor.near_span[close] == number]
-        found, distance = corridor.near[own], corridor.near_distance[own]
-        x, _ = model.curve.local(points[found])
+        own = np.flatnonzero(free & (nearest == number))
+        found, distance = near[own], near_distance[own]
+        x, _ = model.curve.local(cloud.points[found])
         place = (model.along(x) / FREE_LENGTH).astype(np.int64)
         wire = spans.line_id[found] >= 0
         stray = ~wire & (distance <= STRAY_RADIUS)
@@ -222,15 +221,24 @@ def claim_strays(
         on = np.bincount(place[wire], minlength=num)
         away = np.bincount(place[~wire & ~stray], minlength=num)
         taken = stray & (away <= FREE_SHARE * on + 1)[place] & (on > 0)[place]
-        line_id[found[taken]] = model.span.line_id
-        span_id[found[taken]] = model.span.span_id
-        residual[found[taken]] = distance[taken]
+        spans.line_id[found[taken]] = model.span.line_id
+        spans.span_id[found[taken]] = model.span.span_id
+        spans.residual[found[taken]] = distance[taken]
         record = dataclasses.replace(
             model.span, num_points=model.span.num_points + int(taken.sum())
         )
         models.append(dataclasses.replace(model, span=record))
+    return dataclasses.replace(spans, models=tuple(models))
+
+
+def spread_spans(spans: SpanResult, cloud: OffGround) -> SpanResult:
+    """Return spans with labels of all N points, from those of the points off the ground."""
     return dataclasses.replace(
-        spans, models=tuple(models), line_id=line_id, span_id=span_id, residual=residual
+        spans,
+        line_id=cloud.scatter(spans.line_id, -1),
+        span_id=cloud.scatter(spans.span_id, -1),
+        residual=cloud.scatter(spans.residual, math.nan),
+        support=cloud.scatter(spans.support, False),
     )
 
 
@@ -246,7 +254,7 @@ def _refit(
     curve = layout.curves[number]
     low, high = float(layout.start_x[number]), float(layout.end_x[number])
     ends = curve.position(np.array([low, high]))
-    for _ in range(2):
+    for source in (rng, None):  # what lies about the first fit are inliers of the second
         chosen = profile_curve(points, index, curve, low, high).chosen
         try:
             refit = fit_curve(
@@ -254,7 +262,7 @@ def _refit(
                 chosen,
                 tolerance=curve.tolerance,
                 num_trials=settings.catenary.num_trials,
-                rng=rng,
+                rng=source,
                 max_points=MAX_FINAL_POINTS,
                 azimuth=curve.azimuth,
             )

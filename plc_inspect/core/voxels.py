@@ -145,9 +145,9 @@ def coarsen(voxels: Voxels) -> Voxels:
 
 @njit(cache=True, nogil=True, inline='always')
 def hash_key(key, mask):  # type: ignore[no-untyped-def]
-    """Spread a key over a table of mask + 1 places."""
+    """Spread a key over a table of mask + 1 places, by bits that x, y and z all reach."""
     value = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
-    return np.int64((value >> np.uint64(20)) & np.uint64(mask))
+    return np.int64((value >> np.uint64(32)) & np.uint64(mask))
 
 
 @njit(cache=True, nogil=True, inline='always')
@@ -178,17 +178,25 @@ def _extent(points, chosen, origin):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _grow(table_key, table_slot):  # type: ignore[no-untyped-def]
+def add_key(table_key, table_slot, key, slot):  # type: ignore[no-untyped-def]
+    """Enter a key that is not in the table yet."""
+    mask = len(table_key) - 1
+    place = hash_key(key, mask)
+    while table_key[place] >= 0:
+        place = (place + 1) & mask
+    table_key[place] = key
+    table_slot[place] = slot
+
+
+@njit(cache=True, nogil=True)
+def grow_table(table_key, table_slot):  # type: ignore[no-untyped-def]
+    """Return a table twice the size with the same entries."""
     size = len(table_key) * 2
     new_key = np.full(size, -1, dtype=np.int64)
     new_slot = np.empty(size, dtype=np.int32)
     for i in range(len(table_key)):
         if table_key[i] >= 0:
-            place = hash_key(table_key[i], size - 1)
-            while new_key[place] >= 0:
-                place = (place + 1) & (size - 1)
-            new_key[place] = table_key[i]
-            new_slot[place] = table_slot[i]
+            add_key(new_key, new_slot, table_key[i], table_slot[i])
     return new_key, new_slot
 
 
@@ -221,7 +229,7 @@ def _fill_part(points, chosen, origin, size, part):  # type: ignore[no-untyped-d
                 more = np.zeros((capacity, 10))
                 more[:used] = moments
                 moments = more
-                table_key, table_slot = _grow(table_key, table_slot)
+                table_key, table_slot = grow_table(table_key, table_slot)
                 mask = len(table_key) - 1
                 place = hash_key(key, mask)
                 while table_key[place] >= 0:
@@ -283,7 +291,7 @@ def _number(points, chosen, origin, size):  # type: ignore[no-untyped-def]
             place = (place + 1) & mask
         if table_key[place] < 0:
             if 2 * (used + 1) > len(table_key):
-                table_key, table_slot = _grow(table_key, table_slot)
+                table_key, table_slot = grow_table(table_key, table_slot)
                 more = np.empty(len(keys) * 2, dtype=np.int64)
                 more[:used] = keys[:used]
                 keys = more
@@ -313,11 +321,7 @@ def _index_keys(keys):  # type: ignore[no-untyped-def]
     table_key = np.full(size, -1, dtype=np.int64)
     table_slot = np.empty(size, dtype=np.int32)
     for slot in range(len(keys)):
-        place = hash_key(keys[slot], size - 1)
-        while table_key[place] >= 0:
-            place = (place + 1) & (size - 1)
-        table_key[place] = keys[slot]
-        table_slot[place] = slot
+        add_key(table_key, table_slot, keys[slot], slot)
     return table_key, table_slot
 
 

@@ -182,6 +182,21 @@ def test_bulk_cells_by_hand():
     assert sizes == [0, 8, 20, 26, 27]
 
 
+def test_bulk_cells_as_by_numpy_over_tall_columns():
+    rng = np.random.default_rng(5)
+    points = rng.uniform(0.0, (6.0, 6.0, 200.0), (3000, 3))
+    full = np.zeros((8, 8, 202), dtype=np.int64)
+    full[tuple(points.astype(np.int64).T + 1)] = 1
+    around = sum(
+        np.roll(full, (x, y, z), (0, 1, 2))
+        for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)
+    )
+    of_point = around[tuple(points.astype(np.int64).T + 1)]
+    for limit in (6, 8, 10, 12):
+        kept = drop_bulk(points, np.arange(len(points)), np.zeros(3), limit)
+        np.testing.assert_array_equal(kept, np.flatnonzero(of_point <= limit))
+
+
 @pytest.mark.parametrize('num', [0, 1, 3])
 def test_few_points(num):
     found = find(np.arange(3.0 * num).reshape(num, 3))

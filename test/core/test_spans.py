@@ -14,12 +14,13 @@
 
 import numpy as np
 import pytest
-from toys import hang, make_curve, make_index, make_line_cloud, make_tree, turn
+from toys import hang, make_curve, make_line_cloud, make_tree, turn
 
 from plc_inspect.config import Settings
 from plc_inspect.core.height import extract_high
+from plc_inspect.core.off_ground import gather_off_ground
 from plc_inspect.core.route import trace_routes
-from plc_inspect.core.spans import build_spans
+from plc_inspect.core.spans import build_spans, spread_spans
 from plc_inspect.core.supports import find_layout
 
 SETTINGS = Settings()
@@ -29,12 +30,18 @@ def build(points, label, num_wires, seed=0):
     """Build the spans from curves fitted to the true points of each wire."""
     wire = np.flatnonzero(label == 14)
     curves = [make_curve(points, own) for own in np.array_split(wire, num_wires)]
-    height = extract_high(points, SETTINGS.height)
+    return finish(points, curves, seed)
+
+
+def finish(points, curves, seed=0):
+    """Build the spans of curves, and label all points."""
     layout = find_layout(points, curves, (), SETTINGS.supports)
-    return build_spans(
-        points, height, make_index(points), layout, trace_routes(layout), SETTINGS,
-        np.random.default_rng(seed),
+    height = extract_high(points, SETTINGS.height)
+    cloud = gather_off_ground(points, height, -np.inf)
+    spans = build_spans(
+        cloud, layout, trace_routes(layout), SETTINGS, np.random.default_rng(seed)
     )
+    return spread_spans(spans, cloud)
 
 
 @pytest.fixture(scope='module')
@@ -126,11 +133,7 @@ def test_points_that_earlier_stages_dropped_come_back():
     points, label = make_line_cloud(spans=(100.0, 100.0))
     wire = np.flatnonzero(label == 14)
     curves = [make_curve(points, own[::5]) for own in np.array_split(wire, 6)]
-    layout = find_layout(points, curves, (), SETTINGS.supports)
-    result = build_spans(
-        points, extract_high(points, SETTINGS.height), make_index(points), layout,
-        trace_routes(layout), SETTINGS, np.random.default_rng(0),
-    )
+    result = finish(points, curves)
     assert (result.line_id[wire] >= 0).mean() > 0.98
 
 
@@ -172,11 +175,7 @@ def test_a_tree_beside_a_support_is_not_part_of_it():
 
 def test_no_curves_give_no_spans():
     points, _ = make_line_cloud(poles=False)
-    layout = find_layout(points, [], (), SETTINGS.supports)
-    result = build_spans(
-        points, extract_high(points, SETTINGS.height), make_index(points), layout,
-        trace_routes(layout), SETTINGS, np.random.default_rng(0),
-    )
+    result = finish(points, [])
     assert result.models == result.supports == result.ground_below == ()
     assert (result.line_id == -1).all()
     assert not result.support.any()

@@ -1,0 +1,120 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The points off the ground, in order of plan cells: the cloud that wires are looked for in."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from numba import njit, prange
+import numpy as np
+
+from plc_inspect.core.curve import Curve
+from plc_inspect.core.height import HeightResult
+from plc_inspect.core.plan_index import build_plan_index, PlanIndex
+from plc_inspect.results import Float64, Int32, Int64
+
+CELL = 2.0
+"""Edge of the plan cells [m]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class OffGround:
+    """
+    The K points off the ground of a cloud of N.
+
+    Neighbours in space are neighbours in memory here, so that searches along conductors read few
+    places, and what is counted point by point is counted over K.
+    """
+
+    points: Float64
+    """(K, 3) [m]"""
+    place: Int32
+    """(K,) which points of the cloud these are."""
+    num_total: int
+    """N."""
+    high: Int64
+    """Those that are to be searched for wires, ascending."""
+    height: HeightResult
+    """With ``height`` and ``high`` of these points."""
+    index: PlanIndex
+    """Of these points."""
+
+    def scatter(self, values: np.ndarray, elsewhere: float) -> np.ndarray:
+        """
+        Return a figure of all points from (K,) figures of these.
+
+        Returns
+        -------
+        (N,) array of the same dtype, ``elsewhere`` for points on the ground
+
+        """
+        result = np.full(self.num_total, elsewhere, dtype=values.dtype)
+        result[self.place] = values
+        return result
+
+    def adopt(self, other: 'OffGround', curves: Sequence[Curve]) -> tuple[Curve, ...]:
+        """Return curves whose points are numbered as here, not as in another choice of points."""
+        number = np.full(self.num_total, -1, dtype=np.int64)
+        number[self.place] = np.arange(len(self.place))
+        adopted = []
+        for curve in curves:
+            own = number[other.place[curve.points]]
+            adopted.append(replace(curve, points=np.sort(own[own >= 0])))
+        return tuple(adopted)
+
+
+def gather_off_ground(points: Float64, height: HeightResult, least: float) -> OffGround:
+    """
+    Copy the points off the ground, sorted by plan cell; O(N).
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Map frame [m].
+    height : HeightResult
+        Of these points.
+    least : float
+        Points this high above the ground are off it, and all that are high [m].
+
+    Returns
+    -------
+    OffGround
+
+    """
+    chosen = np.flatnonzero(height.high | (height.height >= least))
+    index = build_plan_index(points, chosen, CELL)
+    own, own_height, is_high = _gather(points, height.height, height.high, index.order)
+    return OffGround(
+        points=own,
+        place=index.order,
+        num_total=len(points),
+        high=np.flatnonzero(is_high),
+        height=replace(height, height=own_height, high=is_high),
+        index=replace(index, order=np.arange(len(own), dtype=np.int32)),
+    )
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _gather(points, height, high, order):  # type: ignore[no-untyped-def]
+    num = len(order)
+    own = np.empty((num, 3))
+    own_height = np.empty(num, dtype=np.float32)
+    is_high = np.empty(num, dtype=np.bool_)
+    for k in prange(num):
+        i = order[k]
+        own[k, 0], own[k, 1], own[k, 2] = points[i, 0], points[i, 1], points[i, 2]
+        own_height[k] = height[i]
+        is_high[k] = high[i]
+    return own, own_height, is_high
