@@ -17,6 +17,7 @@
 from dataclasses import dataclass
 import math
 
+from numba import njit
 import numpy as np
 
 from plc_inspect.results import Float64
@@ -24,6 +25,8 @@ from plc_inspect.results import Float64
 MIN_SIDE = 5.0
 """Least extent on either side of a break [m]."""
 MIN_SIDE_POINTS = 6
+STEP = 0.5
+"""Distance of the places that are tried [m]."""
 MIN_KINK = 0.012
 """Smallest change of slope that counts as a kink, on top of its own uncertainty."""
 
@@ -65,27 +68,11 @@ def find_break(x: Float64, y: Float64, z: Float64) -> Break | None:
     x, y, z = x[order], y[order], z[order]
     middle, scale = (x[0] + x[-1]) / 2, (x[-1] - x[0]) / 2
     t = (x - middle) / scale
-    z = z - z.mean()
-    y = y - y.mean()
-    sums = np.cumsum(
-        np.stack(
-            [np.ones_like(t), t, t**2, t**3, t**4, z, z * t, z * t**2, z * z, y, y * t, y * y]
-        ),
-        axis=1,
-    )
-    cuts = _cuts(x)
-    if not len(cuts):
+    cut, error, ml, mr = _best_cut(x, t, y - y.mean(), z - z.mean())
+    if cut == 0:
         return None
-    left = sums[:, cuts - 1]
-    right = sums[:, -1:] - left
-    error_left, model_left = _errors(left)
-    error_right, model_right = _errors(right)
-    total = error_left + error_right
-    best = int(np.argmin(total))
-    cut = int(cuts[best])
-    noise = math.sqrt(max(float(total[best]), 0.0) / max(len(x) - 10, 1))
+    noise = math.sqrt(error / max(len(x) - 10, 1))
     t_cut = (t[cut - 1] + t[cut]) / 2
-    ml, mr = model_left[best], model_right[best]
     t_meet = _crossing(ml, mr, t_cut, float(t[cut - 1]), float(t[cut]))
     kink = ((mr[1] + 2 * mr[2] * t_meet) - (ml[1] + 2 * ml[2] * t_meet)) / scale
     turn = math.atan((mr[4] - ml[4]) / scale)
@@ -100,45 +87,91 @@ def find_break(x: Float64, y: Float64, z: Float64) -> Break | None:
     return Break(x=float(middle + scale * t_meet), kink=float(kink), turn=turn)
 
 
-def _cuts(x: Float64) -> np.ndarray:
-    """Split positions about half a metre apart, each with enough on both sides."""
-    inside = (x - x[0] >= MIN_SIDE) & (x[-1] - x >= MIN_SIDE)
-    rank = np.arange(len(x))
-    inside &= (rank >= MIN_SIDE_POINTS) & (rank <= len(x) - MIN_SIDE_POINTS)
-    index = np.flatnonzero(inside)
-    if not len(index):
-        return index
-    bins = np.floor(x[index] / 0.5)
-    first = np.ones(len(index), dtype=bool)
-    first[1:] = np.diff(bins) > 0
-    return index[first]
-
-
-def _errors(s: Float64) -> tuple[Float64, Float64]:
-    """Squared error and model of the parabola in z and the line in y, for (12, C) sums."""
-    matrix = np.empty((s.shape[1], 3, 3))
-    for i in range(3):
-        for j in range(3):
-            matrix[:, i, j] = s[i + j]
-    matrix += 1e-9 * s[0][:, None, None] * np.eye(3)
-    right = s[5:8].T
-    solution = np.linalg.solve(matrix, right[:, :, None])[:, :, 0]
-    error_z = s[8] - (solution * right).sum(axis=1)
-    spread = s[0] * s[2] - s[1] ** 2 + 1e-12
-    slope = (s[0] * s[10] - s[1] * s[9]) / spread
-    offset = (s[9] - slope * s[1]) / s[0]
-    error_y = s[11] - slope * s[10] - offset * s[9]
-    model = np.concatenate([solution, offset[:, None], slope[:, None]], axis=1)
-    return np.maximum(error_z, 0.0) + np.maximum(error_y, 0.0), model
-
-
 def _crossing(left: Float64, right: Float64, near: float, low: float, high: float) -> float:
     """Where the two parabolas meet nearest to ``near``; ``near`` if they do not meet there."""
     d0, d1, d2 = right[0] - left[0], right[1] - left[1], right[2] - left[2]
-    roots = np.roots([d2, d1, d0]) if abs(d2) > 1e-12 else np.array([-d0 / d1 if d1 else near])
-    real = np.real(roots[np.abs(np.imag(roots)) < 1e-9])
-    if not len(real):
-        return near
-    meet = float(real[np.argmin(np.abs(real - near))])
+    if abs(d2) > 1e-12:
+        inside = d1 * d1 - 4.0 * d2 * d0
+        if inside < 0.0:
+            return near
+        q = -0.5 * (d1 + math.copysign(math.sqrt(inside), d1))
+        roots = [q / d2, d0 / q] if q else [0.0]
+    else:
+        roots = [-d0 / d1 if d1 else near]
+    meet = min(roots, key=lambda root: abs(root - near))
     slack = 0.02
     return meet if low - slack <= meet <= high + slack else near
+
+
+@njit(cache=True, nogil=True)
+def _solve(s, model):  # type: ignore[no-untyped-def]
+    """
+    Least-squares parabola in z and line in y of points whose sums ``s`` are given.
+
+    Sums are of 1, t, t2, t3, t4, z, zt, zt2, zz, y, yt, yy.  Returned is the squared error;
+    ``model`` takes the three coefficients of the parabola and the two of the line.
+    """
+    ridge = 1e-9 * s[0]
+    a, b, c = s[0] + ridge, s[1], s[2]
+    d, e, f = s[2] + ridge, s[3], s[4] + ridge
+    # inverse of the symmetric matrix a b c / b d e / c e f
+    i00, i01, i02 = d * f - e * e, c * e - b * f, b * e - c * d
+    i11, i12, i22 = a * f - c * c, b * c - a * e, a * d - b * b
+    determinant = a * i00 + b * i01 + c * i02
+    if determinant <= 0.0:
+        return np.inf
+    model[0] = (i00 * s[5] + i01 * s[6] + i02 * s[7]) / determinant
+    model[1] = (i01 * s[5] + i11 * s[6] + i12 * s[7]) / determinant
+    model[2] = (i02 * s[5] + i12 * s[6] + i22 * s[7]) / determinant
+    error_z = s[8] - (model[0] * s[5] + model[1] * s[6] + model[2] * s[7])
+    model[4] = (s[0] * s[10] - s[1] * s[9]) / (s[0] * s[2] - s[1] * s[1] + 1e-12)
+    model[3] = (s[9] - model[4] * s[1]) / s[0]
+    error_y = s[11] - model[4] * s[10] - model[3] * s[9]
+    return max(error_z, 0.0) + max(error_y, 0.0)
+
+
+@njit(cache=True, nogil=True)
+def _add(s, t, y, z, weight):  # type: ignore[no-untyped-def]
+    """Add a point to the sums, or take it out with the weight -1."""
+    s[0] += weight
+    s[1] += weight * t
+    s[2] += weight * t * t
+    s[3] += weight * t * t * t
+    s[4] += weight * t * t * t * t
+    s[5] += weight * z
+    s[6] += weight * z * t
+    s[7] += weight * z * t * t
+    s[8] += weight * z * z
+    s[9] += weight * y
+    s[10] += weight * y * t
+    s[11] += weight * y * y
+
+
+@njit(cache=True, nogil=True)
+def _best_cut(x, t, y, z):  # type: ignore[no-untyped-def]
+    """
+    Best place to cut points in order of x: the first point after it, 0 if there is none.
+
+    Places are about STEP apart and leave MIN_SIDE and MIN_SIDE_POINTS on either side.  Further
+    returned are the squared error and the models of both sides.
+    """
+    num = len(x)
+    left, right = np.zeros(12), np.zeros(12)
+    for k in range(num):
+        _add(right, t[k], y[k], z[k], 1.0)
+    own_left, own_right = np.zeros(5), np.zeros(5)
+    best_left, best_right = np.zeros(5), np.zeros(5)
+    best, cut, place = np.inf, 0, -np.inf
+    for k in range(num - MIN_SIDE_POINTS + 1):
+        if k >= MIN_SIDE_POINTS and x[k] - x[0] >= MIN_SIDE and x[num - 1] - x[k] >= MIN_SIDE:
+            here = math.floor(x[k] / STEP)
+            if here > place:
+                place = here
+                error = _solve(left, own_left) + _solve(right, own_right)
+                if error < best:
+                    best, cut = error, k
+                    best_left[:] = own_left
+                    best_right[:] = own_right
+        _add(left, t[k], y[k], z[k], 1.0)
+        _add(right, t[k], y[k], z[k], -1.0)
+    return cut, best, best_left, best_right

@@ -25,7 +25,7 @@ from plc_inspect.core.breaks import find_break
 from plc_inspect.core.bundles import merge_bundles, widen
 from plc_inspect.core.clustering import ClusteringResult
 from plc_inspect.core.collection import extend, measure_company, Profile, profile_curve
-from plc_inspect.core.curve import Curve, derive_tolerance, fit_curve
+from plc_inspect.core.curve import Curve, derive_tolerance, find_far_apart, fit_curve
 from plc_inspect.core.evidence import CROWDED, find_objection, UNPROVEN
 from plc_inspect.core.plan_index import PlanIndex
 from plc_inspect.errors import FitError
@@ -233,10 +233,10 @@ def split_at_supports(points: Float64, chosen: Int64) -> list[Int64]:
     while waiting:
         part = waiting.pop()
         own = points[part]
-        centered = own[:, :2] - own[:, :2].mean(axis=0)
-        axis = np.linalg.svd(centered, full_matrices=False)[2][0]
-        x = centered @ axis
-        y = centered @ np.array([-axis[1], axis[0]])
+        dx, dy = own[:, 0] - own[:, 0].mean(), own[:, 1] - own[:, 1].mean()
+        azimuth = 0.5 * math.atan2(2 * float(dx @ dy), float(dx @ dx - dy @ dy))
+        ca, sa = math.cos(azimuth), math.sin(azimuth)
+        x, y = ca * dx + sa * dy, ca * dy - sa * dx
         found = find_break(x, y, own[:, 2]) if len(done) < MAX_SPLITS else None
         if found is None:
             done.append(part)
@@ -255,18 +255,20 @@ def bridge(
     first; the union must be explained by one catenary about as well as the parts are.
     """
     alive = list(curves)
-    centers = np.array([curve.position((curve.low + curve.high) / 2)[0] for curve in curves])
+    places = np.array(
+        [curve.position(np.linspace(curve.low, curve.high, 3)) for curve in curves]
+    )
     result: list[Curve] = []
     while alive:
-        base, centers = alive.pop(0), centers[1:]
+        base, places = alive.pop(0), places[1:]
         while alive:
-            ranked = _continuations(base, alive, centers, settings.max_bridge)
+            ranked = _continuations(base, alive, places, settings.max_bridge)
             for position in ranked:
                 union = join(points, base, alive[position], settings)
                 if union is not None:
                     base = union
                     del alive[position]
-                    centers = np.delete(centers, position, axis=0)
+                    places = np.delete(places, position, axis=0)
                     break
             else:
                 break
@@ -276,27 +278,30 @@ def bridge(
 
 
 def _continuations(
-    base: Curve, others: Sequence[Curve], centers: Float64, max_bridge: float
+    base: Curve, others: Sequence[Curve], places: Float64, max_bridge: float
 ) -> list[int]:
-    """Positions of the curves, with middles at ``centers``, that may continue ``base``."""
-    x, y = base.local(centers)
-    reach = base.length + max_bridge
+    """
+    Positions of the curves that may continue ``base``, best first.
+
+    Of each are given the (3, 3) places of its ends and middle [m].
+    """
+    x, y = (value.reshape(-1, 3) for value in base.local(places.reshape(-1, 3)))
+    away = np.abs(x[:, 1] - base.mean_x)
     near = np.flatnonzero(
-        (np.abs(y) < MAX_MISS + 0.02 * np.abs(x - base.mean_x)) & (np.abs(x - base.mean_x) < reach)
+        (np.abs(y[:, 1]) < MAX_MISS + 0.02 * away) & (away < base.length + max_bridge)
     )
-    scored = []
-    for position in near.tolist():
-        other = others[position]
-        at = other.position(np.array([other.low, (other.low + other.high) / 2, other.high]))
-        ox, oy = base.local(at)
-        gap = max(float(ox.min()) - base.high, base.low - float(ox.max()), 0.0)
-        if gap > min(max_bridge, max(base.length, other.length)):
-            continue
-        miss = np.hypot(oy, at[:, 2] - base.fit.height(ox))
-        allowed = np.minimum(BRIDGE_SLACK + 3 * base.prediction_sigma(ox), MAX_MISS)
-        if (miss <= allowed).all():
-            scored.append((float(miss.mean()) + 0.01 * gap, int(position)))
-    return [position for _, position in sorted(scored)]
+    if not len(near):
+        return []
+    x, y, z = x[near], y[near], places[near, :, 2]
+    gap = np.maximum(np.maximum(x.min(axis=1) - base.high, base.low - x.max(axis=1)), 0.0)
+    length = np.maximum([others[position].length for position in near.tolist()], base.length)
+    miss = np.hypot(y, z - base.fit.height(x))
+    sigma = base.prediction_sigma(x.ravel()).reshape(x.shape)
+    allowed = np.minimum(BRIDGE_SLACK + 3 * sigma, MAX_MISS)
+    good = (gap <= np.minimum(length, max_bridge)) & (miss <= allowed).all(axis=1)
+    order = np.argsort((miss.mean(axis=1) + 0.01 * gap)[good], kind='stable')
+    result: list[int] = near[good][order].tolist()
+    return result
 
 
 def join(
@@ -338,21 +343,23 @@ def drop_duplicates(
     A line laid across several conductors at a small angle meets points of each, but has none
     of its own.
     """
-    kept: list[Curve] = []
-    for curve in sorted(curves, key=lambda curve: _rank(curve, settings)):
+    order = sorted(curves, key=lambda curve: _rank(curve, settings))
+    far = find_far_apart(order)
+    kept: list[int] = []
+    for number, curve in enumerate(order):
         stations = curve.position(np.linspace(curve.low, curve.high, 21))
         own = points[curve.points]
         on_course = np.zeros(len(stations), dtype=bool)
         shared = np.zeros(len(own), dtype=bool)
-        for other in kept:
-            if not _far_apart(curve, other):
-                reach = 0.6 * max(curve.tolerance, other.tolerance)
-                on_course |= _lies_on(stations, other, reach)
-                shared |= _lies_on(own, other, other.tolerance)
+        for other in (order[k] for k in kept if not far[number, k]):
+            reach = 0.6 * max(curve.tolerance, other.tolerance)
+            on_course |= _lies_on(stations, other, reach)
+            shared |= _lies_on(own, other, other.tolerance)
         if on_course.mean() < 0.5 and shared.mean() <= MAX_SHARED:
-            kept.append(curve)
-    kept.sort(key=lambda curve: (-curve.length, *curve.origin))
-    return tuple(kept)
+            kept.append(number)
+    result = [order[number] for number in kept]
+    result.sort(key=lambda curve: (-curve.length, *curve.origin))
+    return tuple(result)
 
 
 def _rank(curve: Curve, settings: CatenarySettings) -> tuple[float, ...]:
@@ -379,21 +386,3 @@ def _lies_on(points: Float64, curve: Curve, reach: float) -> Bool:
     inside = (x >= curve.low - 0.5) & (x <= curve.high + 0.5)
     result: Bool = inside & (np.hypot(y, points[:, 2] - curve.fit.height(x)) <= reach)
     return result
-
-
-def _far_apart(first: Curve, second: Curve) -> bool:
-    """Cheap test that no point of one curve can lie on the other."""
-    dx, dy = first.origin - second.origin
-    ca, sa = math.cos(second.azimuth), math.sin(second.azimuth)
-    turn = first.azimuth - second.azimuth
-    x, y = ca * dx + sa * dy, ca * dy - sa * dx
-    along, across = math.cos(turn), math.sin(turn)
-    ends_x = x + first.low * along, x + first.high * along
-    ends_y = y + first.low * across, y + first.high * across
-    reach = first.tolerance + second.tolerance + 1.0
-    return (
-        max(ends_x) < second.low - reach
-        or min(ends_x) > second.high + reach
-        or max(ends_y) < -reach
-        or min(ends_y) > reach
-    )

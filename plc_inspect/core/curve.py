@@ -14,6 +14,7 @@
 
 """A piece of conductor in space: a catenary in a vertical plane."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
@@ -22,7 +23,7 @@ import numpy as np
 
 from plc_inspect.core.catenary import CatenaryFit, fit_catenary
 from plc_inspect.errors import FitError
-from plc_inspect.results import Float64, Int64
+from plc_inspect.results import Bool, Float64, Int64
 
 MAX_POINTS = 2000
 """Points that a fit needs while conductors are looked for."""
@@ -171,6 +172,35 @@ def fit_curve(
         points=chosen,
         stride=stride,
     )
+
+
+def find_far_apart(curves: Sequence[Curve]) -> Bool:
+    """
+    Tell, cheaply, which pairs of curves are so far apart that no point is on or near both.
+
+    Returns
+    -------
+    (C, C) bool
+        True where, in plan, the piece of one is more than a metre beyond the tolerances away
+        from the other's.
+
+    """
+    origin = np.array([curve.origin for curve in curves]).reshape(-1, 2)
+    azimuth = np.array([curve.azimuth for curve in curves])
+    low, high = (np.array([getattr(curve, name) for curve in curves]) for name in ('low', 'high'))
+    reach = np.array([curve.tolerance for curve in curves])
+    reach = reach[:, None] + reach + 1.0
+    unit = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
+    left = np.stack([-unit[:, 1], unit[:, 0]], axis=1)
+    beyond = np.zeros((len(curves), len(curves)), dtype=bool)
+    for axis, least, most in ((unit, low, high), (left, 0.0 * low, 0.0 * high)):
+        ends = [
+            (origin + at[:, None] * unit) @ axis.T - (origin * axis).sum(axis=1)
+            for at in (low, high)
+        ]
+        beyond |= np.maximum(*ends) < least - reach
+        beyond |= np.minimum(*ends) > most + reach
+    return beyond
 
 
 def derive_tolerance(noise: float) -> float:
