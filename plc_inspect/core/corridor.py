@@ -27,7 +27,7 @@ from plc_inspect.results import Bool, Float32, Float64, Int32, Int64
 
 MIN_RADIUS = 0.6
 """Least search radius, the initial value of Table 1 [m]."""
-MAX_PROBES = 500_000
+MAX_PROBES = 100_000
 """Points that are enough to choose the radii by."""
 
 

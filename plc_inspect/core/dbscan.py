@@ -41,55 +41,46 @@ def dbscan_plane(u, v, eps, min_points):  # type: ignore[no-untyped-def]
 
     """
     n = len(u)
-    label = np.full(n, -1, dtype=np.int64)
     order = np.argsort(u)
-    rank = np.empty(n, dtype=np.int64)
-    for k in range(n):
-        rank[order[k]] = k
+    a, b = u[order], v[order]
     limit = eps * eps
     core = np.zeros(n, dtype=np.bool_)
     for k in range(n):
-        a = order[k]
         count = 1
         m = k + 1
-        while m < n and u[order[m]] - u[a] <= eps and count < min_points:
-            dv = v[order[m]] - v[a]
-            du = u[order[m]] - u[a]
-            if du * du + dv * dv <= limit:
-                count += 1
+        while m < n and count < min_points and a[m] - a[k] <= eps:
+            count += (a[m] - a[k]) ** 2 + (b[m] - b[k]) ** 2 <= limit
             m += 1
         m = k - 1
-        while m >= 0 and u[a] - u[order[m]] <= eps and count < min_points:
-            dv = v[order[m]] - v[a]
-            du = u[order[m]] - u[a]
-            if du * du + dv * dv <= limit:
-                count += 1
+        while m >= 0 and count < min_points and a[k] - a[m] <= eps:
+            count += (a[m] - a[k]) ** 2 + (b[m] - b[k]) ** 2 <= limit
             m -= 1
-        core[a] = count >= min_points
+        core[k] = count >= min_points
+    label = np.full(n, -1, dtype=np.int64)
     stack = np.empty(n, dtype=np.int64)
-    cluster_number = 0
-    for first in range(n):
+    num_clusters = 0
+    for first in np.argsort(order):
         if label[first] >= 0 or not core[first]:
             continue
-        label[first] = cluster_number
+        label[first] = num_clusters
         stack[0] = first
         top = 1
         while top > 0:
             top -= 1
-            a = stack[top]
-            if not core[a]:
+            k = stack[top]
+            if not core[k]:
                 continue
-            k = rank[a]
-            for step in (1, -1):
-                m = k + step
-                while 0 <= m < n and abs(u[order[m]] - u[a]) <= eps:
-                    b = order[m]
-                    if label[b] < 0:
-                        du, dv = u[b] - u[a], v[b] - v[a]
-                        if du * du + dv * dv <= limit:
-                            label[b] = cluster_number
-                            stack[top] = b
-                            top += 1
-                    m += step
-        cluster_number += 1
-    return label
+            low = k
+            while low > 0 and a[k] - a[low - 1] <= eps:
+                low -= 1
+            m = low
+            while m < n and a[m] - a[k] <= eps:
+                if label[m] < 0 and (a[m] - a[k]) ** 2 + (b[m] - b[k]) ** 2 <= limit:
+                    label[m] = num_clusters
+                    stack[top] = m
+                    top += 1
+                m += 1
+        num_clusters += 1
+    result = np.empty(n, dtype=np.int64)
+    result[order] = label
+    return result
