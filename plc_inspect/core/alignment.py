@@ -21,13 +21,11 @@ from numba import njit, prange
 import numpy as np
 
 from plc_inspect.config import AlignmentSettings
-from plc_inspect.core.linearity import LinearityResult, principal_axis
+from plc_inspect.core.linearity import LinearityResult, principal_axis_of
 from plc_inspect.core.plan_index import build_plan_index
-from plc_inspect.core.voxels import add_shifted
+from plc_inspect.core.voxels import add_point
 from plc_inspect.results import Bool, Float64, Int32, Int64
 
-POINT = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-"""Moments of one point about itself."""
 VOTE_CELL = 2.0
 """Edge of the plan cells that others are looked up by [m]."""
 NUM_BINS = 16
@@ -88,8 +86,9 @@ def align(candidates: LinearityResult, settings: AlignmentSettings) -> Alignment
     votes, direction = _vote(
         candidates.position,
         candidates.direction,
+        candidates.position[index.order],
+        candidates.direction[index.order],
         index.start,
-        index.order,
         index.origin,
         index.cell_size,
         index.shape[0],
@@ -197,9 +196,13 @@ def _is_sure(tile: Int64, window: Int64) -> Bool:
 
 @njit(cache=True, parallel=True, nogil=True)
 def _vote(  # type: ignore[no-untyped-def]
-    position, direction, start, order, origin, cell, rows, columns, reach
+    position, direction, places, ways, start, origin, cell, rows, columns, reach
 ):
-    """Occupied bins along each candidate's axis, and the axis of what lies in line with it."""
+    """
+    Occupied bins along each candidate's axis, and the axis of what lies in line with it.
+
+    ``places`` and ``ways`` are position and direction in order of plan cells.
+    """
     num = len(position)
     votes = np.zeros(num, dtype=np.int64)
     axis = direction.copy()
@@ -230,33 +233,23 @@ def _vote(  # type: ignore[no-untyped-def]
             first = start[row * columns + min(max(left, 0), columns)]
             last = start[row * columns + min(max(right, -1), columns - 1) + 1]
             for k in range(first, last):
-                j = order[k]
-                dx = position[j, 0] - position[i, 0]
-                dy = position[j, 1] - position[i, 1]
-                dz = position[j, 2] - position[i, 2]
+                dx = places[k, 0] - position[i, 0]
+                dy = places[k, 1] - position[i, 1]
+                dz = places[k, 2] - position[i, 2]
                 along = dx * ux + dy * uy + dz * uz
                 if abs(along) >= reach:
                     continue
-                off = math.sqrt(max(dx * dx + dy * dy + dz * dz - along * along, 0.0))
-                if off > 0.3 + 0.08 * abs(along):
+                off = 0.3 + 0.08 * abs(along)
+                if dx * dx + dy * dy + dz * dz - along * along > off * off:
                     continue
-                cosine = ux * direction[j, 0] + uy * direction[j, 1] + uz * direction[j, 2]
+                cosine = ux * ways[k, 0] + uy * ways[k, 1] + uz * ways[k, 2]
                 if abs(cosine) < 0.97:
                     continue
                 place = int((along + reach) * NUM_BINS / (2.0 * reach))
                 occupied[min(place, NUM_BINS - 1)] = 1
-                add_shifted(total, POINT, dx, dy, dz)
+                add_point(total, dx, dy, dz)
         votes[i] = occupied.sum()
         if votes[i] >= 3:
-            n = total[0]
-            mx, my, mz = total[1] / n, total[2] / n, total[3] / n
-            _, _, _, vx, vy, vz = principal_axis(
-                total[4] / n - mx * mx,
-                total[5] / n - mx * my,
-                total[6] / n - mx * mz,
-                total[7] / n - my * my,
-                total[8] / n - my * mz,
-                total[9] / n - mz * mz,
-            )
+            _, _, _, vx, vy, vz = principal_axis_of(total)
             axis[i, 0], axis[i, 1], axis[i, 2] = vx, vy, vz
     return votes, axis

@@ -57,12 +57,14 @@ def dbscan_plane(u, v, eps, min_points):  # type: ignore[no-untyped-def]
             m -= 1
         core[k] = count >= min_points
     label = np.full(n, -1, dtype=np.int64)
+    free = np.arange(n + 1)  # leads to the next point without a label
     stack = np.empty(n, dtype=np.int64)
     num_clusters = 0
     for first in np.argsort(order):
         if label[first] >= 0 or not core[first]:
             continue
         label[first] = num_clusters
+        free[first] = first + 1
         stack[0] = first
         top = 1
         while top > 0:
@@ -70,17 +72,24 @@ def dbscan_plane(u, v, eps, min_points):  # type: ignore[no-untyped-def]
             k = stack[top]
             if not core[k]:
                 continue
-            low = k
-            while low > 0 and a[k] - a[low - 1] <= eps:
-                low -= 1
-            m = low
+            m = _find_free(free, np.searchsorted(a[: k + 1], a[k] - eps))
             while m < n and a[m] - a[k] <= eps:
-                if label[m] < 0 and (a[m] - a[k]) ** 2 + (b[m] - b[k]) ** 2 <= limit:
+                if (a[m] - a[k]) ** 2 + (b[m] - b[k]) ** 2 <= limit:
                     label[m] = num_clusters
+                    free[m] = m + 1
                     stack[top] = m
                     top += 1
-                m += 1
+                m = _find_free(free, m + 1)
         num_clusters += 1
     result = np.empty(n, dtype=np.int64)
     result[order] = label
     return result
+
+
+@njit(cache=True, nogil=True)
+def _find_free(free, k):  # type: ignore[no-untyped-def]
+    """Follow the leads from ``k`` and shorten them."""
+    while free[k] != k:
+        free[k] = free[free[k]]
+        k = free[k]
+    return k
