@@ -231,9 +231,13 @@ def _cluster_window(  # type: ignore[no-untyped-def]
         else:  # what no eps divides: a bundle, as one
             chosen = np.flatnonzero((owner < 0) & (first_label >= 0))
             label = first_label[chosen].copy()
+            divided = np.zeros(num_clusters + 1, dtype=np.bool_)
             for k in range(n):
                 if owner[k] >= 0 and first_label[k] >= 0:
-                    label[label == first_label[k]] = -1
+                    divided[first_label[k]] = True
+            for k in range(len(label)):
+                if divided[label[k]]:
+                    label[k] = -1
             limit = 2.0 * max_thickness
         if len(label) == 0:
             break
