@@ -29,12 +29,14 @@ AXIS_BITS = 20
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Voxels:
-    """M occupied voxels in order of their keys' parts and first points; see build_voxels."""
+    """M occupied voxels by x, then y, then z."""
 
     size: float
     """Edge [m]."""
     origin: Float64
     """(3,) corner of the voxel with index 0, 0, 0 [m]."""
+    key: Int64
+    """(M,) the coordinates packed into one number, ascending."""
     index: Int32
     """(M, 3) integer coordinates."""
     moments: Float64
@@ -92,52 +94,52 @@ def build_voxels(points: Float64, chosen: Int64, origin: Float64, size: float) -
             raise DataError(
                 f'the cloud spans {extent.max():.0f} m, too much for voxels of {size:g} m'
             )
-    keys, moments = _fill_parts(points, chosen, origin, size)
-    table_key, table_slot = _index_keys(keys)
-    mask = (1 << AXIS_BITS) - 1
-    index = np.stack(
-        [(keys >> (2 * AXIS_BITS)) & mask, (keys >> AXIS_BITS) & mask, keys & mask], axis=1
-    ).astype(np.int32)
-    return Voxels(
-        size=size,
-        origin=origin,
-        index=index,
-        moments=moments,
-        table_key=table_key,
-        table_slot=table_slot,
-    )
+    return _sort(size, origin, *_fill_parts(points, chosen, origin, size))
 
 
-def number_cells(
-    points: Float64, chosen: Int64, origin: Float64, size: float
-) -> tuple[Int32, Int32, Int64, Int32]:
+def find_voxels(points: Float64, chosen: Int64, voxels: Voxels) -> Int32:
     """
-    Find the occupied cells and the one that each point lies in.
+    Return the voxel that each chosen point lies in.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    chosen : (K,) int64
+        Indices of points that the voxels were built from.
+    voxels : Voxels
+        Searched.
 
     Returns
     -------
-    cell_of : (K,) int32, cell of each chosen point
-    index : (M, 3) int32, integer coordinates of the cells
-    table_key, table_slot : hash table for find_slot
+    (K,) int32
 
     """
-    result: tuple[Int32, Int32, Int64, Int32] = _number(points, chosen, origin, size)
+    result: Int32 = _look_up(
+        points, chosen, voxels.origin, voxels.size, voxels.table_key, voxels.table_slot
+    )
     return result
 
 
 def coarsen(voxels: Voxels) -> Voxels:
     """Merge 2 x 2 x 2 voxels into one of twice the size; exact, without the points."""
     keys, moments = _merge(voxels.index, voxels.moments, voxels.size)
+    return _sort(voxels.size * 2, voxels.origin, keys, moments)
+
+
+def _sort(size: float, origin: Float64, keys: Int64, moments: Float64) -> Voxels:
+    order = np.argsort(keys)
+    keys = keys[order]
     table_key, table_slot = _index_keys(keys)
     mask = (1 << AXIS_BITS) - 1
-    index = np.stack(
-        [(keys >> (2 * AXIS_BITS)) & mask, (keys >> AXIS_BITS) & mask, keys & mask], axis=1
-    ).astype(np.int32)
     return Voxels(
-        size=voxels.size * 2,
-        origin=voxels.origin,
-        index=index,
-        moments=moments,
+        size=size,
+        origin=origin,
+        key=keys,
+        index=np.stack(
+            [(keys >> (2 * AXIS_BITS)) & mask, (keys >> AXIS_BITS) & mask, keys & mask], axis=1
+        ).astype(np.int32),
+        moments=moments[order],
         table_key=table_key,
         table_slot=table_slot,
     )
@@ -266,51 +268,21 @@ def _fill_parts(points, chosen, origin, size):  # type: ignore[no-untyped-def]
     return all_keys, all_moments
 
 
-@njit(cache=True, nogil=True)
-def _number(points, chosen, origin, size):  # type: ignore[no-untyped-def]
-    num = len(chosen)
-    cell_of = np.empty(num, dtype=np.int32)
-    table_key = np.full(1 << 12, -1, dtype=np.int64)
-    table_slot = np.empty(1 << 12, dtype=np.int32)
-    keys = np.empty(1 << 11, dtype=np.int64)
-    used = 0
-    last_key, last_slot = np.int64(-1), np.int32(-1)
-    for k in range(num):
+@njit(cache=True, parallel=True, nogil=True)
+def _look_up(points, chosen, origin, size, table_key, table_slot):  # type: ignore[no-untyped-def]
+    result = np.empty(len(chosen), dtype=np.int32)
+    for k in prange(len(chosen)):
         i = chosen[k]
-        key = pack(
-            int((points[i, 0] - origin[0]) / size),
-            int((points[i, 1] - origin[1]) / size),
-            int((points[i, 2] - origin[2]) / size),
+        result[k] = find_slot(
+            table_key,
+            table_slot,
+            pack(
+                int((points[i, 0] - origin[0]) / size),
+                int((points[i, 1] - origin[1]) / size),
+                int((points[i, 2] - origin[2]) / size),
+            ),
         )
-        if key == last_key:
-            cell_of[k] = last_slot
-            continue
-        mask = len(table_key) - 1
-        place = hash_key(key, mask)
-        while table_key[place] != key and table_key[place] >= 0:
-            place = (place + 1) & mask
-        if table_key[place] < 0:
-            if 2 * (used + 1) > len(table_key):
-                table_key, table_slot = grow_table(table_key, table_slot)
-                more = np.empty(len(keys) * 2, dtype=np.int64)
-                more[:used] = keys[:used]
-                keys = more
-                mask = len(table_key) - 1
-                place = hash_key(key, mask)
-                while table_key[place] >= 0:
-                    place = (place + 1) & mask
-            table_key[place] = key
-            table_slot[place] = used
-            keys[used] = key
-            used += 1
-        last_key, last_slot = key, table_slot[place]
-        cell_of[k] = last_slot
-    index = np.empty((used, 3), dtype=np.int32)
-    for slot in range(used):
-        index[slot, 0] = keys[slot] >> 40
-        index[slot, 1] = (keys[slot] >> 20) & ((1 << 20) - 1)
-        index[slot, 2] = keys[slot] & ((1 << 20) - 1)
-    return cell_of, index, table_key, table_slot
+    return result
 
 
 @njit(cache=True, nogil=True)

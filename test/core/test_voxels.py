@@ -22,7 +22,7 @@ from plc_inspect.core.voxels import (
     build_voxels,
     coarsen,
     find_slot,
-    number_cells,
+    find_voxels,
     pack,
 )
 from plc_inspect.errors import DataError
@@ -92,13 +92,14 @@ def test_every_key_finds_its_slot_and_no_other_does():
             assert find_slot(voxels.table_key, voxels.table_slot, pack(*place)) == -1
 
 
-def test_cells_are_numbered_as_by_numpy():
+def test_points_find_their_voxels_as_by_numpy():
     points = make_points()
-    cell_of, index, key, slot = number_cells(points, np.arange(len(points)), ORIGIN, 1.0)
-    expected = np.floor(points - ORIGIN).astype(int)
-    np.testing.assert_array_equal(index[cell_of], expected)
-    assert len(index) == len(np.unique(expected, axis=0))
-    assert find_slot(key, slot, pack(*index[5])) == 5
+    chosen = np.arange(0, len(points), 3)
+    voxels = build_voxels(points, chosen, ORIGIN, 1.0)
+    expected = np.floor(points[chosen] - ORIGIN).astype(int)
+    np.testing.assert_array_equal(voxels.index[find_voxels(points, chosen, voxels)], expected)
+    np.testing.assert_array_equal(voxels.index, np.unique(expected, axis=0))
+    assert (np.diff(voxels.key) > 0).all()
 
 
 @given(st.integers(0, 2**32), st.integers(1, 40))
