@@ -116,5 +116,8 @@ def test_foxglove_shows_the_topics():
         return leaves(node['first']) | leaves(node['second'])
 
     assert leaves(content['layout']) == set(panels)
-    raw = {panel['topicPath'] for name, panel in panels.items() if name.startswith('RawMessages!')}
+    raw = {
+        panel['topicPath'].partition('.')[0] for name, panel in panels.items()
+        if name.startswith('RawMessages!')
+    }
     assert raw <= TOPICS | {'/diagnostics'}
