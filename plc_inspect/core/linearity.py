@@ -21,20 +21,16 @@ from numba import njit, prange
 import numpy as np
 
 from plc_inspect.config import LinearitySettings
+from plc_inspect.core.bulk import drop_bulk
 from plc_inspect.core.voxels import (
-    add_key,
     add_shifted,
     build_voxels,
     coarsen,
     find_slot,
-    grow_table,
     pack,
     Voxels,
 )
 from plc_inspect.results import Float64, Int64
-
-BULK_CELL = 1.0
-"""Edge of the cells whose occupied neighbours tell bulky things [m]."""
 
 SAME_WAY = 0.97
 """Cosine between directions that are about the same."""
@@ -171,41 +167,6 @@ def anchor(points: Float64, chosen: Int64, settings: LinearitySettings) -> Float
     return origin
 
 
-def drop_bulk(
-    points: Float64, chosen: Int64, origin: Float64, max_occupied: int
-) -> Int64:
-    """
-    Drop the points inside bulky things, most of vegetation, before anything dear is done.
-
-    A point stays where at most ``max_occupied`` of the 27 cells of a metre about its own hold
-    points: a line fills 3 to 9, a row of conductors up to 14, a crown most of them.  What stands
-    in a crown is found again from the model.
-
-    Parameters
-    ----------
-    points : (N, 3) float64
-        Coordinates [m].
-    chosen : (K,) int64
-        Finite points not below origin.
-    origin : (3,) float64
-        Coordinates [m].
-    max_occupied : int
-        See its class.
-
-    Returns
-    -------
-    (L,) int64, in the order of ``chosen``
-
-    """
-    if not len(chosen):
-        return chosen
-    column_of, level, key, filled, table_key, table_slot = _fill_columns(
-        points, chosen, origin, BULK_CELL
-    )
-    sparse = _find_sparse(key, filled, table_key, table_slot, max_occupied)
-    return chosen[_pick_bits(sparse, column_of, level)]
-
-
 def measure_likeness(voxels: Voxels) -> Likeness:
     """
     Return the likeness features of the block of 27 voxels about each voxel.
@@ -317,93 +278,6 @@ def find_lowest(points, chosen):  # type: ignore[no-untyped-def]
         for k in range(3):
             low[k] = min(low[k], points[i, k])
     return low
-
-
-@njit(cache=True, nogil=True)
-def _fill_columns(points, chosen, origin, size):  # type: ignore[no-untyped-def]
-    """
-    Mark occupied cells as bits of columns 64 cells tall.
-
-    Returned are the column of each point and its level in it, the key and bits of each column,
-    and the table that finds a column by its key.
-    """
-    num = len(chosen)
-    column_of = np.empty(num, dtype=np.int32)
-    level = np.empty(num, dtype=np.uint8)
-    key = np.empty(1 << 11, dtype=np.int64)
-    filled = np.zeros(1 << 11, dtype=np.uint64)
-    table_key = np.full(1 << 12, -1, dtype=np.int64)
-    table_slot = np.empty(1 << 12, dtype=np.int32)
-    used = 0
-    own, slot = np.int64(-1), np.int32(-1)
-    for k in range(num):
-        i = chosen[k]
-        high = int((points[i, 2] - origin[2]) / size)
-        here = pack(
-            int((points[i, 0] - origin[0]) / size), int((points[i, 1] - origin[1]) / size),
-            high >> 6,
-        )
-        if here != own:
-            own = here
-            slot = find_slot(table_key, table_slot, own)
-            if slot < 0:
-                if used == len(key):
-                    key = np.concatenate((key, np.empty(used, dtype=np.int64)))
-                    filled = np.concatenate((filled, np.zeros(used, dtype=np.uint64)))
-                    table_key, table_slot = grow_table(table_key, table_slot)
-                slot = np.int32(used)
-                add_key(table_key, table_slot, own, slot)
-                key[used] = own
-                used += 1
-        column_of[k] = slot
-        level[k] = high & 63
-        filled[slot] |= np.uint64(1) << np.uint64(high & 63)
-    return column_of, level, key[:used], filled[:used], table_key, table_slot
-
-
-@njit(cache=True, nogil=True, inline='always')
-def _look(table_key, table_slot, filled, key):  # type: ignore[no-untyped-def]
-    """Bits of the column with a key, none where there is no such column."""
-    slot = find_slot(table_key, table_slot, key)
-    return filled[slot] if slot >= 0 else np.uint64(0)
-
-
-@njit(cache=True, parallel=True, nogil=True)
-def _find_sparse(key, filled, table_key, table_slot, max_occupied):  # type: ignore[no-untyped-def]
-    """Bits of the cells with at most ``max_occupied`` occupied ones among the 27 about them."""
-    result = np.zeros(len(key), dtype=np.uint64)
-    one, top = np.uint64(1), np.uint64(63)
-    for i in prange(len(key)):
-        count = np.zeros(64, dtype=np.uint64)
-        x, y, block = key[i] >> 40, (key[i] >> 20) & 0xFFFFF, key[i] & 0xFFFFF
-        for column in range(9):
-            u, v = x + column // 3 - 1, y + column % 3 - 1
-            if u < 0 or v < 0:
-                continue
-            here = _look(table_key, table_slot, filled, pack(u, v, block))
-            below = here << one
-            if block > 0:
-                below |= _look(table_key, table_slot, filled, pack(u, v, block - 1)) >> top
-            above = here >> one
-            above |= _look(table_key, table_slot, filled, pack(u, v, block + 1)) << top
-            for high in range(64):
-                shift = np.uint64(high)
-                if (filled[i] >> shift) & one:
-                    count[high] += ((here >> shift) & one) + ((below >> shift) & one)
-                    count[high] += (above >> shift) & one
-        for high in range(64):
-            shift = np.uint64(high)
-            if (filled[i] >> shift) & one and count[high] <= max_occupied:
-                result[i] |= one << shift
-    return result
-
-
-@njit(cache=True, parallel=True, nogil=True)
-def _pick_bits(bits, column_of, level):  # type: ignore[no-untyped-def]
-    result = np.empty(len(column_of), dtype=np.bool_)
-    for k in prange(len(column_of)):
-        result[k] = (bits[column_of[k]] >> np.uint64(level[k])) & np.uint64(1)
-    return result
 
 
 @njit(cache=True, parallel=True, nogil=True)

@@ -20,8 +20,8 @@ import pytest
 from toys import make_tree, make_wire, turn
 
 from plc_inspect.config import LinearitySettings
+from plc_inspect.core.bulk import drop_bulk
 from plc_inspect.core.linearity import (
-    drop_bulk,
     find_candidates,
     measure_likeness,
     principal_axis,
