@@ -15,6 +15,7 @@
 """Curves of conductors from tracks: split at supports, fitted, bridged over gaps."""
 
 from collections.abc import Sequence
+import dataclasses
 from dataclasses import dataclass
 import math
 
@@ -85,12 +86,15 @@ def model_conductors(
 
     """
     curves: Sequence[Curve] = model_tracks(points, clustering, settings, rng)
-    curves = [extend(points, index, curve, settings) for curve in curves]
-    curves = drop_duplicates(points, merge_bundles(points, curves, settings), settings)
+    grown = [extend(points, index, curve, settings) for curve in curves]
+    done = {id(curve) for curve in grown}
+    curves = drop_duplicates(points, merge_bundles(points, grown, settings), settings)
     curves = merge_bundles(points, bridge(points, curves, settings), settings)
     curves = [
-        widen(points, index, extend(points, index, curve, settings), settings) for curve in curves
+        curve if id(curve) in done else extend(points, index, curve, settings)
+        for curve in curves
     ]
+    curves = [widen(points, index, curve, settings) for curve in curves]
     curves = drop_duplicates(points, merge_bundles(points, curves, settings), settings)
     kept: list[Curve] = []
     profiles: list[Profile] = []
@@ -211,17 +215,18 @@ def model_tracks(
         tolerance = settings.tolerance or derive_tolerance(float(np.median(beads.rms[own])))
         for part in split_at_supports(points, chosen):
             try:
-                curves.append(
-                    fit_curve(
-                        points,
-                        part,
-                        tolerance=tolerance,
-                        num_trials=settings.num_trials,
-                        rng=rng,
-                    )
+                curve = fit_curve(
+                    points,
+                    part,
+                    tolerance=tolerance,
+                    num_trials=settings.num_trials,
+                    rng=rng,
                 )
             except FitError:
                 continue
+            # a track of one conductor may have beads that lie over two of them
+            own = derive_tolerance(math.hypot(curve.fit.rmse, curve.lateral_rmse))
+            curves.append(dataclasses.replace(curve, tolerance=min(own, tolerance)))
     curves.sort(key=lambda curve: (-curve.length, *curve.origin))
     return bridge(points, curves, settings)
 

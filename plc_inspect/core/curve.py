@@ -17,6 +17,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 import math
+from typing import TypeVar
 
 from numba import njit
 import numpy as np
@@ -24,6 +25,8 @@ import numpy as np
 from plc_inspect.core.catenary import CatenaryFit, fit_catenary
 from plc_inspect.errors import FitError
 from plc_inspect.results import Bool, Float64, Int64
+
+FloatOrArray = TypeVar('FloatOrArray', float, Float64)
 
 MAX_POINTS = 2000
 """Points that a fit needs while conductors are looked for."""
@@ -93,10 +96,13 @@ class Curve:
 
     def prediction_sigma(self, x: Float64) -> Float64:
         """Return the standard deviation of the curve's position at (N,) x [m]."""
-        offset, turn = self.lateral_sigma
-        lateral = offset**2 + (turn * (x - self.mean_x)) ** 2
-        result: Float64 = np.sqrt(lateral + self.fit.height_sigma(x) ** 2)
+        result: Float64 = np.sqrt(self.lateral_variance(x) + self.fit.height_sigma(x) ** 2)
         return result
+
+    def lateral_variance(self, x: FloatOrArray) -> FloatOrArray:
+        """Return the variance of the curve's position across it at x [m2]."""
+        offset, turn = self.lateral_sigma
+        return offset**2 + (turn * (x - self.mean_x)) ** 2
 
 
 def fit_curve(
@@ -108,6 +114,7 @@ def fit_curve(
     rng: np.random.Generator | None = None,
     max_points: int = MAX_POINTS,
     azimuth: float | None = None,
+    vertical: float = math.inf,
 ) -> Curve:
     """
     Fit a vertical plane and a catenary in it to points of one conductor.
@@ -126,6 +133,8 @@ def fit_curve(
         More points than this are thinned evenly.
     azimuth : float or None
         The curve's x runs this way rather than opposite [rad]; by default to the east.
+    vertical : float
+        Largest vertical residual of an inlier, where it is less than the tolerance [m].
 
     Returns
     -------
@@ -149,7 +158,9 @@ def fit_curve(
         raise FitError(f'{num_kept} of {len(keep)} points lie in a vertical plane')
     if num_kept < len(keep):
         chosen, x, y, z = chosen[keep], x[keep], y[keep], z[keep]
-    fit = fit_catenary(x, z, tolerance=tolerance, num_trials=num_trials, rng=rng)
+    fit = fit_catenary(
+        x, z, tolerance=min(tolerance, vertical), num_trials=num_trials, rng=rng
+    )
     if not fit.inlier.all():
         chosen, x, y = chosen[fit.inlier], x[fit.inlier], y[fit.inlier]
     if len(chosen) < 4:

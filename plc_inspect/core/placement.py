@@ -29,6 +29,10 @@ from plc_inspect.results import Bool, Float64, Support
 
 TERMINAL_SPREAD = 2.5
 """Open ends this near along the line end at one support [m]."""
+END_SCATTER = 0.05
+"""Standard deviation along the line of where conductors hang from one support [m]."""
+ARM_SCATTER = 0.12
+"""And of where the points of a conductor give way to those of the arm it ends at [m]."""
 MAX_BELOW = 0.7
 """The top of a support lies at most this far below the lowest conductor it holds [m]."""
 HOLD_RADIUS = 3.0
@@ -49,11 +53,17 @@ def place_supports(
     layout: Layout,
     route: Route,
     finals: Sequence[tuple[Curve, float, float]],
-) -> tuple[tuple[Support, ...], Bool, set[tuple[int, int]]]:
-    """Supports of all stations and of the open ends at which a structure stands."""
+) -> tuple[tuple[Support, ...], Bool, dict[tuple[int, int], tuple[float, float]]]:
+    """
+    Supports of all stations and of the open ends at which a structure stands.
+
+    Returned are the supports, a mask (N,) of their points, and for each open end that proved to
+    be at a support, as curve and side, how far beyond its last point it hangs and the standard
+    deviation of that [m].
+    """
     mask = np.zeros(len(points), dtype=bool)
     found = []
-    closed: set[tuple[int, int]] = set()
+    closed: dict[tuple[int, int], tuple[float, float]] = {}
     ends = [
         (number, side, curve.position(high if side > 0 else low)[0])
         for number, (curve, low, high) in enumerate(finals)
@@ -94,7 +104,7 @@ def place_supports(
         if is_open and not is_pole and not held:
             continue
         if is_open:
-            closed |= {(end[0], end[1]) for end in members}
+            closed |= _reach_support(members, finals)
         azimuth = _mean_azimuth(members, finals)
         place = _settle(position, structure, azimuth)
         foot = float(ground_at(height, place[None, :])[0])
@@ -153,6 +163,32 @@ def _group_ends(
         else:
             groups.append([end])
     return groups
+
+
+def _reach_support(
+    members: Sequence[tuple[int, int, Float64]],
+    finals: Sequence[tuple[Curve, float, float]],
+) -> dict[tuple[int, int], tuple[float, float]]:
+    """
+    How far beyond their last points conductors hang that end side by side.
+
+    All are seen up to about a point's spacing before their support, so the farthest tells most.
+    """
+    units = np.array([
+        [side * math.cos(finals[number][0].azimuth), side * math.sin(finals[number][0].azimuth)]
+        for number, side, _ in members
+    ])
+    outward = units.mean(axis=0)
+    outward /= np.linalg.norm(outward)
+    along = np.array([end[2][:2] for end in members]) @ outward
+    curves = [finals[number][0] for number, _, _ in members]
+    spacing = np.mean([curve.length / max(curve.num_points, 1) for curve in curves])
+    gap = float(spacing) / len(members)
+    beyond = (along.max() + gap - along) / (units @ outward)
+    return {
+        (number, side): (float(more), math.hypot(gap, ARM_SCATTER))
+        for (number, side, _), more in zip(members, beyond, strict=True)
+    }
 
 
 def _are_held(

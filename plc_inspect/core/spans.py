@@ -21,9 +21,10 @@ import math
 import numpy as np
 
 from plc_inspect.config import Settings
+from plc_inspect.core.attachments import settle_ends
 from plc_inspect.core.catenary import fit_quadratic
 from plc_inspect.core.collection import profile_curve
-from plc_inspect.core.curve import Curve, fit_curve
+from plc_inspect.core.curve import Curve, fit_curve, MIN_TOLERANCE
 from plc_inspect.core.hazards import SpanModel
 from plc_inspect.core.height import ground_at, HeightResult
 from plc_inspect.core.nearest import find_near, span_table
@@ -39,12 +40,10 @@ END_SLACK = 0.3
 """Wire points may lie this far beyond the end of a span [m]."""
 MISFIT_PARTS = 20
 """Parts of a span whose mean residuals are compared with the noise."""
-TERMINAL_END = 0.12
-LONE_END = 0.1
-MIN_END = 0.05
-"""Standard deviation of where a span ends: at a line's end, by one conductor, at best [m]."""
 MAX_GROUND_GAP = 8.0
 """No clearance above ground is given farther than this from where ground was seen [m]."""
+MAX_NOISE = 3.0
+"""Residuals beyond this many standard deviations are not the conductor's, or not good."""
 MAX_FINAL_POINTS = 20_000
 """Points that the final fit of a span uses at most."""
 FREE_LENGTH = 2.0
@@ -115,6 +114,7 @@ def build_spans(
         _refit(points, index, layout, number, settings, rng)
         for number in range(len(layout.curves))
     ]
+    layout, finals, end_sigma = settle_ends(layout, finals)
     collected = []
     for number, (curve, low, high) in enumerate(finals):
         chosen = profile_curve(points, index, curve, low - END_SLACK, high + END_SLACK).chosen
@@ -132,6 +132,10 @@ def build_spans(
     supports, support_mask, closed = place_supports(
         points, cloud.height, index, wire, layout, route, finals
     )
+    for (number, side), (beyond, deviation) in closed.items():
+        curve, low, high = finals[number]
+        finals[number] = (curve, low, high + beyond) if side > 0 else (curve, low - beyond, high)
+        end_sigma[number, (side + 1) // 2] = deviation
     models = []
     for number, (curve, low, high) in enumerate(finals):
         own = collected[number]
@@ -160,10 +164,7 @@ def build_spans(
                 route.line_id[number],
                 route.span_id[number],
                 profile_curve(points, index, curve, low, high).coverage,
-                (
-                    TERMINAL_END if (number, -1) in closed else _end_sigma(layout, number, -1),
-                    TERMINAL_END if (number, 1) in closed else _end_sigma(layout, number, 1),
-                ),
+                (float(end_sigma[number, 0]), float(end_sigma[number, 1])),
             )
         )
     models.sort(key=lambda model: (model.span.line_id, model.span.span_id))
@@ -254,6 +255,7 @@ def _refit(
     curve = layout.curves[number]
     low, high = float(layout.start_x[number]), float(layout.end_x[number])
     ends = curve.position(np.array([low, high]))
+    vertical = math.inf
     for source in (rng, None):  # what lies about the first fit are inliers of the second
         chosen = profile_curve(points, index, curve, low, high).chosen
         try:
@@ -265,12 +267,14 @@ def _refit(
                 rng=source,
                 max_points=MAX_FINAL_POINTS,
                 azimuth=curve.azimuth,
+                vertical=vertical,
             )
         except FitError:
             break
         if refit.num_points < 0.8 * curve.num_points:
             break
         curve = refit
+        vertical = max(MAX_NOISE * _noise(points, curve), MIN_TOLERANCE / 2)
         low, high = (float(value) for value in curve.local(ends)[0])
         if layout.start_station[number] < 0:
             low = min(low, curve.low) if curve.low < low + 1.0 else curve.low
@@ -279,6 +283,13 @@ def _refit(
     scale = _misfit(points, curve)
     fit = dataclasses.replace(curve.fit, covariance=curve.fit.covariance * scale)
     return dataclasses.replace(curve, fit=fit), low, high
+
+
+def _noise(points: Float64, curve: Curve) -> float:
+    """Return the standard deviation of the vertical residuals, whatever their tails [m]."""
+    own = points[curve.points]
+    x, _ = curve.local(own)
+    return 1.4826 * float(np.median(np.abs(own[:, 2] - curve.fit.height(x))))
 
 
 def _misfit(points: Float64, curve: Curve) -> float:
@@ -303,19 +314,6 @@ def _misfit(points: Float64, curve: Curve) -> float:
     if freedom < 3 or variance <= 0.0:
         return 1.0
     return max(float((total[filled] ** 2 / count[filled]).sum()) / variance / freedom, 1.0)
-
-
-def _end_sigma(layout: Layout, number: int, side: int) -> float:
-    """Return the standard deviation of the place of a span's end [m]; 0 where it is open."""
-    station = (layout.end_station if side > 0 else layout.start_station)[number]
-    if station < 0:
-        return 0.0
-    record = layout.stations[station]
-    if len(record.attachments) < 2:
-        return LONE_END
-    unit = np.array([math.cos(record.direction), math.sin(record.direction)])
-    along = (record.attachments[:, :2] - record.position) @ unit
-    return max(float(np.std(along, ddof=1)), MIN_END)
 
 
 def _model(
