@@ -49,7 +49,10 @@ class ConductorResult:
     curves: tuple[Curve, ...]
     """Longest first."""
     doubtful: tuple[Curve, ...]
-    """Too short to prove their curvature; conductors if they continue one at a support."""
+    """
+    Too short to prove their curvature, or with other things all along them; conductors if they
+    continue one at a support.
+    """
     objections: dict[str, int]
     """Why the others were dropped, and how many."""
 
@@ -118,6 +121,7 @@ def model_conductors(
     alone = _without_company(points, index, kept, profiles, settings)
     if len(alone) < len(kept):
         objections['other things all along it'] = len(kept) - len(alone)
+        doubtful += [curve for curve in kept if curve not in alone]
     return ConductorResult(
         curves=alone, doubtful=tuple(doubtful), objections=dict(sorted(objections.items()))
     )

@@ -92,9 +92,14 @@ def find_layout(
     Layout
 
     """
+    num_believed = len(curves)
     curves = _adopt(list(curves), list(doubtful), settings)
-    joints = find_joints(curves, settings.max_reach)
-    joints, stations = _drop_weak(joints, settings)
+    joints, stations = _drop_weak(find_joints(curves, settings.max_reach), settings)
+    held = {number for joint in joints for number in joint.curves}
+    kept = [c for number, c in enumerate(curves) if number < num_believed or number in held]
+    if len(kept) < len(curves):  # lost the place that they were adopted for to better ones
+        curves = kept
+        joints, stations = _drop_weak(find_joints(curves, settings.max_reach), settings)
     cut = cut_at_stations(points, curves, stations, settings)
     if len(cut) != len(curves):
         curves = cut
@@ -157,19 +162,18 @@ def _find_originals(
 def _adopt(
     curves: list[Curve], doubtful: list[Curve], settings: SupportSettings
 ) -> list[Curve]:
-    """Add the doubtful curves that continue a believed one at a support."""
-    while doubtful:
-        joints = find_joints([*curves, *doubtful], settings.max_reach)
-        num = len(curves)
-        adopted = {
-            max(joint.curves) - num
-            for joint in joints
-            if min(joint.curves) < num <= max(joint.curves) and joint.miss < ADOPTION_MISS
-        }
-        if not adopted:
-            break
-        curves = curves + [doubtful[i] for i in sorted(adopted)]
-        doubtful = [curve for i, curve in enumerate(doubtful) if i not in adopted]
+    """Add the doubtful curves that continue a believed one at a support, best seen first."""
+    waiting = sorted(doubtful, key=lambda curve: (-curve.num_points, *curve.origin))
+    number = 0
+    while number < len(waiting):
+        joints = find_joints([*curves, waiting[number]], settings.max_reach)
+        if any(
+            max(joint.curves) == len(curves) and joint.miss < ADOPTION_MISS for joint in joints
+        ):
+            curves = [*curves, waiting.pop(number)]
+            number = 0
+        else:
+            number += 1
     return curves
 
 

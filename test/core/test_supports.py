@@ -91,6 +91,20 @@ def test_a_doubtful_curve_is_adopted_if_it_continues_another():
     assert len(find_layout(points, [believed], [alone], SETTINGS).curves) == 1
 
 
+def test_of_two_doubtful_curves_the_better_seen_continues():
+    points, curves = make_route([(0, 0), (90, 0), (150, 0)], offsets=(0.0,))
+    believed, wire = curves
+    # a twig beyond the support that the wire hangs from, as if the line went on there
+    twig = make_wire((110.0, 0.1, 15.3), (126.0, 0.1, 15.3), per_metre=1.0, seed=4)
+    points = np.vstack([points, twig])
+    other = make_curve(points, np.arange(len(points) - len(twig), len(points)))
+    for doubtful in ([wire, other], [other, wire]):
+        layout = find_layout(points, [believed], doubtful, SETTINGS)
+        assert sorted(curve.num_points for curve in layout.curves) == sorted(
+            [believed.num_points, wire.num_points]
+        )
+
+
 def test_joints_of_two_lines_far_apart_are_two_supports():
     points, curves = make_route([(0, 0), (90, 0), (170, 0)], offsets=(0.0, 50.0))
     layout = find_layout(points, curves, (), SETTINGS)
