@@ -229,8 +229,8 @@ def model_tracks(
             except FitError:
                 continue
             # a track of one conductor may have beads that lie over two of them
-            own = derive_tolerance(math.hypot(curve.fit.rmse, curve.lateral_rmse))
-            curves.append(dataclasses.replace(curve, tolerance=min(own, tolerance)))
+            tight = derive_tolerance(math.hypot(curve.fit.rmse, curve.lateral_rmse))
+            curves.append(dataclasses.replace(curve, tolerance=min(tight, tolerance)))
     curves.sort(key=lambda curve: (-curve.length, *curve.origin))
     return bridge(points, curves, settings)
 
