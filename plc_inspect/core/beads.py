@@ -143,7 +143,7 @@ def _fit_bead(x, y, w, member):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _trimmed_fit(x, y, w, member):  # type: ignore[no-untyped-def]
+def fit_trimmed(x, y, w, member):  # type: ignore[no-untyped-def]
     """Fit, drop from ``member`` what lies far off, and fit again."""
     fit = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     for attempt in range(2):
@@ -163,7 +163,7 @@ def _trimmed_fit(x, y, w, member):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _filled_share(x, member, low, high):  # type: ignore[no-untyped-def]
+def measure_filling(x, member, low, high):  # type: ignore[no-untyped-def]
     """Share of the metres between low and high that hold members."""
     num = max(int(high - low), 1)
     filled = np.zeros(num, dtype=np.bool_)
@@ -174,7 +174,7 @@ def _filled_share(x, member, low, high):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _crowding(x, y, w, member, mx, my, mw, ky, kw, rms):  # type: ignore[no-untyped-def]
+def measure_crowding(x, y, w, member, mx, my, mw, ky, kw, rms):  # type: ignore[no-untyped-def]
     """
     Share of the bead's parts that have points close about the axis, not only on it.
 
@@ -251,17 +251,17 @@ def _cluster_window(  # type: ignore[no-untyped-def]
             for k in range(len(chosen)):
                 if label[k] == c:
                     member[chosen[k]] = True
-            fit = _trimmed_fit(x, y, w, member)
+            fit = fit_trimmed(x, y, w, member)
             mx, my, mw, ky, kw, rms, low, high = fit
             length = high - low
             if member.sum() < 4 or length < 0.5 * half:
                 continue
-            if _filled_share(x, member, low, high) < 0.4:
+            if measure_filling(x, member, low, high) < 0.4:
                 continue
             if rms > limit:
                 open_mask |= member
                 continue
-            if _crowding(x, y, w, member, mx, my, mw, ky, kw, rms) > max_crowding:
+            if measure_crowding(x, y, w, member, mx, my, mw, ky, kw, rms) > max_crowding:
                 continue
             if found == len(fits):
                 continue
@@ -338,7 +338,7 @@ def _cluster_windows(  # type: ignore[no-untyped-def]
             chosen[:n], x[:n], y[:n], w[:n] = chosen[kept], x[kept], y[kept], w[kept]
         if n < 4:
             continue
-        needed = _needed_points(y[:n], w[:n], eps, min_points)
+        needed = count_needed(y[:n], w[:n], eps, min_points)
         fits, owner, num_clusters = _cluster_window(
             x[:n], y[:n], w[:n], eps, needed, half, max_thickness, max_crowding
         )
@@ -359,7 +359,7 @@ def _cluster_windows(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _needed_points(y, w, eps, min_points):  # type: ignore[no-untyped-def]
+def count_needed(y, w, eps, min_points):  # type: ignore[no-untyped-def]
     """Core threshold at the sampling of this window: a fifth of its fullest place."""
     counts = np.zeros((256, 256), dtype=np.int64)
     fullest = 0

@@ -88,17 +88,7 @@ def model_conductors(
     ConductorResult
 
     """
-    curves: Sequence[Curve] = model_tracks(points, clustering, settings, rng)
-    grown = [extend(points, index, curve, settings) for curve in curves]
-    done = {id(curve) for curve in grown}
-    curves = drop_duplicates(points, merge_bundles(points, grown, settings), settings)
-    curves = merge_bundles(points, bridge(points, curves, settings), settings)
-    curves = [
-        curve if id(curve) in done else extend(points, index, curve, settings)
-        for curve in curves
-    ]
-    curves = [widen(points, index, curve, settings) for curve in curves]
-    curves = drop_duplicates(points, merge_bundles(points, curves, settings), settings)
+    curves = find_curves(points, index, clustering, settings, rng)
     kept: list[Curve] = []
     profiles: list[Profile] = []
     doubtful, crowded = [], []
@@ -125,6 +115,29 @@ def model_conductors(
     return ConductorResult(
         curves=alone, doubtful=tuple(doubtful), objections=dict(sorted(objections.items()))
     )
+
+
+def find_curves(
+    points: Float64,
+    index: PlanIndex,
+    clustering: ClusteringResult,
+    settings: CatenarySettings,
+    rng: np.random.Generator,
+) -> tuple[Curve, ...]:
+    """Return all curves of the tracks, grown, joined and freed of duplicates, before evidence."""
+    curves = model_tracks(points, clustering, settings, rng)
+    grown = [extend(points, index, curve, settings) for curve in curves]
+    done = {id(curve) for curve in grown}
+    curves = drop_duplicates(points, merge_bundles(points, grown, settings), settings)
+    curves = merge_bundles(points, bridge(points, curves, settings), settings)
+    curves = tuple(
+        widen(
+            points, index,
+            curve if id(curve) in done else extend(points, index, curve, settings), settings,
+        )
+        for curve in curves
+    )
+    return drop_duplicates(points, merge_bundles(points, curves, settings), settings)
 
 
 def _admit_neighbors(

@@ -44,6 +44,7 @@ from plc_inspect.core.spans import (
     spread_spans,
 )
 from plc_inspect.core.supports import find_layout
+from plc_inspect.core.trace import Trace
 from plc_inspect.errors import DataError
 from plc_inspect.results import (
     Float64,
@@ -102,6 +103,10 @@ class Pipeline:
             ``points`` is not an (N, 3) array, or its extent is beyond what voxels can number.
 
         """
+        return self.trace(points, progress).result
+
+    def trace(self, points: Float64, progress: Progress | None = None) -> Trace:
+        """Do what `run` does, and return what each stage found as well."""
         if points.ndim != 2 or points.shape[1] != 3:
             raise DataError(f'points must have the shape (N, 3), got {points.shape}')
         own = np.ascontiguousarray(points, dtype=np.float64)
@@ -140,7 +145,7 @@ class _Run:
         if self.progress is not None and len(self.stages) < len(STAGES):
             self.progress(STAGES[len(self.stages)], len(self.stages) / len(STAGES))
 
-    def run(self) -> InspectionResult:
+    def run(self) -> Trace:
         """Run all stages."""
         points, settings = self.points, self.settings
         if self.progress is not None:
@@ -175,8 +180,9 @@ class _Run:
         used = len(cloud.high) > 0
         curves, doubtful = conductors.curves, conductors.doubtful
         height, found = free_ground(points, height, curves, settings.height), height
+        before = cloud
         if height is not found:
-            cloud, before = self._gather(height), cloud
+            cloud = self._gather(height)
             curves, doubtful = cloud.adopt(before, curves), cloud.adopt(before, doubtful)
         layout = find_layout(cloud.points, curves, doubtful, settings.supports)
         spans = build_spans(cloud, layout, trace_routes(layout), settings, rng)
@@ -206,8 +212,21 @@ class _Run:
             radius=[round(float(value), 2) for value in corridor.radius],
             complex_case=[bool(value) for value in corridor.complex_case],
         )
-        return self._finish(
+        result = self._finish(
             height, candidates, outliers, alignment, in_beads, spans, corridor, used
+        )
+        return Trace(
+            result=result,
+            height=height,
+            cloud=before,
+            candidates=candidates,
+            outliers=outliers,
+            inliers=inliers,
+            alignment=alignment,
+            clustering=clustering,
+            conductors=conductors,
+            models=spans.models,
+            corridor=corridor,
         )
 
     def _height(self) -> HeightResult:

@@ -1,0 +1,147 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Figures against their limits, and the settings that would have decided otherwise."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+import math
+
+from plc_inspect.config import describe, Settings, update
+
+DIGITS = 3
+"""Significant digits of a proposed value; rounded to the side that still does it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Check:
+    """One figure of a point or curve, and the limit it was held against."""
+
+    name: str
+    value: float
+    limit: float = math.nan
+    """NaN: told, and not held against anything."""
+    is_least: bool = True
+    """The value must not be less than the limit, else not more."""
+    setting: str = ''
+    """Dotted name of what sets the limit; empty for a constant."""
+    unit: str = ''
+
+    @property
+    def kept(self) -> bool:
+        """Whether the value keeps the limit."""
+        return not (self.value < self.limit if self.is_least else self.value > self.limit)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finding:
+    """What one stage saw of a point."""
+
+    stage: str
+    outcome: str
+    """'kept', 'dropped' or 'not asked'."""
+    checks: tuple[Check, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Proposal:
+    """One setting at another value, with which a stage decides otherwise."""
+
+    setting: str
+    """Dotted name."""
+    before: float
+    after: float
+    figure: str
+    """The figure that goes over its limit."""
+    value: float
+    """Of that figure."""
+
+    @property
+    def cost(self) -> float:
+        """How far the setting is moved, as a ratio."""
+        least = 1e-3
+        return abs(math.log(max(self.after, least) / max(self.before, least)))
+
+
+def propose(
+    settings: Settings, setting: str, needed: float, is_least: bool, figure: str, value: float,
+    *, away: bool = False,
+) -> Iterator[Proposal]:
+    """
+    Yield the value of a setting at which a figure passes, if the setting can have it.
+
+    Parameters
+    ----------
+    settings : Settings
+        Of the run.
+    setting : str
+        Dotted name of the limit.
+    needed : float
+        Value of the setting at which the figure just passes.
+    is_least : bool
+        The figure must not be less than the limit, else not more.
+    figure, value : str, float
+        What it is, and how much.
+    away : bool
+        The value at which the figure just fails instead.
+
+    """
+    section, _, name = setting.partition('.')
+    before = getattr(getattr(settings, section), name)
+    default, meta = next((item, meta) for key, item, meta in describe() if key == setting)
+    if not math.isfinite(needed):
+        return
+    upward = is_least == away
+    after = _round(needed, upward, whole=isinstance(default, int))
+    if away and after == needed:
+        after = _step(after, upward, whole=isinstance(default, int))
+    if meta['low'] <= after <= meta['high'] and after != before:
+        yield Proposal(
+            setting=setting, before=before, after=after, figure=figure, value=value
+        )
+
+
+def rank(proposals: Iterable[Proposal]) -> list[Proposal]:
+    """Return proposals, each once, the smallest move first."""
+    unique = {(item.setting, item.after): item for item in proposals}
+    return sorted(unique.values(), key=lambda item: (item.cost, item.setting))
+
+
+def apply(proposals: Sequence[Proposal], settings: Settings) -> Settings:
+    """Return settings with what is proposed."""
+    return update(settings, {item.setting: item.after for item in proposals})
+
+
+def _round(value: float, upward: bool, whole: bool) -> float:
+    turn = math.ceil if upward else math.floor
+    if whole:
+        return int(turn(value))
+    if value == 0.0:
+        return 0.0
+    step = _unit(value)
+    rounded = round(turn(value / step) * step, 12)
+    if (rounded < value) if upward else (rounded > value):
+        rounded = round((turn(value / step) + (1 if upward else -1)) * step, 12)
+    return rounded
+
+
+def _step(value: float, upward: bool, whole: bool) -> float:
+    move = (1 if upward else -1) * (1 if whole else _unit(value))
+    return value + move if whole else round(value + move, 12)
+
+
+def _unit(value: float) -> float:
+    """Return one unit of the last digit that is kept."""
+    return 10.0 ** (math.floor(math.log10(abs(value) or 1.0)) - DIGITS + 1)
