@@ -29,6 +29,7 @@ COMMANDS = {
     'plc_simulate': 'plc_inspect.sim.simulate:main',
     'plc_monitor': 'plc_inspect.monitor.command:main',
     'plc_evaluate': 'plc_inspect.sim.evaluate:main',
+    'plc_explain': 'plc_inspect.offline.explain:main',
 }
 
 
