@@ -154,8 +154,6 @@ def explain_point(
             Finding(stage=stage, outcome='not asked') for stage in ('clustering', 'catenary')
         ]
     findings += [tell_span(trace, index, decision), tell_corridor(trace, index)]
-    if decision == Decision.TOO_LOW and place.tell_height().checks[0].kept:
-        proposals = ()
     return Explanation(
         index=index,
         position=points[index],

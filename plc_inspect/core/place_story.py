@@ -15,7 +15,7 @@
 """What height, linearity, outliers and alignment saw of one point and of its place."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
@@ -33,6 +33,11 @@ from plc_inspect.results import Bool, Decision, Float64
 
 MOST_TRIALS = 8
 """Proposals for linearity that are tried on the cloud."""
+_FIGURES = {
+    'min_neighbors': 'points',
+    'threshold': 'linear likeness',
+    'max_inclination_deg': 'inclination',
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,31 +99,36 @@ class Place:
         threshold = self.trace.height.threshold
         if self.decision == Decision.NOT_FINITE:
             return Finding(stage='height', outcome='dropped', notes=('not finite',))
-        if math.isnan(height):
-            note = 'no ground is known below, so it is looked at'
-            return Finding(stage='height', outcome='kept', notes=(note,))
-        check = Check(
-            name='height above ground', value=height, limit=threshold, setting='height.beta',
-            unit='m',
-        )
-        peak = threshold - self.settings.height.beta
-        notes = [f'beta is counted from the peak of the histogram, at {peak:.2f} m']
+        checks, notes = [], ['no ground is known below, so it counts as high']
+        if not math.isnan(height):
+            checks = [Check(
+                name='height above ground', value=height, limit=threshold,
+                setting='height.beta', unit='m',
+            )]
+            peak = threshold - self.settings.height.beta
+            notes = [f'beta is counted from the peak of the histogram, at {peak:.2f} m']
         if height < GROUND_BAND:
             notes.append(f'within {GROUND_BAND} m of the ground surface, or below it: ground')
-        if check.kept and not self.searched:
+        if self._is_high() and not self.searched:
             notes.append(self._say_unused())
         return Finding(
-            stage='height', outcome='kept' if self.searched else 'dropped', checks=(check,),
-            notes=tuple(notes),
+            stage='height', outcome='kept' if self.searched else 'dropped',
+            checks=tuple(checks), notes=tuple(notes),
         )
 
     def lift(self) -> Iterator[Proposal]:
-        """Yield what would have made the point high."""
-        height = float(self.trace.result.ground_height[self.index])
-        peak = self.trace.height.threshold - self.settings.height.beta
-        yield from propose(
-            self.settings, 'height.beta', height - peak, True, 'height above ground', height
-        )
+        """Yield what would have made the point one to be looked at."""
+        trace, height = self.trace, float(self.trace.result.ground_height[self.index])
+        if not self._is_high():
+            peak = trace.height.threshold - self.settings.height.beta
+            yield from propose(
+                self.settings, 'height.beta', height - peak, True, 'height above ground', height
+            )
+        elif not len(trace.cloud.high):
+            num = trace.result.num_points - trace.height.num_not_finite
+            yield from propose(
+                self.settings, 'segment.min_points', num, True, 'points of the cloud', num
+            )
 
     def tell_linearity(self) -> Finding:
         """Return how full the space about the point is, and how linear its neighbourhoods are."""
@@ -129,10 +139,7 @@ class Place:
             name='occupied cells of 27 about it', value=self.occupied,
             limit=limits.max_occupied, is_least=False, setting='linearity.max_occupied',
         )]
-        notes = [] if checks[0].kept else [
-            'the point itself is inside something bulky and was left out;'
-            ' what follows is of points about it'
-        ]
+        notes = [] if checks[0].kept else self._say_bulky()
         for item in self._pick():
             name = f'in {item.size:g} m'
             checks += [
@@ -168,7 +175,7 @@ class Place:
             value, name = fails[0]
             found += propose(
                 self.settings, f'linearity.{name}', value, name != 'max_inclination_deg',
-                f'{name} in {item.size:g} m', value,
+                f'{_FIGURES[name]} in {item.size:g} m', value,
             )
         if self.occupied > limits.max_occupied:
             for most in range(self.occupied, 28):
@@ -240,11 +247,27 @@ class Place:
         near = cells[(np.abs(cells - own) <= 1).all(axis=1)]
         return len(np.unique(near, axis=0))
 
+    def _is_high(self) -> bool:
+        return bool(self.trace.height.high[self.index])
+
     def _say_unused(self) -> str:
         trace = self.trace
         if len(trace.cloud.high) == 0:
             return 'the cloud has fewer points than segment.min_points; nothing was looked for'
         return 'the ground was estimated anew after the conductors were found'
+
+    def _say_bulky(self) -> list[str]:
+        notes = ['inside something bulky, so left out; neighbourhoods are of points about it']
+        whole = replace(self.settings.linearity, max_occupied=27)
+        own = [item for item in self._measure(whole) if item.is_here]
+        if own:
+            best = max(own, key=lambda item: item.linear)
+            notes.append(
+                f'with nothing left out, the most linear one in its cell of a metre is of'
+                f' {best.size:g} m: likeness {best.linear:.3f}, inclination'
+                f' {best.inclination_deg:.1f} deg, {best.count} points'
+            )
+        return notes
 
     def _measure(self, limits: LinearitySettings) -> list[Neighborhood]:
         """Return the blocks about all voxels of the cell, and about that of the point."""

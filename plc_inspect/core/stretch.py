@@ -24,6 +24,7 @@ from plc_inspect.config import Settings
 from plc_inspect.core.checks import apply, Proposal, rank
 from plc_inspect.core.clearance import RuleSet
 from plc_inspect.core.curve_story import Curves, CurveView
+from plc_inspect.core.explanation import explain_point
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.core.span_model import SpanModel
 from plc_inspect.core.trace import Trace
@@ -35,6 +36,8 @@ PART = 10.0
 """Length of the parts that are looked at one by one [m]."""
 MOST_PARTS = 16
 MOST_RUNS = 4
+SHARES = (0.5, 0.25, 0.75)
+"""Where along a stretch its examples are taken."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -76,8 +79,8 @@ class Stretch:
     """The first of STAGES that sees less than a conductor needs, '' none."""
     curves: tuple[CurveView, ...]
     """Curves along it, the nearest to its middle line first."""
-    example: int
-    """A point of it with the most common decision of those that are no wire, -1 none."""
+    examples: tuple[int, ...]
+    """Points of it with the most common decision of the high ones that are no wire."""
     proposals: tuple[Proposal, ...]
     found: bool
     """A span lies along it, so proposals take it away, else they bring one."""
@@ -179,16 +182,19 @@ def explain_stretch(
     least = settings.catenary.min_coverage
     shares = {name: float(np.mean([item > 0 for item in row])) for name, row in counts.items()}
     lost = next((name for name in STAGES if shares[name] < least), '')
+    examples = _pick_examples(trace, along, inside, course)
     curves = Curves(trace, settings)
     views = sorted(
         (view for view in curves.views if _is_along(course, view)),
         key=lambda view: _measure_miss(course, view),
     )
     found = lost == ''
+    proposals = list(_propose(curves, views, found))
+    if not found and not proposals:
+        proposals = _ask(trace, points, settings, examples)
     return Stretch(
         course=course, edges=edges, counts=counts, lost=lost, curves=tuple(views),
-        example=_pick_example(trace, along, inside, course), found=found,
-        proposals=tuple(rank(_propose(curves, views, found))),
+        examples=examples, found=found, proposals=tuple(rank(proposals)),
     )
 
 
@@ -250,14 +256,32 @@ def _measure_miss(course: Course, view: CurveView) -> float:
     return float(np.hypot(ca * dy - sa * dx, above).mean())
 
 
-def _pick_example(trace: Trace, along: Float64, inside: Bool, course: Course) -> int:
-    """Return the point nearest to the middle among those of the most common decision."""
+def _pick_examples(
+    trace: Trace, along: Float64, inside: Bool, course: Course
+) -> tuple[int, ...]:
+    """Return points of the most common decision, at the middle and both quarters."""
     rows = np.flatnonzero(inside & trace.height.high & (trace.result.line_id < 0))
     if not len(rows):
-        return -1
+        rows = np.flatnonzero(inside & (trace.result.line_id < 0))
+    if not len(rows):
+        return ()
     decision = trace.result.decision[rows]
     rows = rows[decision == np.bincount(decision).argmax()]
-    return int(rows[np.argmin(np.abs(along[rows] - course.length / 2))])
+    places = [int(np.argmin(np.abs(along[rows] - share * course.length))) for share in SHARES]
+    return tuple(dict.fromkeys(int(rows[place]) for place in places))
+
+
+def _ask(
+    trace: Trace, points: Float64, settings: Settings, examples: tuple[int, ...]
+) -> list[Proposal]:
+    """Return the farthest move of each setting that one of the examples asks for."""
+    farthest: dict[str, Proposal] = {}
+    for index in examples:
+        for item in explain_point(trace, points, settings, index).proposals:
+            known = farthest.get(item.setting)
+            if known is None or item.cost > known.cost:
+                farthest[item.setting] = item
+    return list(farthest.values())
 
 
 def _propose(curves: Curves, views: list[CurveView], found: bool) -> Iterator[Proposal]:

@@ -39,6 +39,10 @@ MEANINGS = {
     Decision.WIRE: 'is a wire point',
     Decision.SUPPORT: 'belongs to a support',
 }
+_NAMES = dict(zip(STAGES, (
+    'points', 'high points', 'candidates', 'candidates that are no outliers',
+    'candidates in line with others', 'points in beads', 'wire points',
+), strict=True))
 NO_SETTING = {
     Decision.NOT_FINITE: 'nothing: it has no place',
     Decision.GROUND: 'no setting: what is within half a metre of the ground surface is ground',
@@ -109,16 +113,18 @@ def render_stretch(
         lines.append('a conductor was found along it')
     else:
         lines.append(
-            f'{stretch.lost} are seen in less than {settings.catenary.min_coverage:g} of its'
-            ' parts (catenary.min_coverage): here it is lost'
+            f'{_NAMES[stretch.lost]} are seen in less than {settings.catenary.min_coverage:g} of'
+            ' its parts (catenary.min_coverage): here it is lost'
         )
     for number, view in enumerate(stretch.curves):
         lines += ['', *_render_curve(number + 1, view, settings, units)]
     if not stretch.curves:
         lines.append('no curve was laid along it')
     lines += ['', *_render_trials(stretch, trials)]
-    if stretch.example >= 0 and not stretch.found:
-        lines.append(f'most of its points share the fate of this one: --point {stretch.example}')
+    if stretch.examples and not stretch.found:
+        lines.append(
+            f'most of its points share the fate of this one: --point {stretch.examples[0]}'
+        )
     return '\n'.join(lines)
 
 
@@ -183,7 +189,7 @@ def _render_trials(
 ) -> Iterator[str]:
     head = 'what would have changed it: '
     if not stretch.proposals:
-        yield head + 'no single limit of catenary; the stages before it decided'
+        yield head + 'no single setting that is known'
     elif trials is None:
         for proposal in stretch.proposals[:3]:
             yield f'{head}{_describe(proposal)} (not tried)'
