@@ -34,6 +34,8 @@ from plc_inspect.results import Float64, Int64
 
 SAME_WAY = 0.97
 """Cosine between directions that are about the same."""
+NUM_BINS = 20
+"""Bins of the histogram of linear likeness."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -72,6 +74,8 @@ class LinearityResult:
     """Occupied voxels at each of them."""
     num_bulk: int = 0
     """Points that were dropped first, as inside of bulky things."""
+    histogram: tuple[int, ...] = ()
+    """Neighbourhoods with enough points by linear likeness, in equal bins from 0 to 1."""
 
 
 def find_candidates(
@@ -108,14 +112,19 @@ def find_candidates(
     limit = math.sin(math.radians(settings.max_inclination_deg))
     parts = []
     sizes, nums = [], []
+    histogram = np.zeros(NUM_BINS + 1, dtype=np.int64)
     linear = np.zeros(0, dtype=bool)
     likeness: Likeness | None = None
     for scale in range(settings.num_scales):
         finer, voxels = voxels, coarsen(voxels) if scale else voxels
         before = likeness
         likeness = measure_likeness(voxels)
+        enough = likeness.count >= settings.min_neighbors
+        histogram += np.bincount(
+            (likeness.linear[enough] * NUM_BINS).astype(np.int64), minlength=NUM_BINS + 1
+        )
         linear_before, linear = linear, (
-            (likeness.count >= settings.min_neighbors)
+            enough
             & (likeness.linear >= settings.threshold)
             & (np.abs(likeness.direction[:, 2]) <= limit)
         )
@@ -150,6 +159,7 @@ def find_candidates(
         sizes=tuple(sizes),
         num_voxels=tuple(nums),
         num_bulk=len(chosen) - len(sparse),
+        histogram=(*histogram[:-2].tolist(), int(histogram[-2:].sum())),
     )
 
 

@@ -265,6 +265,7 @@ class _Run:
             neighborhoods=list(candidates.sizes),
             voxels=list(candidates.num_voxels),
             points_in_bulk=candidates.num_bulk,
+            likeness_of_all=candidates.histogram,
             likeness=np.histogram(candidates.linear, bins=20, range=(0.5, 1.0))[0].tolist(),
         )
         outliers = remove_outliers(candidates.position, settings.outliers)

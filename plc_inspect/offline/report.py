@@ -26,12 +26,14 @@ import numpy as np
 from plc_inspect import __version__
 from plc_inspect.config import describe, to_mapping
 from plc_inspect.core.clearance import describe_rules, plain_rules
+from plc_inspect.core.wire_points import WirePoints
 from plc_inspect.offline.drawing import draw_bars
 from plc_inspect.offline.figures import draw_map, draw_profile, draw_section
 from plc_inspect.offline.findings import list_changes, list_what_if, list_worst
 from plc_inspect.offline.inspection import Inspection, measure_clearances, Record
 from plc_inspect.offline.scene import line_color, make_scene, Scene, SEVERITY_COLORS
 from plc_inspect.offline.sheets import draw_plan
+from plc_inspect.offline.stage_figures import draw_residuals, draw_stage
 from plc_inspect.offline.view import encode_view
 from plc_inspect.results import Decision, HazardKind, PointClass, Severity, StageReport
 
@@ -40,8 +42,10 @@ STAGES = {
     'linearity': 'Keeps points whose neighbours lie along a nearly horizontal line.',
     'outliers': 'Drops lone points, by the mean distance to their neighbours.',
     'alignment': 'Finds straight sections and the azimuth of each.',
-    'clustering': 'Separates the conductors: clusters across the line, then along it.',
-    'catenary': 'Fits a catenary to each conductor in each span and collects its points.',
+    'clustering': 'Separates the conductors: clusters across the line, then along it; the cut, '
+                  'the profile and the plan of each span show them.',
+    'catenary': 'Fits a catenary to each conductor in each span and collects its points; the '
+                'residuals are shown with each span.',
     'supports': 'Finds towers and poles, where spans begin and end.',
     'corridor': 'Collects all points within the search radius of a conductor.',
     'hazards': 'Compares distances, spacing and sag with the clearance rules.',
@@ -173,6 +177,7 @@ def _describe_groups(inspection: Inspection, scene: Scene) -> list[Record]:
     }
     required = max((limit.distance for limit in limits), default=0.0) * scene.metre
     clearances = measure_clearances(inspection.result, settings.min_points)
+    wires = WirePoints(inspection.result, inspection.points)
     groups = []
     for span_id in sorted({span['span_id'] for span in scene.spans}):
         section, where = draw_section(scene, span_id, distances)
@@ -184,6 +189,7 @@ def _describe_groups(inspection: Inspection, scene: Scene) -> list[Record]:
             'profile': Markup(draw_profile(scene, span_id, required)),
             'plan': Markup(draw_plan(scene, span_id, required)),
             'section': Markup(section),
+            'residuals': Markup(draw_residuals(scene, inspection.result, wires, span_id)),
             'where': where,
             'clearances': {
                 line_id: None if distance is None else distance * scene.metre
@@ -195,7 +201,10 @@ def _describe_groups(inspection: Inspection, scene: Scene) -> list[Record]:
 
 
 def _describe_stage(stage: StageReport) -> Record:
+    figure, caption = draw_stage(stage)
     return {
+        'figure': Markup(figure),
+        'caption': caption,
         'name': stage.name,
         'about': STAGES.get(stage.name, ''),
         'num_in': stage.num_in,

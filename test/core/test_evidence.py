@@ -20,7 +20,7 @@ from toys import make_curve, make_ground, make_index, make_wire
 
 from plc_inspect.config import CatenarySettings
 from plc_inspect.core.collection import profile_curve
-from plc_inspect.core.evidence import find_objection, UNPROVEN
+from plc_inspect.core.evidence import find_objection, list_evidence, UNPROVEN
 from plc_inspect.errors import ConfigError
 
 SETTINGS = CatenarySettings()
@@ -82,6 +82,24 @@ def test_trees_at_a_third_of_the_span_are_no_objection():
     wire = make(80.0)
     crown = make_ground((30, -2), (55, 2), 60.0) + np.array([0, 0, 11.0])
     assert judge(wire, [crown]) == ''
+
+
+def test_evidence_says_how_near_each_limit_is():
+    curve = make_curve(make(80.0), np.arange(640))
+    points = make(80.0)
+    profile = profile_curve(points, make_index(points), curve, curve.low, curve.high)
+    evidence = {item.setting: item for item in list_evidence(curve, profile, SETTINGS)}
+    assert all(item.kept for item in evidence.values())
+    assert evidence['min_length'].value == curve.length
+    assert evidence['max_sag_ratio'].limit == pytest.approx(0.08 * curve.length)
+    for name, limit in (
+        ('min_length', 80.1), ('min_points', 700), ('max_sag_ratio', 0.01),
+        ('max_constant', 600.0), ('min_significance', 999.0),
+    ):
+        changed = dataclasses.replace(SETTINGS, **{name: limit})
+        fails = [item.setting for item in list_evidence(curve, profile, changed) if not item.kept]
+        assert fails == [name]
+        assert find_objection(curve, profile, changed) == evidence[name].objection
 
 
 @pytest.mark.parametrize('change', [

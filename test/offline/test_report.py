@@ -110,7 +110,7 @@ def test_page_holds_every_part(page):
                  'span 1', 'too low', 'not linear', 'beta', 'voxel sizes', 'critical', 'tower'):
         assert part in text, part
     assert {'span-0', 'span-1', 'hazard-0'} <= set(parsed.ids)
-    assert page.count('<svg viewBox') == 1 + 3 * 2
+    assert page.count('<svg viewBox') == 1 + 4 * 2
     assert page.count('class="bars"') == 1
     for name, _, _ in describe():
         assert f'<code>{name}</code>' in page

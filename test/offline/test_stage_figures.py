@@ -1,0 +1,68 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The figures of the report that show what a stage decided by."""
+
+import re
+import xml.etree.ElementTree as ElementTree
+
+from factories import make_inspection
+import numpy as np
+import pytest
+from toys import make_line_cloud
+
+from plc_inspect.core.pipeline import Pipeline
+from plc_inspect.core.wire_points import WirePoints
+from plc_inspect.offline.scene import make_scene
+from plc_inspect.offline.stage_figures import draw_residuals, draw_stage
+from plc_inspect.results import StageReport
+
+
+def test_histograms_show_the_threshold():
+    stages = Pipeline().run(make_line_cloud(half_width=15.0)[0]).stages
+    drawn = {stage.name: draw_stage(stage) for stage in stages}
+    assert {name for name, (figure, _) in drawn.items() if figure} == {'height', 'linearity'}
+    for stage in stages[:2]:
+        figure, caption = drawn[stage.name]
+        ElementTree.fromstring(figure)
+        assert f'threshold {stage.values["threshold"]:.3g}' in figure
+        assert 'threshold' in caption
+        assert len(figure) < 10_000
+    linearity = stages[1].values
+    assert sum(linearity['likeness_of_all'][17:]) >= stages[1].num_kept
+    assert len(linearity['likeness_of_all']) == 20
+
+
+@pytest.mark.parametrize('stage', [
+    StageReport(name='height', num_in=0, num_kept=0, values={'threshold': None}),
+    StageReport(name='height', num_in=0, num_kept=0, values={
+        'threshold': 4.0, 'histogram': [0, 0], 'edges': [0.0, 1.0]}),
+    StageReport(name='linearity', num_in=0, num_kept=0),
+    StageReport(name='hazards', num_in=0, num_kept=0),
+])
+def test_nothing_is_drawn_of_nothing(stage):
+    assert draw_stage(stage) == ('', '')
+
+
+def test_residuals_are_those_of_the_spans():
+    inspection = make_inspection()
+    scene = make_scene(inspection)
+    wires = WirePoints(inspection.result, inspection.points)
+    figure = draw_residuals(scene, inspection.result, wires, 0)
+    ElementTree.fromstring(figure)
+    ticks = [float(text.replace('\u2212', '-')) for text in
+             re.findall(r'class="tick end"[^>]*>([^<]*)<', figure)]
+    assert 0.02 < max(ticks) < 0.1  # the noise of the points is 0.02 m
+    assert draw_residuals(scene, inspection.result, wires, 7) == ''
+    assert np.isfinite(ticks).all()
