@@ -67,12 +67,20 @@ class Proposal:
     """The figure that goes over its limit."""
     value: float
     """Of that figure."""
+    also: 'Proposal | None' = None
+    """What must be moved as well, where one setting is not enough."""
 
     @property
     def cost(self) -> float:
-        """How far the setting is moved, as a ratio."""
+        """How far settings are moved, as a ratio."""
         least = 1e-3
-        return abs(math.log(max(self.after, least) / max(self.before, least)))
+        own = abs(math.log(max(self.after, least) / max(self.before, least)))
+        return own + (self.also.cost if self.also else 0.0)
+
+    @property
+    def moves(self) -> dict[str, float]:
+        """Settings and their values."""
+        return {self.setting: self.after} | (self.also.moves if self.also else {})
 
 
 def propose(
@@ -115,13 +123,16 @@ def propose(
 
 def rank(proposals: Iterable[Proposal]) -> list[Proposal]:
     """Return proposals, each once, the smallest move first."""
-    unique = {(item.setting, item.after): item for item in proposals}
+    unique = {tuple(sorted(item.moves.items())): item for item in proposals}
     return sorted(unique.values(), key=lambda item: (item.cost, item.setting))
 
 
 def apply(proposals: Sequence[Proposal], settings: Settings) -> Settings:
     """Return settings with what is proposed."""
-    return update(settings, {item.setting: item.after for item in proposals})
+    moves: dict[str, float] = {}
+    for item in proposals:
+        moves |= item.moves
+    return update(settings, moves)
 
 
 def _round(value: float, upward: bool, whole: bool) -> float:

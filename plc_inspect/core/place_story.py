@@ -166,26 +166,20 @@ class Place:
 
     def straighten(self) -> Iterator[Proposal]:
         """Yield what would have made a candidate in the point's cell, tried on the cloud."""
-        found: list[Proposal] = []
-        limits = self.settings.linearity
-        for item in self._measure(limits):
-            fails = _fails(item, limits)
-            if not item.is_here or len(fails) != 1:
-                continue
-            value, name = fails[0]
-            found += propose(
-                self.settings, f'linearity.{name}', value, name != 'max_inclination_deg',
-                f'{_FIGURES[name]} in {item.size:g} m', value,
-            )
-        if self.occupied > limits.max_occupied:
-            for most in range(self.occupied, 28):
-                found += propose(
-                    self.settings, 'linearity.max_occupied', most, False, 'occupied cells',
-                    self.occupied,
-                )
-        for proposal in rank(found)[:MOST_TRIALS]:
-            if self._has_candidate(apply([proposal], self.settings).linearity):
-                yield proposal
+        single, double = [], []
+        for moves in self._list_moves():
+            if len(moves) == 1:
+                single.append(moves[0])
+            elif len(moves) == 2:
+                double.append(replace(moves[0], also=moves[1]))
+        for proposals in (single, double):  # two settings only where one is not enough
+            enough = [
+                item for item in rank(proposals)[:MOST_TRIALS]
+                if self._has_candidate(apply([item], self.settings).linearity)
+            ]
+            yield from enough
+            if enough:
+                return
 
     def tell_outliers(self) -> Finding:
         """Return how far the candidates of the cell are from others."""
@@ -307,6 +301,27 @@ class Place:
             if best is None or _promise(item, limits) > _promise(best, limits):
                 blocks[item.size] = item
         return list(blocks.values())
+
+    def _list_moves(self) -> Iterator[list[Proposal]]:
+        """Yield for each block of the cell what must be moved to make it a candidate."""
+        limits, occupied = self.settings.linearity, self.occupied
+        levels = [limits.max_occupied]
+        if occupied > limits.max_occupied:
+            levels += range(occupied, 28)
+        for level in levels:
+            opened = list(propose(
+                self.settings, 'linearity.max_occupied', level, False, 'occupied cells', occupied
+            ))
+            for item in self._measure(replace(limits, max_occupied=level)):
+                fails = _fails(item, limits)
+                moves = [
+                    move for value, name in fails for move in propose(
+                        self.settings, f'linearity.{name}', value, name != 'max_inclination_deg',
+                        f'{_FIGURES[name]} in {item.size:g} m', value,
+                    )
+                ]
+                if item.is_here and len(moves) == len(fails):
+                    yield opened + moves
 
     def _has_candidate(self, limits: LinearitySettings) -> bool:
         cloud = self.trace.cloud

@@ -87,7 +87,7 @@ def draw_residuals(
         return ''
     x, miss, color = (np.concatenate(column) for column in zip(*parts, strict=True))
     x, miss = x * scene.metre, miss * scene.metre
-    reach = max(1.2 * float(np.percentile(np.abs(miss), 99.5)), 0.02 * scene.metre)
+    reach = _round_up(max(float(np.percentile(np.abs(miss), 99.5)), 0.02 * scene.metre))
     length = float(x.max() - x.min()) or 1.0
     plot = Plot(
         (x.min() - 0.02 * length, x.max() + 0.02 * length), (-reach, reach), _RESIDUAL_SIZE,
@@ -97,6 +97,12 @@ def draw_residuals(
     plot.add_line(np.array(plot.x_range), np.zeros(2), 'chord')
     plot.add_axes(f'along each line [{scene.unit}]', f'residual [{scene.unit}]')
     return plot.render(f'residuals{span_id}')
+
+
+def _round_up(value: float) -> float:
+    """Return the next of 1, 2, 5, 10 ..., so that the axis has a number at its ends."""
+    power: float = 10.0 ** math.floor(math.log10(value))
+    return next(step * power for step in (1, 2, 5, 10) if step * power >= value)
 
 
 def _draw_heights(stage: StageReport) -> tuple[str, str]:

@@ -168,7 +168,7 @@ def _render_change(explanation: Explanation, tried: bool) -> Iterator[str]:
     head = 'what would have changed it: '
     decision = explanation.decision
     if not explanation.proposals:
-        yield head + NO_SETTING.get(decision, 'no single setting that is known')
+        yield head + NO_SETTING.get(decision, 'no setting that is known')
         return
     if not tried:
         for proposal in explanation.proposals[:3]:
@@ -181,7 +181,7 @@ def _render_change(explanation: Explanation, tried: bool) -> Iterator[str]:
         else:
             yield f'not enough: {_describe(trial.proposal)}; {then}'
     if explanation.change is None:
-        yield head + 'no single setting that was tried'
+        yield head + 'no setting that was tried'
 
 
 def _render_trials(
@@ -189,7 +189,7 @@ def _render_trials(
 ) -> Iterator[str]:
     head = 'what would have changed it: '
     if not stretch.proposals:
-        yield head + 'no single setting that is known'
+        yield head + 'no setting that is known'
     elif trials is None:
         for proposal in stretch.proposals[:3]:
             yield f'{head}{_describe(proposal)} (not tried)'
@@ -201,14 +201,15 @@ def _render_trials(
                 f' along it, {trial.before} before'
             )
         if not any(trial.holds for trial in trials):
-            yield head + 'no single setting that was tried'
+            yield head + 'no setting that was tried'
 
 
 def _describe(proposal: Proposal) -> str:
-    return (
+    text = (
         f'{proposal.setting} = {_number(proposal.after)} instead of {_number(proposal.before)}'
         f' ({proposal.figure}: {_number(proposal.value)})'
     )
+    return f'{text} and {_describe(proposal.also)}' if proposal.also else text
 
 
 def _sign(check: Check) -> str:

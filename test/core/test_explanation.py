@@ -78,9 +78,9 @@ def trace(cloud):
     return Pipeline().trace(cloud[0])
 
 
-def decide(points, index, setting, value):
-    """Return the decision on a point in a run with one setting at another value."""
-    return Decision(Pipeline(update(SETTINGS, {setting: value})).run(points).decision[index])
+def decide(points, index, moves):
+    """Return the decision on a point in a run with some settings at other values."""
+    return Decision(Pipeline(update(SETTINGS, moves)).run(points).decision[index])
 
 
 def pick(cloud, trace, name, decision):
@@ -110,7 +110,7 @@ def test_the_named_setting_moved_as_told_changes_the_outcome(
         explanation = explain_point(trace, points, SETTINGS, index)
         assert explanation.decision == decision
         for proposal in explanation.proposals[:1]:
-            after = decide(points, index, proposal.setting, proposal.after)
+            after = decide(points, index, proposal.moves)
             if decision == Decision.WIRE:
                 assert after != Decision.WIRE
             else:
@@ -126,7 +126,20 @@ def test_the_named_setting_moved_as_told_changes_the_outcome(
 def test_a_little_less_than_told_is_not_enough(cloud, trace, name, decision, step):
     index = pick(cloud, trace, name, decision)[1]
     proposal = explain_point(trace, cloud[0], SETTINGS, index).proposals[0]
-    assert decide(cloud[0], index, proposal.setting, proposal.after + step) == decision
+    assert decide(cloud[0], index, {proposal.setting: proposal.after + step}) == decision
+
+
+def test_two_settings_are_named_where_one_is_not_enough(cloud, trace):
+    told = 0
+    rows = np.flatnonzero((cloud[1] == 'tree') & (trace.result.decision == Decision.NOT_LINEAR))
+    for index in rows[::250].tolist():
+        for proposal in explain_point(trace, cloud[0], SETTINGS, index).proposals[:1]:
+            assert decide(cloud[0], index, proposal.moves) > Decision.NOT_LINEAR
+            for name, value in proposal.moves.items():
+                if proposal.also:
+                    assert decide(cloud[0], index, {name: value}) == Decision.NOT_LINEAR
+            told += proposal.also is not None
+    assert told
 
 
 def test_confirmed_changes_are_those_of_a_run_of_their_own(cloud, trace):
@@ -139,8 +152,7 @@ def test_confirmed_changes_are_those_of_a_run_of_their_own(cloud, trace):
             assert len(told.trials) <= len(told.proposals)
             if told.change is not None:
                 confirmed += 1
-                proposal = told.change.proposal
-                after = decide(cloud[0], index, proposal.setting, proposal.after)
+                after = decide(cloud[0], index, told.change.proposal.moves)
                 assert after == told.change.decision != decision
     assert confirmed >= 3
 
