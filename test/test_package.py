@@ -142,7 +142,7 @@ def test_licence_is_apache(manifest):
     assert 'Apache License\n                           Version 2.0' in text
 
 
-@pytest.mark.parametrize('name', ['survey', 'replay'])
+@pytest.mark.parametrize('name', ['survey', 'replay', 'explain'])
 def test_help_is_quick_and_complete(name):
     code = f"import sys; from plc_inspect.offline.{name} import main; main(['--help'])"
     done = subprocess.run(

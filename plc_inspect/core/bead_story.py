@@ -66,6 +66,8 @@ class ClusterView:
     limit: float = math.nan
     """Of the rms in this attempt."""
     crowding: float = math.nan
+    is_own: bool = True
+    """It is of the point itself, else of the nearest that was not thinned out."""
 
 
 class Windows:
@@ -96,6 +98,8 @@ class Windows:
         notes = [f'{self.num_near} windows reach over it, {len(self.beads)} beads hold it']
         for view in self.views:
             name = f'window {view.window}, eps {view.eps:g} m'
+            if view.limit > limits.max_thickness:
+                name = f'window {view.window}, undivided'
             if view.needed:
                 checks.append(Check(
                     name=f'{name}: points within eps', value=view.neighbors, limit=view.needed,
@@ -126,7 +130,8 @@ class Windows:
         """Yield what would have put the point into a bead, tried on its windows."""
         found: list[Proposal] = []
         for view in self.views:
-            found += self._propose(view)
+            if view.is_own:
+                found += self._propose(view)
         for item in rank(found)[:MOST_TRIALS]:
             if self._is_in_bead(apply([item], self.settings).clustering):
                 yield item
@@ -205,13 +210,19 @@ class Windows:
         limits: ClusteringSettings = self.settings.clustering
         half = self.alignment.half_length
         chosen, own, (x, y, w) = self._select(window)
+        is_own = True
         if len(chosen) > MAX_WINDOW_POINTS:
             step = -(-len(chosen) // MAX_WINDOW_POINTS)
+            away = np.hypot(np.hypot(x - x[own], y - y[own]), w - w[own])[::step]
+            x, y, w = (np.ascontiguousarray(values[::step]) for values in (x, y, w))
             if own % step:
-                yield ClusterView(window=window, neighbors=0, needed=0, eps=limits.eps,
-                                  outcome='thinned out of a full window')
-                return
-            own, x, y, w = own // step, x[::step].copy(), y[::step].copy(), w[::step].copy()
+                is_own = False
+                yield ClusterView(
+                    window=window, neighbors=0, needed=0, eps=limits.eps, is_own=False,
+                    outcome=f'thinned out, as the window holds more than {MAX_WINDOW_POINTS}'
+                            ' points; what follows is of the nearest that was kept',
+                )
+            own = int(np.argmin(away))
         needed = int(count_needed(y, w, limits.eps, limits.min_points))
         open_mask = np.ones(len(x), dtype=bool)
         first = np.full(len(x), -1)
@@ -244,12 +255,12 @@ class Windows:
                 elif view.outcome in ('bead', 'trimmed off a bead'):
                     used |= member
                 if mine:
-                    yield view
+                    yield replace(view, is_own=is_own)
             at = np.flatnonzero(rows == own)
             if len(at) and label[at[0]] < 0:
                 near = np.hypot(y[rows] - y[own], w[rows] - w[own]) <= eps
                 yield ClusterView(window=window, outcome='noise across the line', eps=eps,
-                                  neighbors=int(near.sum()), needed=needed)
+                                  neighbors=int(near.sum()), needed=needed, is_own=is_own)
 
     def _judge(
         self, window: int, x: Float64, y: Float64, w: Float64, member: np.ndarray, own: int,
