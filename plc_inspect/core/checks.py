@@ -15,7 +15,7 @@
 """Figures against their limits, and the settings that would have decided otherwise."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 from plc_inspect.config import describe, Settings, update
@@ -119,6 +119,14 @@ def propose(
         yield Proposal(
             setting=setting, before=before, after=after, figure=figure, value=value
         )
+
+
+def chain(moves: Sequence[Proposal]) -> Proposal:
+    """Return one proposal of all, at least one, that must be moved together."""
+    result = moves[-1]
+    for item in reversed(moves[:-1]):
+        result = replace(item, also=result)
+    return result
 
 
 def rank(proposals: Iterable[Proposal]) -> list[Proposal]:

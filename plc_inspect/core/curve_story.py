@@ -21,7 +21,7 @@ import math
 import numpy as np
 
 from plc_inspect.config import Settings
-from plc_inspect.core.checks import Check, Finding, Proposal, propose
+from plc_inspect.core.checks import chain, Check, Finding, Proposal, propose
 from plc_inspect.core.collection import measure_company, profile_curve
 from plc_inspect.core.conductors import find_curves
 from plc_inspect.core.curve import Curve
@@ -133,13 +133,12 @@ class Curves:
     def believe(self, position: Float64) -> Iterator[Proposal]:
         """Yield what would have made a conductor of a curve at a point."""
         for distance, view in self.find_near(position):
-            against = [item for item in view.evidence if not item.kept]
             if view.believed and distance > view.curve.tolerance:
                 yield from propose(
                     self.settings, 'catenary.tolerance', distance, False, 'distance', distance
                 )
-            elif len(against) == 1 and distance <= 2 * view.curve.tolerance:
-                yield from self.turn(against[0])
+            elif distance <= 2 * view.curve.tolerance:
+                yield from self.admit(view)
 
     def doubt(self, position: Float64) -> Iterator[Proposal]:
         """Yield what would have made the curve at a point no conductor."""
@@ -147,6 +146,13 @@ class Curves:
             for item in view.evidence:
                 if item.kept and view.believed:
                     yield from self.turn(item, away=True)
+
+    def admit(self, view: CurveView) -> Iterator[Proposal]:
+        """Yield all limits at which nothing speaks against a curve, if they can be had."""
+        against = [item for item in view.evidence if not item.kept]
+        moves = [move for item in against for move in self.turn(item)]
+        if moves and len(moves) == len(against):
+            yield chain(moves)
 
     def turn(self, item: Evidence, *, away: bool = False) -> Iterator[Proposal]:
         """Yield the limit at which one figure passes, or just fails."""

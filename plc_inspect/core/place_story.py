@@ -23,7 +23,7 @@ from scipy.spatial import cKDTree
 
 from plc_inspect.config import LinearitySettings, Settings
 from plc_inspect.core.bulk import BULK_CELL, drop_bulk
-from plc_inspect.core.checks import apply, Check, Finding, Proposal, propose, rank
+from plc_inspect.core.checks import apply, chain, Check, Finding, Proposal, propose, rank
 from plc_inspect.core.labels import GROUND_BAND
 from plc_inspect.core.linearity import anchor, find_candidates, measure_likeness
 from plc_inspect.core.off_ground import OffGround
@@ -171,7 +171,7 @@ class Place:
             if len(moves) == 1:
                 single.append(moves[0])
             elif len(moves) == 2:
-                double.append(replace(moves[0], also=moves[1]))
+                double.append(chain(moves))
         for proposals in (single, double):  # two settings only where one is not enough
             enough = [
                 item for item in rank(proposals)[:MOST_TRIALS]

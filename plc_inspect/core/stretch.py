@@ -292,6 +292,4 @@ def _propose(curves: Curves, views: list[CurveView], found: bool) -> Iterator[Pr
                     yield from curves.turn(item, away=True)
         return
     for view in views:
-        against = [item for item in view.evidence if not item.kept]
-        if len(against) == 1:
-            yield from curves.turn(against[0])
+        yield from curves.admit(view)

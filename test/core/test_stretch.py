@@ -109,3 +109,16 @@ def test_a_span_that_does_not_exist():
     trace = Pipeline().trace(np.zeros((3, 3)))
     with pytest.raises(DataError, match='no span 1 of line 2'):
         follow_span(trace, 2, 1, 1.0)
+
+
+def test_all_limits_that_a_curve_fails_are_named_together(points):
+    settings = update(
+        Settings(), {'catenary.min_length': 150.0, 'catenary.max_constant': 500.0}
+    )
+    stretch = look(points, settings)
+    trials = confirm_stretch(stretch, points, settings)
+    assert trials[-1].holds
+    assert set(trials[-1].proposal.moves) == {'catenary.min_length', 'catenary.max_constant'}
+    for name, value in trials[-1].proposal.moves.items():
+        alone = look(points, update(settings, {name: value}))
+        assert not alone.found
