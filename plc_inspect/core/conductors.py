@@ -26,20 +26,17 @@ from plc_inspect.core.breaks import find_break
 from plc_inspect.core.bundles import merge_bundles, widen
 from plc_inspect.core.clustering import ClusteringResult
 from plc_inspect.core.collection import extend, measure_company, Profile, profile_curve
-from plc_inspect.core.curve import Curve, derive_tolerance, find_far_apart, fit_curve
+from plc_inspect.core.curve import Curve, derive_tolerance, fit_curve
+from plc_inspect.core.duplicates import drop_duplicates, is_thick
 from plc_inspect.core.evidence import CROWDED, find_objection, UNPROVEN
 from plc_inspect.core.plan_index import PlanIndex
 from plc_inspect.errors import FitError
-from plc_inspect.results import Bool, Float64, Int64
+from plc_inspect.results import Float64, Int64
 
 MAX_SPLITS = 64
 BRIDGE_SLACK = 0.15
 """Miss of a continuation that is allowed beyond three times its uncertainty [m]."""
 MAX_MISS = 0.8
-THICK = 0.12
-"""Points of one conductor spread less than this about its curve (rms) [m]."""
-MAX_SHARED = 0.5
-"""A curve with more of its points on better seen curves is dropped."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -331,7 +328,7 @@ def join(
 ) -> Curve | None:
     """Return one curve through the points of both, or None if they are not of one span."""
     shorter = min(first.length, second.length)
-    if _is_thick(first) != _is_thick(second) and shorter < settings.bundle_length:
+    if is_thick(first) != is_thick(second) and shorter < settings.bundle_length:
         return None
     tolerance = max(first.tolerance, second.tolerance)
     try:
@@ -354,57 +351,3 @@ def join(
     if find_break(x, y, own_points[:, 2]) is not None:
         return None
     return union
-
-
-def drop_duplicates(
-    points: Float64, curves: Sequence[Curve], settings: CatenarySettings
-) -> tuple[Curve, ...]:
-    """
-    Drop each curve that has most of its points, or of its course, from better seen ones.
-
-    A line laid across several conductors at a small angle meets points of each, but has none
-    of its own.
-    """
-    order = sorted(curves, key=lambda curve: _rank(curve, settings))
-    far = find_far_apart(order)
-    kept: list[int] = []
-    for number, curve in enumerate(order):
-        stations = curve.position(np.linspace(curve.low, curve.high, 21))
-        own = points[curve.points]
-        on_course = np.zeros(len(stations), dtype=bool)
-        shared = np.zeros(len(own), dtype=bool)
-        for other in (order[k] for k in kept if not far[number, k]):
-            reach = 0.6 * max(curve.tolerance, other.tolerance)
-            on_course |= _lies_on(stations, other, reach)
-            shared |= _lies_on(own, other, other.tolerance)
-        if on_course.mean() < 0.5 and shared.mean() <= MAX_SHARED:
-            kept.append(number)
-    result = [order[number] for number in kept]
-    result.sort(key=lambda curve: (-curve.length, *curve.origin))
-    return tuple(result)
-
-
-def _rank(curve: Curve, settings: CatenarySettings) -> tuple[float, ...]:
-    """
-    Order of belief: by points, but a thick curve in a short span comes after all thin ones.
-
-    Bundles hang in long spans; in a short one a thick curve lies over several conductors.
-    """
-    return (
-        float(_is_thick(curve) and curve.length < settings.bundle_length),
-        float(-curve.num_points),
-        float(curve.origin[0]),
-        float(curve.origin[1]),
-    )
-
-
-def _is_thick(curve: Curve) -> bool:
-    return max(curve.lateral_rmse, curve.fit.rmse) > THICK
-
-
-def _lies_on(points: Float64, curve: Curve, reach: float) -> Bool:
-    """Tell which points are within reach of a curve between its ends."""
-    x, y = curve.local(points)
-    inside = (x >= curve.low - 0.5) & (x <= curve.high + 0.5)
-    result: Bool = inside & (np.hypot(y, points[:, 2] - curve.fit.height(x)) <= reach)
-    return result

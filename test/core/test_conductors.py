@@ -22,10 +22,10 @@ from plc_inspect.config import CatenarySettings
 from plc_inspect.core.bundles import merge_bundles
 from plc_inspect.core.conductors import (
     bridge,
-    drop_duplicates,
     model_conductors,
     split_at_supports,
 )
+from plc_inspect.core.duplicates import drop_duplicates
 
 SETTINGS = CatenarySettings()
 
