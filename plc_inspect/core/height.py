@@ -23,8 +23,8 @@ import numpy as np
 
 from plc_inspect.config import HeightSettings
 from plc_inspect.core.curve import Curve
-from plc_inspect.core.ground import estimate_ground, measure_gap
 from plc_inspect.core.nearest import find_near, span_table
+from plc_inspect.core.terrain import measure_surface, Surface
 from plc_inspect.results import Bool, Float32, Float64, Int64
 
 MAX_PEAK = 1.0
@@ -33,8 +33,6 @@ OWN_REACH = 0.5
 """Points this near to the curve of a conductor may be its own, and are no ground [m]."""
 BEYOND = 20.0
 """A conductor is looked for this far beyond the points that its curve was fitted to [m]."""
-MAX_CELLS = 16_000_000
-"""Bound of the ground grid; a wider area gets larger cells."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -62,7 +60,10 @@ class HeightResult:
 
 
 def extract_high(
-    points: Float64, settings: HeightSettings, airborne: Bool | None = None
+    points: Float64,
+    settings: HeightSettings,
+    airborne: Bool | None = None,
+    surface: Surface | None = None,
 ) -> HeightResult:
     """
     Find the points that stand high above the ground below them.
@@ -81,38 +82,22 @@ def extract_high(
         Settings of this stage.
     airborne : (N,) bool or None
         Points that cannot be ground.
+    surface : Surface or None
+        That of these points, where it is known already.
 
     Returns
     -------
     HeightResult
 
     """
-    low, high, num_finite = bounds(points)
-    if num_finite == 0:
-        return _empty(len(points), settings)
-    low[:2] = np.floor(low[:2] / settings.cell_size) * settings.cell_size
-    extent = high[:2] - low[:2]
-    cell = max(settings.cell_size, math.sqrt(float(extent[0] * extent[1]) / MAX_CELLS))
-    shape = (int(extent[1] / cell) + 1, int(extent[0] / cell) + 1)
-    solid = points if airborne is None else points[~airborne]
-    lowest = _lowest_points(solid, low, cell, shape[0], shape[1])
-    ground, seen = estimate_ground(lowest, cell, math.tan(math.radians(settings.max_slope_deg)))
-    gap = measure_gap(seen, cell)
-    height, extremes = _heights(points, ground, low, cell)
+    if surface is None:
+        surface = measure_surface(points, settings, airborne)
+    height, extremes = surface.height, surface.extremes
+    if surface.num_finite == 0:
+        return _without_ground(surface, np.zeros(len(points), dtype=bool), math.inf, settings)
     if extremes[0] > extremes[1]:  # no ground known anywhere
         known = np.asarray(np.isfinite(points).all(axis=1))
-        return HeightResult(
-            height=height,
-            high=known,
-            num_not_finite=len(points) - num_finite,
-            threshold=-math.inf,
-            histogram=np.zeros(settings.num_bins, dtype=np.int64),
-            edges=np.linspace(0.0, 1.0, settings.num_bins + 1),
-            ground=ground,
-            ground_gap=gap,
-            origin=low[:2],
-            cell_size=cell,
-        )
+        return _without_ground(surface, known, -math.inf, settings)
     top = max(float(extremes[1]), settings.beta)
     bottom = max(float(extremes[0]), -top)
     edges = np.linspace(bottom, top, settings.num_bins + 1)
@@ -122,14 +107,14 @@ def extract_high(
     return HeightResult(
         height=height,
         high=_is_high(points, height, threshold),
-        num_not_finite=len(points) - num_finite,
+        num_not_finite=len(points) - surface.num_finite,
         threshold=threshold,
         histogram=histogram,
         edges=edges,
-        ground=ground,
-        ground_gap=gap,
-        origin=low[:2],
-        cell_size=cell,
+        ground=surface.ground,
+        ground_gap=surface.ground_gap,
+        origin=surface.origin,
+        cell_size=surface.cell_size,
     )
 
 
@@ -217,18 +202,20 @@ def ground_at(
     return np.where(gap <= max_gap, height, np.nan)
 
 
-def _empty(num: int, settings: HeightSettings) -> HeightResult:
+def _without_ground(
+    surface: Surface, high: Bool, threshold: float, settings: HeightSettings
+) -> HeightResult:
     return HeightResult(
-        height=np.full(num, np.nan, dtype=np.float32),
-        high=np.zeros(num, dtype=bool),
-        num_not_finite=num,
-        threshold=math.inf,
+        height=surface.height,
+        high=high,
+        num_not_finite=len(surface.height) - surface.num_finite,
+        threshold=threshold,
         histogram=np.zeros(settings.num_bins, dtype=np.int64),
         edges=np.linspace(0.0, 1.0, settings.num_bins + 1),
-        ground=np.full((1, 1), np.nan, dtype=np.float32),
-        ground_gap=np.full((1, 1), np.inf, dtype=np.float32),
-        origin=np.zeros(2),
-        cell_size=settings.cell_size,
+        ground=surface.ground,
+        ground_gap=surface.ground_gap,
+        origin=surface.origin,
+        cell_size=surface.cell_size,
     )
 
 
@@ -239,102 +226,6 @@ def _ground_peak(histogram: Int64, edges: Float64, beta: float) -> float:
     if not near.any() or histogram[near].max() == 0:
         return 0.0
     return float(centers[near][np.argmax(histogram[near])])
-
-
-@njit(cache=True, parallel=True, nogil=True)
-def bounds(points):  # type: ignore[no-untyped-def]
-    """
-    Return the least and greatest finite coordinates and the number of finite points.
-
-    Parameters
-    ----------
-    points : (N, 3) float64
-        Coordinates [m].
-
-    Returns
-    -------
-    low, high : (3,) float64; inf and -inf without finite points
-    num_finite : int
-
-    """
-    num_parts = 8
-    low = np.full((num_parts, 3), np.inf)
-    high = np.full((num_parts, 3), -np.inf)
-    count = np.zeros(num_parts, dtype=np.int64)
-    num = len(points)
-    for part in prange(num_parts):
-        for i in range(part * num // num_parts, (part + 1) * num // num_parts):
-            x, y, z = points[i, 0], points[i, 1], points[i, 2]
-            if not (np.isfinite(x) and np.isfinite(y) and np.isfinite(z)):
-                continue
-            count[part] += 1
-            low[part, 0] = min(low[part, 0], x)
-            low[part, 1] = min(low[part, 1], y)
-            low[part, 2] = min(low[part, 2], z)
-            high[part, 0] = max(high[part, 0], x)
-            high[part, 1] = max(high[part, 1], y)
-            high[part, 2] = max(high[part, 2], z)
-    for part in range(1, num_parts):
-        for k in range(3):
-            low[0, k] = min(low[0, k], low[part, k])
-            high[0, k] = max(high[0, k], high[part, k])
-    return low[0], high[0], count.sum()
-
-
-@njit(cache=True, parallel=True, nogil=True)
-def _lowest_points(points, low, cell, rows, columns):  # type: ignore[no-untyped-def]
-    num_parts = 2
-    grids = np.full((num_parts, rows, columns), np.inf, dtype=np.float32)
-    num = len(points)
-    for part in prange(num_parts):
-        grid = grids[part]
-        for i in range(part * num // num_parts, (part + 1) * num // num_parts):
-            z = points[i, 2] - low[2]
-            if not (np.isfinite(points[i, 0]) and np.isfinite(points[i, 1]) and np.isfinite(z)):
-                continue
-            row = int((points[i, 1] - low[1]) / cell)
-            column = int((points[i, 0] - low[0]) / cell)
-            if z < grid[row, column]:
-                grid[row, column] = z
-    lowest = np.empty((rows, columns), dtype=np.float32)
-    for row in prange(rows):
-        for column in range(columns):
-            value = min(grids[0, row, column], grids[1, row, column])
-            lowest[row, column] = value + low[2] if np.isfinite(value) else np.nan
-    return lowest
-
-
-@njit(cache=True, parallel=True, nogil=True)
-def _heights(points, ground, low, cell):  # type: ignore[no-untyped-def]
-    num_parts = 8
-    num = len(points)
-    height = np.empty(num, dtype=np.float32)
-    extremes = np.empty((num_parts, 2), dtype=np.float32)
-    extremes[:, 0] = np.inf
-    extremes[:, 1] = -np.inf
-    rows, columns = ground.shape
-    for part in prange(num_parts):
-        for i in range(part * num // num_parts, (part + 1) * num // num_parts):
-            x, y = (points[i, 0] - low[0]) / cell - 0.5, (points[i, 1] - low[1]) / cell - 0.5
-            if not (np.isfinite(x) and np.isfinite(y) and np.isfinite(points[i, 2])):
-                height[i] = np.nan
-                continue
-            c0, r0 = max(int(np.floor(x)), 0), max(int(np.floor(y)), 0)
-            c1, r1 = min(c0 + 1, columns - 1), min(r0 + 1, rows - 1)
-            fc, fr = min(max(x - c0, 0.0), 1.0), min(max(y - r0, 0.0), 1.0)
-            below = (ground[r0, c0] * (1 - fc) + ground[r0, c1] * fc) * (1 - fr) + (
-                ground[r1, c0] * (1 - fc) + ground[r1, c1] * fc
-            ) * fr
-            value = np.float32(points[i, 2] - below)
-            height[i] = value
-            if value < extremes[part, 0]:
-                extremes[part, 0] = value
-            if value > extremes[part, 1]:
-                extremes[part, 1] = value
-    result = np.empty(2, dtype=np.float32)
-    result[0] = extremes[:, 0].min()
-    result[1] = extremes[:, 1].max()
-    return height, result
 
 
 @njit(cache=True, parallel=True, nogil=True)

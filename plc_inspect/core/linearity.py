@@ -78,8 +78,55 @@ class LinearityResult:
     """Neighbourhoods with enough points by linear likeness, in equal bins from 0 to 1."""
 
 
-def find_candidates(
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Scales:
+    """The neighbourhoods of the high points, before any threshold."""
+
+    levels: tuple[tuple[Voxels, Likeness], ...]
+    """Voxels and the features of the block about each, from fine to coarse."""
+    num_bulk: int
+    """Points that were dropped first, as inside of bulky things."""
+
+
+def measure_scales(
     points: Float64, chosen: Int64, origin: Float64, settings: LinearitySettings
+) -> Scales:
+    """
+    Measure the likeness of neighbourhoods of several sizes.
+
+    ``threshold``, ``max_inclination_deg`` and ``min_neighbors`` are not used.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Map frame [m].
+    chosen : (K,) int64
+        Indices of the high points.
+    origin : (3,) float64
+        Not above any chosen point [m].
+    settings : LinearitySettings
+        Settings of this stage.
+
+    Returns
+    -------
+    Scales
+
+    """
+    sparse = drop_bulk(points, chosen, origin, settings.max_occupied)
+    voxels = build_voxels(points, sparse, origin, settings.voxel_size)
+    levels = [(voxels, measure_likeness(voxels))]
+    for _ in range(settings.num_scales - 1):
+        voxels = coarsen(voxels)
+        levels.append((voxels, measure_likeness(voxels)))
+    return Scales(levels=tuple(levels), num_bulk=len(chosen) - len(sparse))
+
+
+def find_candidates(
+    points: Float64,
+    chosen: Int64,
+    origin: Float64,
+    settings: LinearitySettings,
+    scales: Scales | None = None,
 ) -> LinearityResult:
     """
     Find voxels whose neighbourhood is linear and near horizontal, at several scales.
@@ -100,25 +147,23 @@ def find_candidates(
         Not above any chosen point [m].
     settings : LinearitySettings
         Settings of this stage.
+    scales : Scales or None
+        Those of these points, where they are known already.
 
     Returns
     -------
     LinearityResult
 
     """
-    size = settings.voxel_size
-    sparse = drop_bulk(points, chosen, origin, settings.max_occupied)
-    voxels = build_voxels(points, sparse, origin, size)
+    if scales is None:
+        scales = measure_scales(points, chosen, origin, settings)
     limit = math.sin(math.radians(settings.max_inclination_deg))
     parts = []
     sizes, nums = [], []
     histogram = np.zeros(NUM_BINS + 1, dtype=np.int64)
     linear = np.zeros(0, dtype=bool)
-    likeness: Likeness | None = None
-    for scale in range(settings.num_scales):
-        finer, voxels = voxels, coarsen(voxels) if scale else voxels
-        before = likeness
-        likeness = measure_likeness(voxels)
+    finer, before = None, None
+    for voxels, likeness in scales.levels:
         enough = likeness.count >= settings.min_neighbors
         histogram += np.bincount(
             (likeness.linear[enough] * NUM_BINS).astype(np.int64), minlength=NUM_BINS + 1
@@ -129,7 +174,7 @@ def find_candidates(
             & (np.abs(likeness.direction[:, 2]) <= limit)
         )
         good = np.flatnonzero(linear)
-        if before is not None:
+        if finer is not None and before is not None:
             good = good[
                 ~_has_finer(
                     voxels.index[good], likeness.direction[good],
@@ -147,18 +192,19 @@ def find_candidates(
                 likeness.count[good],
             )
         )
-    position, direction, edge, linear, count = (
+        finer, before = voxels, likeness
+    position, direction, edge, likely, count = (
         np.concatenate(part) for part in zip(*parts, strict=True)
     )
     return LinearityResult(
         position=position,
         direction=direction,
         size=edge,
-        linear=linear,
+        linear=likely,
         count=count,
         sizes=tuple(sizes),
         num_voxels=tuple(nums),
-        num_bulk=len(chosen) - len(sparse),
+        num_bulk=scales.num_bulk,
         histogram=(*histogram[:-2].tolist(), int(histogram[-2:].sum())),
     )
 

@@ -14,57 +14,19 @@
 
 """The pipeline: from one cloud to conductors, corridor and hazards."""
 
-from collections.abc import Callable
-import dataclasses
-import math
-import time
-from typing import Any
-
 import numpy as np
 
 from plc_inspect.config import Settings
-from plc_inspect.core.alignment import align, AlignmentResult
 from plc_inspect.core.clearance import describe_rules, RuleSet
-from plc_inspect.core.clustering import cluster, ClusteringResult
-from plc_inspect.core.conductors import model_conductors
-from plc_inspect.core.corridor import CorridorResult, extract_corridor
+from plc_inspect.core.corridor import extract_corridor
 from plc_inspect.core.hazards import add_ground_clearance, choose_rules, find_hazards
-from plc_inspect.core.height import extract_high, free_ground, HeightResult
 from plc_inspect.core.labels import choose_surroundings, label
-from plc_inspect.core.linearity import anchor, find_candidates, LinearityResult
-from plc_inspect.core.off_ground import CELL, gather_off_ground, OffGround
-from plc_inspect.core.outliers import OutlierResult, remove_outliers
-from plc_inspect.core.plan_index import build_plan_index
-from plc_inspect.core.route import trace_routes
-from plc_inspect.core.spans import (
-    build_spans,
-    claim_strays,
-    FREE_RADIUS,
-    SpanResult,
-    spread_spans,
-)
-from plc_inspect.core.supports import find_layout
+from plc_inspect.core.memory import StageMemory
+from plc_inspect.core.spans import FREE_RADIUS
 from plc_inspect.core.trace import Trace
+from plc_inspect.core.tracing import FoundLines, Progress, STAGES, Tracing
 from plc_inspect.errors import DataError
-from plc_inspect.results import (
-    Float64,
-    InspectionResult,
-    Int32,
-    StageReport,
-)
-
-Progress = Callable[[str, float], None]
-STAGES = (
-    'height',
-    'linearity',
-    'outliers',
-    'alignment',
-    'clustering',
-    'catenary',
-    'supports',
-    'corridor',
-    'hazards',
-)
+from plc_inspect.results import Float64, InspectionResult
 
 
 class Pipeline:
@@ -107,102 +69,60 @@ class Pipeline:
 
     def trace(self, points: Float64, progress: Progress | None = None) -> Trace:
         """Do what `run` does, and return what each stage found as well."""
-        if points.ndim != 2 or points.shape[1] != 3:
-            raise DataError(f'points must have the shape (N, 3), got {points.shape}')
-        own = np.ascontiguousarray(points, dtype=np.float64)
-        if not own.flags.writeable:  # another type to numba, which would compile all anew
-            own = own.copy()
-        return _Run(own, self.settings, self.rules, progress).run()
+        return _Run(_check(points), self.settings, self.rules, progress).run()
+
+    def find_lines(self, points: Float64, memory: StageMemory | None = None) -> FoundLines:
+        """
+        Run the stages up to the supports, which decide what is a line.
+
+        Parameters
+        ----------
+        points : (N, 3) float64, map frame, z up [m]
+            Rows that are not finite are left out.
+        memory : StageMemory or None
+            Of these points.  Stages whose settings, and those of all stages before them, are
+            known to it do not run again; the result is the same.
+
+        Returns
+        -------
+        FoundLines
+
+        Raises
+        ------
+        DataError
+            ``points`` is not an (N, 3) array, or its extent is beyond what voxels can number.
+
+        """
+        return _Run(_check(points), self.settings, self.rules, None, memory).find_lines()
 
 
-class _Run:
-    """One pass of a cloud through the stages, collecting what each one did."""
+def _check(points: Float64) -> Float64:
+    """Return the points as the kernels want them."""
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise DataError(f'points must have the shape (N, 3), got {points.shape}')
+    own = np.ascontiguousarray(points, dtype=np.float64)
+    return own if own.flags.writeable else own.copy()  # else numba would compile all anew
 
-    def __init__(
-        self, points: Float64, settings: Settings, rules: RuleSet, progress: Progress | None
-    ) -> None:
-        self.points = points
-        self.settings = settings
-        self.rules = rules
-        self.progress = progress
-        self.stages: list[StageReport] = []
-        self.started = time.perf_counter()
 
-    def report(self, num_in: int, num_kept: int, dropped: dict[str, int], **values: Any) -> None:
-        """Close the current stage."""
-        now = time.perf_counter()
-        self.stages.append(
-            StageReport(
-                name=STAGES[len(self.stages)],
-                num_in=num_in,
-                num_kept=num_kept,
-                dropped={reason: count for reason, count in dropped.items() if count},
-                values=values,
-                seconds=now - self.started,
-            )
-        )
-        self.started = now
-        if self.progress is not None and len(self.stages) < len(STAGES):
-            self.progress(STAGES[len(self.stages)], len(self.stages) / len(STAGES))
+class _Run(Tracing):
+    """One pass of a cloud through all stages."""
 
     def run(self) -> Trace:
         """Run all stages."""
-        points, settings = self.points, self.settings
         if self.progress is not None:
             self.progress(STAGES[0], 0.0)
-        height = self._height()
-        cloud = self._gather(height)
-        if len(points) - height.num_not_finite < settings.segment.min_points:
-            cloud = dataclasses.replace(cloud, high=cloud.high[:0])
-        candidates, outliers, inliers = self._candidates(cloud)
-        alignment = align(inliers, settings.alignment)
-        self.report(
-            len(inliers.position),
-            int(alignment.voted.sum()),
-            {'too few in line': int((~alignment.voted).sum())},
-            min_votes=settings.alignment.min_votes,
-            windows=len(alignment.azimuth),
-            azimuths_deg=_azimuth_histogram(alignment.azimuth),
-        )
-        clustering = self._clusters(cloud, inliers, alignment)
-        rng = np.random.default_rng(0)
-        conductors = model_conductors(
-            cloud.points, cloud.index, clustering, settings.catenary, rng
-        )
-        self.report(
-            clustering.num_tracks,
-            len(conductors.curves),
-            conductors.objections,
-            constants=[round(curve.fit.c, 1) for curve in conductors.curves],
-            rmse=[round(curve.fit.rmse, 4) for curve in conductors.curves],
-        )
-        in_beads = cloud.place[clustering.beads.points]
-        used = len(cloud.high) > 0
-        curves, doubtful = conductors.curves, conductors.doubtful
-        height, found = free_ground(points, height, curves, settings.height), height
-        before = cloud
-        if height is not found:
-            cloud = self._gather(height)
-            curves, doubtful = cloud.adopt(before, curves), cloud.adopt(before, doubtful)
-        layout = find_layout(cloud.points, curves, doubtful, settings.supports)
-        spans = build_spans(cloud, layout, trace_routes(layout), settings, rng)
-        spans = spread_spans(claim_strays(cloud, spans), cloud)
-        self.report(
-            len(layout.joints),
-            len(spans.supports),
-            {},
-            spans=len(spans.models),
-            kinds=[support.kind for support in spans.supports],
-        )
-        wire = spans.line_id >= 0
+        return self._finish(self.find_lines())
+
+    def _finish(self, lines: FoundLines) -> Trace:
+        points, height, spans = self.points, lines.height, lines.spans
         corridor = extract_corridor(
             points,
             height.height,
-            wire,
+            spans.line_id >= 0,
             [model.curve for model in spans.models],
             np.array([min(model.start_x, model.end_x) for model in spans.models]),
             np.array([max(model.start_x, model.end_x) for model in spans.models]),
-            settings.corridor,
+            self.settings.corridor,
             least_reach=max(self.rules.reach('vegetation', 'building'), FREE_RADIUS),
         )
         self.report(
@@ -212,113 +132,6 @@ class _Run:
             radius=[round(float(value), 2) for value in corridor.radius],
             complex_case=[bool(value) for value in corridor.complex_case],
         )
-        result = self._finish(
-            height, candidates, outliers, alignment, in_beads, spans, corridor, used
-        )
-        return Trace(
-            result=result,
-            height=height,
-            cloud=before,
-            candidates=candidates,
-            outliers=outliers,
-            inliers=inliers,
-            alignment=alignment,
-            clustering=clustering,
-            conductors=conductors,
-            models=spans.models,
-            corridor=corridor,
-        )
-
-    def _height(self) -> HeightResult:
-        settings = self.settings.height
-        height = extract_high(self.points, settings)
-        num_high = int(height.high.sum())
-        self.report(
-            len(self.points),
-            num_high,
-            {
-                'not finite': height.num_not_finite,
-                'too low': len(self.points) - height.num_not_finite - num_high,
-            },
-            threshold=height.threshold if math.isfinite(height.threshold) else None,
-            histogram=height.histogram.tolist(),
-            edges=[float(height.edges[0]), float(height.edges[-1])],
-            cell_size=height.cell_size,
-        )
-        return height
-
-    def _gather(self, height: HeightResult) -> OffGround:
-        return gather_off_ground(self.points, height, self.settings.height.beta / 2)
-
-    def _candidates(
-        self, cloud: OffGround
-    ) -> tuple[LinearityResult, OutlierResult, LinearityResult]:
-        settings = self.settings
-        origin = anchor(cloud.points, cloud.high, settings.linearity)
-        candidates = find_candidates(cloud.points, cloud.high, origin, settings.linearity)
-        self.report(
-            sum(candidates.num_voxels),
-            len(candidates.position),
-            {'not linear': sum(candidates.num_voxels) - len(candidates.position)},
-            threshold=settings.linearity.threshold,
-            max_inclination_deg=settings.linearity.max_inclination_deg,
-            neighborhoods=list(candidates.sizes),
-            voxels=list(candidates.num_voxels),
-            points_in_bulk=candidates.num_bulk,
-            likeness_of_all=candidates.histogram,
-            likeness=np.histogram(candidates.linear, bins=20, range=(0.5, 1.0))[0].tolist(),
-        )
-        outliers = remove_outliers(candidates.position, settings.outliers)
-        keep = outliers.keep
-        inliers = LinearityResult(
-            position=candidates.position[keep],
-            direction=candidates.direction[keep],
-            size=candidates.size[keep],
-            linear=candidates.linear[keep],
-            count=candidates.count[keep],
-            sizes=candidates.sizes,
-            num_voxels=candidates.num_voxels,
-            num_bulk=candidates.num_bulk,
-        )
-        self.report(
-            len(keep),
-            int(keep.sum()),
-            {'far from the others': int((~keep).sum())},
-            mean=outliers.mean,
-            sigma=outliers.sigma,
-            threshold=outliers.threshold if math.isfinite(outliers.threshold) else None,
-        )
-        return candidates, outliers, inliers
-
-    def _clusters(
-        self, cloud: OffGround, inliers: LinearityResult, alignment: AlignmentResult
-    ) -> ClusteringResult:
-        index = build_plan_index(cloud.points, cloud.high, CELL)
-        clustering = cluster(
-            cloud.points, index, inliers.position, alignment, self.settings.clustering
-        )
-        self.report(
-            clustering.num_clusters,
-            len(clustering.beads),
-            {'not one conductor': max(clustering.num_clusters - len(clustering.beads), 0)},
-            eps=clustering.eps,
-            min_points=clustering.min_points,
-            tracks=clustering.num_tracks,
-        )
-        return clustering
-
-    def _finish(
-        self,
-        height: HeightResult,
-        candidates: LinearityResult,
-        outliers: OutlierResult,
-        alignment: AlignmentResult,
-        in_beads: Int32,
-        spans: SpanResult,
-        corridor: CorridorResult,
-        used: bool,
-    ) -> InspectionResult:
-        points = self.points
         around = choose_surroundings(height.height, spans, corridor)
         near = corridor.near[around]
         hazards, foliage = find_hazards(
@@ -336,8 +149,8 @@ class _Run:
             support=spans.support,
         )
         labels = label(
-            points, height, candidates, outliers, alignment, in_beads, spans, corridor,
-            near[foliage], used=used,
+            points, height, lines.candidates, lines.outliers, lines.alignment, lines.cloud.place[lines.clustering.beads.points],
+            spans, corridor, near[foliage], used=len(lines.cloud.high) > 0,
         )
         self.report(
             len(near),
@@ -345,7 +158,7 @@ class _Run:
             {},
             **describe_rules(self.rules),
         )
-        return InspectionResult(
+        result = InspectionResult(
             spans=add_ground_clearance(spans.models, spans.ground_below),
             supports=spans.supports,
             hazards=hazards,
@@ -361,10 +174,16 @@ class _Run:
             corridor_span_id=labels.corridor_span_id,
             stages=tuple(self.stages),
         )
-
-
-def _azimuth_histogram(azimuth: Float64) -> list[int]:
-    """Windows per 10 degrees of azimuth, from -90 degrees on."""
-    counts, _ = np.histogram(np.degrees(azimuth), bins=18, range=(-90.0, 90.0))
-    result: list[int] = counts.tolist()
-    return result
+        return Trace(
+            result=result,
+            height=height,
+            cloud=lines.cloud,
+            candidates=lines.candidates,
+            outliers=lines.outliers,
+            inliers=lines.inliers,
+            alignment=lines.alignment,
+            clustering=lines.clustering,
+            conductors=lines.conductors,
+            models=spans.models,
+            corridor=corridor,
+        )

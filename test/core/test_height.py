@@ -17,7 +17,8 @@ import pytest
 from toys import make_curve, make_ground, make_tree, make_wire, turn
 
 from plc_inspect.config import HeightSettings
-from plc_inspect.core.height import bounds, extract_high, free_ground, ground_at
+from plc_inspect.core.height import extract_high, free_ground, ground_at
+from plc_inspect.core.terrain import bounds
 from plc_inspect.errors import ConfigError
 
 SETTINGS = HeightSettings()
