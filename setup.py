@@ -26,6 +26,7 @@ COMMANDS = {
     'plc_survey': 'plc_inspect.offline.survey:main',
     'plc_compare': 'plc_inspect.offline.compare:main',
     'plc_replay': 'plc_inspect.offline.replay:main',
+    'plc_tune': 'plc_inspect.offline.tune:main',
     'plc_simulate': 'plc_inspect.sim.simulate:main',
     'plc_monitor': 'plc_inspect.monitor.command:main',
     'plc_evaluate': 'plc_inspect.sim.evaluate:main',
@@ -58,6 +59,7 @@ setup(
     python_requires='>=3.11',
     install_requires=[
         'setuptools',
+        'cma>=4.0',
         'ezdxf>=1.1',
         'jinja2>=3.1',
         'laspy[lazrs]>=2.5',

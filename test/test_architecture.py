@@ -24,7 +24,8 @@ CORE = sorted((ROOT / 'core').glob('*.py'))
 MODULES = sorted(ROOT.rglob('*.py'))
 MOST_LINES = 400
 CORE_IMPORTS = {
-    'array', 'bisect', 'collections', 'dataclasses', 'enum', 'functools', 'heapq', 'itertools',
+    'array', 'bisect', 'cma', 'collections', 'dataclasses', 'enum', 'functools', 'heapq',
+    'itertools',
     'math', 'numba', 'numpy', 'plc_inspect', 'scipy', 'sklearn', 'statistics', 'threading', 'time',
     'typing', 'warnings',
 }

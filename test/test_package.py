@@ -45,7 +45,7 @@ IMPORT_TO_KEY = {
 IMPORT_TO_REQUIREMENT = {
     'markupsafe': 'jinja2', 'sklearn': 'scikit-learn', 'yaml': 'PyYAML', 'lazrs': 'laspy',
 }
-WITHOUT_KEY = {'ezdxf', 'laspy', 'lazrs', 'mcap', 'pyogrio', 'rich', 'viser', 'zstandard'}
+WITHOUT_KEY = {'cma', 'ezdxf', 'laspy', 'lazrs', 'mcap', 'pyogrio', 'rich', 'viser', 'zstandard'}
 
 
 @pytest.fixture(scope='module')
@@ -142,7 +142,7 @@ def test_licence_is_apache(manifest):
     assert 'Apache License\n                           Version 2.0' in text
 
 
-@pytest.mark.parametrize('name', ['survey', 'replay', 'explain'])
+@pytest.mark.parametrize('name', ['survey', 'replay', 'explain', 'tune'])
 def test_help_is_quick_and_complete(name):
     code = f"import sys; from plc_inspect.offline.{name} import main; main(['--help'])"
     done = subprocess.run(

@@ -138,14 +138,19 @@ def run_command(name: str, body: Callable[[], int]) -> int:
 
 
 @contextmanager
-def show_progress(quiet: bool) -> Iterator[Progress]:
-    """Yield a callable that draws a bar on stderr; it does nothing unless that is a terminal."""
+def show_progress(quiet: bool, time_left: bool = False) -> Iterator[Progress]:
+    """
+    Yield a callable that draws a bar on stderr; it does nothing unless that is a terminal.
+
+    The time that is left is shown on demand, where shares grow evenly.
+    """
     if quiet or not sys.stderr.isatty():
         yield lambda step, share: None
         return
     from tqdm import tqdm
 
     form = '{desc:<12} {percentage:3.0f}%|{bar}| {elapsed}'
+    form += ', {remaining} left' if time_left else ''
     with tqdm(total=1.0, bar_format=form, leave=False, file=sys.stderr) as bar:
 
         def show(step: str, share: float) -> None:

@@ -105,6 +105,38 @@ def render_yaml(settings: Settings) -> str:
     return '\n'.join(lines) + '\n'
 
 
+def render_parameters(
+    settings: Settings, default: Settings, names: Sequence[str], head: Sequence[str]
+) -> str:
+    """
+    Return a ROS parameter file of some settings and of all that are not the default.
+
+    Parameters
+    ----------
+    settings, default : Settings
+        What to write, and what need not be written.
+    names : sequence of str
+        Settings that are written in any case, as ``height.beta``.
+    head : sequence of str
+        Lines of the comment at the top.
+
+    """
+    values, usual = to_mapping(settings), to_mapping(default)
+    lines = [f'# {line}' for line in head] + ['/**:', '  ros__parameters:']
+    previous = ''
+    for name, _, meta in describe():
+        section, _, key = name.partition('.')
+        value = values[section][key]
+        if name not in names and value == usual[section][key]:
+            continue
+        if section != previous:
+            lines.append(f'    {section}:')
+            previous = section
+        unit = f'  # [{meta["unit"]}]' if meta['unit'] else ''
+        lines.append(f'      {key}: {_scalar(value)}{unit}')
+    return '\n'.join(lines) + '\n'
+
+
 def render_table() -> str:
     """Return the page of the documentation that lists all settings."""
     lines = [_TABLE_HEAD]

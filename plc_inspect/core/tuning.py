@@ -1,0 +1,164 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The settings that are tuned: those of the paper's Table 1, with its conditions as bounds."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from plc_inspect.config import describe, Settings, update
+from plc_inspect.results import Float64
+
+Values = tuple[float, ...]
+"""One value for each parameter of SPACE, in its order."""
+
+DIGITS = 3
+"""Significant digits of a tuned value: finer differences mean nothing."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Parameter:
+    """One setting that is tuned."""
+
+    name: str
+    """Dotted, as in ``height.beta``."""
+    symbol: str
+    """In the paper."""
+    initial: float
+    """Initial value of Table 1; the default where the stages differ from the paper's."""
+    low: float
+    high: float
+    """Condition of Table 1 within the range of the setting; where it leaves a side open, a
+    factor of five."""
+    is_log: bool
+    """Steps are factors, not differences."""
+    unit: str = ''
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether only whole numbers are valid."""
+        return self.name in _WHOLE
+
+    def place(self, value: float) -> float:
+        """Return where a value lies between the bounds, 0 to 1."""
+        low, high, value = (self._scale(item) for item in (self.low, self.high, value))
+        return min(max((value - low) / (high - low), 0.0), 1.0)
+
+    def value(self, place: float) -> float:
+        """Return the value at a place between the bounds, rounded to what can be set."""
+        low, high = self._scale(self.low), self._scale(self.high)
+        raw = low + min(max(place, 0.0), 1.0) * (high - low)
+        return self.round(math.exp(raw) if self.is_log else raw)
+
+    def round(self, value: float) -> float:
+        """Return the nearest value within the bounds that can be set."""
+        value = float(f'{value:.{DIGITS}g}')
+        value = float(round(value)) if self.is_whole else value
+        return min(max(value, self.low), self.high)
+
+    def _scale(self, value: float) -> float:
+        return math.log(max(value, 1e-9)) if self.is_log else value
+
+
+_WHOLE = {name for name, default, _ in describe() if type(default) is int}
+
+SPACE = (
+    Parameter(name='height.num_bins', symbol='nbin', initial=100.0, low=10.0, high=500.0,
+              is_log=True),
+    Parameter(name='height.beta', symbol='beta', initial=4.0, low=3.0, high=20.0, is_log=True,
+              unit='m'),
+    Parameter(name='linearity.threshold', symbol='LN_thres', initial=0.82, low=0.5, high=1.0,
+              is_log=False),
+    Parameter(name='linearity.max_inclination_deg', symbol='alpha_thres', initial=20.0, low=1.0,
+              high=20.0, is_log=False, unit='deg'),
+    Parameter(name='outliers.sigma', symbol='Filt_thres', initial=4.0, low=4.0, high=20.0,
+              is_log=True),
+    Parameter(name='clustering.eps', symbol='eps', initial=0.2, low=0.1, high=1.0, is_log=True,
+              unit='m'),
+    Parameter(name='clustering.min_points', symbol='min_pts', initial=50.0, low=30.0, high=250.0,
+              is_log=True),
+)
+"""The parameters that decide what is found; stage by stage."""
+
+RADIUS = 'corridor.radius'
+"""The eighth of Table 1: it decides nothing about lines, and its condition gives it."""
+
+STAGES = (
+    ('height.num_bins', 'height.beta'),
+    ('linearity.threshold', 'linearity.max_inclination_deg'),
+    ('outliers.sigma',),
+    ('clustering.eps', 'clustering.min_points'),
+)
+"""Parameters of one stage depend on each other; a grid takes them together."""
+
+
+def get_values(settings: Settings) -> Values:
+    """Return the values of the tuned parameters, put within their bounds."""
+    return tuple(item.round(get_value(settings, item.name)) for item in SPACE)
+
+
+def get_value(settings: Settings, name: str) -> float:
+    """Return one number of the settings by its dotted name."""
+    section, _, key = name.partition('.')
+    return float(getattr(getattr(settings, section), key))
+
+
+def put_values(settings: Settings, values: Sequence[float]) -> Settings:
+    """Return settings with the tuned parameters put in."""
+    return update(settings, {
+        item.name: int(value) if item.is_whole else float(value)
+        for item, value in zip(SPACE, values, strict=True)
+    })
+
+
+def to_places(values: Sequence[float]) -> Float64:
+    """Return the (P,) places of values between their bounds, 0 to 1."""
+    return np.array([item.place(value) for item, value in zip(SPACE, values, strict=True)])
+
+
+def to_values(places: Sequence[float] | Float64) -> Values:
+    """Return the values at (P,) places between the bounds."""
+    return tuple(item.value(float(place)) for item, place in zip(SPACE, places, strict=True))
+
+
+INITIAL: Values = tuple(item.initial for item in SPACE)
+
+
+def measure_distance(values: Sequence[float]) -> float:
+    """Return how far values are from the initial ones, 0 to 1 (mean square over parameters)."""
+    return float(np.mean((to_places(values) - to_places(INITIAL)) ** 2))
+
+
+def settle_radius(radius: float, lowest: Sequence[float]) -> float:
+    """
+    Return the search radius that Table 1 allows, r > a0.
+
+    Parameters
+    ----------
+    radius : float
+        As it is set [m]; 0 is Eq. 9, span by span.
+    lowest : sequence of float
+        Height of the lowest point of each span above ground, a0 [m]; NaN where unknown.
+
+    Returns
+    -------
+    float
+        The radius if it exceeds every a0 that is known, else 0 [m].
+
+    """
+    known = [value for value in lowest if math.isfinite(value)]
+    return radius if known and radius > max(known) else 0.0
