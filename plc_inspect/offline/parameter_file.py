@@ -42,6 +42,7 @@ All settings of plc_inspect with their defaults. `plc_survey` and `plc_replay` t
 `--set height.beta=5` or from a file with `--params`; `plc_node` takes them as ROS parameters.
 A value of 0 where it says "0: from ..." is derived from the data; the derived value is in
 `run.json` and in the report. Structural settings cannot be changed while the node runs.
+`plc_tune` searches those of the paper's Table 1, see [tuning.md](tuning.md).
 
 This page is made by `python -m plc_inspect.offline.parameter_file`.
 """
