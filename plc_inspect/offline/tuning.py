@@ -51,7 +51,7 @@ from plc_inspect.offline.summary import format_number, format_table
 from plc_inspect.offline.workers import Workers
 from plc_inspect.results import Bool, Float64
 
-MOST_POINTS = 2_500_000
+MOST_POINTS = 1_000_000
 """Of a larger cloud the search sees only the part with most that looks like a conductor."""
 METHODS = {'grid': GRID_BUDGET, 'evolution': EVOLUTION_BUDGET}
 
