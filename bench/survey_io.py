@@ -121,8 +121,10 @@ def compare(cloud: Path, room: Path, arguments: argparse.Namespace) -> str:
         f'{_median(runs, "peak_bytes") / 1e9:.2f}',
     ) for name, runs in (('laspy alone: read and rewrite', alone), ('plc_survey', ours))]
     medians = {name: statistics.median(item[name] for item in steps) for name in steps[0]}
-    rest = _median(ours, 'seconds') - sum(medians.values())
     parts = [(name.replace('_', ' '), f'{seconds:.2f}') for name, seconds in medians.items()]
+    # points file and report are written at the same time
+    medians['points_file'] = max(medians['points_file'], medians.pop('report'))
+    rest = _median(ours, 'seconds') - sum(medians.values())
     ratio = _median(ours, 'seconds') / _median(alone, 'seconds')
     check = at_most('plc_survey, whole process', 'times that of laspy alone', ratio, MOST_RATIO)
     return '\n\n'.join([

@@ -22,7 +22,7 @@ import numpy as np
 
 from plc_inspect.config import CatenarySettings
 from plc_inspect.core.collection import profile_curve
-from plc_inspect.core.curve import Curve, fit_curve
+from plc_inspect.core.curve import Curve, find_far_apart, fit_curve
 from plc_inspect.core.plan_index import PlanIndex
 from plc_inspect.errors import FitError
 from plc_inspect.results import Float64
@@ -41,19 +41,21 @@ def merge_bundles(
     stay apart where their distance is ``bundle_separation`` times the spread of their points or
     more; below that, points go over from one to the other and neither curve is sure.
     """
-    alive = sorted(curves, key=lambda curve: (-curve.num_points, *curve.origin))
+    order = sorted(curves, key=lambda curve: (-curve.num_points, *curve.origin))
+    near = ~find_far_apart(order, 1.0 + settings.bundle_width)
+    alive = list(range(len(order)))
     merged: list[Curve] = []
     while alive:
-        base = alive.pop(0)
-        position = 0
-        while position < len(alive):
-            union = _merge_pair(points, base, alive[position], settings)
-            if union is None:
-                position += 1
-            else:
-                base = union
-                del alive[position]
-                position = 0
+        first = alive.pop(0)
+        base, beside = order[first], near[first]
+        others = [number for number in alive if beside[number]]
+        while others:
+            number = others.pop(0)
+            union = _merge_pair(points, base, order[number], settings)
+            if union is not None:
+                base, beside = union, beside | near[number]
+                alive.remove(number)
+                others = [number for number in alive if beside[number]]
         merged.append(base)
     merged.sort(key=lambda curve: (-curve.length, *curve.origin))
     return tuple(merged)

@@ -185,22 +185,22 @@ def fit_curve(
     )
 
 
-def find_far_apart(curves: Sequence[Curve]) -> Bool:
+def find_far_apart(curves: Sequence[Curve], margin: float = 1.0) -> Bool:
     """
     Tell, cheaply, which pairs of curves are so far apart that no point is on or near both.
 
     Returns
     -------
     (C, C) bool
-        True where, in plan, the piece of one is more than a metre beyond the tolerances away
-        from the other's.
+        True where, in plan, the piece of one is more than ``margin`` [m] beyond the tolerances
+        away from the other's.
 
     """
     origin = np.array([curve.origin for curve in curves]).reshape(-1, 2)
     azimuth = np.array([curve.azimuth for curve in curves])
     low, high = (np.array([getattr(curve, name) for curve in curves]) for name in ('low', 'high'))
     reach = np.array([curve.tolerance for curve in curves])
-    reach = reach[:, None] + reach + 1.0
+    reach = reach[:, None] + reach + margin
     unit = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
     left = np.stack([-unit[:, 1], unit[:, 0]], axis=1)
     beyond = np.zeros((len(curves), len(curves)), dtype=bool)

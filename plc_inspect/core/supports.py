@@ -21,7 +21,7 @@ import math
 import numpy as np
 
 from plc_inspect.config import SupportSettings
-from plc_inspect.core.curve import Curve, fit_curve
+from plc_inspect.core.curve import Curve, find_far_apart, fit_curve
 from plc_inspect.core.joints import find_joints, Joint
 from plc_inspect.errors import FitError
 from plc_inspect.results import Float64
@@ -123,7 +123,7 @@ def find_layout(
                 found = _station_ahead(curve, side, placed, other, settings)
                 if found is not None:
                     taken[number], ends[number] = found
-    keep = _find_originals(curves, start_x, end_x)
+    keep = _find_originals(curves, start_x, end_x, settings.max_reach)
     if len(keep) < len(curves) and attempts > 1:
         originals = [curves[number] for number in keep]
         return find_layout(points, originals, (), settings, attempts - 1)
@@ -139,17 +139,18 @@ def find_layout(
 
 
 def _find_originals(
-    curves: Sequence[Curve], start_x: Float64, end_x: Float64
+    curves: Sequence[Curve], start_x: Float64, end_x: Float64, max_reach: float
 ) -> list[int]:
     """Curves that do not lie on a better seen one, now that all reach their supports."""
     order = sorted(range(len(curves)), key=lambda number: (-curves[number].num_points, number))
+    near = ~find_far_apart(curves, 1.0 + max_reach)
     kept: list[int] = []
     for number in order:
         curve = curves[number]
         x = np.linspace(curve.low, curve.high, 21)
         stations = curve.position(x)
         on_other = np.zeros(len(x), dtype=bool)
-        for other in kept:
+        for other in (k for k in kept if near[number, k]):
             at, across = curves[other].local(stations)
             inside = (at >= start_x[other] - 0.5) & (at <= end_x[other] + 0.5)
             miss = np.hypot(across, stations[:, 2] - curves[other].fit.height(at))
@@ -166,9 +167,12 @@ def _adopt(
     waiting = sorted(doubtful, key=lambda curve: (-curve.num_points, *curve.origin))
     number = 0
     while number < len(waiting):
-        joints = find_joints([*curves, waiting[number]], settings.max_reach)
+        # those it may meet, and those that these may meet instead
+        near = ~find_far_apart([waiting[number], *curves], 4 * settings.max_reach)[0, 1:]
+        around = [curve for curve, is_near in zip(curves, near, strict=True) if is_near]
+        joints = find_joints([*around, waiting[number]], settings.max_reach)
         if any(
-            max(joint.curves) == len(curves) and joint.miss < ADOPTION_MISS for joint in joints
+            max(joint.curves) == len(around) and joint.miss < ADOPTION_MISS for joint in joints
         ):
             curves = [*curves, waiting.pop(number)]
             number = 0

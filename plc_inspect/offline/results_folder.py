@@ -15,6 +15,7 @@
 """Writes a results folder: whole or not at all."""
 
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 import csv
 import dataclasses
@@ -194,22 +195,30 @@ def _write_files(folder: Path, inspection: Inspection) -> None:
     _write_table(folder / 'supports.csv', SUPPORT_COLUMNS, [
         row | {'lines': ' '.join(map(str, row['lines']))} for row in supports
     ])
-    write_geo(folder, inspection, tables)
-    write_dxf(folder / 'catenaries.dxf', inspection, tables)
-    write_playback(folder / 'results.mcap', inspection)
     if inspection.what_if is not None:
         _write_json(folder / 'whatif.json', describe_what_if(inspection.what_if, units))
     if inspection.changes is not None:
         _write_json(folder / 'changes.json', describe_changes(inspection.changes, units))
-    started = time.perf_counter()
-    num_written = write_points(folder / 'points.laz', inspection)
-    seconds = dict(inspection.seconds) | {'points_file': time.perf_counter() - started}
-    started = time.perf_counter()
-    report = render_report(dataclasses.replace(inspection, seconds=seconds))
-    (folder / 'report.html').write_text(report, encoding='utf-8')
-    seconds['report'] = time.perf_counter() - started
+    with ThreadPoolExecutor(1) as beside:  # points are compressed outside of Python
+        report = beside.submit(_write_views, folder, inspection, tables)
+        started = time.perf_counter()
+        num_written = write_points(folder / 'points.laz', inspection)
+        seconds = dict(inspection.seconds) | {'points_file': time.perf_counter() - started}
+        seconds['report'] = report.result()
     run = dataclasses.replace(inspection, seconds=seconds)
     _write_json(folder / 'run.json', describe_run(run, num_written))
+
+
+def _write_views(
+    folder: Path, inspection: Inspection, tables: dict[str, list[Record]]
+) -> float:
+    """Write the files for other programs and the report, and return what the report took [s]."""
+    write_geo(folder, inspection, tables)
+    write_dxf(folder / 'catenaries.dxf', inspection, tables)
+    write_playback(folder / 'results.mcap', inspection)
+    started = time.perf_counter()
+    (folder / 'report.html').write_text(render_report(inspection), encoding='utf-8')
+    return time.perf_counter() - started
 
 
 def describe_run(inspection: Inspection, num_written: int) -> Record:
