@@ -14,6 +14,7 @@
 
 """DXF of the catenaries, for tools that design lines."""
 
+from collections import OrderedDict
 from pathlib import Path
 
 import ezdxf
@@ -77,4 +78,7 @@ def write_dxf(path: Path, inspection: Inspection, records: dict[str, list[Record
         text = f'{row["hazard_id"]} {row["kind"]} {row["clearance"]:.2f}'
         space.add_text(text, height=0.5 / units.horizontal, dxfattribs=style) \
             .set_placement(row['position'])
+    # ezdxf adds these from a set, whose order differs from process to process
+    document.classes.add_required_classes(document.dxfversion)
+    document.classes.classes = OrderedDict(sorted(document.classes.classes.items()))
     document.saveas(path)

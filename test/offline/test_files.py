@@ -15,8 +15,10 @@
 """Files for other tools: they open, and what is in them is where it should be."""
 
 import json
+import os
 import shutil
 import subprocess
+import sys
 
 import ezdxf
 from factories import make_inspection
@@ -118,6 +120,29 @@ def test_origin_crs_is_metric():
     system = pyproj.CRS.from_wkt(make_origin_crs(59.33, 18.07))
     assert system.is_projected
     assert {axis.unit_name for axis in system.axis_info} == {'metre'}
+
+
+def test_dxf_is_the_same_in_every_process(folder, tmp_path):
+    code = (
+        'import json, sys\n'
+        'from pathlib import Path\n'
+        'from types import SimpleNamespace\n'
+        'from plc_inspect.offline.dxf import write_dxf\n'
+        'from plc_inspect.offline.inspection import Units\n'
+        'folder, path = map(Path, sys.argv[1:])\n'
+        'names = "spans", "supports", "hazards"\n'
+        'records = {n: json.loads((folder / f"{n}.json").read_text())[n] for n in names}\n'
+        'write_dxf(path, SimpleNamespace(units=Units(horizontal=1.0, vertical=1.0)), records)\n'
+    )
+    found = set()
+    for seed in '1234':  # the order of sets of names
+        path = tmp_path / f'{seed}.dxf'
+        subprocess.run(
+            [sys.executable, '-c', code, str(folder), str(path)], check=True, timeout=60,
+            env=os.environ | {'PYTHONHASHSEED': seed},
+        )
+        found.add(path.read_bytes())
+    assert len(found) == 1
 
 
 def test_dxf_passes_its_audit_and_holds_the_curves(folder):
