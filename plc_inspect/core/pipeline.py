@@ -14,6 +14,8 @@
 
 """The pipeline: from one cloud to conductors, corridor and hazards."""
 
+from dataclasses import fields
+
 import numpy as np
 
 from plc_inspect.config import Settings
@@ -120,8 +122,8 @@ class _Run(Tracing):
             height.height,
             spans.line_id >= 0,
             [model.curve for model in spans.models],
-            np.array([min(model.start_x, model.end_x) for model in spans.models]),
-            np.array([max(model.start_x, model.end_x) for model in spans.models]),
+            np.array([model.low for model in spans.models]),
+            np.array([model.high for model in spans.models]),
             self.settings.corridor,
             least_reach=max(self.rules.reach('vegetation', 'building'), FREE_RADIUS),
         )
@@ -175,16 +177,5 @@ class _Run(Tracing):
             corridor_span_id=labels.corridor_span_id,
             stages=tuple(self.stages),
         )
-        return Trace(
-            result=result,
-            height=height,
-            cloud=lines.cloud,
-            candidates=lines.candidates,
-            outliers=lines.outliers,
-            inliers=lines.inliers,
-            alignment=lines.alignment,
-            clustering=lines.clustering,
-            conductors=lines.conductors,
-            models=spans.models,
-            corridor=corridor,
-        )
+        found = {item.name: getattr(lines, item.name) for item in fields(lines)}
+        return Trace(result=result, corridor=corridor, **found)

@@ -16,36 +16,20 @@
 
 from dataclasses import dataclass
 
-from plc_inspect.core.alignment import AlignmentResult
-from plc_inspect.core.clustering import ClusteringResult
-from plc_inspect.core.conductors import ConductorResult
 from plc_inspect.core.corridor import CorridorResult
-from plc_inspect.core.height import HeightResult
-from plc_inspect.core.linearity import LinearityResult
-from plc_inspect.core.off_ground import OffGround
-from plc_inspect.core.outliers import OutlierResult
 from plc_inspect.core.span_model import SpanModel
+from plc_inspect.core.tracing import FoundLines
 from plc_inspect.results import InspectionResult
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Trace:
+class Trace(FoundLines):
     """The result of one run, and what the stages gave each other on the way."""
 
     result: InspectionResult
-    height: HeightResult
-    """Of the ground that was believed in the end."""
-    cloud: OffGround
-    """Points off the ground as the stages from linearity to catenary saw them."""
-    candidates: LinearityResult
-    outliers: OutlierResult
-    """Of the candidates."""
-    inliers: LinearityResult
-    """Candidates that are no outliers."""
-    alignment: AlignmentResult
-    """Of the inliers."""
-    clustering: ClusteringResult
-    conductors: ConductorResult
-    models: tuple[SpanModel, ...]
-    """Spans with their curves, in the order of those of the result."""
     corridor: CorridorResult
+
+    @property
+    def models(self) -> tuple[SpanModel, ...]:
+        """Spans with their curves, in the order of those of the result."""
+        return self.spans.models
