@@ -17,6 +17,8 @@
 from numba import njit
 import numpy as np
 
+from plc_inspect.core.disjoint_sets import find_root
+
 
 @njit(cache=True, nogil=True)
 def dbscan_plane(u, v, eps, min_points):  # type: ignore[no-untyped-def]
@@ -72,24 +74,15 @@ def dbscan_plane(u, v, eps, min_points):  # type: ignore[no-untyped-def]
             k = stack[top]
             if not core[k]:
                 continue
-            m = _find_free(free, np.searchsorted(a[: k + 1], a[k] - eps))
+            m = find_root(free, np.searchsorted(a[: k + 1], a[k] - eps))
             while m < n and a[m] - a[k] <= eps:
                 if (a[m] - a[k]) ** 2 + (b[m] - b[k]) ** 2 <= limit:
                     label[m] = num_clusters
                     free[m] = m + 1
                     stack[top] = m
                     top += 1
-                m = _find_free(free, m + 1)
+                m = find_root(free, m + 1)
         num_clusters += 1
     result = np.empty(n, dtype=np.int64)
     result[order] = label
     return result
-
-
-@njit(cache=True, nogil=True)
-def _find_free(free, k):  # type: ignore[no-untyped-def]
-    """Follow the leads from ``k`` and shorten them."""
-    while free[k] != k:
-        free[k] = free[free[k]]
-        k = free[k]
-    return k

@@ -19,6 +19,7 @@ import math
 from numba import njit
 import numpy as np
 
+from plc_inspect.core.disjoint_sets import find_root
 from plc_inspect.results import Float64, Int64
 
 CELL = 0.5
@@ -71,14 +72,6 @@ def segment_trees(points: Float64, height: Float64) -> Int64:
 
 
 @njit(cache=True, nogil=True)
-def _find(parent, cell):  # type: ignore[no-untyped-def]
-    while parent[cell] != cell:
-        parent[cell] = parent[parent[cell]]
-        cell = parent[cell]
-    return cell
-
-
-@njit(cache=True, nogil=True)
 def _climb(keys, level, order, columns, reach, depth, ratio):  # type: ignore[no-untyped-def]
     """Peak that each cell belongs to, by merging from the top down."""
     num = len(keys)
@@ -94,16 +87,16 @@ def _climb(keys, level, order, columns, reach, depth, ratio):  # type: ignore[no
                 if parent[at] >= 0:
                     if best < 0 or level[at] > level[best]:
                         best = at
-                    roots[found] = _find(parent, at)
+                    roots[found] = find_root(parent, at)
                     found += 1
                 at += 1
         if best < 0:
             parent[cell] = cell
             continue
-        own = _find(parent, best)
+        own = find_root(parent, best)
         for k in range(found):
-            other = _find(parent, roots[k])
-            own = _find(parent, own)
+            other = find_root(parent, roots[k])
+            own = find_root(parent, own)
             if other == own:
                 continue
             lower = min(level[other], level[own])
@@ -115,5 +108,5 @@ def _climb(keys, level, order, columns, reach, depth, ratio):  # type: ignore[no
                     parent[other] = own
         parent[cell] = own
     for cell in range(num):
-        parent[cell] = _find(parent, cell)
+        parent[cell] = find_root(parent, cell)
     return parent
