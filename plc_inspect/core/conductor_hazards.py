@@ -245,7 +245,7 @@ def find_interference(
             x = np.linspace(first.start_x, first.end_x, 41)
             at = first.curve.position(x)
             other_x, across = second.curve.local(at)
-            low, high = sorted((second.start_x, second.end_x))
+            low, high = second.low, second.high
             inside = (other_x >= low) & (other_x <= high)
             if inside.sum() < 10:
                 continue

@@ -26,10 +26,10 @@ import math
 import numpy as np
 
 from plc_inspect.config import HazardSettings, Settings
-from plc_inspect.core.hazards import SpanModel
 from plc_inspect.core.memory import StageMemory
-from plc_inspect.core.nearest import find_near, span_table
+from plc_inspect.core.nearest import find_near
 from plc_inspect.core.pipeline import Pipeline
+from plc_inspect.core.span_model import SpanModel, tabulate
 from plc_inspect.core.tuning import get_values, INITIAL, measure_distance, put_values
 from plc_inspect.results import Bool, Float64, Int64
 
@@ -229,7 +229,7 @@ def judge(
     gap = measure_gaps(models)
     separation = np.clip(1.0 - spread / np.maximum(gap, 1e-9), 0.0, 1.0)
     stability = measure_stability(models, again)
-    explained, _, _ = find_near(evidence, _table(models), EXPLAINED_DISTANCE)
+    explained, _, _ = find_near(evidence, tabulate(models), EXPLAINED_DISTANCE)
     total = float(length.sum()) + len(evidence) - len(explained)
     metres = length * coverage
     worth = float((metres * fit * separation * stability).sum()) / total
@@ -309,7 +309,7 @@ def measure_stability(models: Sequence[SpanModel], again: Sequence[SpanModel]) -
     if not len(models) or not len(again):
         return np.zeros(len(models))
     stations = np.concatenate([_stations(model) for model in models])
-    found, _, _ = find_near(stations, _table(again), AGAIN_DISTANCE)
+    found, _, _ = find_near(stations, tabulate(again), AGAIN_DISTANCE)
     count = np.bincount(found // NUM_STATIONS, minlength=len(models))
     return count / NUM_STATIONS
 
@@ -335,11 +335,3 @@ def _without_rules(settings: Settings) -> Settings:
 def _stations(model: SpanModel) -> Float64:
     share = (np.arange(NUM_STATIONS) + 0.5) / NUM_STATIONS
     return model.curve.position(model.start_x + share * (model.end_x - model.start_x))
-
-
-def _table(models: Sequence[SpanModel]) -> Float64:
-    return span_table(
-        [model.curve for model in models],
-        np.array([min(model.start_x, model.end_x) for model in models]),
-        np.array([max(model.start_x, model.end_x) for model in models]),
-    )

@@ -21,6 +21,7 @@ import math
 import numpy as np
 
 from plc_inspect.core.curve import Curve
+from plc_inspect.core.nearest import span_table
 from plc_inspect.results import Float64, Span, Support
 
 POINT_SIGMA = 0.03
@@ -41,6 +42,16 @@ class SpanModel:
     start_x: float
     """x of the curve at the span's start [m]; greater than end_x where reversed."""
     end_x: float
+
+    @property
+    def low(self) -> float:
+        """Lesser of both x [m]."""
+        return min(self.start_x, self.end_x)
+
+    @property
+    def high(self) -> float:
+        """Greater of both x [m]."""
+        return max(self.start_x, self.end_x)
 
     def along(self, x: Float64) -> Float64:
         """Return the distance from the start of the span at the curve's x [m]."""
@@ -70,7 +81,7 @@ class SpanModel:
 
         """
         x, y = self.curve.local(points)
-        inside = np.clip(x, min(self.start_x, self.end_x), max(self.start_x, self.end_x))
+        inside = np.clip(x, self.low, self.high)
         vertical: Float64 = self.curve.fit.height(inside) - points[:, 2]
         return inside, np.hypot(y, x - inside), vertical
 
@@ -119,3 +130,12 @@ def find_kind(span: Span, end: Float64, supports: Sequence[Support]) -> str:
         <= (SUPPORT_REACH if span.line_id in item.line_ids else NEIGHBOR_REACH)
     ]
     return min(near)[2] if near else 'unseen'
+
+
+def tabulate(models: Sequence[SpanModel]) -> Float64:
+    """Pack the curves of C spans, between their ends, for the kernels; (C, 10), see nearest."""
+    return span_table(
+        [model.curve for model in models],
+        np.array([model.low for model in models]),
+        np.array([model.high for model in models]),
+    )

@@ -25,13 +25,13 @@ from plc_inspect.core.attachments import settle_ends
 from plc_inspect.core.catenary import fit_quadratic
 from plc_inspect.core.collection import profile_curve
 from plc_inspect.core.curve import Curve, fit_curve, MIN_TOLERANCE
-from plc_inspect.core.hazards import SpanModel
 from plc_inspect.core.height import ground_at, HeightResult
-from plc_inspect.core.nearest import find_near, span_table
+from plc_inspect.core.nearest import find_near
 from plc_inspect.core.off_ground import OffGround
 from plc_inspect.core.placement import place_supports
 from plc_inspect.core.plan_index import PlanIndex
 from plc_inspect.core.route import Route
+from plc_inspect.core.span_model import SpanModel, tabulate
 from plc_inspect.core.supports import Layout
 from plc_inspect.errors import FitError
 from plc_inspect.results import Bool, Float32, Float64, Int32, Int64, Span, Support
@@ -203,12 +203,7 @@ def claim_strays(cloud: OffGround, spans: SpanResult) -> SpanResult:
     """
     if not spans.models:
         return spans
-    table = span_table(
-        [model.curve for model in spans.models],
-        np.array([min(model.start_x, model.end_x) for model in spans.models]),
-        np.array([max(model.start_x, model.end_x) for model in spans.models]),
-    )
-    near, near_distance, nearest = find_near(cloud.points, table, FREE_RADIUS)
+    near, near_distance, nearest = find_near(cloud.points, tabulate(spans.models), FREE_RADIUS)
     free = ~spans.support[near]
     models = []
     for number, model in enumerate(spans.models):

@@ -223,7 +223,7 @@ def confirm_stretch(
 
 
 def _follow(model: SpanModel, reach: float) -> Course:
-    low, high = sorted((model.start_x, model.end_x))
+    low, high = model.low, model.high
     curve = model.curve
     x = np.linspace(low, high, 41)
     shape = np.polyfit(x - low, curve.fit.height(x), 2)
