@@ -33,6 +33,7 @@ from plc_inspect.core.objective import (
     Objective,
     PRIOR,
 )
+from plc_inspect.core.span_model import SpanModel
 
 EVIDENCE = np.column_stack([np.arange(0.5, 100.0), np.zeros(100), np.full(100, 15.0)])
 
@@ -44,8 +45,8 @@ def make_model(offset=0.0, noise=0.02, span_id=0, coverage=1.0, seed=0):
     curve = make_curve(points)
     span = SimpleNamespace(length=100.0, coverage=coverage, span_id=span_id)
     ends = curve.local(np.array([[0.0, offset], [100.0, offset]]))[0]
-    return SimpleNamespace(
-        curve=curve, span=span, start_x=float(ends.min()), end_x=float(ends.max())
+    return SpanModel(
+        span=span, curve=curve, start_x=float(ends.min()), end_x=float(ends.max())
     )
 
 
