@@ -1,0 +1,77 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The worker's thread, and what it leaves behind."""
+
+import os
+from pathlib import Path
+import platform
+import threading
+import weakref
+
+import numpy as np
+import pytest
+
+from plc_inspect.ros import worker as worker_module
+
+
+class Thing:
+    """Something that a job makes."""
+
+
+@pytest.mark.parametrize('fails', [False, True])
+def test_tidies_up_after_each_job_when_all_were_told(monkeypatch, fails):
+    calls, done, made = [], threading.Event(), []
+
+    def tidy_up():
+        calls.append('tidy up')
+        done.set()
+
+    def job():
+        thing = Thing()
+        made.append(weakref.ref(thing))
+        if fails:
+            raise ValueError('no')
+        return thing
+
+    monkeypatch.setattr(worker_module, 'give_back_memory', tidy_up)
+    worker = worker_module.Worker(lambda: calls.append('told'))
+    worker.submit(job)
+    assert done.wait(10.0)
+    outcome = worker.take()
+    assert calls == ['told', 'tidy up']
+    assert (outcome.value is None) == fails
+    del outcome
+    assert made[0]() is None, 'the worker still holds what its last job made'
+    assert worker.stop(10.0)
+
+
+def read_resident():
+    """Return the resident memory of this process [bytes]."""
+    pages = int(Path('/proc/self/statm').read_text().split()[1])
+    return pages * os.sysconf('SC_PAGE_SIZE')
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != 'glibc', reason='only glibc can be asked')
+def test_memory_between_what_stays_is_given_back():
+    before = read_resident()
+    blocks = [np.ones(10_000) for _ in range(4000)]  # 80 kB each, below what is mapped alone
+    kept = blocks[::100]
+    full = read_resident()
+    del blocks
+    worker_module.give_back_memory()
+    after = read_resident()
+    assert len(kept) == 40
+    assert full - before > 250e6
+    assert after - before < 0.2 * (full - before)
