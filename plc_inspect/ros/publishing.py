@@ -31,7 +31,7 @@ from plc_inspect.ros.messages import (
     make_hazards,
     make_lines,
 )
-from plc_inspect.ros.qos import overridable, RESULTS
+from plc_inspect.ros.qos import overridable, quiet, RESULTS
 from plc_inspect.ros.stream import make_news, News, Stream
 
 
@@ -101,10 +101,14 @@ class ResultPublishers:
     def __init__(self, node: Node, stream: Stream) -> None:
         self._stream = stream
         self._clouds = {
-            name: node.create_publisher(PointCloud2, f'~/{name}', **overridable(RESULTS))
+            name: node.create_publisher(
+                PointCloud2, f'~/{name}', **overridable(RESULTS), **quiet()
+            )
             for name in ('lines', 'corridor', 'catenaries', 'hazards')
         }
-        self._markers = node.create_publisher(MarkerArray, '~/markers', **overridable(RESULTS))
+        self._markers = node.create_publisher(
+            MarkerArray, '~/markers', **overridable(RESULTS), **quiet()
+        )
         self._seen: set[MarkerKey] = set()
 
     def publish(self, bundle: Bundle) -> None:

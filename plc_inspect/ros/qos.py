@@ -17,6 +17,7 @@
 from copy import copy
 from typing import TypedDict
 
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.qos import (
     QoSDurabilityPolicy,
     QoSHistoryPolicy,
@@ -102,3 +103,19 @@ def overridable(profile: QoSProfile) -> Overridable:
         'qos_profile': copy(profile),
         'qos_overriding_options': QoSOverridingOptions(policy_kinds=kinds),
     }
+
+
+class Quiet(TypedDict):
+    """Arguments of a publisher."""
+
+    event_callbacks: PublisherEventCallbacks
+
+
+def quiet() -> Quiet:
+    """
+    Let a publisher have no event handlers.
+
+    Each handler is one more thing that the executor looks at whenever it wakes, which is more
+    than a hundred times a second.  A subscriber whose QoS does not fit is told by its own side.
+    """
+    return {'event_callbacks': PublisherEventCallbacks(use_default_callbacks=False)}
