@@ -66,7 +66,9 @@ class CatenaryFit:
 
     def height(self, x: Float64 | float) -> Float64:
         """Return z at each x; any shape, float64 [m]."""
-        result: Float64 = _height(np.asarray(x, dtype=np.float64) - self.middle, *self.shape)
+        x = np.asarray(x, dtype=np.float64)
+        flat = _heights(np.ascontiguousarray(x).ravel(), self.middle, self.shape)
+        result: Float64 = flat.reshape(x.shape)[()]
         return result
 
     def slope(self, x: Float64 | float) -> Float64:
@@ -78,8 +80,7 @@ class CatenaryFit:
     def height_sigma(self, x: Float64) -> Float64:
         """Return the standard deviation of z at each x [m]."""
         t = np.atleast_1d(np.asarray(x, dtype=np.float64)) - self.middle
-        jacobian = _jacobian(t, self.shape)
-        result: Float64 = np.sqrt(np.einsum('ij,jk,ik->i', jacobian, self.covariance, jacobian))
+        result: Float64 = _height_sigma(t, self.shape, self.covariance)
         return result
 
     def sag(self, start: float, end: float) -> tuple[float, float]:
@@ -99,7 +100,7 @@ class CatenaryFit:
             moved = self.shape.copy()
             moved[k] += step
             gradient[k] = (_sag(self.middle, moved, start, end) - value) / step
-        return value, math.sqrt(max(float(gradient @ self.covariance @ gradient), 0.0))
+        return float(value), math.sqrt(max(float(gradient @ self.covariance @ gradient), 0.0))
 
     def parameter_sigma(self) -> tuple[float, float, float]:
         """Return the standard deviations of a, b and c [m]."""
@@ -194,34 +195,48 @@ def fit_quadratic(x: Float64, z: Float64) -> tuple[float, float, float]:
     return float(solution[0] / scale**2), float(solution[1] / scale), float(solution[2])
 
 
-def _height(t: Float64, h: float, g: float, k: float) -> Float64:
-    result: Float64 = h + (np.cosh(k * t + math.asinh(g)) - math.sqrt(1.0 + g * g)) / k
+@njit(cache=True, nogil=True)
+def _heights(x, middle, shape):  # type: ignore[no-untyped-def]
+    h, g, k = shape[0], shape[1], shape[2]
+    base, root = math.asinh(g), math.sqrt(1.0 + g * g)
+    result = np.empty(len(x))
+    for m in range(len(x)):
+        result[m] = h + (math.cosh(k * (x[m] - middle) + base) - root) / k
     return result
 
 
-def _sag(middle: float, shape: Float64, start: float, end: float) -> float:
+@njit(cache=True, nogil=True)
+def _sag(middle, shape, start, end):  # type: ignore[no-untyped-def]
     """Greatest vertical distance from chord to curve: where the slope is that of the chord."""
-    h, g, k = shape
+    g, k = shape[1], shape[2]
     t0, t1 = start - middle, end - middle
     if abs(t1 - t0) < 1e-9:
         return 0.0
-    ends = _height(np.array([t0, t1]), h, g, k)
-    chord = (ends[1] - ends[0]) / (t1 - t0)
-    t = (math.asinh(chord) - math.asinh(g)) / k
+    base = math.asinh(g)
+    first = math.cosh(k * t0 + base) / k
+    chord = (math.cosh(k * t1 + base) / k - first) / (t1 - t0)
+    t = (math.asinh(chord) - base) / k
     t = min(max(t, min(t0, t1)), max(t0, t1))
-    at = float(_height(np.array([t]), h, g, k)[0])
-    return max(float(ends[0] + chord * (t - t0)) - at, 0.0)
+    at = math.cosh(k * t + base) / k
+    return max(first + chord * (t - t0) - at, 0.0)
 
 
-def _jacobian(t: Float64, shape: Float64) -> Float64:
-    """Return the derivatives of the height by height, slope and curvature at the middle."""
-    _, g, k = shape
-    root = math.sqrt(1.0 + g * g)
-    u = k * t + math.asinh(g)
-    result = np.empty((len(t), 3))
-    result[:, 0] = 1.0
-    result[:, 1] = (np.sinh(u) / root - g / root) / k
-    result[:, 2] = (t * np.sinh(u)) / k - (np.cosh(u) - root) / k**2
+@njit(cache=True, nogil=True)
+def _height_sigma(t, shape, covariance):  # type: ignore[no-untyped-def]
+    """Propagate the covariance of height, slope and curvature to the height at each t."""
+    g, k = shape[1], shape[2]
+    root, base = math.sqrt(1.0 + g * g), math.asinh(g)
+    result = np.empty(len(t))
+    row = np.ones(3)
+    for m in range(len(t)):
+        sinh, cosh = math.sinh(k * t[m] + base), math.cosh(k * t[m] + base)
+        row[1] = (sinh - g) / (root * k)
+        row[2] = t[m] * sinh / k - (cosh - root) / (k * k)
+        variance = 0.0
+        for p in range(3):
+            for q in range(3):
+                variance += row[p] * covariance[p, q] * row[q]
+        result[m] = math.sqrt(max(variance, 0.0))
     return result
 
 
@@ -283,34 +298,36 @@ def _refine(t, z, inlier, tolerance):  # type: ignore[no-untyped-def]
     covariance = np.zeros((3, 3))
     rmse = 0.0
     for step in range(NUM_STEPS):
-        normal[:] = 0.0
-        right[:] = 0.0
+        r0 = r1 = r2 = n1 = n2 = n11 = n12 = n22 = 0.0
         root = math.sqrt(1.0 + g * g)
         base = math.asinh(g)
         total = 0.0
         count = 0
+        by_k, by_root = 1.0 / k, 1.0 / (root * k * scale)
+        by_scale = 1.0 / (k * scale * scale)
         for m in range(n):
             grown = math.exp(k * t[m] + base)
             cosh, sinh = 0.5 * (grown + 1.0 / grown), 0.5 * (grown - 1.0 / grown)
-            r = z[m] - h - (cosh - root) / k
+            r = z[m] - h - (cosh - root) * by_k
             if step >= 2:
                 chosen[m] = abs(r) <= tolerance
             if not chosen[m]:
                 continue
-            j0 = 1.0
-            j1 = (sinh - g) / (root * k) / scale
-            j2 = (t[m] * sinh / k - (cosh - root) / (k * k)) / (scale * scale)
+            j1 = (sinh - g) * by_root
+            j2 = (t[m] * sinh - (cosh - root) * by_k) * by_scale
             total += r * r
             count += 1
-            right[0] += j0 * r
-            right[1] += j1 * r
-            right[2] += j2 * r
-            normal[0, 0] += j0 * j0
-            normal[0, 1] += j0 * j1
-            normal[0, 2] += j0 * j2
-            normal[1, 1] += j1 * j1
-            normal[1, 2] += j1 * j2
-            normal[2, 2] += j2 * j2
+            r0 += r
+            r1 += j1 * r
+            r2 += j2 * r
+            n1 += j1
+            n2 += j2
+            n11 += j1 * j1
+            n12 += j1 * j2
+            n22 += j2 * j2
+        right[0], right[1], right[2] = r0, r1, r2
+        normal[0, 0], normal[0, 1], normal[0, 2] = count, n1, n2
+        normal[1, 1], normal[1, 2], normal[2, 2] = n11, n12, n22
         normal[1, 0], normal[2, 0], normal[2, 1] = normal[0, 1], normal[0, 2], normal[1, 2]
         if count < 4:
             break
@@ -328,7 +345,7 @@ def _refine(t, z, inlier, tolerance):  # type: ignore[no-untyped-def]
         g += change[1] * units[1]
         k = min(max(k + change[2] * units[2], MIN_CURVATURE), 20.0 / scale)
         small = abs(change[0]) < 1e-7 and abs(change[1]) < 1e-7 and abs(change[2]) < 1e-7
-        if step > 3 and small:
+        if step > 2 and small:
             converged = True
             break
     shape = np.array([h, g, k])

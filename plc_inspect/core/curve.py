@@ -85,14 +85,11 @@ class Curve:
     def position(self, x: Float64 | float) -> Float64:
         """Return the (N, 3) points of the curve at (N,) x [m]."""
         x = np.atleast_1d(np.asarray(x, dtype=np.float64))
-        return np.stack(
-            [
-                self.origin[0] + math.cos(self.azimuth) * x,
-                self.origin[1] + math.sin(self.azimuth) * x,
-                self.fit.height(x),
-            ],
-            axis=1,
-        )
+        result = np.empty((len(x), 3))
+        result[:, 0] = self.origin[0] + math.cos(self.azimuth) * x
+        result[:, 1] = self.origin[1] + math.sin(self.azimuth) * x
+        result[:, 2] = self.fit.height(x)
+        return result
 
     def prediction_sigma(self, x: Float64) -> Float64:
         """Return the standard deviation of the curve's position at (N,) x [m]."""

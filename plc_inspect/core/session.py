@@ -258,10 +258,10 @@ class Session:
             apart = np.hypot(*(kept.points[:, :2] - vehicle[:2]).T)
             stays &= apart <= CORRIDOR_REACH
         kept = kept.select(stays)
-        chosen = result.corridor[window.holds(window.points[result.corridor])]
-        place = np.searchsorted(result.corridor, chosen)
+        held = window.holds(window.points[result.corridor])
+        chosen = result.corridor[held]
         line_id, span_id = map_numbers(
-            result.corridor_line_id[place], result.corridor_span_id[place], numbered
+            result.corridor_line_id[held], result.corridor_span_id[held], numbered
         )
         new = CorridorPoints(
             points=window.points[chosen],

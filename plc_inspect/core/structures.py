@@ -15,7 +15,9 @@
 """Structures: what stands where conductors are held."""
 
 from dataclasses import dataclass
+import math
 
+from numba import njit
 import numpy as np
 
 from plc_inspect.core.plan_index import gather_strip, PlanIndex
@@ -113,18 +115,10 @@ def _best_column(
 ) -> Float64 | None:
     """Axis of the column that fills most levels, if it stands free in most of them."""
     cells = np.floor(apart / COLUMN).astype(np.int64)
-    _, cell = np.unique(cells, axis=0, return_inverse=True)
-    best, best_filled = None, 0
-    for number in range(int(cell.max()) + 1):
-        own = cell == number
-        center = np.median(apart[own], axis=0)
-        if np.hypot(*center) > reach:
-            continue
-        own = np.hypot(*(apart - center).T) <= COLUMN
-        filled = len(np.unique(level[own & (level <= needed)]))
-        if filled > best_filled:
-            best, best_filled = center, filled
-    if best is None or best_filled < FILLED * needed:
+    low = cells.min(axis=0)
+    cell = (cells[:, 0] - low[0]) * (np.ptp(cells[:, 1]) + 1) + cells[:, 1] - low[1]
+    best, best_filled = _fullest(apart, level, cell, needed, reach)
+    if best_filled < FILLED * needed:
         return None
     distance = np.hypot(*(apart - best).T)
     free = 0
@@ -139,3 +133,27 @@ def _best_column(
     own = distance <= COLUMN
     axis: Float64 = np.median(apart[own], axis=0)
     return axis
+
+
+@njit(cache=True, nogil=True)
+def _fullest(apart, level, cell, needed, reach):  # type: ignore[no-untyped-def]
+    """Centre of the points of the cell about which most levels hold some, and how many do."""
+    best, best_filled = np.zeros(2), 0
+    order = np.argsort(cell, kind='mergesort')
+    first = 0
+    while first < len(order):
+        last = first
+        while last < len(order) and cell[order[last]] == cell[order[first]]:
+            last += 1
+        own = apart[order[first:last]]
+        x, y = np.median(own[:, 0]), np.median(own[:, 1])
+        first = last
+        if math.hypot(x, y) > reach:
+            continue
+        filled = np.zeros(needed + 1, dtype=np.bool_)
+        for k in range(len(apart)):
+            if level[k] <= needed and math.hypot(apart[k, 0] - x, apart[k, 1] - y) <= COLUMN:
+                filled[level[k]] = True
+        if filled.sum() > best_filled:
+            best, best_filled = np.array([x, y]), filled.sum()
+    return best, best_filled

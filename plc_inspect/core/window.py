@@ -27,6 +27,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 import math
 
+from numba import njit
 import numpy as np
 
 from plc_inspect.core.cell_index import CellIndex
@@ -109,8 +110,24 @@ class Window:
 
     def holds(self, points: Float64) -> Bool:
         """Return which of (N, 2+) points lie in fresh cells."""
-        place = np.floor(points[:, :2] / self.cell_size).astype(np.int64)
-        return np.isin(_pack(place), _pack(self.fresh))
+        fresh = np.sort(_pack(self.fresh))
+        found: Bool = _find_held(np.asarray(points, dtype=np.float64), self.cell_size, fresh)
+        return found
+
+
+@njit(cache=True, nogil=True)
+def _find_held(points, cell_size, fresh):  # type: ignore[no-untyped-def]
+    """Tell which points lie in cells whose packed places, ascending, are given."""
+    result = np.zeros(len(points), dtype=np.bool_)
+    last, held = np.int64(0), False  # neighbours are often of one cell
+    for k in range(len(points)):
+        row = np.int64(math.floor(points[k, 0] / cell_size))
+        key = (row << 32) + np.int64(math.floor(points[k, 1] / cell_size))
+        if k == 0 or key != last:
+            place = np.searchsorted(fresh, key)
+            last, held = key, bool(place < len(fresh) and fresh[place] == key)
+        result[k] = held
+    return result
 
 
 def sample_span(span: Span, spacing: float) -> Float64:

@@ -34,15 +34,21 @@ class WirePoints:
 
     def __init__(self, result: InspectionResult, points: Float64) -> None:
         wire = np.flatnonzero(result.line_id >= 0)
-        order = np.lexsort((result.span_id[wire], result.line_id[wire]))
-        self._chosen = wire[order]
-        self._keys = np.column_stack((result.line_id, result.span_id))[self._chosen]
+        keys = _pack(result.line_id[wire], result.span_id[wire])
+        order = np.argsort(keys, kind='stable')
+        self._chosen, self._keys = wire[order], keys[order]
         self._points, self._residual = points, result.residual
 
     def take(self, span: Span) -> tuple[Float64, Float32]:
         """Return copies of the points and residuals of one span."""
-        own = self._chosen[(self._keys == (span.line_id, span.span_id)).all(axis=1)]
+        key = _pack(np.array([span.line_id]), np.array([span.span_id]))[0]
+        own = self._chosen[slice(*np.searchsorted(self._keys, (key, key + 1)))]
         return self._points[own], self._residual[own]
+
+
+def _pack(line_id: np.ndarray, span_id: np.ndarray) -> Int64:
+    packed: Int64 = (line_id.astype(np.int64) << 32) + span_id
+    return packed
 
 
 def thin_points(points: Float64, spacing: float) -> Int64:
