@@ -100,10 +100,13 @@ class Run:
         return self.name.split(' ')[0] not in (*WITHOUT_LINE, *REAL_EMPTY, *REAL_BAGS)
 
 
-def run_survey(survey: Survey, kind: str, density: float = math.nan, seed: int = 0) -> Run:
+def run_survey(
+    survey: Survey, kind: str, density: float = math.nan, seed: int = 0,
+    settings: Settings | None = None,
+) -> Run:
     """Run the pipeline over a simulated survey and score it."""
     started = time.perf_counter()
-    result = Pipeline().run(survey.points)
+    result = Pipeline(settings).run(survey.points)
     seconds = time.perf_counter() - started
     found = from_result(result, survey.points)
     pulls = tuple(
@@ -118,16 +121,16 @@ def run_survey(survey: Survey, kind: str, density: float = math.nan, seed: int =
     )
 
 
-def run_real(path: Path, is_labelled: bool) -> Run:
+def run_real(path: Path, is_labelled: bool, settings: Settings | None = None) -> Run:
     """Run the pipeline over a real cloud or recording, and score it by the file's classes."""
     if path.is_dir():
-        inspection = replay(path, Settings())
+        inspection = replay(path, settings or Settings())
         points, result = inspection.points, inspection.result
         seconds = inspection.seconds['pipeline']
     else:
         points = read_cloud(path).points
         started = time.perf_counter()
-        result = Pipeline().run(points)
+        result = Pipeline(settings).run(points)
         seconds = time.perf_counter() - started
     scores = evaluate(from_result(result, points), read_truth(path)) if is_labelled else None
     return Run(

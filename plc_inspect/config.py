@@ -262,8 +262,11 @@ class AlignmentSettings(_Checked):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClusteringSettings(_Checked):
-    """Two-stage DBSCAN, across the line and then along it."""
+    """Two-stage clustering, across the line and then along it."""
 
+    method: str = _setting(
+        'dbscan', 'clusterer across the line', choices=('dbscan', 'hdbscan', 'rnn_dbscan')
+    )
     eps: float = _setting(
         0.2, 'radius across the line (eps of Table 1)', unit='m', low=0.01, high=10.0
     )

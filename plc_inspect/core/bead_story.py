@@ -22,26 +22,28 @@ import numpy as np
 
 from plc_inspect.config import ClusteringSettings, Settings
 from plc_inspect.core.alignment import AlignmentResult
-from plc_inspect.core.beads import (
-    count_needed,
-    find_beads,
+from plc_inspect.core.bead_fit import (
     fit_trimmed,
-    MAX_WINDOW_POINTS,
+    judge_clusters,
+    LEAST_POINTS,
     measure_crowding,
     measure_filling,
-    NUM_EPS,
+    MIN_FILLING,
 )
+from plc_inspect.core.beads import choose_points, find_beads, NUM_EPS, open_window
 from plc_inspect.core.checks import apply, Check, Finding, Proposal, propose, rank
-from plc_inspect.core.dbscan import dbscan_plane
+from plc_inspect.core.cross_section import (
+    count_needed,
+    gather_window,
+    MAX_WINDOW_POINTS,
+    thin_window,
+)
 from plc_inspect.core.off_ground import CELL
 from plc_inspect.core.place_story import Place
-from plc_inspect.core.plan_index import build_plan_index, gather_strip
-from plc_inspect.results import Float64, Int64
+from plc_inspect.core.plan_index import build_plan_index
+from plc_inspect.core.plane_clusters import cluster_plane, count_neighbors
+from plc_inspect.results import Bool, Float64, Int64
 
-GRID = 0.5
-"""Edge of the cells of a window's cross-section that its candidates open [m]."""
-MIN_FILLING = 0.4
-"""Share of its metres in which a bead holds points."""
 MOST_WINDOWS = 4
 MOST_TRIALS = 12
 """Windows that are told of, and proposals that are tried on them."""
@@ -55,9 +57,9 @@ class ClusterView:
     outcome: str
     """'bead', or why it is none."""
     neighbors: int
-    """Points within eps across the line, the point included."""
+    """Points within eps across the line, the point included; with RNN-DBSCAN its reverse ones."""
     needed: int
-    """Points of a core neighbourhood in this window."""
+    """Points of a core neighbourhood in this window; 0: the clusterer knows none."""
     eps: float
     size: int = 0
     length: float = math.nan
@@ -101,13 +103,15 @@ class Windows:
             if view.limit > limits.max_thickness:
                 name = f'window {view.window}, undivided'
             if view.needed:
+                kind = 'points within eps' if limits.method == 'dbscan' else 'reverse neighbours'
                 checks.append(Check(
-                    name=f'{name}: points within eps', value=view.neighbors, limit=view.needed,
+                    name=f'{name}: {kind}', value=view.neighbors, limit=view.needed,
                     setting='clustering.min_points',
                 ))
             if view.size:
                 checks += [
-                    Check(name=f'{name}: points of the cluster', value=view.size, limit=4),
+                    Check(name=f'{name}: points of the cluster', value=view.size,
+                          limit=LEAST_POINTS),
                     Check(name=f'{name}: length', value=view.length,
                           limit=0.5 * self.alignment.half_length, unit='m',
                           setting='alignment.half_length'),
@@ -169,111 +173,82 @@ class Windows:
         distance = np.linalg.norm(offset, axis=1)
         near = np.flatnonzero(inside & (distance <= 60.0))
         order = near[np.argsort(distance[near], kind='stable')].tolist()
-        return [window for window in order if self._select(window)[1] >= 0]
+        return [window for window in order if self._select(window)[2] >= 0]
 
-    def _select(self, window: int) -> tuple[Int64, int, Float64]:
-        """Return the points of a window, which of them the point is, and x, y, w of all."""
-        alignment, points = self.alignment, self.cloud.points
-        ca, sa = math.cos(alignment.azimuth[window]), math.sin(alignment.azimuth[window])
-        own = alignment.seeds[alignment.seed_start[window] : alignment.seed_start[window + 1]]
-        center, rise = alignment.center[window], alignment.slope[window]
-
-        def turn(positions: Float64) -> tuple[Float64, Float64, Float64]:
-            dx, dy, dz = (positions - center).T
-            x = ca * dx + sa * dy
-            return x, ca * dy - sa * dx, dz - rise * x
-
-        _, y, w = turn(self.seeds[own])
-        low = np.array([y.min(), w.min()])
-        high = np.array([y.max(), w.max()])
-        shape = ((high - low) / GRID).astype(np.int64) + 7
-        allowed = np.zeros(shape, dtype=bool)
-        for iy, iw in ((np.stack([y, w], axis=1) - low) / GRID).astype(np.int64) + 3:
-            allowed[iy - 2 : iy + 3, iw - 2 : iw + 3] = True
-        half, reach = alignment.half_length, max(abs(low[0]), abs(high[0])) + 1.5
-        index = self.index
-        near = gather_strip(
-            index.start, index.order, index.origin, index.cell_size, *index.shape,
-            center[0] - half * ca, center[1] - half * sa,
-            center[0] + half * ca, center[1] + half * sa, reach,
+    def _select(self, window: int) -> tuple[Int64, tuple[Float64, Float64, Float64], int]:
+        """Return the points of a window, x, y, w of them, and which the point is, -1 none."""
+        alignment, index = self.alignment, self.index
+        start, stop = alignment.seed_start[window : window + 2]
+        chosen, x, y, w = gather_window(
+            self.cloud.points, index.start, index.order, index.origin, index.cell_size,
+            *index.shape, self.seeds, alignment.seeds[start:stop], alignment.center[window],
+            alignment.azimuth[window], alignment.slope[window], alignment.half_length,
         )
-        x, y, w = turn(points[near])
-        cell = ((np.stack([y, w], axis=1) - low) / GRID + 3).astype(np.int64)
-        inside = (np.abs(x) <= half) & (cell >= 0).all(axis=1) & (cell < shape).all(axis=1)
-        inside[inside] = allowed[cell[inside, 0], cell[inside, 1]]
-        chosen = near[inside]
         found = np.flatnonzero(chosen == self.place.slot)
-        return chosen, int(found[0]) if len(found) else -1, np.stack([x, y, w])[:, inside]
+        return chosen, (x, y, w), int(found[0]) if len(found) else -1
 
     def _look(self, window: int) -> Iterator[ClusterView]:
         """Follow the point's cluster through the attempts of a window."""
-        limits: ClusteringSettings = self.settings.clustering
-        half = self.alignment.half_length
-        chosen, own, (x, y, w) = self._select(window)
-        is_own = True
-        if len(chosen) > MAX_WINDOW_POINTS:
-            step = -(-len(chosen) // MAX_WINDOW_POINTS)
-            away = np.hypot(np.hypot(x - x[own], y - y[own]), w - w[own])[::step]
-            x, y, w = (np.ascontiguousarray(values[::step]) for values in (x, y, w))
-            if own % step:
-                is_own = False
-                yield ClusterView(
-                    window=window, neighbors=0, needed=0, eps=limits.eps, is_own=False,
-                    outcome=f'thinned out, as the window holds more than {MAX_WINDOW_POINTS}'
-                            ' points; what follows is of the nearest that was kept',
-                )
-            own = int(np.argmin(away))
+        limits, half = self.settings.clustering, self.alignment.half_length
+        every, (x, y, w), own = self._select(window)
+        at = np.array([x[own], y[own], w[own]])
+        chosen, x, y, w = thin_window(every, x, y, w)
+        is_own = bool((chosen == self.place.slot).any())
+        if not is_own:
+            yield ClusterView(
+                window=window, neighbors=0, needed=0, eps=limits.eps, is_own=False,
+                outcome=f'thinned out, as the window holds more than {MAX_WINDOW_POINTS}'
+                        ' points; what follows is of the nearest that was kept',
+            )
+        own = int(np.argmin(np.linalg.norm(np.column_stack((x, y, w)) - at, axis=1)))
         needed = int(count_needed(y, w, limits.eps, limits.min_points))
-        open_mask = np.ones(len(x), dtype=bool)
-        first = np.full(len(x), -1)
-        used = np.zeros(len(x), dtype=bool)
+        owner, first, too_thick, fits = open_window(len(x))
+        found = 0
         for attempt in range(NUM_EPS + 1):
-            eps, limit = limits.eps / 2**attempt, limits.max_thickness
-            if attempt < NUM_EPS:
-                rows = np.flatnonzero(open_mask)
-                label = (
-                    dbscan_plane(y[rows], w[rows], eps, needed) if len(rows) >= 4 else rows[:0]
-                )
-            else:
-                divided = np.unique(first[used & (first >= 0)])
-                rows = np.flatnonzero(~used & (first >= 0) & ~np.isin(first, divided))
-                label, eps, limit = first[rows], limits.eps, 2.0 * limits.max_thickness
-            if not len(label):
-                if attempt < NUM_EPS:
-                    continue
+            rows, label, limit = choose_points(
+                attempt, owner, too_thick, first, limits.max_thickness
+            )
+            if len(rows) < LEAST_POINTS:
                 return
+            if attempt < NUM_EPS:
+                label = cluster_plane(
+                    limits.method, y[rows], w[rows], limits.eps, needed, attempt
+                )
             if attempt == 0:
                 first[:] = label
-            open_mask[:] = False
-            for number in range(int(label.max()) + 1):
-                member = np.zeros(len(x), dtype=bool)
-                member[rows[label == number]] = True
-                mine = bool(member[own])
-                view = self._judge(window, x, y, w, member, own, eps, limit, needed, half)
-                if view.outcome == 'too thick':
-                    open_mask |= member
-                elif view.outcome in ('bead', 'trimmed off a bead'):
-                    used |= member
-                if mine:
-                    yield replace(view, is_own=is_own)
-            at = np.flatnonzero(rows == own)
-            if len(at) and label[at[0]] < 0:
-                near = np.hypot(y[rows] - y[own], w[rows] - w[own]) <= eps
-                yield ClusterView(window=window, outcome='noise across the line', eps=eps,
-                                  neighbors=int(near.sum()), needed=needed, is_own=is_own)
+            place = np.flatnonzero(rows == own)
+            if len(place):
+                neighbors = count_neighbors(
+                    limits.method, y[rows], w[rows], int(place[0]), limits.eps, needed, attempt
+                )
+                view = ClusterView(
+                    window=window, neighbors=neighbors[0], needed=neighbors[1], is_own=is_own,
+                    outcome='noise across the line',
+                    eps=limits.eps / 2**attempt if attempt < NUM_EPS else limits.eps,
+                )
+                number = label[place[0]]
+                if number >= 0:
+                    member = np.zeros(len(x), dtype=bool)
+                    member[rows[label == number]] = True
+                    view = self._judge(view, (x, y, w), member, own, limit, half)
+                if number >= 0 or attempt < NUM_EPS:
+                    yield view
+            found = judge_clusters(
+                x, y, w, rows, label, limit, half, limits.max_crowding, owner, too_thick, fits,
+                found,
+            )
 
     def _judge(
-        self, window: int, x: Float64, y: Float64, w: Float64, member: np.ndarray, own: int,
-        eps: float, limit: float, needed: int, half: float,
+        self, view: ClusterView, places: tuple[Float64, Float64, Float64], member: Bool, own: int,
+        limit: float, half: float,
     ) -> ClusterView:
-        limits = self.settings.clustering
-        neighbors = int((np.hypot(y - y[own], w - w[own]) <= eps).sum())
-        had = bool(member[own])
+        """Put the figures of the point's cluster into its view."""
+        x, y, w = places
+        limits, crowding = self.settings.clustering, math.nan
         mx, my, mw, ky, kw, rms, low, high = fit_trimmed(x, y, w, member)
         size, length = int(member.sum()), float(high - low)
-        filling = float(measure_filling(x, member, low, high)) if size >= 4 else 0.0
-        crowding = math.nan
-        if size < 4:
+        filling = float(measure_filling(x, member, low, high)) if size >= LEAST_POINTS else 0.0
+        if size < LEAST_POINTS:
             outcome = 'too few points'
         elif length < 0.5 * half:
             outcome = 'too short'
@@ -282,14 +257,13 @@ class Windows:
         elif rms > limit:
             outcome = 'too thick'
         else:
-            crowding = float(measure_crowding(x, y, w, member, mx, my, mw, ky, kw, rms))
+            crowding = float(measure_crowding(x, y, w, mx, my, mw, ky, kw, rms, low, high))
             outcome = 'crowded' if crowding > limits.max_crowding else 'bead'
-        if outcome == 'bead' and had and not member[own]:
+        if outcome == 'bead' and not member[own]:
             outcome = 'trimmed off a bead'
-        return ClusterView(
-            window=window, outcome=outcome, neighbors=neighbors, needed=needed, eps=eps,
-            size=size, length=length, filling=filling, rms=float(rms), limit=limit,
-            crowding=crowding,
+        return replace(
+            view, outcome=outcome, size=size, length=length, filling=filling, rms=float(rms),
+            limit=limit, crowding=crowding,
         )
 
     def _is_in_bead(self, limits: ClusteringSettings) -> bool:

@@ -22,7 +22,7 @@ from numba import njit
 import numpy as np
 
 from plc_inspect.config import CatenarySettings
-from plc_inspect.core.beads import SHELL_RATIO, SHELL_SHARE
+from plc_inspect.core.bead_fit import SHELL_RATIO, SHELL_SHARE
 from plc_inspect.core.curve import Curve, fit_curve
 from plc_inspect.core.plan_index import gather_strip, PlanIndex
 from plc_inspect.errors import FitError

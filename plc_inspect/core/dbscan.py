@@ -31,9 +31,9 @@ def dbscan_plane(u, v, eps, min_points):  # type: ignore[no-untyped-def]
     Parameters
     ----------
     u, v : (n,) float64
-        See its class.
-    eps : int
-        Neighbours lie within this distance, inclusive.
+        Coordinates [m].
+    eps : float
+        Neighbours lie within this distance, inclusive [m].
     min_points : int
         Neighbours of a core point, itself included.
 
@@ -62,7 +62,9 @@ def dbscan_plane(u, v, eps, min_points):  # type: ignore[no-untyped-def]
     free = np.arange(n + 1)  # leads to the next point without a label
     stack = np.empty(n, dtype=np.int64)
     num_clusters = 0
-    for first in np.argsort(order):
+    place = np.empty(n, dtype=np.int64)
+    place[order] = np.arange(n)
+    for first in place:
         if label[first] >= 0 or not core[first]:
             continue
         label[first] = num_clusters

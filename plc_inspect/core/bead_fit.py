@@ -1,0 +1,193 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Bead or no bead: the tests of one cluster in the cross-section of a window."""
+
+import math
+
+from numba import njit
+import numpy as np
+
+SHELL_RATIO = 1.6
+"""Outer radius of the shell about a conductor, in radii of the conductor."""
+SHELL_SHARE = 0.3
+"""A place is crowded where the shell holds more than this share of the points within it."""
+LEAST_POINTS = 4
+MIN_FILLING = 0.4
+"""Share of its metres in which a bead holds points."""
+
+
+@njit(cache=True, nogil=True)
+def _fit_bead(x, y, w, member):  # type: ignore[no-untyped-def]
+    """Straight line through the chosen points: means, slopes in y and w, rms, extent."""
+    n = 0.0
+    sx = sy = sw = sxx = sxy = sxw = 0.0
+    low, high = np.inf, -np.inf
+    for k in range(len(x)):
+        if member[k]:
+            n += 1.0
+            sx += x[k]
+            sy += y[k]
+            sw += w[k]
+            sxx += x[k] * x[k]
+            sxy += x[k] * y[k]
+            sxw += x[k] * w[k]
+            low, high = min(low, x[k]), max(high, x[k])
+    mx, my, mw = sx / n, sy / n, sw / n
+    spread = sxx - n * mx * mx
+    ky = (sxy - n * mx * my) / spread if spread > 1e-9 else 0.0
+    kw = (sxw - n * mx * mw) / spread if spread > 1e-9 else 0.0
+    error = 0.0
+    for k in range(len(x)):
+        if member[k]:
+            ey = y[k] - my - ky * (x[k] - mx)
+            ew = w[k] - mw - kw * (x[k] - mx)
+            error += ey * ey + ew * ew
+    return mx, my, mw, ky, kw, math.sqrt(error / n), low, high
+
+
+@njit(cache=True, nogil=True)
+def fit_trimmed(x, y, w, member):  # type: ignore[no-untyped-def]
+    """Fit, drop from ``member`` what lies far off, and fit again."""
+    fit = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    for attempt in range(2):
+        if member.sum() < 4:
+            return fit
+        fit = _fit_bead(x, y, w, member)
+        if attempt == 0:
+            mx, my, mw, ky, kw, rms, _, _ = fit
+            limit = max(2.5 * rms, 0.05)
+            for k in range(len(x)):
+                if member[k]:
+                    ey = y[k] - my - ky * (x[k] - mx)
+                    ew = w[k] - mw - kw * (x[k] - mx)
+                    if ey * ey + ew * ew > limit * limit:
+                        member[k] = False
+    return fit
+
+
+@njit(cache=True, nogil=True)
+def measure_filling(x, member, low, high):  # type: ignore[no-untyped-def]
+    """Share of the metres between low and high that hold members."""
+    num = max(int(high - low), 1)
+    filled = np.zeros(num, dtype=np.bool_)
+    for k in range(len(x)):
+        if member[k]:
+            filled[min(int((x[k] - low) / max(high - low, 1e-9) * num), num - 1)] = True
+    return filled.sum() / num
+
+
+@njit(cache=True, nogil=True)
+def measure_crowding(  # type: ignore[no-untyped-def]
+    x, y, w, mx, my, mw, ky, kw, rms, low, high
+):
+    """
+    Share of the bead's parts that have points close about the axis, not only on it.
+
+    Air surrounds a wire.  A plane that goes on beside the axis, such as a roof, has 0.6 times
+    as many points between 1 and 1.6 radii as within one radius; a crown has 1.6 times as many.
+    """
+    inner = max(2.5 * rms, 0.1)
+    outer = SHELL_RATIO * inner
+    num = max(int((high - low) / 3.0), 1)
+    core = np.zeros(num)
+    shell = np.zeros(num)
+    for k in range(len(x)):
+        if x[k] < low or x[k] > high:
+            continue
+        ey = y[k] - my - ky * (x[k] - mx)
+        ew = w[k] - mw - kw * (x[k] - mx)
+        r2 = ey * ey + ew * ew
+        place = min(int((x[k] - low) / (high - low) * num), num - 1)
+        if r2 <= inner * inner:
+            core[place] += 1.0
+        elif r2 <= outer * outer:
+            shell[place] += 1.0
+    crowded = 0
+    for place in range(num):
+        if shell[place] > SHELL_SHARE * core[place] + 1.0:
+            crowded += 1
+    return crowded / num
+
+
+@njit(cache=True, nogil=True)
+def judge_clusters(  # type: ignore[no-untyped-def]
+    x, y, w, chosen, label, limit, half, max_crowding, owner, too_thick, fits, found
+):
+    """
+    Test the clusters of one attempt and keep the beads among them.
+
+    Parameters
+    ----------
+    x, y, w : (n,) float64
+        Points of the window, along, across and up [m].
+    chosen, label : (m,) int64
+        Points that were clustered, and their clusters, -1 noise.
+    limit : float
+        Greatest rms of a bead in this attempt [m].
+    half : float
+        Half the length of the window [m].
+    max_crowding : float
+        Greatest share of its metres in which a bead may be crowded.
+    owner : (n,) int64
+        Bead of each point; those of new beads are set.
+    too_thick : (n,) bool
+        Replaced by the points of clusters that are too thick for one conductor.
+    fits : (B, 8) float64
+        Means of x, y, w, slopes in y and w, rms, least and greatest x; new rows are set.
+    found : int
+        Beads so far.
+
+    Returns
+    -------
+    int
+        Beads now.
+
+    """
+    too_thick[:] = False
+    if len(label) == 0:
+        return found
+    num = label.max() + 1
+    start = np.zeros(num + 1, dtype=np.int64)  # the points cluster by cluster
+    for k in range(len(label)):
+        if label[k] >= 0:
+            start[label[k] + 1] += 1
+    start = np.cumsum(start)
+    place = start[:-1].copy()
+    order = np.empty(start[num], dtype=np.int64)
+    for k in range(len(label)):
+        if label[k] >= 0:
+            order[place[label[k]]] = chosen[k]
+            place[label[k]] += 1
+    for c in range(num):
+        own = order[start[c] : start[c + 1]]
+        ox, member = x[own], np.ones(len(own), dtype=np.bool_)
+        mx, my, mw, ky, kw, rms, low, high = fit_trimmed(ox, y[own], w[own], member)
+        if member.sum() < LEAST_POINTS or high - low < 0.5 * half:
+            continue
+        if measure_filling(ox, member, low, high) < MIN_FILLING:
+            continue
+        if rms > limit:
+            too_thick[own[member]] = True
+            continue
+        if measure_crowding(x, y, w, mx, my, mw, ky, kw, rms, low, high) > max_crowding:
+            continue
+        if found == len(fits):
+            continue
+        fits[found, 0], fits[found, 1], fits[found, 2] = mx, my, mw
+        fits[found, 3], fits[found, 4] = ky, kw
+        fits[found, 5], fits[found, 6], fits[found, 7] = rms, low, high
+        owner[own[member]] = found
+        found += 1
+    return found

@@ -1,0 +1,98 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Clusterers of the plane, one beside the other."""
+
+from numba import njit
+import numpy as np
+from sklearn.cluster import HDBSCAN
+
+from plc_inspect.core.dbscan import dbscan_plane
+from plc_inspect.core.rnn_dbscan import find_neighbors, rnn_dbscan_plane
+from plc_inspect.results import Float64, Int64
+
+KERNELS = {'dbscan': 0, 'rnn_dbscan': 1}
+"""Methods that `label_plane` knows by a number."""
+LEAST_NEIGHBORS = 4
+
+
+@njit(cache=True, nogil=True)
+def label_plane(method, u, v, eps, min_points, attempt):  # type: ignore[no-untyped-def]
+    """
+    Cluster points of a plane with one of KERNELS, finer with every attempt.
+
+    Parameters
+    ----------
+    method : int
+        Of KERNELS.
+    u, v : (n,) float64
+        Points [m].
+    eps : float
+        Radius of DBSCAN in attempt 0, halved with each one [m].
+    min_points : int
+        Points of a core neighbourhood of DBSCAN, the point included; k of RNN-DBSCAN in
+        attempt 0, halved with each one.
+    attempt : int
+        From 0.
+
+    Returns
+    -------
+    (n,) int64
+        Cluster of each point, -1 noise.
+
+    """
+    if method == 1:
+        return rnn_dbscan_plane(u, v, max(min_points >> attempt, LEAST_NEIGHBORS))
+    return dbscan_plane(u, v, eps / 2**attempt, min_points)
+
+
+def hdbscan_plane(u: Float64, v: Float64, min_points: int, attempt: int) -> Int64:
+    """
+    Cluster points of a plane with HDBSCAN (scikit-learn; Campello et al. 2013).
+
+    ``min_points`` is its least cluster and its core neighbourhood, halved with each attempt;
+    after attempt 0 the leaves of its tree are the clusters.  See `label_plane`.
+    """
+    least = max(min_points >> attempt, LEAST_NEIGHBORS)
+    if len(u) < least:
+        return np.full(len(u), -1, dtype=np.int64)
+    tree = HDBSCAN(
+        min_cluster_size=least, min_samples=least, allow_single_cluster=True,
+        cluster_selection_method='leaf' if attempt else 'eom', copy=True,
+    )
+    label: Int64 = tree.fit_predict(np.column_stack((u, v))).astype(np.int64)
+    return label
+
+
+def cluster_plane(
+    method: str, u: Float64, v: Float64, eps: float, min_points: int, attempt: int
+) -> Int64:
+    """Cluster points of a plane with the method of that name; see `label_plane`."""
+    if method in KERNELS:
+        label: Int64 = label_plane(KERNELS[method], u, v, eps, min_points, attempt)
+        return label
+    return hdbscan_plane(u, v, min_points, attempt)
+
+
+def count_neighbors(
+    method: str, u: Float64, v: Float64, point: int, eps: float, min_points: int, attempt: int
+) -> tuple[int, int]:
+    """Return by how many others a point may be core, and how many that takes; 0: not counted."""
+    if method == 'dbscan':
+        near = (u - u[point]) ** 2 + (v - v[point]) ** 2 <= (eps / 2**attempt) ** 2
+        return int(near.sum()), min_points
+    k = max(min_points >> attempt, LEAST_NEIGHBORS)
+    if method == 'rnn_dbscan' and k < len(u):
+        return int((find_neighbors(u, v, k)[0] == point).sum()), k
+    return 0, 0
