@@ -25,7 +25,7 @@ import math
 from pathlib import Path
 import sys
 
-from accuracy import DENSITIES, REAL, REAL_EMPTY, REAL_WIRES, Run, run_real, run_survey
+from accuracy import REAL, REAL_EMPTY, REAL_WIRES, Run, run_real, run_survey
 import numpy as np
 from surveys import make_flight, make_map, open_cache
 from tables import format_figure, render_table, replace_section
@@ -129,7 +129,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description='Clusterers side by side.')
     parser.add_argument('--parts', nargs='+', choices=PARTS, default=PARTS)
     parser.add_argument('--scenes', nargs='+', choices=tuple(SCENES), default=tuple(SCENES))
-    parser.add_argument('--densities', nargs='+', type=float, default=DENSITIES[:2])
+    parser.add_argument('--densities', nargs='+', type=float, default=(20.0,))
     parser.add_argument('--cache', type=Path, metavar='DIR', help='keep simulated surveys here')
     parser.add_argument('--real', type=Path, metavar='DIR', default=REAL)
     parser.add_argument('--write', action='store_true', help='put the tables into the docs')
