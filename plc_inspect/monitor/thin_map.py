@@ -207,14 +207,14 @@ class ThinMap:
         if block is None:
             if not len(codes):
                 return
-            self._blocks[key] = Block(codes=codes, since=now)
+            self._blocks[key] = Block(codes=codes.copy(), since=now)
             self._pending.add(key)
             return
         if not whole:
             codes = merge_codes(block.codes, codes)
         if np.array_equal(block.codes, codes):
             return
-        block.codes, block.share = codes, math.nan
+        block.codes, block.share = codes.copy(), math.nan  # a view would hold all of a tick's
         if not len(codes) and block.told is None and not block.wanted:
             del self._blocks[key]
             self._pending.discard(key)

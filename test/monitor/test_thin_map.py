@@ -167,6 +167,16 @@ def test_it_is_bounded(monkeypatch):
     empty_out(held, 50.0)
 
 
+def test_what_it_keeps_holds_no_more_memory_than_its_cells():
+    held = ThinMap(0.5, 20.0)
+    cells = []
+    for k in range(20):
+        cells.append(cells_of(strip(8.0 * k, 8.0 * k + 40.0)))
+        held.update(cells[-1], np.array([8.0 * k, 0.0]), k)
+    for block in held._blocks.values():
+        assert not any(np.shares_memory(block.codes, item.codes) for item in cells)
+
+
 def test_budget_by_hand():
     time = [0.0]
     budget = Budget(1000.0, clock=lambda: time[0])
