@@ -70,7 +70,8 @@ WHOLE[[Decision.GROUND, Decision.TOO_LOW, Decision.NOT_LINEAR]] = 1 + 4
 THIN: UInt8 = np.zeros(256, dtype=np.uint8)
 """Labels taken from the other cells: what is new or was ever linear, and a little ground."""
 THIN[Decision.GROUND] = 1 + 2
-THIN[[Decision.WIRE, Decision.SUPPORT]] = 1 + 4
+THIN[Decision.SUPPORT] = 1 + 4
+THIN[Decision.WIRE] = 1 + 2  # some three points a metre of conductor, which fix it to millimetres
 THIN[[0, Decision.OUTLIER]] = 1 + 10
 THIN[[Decision.NO_SECTION, Decision.NO_CLUSTER, Decision.NO_CATENARY]] = 1
 
