@@ -24,6 +24,7 @@ from plc_inspect.config import Settings
 from plc_inspect.core.attachments import settle_ends
 from plc_inspect.core.catenary import fit_quadratic
 from plc_inspect.core.collection import profile_curve
+from plc_inspect.core.crowding import find_intruders
 from plc_inspect.core.curve import Curve, fit_curve, MIN_TOLERANCE
 from plc_inspect.core.height import ground_at, HeightResult
 from plc_inspect.core.nearest import find_near
@@ -179,13 +180,13 @@ def build_spans(
     )
 
 
-def claim_strays(cloud: OffGround, spans: SpanResult) -> SpanResult:
+def settle_strays(cloud: OffGround, spans: SpanResult) -> SpanResult:
     """
-    Give conductors the stray points about them, which would look like hazards.
+    Give conductors the stray points about them, and crowns the leaves that lie on conductors.
 
     Mixed returns and the drift of poses put points some decimetres beside a conductor.  What
     grows or stands there goes on away from it, so strays are claimed only in places where next
-    to nothing lies between STRAY_RADIUS and FREE_RADIUS.
+    to nothing lies between STRAY_RADIUS and FREE_RADIUS.  Where much does, see `find_intruders`.
 
     Parameters
     ----------
@@ -220,8 +221,16 @@ def claim_strays(cloud: OffGround, spans: SpanResult) -> SpanResult:
         spans.line_id[found[taken]] = model.span.line_id
         spans.span_id[found[taken]] = model.span.span_id
         spans.residual[found[taken]] = distance[taken]
+        given = find_intruders(
+            model.along(x), distance.astype(np.float64),
+            wire & (spans.residual[found] <= model.curve.tolerance), ~wire & ~taken,
+            model.curve.tolerance,
+        )
+        gone = found[given]
+        spans.line_id[gone], spans.span_id[gone], spans.residual[gone] = -1, -1, np.nan
         record = dataclasses.replace(
-            model.span, num_points=model.span.num_points + int(taken.sum())
+            model.span,
+            num_points=model.span.num_points + int(taken.sum()) - int(given.sum()),
         )
         models.append(dataclasses.replace(model, span=record))
     return dataclasses.replace(spans, models=tuple(models))

@@ -42,7 +42,7 @@ from plc_inspect.core.plan_index import build_plan_index
 from plc_inspect.core.route import trace_routes
 from plc_inspect.core.spans import (
     build_spans,
-    claim_strays,
+    settle_strays,
     SpanResult,
     spread_spans,
 )
@@ -200,7 +200,7 @@ class Tracing:
             curves, doubtful = cloud.adopt(before, curves), cloud.adopt(before, doubtful)
         layout = find_layout(cloud.points, curves, doubtful, settings.supports)
         spans = build_spans(cloud, layout, trace_routes(layout), settings, rng)
-        spans = spread_spans(claim_strays(cloud, spans), cloud)
+        spans = spread_spans(settle_strays(cloud, spans), cloud)
         self.report(
             len(layout.joints),
             len(spans.supports),
