@@ -199,6 +199,7 @@ def accumulate_points(
             else:
                 return size, num_free, num_created, i, refused
             slot_keys[slot] = key
+            moments[slot, :] = np.float32(0.0)
             table[place] = slot + 1
             created[num_created] = slot
             num_created += 1

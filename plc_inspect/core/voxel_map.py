@@ -366,6 +366,5 @@ class VoxelMap:
         num = self.cells.drop(
             cell, kept, self._following, self._table, self._keys, self._counts, self._labels, out
         )
-        self._moments[out[:num]] = 0.0
         self._num_free += num
         return num
