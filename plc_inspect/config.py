@@ -316,7 +316,8 @@ class CatenarySettings(_Checked):
         low=0.0, high=100.0,
     )
     min_length: float = _setting(
-        12.0, 'shortest span', unit='m', low=1.0, high=1000.0
+        12.0, 'shortest span; half of it where it continues a line at a support', unit='m',
+        low=1.0, high=1000.0,
     )
     min_points: int = _setting(12, 'fewest inliers of a span', low=4, high=100_000)
     min_coverage: float = _setting(

@@ -28,7 +28,7 @@ from plc_inspect.core.clustering import ClusteringResult
 from plc_inspect.core.collection import extend, measure_company, Profile, profile_curve
 from plc_inspect.core.curve import Curve, derive_tolerance, fit_curve
 from plc_inspect.core.duplicates import drop_duplicates, is_thick
-from plc_inspect.core.evidence import CROWDED, find_objection, UNPROVEN
+from plc_inspect.core.evidence import CROWDED, find_objection, SHORT, UNPROVEN
 from plc_inspect.core.plan_index import PlanIndex
 from plc_inspect.errors import FitError
 from plc_inspect.results import Float64, Int64
@@ -37,6 +37,10 @@ MAX_SPLITS = 64
 BRIDGE_SLACK = 0.15
 """Miss of a continuation that is allowed beyond three times its uncertainty [m]."""
 MAX_MISS = 0.8
+
+
+LEAST_LENGTH = 0.5
+"""A free piece of this share of the shortest span may continue a line at a support."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -99,7 +103,10 @@ def model_conductors(
         elif objection == CROWDED:
             crowded.append(curve)
         else:
-            if objection == UNPROVEN and profile.crowding <= settings.max_crowding:
+            is_free = profile.crowding <= settings.max_crowding
+            if is_free and (objection == UNPROVEN or (
+                objection == SHORT and curve.length >= LEAST_LENGTH * settings.min_length
+            )):
                 doubtful.append(curve)
             objections[objection] = objections.get(objection, 0) + 1
     crowded = _admit_neighbors(points, index, kept, profiles, crowded, settings)

@@ -172,6 +172,14 @@ def test_what_is_too_straight_to_be_sure_is_doubtful():
     assert found.objections == {'curvature not proven': 1}
 
 
+@pytest.mark.parametrize(('length', 'num'), [(9.0, 1), (4.0, 0)])
+def test_a_piece_shorter_than_a_span_is_doubtful_unless_it_is_very_short(length, num):
+    found = model(make(length=length, c=200.0, per_metre=8.0))
+    assert len(found.curves) == 0
+    assert found.objections.get('too short', 0) <= 1
+    assert len(found.doubtful) == num
+
+
 @pytest.mark.parametrize('degrees', [90, 30, -70])
 def test_yaw_and_translation(degrees):
     points = np.vstack([make(y=y, seed=number) for number, y in enumerate((0.0, 3.0, 6.0))])

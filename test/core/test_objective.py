@@ -140,7 +140,7 @@ def test_better_settings_have_the_better_score(cloud):
     points, label = cloud
     objective = Objective(points)
     good = objective.score(Settings())
-    poor = objective.score(update(Settings(), {'catenary.min_length': 80.0}))
+    poor = objective.score(update(Settings(), {'catenary.min_length': 120.0}))
     nothing = objective.score(update(Settings(), {'linearity.threshold': 1.0}))
     assert good.value > 0.8
     assert good.value > poor.value + 0.1
@@ -149,7 +149,7 @@ def test_better_settings_have_the_better_score(cloud):
     with_truth = Objective(points, truth=truth)
     assert with_truth.score(Settings()).f1 > 0.98
     assert with_truth.score(Settings()).f1 > with_truth.score(
-        update(Settings(), {'catenary.min_length': 80.0})).f1
+        update(Settings(), {'catenary.min_length': 120.0})).f1
 
 
 def test_trees_alone_are_worth_nothing_whatever_the_settings():

@@ -264,3 +264,14 @@ def test_a_tree_by_an_unseen_support_is_still_a_hazard():
     result = Pipeline().run(points)
     assert len(result.spans) == 6
     assert any(hazard.clearance < 2.0 for hazard in result.hazards)
+
+
+def test_a_short_piece_is_found_where_it_continues_a_line():
+    points, label = make_line_cloud(spans=(60.0, 60.0), offsets=(0.0,), c=400.0)
+    x = points[:, 0]
+    seen = points[(label != 14) | (x < 69.0)]  # the edge of the cloud cuts the second span
+    result = Pipeline().run(seen)
+    assert [round(span.length) for span in result.spans] == [60, 9]
+    assert {span.line_id for span in result.spans} == {0}
+    alone = seen[(seen[:, 0] > 60.0) | (seen[:, 2] < 5.0)]
+    assert not Pipeline().run(alone).spans
