@@ -82,10 +82,12 @@ def choose_surroundings(height: Float32, spans: SpanResult, corridor: CorridorRe
     Returns
     -------
     (J,) bool
-        Off the ground, neither wire nor support.
+        Off the ground, neither wire nor support, and not on a conductor.
 
     """
     result: Bool = _choose(corridor.near, height, spans.line_id, spans.support)
+    if len(spans.intruders):
+        result &= ~np.isin(corridor.near, spans.intruders)
     return result
 
 

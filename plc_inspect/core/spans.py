@@ -74,6 +74,8 @@ class SpanResult:
     """(N,) points of towers and poles."""
     ground_below: tuple[Float64, ...]
     """For each model (S, 2): distance from its start and height above ground [m]."""
+    intruders: Int64
+    """Points on a conductor that more likely belong to what surrounds it; no wire, no obstacle."""
 
 
 def build_spans(
@@ -177,6 +179,7 @@ def build_spans(
         residual=residual,
         support=support_mask & ~wire,
         ground_below=tuple(_ground_below(cloud.height, model) for model in models),
+        intruders=np.zeros(0, dtype=np.int64),
     )
 
 
@@ -206,7 +209,7 @@ def settle_strays(cloud: OffGround, spans: SpanResult) -> SpanResult:
         return spans
     near, near_distance, nearest = find_near(cloud.points, tabulate(spans.models), FREE_RADIUS)
     free = ~spans.support[near]
-    models = []
+    models, intruders = [], [spans.intruders]
     for number, model in enumerate(spans.models):
         own = np.flatnonzero(free & (nearest == number))
         found, distance = near[own], near_distance[own]
@@ -227,13 +230,16 @@ def settle_strays(cloud: OffGround, spans: SpanResult) -> SpanResult:
             model.curve.tolerance,
         )
         gone = found[given]
+        intruders.append(gone)
         spans.line_id[gone], spans.span_id[gone], spans.residual[gone] = -1, -1, np.nan
         record = dataclasses.replace(
             model.span,
             num_points=model.span.num_points + int(taken.sum()) - int(given.sum()),
         )
         models.append(dataclasses.replace(model, span=record))
-    return dataclasses.replace(spans, models=tuple(models))
+    return dataclasses.replace(
+        spans, models=tuple(models), intruders=np.concatenate(intruders)
+    )
 
 
 def spread_spans(spans: SpanResult, cloud: OffGround) -> SpanResult:
@@ -244,6 +250,7 @@ def spread_spans(spans: SpanResult, cloud: OffGround) -> SpanResult:
         span_id=cloud.scatter(spans.span_id, -1),
         residual=cloud.scatter(spans.residual, math.nan),
         support=cloud.scatter(spans.support, False),
+        intruders=cloud.place[spans.intruders].astype(np.int64),
     )
 
 

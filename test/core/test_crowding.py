@@ -21,6 +21,7 @@ from toys import make_line_cloud, make_tree
 from plc_inspect.core import spans
 from plc_inspect.core.crowding import find_intruders, PART_LENGTH
 from plc_inspect.core.pipeline import Pipeline
+from plc_inspect.results import PointClass
 
 TOLERANCE = 0.12
 
@@ -89,3 +90,16 @@ def test_a_crown_about_a_conductor_keeps_its_leaves(monkeypatch):
     before = count_leaves()
     assert before > 30
     assert after < 0.6 * before
+
+
+def test_what_is_given_back_is_no_obstacle_at_no_distance():
+    trees = [make_tree(x, 0.0, 15.8, 11.0, 2.5, 12000, seed=int(x)) for x in (30.0, 45.0)]
+    points, _ = make_line_cloud(spans=(90.0,), offsets=(0.0,), more=trees)
+    trace = Pipeline().trace(points)
+    taken = np.isin(np.arange(len(points)), trace.spans.intruders)
+    assert taken.sum() > 20
+    assert (trace.result.line_id[taken] < 0).all()
+    assert not (trace.result.classification[taken] == PointClass.VEGETATION).any()
+    assert trace.result.hazards
+    for hazard in trace.result.hazards:
+        assert not (np.linalg.norm(points[taken] - hazard.position, axis=1) < 1e-6).any()
