@@ -16,7 +16,6 @@
 
 from numba import njit
 import numpy as np
-from sklearn.cluster import HDBSCAN
 
 from plc_inspect.core.dbscan import dbscan_plane
 from plc_inspect.core.rnn_dbscan import find_neighbors, rnn_dbscan_plane
@@ -64,6 +63,8 @@ def hdbscan_plane(u: Float64, v: Float64, min_points: int, attempt: int) -> Int6
     ``min_points`` is its least cluster and its core neighbourhood, halved with each attempt;
     after attempt 0 the leaves of its tree are the clusters.  See `label_plane`.
     """
+    from sklearn.cluster import HDBSCAN  # takes half a second that others need not wait for
+
     least = max(min_points >> attempt, LEAST_NEIGHBORS)
     if len(u) < least:
         return np.full(len(u), -1, dtype=np.int64)
