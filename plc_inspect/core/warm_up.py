@@ -55,6 +55,7 @@ def warm_up_intake() -> None:
     plan = WindowPlanner(4.0).plan(voxels, (), None)
     if plan is not None:
         window = next(item for item in copy_window(voxels, plan) if item is not None)
+        window.holds(window.points)
         voxels.label(window.slots, window.points, np.zeros(len(window.slots), dtype=np.uint8))
     voxels.drop(0, np.zeros(256, dtype=np.bool_))
 

@@ -112,7 +112,8 @@ class Window:
     def holds(self, points: Float64) -> Bool:
         """Return which of (N, 2+) points lie in fresh cells."""
         fresh = np.sort(_pack(self.fresh))
-        found: Bool = _find_held(np.asarray(points, dtype=np.float64), self.cell_size, fresh)
+        points = np.ascontiguousarray(points, dtype=np.float64)
+        found: Bool = _find_held(points, self.cell_size, fresh)
         return found
 
 
