@@ -109,8 +109,8 @@ def render_summary(clouds: Sequence[tuple[Run, ...]]) -> str:
             for item in clouds
         ])
         rows.append((
-            method, f'{len(runs)}', format_figure(float(f1.mean())),
-            format_figure(float(f1.min())),
+            method, f'{len(runs)}', format_figure(float(f1.mean()) if len(f1) else math.nan),
+            format_figure(float(f1.min(initial=math.inf)) if len(f1) else math.nan),
             f'{sum(item.required_found for item in scored)} of '
             f'{sum(item.required for item in scored)}',
             f'{sum(item.false for item in scored)}',
@@ -132,7 +132,9 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument('--densities', nargs='+', type=float, default=(20.0,))
     parser.add_argument('--cache', type=Path, metavar='DIR', help='keep simulated surveys here')
     parser.add_argument('--real', type=Path, metavar='DIR', default=REAL)
-    parser.add_argument('--write', action='store_true', help='put the tables into the docs')
+    parser.add_argument(
+        '--write', action='store_true', help='put the tables of a whole run into the docs'
+    )
     return parser
 
 
@@ -146,7 +148,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(render_clouds([runs]).splitlines()[-1], file=sys.stderr, flush=True)
     page = f'{render_summary(clouds)}\n\n{render_clouds(clouds)}'
     print(page)
-    if arguments.write:
+    if arguments.write and tuple(arguments.parts) == PARTS and arguments.real.is_dir():
         replace_section(ROOT / 'docs/clustering.md', 'clusterers', page)
     return 0
 

@@ -265,7 +265,8 @@ class ClusteringSettings(_Checked):
     """Two-stage clustering, across the line and then along it."""
 
     method: str = _setting(
-        'dbscan', 'clusterer across the line', choices=('dbscan', 'hdbscan', 'rnn_dbscan')
+        'dbscan', 'clusterer across the line', choices=('dbscan', 'hdbscan', 'rnn_dbscan'),
+        structural=True,
     )
     eps: float = _setting(
         0.2, 'radius across the line (eps of Table 1)', unit='m', low=0.01, high=10.0

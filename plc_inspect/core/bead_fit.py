@@ -139,7 +139,7 @@ def judge_clusters(  # type: ignore[no-untyped-def]
     half : float
         Half the length of the window [m].
     max_crowding : float
-        Greatest share of its metres in which a bead may be crowded.
+        Greatest share of its parts of 3 m in which a bead may be crowded.
     owner : (n,) int64
         Bead of each point; those of new beads are set.
     too_thick : (n,) bool

@@ -100,6 +100,8 @@ class Windows:
         notes = [f'{self.num_near} windows reach over it, {len(self.beads)} beads hold it']
         for view in self.views:
             name = f'window {view.window}, eps {view.eps:g} m'
+            if limits.method != 'dbscan':
+                name = f'window {view.window}, k {view.needed}'
             if view.limit > limits.max_thickness:
                 name = f'window {view.window}, undivided'
             if view.needed:
@@ -145,9 +147,9 @@ class Windows:
         if view.neighbors < view.needed:
             yield from propose(
                 settings, 'clustering.min_points', max(view.neighbors, 4), True,
-                f'{figure}: points within eps', view.neighbors,
+                f'{figure}: neighbours', view.neighbors,
             )
-            for share in (1.25, 1.5, 2.0, 3.0):
+            for share in (1.25, 1.5, 2.0, 3.0) if settings.clustering.method == 'dbscan' else ():
                 yield from propose(
                     settings, 'clustering.eps', settings.clustering.eps * share, False,
                     f'{figure}: points within eps', view.neighbors,
@@ -219,7 +221,8 @@ class Windows:
             place = np.flatnonzero(rows == own)
             if len(place):
                 neighbors = count_neighbors(
-                    limits.method, y[rows], w[rows], int(place[0]), limits.eps, needed, attempt
+                    limits.method, y[rows], w[rows], int(place[0]), limits.eps, needed,
+                    attempt if attempt < NUM_EPS else 0,
                 )
                 view = ClusterView(
                     window=window, neighbors=neighbors[0], needed=neighbors[1], is_own=is_own,

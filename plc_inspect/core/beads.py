@@ -29,7 +29,7 @@ from plc_inspect.core.plane_clusters import hdbscan_plane, KERNELS, label_plane
 from plc_inspect.results import Float64, Int32, Int64
 
 NUM_EPS = 3
-"""Halvings of eps that are tried on a cluster too thick for one conductor."""
+"""Attempts that cluster: with eps, and what is too thick with half and a quarter of it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -28,7 +28,7 @@ from plc_inspect.core.clustering import ClusteringResult
 from plc_inspect.core.collection import extend, measure_company, Profile, profile_curve
 from plc_inspect.core.curve import Curve, derive_tolerance, fit_curve
 from plc_inspect.core.duplicates import drop_duplicates, is_thick
-from plc_inspect.core.evidence import CROWDED, find_objection, SHORT, UNPROVEN
+from plc_inspect.core.evidence import CROWDED, find_objection, list_evidence, UNPROVEN
 from plc_inspect.core.plan_index import PlanIndex
 from plc_inspect.errors import FitError
 from plc_inspect.results import Float64, Int64
@@ -51,8 +51,8 @@ class ConductorResult:
     """Longest first."""
     doubtful: tuple[Curve, ...]
     """
-    Too short to prove their curvature, or with other things all along them; conductors if they
-    continue one at a support.
+    Too short, to prove their curvature or altogether, or with other things all along them;
+    conductors if they continue one at a support.
     """
     objections: dict[str, int]
     """Why the others were dropped, and how many."""
@@ -103,10 +103,9 @@ def model_conductors(
         elif objection == CROWDED:
             crowded.append(curve)
         else:
-            is_free = profile.crowding <= settings.max_crowding
-            if is_free and (objection == UNPROVEN or (
-                objection == SHORT and curve.length >= LEAST_LENGTH * settings.min_length
-            )):
+            if profile.crowding <= settings.max_crowding and (
+                objection == UNPROVEN or _is_piece(curve, profile, settings)
+            ):
                 doubtful.append(curve)
             objections[objection] = objections.get(objection, 0) + 1
     crowded = _admit_neighbors(points, index, kept, profiles, crowded, settings)
@@ -142,6 +141,17 @@ def find_curves(
         for curve in curves
     )
     return drop_duplicates(points, merge_bundles(points, curves, settings), settings)
+
+
+def _is_piece(curve: Curve, profile: Profile, settings: CatenarySettings) -> bool:
+    """Whether nothing but its length speaks against a curve, and what follows from it."""
+    against = {
+        item.setting for item in list_evidence(curve, profile, settings) if not item.kept
+    }
+    return (
+        against <= {'min_length', 'min_significance', 'max_constant'}
+        and curve.length >= LEAST_LENGTH * settings.min_length
+    )
 
 
 def _admit_neighbors(

@@ -55,7 +55,7 @@ def find_intruders(
     Returns
     -------
     (N,) bool
-        Points of ``own``.
+        Those of ``own`` that more likely belong to what surrounds the conductor.
 
     """
     part = (np.maximum(along, 0.0) / PART_LENGTH).astype(np.int64)
@@ -67,8 +67,9 @@ def find_intruders(
     if not crowded.any() or free.sum() < LEAST_FREE:
         return np.zeros(len(along), dtype=np.bool_)
     variance = max(float(np.mean(distance[free] ** 2)) / 2.0, LEAST_SIGMA**2)
-    length = PART_LENGTH * int(((on > 0) & ~crowded).sum())
-    densest = free.sum() / length / (2.0 * math.pi * variance)
+    # a window of the node holds more points of some parts than of others
+    usual = float(np.percentile(on[(on > 0) & ~crowded], 75)) / PART_LENGTH
+    densest = usual / (2.0 * math.pi * variance)
     volume = math.pi * (SHELL_RATIO**2 - 1.0) * tolerance**2 * PART_LENGTH
     with np.errstate(divide='ignore'):
         limit = 2.0 * variance * np.log(densest * volume / about)

@@ -92,6 +92,8 @@ class Evictor:
             removed += voxels.drop(cell, self._kept)
             self._rest[cell] = voxels.cells.count[cell]
         self._active = len(voxels) > target and len(self._order) > 0
+        if not self._active:
+            voxels.order_free()
         self.num_evicted += removed
         return removed
 

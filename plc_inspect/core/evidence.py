@@ -22,7 +22,6 @@ from plc_inspect.config import CatenarySettings
 from plc_inspect.core.collection import Profile
 from plc_inspect.core.curve import Curve
 
-SHORT = 'too short'
 UNPROVEN = 'curvature not proven'
 CROWDED = 'not free in the air'
 
@@ -86,7 +85,7 @@ def list_evidence(
             scale=scale,
         )
 
-    yield weigh('min_length', curve.length, SHORT)
+    yield weigh('min_length', curve.length, 'too short')
     yield weigh('min_points', curve.num_points, 'too few points')
     yield weigh('min_coverage', profile.coverage, 'seen in too few places')
     sigma = math.sqrt(max(float(curve.fit.covariance[2, 2]), 0.0))

@@ -89,7 +89,27 @@ def cluster_plane(
 def count_neighbors(
     method: str, u: Float64, v: Float64, point: int, eps: float, min_points: int, attempt: int
 ) -> tuple[int, int]:
-    """Return by how many others a point may be core, and how many that takes; 0: not counted."""
+    """
+    Return what makes a point core, and how much of it that takes.
+
+    Parameters
+    ----------
+    method : str
+        Name of the clusterer.
+    u, v : (n,) float64
+        Points [m].
+    point : int
+        Which of them.
+    eps, min_points, attempt : float, int, int
+        As for `label_plane`.
+
+    Returns
+    -------
+    tuple[int, int]
+        With DBSCAN the points within eps, the point included; with RNN-DBSCAN the points that have
+        it among their nearest; 0 and 0 with HDBSCAN, which has no such limit.
+
+    """
     if method == 'dbscan':
         near = (u - u[point]) ** 2 + (v - v[point]) ** 2 <= (eps / 2**attempt) ** 2
         return int(near.sum()), min_points

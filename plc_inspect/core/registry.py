@@ -115,7 +115,7 @@ class SpanRegistry:
         points : Float64
             (N, 3) the window's points [m].
         expected : collection of SpanKey
-            Spans of the registry that were in the window with all their points.
+            Spans of the registry that were in the window along their whole length.
         final : bool
             The window is the whole map: believe it at once.
         complete : bool

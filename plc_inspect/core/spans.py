@@ -226,7 +226,10 @@ def settle_strays(cloud: OffGround, spans: SpanResult) -> SpanResult:
         spans.residual[found[taken]] = distance[taken]
         given = find_intruders(
             model.along(x), distance.astype(np.float64),
-            wire & (spans.residual[found] <= model.curve.tolerance), ~wire & ~taken,
+            wire & (spans.line_id[found] == model.span.line_id)
+            & (spans.span_id[found] == model.span.span_id)
+            & (spans.residual[found] <= model.curve.tolerance),
+            ~wire & ~taken,
             model.curve.tolerance,
         )
         gone = found[given]

@@ -18,9 +18,9 @@ The part of the map that one tick of the node looks at.
 A plan cell is fresh when enough of it is new and something stands high in it.  Fresh cells are
 taken whole, but for a sample of ground and foliage that earlier ticks saw far from conductors.
 Of their neighbours, and of the spans that run through them along their whole length, everything
-is taken that was ever linear, with a sample of the ground: so a span is always fitted from all
-its points.  Of the spans next to those the part near the joint is taken.  The cost follows what
-is new, not the length of the flight.
+is taken that was ever linear, with a sample of the ground and of wires: so a span is always
+fitted along its whole length.  Of the spans next to those the part near the joint is taken.  The
+cost follows what is new, not the length of the flight.
 """
 
 from collections.abc import Iterator, Sequence
@@ -51,6 +51,8 @@ SPACING = 5.0
 """Spans are sampled this densely to find their cells [m]."""
 JOINT = 5.0
 """Spans of one line whose ends are this near are neighbours [m]."""
+MOST_CONDUCTORS = 100
+"""Conductors of a cell that are counted; labels hold numbers up to 255."""
 CHUNK = 20_000
 """Voxels copied in one step."""
 
@@ -71,7 +73,7 @@ THIN: UInt8 = np.zeros(256, dtype=np.uint8)
 """Labels taken from the other cells: what is new or was ever linear, and a little ground."""
 THIN[Decision.GROUND] = 1 + 2
 THIN[Decision.SUPPORT] = 1 + 4
-THIN[Decision.WIRE] = 1 + 2  # some three points a metre of conductor, which fix it to millimetres
+THIN[Decision.WIRE] = 1 + 1  # for each conductor that is known to run through the cell
 THIN[[0, Decision.OUTLIER]] = 1 + 10
 THIN[[Decision.NO_SECTION, Decision.NO_CLUSTER, Decision.NO_CATENARY]] = 1
 
@@ -84,10 +86,12 @@ class WindowPlan:
     """(C,) cells to be copied whole, because of what is new in them."""
     thin: Int64
     """(T,) cells about them and along spans, of which only a part is copied."""
+    conductors: Int64
+    """(T,) known spans through each of these, at least 1."""
     everything: bool
     """Copy the whole map, in the order in which its voxels were made."""
     spans: frozenset[SpanKey]
-    """Known spans that are in the window with all their points and both neighbours."""
+    """Known spans that are in the window along their whole length, with both neighbours."""
     sequence: int
     """Newest insertion of the map."""
 
@@ -105,7 +109,7 @@ class Window:
     cell_size: float
     """Edge of a plan cell [m]."""
     spans: frozenset[SpanKey]
-    """Known spans that are there with all their points and both neighbours."""
+    """Known spans that are there along their whole length, with both neighbours."""
     sequence: int
     """Newest insertion of the map."""
 
@@ -188,12 +192,16 @@ class WindowPlanner:
         index = cells.index
         around = _find_around(cells, index[fresh])
         core, stubs = _involve(spans, cells, index[around])
-        along = _cells_of([sample_span(span, SPACING) for span in core] + stubs, cells)
+        samples = [sample_span(span, SPACING) for span in core] + stubs
+        along = _concatenate([_cells_of(at, cells) for at in samples])
         thin = np.setdiff1d(np.union1d(around, along), fresh)
+        passed = _concatenate([np.unique(cells.find(cells.locate(at))) for at in samples])
+        known = np.bincount(passed[passed >= 0], minlength=len(cells))
         cells.settle(fresh)
         return WindowPlan(
             fresh=fresh,
             thin=thin,
+            conductors=np.maximum(known[thin], 1),
             everything=False,
             spans=frozenset(_key(span) for span in core),
             sequence=voxels.sequence,
@@ -256,6 +264,7 @@ def plan_everything(voxels: VoxelMap, spans: Sequence[Span]) -> WindowPlan:
     return WindowPlan(
         fresh=everything,
         thin=everything[:0],
+        conductors=everything[:0],
         everything=True,
         spans=frozenset(_key(span) for span in spans),
         sequence=voxels.sequence,
@@ -271,7 +280,12 @@ def _list_everything(voxels: VoxelMap) -> Iterator[Int32]:
 
 
 def _list_slots(voxels: VoxelMap, plan: WindowPlan) -> Iterator[Int32]:
-    for cells, wanted in ((plan.fresh, WHOLE), (plan.thin, THIN)):
+    parts = [(plan.fresh, WHOLE)]
+    for number in np.unique(plan.conductors):
+        wanted = THIN.copy()
+        wanted[Decision.WIRE] = 1 + min(int(number), MOST_CONDUCTORS) * (THIN[Decision.WIRE] - 1)
+        parts.append((plan.thin[plan.conductors == number], wanted))
+    for cells, wanted in parts:
         for group in _split(cells, voxels.cells.count[cells]):
             yield voxels.collect(group, wanted)
 
@@ -296,11 +310,12 @@ def _find_around(cells: CellIndex, index: Int64) -> Int64:
     return found[found >= 0].astype(np.int64)
 
 
-def _cells_of(samples: Sequence[Float64], cells: CellIndex) -> Int64:
-    """Return the cells at plan points and to their sides, ascending."""
-    if not samples:
-        return np.empty(0, dtype=np.int64)
-    at = np.vstack(samples)
+def _concatenate(parts: Sequence[Int64]) -> Int64:
+    return np.concatenate([np.empty(0, dtype=np.int64), *parts])
+
+
+def _cells_of(at: Float64, cells: CellIndex) -> Int64:
+    """Return the cells at (K, 2) plan points and to their sides, ascending."""
     around = (at[:, None, :] + _AROUND).reshape(-1, 2)
     found = np.unique(cells.find(np.unique(cells.locate(around), axis=0)))
     return found[found >= 0].astype(np.int64)

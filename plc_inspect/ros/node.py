@@ -53,7 +53,7 @@ from plc_inspect.ros.intake import Complaints, Intake
 from plc_inspect.ros.jobs import choose_folder, Done, prepare, run_save, run_tick, Snapshot
 from plc_inspect.ros.parameters import Parameters
 from plc_inspect.ros.publishing import make_bundle, ResultPublishers
-from plc_inspect.ros.qos import DIAGNOSTICS, ODOMETRY, overridable, quiet, SCANS
+from plc_inspect.ros.qos import DIAGNOSTICS, ODOMETRY, overridable, SCANS, watched
 from plc_inspect.ros.stream import Stream
 from plc_inspect.ros.teller import summarize, Teller
 from plc_inspect.ros.worker import Worker
@@ -110,7 +110,7 @@ class InspectNode(Node):
         )
         self._results = ResultPublishers(self, self._stream)
         self._diagnostics = self.create_publisher(
-            DiagnosticArray, '/diagnostics', DIAGNOSTICS, **quiet()
+            DiagnosticArray, '/diagnostics', DIAGNOSTICS, **watched(self, 'diagnostics')
         )
         self._advance_guard = self.create_guard_condition(self._guard('step', self._advance))
         self._worker = Worker(self._advance_guard.trigger)

@@ -31,7 +31,7 @@ from plc_inspect.ros.messages import (
     make_hazards,
     make_lines,
 )
-from plc_inspect.ros.qos import overridable, quiet, RESULTS
+from plc_inspect.ros.qos import overridable, RESULTS, watched
 from plc_inspect.ros.stream import make_news, News, Stream
 
 
@@ -102,12 +102,12 @@ class ResultPublishers:
         self._stream = stream
         self._clouds = {
             name: node.create_publisher(
-                PointCloud2, f'~/{name}', **overridable(RESULTS), **quiet()
+                PointCloud2, f'~/{name}', **overridable(RESULTS), **watched(node, name)
             )
             for name in ('lines', 'corridor', 'catenaries', 'hazards')
         }
         self._markers = node.create_publisher(
-            MarkerArray, '~/markers', **overridable(RESULTS), **quiet()
+            MarkerArray, '~/markers', **overridable(RESULTS), **watched(node, 'markers')
         )
         self._seen: set[MarkerKey] = set()
 

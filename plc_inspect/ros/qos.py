@@ -17,8 +17,10 @@
 from copy import copy
 from typing import TypedDict
 
-from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.event_handler import PublisherEventCallbacks, QoSOfferedIncompatibleQoSInfo
+from rclpy.node import Node
 from rclpy.qos import (
+    qos_policy_name_from_kind,
     QoSDurabilityPolicy,
     QoSHistoryPolicy,
     QoSPolicyKind,
@@ -105,17 +107,26 @@ def overridable(profile: QoSProfile) -> Overridable:
     }
 
 
-class Quiet(TypedDict):
+class Watched(TypedDict):
     """Arguments of a publisher."""
 
     event_callbacks: PublisherEventCallbacks
 
 
-def quiet() -> Quiet:
+def watched(node: Node, topic: str) -> Watched:
     """
-    Let a publisher have no event handlers.
+    Let a publisher tell of subscribers whose QoS does not fit, and of no other event.
 
-    Each handler is one more thing that the executor looks at whenever it wakes, which is more
-    than a hundred times a second.  A subscriber whose QoS does not fit is told by its own side.
+    Each kind of event is one more thing that the executor looks at whenever it wakes, which is
+    more than a hundred times a second.
     """
-    return {'event_callbacks': PublisherEventCallbacks(use_default_callbacks=False)}
+
+    def tell(info: QoSOfferedIncompatibleQoSInfo) -> None:
+        name = qos_policy_name_from_kind(info.last_policy_kind)
+        node.get_logger().warning(
+            f'{topic}: a subscriber gets nothing, as it asks for another QoS: {name}'
+        )
+
+    return {'event_callbacks': PublisherEventCallbacks(
+        incompatible_qos=tell, use_default_callbacks=False
+    )}

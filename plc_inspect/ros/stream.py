@@ -54,7 +54,7 @@ from plc_inspect.monitor.summary import (
 from plc_inspect.monitor.thin_map import ThinMap
 from plc_inspect.monitor.wire import CLOUD, Frame, pack_frame
 from plc_inspect.results import Float64
-from plc_inspect.ros.qos import overridable, quiet, SUMMARY, THIN_CORRIDOR
+from plc_inspect.ros.qos import overridable, SUMMARY, THIN_CORRIDOR, watched
 
 PERIOD = 0.25
 """Time between two looks at what the budget allows [s]."""
@@ -148,7 +148,7 @@ class Stream:
         self._arrived: float | None = None
         self._begin()
         self._summary = node.create_publisher(
-            UInt8MultiArray, '~/summary', **overridable(SUMMARY), **quiet()
+            UInt8MultiArray, '~/summary', **overridable(SUMMARY), **watched(node, 'summary')
         )
         self._corridor = node.create_publisher(
             UInt8MultiArray, '~/thin_corridor', **overridable(THIN_CORRIDOR),

@@ -15,11 +15,13 @@
 """The real node on a real graph: what it publishes, its services, its parameters."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from rcl_interfaces.msg import ParameterType
 from rclpy.exceptions import ParameterNotDeclaredException
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSDurabilityPolicy, QoSReliabilityPolicy
@@ -316,6 +318,21 @@ def test_integers_remappings_and_qos_overrides_at_the_start(shared):
         assert publishers[0].qos_profile.durability == QoSDurabilityPolicy.VOLATILE
         others = shared.client.get_publishers_info_by_topic('/drone/plc_inspect/corridor')
         assert others[0].qos_profile.durability == QoSDurabilityPolicy.TRANSIENT_LOCAL
+        heard = []
+        node.get_logger = lambda: SimpleNamespace(warning=heard.append, info=str)
+        shared.client.create_subscription(
+            PointCloud2, '/drone/plc_inspect/lines', heard.append, RESULTS
+        )
+        executor = SingleThreadedExecutor(context=shared.contexts[1])
+        executor.add_node(node)
+
+        def hear():
+            executor.spin_once(timeout_sec=0.1)
+            return heard
+
+        assert 'lines: a subscriber gets nothing' in wait_for(hear, 'a warning')[0]
+        assert 'DURABILITY' in heard[0]
+        executor.remove_node(node)
     finally:
         node.close(save=False)
         node.destroy_node()

@@ -65,6 +65,7 @@ def read_resident():
 
 @pytest.mark.skipif(platform.libc_ver()[0] != 'glibc', reason='only glibc can be asked')
 def test_memory_between_what_stays_is_given_back():
+    worker_module.give_back_memory()
     before = read_resident()
     blocks = [np.ones(10_000) for _ in range(4000)]  # 80 kB each, below what is mapped alone
     kept = blocks[::100]
