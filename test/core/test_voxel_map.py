@@ -209,6 +209,22 @@ def test_cells_against_brute_force():
     assert np.isin(cells.find(cells.locate(centroids)), chosen).all()
 
 
+def test_free_slots_are_used_in_their_order():
+    x = np.arange(1000) * 0.1 + 0.05
+    points = np.column_stack((x, np.zeros(1000), np.zeros(1000)))
+    voxels = make_map(points, max_voxels=1000)
+    for cell in (7, 2, 4):
+        assert voxels.drop(cell, NOTHING) == 100
+    voxels.order_free()
+    new = points[:300] + np.array([500.0, 0.0, 0.0])
+    assert voxels.insert(new).num_new == 300
+    slots, centroids = voxels.copy_voxels(voxels.collect(np.arange(len(voxels.cells)), ALL))
+    here = centroids[:, 0] > 400.0
+    order = np.argsort(centroids[here, 0])
+    assert slots[here][order].tolist() == [*range(200, 300), *range(400, 500), *range(700, 800)]
+    np.testing.assert_allclose(centroids[here][order], new, atol=1e-5)
+
+
 def test_labels_choose_what_is_collected():
     voxels = make_map(np.random.default_rng(9).uniform(0, 9.9, (4000, 3)))
     slots, centroids = voxels.copy_voxels(voxels.collect(np.array([0]), ALL))
