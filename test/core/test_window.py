@@ -150,9 +150,11 @@ def test_known_spans_come_wholly_and_neighbours_as_stubs():
 
 @pytest.mark.parametrize('num', [1, 7])
 def test_each_conductor_of_a_cell_keeps_its_points(num):
-    spans = [make_span((0, 5, 12 + k), (200, 5, 12 + k), k, 0, c=5e4) for k in range(num)]
+    spans = [
+        make_span((0, 5.05, 12.05 + k), (200, 5.05, 12.05 + k), k, 0, c=5e4) for k in range(num)
+    ]
     places = np.random.default_rng(0).uniform((0, 0), (200, 10), (40_000, 2))
-    ground = np.column_stack((places, np.zeros(40_000)))
+    ground = np.column_stack((places, np.full(40_000, 0.05)))
     voxels = make_map(np.concatenate([sample_points(span, 20_000) for span in spans] + [ground]))
     planner = WindowPlanner(4.0)
     window = copy(voxels, planner.plan(voxels, (), None))
@@ -162,10 +164,10 @@ def test_each_conductor_of_a_cell_keeps_its_points(num):
     before = high.sum() / num
     voxels.insert(make_block(20, 0, 6.0, seed=5))
     plan = planner.plan(voxels, spans, np.array([25.0, 5.0, 20.0]))
-    assert set(plan.conductors.tolist()) <= {1, num}
+    assert set(plan.conductors.tolist()) == {num}
     window = copy(voxels, plan)
     far = (window.points[:, 2] > 8.0) & (window.points[:, 0] > 60.0)
-    assert 140 * 1.5 < far.sum() / num < 140 * 5  # points a metre, however many share a cell
+    assert 140 * 3.5 < far.sum() / num < 140 * 8  # points a metre, however many share a cell
     assert far.sum() / num < 0.6 * before
 
 
