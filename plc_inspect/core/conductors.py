@@ -149,7 +149,7 @@ def _is_piece(curve: Curve, profile: Profile, settings: CatenarySettings) -> boo
         item.setting for item in list_evidence(curve, profile, settings) if not item.kept
     }
     return (
-        against <= {'min_length', 'min_significance', 'max_constant'}
+        {'min_length'} <= against <= {'min_length', 'min_significance', 'max_constant'}
         and curve.length >= LEAST_LENGTH * settings.min_length
     )
 
