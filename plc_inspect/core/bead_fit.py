@@ -24,6 +24,7 @@ SHELL_RATIO = 1.6
 SHELL_SHARE = 0.3
 """A place is crowded where the shell holds more than this share of the points within it."""
 LEAST_POINTS = 4
+"""Fewer points are no bead."""
 MIN_FILLING = 0.4
 """Share of its metres in which a bead holds points."""
 
@@ -62,7 +63,7 @@ def fit_trimmed(x, y, w, member):  # type: ignore[no-untyped-def]
     """Fit, drop from ``member`` what lies far off, and fit again."""
     fit = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     for attempt in range(2):
-        if member.sum() < 4:
+        if member.sum() < LEAST_POINTS:
             return fit
         fit = _fit_bead(x, y, w, member)
         if attempt == 0:

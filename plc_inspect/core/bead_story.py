@@ -22,27 +22,27 @@ import numpy as np
 
 from plc_inspect.config import ClusteringSettings, Settings
 from plc_inspect.core.alignment import AlignmentResult
+from plc_inspect.core.attempts import attempt_window, NUM_EPS, open_window
 from plc_inspect.core.bead_fit import (
     fit_trimmed,
-    judge_clusters,
     LEAST_POINTS,
     measure_crowding,
     measure_filling,
     MIN_FILLING,
 )
-from plc_inspect.core.beads import choose_points, find_beads, NUM_EPS, open_window
+from plc_inspect.core.beads import find_beads
 from plc_inspect.core.checks import apply, Check, Finding, Proposal, propose, rank
 from plc_inspect.core.cross_section import (
     count_needed,
-    gather_window,
+    gather_points,
     MAX_WINDOW_POINTS,
     thin_window,
 )
 from plc_inspect.core.off_ground import CELL
 from plc_inspect.core.place_story import Place
 from plc_inspect.core.plan_index import build_plan_index
-from plc_inspect.core.plane_clusters import cluster_plane, count_neighbors
-from plc_inspect.results import Bool, Float64, Int64
+from plc_inspect.core.plane_clusters import count_neighbors
+from plc_inspect.results import Bool, Float64, Int32, Int64
 
 MOST_WINDOWS = 4
 MOST_TRIALS = 12
@@ -177,14 +177,10 @@ class Windows:
         order = near[np.argsort(distance[near], kind='stable')].tolist()
         return [window for window in order if self._select(window)[2] >= 0]
 
-    def _select(self, window: int) -> tuple[Int64, tuple[Float64, Float64, Float64], int]:
+    def _select(self, window: int) -> tuple[Int32, tuple[Float64, Float64, Float64], int]:
         """Return the points of a window, x, y, w of them, and which the point is, -1 none."""
-        alignment, index = self.alignment, self.index
-        start, stop = alignment.seed_start[window : window + 2]
-        chosen, x, y, w = gather_window(
-            self.cloud.points, index.start, index.order, index.origin, index.cell_size,
-            *index.shape, self.seeds, alignment.seeds[start:stop], alignment.center[window],
-            alignment.azimuth[window], alignment.slope[window], alignment.half_length,
+        chosen, x, y, w = gather_points(
+            self.cloud.points, self.index, self.seeds, self.alignment, window
         )
         found = np.flatnonzero(chosen == self.place.slot)
         return chosen, (x, y, w), int(found[0]) if len(found) else -1
@@ -204,42 +200,27 @@ class Windows:
             )
         own = int(np.argmin(np.linalg.norm(np.column_stack((x, y, w)) - at, axis=1)))
         needed = int(count_needed(y, w, limits.eps, limits.min_points))
-        owner, first, too_thick, fits = open_window(len(x))
-        found = 0
-        for attempt in range(NUM_EPS + 1):
-            rows, label, limit = choose_points(
-                attempt, owner, too_thick, first, limits.max_thickness
-            )
-            if len(rows) < LEAST_POINTS:
-                return
-            if attempt < NUM_EPS:
-                label = cluster_plane(
-                    limits.method, y[rows], w[rows], limits.eps, needed, attempt
-                )
-            if attempt == 0:
-                first[:] = label
+        for attempt in attempt_window((x, y, w), open_window(len(x)), needed, half, limits):
+            rows, label = attempt.chosen, attempt.label
             place = np.flatnonzero(rows == own)
-            if len(place):
-                neighbors = count_neighbors(
-                    limits.method, y[rows], w[rows], int(place[0]), limits.eps, needed,
-                    attempt if attempt < NUM_EPS else 0,
-                )
-                view = ClusterView(
-                    window=window, neighbors=neighbors[0], needed=neighbors[1], is_own=is_own,
-                    outcome='noise across the line',
-                    eps=limits.eps / 2**attempt if attempt < NUM_EPS else limits.eps,
-                )
-                number = label[place[0]]
-                if number >= 0:
-                    member = np.zeros(len(x), dtype=bool)
-                    member[rows[label == number]] = True
-                    view = self._judge(view, (x, y, w), member, own, limit, half)
-                if number >= 0 or attempt < NUM_EPS:
-                    yield view
-            found = judge_clusters(
-                x, y, w, rows, label, limit, half, limits.max_crowding, owner, too_thick, fits,
-                found,
+            if not len(place):
+                continue
+            # the last attempt takes the clusters of the first
+            fineness = attempt.number if attempt.number < NUM_EPS else 0
+            neighbors = count_neighbors(
+                limits.method, y[rows], w[rows], int(place[0]), limits.eps, needed, fineness
             )
+            view = ClusterView(
+                window=window, neighbors=neighbors[0], needed=neighbors[1], is_own=is_own,
+                outcome='noise across the line', eps=limits.eps / 2**fineness,
+            )
+            number = label[place[0]]
+            if number >= 0:
+                member = np.zeros(len(x), dtype=bool)
+                member[rows[label == number]] = True
+                view = self._judge(view, (x, y, w), member, own, attempt.limit, half)
+            if number >= 0 or attempt.number < NUM_EPS:
+                yield view
 
     def _judge(
         self, view: ClusterView, places: tuple[Float64, Float64, Float64], member: Bool, own: int,

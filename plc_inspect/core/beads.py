@@ -14,6 +14,7 @@
 
 """Beads: the first stage of clustering, across the line, window by window."""
 
+from collections import deque
 from dataclasses import dataclass
 import math
 
@@ -22,14 +23,17 @@ import numpy as np
 
 from plc_inspect.config import ClusteringSettings
 from plc_inspect.core.alignment import AlignmentResult
+from plc_inspect.core.attempts import attempt_window, choose_points, NUM_EPS, open_window
 from plc_inspect.core.bead_fit import judge_clusters, LEAST_POINTS
-from plc_inspect.core.cross_section import count_needed, gather_window, thin_window
+from plc_inspect.core.cross_section import (
+    count_needed,
+    gather_points,
+    gather_window,
+    thin_window,
+)
 from plc_inspect.core.plan_index import PlanIndex
-from plc_inspect.core.plane_clusters import hdbscan_plane, KERNELS, label_plane
+from plc_inspect.core.plane_clusters import KERNELS, label_plane
 from plc_inspect.results import Float64, Int32, Int64
-
-NUM_EPS = 3
-"""Attempts that cluster: with eps, and what is too thick with half and a quarter of it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -71,9 +75,14 @@ def find_beads(
     num_windows = len(alignment.azimuth)
     rows, members, starts, numbers = [], [], [], []
     num_clusters = 0
-    if num_windows:
-        run = _cluster_windows if settings.method in KERNELS else _cluster_windows_by_tree
-        found = run(
+    found = []
+    if settings.method not in KERNELS:
+        found = [
+            _cluster_window_by_tree(points, index, seeds, alignment, window, settings)
+            for window in range(num_windows)
+        ]
+    elif num_windows:
+        found = _cluster_windows(
             points,
             index.start,
             index.order,
@@ -88,20 +97,20 @@ def find_beads(
             alignment.azimuth,
             alignment.slope,
             alignment.half_length,
-            KERNELS.get(settings.method, 0),
+            KERNELS[settings.method],
             settings.eps,
             settings.min_points,
             settings.max_thickness,
             settings.max_crowding,
         )
-        for window, (beads, owner, chosen, num) in enumerate(found):
-            num_clusters += num
-            if len(beads):
-                rows.append(beads)
-                numbers.append(np.full(len(beads), window, dtype=np.int32))
-                order = np.argsort(owner, kind='stable')
-                members.append(chosen[order])
-                starts.append(np.bincount(owner, minlength=len(beads)))
+    for window, (of_window, owner, chosen, num) in enumerate(found):
+        num_clusters += num
+        if len(of_window):
+            rows.append(of_window)
+            numbers.append(np.full(len(of_window), window, dtype=np.int32))
+            order = np.argsort(owner, kind='stable')
+            members.append(chosen[order])
+            starts.append(np.bincount(owner, minlength=len(of_window)))
     table = np.concatenate(rows) if rows else np.zeros((0, 8))
     counts = np.concatenate(starts) if starts else np.zeros(0, dtype=np.int64)
     beads = Beads(
@@ -114,69 +123,6 @@ def find_beads(
         points=np.concatenate(members) if members else np.zeros(0, dtype=np.int32),
     )
     return beads, num_clusters
-
-
-@njit(cache=True, nogil=True)
-def open_window(num):  # type: ignore[no-untyped-def]
-    """
-    Return the state of the attempts on a window of n points before the first one.
-
-    Returns
-    -------
-    owner, first_label : (n,) int64
-        Bead of each point and its cluster of the first attempt, -1 none.
-    too_thick : (n,) bool
-        Points that the next attempt clusters.
-    fits : (n // 4 + 1, 8) float64
-        Room for `judge_clusters`.
-
-    """
-    return (
-        np.full(num, -1, dtype=np.int64), np.full(num, -1, dtype=np.int64),
-        np.ones(num, dtype=np.bool_), np.empty((num // LEAST_POINTS + 1, 8)),
-    )
-
-
-@njit(cache=True, nogil=True)
-def choose_points(  # type: ignore[no-untyped-def]
-    attempt, owner, too_thick, first_label, max_thickness
-):
-    """
-    Return the points of one attempt on a window.
-
-    The attempts before the last one take what was too thick so far, to be clustered finer; the
-    last takes as one what no attempt divided, which may be a bundle.
-
-    Parameters
-    ----------
-    attempt : int
-        From 0 to NUM_EPS.
-    owner, too_thick, first_label
-        State of `open_window`, as the attempts before left it.
-    max_thickness : float
-        Greatest rms of one conductor [m].
-
-    Returns
-    -------
-    chosen : (m,) int64
-        Points; fewer than LEAST_POINTS end the attempts.
-    label : int64
-        (m,) clusters in the last attempt; before it (0,), they are to be found.
-    limit : float
-        Greatest rms of a bead in this attempt [m].
-
-    """
-    if attempt < NUM_EPS:
-        chosen = np.flatnonzero(too_thick)
-        return chosen, chosen[:0].copy(), max_thickness
-    chosen = np.flatnonzero((owner < 0) & (first_label >= 0))
-    label = first_label[chosen]
-    divided = np.zeros(first_label.max() + 2, dtype=np.bool_)
-    for k in range(len(owner)):
-        if owner[k] >= 0 and first_label[k] >= 0:
-            divided[first_label[k]] = True
-    label[divided[label]] = -1
-    return chosen, label, 2.0 * max_thickness
 
 
 @njit(cache=True, nogil=True)
@@ -254,36 +200,19 @@ def _cluster_windows(  # type: ignore[no-untyped-def]
     return results
 
 
-def _cluster_windows_by_tree(  # type: ignore[no-untyped-def]
-    points, start, order, origin, cell, rows, columns,
-    seeds, seed_start, seed_list, center, azimuth, slope, half,
-    _, eps, min_points, max_thickness, max_crowding,
-):
-    """Do what `_cluster_windows` does with HDBSCAN, which no kernel can call."""
-    results = []
-    for window in range(len(azimuth)):
-        near, x, y, w = thin_window(*gather_window(
-            points, start, order, origin, cell, rows, columns,
-            seeds, seed_list[seed_start[window] : seed_start[window + 1]],
-            center[window], azimuth[window], slope[window], half,
-        ))
-        needed = count_needed(y, w, eps, min_points)
-        owner, first_label, too_thick, fits = open_window(len(x))
-        found = 0
-        for attempt in range(NUM_EPS + 1):
-            chosen, label, limit = choose_points(
-                attempt, owner, too_thick, first_label, max_thickness
-            )
-            if len(chosen) < LEAST_POINTS:
-                break
-            if attempt < NUM_EPS:
-                label = hdbscan_plane(y[chosen], w[chosen], needed, attempt)
-            if attempt == 0:
-                first_label[:] = label
-            found = judge_clusters(
-                x, y, w, chosen, label, limit, half, max_crowding, owner, too_thick, fits, found
-            )
-        mine = owner >= 0
-        beads = _lift(fits[:found], center[window], azimuth[window], slope[window])
-        results.append((beads, owner[mine], near[mine], first_label.max(initial=-1) + 1))
-    return results
+def _cluster_window_by_tree(
+    points: Float64, index: PlanIndex, seeds: Float64, alignment: AlignmentResult, window: int,
+    settings: ClusteringSettings,
+) -> tuple[Float64, Int64, Int32, int]:
+    """Return what `_cluster_windows` does of one window, by HDBSCAN, which no kernel can call."""
+    near, x, y, w = thin_window(*gather_points(points, index, seeds, alignment, window))
+    state = open_window(len(x))
+    needed = int(count_needed(y, w, settings.eps, settings.min_points))
+    deque(attempt_window((x, y, w), state, needed, alignment.half_length, settings), maxlen=0)
+    owner, first_label, _, fits = state
+    mine = owner >= 0
+    beads = _lift(
+        fits[: owner.max(initial=-1) + 1], alignment.center[window], alignment.azimuth[window],
+        alignment.slope[window],
+    )
+    return beads, owner[mine], near[mine], int(first_label.max(initial=-1)) + 1

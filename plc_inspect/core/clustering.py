@@ -23,6 +23,7 @@ from scipy.spatial import cKDTree
 from plc_inspect.config import ClusteringSettings
 from plc_inspect.core.alignment import AlignmentResult
 from plc_inspect.core.beads import Beads, find_beads
+from plc_inspect.core.disjoint_sets import find_root
 from plc_inspect.core.plan_index import PlanIndex
 from plc_inspect.results import Float64, Int32, Int64
 
@@ -153,13 +154,7 @@ def _link(first, second, window):  # type: ignore[no-untyped-def]
     last = np.arange(num)
     seen = np.full(window.max() + 1, -1, dtype=np.int64)
     for link in range(len(first)):
-        a, b = first[link], second[link]
-        while parent[a] != a:
-            parent[a] = parent[parent[a]]
-            a = parent[a]
-        while parent[b] != b:
-            parent[b] = parent[parent[b]]
-            b = parent[b]
+        a, b = find_root(parent, first[link]), find_root(parent, second[link])
         if a == b:
             continue
         item = a
@@ -177,8 +172,5 @@ def _link(first, second, window):  # type: ignore[no-untyped-def]
         following[last[a]] = b
         last[a] = last[b]
     for item in range(num):
-        root = item
-        while parent[root] != root:
-            root = parent[root]
-        parent[item] = root
+        parent[item] = find_root(parent, item)
     return parent

@@ -37,8 +37,6 @@ MAX_SPLITS = 64
 BRIDGE_SLACK = 0.15
 """Miss of a continuation that is allowed beyond three times its uncertainty [m]."""
 MAX_MISS = 0.8
-
-
 LEAST_LENGTH = 0.5
 """A free piece of this share of the shortest span may continue a line at a support."""
 

@@ -19,7 +19,10 @@ import math
 from numba import njit
 import numpy as np
 
-from plc_inspect.core.plan_index import gather_strip
+from plc_inspect.core.alignment import AlignmentResult
+from plc_inspect.core.plan_index import gather_strip, PlanIndex
+from plc_inspect.core.plane_clusters import LEAST_NEIGHBORS
+from plc_inspect.results import Float64, Int32
 
 GRID = 0.5
 """Edge of the cells of the cross-section that the candidates open [m]."""
@@ -60,21 +63,18 @@ def gather_window(  # type: ignore[no-untyped-def]
     cx, cy, cz = center[0], center[1], center[2]
     ca, sa = math.cos(azimuth), math.sin(azimuth)
     # the cross-section that the seeds occupy, dilated by a metre
-    low_y, high_y, low_w, high_w = np.inf, -np.inf, np.inf, -np.inf
-    for s in own:
-        dx, dy = seeds[s, 0] - cx, seeds[s, 1] - cy
-        y = -sa * dx + ca * dy
-        w = seeds[s, 2] - cz - rise * (ca * dx + sa * dy)
-        low_y, high_y = min(low_y, y), max(high_y, y)
-        low_w, high_w = min(low_w, w), max(high_w, w)
+    seed_y, seed_w = np.empty(len(own)), np.empty(len(own))
+    for k in range(len(own)):
+        dx, dy = seeds[own[k], 0] - cx, seeds[own[k], 1] - cy
+        seed_y[k] = -sa * dx + ca * dy
+        seed_w[k] = seeds[own[k], 2] - cz - rise * (ca * dx + sa * dy)
+    low_y, high_y = seed_y.min(), seed_y.max()
+    low_w, high_w = seed_w.min(), seed_w.max()
     ny = int((high_y - low_y) / GRID) + 7
     nw = int((high_w - low_w) / GRID) + 7
     allowed = np.zeros((ny, nw), dtype=np.bool_)
-    for s in own:
-        dx, dy = seeds[s, 0] - cx, seeds[s, 1] - cy
-        y = -sa * dx + ca * dy
-        w = seeds[s, 2] - cz - rise * (ca * dx + sa * dy)
-        iy, iw = int((y - low_y) / GRID) + 3, int((w - low_w) / GRID) + 3
+    for k in range(len(own)):
+        iy, iw = int((seed_y[k] - low_y) / GRID) + 3, int((seed_w[k] - low_w) / GRID) + 3
         allowed[iy - 2 : iy + 3, iw - 2 : iw + 3] = True
     reach = max(abs(low_y), abs(high_y)) + 1.5
     near = gather_strip(
@@ -98,6 +98,19 @@ def gather_window(  # type: ignore[no-untyped-def]
     return chosen[:n], along[:n], across[:n], up[:n]
 
 
+def gather_points(
+    points: Float64, index: PlanIndex, seeds: Float64, alignment: AlignmentResult, window: int
+) -> tuple[Int32, Float64, Float64, Float64]:
+    """Return what `gather_window` does for one window of an alignment."""
+    start, stop = alignment.seed_start[window : window + 2]
+    found: tuple[Int32, Float64, Float64, Float64] = gather_window(
+        points, index.start, index.order, index.origin, index.cell_size, *index.shape, seeds,
+        alignment.seeds[start:stop], alignment.center[window], alignment.azimuth[window],
+        alignment.slope[window], alignment.half_length,
+    )
+    return found
+
+
 @njit(cache=True, nogil=True)
 def thin_window(chosen, x, y, w):  # type: ignore[no-untyped-def]
     """Return at most MAX_WINDOW_POINTS of a window's points, every k-th."""
@@ -107,11 +120,23 @@ def thin_window(chosen, x, y, w):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def count_needed(y, w, eps, min_points):  # type: ignore[no-untyped-def]
-    """Core threshold at the sampling of this window: a fifth of its fullest place."""
+    """
+    Return the core threshold at the sampling of a window: a fifth of its fullest place.
+
+    Parameters
+    ----------
+    y, w : (n,) float64
+        Points across and up [m].
+    eps : float
+        Edge of a place [m].
+    min_points : int
+        Threshold of a window that is fully sampled.
+
+    """
     counts = np.zeros((256, 256), dtype=np.int64)
     fullest = 0
     for k in range(len(y)):
         i, j = math.floor(y[k] / eps) & 255, math.floor(w[k] / eps) & 255
         counts[i, j] += 1
         fullest = max(fullest, counts[i, j])
-    return min(max(fullest // 5, 4), min_points)
+    return min(max(fullest // 5, LEAST_NEIGHBORS), min_points)

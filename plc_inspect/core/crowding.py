@@ -19,10 +19,9 @@ import math
 import numpy as np
 
 from plc_inspect.core.bead_fit import SHELL_RATIO, SHELL_SHARE
+from plc_inspect.core.collection import CROWD_LENGTH
 from plc_inspect.results import Bool, Float64
 
-PART_LENGTH = 4.0
-"""Length of the parts of a span that are crowded or not [m]."""
 LEAST_FREE = 20
 """Points in free parts from which a conductor's own scatter and density are known."""
 LEAST_SIGMA = 0.005
@@ -58,7 +57,7 @@ def find_intruders(
         Those of ``own`` that more likely belong to what surrounds the conductor.
 
     """
-    part = (np.maximum(along, 0.0) / PART_LENGTH).astype(np.int64)
+    part = (np.maximum(along, 0.0) / CROWD_LENGTH).astype(np.int64)
     num = int(part.max(initial=0)) + 1
     shell = other & (distance > tolerance) & (distance <= SHELL_RATIO * tolerance)
     on, about = (np.bincount(part[chosen], minlength=num) for chosen in (own, shell))
@@ -68,9 +67,9 @@ def find_intruders(
         return np.zeros(len(along), dtype=np.bool_)
     variance = max(float(np.mean(distance[free] ** 2)) / 2.0, LEAST_SIGMA**2)
     # a window of the node holds more points of some parts than of others
-    usual = float(np.percentile(on[(on > 0) & ~crowded], 75)) / PART_LENGTH
+    usual = float(np.percentile(on[(on > 0) & ~crowded], 75)) / CROWD_LENGTH
     densest = usual / (2.0 * math.pi * variance)
-    volume = math.pi * (SHELL_RATIO**2 - 1.0) * tolerance**2 * PART_LENGTH
+    volume = math.pi * (SHELL_RATIO**2 - 1.0) * tolerance**2 * CROWD_LENGTH
     with np.errstate(divide='ignore'):
         limit = 2.0 * variance * np.log(densest * volume / about)
     result: Bool = own & crowded[part] & (distance**2 > limit[part])

@@ -24,6 +24,7 @@ from plc_inspect.results import Float64, Int64
 KERNELS = {'dbscan': 0, 'rnn_dbscan': 1}
 """Methods that `label_plane` knows by a number."""
 LEAST_NEIGHBORS = 4
+"""However sparse a window is, fewer neighbours make no core."""
 
 
 @njit(cache=True, nogil=True)

@@ -19,7 +19,8 @@ import pytest
 from toys import make_line_cloud, make_tree
 
 from plc_inspect.core import spans
-from plc_inspect.core.crowding import find_intruders, PART_LENGTH
+from plc_inspect.core.collection import CROWD_LENGTH
+from plc_inspect.core.crowding import find_intruders
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.results import PointClass
 
@@ -48,7 +49,7 @@ def test_most_that_is_given_back_is_the_crowns(crown):
     assert given[leaves].mean() > 0.5
     assert (given & is_wire).sum() < (given & leaves).sum()
     assert not given[~own].any()
-    assert ((along[given] >= 12 - PART_LENGTH) & (along[given] <= 20 + PART_LENGTH)).all()
+    assert ((along[given] >= 12 - CROWD_LENGTH) & (along[given] <= 20 + CROWD_LENGTH)).all()
 
 
 def test_the_limit_is_where_both_densities_are_equal():
