@@ -32,6 +32,8 @@ SAMPLE = 50
 """Of a label that is sampled, a multiple of this many voxels is taken from a cell."""
 
 INITIAL_CELLS = 1 << 12
+LANES = 16
+"""Lists that are followed side by side."""
 _MASK = (1 << KEY_BITS) - 1
 
 
@@ -159,13 +161,7 @@ class CellIndex:
         _fill_cells(self._keys[: self._num], self._table)
 
     def collect(
-        self,
-        cells: Int64,
-        wanted: UInt8,
-        following: Int32,
-        keys: Int64,
-        labels: UInt8,
-        out: Int32,
+        self, cells: Int64, wanted: UInt8, following: Int32, labels: UInt8, out: Int32
     ) -> int:
         """
         List the voxels of some cells.
@@ -177,7 +173,7 @@ class CellIndex:
         wanted : UInt8
             (256,) for each label 0 to leave out, 1 to take, 1 + k to take k SAMPLE of them, or
             up to twice as many, where there are more.
-        following, keys, labels : Int32, Int64, UInt8
+        following, labels : Int32, UInt8
             Of the map, by slot.
         out : Int32
             Slots are written here; as long as the counts of the cells together.
@@ -189,7 +185,7 @@ class CellIndex:
 
         """
         return int(
-            _collect_slots(cells, wanted, self._head, following, keys, labels, out)
+            _collect_slots(cells, wanted, self._head, self._state, following, labels, out)
         )
 
     def drop(
@@ -293,30 +289,64 @@ def _link_slots(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _collect_slots(  # type: ignore[no-untyped-def]
-    cells, wanted, head, following, keys, labels, out
+    cells, wanted, head, state, following, labels, out
 ):
+    start, slots, label_of = _follow_lists(cells, head, state, following, labels)
     num = 0
     count = np.zeros(256, dtype=np.int64)
     one_in = np.ones(256, dtype=np.int64)
-    for cell in cells:
+    for k in range(len(cells)):
+        own = range(start[k], start[k + 1])
         count[:] = 0
-        slot = head[cell]
-        while slot >= 0:
-            count[labels[slot]] += 1
-            slot = following[slot]
-        for k in range(256):
-            if wanted[k] > 1:
-                one_in[k] = max(count[k] // (SAMPLE * (wanted[k] - 1)), 1)
-        slot = head[cell]
-        while slot >= 0:
-            label = labels[slot]
+        for i in own:
+            count[label_of[i]] += 1
+        for label in range(256):
+            if wanted[label] > 1:
+                one_in[label] = max(count[label] // (SAMPLE * (wanted[label] - 1)), 1)
+        for i in own:
+            label = label_of[i]
             if wanted[label] == 1 or (
-                wanted[label] > 1 and (hash_key(keys[slot]) >> 20) % one_in[label] == 0
+                wanted[label] > 1 and (hash_key(slots[i]) >> 20) % one_in[label] == 0
             ):
-                out[num] = slot
+                out[num] = slots[i]
                 num += 1
-            slot = following[slot]
     return num
+
+
+@njit(cache=True, nogil=True)
+def _follow_lists(cells, head, state, following, labels):  # type: ignore[no-untyped-def]
+    """
+    Where the voxels of each of some cells begin in a list, and in it their slots and labels.
+
+    The lists are followed side by side: each step of one waits for memory, those of others not.
+    """
+    start = np.zeros(len(cells) + 1, dtype=np.int64)
+    for k in range(len(cells)):
+        start[k + 1] = start[k] + state[cells[k], 0]
+    slots = np.empty(start[-1], dtype=np.int32)
+    label_of = np.empty(start[-1], dtype=np.uint8)
+    at = np.empty(LANES, dtype=np.int64)
+    place = np.empty(LANES, dtype=np.int64)
+    num, begun = 0, 0
+    while True:
+        while num < LANES and begun < len(cells):
+            at[num], place[num] = head[cells[begun]], start[begun]
+            begun += 1
+            num += at[num] >= 0
+        if num == 0:
+            break
+        lane = 0
+        while lane < num:
+            slot = at[lane]
+            slots[place[lane]], label_of[place[lane]] = slot, labels[slot]
+            place[lane] += 1
+            at[lane] = following[slot]
+            if at[lane] >= 0:
+                lane += 1
+            else:  # the last list takes its lane
+                num -= 1
+                at[lane], place[lane] = at[num], place[num]
+    return start, slots, label_of
 
 
 @njit(cache=True, nogil=True)

@@ -21,7 +21,7 @@ spans that they continue.
 """
 
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 import itertools
 import math
@@ -338,11 +338,7 @@ class SpanRegistry:
             if not item.confirmed and (final or item.hits >= CONFIRMATIONS)
         ]
         new = {item.span.line_id for item in ready if item.span.line_id < 0}
-        spans = [item.span for item in self._spans.values()]
-        continued, ahead = continue_lines(
-            find_ends([span for span in spans if span.line_id >= 0]),
-            find_ends([span for span in spans if span.line_id in new]),
-        )
+        continued, ahead = self._continue(new)
         for line in sorted(new, reverse=True):
             own = [item for item in ready if item.span.line_id == line]
             if line in continued and self._fits(line, continued[line]):
@@ -360,6 +356,16 @@ class SpanRegistry:
         for key, item in list(self._spans.items()):
             if min(key) >= 0 and (final or item.hits >= CONFIRMATIONS):
                 self._spans[key] = replace(item, confirmed=True)
+
+    def _continue(self, new: Collection[int]) -> tuple[Mapping[int, int], frozenset[int]]:
+        """As `continue_lines` of the lines that have lasting numbers and of these."""
+        if not new:
+            return {}, frozenset()
+        spans = [item.span for item in self._spans.values()]
+        return continue_lines(
+            find_ends([span for span in spans if span.line_id >= 0]),
+            find_ends([span for span in spans if span.line_id in new]),
+        )
 
     def _fits(self, line: int, other: int) -> bool:
         places = [

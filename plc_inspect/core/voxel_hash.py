@@ -57,11 +57,37 @@ def build_table(keys: Int64, counts: UInt32, capacity: int) -> Int32:
     return table
 
 
-def unpack_keys(keys: Int64) -> Int64:
-    """Return the (M, 3) voxel indices, relative to the origin, of (M,) packed keys."""
-    return np.column_stack(
-        (keys >> (2 * KEY_BITS), (keys >> KEY_BITS) & _MASK, keys & _MASK)
-    ) - np.int64(KEY_HALF_RANGE)
+@njit(cache=True, nogil=True)
+def find_centroids(
+    slots: Int64, slot_keys: Int64, moments: Float32, origin: Int64, voxel_size: float
+) -> Float64:
+    """
+    Return the mean of the points of some voxels.
+
+    Parameters
+    ----------
+    slots : Int64
+        (M,) their slots.
+    slot_keys, moments : Int64, Float32
+        The map's arrays.
+    origin : Int64
+        (3,) voxel index of the origin of the keys.
+    voxel_size : float
+        Edge of a voxel [m].
+
+    Returns
+    -------
+    Float64
+        (M, 3) centroids [m].
+
+    """
+    result = np.empty((len(slots), 3))
+    for i in range(len(slots)):
+        key, row = slot_keys[slots[i]], moments[slots[i]]
+        for j in range(3):
+            relative = ((key >> ((2 - j) * KEY_BITS)) & _MASK) - KEY_HALF_RANGE
+            result[i, j] = (relative + origin[j] + 0.5) * voxel_size + row[j]
+    return result
 
 
 @njit(cache=True, nogil=True)

@@ -32,10 +32,10 @@ from plc_inspect.core.cell_index import CellIndex
 from plc_inspect.core.voxel_hash import (
     accumulate_points,
     build_table,
+    find_centroids,
     KEY_HALF_RANGE,
     locate_voxels,
     UInt32,
-    unpack_keys,
 )
 from plc_inspect.errors import DataError
 from plc_inspect.results import Bool, Float32, Float64, Int32, Int64, UInt8
@@ -267,8 +267,10 @@ class VoxelMap:
     def _centroids(self, slots: Int64) -> Float64:
         if self._origin is None:
             return np.empty((0, 3))
-        centers = (unpack_keys(self._keys[slots]) + self._origin + 0.5) * self._voxel_size
-        return np.add(centers, self._moments[slots, :3], dtype=np.float64)
+        result: Float64 = find_centroids(
+            slots, self._keys, self._moments, self._origin, self._voxel_size
+        )
+        return result
 
     def counts(self) -> Int64:
         """Return the (M,) number of points of every voxel, by slot."""
@@ -306,7 +308,7 @@ class VoxelMap:
 
         """
         out: Int32 = np.empty(int(self.cells.count[cells].sum()), dtype=np.int32)
-        num = self.cells.collect(cells, wanted, self._following, self._keys, self._labels, out)
+        num = self.cells.collect(cells, wanted, self._following, self._labels, out)
         return out[:num]
 
     def copy_voxels(self, slots: Int32) -> tuple[Int64, Float64]:

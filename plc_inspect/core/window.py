@@ -25,6 +25,7 @@ cost follows what is new, not the length of the flight.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+import itertools
 import math
 
 from numba import njit
@@ -331,18 +332,24 @@ def _involve(
     """
     if not spans:
         return [], []
-    samples = [_pack(cells.locate(sample_span(span, SPACING))) for span in spans]
-    inside = np.isin(np.concatenate(samples), _pack(index))
-    owner = np.repeat(np.arange(len(spans)), [len(item) for item in samples])
-    touched = {spans[number].span_id for number in np.unique(owner[inside])}
-    core = [span for span in spans if span.span_id in touched]
+    ends = np.array([(span.start, span.end) for span in spans])
+    low, high = index.min(axis=0) * cells.cell_size, (index.max(axis=0) + 1) * cells.cell_size
+    box = ends[:, :, :2].min(axis=1), ends[:, :, :2].max(axis=1)
+    near = ((box[0] <= high) & (box[1] >= low)).all(axis=1)
+    places = _pack(index)
+    touched = {
+        span.span_id for span in itertools.compress(spans, near)
+        if np.isin(_pack(cells.locate(sample_span(span, SPACING))), places).any()
+    }
+    inside = np.array([span.span_id in touched for span in spans])
+    core = list(itertools.compress(spans, inside))
     by_line: dict[int, list[Span]] = {}
     for span in core:
         by_line.setdefault(span.line_id, []).append(span)
+    apart = np.linalg.norm(ends[:, :, None] - ends[inside].reshape(-1, 3), axis=3)
+    beside = ~inside & (apart <= JOINT).any(axis=(1, 2))
     stubs = []
-    for span in spans:
-        if span.span_id in touched:
-            continue
+    for span in itertools.compress(spans, beside):
         for other in by_line.get(span.line_id, ()):
             joint = _meet(span, other)
             if joint is not None:
