@@ -22,18 +22,14 @@ rest of it.  Cells are never removed; one that was emptied costs 40 bytes.
 from numba import njit
 import numpy as np
 
-from plc_inspect.core.voxel_hash import forget_key, hash_key, KEY_BITS, KEY_HALF_RANGE, UInt32
+from plc_inspect.core.cell_lists import collect_slots, drop_slots
+from plc_inspect.core.voxel_hash import hash_key, KEY_BITS, KEY_HALF_RANGE, UInt32
 from plc_inspect.results import Bool, Float64, Int32, Int64, UInt8
 
 CELL_SIZE = 10.0
 """Edge of a plan cell, rounded to whole voxels [m]."""
 
-SAMPLE = 50
-"""Of a label that is sampled, a multiple of this many voxels is taken from a cell."""
-
 INITIAL_CELLS = 1 << 12
-LANES = 16
-"""Lists that are followed side by side."""
 _MASK = (1 << KEY_BITS) - 1
 
 
@@ -121,6 +117,26 @@ class CellIndex:
         """Take all voxels of these cells as no longer new."""
         self._state[cells, 1] = 0
 
+    def sort(self, keys: Int64, origin: Int64) -> Int64:
+        """
+        Return the order of some voxels by plan cell.
+
+        Parameters
+        ----------
+        keys : Int64
+            (N,) packed keys.
+        origin : Int64
+            (3,) voxel index of the origin of the keys.
+
+        Returns
+        -------
+        Int64
+            (N,) places; voxels of one cell keep their order.
+
+        """
+        order: Int64 = _sort_by_cell(keys, origin, self._voxels_per_cell)
+        return order
+
     def link(
         self, slots: Int32, keys: Int64, origin: Int64, sequence: int, following: Int32
     ) -> None:
@@ -185,7 +201,7 @@ class CellIndex:
 
         """
         return int(
-            _collect_slots(cells, wanted, self._head, self._state, following, labels, out)
+            collect_slots(cells, wanted, self._head, self._state, following, labels, out)
         )
 
     def drop(
@@ -220,7 +236,7 @@ class CellIndex:
 
         """
         return int(
-            _drop_slots(
+            drop_slots(
                 cell, kept, self._head, self._state, following, table, keys, counts, labels, out
             )
         )
@@ -252,6 +268,21 @@ def _fill_cells(keys, table):  # type: ignore[no-untyped-def]
         table[place] = cell + 1
 
 
+@njit(cache=True, nogil=True, inline='always')
+def _find_cell_key(key, origin, per_cell):  # type: ignore[no-untyped-def]
+    x = (key >> (2 * KEY_BITS)) - KEY_HALF_RANGE + origin[0]
+    y = ((key >> KEY_BITS) & _MASK) - KEY_HALF_RANGE + origin[1]
+    return ((x // per_cell) << 32) + (y // per_cell) + (1 << 31)
+
+
+@njit(cache=True, nogil=True)
+def _sort_by_cell(keys, origin, per_cell):  # type: ignore[no-untyped-def]
+    cell = np.empty(len(keys), dtype=np.int64)
+    for i in range(len(keys)):
+        cell[i] = _find_cell_key(keys[i], origin, per_cell)
+    return np.argsort(cell, kind='mergesort')
+
+
 @njit(cache=True, nogil=True)
 def _link_slots(  # type: ignore[no-untyped-def]
     slots, start, keys, origin, per_cell, sequence, following, num, table, cell_keys, head, state
@@ -260,10 +291,8 @@ def _link_slots(  # type: ignore[no-untyped-def]
     for i in range(start, len(slots)):
         slot = slots[i]
         key = keys[slot]
-        x = (key >> (2 * KEY_BITS)) - KEY_HALF_RANGE + origin[0]
-        y = ((key >> KEY_BITS) & _MASK) - KEY_HALF_RANGE + origin[1]
         z = np.int32((key & _MASK) - KEY_HALF_RANGE)
-        cell_key = ((x // per_cell) << 32) + (y // per_cell) + (1 << 31)
+        cell_key = _find_cell_key(key, origin, per_cell)
         if cell < 0 or cell_key != last_key:
             cell, place = _find(cell_key, table, cell_keys)
             if cell < 0:
@@ -285,95 +314,3 @@ def _link_slots(  # type: ignore[no-untyped-def]
         row[3] = min(row[3], z)
         row[4] = max(row[4], z)
     return num, len(slots)
-
-
-@njit(cache=True, nogil=True)
-def _collect_slots(  # type: ignore[no-untyped-def]
-    cells, wanted, head, state, following, labels, out
-):
-    start, slots, label_of = _follow_lists(cells, head, state, following, labels)
-    num = 0
-    count = np.zeros(256, dtype=np.int64)
-    one_in = np.ones(256, dtype=np.int64)
-    for k in range(len(cells)):
-        own = range(start[k], start[k + 1])
-        count[:] = 0
-        for i in own:
-            count[label_of[i]] += 1
-        for label in range(256):
-            if wanted[label] > 1:
-                one_in[label] = max(count[label] // (SAMPLE * (wanted[label] - 1)), 1)
-        for i in own:
-            label = label_of[i]
-            if wanted[label] == 1 or (
-                wanted[label] > 1 and (hash_key(slots[i]) >> 20) % one_in[label] == 0
-            ):
-                out[num] = slots[i]
-                num += 1
-    return num
-
-
-@njit(cache=True, nogil=True)
-def _follow_lists(cells, head, state, following, labels):  # type: ignore[no-untyped-def]
-    """
-    Where the voxels of each of some cells begin in a list, and in it their slots and labels.
-
-    The lists are followed side by side: each step of one waits for memory, those of others not.
-    """
-    start = np.zeros(len(cells) + 1, dtype=np.int64)
-    for k in range(len(cells)):
-        start[k + 1] = start[k] + state[cells[k], 0]
-    slots = np.empty(start[-1], dtype=np.int32)
-    label_of = np.empty(start[-1], dtype=np.uint8)
-    at = np.empty(LANES, dtype=np.int64)
-    place = np.empty(LANES, dtype=np.int64)
-    num, begun = 0, 0
-    while True:
-        while num < LANES and begun < len(cells):
-            at[num], place[num] = head[cells[begun]], start[begun]
-            begun += 1
-            num += at[num] >= 0
-        if num == 0:
-            break
-        lane = 0
-        while lane < num:
-            slot = at[lane]
-            slots[place[lane]], label_of[place[lane]] = slot, labels[slot]
-            place[lane] += 1
-            at[lane] = following[slot]
-            if at[lane] >= 0:
-                lane += 1
-            else:  # the last list takes its lane
-                num -= 1
-                at[lane], place[lane] = at[num], place[num]
-    return start, slots, label_of
-
-
-@njit(cache=True, nogil=True)
-def _drop_slots(  # type: ignore[no-untyped-def]
-    cell, kept, head, state, following, table, keys, counts, labels, out
-):
-    num = 0
-    slot = head[cell]
-    last = np.int32(-1)
-    while slot >= 0:
-        after = following[slot]
-        if kept[labels[slot]]:
-            if last < 0:
-                head[cell] = slot
-            else:
-                following[last] = slot
-            last = slot
-        else:
-            forget_key(keys[slot], table, keys)
-            counts[slot] = 0
-            labels[slot] = 0
-            out[num] = slot
-            num += 1
-        slot = after
-    if last < 0:
-        head[cell] = -1
-    else:
-        following[last] = -1
-    state[cell, 0] -= num
-    return num

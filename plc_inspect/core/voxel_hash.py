@@ -152,6 +152,71 @@ def _fill_table(keys: Int64, counts: UInt32, table: Int32) -> None:
         table[place] = slot + 1
 
 
+@njit(cache=True, nogil=True, inline='always')
+def _take_in(slot, offset, sequence, counts, moments, touched):  # type: ignore[no-untyped-def]
+    """Bring the means of one voxel up to date with one more point."""
+    counts[slot] += 1
+    touched[slot] = sequence
+    share = np.float32(1.0) / np.float32(counts[slot])
+    x, y, z = offset[0], offset[1], offset[2]
+    row = moments[slot]
+    row[0] += (x - row[0]) * share
+    row[1] += (y - row[1]) * share
+    row[2] += (z - row[2]) * share
+    row[3] += (x * x - row[3]) * share
+    row[4] += (x * y - row[4]) * share
+    row[5] += (x * z - row[5]) * share
+    row[6] += (y * y - row[6]) * share
+    row[7] += (y * z - row[7]) * share
+    row[8] += (z * z - row[8]) * share
+
+
+@njit(cache=True, nogil=True)
+def add_to_known(
+    keys: Int64,
+    offsets: Float32,
+    sequence: int,
+    table: Int32,
+    slot_keys: Int64,
+    counts: UInt32,
+    moments: Float32,
+    touched: Int32,
+) -> Int64:
+    """
+    Add those points whose voxels are there, and return the others.
+
+    Parameters
+    ----------
+    keys, offsets : Int64, Float32
+        As from ``locate_voxels``.
+    sequence : int
+        Number of this insertion.
+    table, slot_keys, counts, moments, touched
+        The map's arrays, changed in place.
+
+    Returns
+    -------
+    Int64
+        (M,) points without a voxel, ascending.
+
+    """
+    mask = len(table) - 1
+    missing = np.empty(len(keys), dtype=np.int64)
+    num = 0
+    for i in range(len(keys)):
+        place = hash_key(keys[i]) & mask
+        slot = table[place] - 1
+        while slot >= 0 and slot_keys[slot] != keys[i]:
+            place = (place + 1) & mask
+            slot = table[place] - 1
+        if slot < 0:
+            missing[num] = i
+            num += 1
+        else:
+            _take_in(slot, offsets[i], sequence, counts, moments, touched)
+    return missing[:num].copy()
+
+
 @njit(cache=True, nogil=True)
 def accumulate_points(
     keys: Int64,
@@ -229,20 +294,7 @@ def accumulate_points(
             table[place] = slot + 1
             created[num_created] = slot
             num_created += 1
-        counts[slot] += 1
-        touched[slot] = sequence
-        share = np.float32(1.0) / np.float32(counts[slot])
-        x, y, z = offsets[i, 0], offsets[i, 1], offsets[i, 2]
-        row = moments[slot]
-        row[0] += (x - row[0]) * share
-        row[1] += (y - row[1]) * share
-        row[2] += (z - row[2]) * share
-        row[3] += (x * x - row[3]) * share
-        row[4] += (x * y - row[4]) * share
-        row[5] += (x * z - row[5]) * share
-        row[6] += (y * y - row[6]) * share
-        row[7] += (y * z - row[7]) * share
-        row[8] += (z * z - row[8]) * share
+        _take_in(slot, offsets[i], sequence, counts, moments, touched)
     return size, num_free, num_created, len(keys), refused
 
 

@@ -31,6 +31,7 @@ from plc_inspect.config import MapSettings
 from plc_inspect.core.cell_index import CellIndex
 from plc_inspect.core.voxel_hash import (
     accumulate_points,
+    add_to_known,
     build_table,
     find_centroids,
     KEY_HALF_RANGE,
@@ -62,8 +63,9 @@ class VoxelMap:
     Voxels of point moments with a hard cap; owned by one thread.
 
     The voxel grid is fixed to multiples of ``voxel_size``, so that the voxels do not depend on
-    which point came first.  Slots are given in the order of first touch: the same points in the
-    same order give the same arrays.
+    which point came first.  Each insertion gives slots plan cell by plan cell, in a cell in the
+    order of first touch: what is looked at together lies together in memory, and the same
+    insertions give the same arrays.
 
     Parameters
     ----------
@@ -231,6 +233,13 @@ class VoxelMap:
     def _accumulate(self, keys: Int64, offsets: Float32, origin: Int64) -> Insertion:
         self._origin = origin
         self._sequence += 1
+        num_given = len(keys)
+        missing = add_to_known(
+            keys, offsets, self._sequence, self._table, self._keys, self._counts, self._moments,
+            self._touched,
+        )
+        missing = missing[self.cells.sort(keys[missing], origin)]
+        keys, offsets = keys[missing], offsets[missing]
         start, num_created, num_refused = 0, 0, 0
         created: Int32 = np.empty(len(keys), dtype=np.int32)
         while True:
@@ -248,7 +257,7 @@ class VoxelMap:
         self.cells.link(
             created[:num_created], self._keys, origin, self._sequence, self._following
         )
-        num_added = len(keys) - num_refused
+        num_added = num_given - num_refused
         self._num_points += num_added
         return Insertion(
             sequence=self._sequence,
@@ -299,7 +308,7 @@ class VoxelMap:
             (K,) cells of ``cells``.
         wanted : UInt8
             (256,) for each label 0 to leave out, 1 to take, 1 + k to take k SAMPLE of
-            ``cell_index``, or up to twice as many, where a cell holds more.
+            ``cell_lists``, or up to twice as many, where a cell holds more.
 
         Returns
         -------
