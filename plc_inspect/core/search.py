@@ -36,7 +36,7 @@ COARSE = 5
 NUM_FINE = 2
 """Finer grids about the best, each with half the step of the one before."""
 GRID_BUDGET = 200
-EVOLUTION_BUDGET = 64
+EVOLUTION_BUDGET = 56
 POPULATION = 8
 SIGMA = 0.25
 """First standard deviation of the evolution, as a share of the range of each parameter."""

@@ -95,7 +95,7 @@ def render_changes(changes: 'Changes', units: 'Units') -> str:
 def write_changes(path: Path, changes: 'Changes', units: 'Units') -> None:
     """Write the changes as JSON, whole or not at all."""
     from plc_inspect.offline.changes import describe_changes
-    from plc_inspect.offline.results_folder import render_json
+    from plc_inspect.offline.results_files import render_json
 
     with tempfile.NamedTemporaryFile(
         'w', encoding='utf-8', dir=path.absolute().parent, prefix=f'.{path.name}.', delete=False

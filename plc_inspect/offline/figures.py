@@ -60,8 +60,8 @@ def draw_map(scene: Scene) -> str:
         (center[0] - half[0], center[0] + half[0]), (center[1] - half[1], center[1] + half[1]),
         (_MAP_WIDTH, round(height) + top + bottom), 'Top view', margins=margins,
     )
-    order = np.lexsort((scene.points[:, 2], scene.color >= FIRST_STRUCTURE))
-    x, y, _ = scene.points[order].T
+    order = np.argsort(scene.color >= FIRST_STRUCTURE, kind='stable')
+    x, y = scene.points[order, :2].T
     plot.add_points(x, y, scene.color[order], PALETTE, size=1, fill=2)
     for span in scene.spans:
         (x0, y0, _), (x1, y1, _) = span['start'], span['end']

@@ -22,15 +22,13 @@ import numpy as np
 from numpy.typing import NDArray
 import pyogrio
 import pyproj
-from pyproj.exceptions import CRSError, ProjError
+from pyproj.exceptions import ProjError
 import shapely
 
-from plc_inspect.errors import ConfigError, DataError
+from plc_inspect.errors import DataError
+from plc_inspect.offline.georeference import find_horizontal
 from plc_inspect.offline.inspection import flatten, Inspection, Record
 
-GEO_FILES = (
-    'spans.geojson', 'supports.geojson', 'hazards.geojson', 'results.kml', 'results.gpkg',
-)
 STEP = 2.0
 """Catenaries are drawn with points this far apart [m]."""
 _DATE = '2000-01-01T00:00:00.000Z'
@@ -38,52 +36,6 @@ _DATE = '2000-01-01T00:00:00.000Z'
 
 Layers = dict[str, tuple[list[Any], list[Record]]]
 """Name of a layer to its geometries, in the frame of the input, and their attributes."""
-
-
-def make_origin_crs(latitude: float, longitude: float) -> str:
-    """
-    Return the CRS of a flight whose frame has its origin at a known place, as WKT.
-
-    x is east and y north (REP-103): a transverse Mercator about the origin, in metres.
-
-    Parameters
-    ----------
-    latitude, longitude : float
-        Of the origin, WGS 84 [degrees].
-
-    Returns
-    -------
-    str
-
-    Raises
-    ------
-    ConfigError
-        There is no such place.
-
-    """
-    if not (-84.0 <= latitude <= 84.0 and -180.0 <= longitude <= 180.0):
-        raise ConfigError(
-            f'origin {latitude:g}, {longitude:g} must be a latitude within 84 degrees and a'
-            ' longitude within 180'
-        )
-    return str(pyproj.CRS.from_dict({
-        'proj': 'tmerc', 'lat_0': latitude, 'lon_0': longitude, 'k': 1, 'x_0': 0, 'y_0': 0,
-        'datum': 'WGS84', 'units': 'm', 'type': 'crs',
-    }).to_wkt())
-
-
-def find_horizontal(inspection: Inspection) -> pyproj.CRS | None:
-    """Return the horizontal CRS of the coordinates, None where it is unknown."""
-    wkt = inspection.crs or inspection.georeference
-    if not wkt:
-        return None
-    try:
-        system = pyproj.CRS.from_wkt(wkt)
-    except CRSError:
-        return None
-    if system.is_compound:
-        system = system.sub_crs_list[0]
-    return system if system.is_projected else None
 
 
 def write_geo(folder: Path, inspection: Inspection, records: dict[str, list[Record]]) -> bool:

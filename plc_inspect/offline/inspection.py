@@ -201,16 +201,17 @@ def measure_clearances(
     is_tree = result.classification[result.corridor] == PointClass.VEGETATION
     distances = result.clearance[result.corridor][is_tree]
     line_id, span_id = result.corridor_line_id[is_tree], result.corridor_span_id[is_tree]
-    order = np.lexsort((distances, span_id, line_id))
-    distances, line_id, span_id = distances[order], line_id[order], span_id[order]
-    first = np.ones(len(order), dtype=np.bool_)
-    first[1:] = (line_id[1:] != line_id[:-1]) | (span_id[1:] != span_id[:-1])
-    begin = np.flatnonzero(first)
-    end = np.append(begin, len(order))[1:]
+    width = int(span_id.max(initial=0)) + 1
+    owner = line_id.astype(np.int64) * width + span_id
+    # few bits, so that numpy sorts by counting
+    order = np.argsort(owner.astype(np.min_scalar_type(owner.max(initial=0))), kind='stable')
+    owner = owner[order]
+    begin = np.flatnonzero(np.diff(owner, prepend=-1))
+    parts = np.split(distances[order], begin)[1:]
     found = {
-        (int(line_id[low]), int(span_id[low])): float(distances[low + min_points - 1])
-        for low, high in zip(begin.tolist(), end.tolist(), strict=True)
-        if high - low >= min_points
+        divmod(own, width): float(np.partition(near, min_points - 1)[min_points - 1])
+        for own, near in zip(owner[begin].tolist(), parts, strict=True)
+        if len(near) >= min_points
     }
     return {
         (span.line_id, span.span_id): found.get((span.line_id, span.span_id))

@@ -259,10 +259,9 @@ def _format_value(value: Any) -> str:
 
 
 def _tally(values: np.ndarray, names: type[Decision] | type[PointClass]) -> list[tuple[str, int]]:
-    counts = np.bincount(values, minlength=256)
+    counts = {item: int(np.count_nonzero(values == item)) for item in names}
     return [
-        (item.name.lower().replace('_', ' '), int(counts[item])) for item in names
-        if counts[item]
+        (item.name.lower().replace('_', ' '), count) for item, count in counts.items() if count
     ]
 
 

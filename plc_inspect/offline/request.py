@@ -31,7 +31,7 @@ from plc_inspect.errors import ConfigError
 from plc_inspect.offline.browser import find_browser
 from plc_inspect.offline.catalogue import load_conductor, load_rules, parse_case
 from plc_inspect.offline.changes import find_changes, read_survey, Survey, to_survey
-from plc_inspect.offline.geo import find_horizontal, make_origin_crs
+from plc_inspect.offline.georeference import find_horizontal, make_origin_crs
 from plc_inspect.offline.inspection import Inspection
 
 

@@ -53,7 +53,7 @@ class Scene:
     """What the figures show, all in the horizontal unit of the input."""
 
     points: Float64
-    """(M, 3) thinned out points, x and y relative to ``origin``."""
+    """(M, 3) thinned out points, the lowest first, x and y relative to ``origin``."""
     color: UInt8
     """(M,) index into PALETTE."""
     origin: Float64
@@ -78,6 +78,7 @@ def make_scene(inspection: Inspection) -> Scene:
         horizontal=inspection.units.horizontal, vertical=inspection.units.horizontal
     )
     rows = _thin_out(inspection)
+    rows = rows[np.argsort(inspection.points[rows, 2], kind='stable')]
     points = units.from_metres(inspection.points[rows])
     low = points[:, :2].min(axis=0) if len(points) else np.zeros(2)
     origin = np.where(np.abs(low) > 1e4, np.floor(low / 1000.0) * 1000.0, 0.0)
@@ -97,7 +98,7 @@ def make_scene(inspection: Inspection) -> Scene:
 
 def _thin_out(inspection: Inspection) -> Int64:
     """Return the rows to show, ascending: all of the corridor that fit, some of the others."""
-    finite = np.asarray(np.isfinite(inspection.points).all(axis=1))
+    finite = np.isfinite(inspection.points @ np.ones(3))  # of the sums, as they are the fewer
     rows = np.flatnonzero(finite)
     if len(rows) <= MOST_POINTS:
         return rows

@@ -64,8 +64,7 @@ def draw_plan(scene: Scene, span_id: int, required: float) -> str:
         (PROFILE_SIZE[0], round(height) + _TOP + _BOTTOM), f'Plan of span {span_id}',
         margins=(_TOP, _RIGHT, _BOTTOM, _LEFT),
     )
-    order = np.argsort(scene.points[rows, 2], kind='stable')
-    plot.add_points(s[order], t[order], scene.color[rows][order], PALETTE, fill=1)
+    plot.add_points(s, t, scene.color[rows], PALETTE, fill=1)
     edges = []
     for span in spans:
         curve = sample(span, 3)

@@ -28,7 +28,7 @@ from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.offline.explain import main, read_folder
 from plc_inspect.offline.inspection import Inspection, Units
 from plc_inspect.offline.points_file import write_points
-from plc_inspect.offline.results_folder import describe_run, render_json
+from plc_inspect.offline.results_files import describe_run, render_json
 from plc_inspect.results import Decision
 
 FOOT = 0.3048

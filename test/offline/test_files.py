@@ -31,7 +31,8 @@ from rosbags.highlevel import AnyReader
 import shapely
 
 from plc_inspect.errors import ConfigError
-from plc_inspect.offline.geo import make_origin_crs, trace_span
+from plc_inspect.offline.geo import trace_span
+from plc_inspect.offline.georeference import make_origin_crs
 from plc_inspect.offline.inspection import describe_span, Units
 from plc_inspect.offline.playback import LAYOUTS
 from plc_inspect.offline.request import locate_flight

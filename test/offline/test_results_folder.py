@@ -25,9 +25,10 @@ import pytest
 from plc_inspect import __version__
 from plc_inspect.config import Settings, to_mapping
 from plc_inspect.errors import DataError
-from plc_inspect.offline import results_folder
+from plc_inspect.offline import results_files
 from plc_inspect.offline.inspection import Units
-from plc_inspect.offline.results_folder import FILES, render_json, write_results
+from plc_inspect.offline.results_files import render_json
+from plc_inspect.offline.results_folder import FILES, write_results
 
 FOOT = 1200.0 / 3937.0
 UTM = (615_300.0, 5_712_000.0, 30.0)
@@ -184,7 +185,7 @@ def test_failure_leaves_the_old_folder_and_no_new_one(tmp_path, inspection, monk
     def fail(*_):
         raise error
 
-    monkeypatch.setattr(results_folder, 'render_report', fail)
+    monkeypatch.setattr(results_files, 'render_report', fail)
     expected = DataError if isinstance(error, OSError) else type(error)
     for name in ('old', 'new'):
         with pytest.raises(expected):

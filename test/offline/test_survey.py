@@ -269,8 +269,8 @@ module.Pipeline = Pipeline
 def wait(*_):
     print('writing', flush=True)
     time.sleep(60)
-import plc_inspect.offline.results_folder as results_folder
-results_folder.write_points = wait
+import plc_inspect.offline.results_files as results_files
+results_files.write_points = wait
 from plc_inspect.offline.survey import main
 sys.exit(main(sys.argv[1:]))
 """
