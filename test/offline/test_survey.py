@@ -31,6 +31,8 @@ import laspy
 import numpy as np
 import pytest
 
+from plc_inspect.config import Settings
+from plc_inspect.offline import survey as command
 from plc_inspect.offline.results_folder import FILES
 from plc_inspect.offline.survey import main
 from plc_inspect.results import PointClass
@@ -311,6 +313,19 @@ def test_lines_are_found_and_classes_in_the_file_do_not_matter(tmp_path):
         middle = (np.array(span['start']) + span['end']) / 2
         assert np.min(np.linalg.norm(np.array(expected) - middle, axis=1)) < 2.0
         assert span['sag'] == pytest.approx(3.0, abs=0.15)
+
+
+def test_loading_beside_reading_changes_nothing(tmp_path, monkeypatch):
+    cloud = write_las(tmp_path / 'cloud.las', make_inspection().points)
+    loaded, load = [], command._load
+    monkeypatch.setattr(command, '_load', lambda settings: loaded.append(load(settings)))
+    plain = command.survey(cloud, Settings()).result
+    assert not loaded
+    monkeypatch.setattr(command, 'LARGE', 0)
+    beside = command.survey(cloud, Settings()).result
+    assert loaded == [None]
+    assert len(plain.spans) == 6
+    np.testing.assert_array_equal(plain.line_id, beside.line_id)
 
 
 def test_bar_on_a_terminal_only(tmp_path):
