@@ -117,26 +117,6 @@ class CellIndex:
         """Take all voxels of these cells as no longer new."""
         self._state[cells, 1] = 0
 
-    def sort(self, keys: Int64, origin: Int64) -> Int64:
-        """
-        Return the order of some voxels by plan cell.
-
-        Parameters
-        ----------
-        keys : Int64
-            (N,) packed keys.
-        origin : Int64
-            (3,) voxel index of the origin of the keys.
-
-        Returns
-        -------
-        Int64
-            (N,) places; voxels of one cell keep their order.
-
-        """
-        order: Int64 = _sort_by_cell(keys, origin, self._voxels_per_cell)
-        return order
-
     def link(
         self, slots: Int32, keys: Int64, origin: Int64, sequence: int, following: Int32
     ) -> None:
@@ -268,21 +248,6 @@ def _fill_cells(keys, table):  # type: ignore[no-untyped-def]
         table[place] = cell + 1
 
 
-@njit(cache=True, nogil=True, inline='always')
-def _find_cell_key(key, origin, per_cell):  # type: ignore[no-untyped-def]
-    x = (key >> (2 * KEY_BITS)) - KEY_HALF_RANGE + origin[0]
-    y = ((key >> KEY_BITS) & _MASK) - KEY_HALF_RANGE + origin[1]
-    return ((x // per_cell) << 32) + (y // per_cell) + (1 << 31)
-
-
-@njit(cache=True, nogil=True)
-def _sort_by_cell(keys, origin, per_cell):  # type: ignore[no-untyped-def]
-    cell = np.empty(len(keys), dtype=np.int64)
-    for i in range(len(keys)):
-        cell[i] = _find_cell_key(keys[i], origin, per_cell)
-    return np.argsort(cell, kind='mergesort')
-
-
 @njit(cache=True, nogil=True)
 def _link_slots(  # type: ignore[no-untyped-def]
     slots, start, keys, origin, per_cell, sequence, following, num, table, cell_keys, head, state
@@ -291,8 +256,10 @@ def _link_slots(  # type: ignore[no-untyped-def]
     for i in range(start, len(slots)):
         slot = slots[i]
         key = keys[slot]
+        x = (key >> (2 * KEY_BITS)) - KEY_HALF_RANGE + origin[0]
+        y = ((key >> KEY_BITS) & _MASK) - KEY_HALF_RANGE + origin[1]
         z = np.int32((key & _MASK) - KEY_HALF_RANGE)
-        cell_key = _find_cell_key(key, origin, per_cell)
+        cell_key = ((x // per_cell) << 32) + (y // per_cell) + (1 << 31)
         if cell < 0 or cell_key != last_key:
             cell, place = _find(cell_key, table, cell_keys)
             if cell < 0:

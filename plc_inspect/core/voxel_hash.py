@@ -27,6 +27,10 @@ from plc_inspect.results import Float32, Float64, Int32, Int64
 
 KEY_BITS = 21
 KEY_HALF_RANGE = 1 << (KEY_BITS - 1)
+TILE_BITS = 7
+"""Tiles are columns of 2^7 by 2^7 voxels."""
+MOST_TILES = 1 << 18
+"""Points that lie on more tiles than this are not ordered."""
 _MASK = (1 << KEY_BITS) - 1
 
 UInt32 = NDArray[np.uint32]
@@ -218,9 +222,54 @@ def add_to_known(
 
 
 @njit(cache=True, nogil=True)
+def order_by_tile(keys: Int64, chosen: Int64) -> Int64:
+    """
+    Order points by tile, so that voxels near each other are made one after the other.
+
+    Parameters
+    ----------
+    keys : Int64
+        (N,) packed keys.
+    chosen : Int64
+        (M,) points.
+
+    Returns
+    -------
+    Int64
+        (M,) the same points; those of one tile keep their order.
+
+    """
+    num = len(chosen)
+    column, row = np.empty(num, dtype=np.int64), np.empty(num, dtype=np.int64)
+    for k in range(num):
+        key = keys[chosen[k]]
+        column[k] = key >> (2 * KEY_BITS + TILE_BITS)
+        row[k] = (key & ((1 << 2 * KEY_BITS) - 1)) >> (KEY_BITS + TILE_BITS)
+    if num == 0:
+        return chosen
+    left, low = column.min(), row.min()
+    wide = column.max() - left + 1
+    num_tiles = wide * (row.max() - low + 1)
+    if num_tiles > MOST_TILES:
+        return chosen
+    place = np.zeros(num_tiles + 1, dtype=np.int64)
+    for k in range(num):
+        column[k] += (row[k] - low) * wide - left
+        place[column[k] + 1] += 1
+    for tile in range(num_tiles):
+        place[tile + 1] += place[tile]
+    ordered = np.empty(num, dtype=np.int64)
+    for k in range(num):
+        ordered[place[column[k]]] = chosen[k]
+        place[column[k]] += 1
+    return ordered
+
+
+@njit(cache=True, nogil=True)
 def accumulate_points(
     keys: Int64,
     offsets: Float32,
+    chosen: Int64,
     start: int,
     sequence: int,
     size: int,
@@ -236,14 +285,16 @@ def accumulate_points(
     touched: Int32,
 ) -> tuple[int, int, int, int, int]:
     """
-    Add points to their voxels until all are in or there is no room.
+    Add chosen points to their voxels until all are in or there is no room.
 
     Parameters
     ----------
     keys, offsets : Int64, Float32
         As from ``locate_voxels``.
+    chosen : Int64
+        (M,) points to add, in this order.
     start : int
-        First point to add.
+        First of these to add.
     sequence : int
         Number of this insertion.
     size : int
@@ -255,7 +306,7 @@ def accumulate_points(
     num_free : int
         Free slots.
     created : Int32
-        (len(keys),) slots of the voxels made so far by this insertion, changed in place.
+        (M,) slots of the voxels made so far by this insertion, changed in place.
     num_created : int
         How many they are.
     table, slot_keys, counts, moments, touched
@@ -264,13 +315,14 @@ def accumulate_points(
     Returns
     -------
     tuple[int, int, int, int, int]
-        Slots that were ever in use, free slots, voxels made, first point that was not looked
-        at, points refused.
+        Slots that were ever in use, free slots, voxels made, first of the chosen that was not
+        looked at, points refused.
 
     """
     mask = len(table) - 1
     refused = 0
-    for i in range(start, len(keys)):
+    for k in range(start, len(chosen)):
+        i = chosen[k]
         key = keys[i]
         place = hash_key(key) & mask
         slot = table[place] - 1
@@ -288,14 +340,14 @@ def accumulate_points(
                 refused += 1
                 continue
             else:
-                return size, num_free, num_created, i, refused
+                return size, num_free, num_created, k, refused
             slot_keys[slot] = key
             moments[slot, :] = np.float32(0.0)
             table[place] = slot + 1
             created[num_created] = slot
             num_created += 1
         _take_in(slot, offsets[i], sequence, counts, moments, touched)
-    return size, num_free, num_created, len(keys), refused
+    return size, num_free, num_created, len(chosen), refused
 
 
 @njit(cache=True, nogil=True)

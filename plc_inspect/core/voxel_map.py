@@ -36,6 +36,7 @@ from plc_inspect.core.voxel_hash import (
     find_centroids,
     KEY_HALF_RANGE,
     locate_voxels,
+    order_by_tile,
     UInt32,
 )
 from plc_inspect.errors import DataError
@@ -63,9 +64,9 @@ class VoxelMap:
     Voxels of point moments with a hard cap; owned by one thread.
 
     The voxel grid is fixed to multiples of ``voxel_size``, so that the voxels do not depend on
-    which point came first.  Each insertion gives slots plan cell by plan cell, in a cell in the
-    order of first touch: what is looked at together lies together in memory, and the same
-    insertions give the same arrays.
+    which point came first.  Each insertion gives slots tile by tile, on a tile in the order of
+    first touch: what is looked at together lies together in memory, and the same insertions give
+    the same arrays.
 
     Parameters
     ----------
@@ -233,31 +234,29 @@ class VoxelMap:
     def _accumulate(self, keys: Int64, offsets: Float32, origin: Int64) -> Insertion:
         self._origin = origin
         self._sequence += 1
-        num_given = len(keys)
         missing = add_to_known(
             keys, offsets, self._sequence, self._table, self._keys, self._counts, self._moments,
             self._touched,
         )
-        missing = missing[self.cells.sort(keys[missing], origin)]
-        keys, offsets = keys[missing], offsets[missing]
+        missing = order_by_tile(keys, missing)
         start, num_created, num_refused = 0, 0, 0
-        created: Int32 = np.empty(len(keys), dtype=np.int32)
+        created: Int32 = np.empty(len(missing), dtype=np.int32)
         while True:
             self._size, self._num_free, num_created, start, refused = accumulate_points(
-                keys, offsets, start, self._sequence, self._size,
+                keys, offsets, missing, start, self._sequence, self._size,
                 self._capacity == self._max_voxels,
                 self._free, self._num_free, created, num_created,
                 self._table, self._keys, self._counts, self._moments, self._touched,
             )
             num_refused += refused
-            if start == len(keys):
+            if start == len(missing):
                 break
             self._allocate(min(2 * self._capacity, self._max_voxels))
             self._rehash()
         self.cells.link(
             created[:num_created], self._keys, origin, self._sequence, self._following
         )
-        num_added = num_given - num_refused
+        num_added = len(keys) - num_refused
         self._num_points += num_added
         return Insertion(
             sequence=self._sequence,

@@ -40,13 +40,13 @@ def make_map(points=None, **settings):
 
 
 def find_voxels(points, size):
-    """Return voxel -> points by plan cell, then in order of first touch, by brute force."""
+    """Return voxel -> points by tile, then in order of first touch, by brute force."""
     cells = {}
     for point in points:
         cells.setdefault(tuple(np.floor(point / size).astype(int)), []).append(point)
-    wide = round(10.0 / size)
-    order = sorted(cells, key=lambda cell: (cell[0] // wide, cell[1] // wide))
-    return {cell: cells[cell] for cell in order}
+    origin = np.floor(points[0] / size).astype(int)
+    tiles = {cell: tuple((np.array(cell) - origin) // 128)[1::-1] for cell in cells}
+    return {cell: cells[cell] for cell in sorted(cells, key=tiles.get)}
 
 
 def test_toy_case_by_hand():
@@ -114,14 +114,17 @@ def test_chunks_give_the_same_map_as_the_whole(seed, step):
     assert whole.counts()[order].tolist() == chunked.counts()[other].tolist()
 
 
-def test_new_voxels_of_a_cell_lie_together():
+def test_new_voxels_of_a_tile_lie_together():
     points = np.random.default_rng(5).uniform(-20, 20, (2000, 3))
     voxels = make_map(points)
-    for later in (0, 1):
-        for cell in range(len(voxels.cells)):
-            slots = np.sort(voxels.collect(np.array([cell]), ALL))
-            assert (np.diff(slots) > 1).sum() == later
-        voxels.insert(points + 0.001 + np.array([0.0, 0.0, 50.0]))
+    voxels.insert(points + 100.0)
+    origin = np.floor(points[0] / 0.1)
+    tile = (np.floor(voxels.centroids() / 0.1) - origin)[:, :2] // 128
+    for made in (tile[:2000], tile[2000:]):
+        assert len(made) == 2000
+        num_tiles = len(np.unique(made, axis=0))
+        assert num_tiles >= 9
+        assert (np.diff(made, axis=0) != 0).any(axis=1).sum() == num_tiles - 1
 
 
 def test_voxels_do_not_depend_on_the_first_point():
