@@ -29,6 +29,8 @@ from plc_inspect.results import Bool, Float64, Support
 
 TERMINAL_SPREAD = 2.5
 """Open ends this near along the line end at one support [m]."""
+SAME_WAY = math.radians(45.0)
+"""Ends at one support that point the same way differ by less in azimuth."""
 END_SCATTER = 0.05
 """Standard deviation along the line of where conductors hang from one support [m]."""
 ARM_SCATTER = 0.12
@@ -172,23 +174,47 @@ def _reach_support(
     """
     How far beyond their last points conductors hang that end side by side.
 
-    All are seen up to about a point's spacing before their support, so the farthest tells most.
+    All are seen up to about a point's spacing before their support, so the farthest of those
+    that leave it the same way tells most.
     """
-    units = np.array([
-        [side * math.cos(finals[number][0].azimuth), side * math.sin(finals[number][0].azimuth)]
-        for number, side, _ in members
-    ])
-    outward = units.mean(axis=0)
-    outward /= np.linalg.norm(outward)
-    along = np.array([end[2][:2] for end in members]) @ outward
-    curves = [finals[number][0] for number, _, _ in members]
-    spacing = np.mean([curve.length / max(curve.num_points, 1) for curve in curves])
-    gap = float(spacing) / len(members)
-    beyond = (along.max() + gap - along) / (units @ outward)
-    return {
-        (number, side): (float(more), math.hypot(gap, ARM_SCATTER))
-        for (number, side, _), more in zip(members, beyond, strict=True)
-    }
+    closed = {}
+    for group in _group_ways(members, finals):
+        units = np.array([_outward(end, finals) for end in group])
+        outward = units.mean(axis=0)
+        outward /= np.linalg.norm(outward)
+        along = np.array([end[2][:2] for end in group]) @ outward
+        curves = [finals[number][0] for number, _, _ in group]
+        spacing = np.mean([curve.length / max(curve.num_points, 1) for curve in curves])
+        gap = float(spacing) / len(group)
+        beyond = (along.max() + gap - along) / (units @ outward)
+        for (number, side, _), more in zip(group, beyond, strict=True):
+            closed[number, side] = float(more), math.hypot(gap, ARM_SCATTER)
+    return closed
+
+
+def _group_ways(
+    members: Sequence[tuple[int, int, Float64]],
+    finals: Sequence[tuple[Curve, float, float]],
+) -> list[list[tuple[int, int, Float64]]]:
+    """Group the ends of one support by the way they point."""
+    groups: list[list[tuple[int, int, Float64]]] = []
+    for end in members:
+        unit = _outward(end, finals)
+        for group in groups:
+            if float(unit @ _outward(group[0], finals)) >= math.cos(SAME_WAY):
+                group.append(end)
+                break
+        else:
+            groups.append([end])
+    return groups
+
+
+def _outward(
+    end: tuple[int, int, Float64], finals: Sequence[tuple[Curve, float, float]]
+) -> Float64:
+    """Return the (2,) plan direction in which a conductor would go on beyond an end."""
+    azimuth = finals[end[0]][0].azimuth
+    return end[1] * np.array([math.cos(azimuth), math.sin(azimuth)])
 
 
 def _are_held(
@@ -202,9 +228,7 @@ def _are_held(
     """Tell conductors that end at arms or insulators from those that leave the cloud."""
     held = 0
     for number, side, end in members:
-        azimuth = finals[number][0].azimuth
-        unit = side * np.array([math.cos(azimuth), math.sin(azimuth)])
-        ahead = (end[:2] + BEYOND * unit)[None, :]
+        ahead = (end[:2] + BEYOND * _outward((number, side, end), finals))[None, :]
         if not math.isfinite(float(ground_at(height, ahead, max_gap=BEYOND)[0])):
             return False
         found = gather_strip(

@@ -14,7 +14,16 @@
 
 import numpy as np
 import pytest
-from toys import hang, make_curve, make_line_cloud, make_tree, turn
+from toys import (
+    hang,
+    make_curve,
+    make_ground,
+    make_line_cloud,
+    make_pole,
+    make_tree,
+    make_wire,
+    turn,
+)
 
 from plc_inspect.config import Settings
 from plc_inspect.core.height import extract_high
@@ -146,6 +155,28 @@ def test_a_line_that_leaves_the_cloud_is_open():
         assert span.open_start == (span.span_id == 0)
         assert span.open_end == (span.span_id == 1)
     assert [support.kind for support in result.supports] == ['unseen']
+
+
+def test_conductors_that_end_at_a_pole_from_both_sides_are_closed_there():
+    """One high, one low, and nothing says that the one goes on as the other."""
+    wires = (
+        make_wire((-60.0, 0.0, 15.0), (-0.5, 0.0, 15.0)),
+        make_wire((0.5, 0.5, 11.0), (60.0, 0.5, 11.0)),
+    )
+    points = np.vstack([*wires, make_ground((-80.0, -20.0), (80.0, 20.0)), make_pole(0, 0, 16)])
+    numbers = np.split(np.arange(sum(map(len, wires))), [len(wires[0])])
+    spans = finish(points, [make_curve(points, own) for own in numbers])
+    ends = [
+        (end[0], is_open)
+        for model in spans.models
+        for end, is_open in ((model.span.start, model.span.open_start),
+                             (model.span.end, model.span.open_end))
+        if abs(end[0]) < 30
+    ]
+    assert len(ends) == 2
+    for x, is_open in ends:
+        assert abs(x) < 1.0
+        assert not is_open
 
 
 @pytest.mark.parametrize('degrees', [90, 90.001, -90, 37, 180])
