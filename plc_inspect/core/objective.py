@@ -24,6 +24,7 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from plc_inspect.config import HazardSettings, Settings
 from plc_inspect.core.memory import StageMemory
@@ -45,8 +46,10 @@ NUM_STATIONS = 9
 """Places of a span at which it is compared with others."""
 TILE = 100.0
 """Edge of the tiles that the part of a large cloud is chosen by [m]."""
-PRIOR = 0.05
-"""What the distance from the initial values of Table 1 may cost: a tie-break."""
+PRIOR = 0.5
+"""What the distance from the initial values of Table 1 may cost."""
+FOUND_ONCE = 0.75
+"""Worth of a span that is not found again, by that of one that is."""
 LEAST_STABLE = 0.5
 """A span counts as found where at least this share of it is found again among half the points."""
 
@@ -125,7 +128,7 @@ class Objective:
 
     @property
     def evidence(self) -> Float64:
-        """(E, 3) metre cells that hold places in line, at the initial values of Table 1."""
+        """(E, 3) metres of what looks like a conductor at the initial values of Table 1."""
         if self._evidence is None:
             settings = _without_rules(put_values(self._base, INITIAL))
             self._evidence = gather_evidence(self.points, settings, self._memory)
@@ -209,7 +212,7 @@ def judge(
     again : sequence of SpanModel
         Spans found among half of them.
     evidence : (E, 3) float64
-        Metre cells of places in line [m].
+        Metres of what looks like a conductor [m].
     settings : Settings
         That found them; the distance to the initial values of Table 1 breaks ties.
 
@@ -232,7 +235,9 @@ def judge(
     explained, _, _ = find_near(evidence, tabulate(models), EXPLAINED_DISTANCE)
     total = float(length.sum()) + len(evidence) - len(explained)
     metres = length * coverage
-    worth = float((metres * fit * separation * stability).sum()) / total
+    num_stable = int((stability >= LEAST_STABLE).sum())
+    again_worth = FOUND_ONCE + (1.0 - FOUND_ONCE) * stability
+    worth = float((metres * fit * separation * again_worth).sum()) / total if num_stable else 0.0
     weight = metres / max(float(metres.sum()), 1e-9)
     return Score(
         value=_prefer(worth, settings),
@@ -241,40 +246,53 @@ def judge(
         separation=float(weight @ separation),
         stability=float(weight @ stability),
         num_spans=len(models),
-        num_stable=int((stability >= LEAST_STABLE).sum()),
+        num_stable=num_stable,
     )
 
 
 def gather_evidence(points: Float64, settings: Settings, memory: StageMemory) -> Float64:
     """
-    Return the metre cells in which candidates lie in line with others.
+    Return metre by metre what looks like a conductor.
 
-    It is what looks like a conductor before any curve is fitted: conductors, and edges and
-    twigs that happen to be in line.
+    These are the cells in which candidates lie in line with others, before any curve is fitted:
+    conductors, and edges and twigs that happen to be in line.  Wires of few points lie in line in
+    few cells, so each metre of a span that is found with these settings and lies away from all
+    such cells counts as well.
 
     Parameters
     ----------
     points : (N, 3) float64
         Map frame [m].
     settings : Settings
-        For the stages up to alignment.
+        That tell what is in line, and what is a span.
     memory : StageMemory
         Of these points.
 
     Returns
     -------
     (E, 3) float64
-        Mean of the candidates of each cell [m].
+        Mean of the candidates of each cell, and places on spans [m].
 
     """
     lines = Pipeline(settings).find_lines(points, memory)
     places = lines.candidates.position[lines.outliers.keep][lines.alignment.voted]
-    if not len(places):
-        return np.zeros((0, 3))
-    _, cell = np.unique(np.floor(places / METRE), axis=0, return_inverse=True)
-    cell = cell.reshape(-1)
-    count = np.bincount(cell)
-    return np.stack([np.bincount(cell, places[:, k]) / count for k in range(3)], axis=1)
+    cells = np.zeros((0, 3))
+    if len(places):
+        _, cell = np.unique(np.floor(places / METRE), axis=0, return_inverse=True)
+        cell = cell.reshape(-1)
+        count = np.bincount(cell)
+        cells = np.stack([np.bincount(cell, places[:, k]) / count for k in range(3)], axis=1)
+    on_spans = [
+        model.curve.position(np.arange(min(model.start_x, model.end_x) + METRE / 2,
+                                       max(model.start_x, model.end_x), METRE))
+        for model in lines.spans.models
+    ]
+    if not on_spans:
+        return cells
+    metres = np.concatenate(on_spans)
+    if len(cells):
+        metres = metres[cKDTree(cells).query(metres)[0] > EXPLAINED_DISTANCE]
+    return np.concatenate([cells, metres])
 
 
 def measure_gaps(models: Sequence[SpanModel]) -> Float64:

@@ -93,7 +93,7 @@ def measure_sensitivity(
     steps = [
         (name, to) for name in names or list_names() for to in change(settings, name)
     ]
-    with Workers(points, seed, truth, num_workers) as workers:
+    with Workers(points, seed, truth, num_workers, settings) as workers:
         results = workers.look(
             [settings, *(update(settings, {name: to}) for name, to in steps)]
         )

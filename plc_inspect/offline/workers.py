@@ -52,9 +52,10 @@ class Workers:
         seed: int,
         truth: tuple[Bool, Bool] | None = None,
         num_workers: int | None = None,
+        base: Settings | None = None,
     ) -> None:
-        """Take the (N, 3) cloud [m], and the (N,) wire points and those left out."""
-        self._given = points, seed, truth
+        """Take what an Objective takes; its points are (N, 3) [m]."""
+        self._given = points, seed, truth, base
         if num_workers is None:
             enough = len(points) >= LEAST_POINTS
             num_workers = min(NUM_WORKERS, os.cpu_count() or 1) if enough else 1
@@ -65,15 +66,16 @@ class Workers:
 
     def __enter__(self) -> Self:
         """Start the workers."""
-        points, seed, truth = self._given
+        points, seed, truth, base = self._given
         if self.num_workers == 1:
-            self._objective = Objective(points, seed=seed, truth=truth)
+            self._objective = Objective(points, seed=seed, truth=truth, base=base)
             return self
         self._folder = tempfile.TemporaryDirectory(prefix='plc_tune_')
         path = Path(self._folder.name) / 'points.npy'
         np.save(path, points)
         self._pool = ProcessPoolExecutor(
-            self.num_workers, multiprocessing.get_context('spawn'), _start, (path, seed, truth)
+            self.num_workers, multiprocessing.get_context('spawn'), _start,
+            (path, seed, truth, base),
         )
         return self
 
@@ -106,13 +108,15 @@ class Workers:
                 yield self._objective.look(settings)
 
 
-def _start(path: Path, seed: int, truth: tuple[Bool, Bool] | None) -> None:
+def _start(
+    path: Path, seed: int, truth: tuple[Bool, Bool] | None, base: Settings | None
+) -> None:
     """Prepare a worker process; interrupts are the parent's."""
     global _objective
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     numba.set_num_threads(1)
     points = np.asarray(np.load(path, mmap_mode='c'))
-    _objective = Objective(points, seed=seed, truth=truth)
+    _objective = Objective(points, seed=seed, truth=truth, base=base)
 
 
 def _look(settings: Settings) -> tuple[Score, Int64]:

@@ -22,8 +22,11 @@ import pytest
 from toys import make_curve, make_line_cloud, make_tree, make_wire
 
 from plc_inspect.config import Settings, update
+from plc_inspect.core.memory import StageMemory
 from plc_inspect.core.objective import (
     choose_part,
+    FOUND_ONCE,
+    gather_evidence,
     is_line,
     judge,
     measure_f1,
@@ -33,6 +36,7 @@ from plc_inspect.core.objective import (
     Objective,
     PRIOR,
 )
+from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.core.span_model import SpanModel
 
 EVIDENCE = np.column_stack([np.arange(0.5, 100.0), np.zeros(100), np.full(100, 15.0)])
@@ -109,6 +113,35 @@ def test_what_half_of_the_points_do_not_show_again_is_worth_nothing():
     assert not is_line(judge([model], [other], EVIDENCE, Settings()))
     assert not is_line(judge([model], [], EVIDENCE, Settings()))
     np.testing.assert_array_equal(measure_stability([model, other], [model]), [1.0, 0.0])
+
+
+def test_one_of_two_that_is_not_found_again_is_worth_less_but_not_nothing():
+    model, other = make_model(), make_model(offset=5.0)
+    more = np.vstack([EVIDENCE, EVIDENCE + np.array([0.0, 5.0, 0.0])])
+    both = judge([model, other], [model, other], more, Settings())
+    once = judge([model, other], [model], more, Settings())
+    lost = judge([model], [model], more, Settings())
+    assert once.value == pytest.approx(both.value * (1.0 + FOUND_ONCE) / 2, rel=0.01)
+    assert lost.value < once.value < both.value
+    assert (once.num_stable, once.num_spans) == (1, 2)
+
+
+def test_thin_conductors_that_are_in_line_in_few_cells_are_to_be_found_too():
+    """Of 2 points a metre, too few cells hold enough of them to look like a line."""
+    points = make_line_cloud(spans=(60.0,), half_width=15.0, per_metre=2.0)[0]
+    settings = Settings()
+    evidence = gather_evidence(points, settings, StageMemory(1))
+    spans = Pipeline(settings).find_lines(points).spans.models
+    assert len(spans) == 3
+    metres = np.concatenate([
+        model.curve.position(np.arange(model.low + 1.0, model.high)) for model in spans
+    ])
+    away = np.linalg.norm(evidence[None] - metres[:, None], axis=2)
+    assert away.min(axis=1).max() <= 1.5
+    assert len(evidence) < 2.5 * len(metres)
+    none = gather_evidence(points, update(settings, {'catenary.min_length': 90.0}),
+                           StageMemory(1))
+    assert len(none) < len(evidence)
 
 
 def test_of_equals_the_nearest_to_table_1_is_best():

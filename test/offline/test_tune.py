@@ -36,7 +36,7 @@ import yaml
 from plc_inspect.config import Settings, update
 from plc_inspect.core.objective import is_line, Objective
 from plc_inspect.core.pipeline import Pipeline
-from plc_inspect.offline import sensitivity
+from plc_inspect.offline import sensitivity, tuning
 from plc_inspect.offline.parameter_file import read_settings
 from plc_inspect.offline.sensitivity import change, list_names, measure_change
 from plc_inspect.offline.tune import main
@@ -125,6 +125,17 @@ def test_the_search_for_f1_finds_it(file, tmp_path, capfd, cloud):
     wire = Pipeline(read_settings(output)).find_lines(cloud[0]).spans.line_id >= 0
     right = (wire & (cloud[1] == 14)).sum()
     assert 2 * right / (wire.sum() + (cloud[1] == 14).sum()) > 0.97
+
+
+def test_settings_are_not_left_for_a_gain_that_shows_nothing(cloud, monkeypatch):
+    given = update(Settings(), {'clustering.eps': 0.5, 'height.num_bins': 250})
+    told = []
+    tuned = tune(cloud[0], given, budget=24, tell=told.append)
+    assert tuned.settings == given
+    assert tuned.after == tuned.before
+    assert sum('the settings given are kept' in line for line in told) == 1
+    monkeypatch.setattr(tuning, 'WORTH_CHANGING', 0.0)
+    assert tune(cloud[0], given, budget=24).after.value > tuned.before.value
 
 
 def test_other_settings_that_were_given_are_kept(file, tmp_path):
