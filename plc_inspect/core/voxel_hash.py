@@ -31,6 +31,8 @@ TILE_BITS = 7
 """Tiles are columns of 2^7 by 2^7 voxels."""
 MOST_TILES = 1 << 18
 """Points that lie on more tiles than this are not ordered."""
+BLOCK = 64
+"""Points that are looked for together: many wait for memory at a time then."""
 _MASK = (1 << KEY_BITS) - 1
 
 UInt32 = NDArray[np.uint32]
@@ -157,11 +159,15 @@ def _fill_table(keys: Int64, counts: UInt32, table: Int32) -> None:
 
 
 @njit(cache=True, nogil=True, inline='always')
-def _take_in(slot, offset, sequence, counts, moments, touched):  # type: ignore[no-untyped-def]
-    """Bring the means of one voxel up to date with one more point."""
+def _count_in(slot, counts):  # type: ignore[no-untyped-def]
+    """Count one more point of a voxel, and return its share of all."""
     counts[slot] += 1
-    touched[slot] = sequence
-    share = np.float32(1.0) / np.float32(counts[slot])
+    return np.float32(1.0) / np.float32(counts[slot])
+
+
+@njit(cache=True, nogil=True, inline='always')
+def _take_in(slot, offset, share, moments):  # type: ignore[no-untyped-def]
+    """Bring the means of one voxel up to date with one more point, of this share of all."""
     x, y, z = offset[0], offset[1], offset[2]
     row = moments[slot]
     row[0] += (x - row[0]) * share
@@ -179,12 +185,10 @@ def _take_in(slot, offset, sequence, counts, moments, touched):  # type: ignore[
 def add_to_known(
     keys: Int64,
     offsets: Float32,
-    sequence: int,
     table: Int32,
     slot_keys: Int64,
     counts: UInt32,
     moments: Float32,
-    touched: Int32,
 ) -> Int64:
     """
     Add those points whose voxels are there, and return the others.
@@ -193,9 +197,7 @@ def add_to_known(
     ----------
     keys, offsets : Int64, Float32
         As from ``locate_voxels``.
-    sequence : int
-        Number of this insertion.
-    table, slot_keys, counts, moments, touched
+    table, slot_keys, counts, moments
         The map's arrays, changed in place.
 
     Returns
@@ -207,17 +209,35 @@ def add_to_known(
     mask = len(table) - 1
     missing = np.empty(len(keys), dtype=np.int64)
     num = 0
-    for i in range(len(keys)):
-        place = hash_key(keys[i]) & mask
-        slot = table[place] - 1
-        while slot >= 0 and slot_keys[slot] != keys[i]:
-            place = (place + 1) & mask
-            slot = table[place] - 1
-        if slot < 0:
-            missing[num] = i
-            num += 1
-        else:
-            _take_in(slot, offsets[i], sequence, counts, moments, touched)
+    places = np.empty(BLOCK, dtype=np.int64)
+    slots = np.empty(BLOCK, dtype=np.int64)
+    known = np.empty(BLOCK, dtype=np.int64)
+    shares = np.empty(BLOCK, dtype=np.float32)
+    for first in range(0, len(keys), BLOCK):
+        block = min(BLOCK, len(keys) - first)
+        for k in range(block):
+            places[k] = hash_key(keys[first + k]) & mask
+        for k in range(block):
+            slots[k] = table[places[k]] - 1
+        for k in range(block):
+            known[k] = slot_keys[max(slots[k], 0)]
+        for k in range(block):
+            i = first + k
+            place, slot, key = places[k], slots[k], known[k]
+            while slot >= 0 and key != keys[i]:
+                place = (place + 1) & mask
+                slot = table[place] - 1
+                key = slot_keys[max(slot, 0)]
+            slots[k] = slot
+        for k in range(block):
+            if slots[k] >= 0:
+                shares[k] = _count_in(slots[k], counts)
+        for k in range(block):
+            if slots[k] < 0:
+                missing[num] = first + k
+                num += 1
+            else:
+                _take_in(slots[k], offsets[first + k], shares[k], moments)
     return missing[:num].copy()
 
 
@@ -271,7 +291,6 @@ def accumulate_points(
     offsets: Float32,
     chosen: Int64,
     start: int,
-    sequence: int,
     size: int,
     final: bool,
     free: Int32,
@@ -282,7 +301,6 @@ def accumulate_points(
     slot_keys: Int64,
     counts: UInt32,
     moments: Float32,
-    touched: Int32,
 ) -> tuple[int, int, int, int, int]:
     """
     Add chosen points to their voxels until all are in or there is no room.
@@ -295,8 +313,6 @@ def accumulate_points(
         (M,) points to add, in this order.
     start : int
         First of these to add.
-    sequence : int
-        Number of this insertion.
     size : int
         Slots that were ever in use.
     final : bool
@@ -309,7 +325,7 @@ def accumulate_points(
         (M,) slots of the voxels made so far by this insertion, changed in place.
     num_created : int
         How many they are.
-    table, slot_keys, counts, moments, touched
+    table, slot_keys, counts, moments
         The map's arrays, changed in place.
 
     Returns
@@ -321,11 +337,20 @@ def accumulate_points(
     """
     mask = len(table) - 1
     refused = 0
+    places = np.empty(BLOCK, dtype=np.int64)
+    slots = np.empty(BLOCK, dtype=np.int64)
     for k in range(start, len(chosen)):
+        ahead = (k - start) % BLOCK
+        if ahead == 0:
+            block = min(BLOCK, len(chosen) - k)
+            for j in range(block):
+                places[j] = hash_key(keys[chosen[k + j]]) & mask
+            for j in range(block):
+                slots[j] = table[places[j]] - 1
         i = chosen[k]
-        key = keys[i]
-        place = hash_key(key) & mask
-        slot = table[place] - 1
+        key, place, slot = keys[i], places[ahead], slots[ahead]
+        if slot < 0:  # unless one of this block has come there
+            slot = table[place] - 1
         while slot >= 0 and slot_keys[slot] != key:
             place = (place + 1) & mask
             slot = table[place] - 1
@@ -346,7 +371,7 @@ def accumulate_points(
             table[place] = slot + 1
             created[num_created] = slot
             num_created += 1
-        _take_in(slot, offsets[i], sequence, counts, moments, touched)
+        _take_in(slot, offsets[i], _count_in(slot, counts), moments)
     return size, num_free, num_created, len(chosen), refused
 
 

@@ -16,10 +16,10 @@
 The global map: a hash of voxels that keep the moments of their points, not the points.
 
 A voxel stores its number of points, their mean offset from the voxel's centre, the mean outer
-product of those offsets, the number of the insertion that last touched it, a label and the next
-voxel of its plan cell: 57 bytes, and 8 to 16 bytes of hash table.  Means instead of sums, so that
-float32 keeps its precision however often a voxel is hit; sums of any union of voxels follow
-exactly from means and counts.
+product of those offsets, a label and the next voxel of its plan cell: 57 bytes with its place in
+the list of free ones, and 8 to 16 bytes of hash table.  Means instead of sums, so that float32
+keeps its precision however often a voxel is hit; sums of any union of voxels follow exactly from
+means and counts.
 """
 
 from dataclasses import dataclass
@@ -103,7 +103,6 @@ class VoxelMap:
         self._keys: Int64 = np.empty(capacity, dtype=np.int64)
         self._counts: UInt32 = np.zeros(capacity, dtype=np.uint32)
         self._moments: Float32 = np.zeros((capacity, 9), dtype=np.float32)
-        self._touched: Int32 = np.zeros(capacity, dtype=np.int32)
         self._following: Int32 = np.zeros(capacity, dtype=np.int32)
         self._labels: UInt8 = np.zeros(capacity, dtype=np.uint8)
         self._free: Int32 = np.zeros(capacity, dtype=np.int32)
@@ -113,8 +112,7 @@ class VoxelMap:
 
     def _all_arrays(self) -> tuple[NDArray[np.generic], ...]:
         return (
-            self._keys, self._counts, self._moments, self._touched, self._following,
-            self._labels, self._free,
+            self._keys, self._counts, self._moments, self._following, self._labels, self._free,
         )
 
     def _arrays(self) -> tuple[NDArray[np.generic], ...]:
@@ -235,18 +233,17 @@ class VoxelMap:
         self._origin = origin
         self._sequence += 1
         missing = add_to_known(
-            keys, offsets, self._sequence, self._table, self._keys, self._counts, self._moments,
-            self._touched,
+            keys, offsets, self._table, self._keys, self._counts, self._moments
         )
         missing = order_by_tile(keys, missing)
         start, num_created, num_refused = 0, 0, 0
         created: Int32 = np.empty(len(missing), dtype=np.int32)
         while True:
             self._size, self._num_free, num_created, start, refused = accumulate_points(
-                keys, offsets, missing, start, self._sequence, self._size,
+                keys, offsets, missing, start, self._size,
                 self._capacity == self._max_voxels,
                 self._free, self._num_free, created, num_created,
-                self._table, self._keys, self._counts, self._moments, self._touched,
+                self._table, self._keys, self._counts, self._moments,
             )
             num_refused += refused
             if start == len(missing):
