@@ -252,15 +252,17 @@ def _fill_cells(keys, table):  # type: ignore[no-untyped-def]
 def _link_slots(  # type: ignore[no-untyped-def]
     slots, start, keys, origin, per_cell, sequence, following, num, table, cell_keys, head, state
 ):
-    last_key, cell = np.int64(-1), np.int64(-1)
+    left, front, cell = np.int64(0), np.int64(0), np.int64(-1)
     for i in range(start, len(slots)):
         slot = slots[i]
         key = keys[slot]
         x = (key >> (2 * KEY_BITS)) - KEY_HALF_RANGE + origin[0]
         y = ((key >> KEY_BITS) & _MASK) - KEY_HALF_RANGE + origin[1]
         z = np.int32((key & _MASK) - KEY_HALF_RANGE)
-        cell_key = ((x // per_cell) << 32) + (y // per_cell) + (1 << 31)
-        if cell < 0 or cell_key != last_key:
+        if cell < 0 or not (0 <= x - left < per_cell and 0 <= y - front < per_cell):
+            column, row_of = x // per_cell, y // per_cell
+            left, front = column * per_cell, row_of * per_cell
+            cell_key = (column << 32) + row_of + (1 << 31)
             cell, place = _find(cell_key, table, cell_keys)
             if cell < 0:
                 if num == len(cell_keys):
@@ -271,7 +273,6 @@ def _link_slots(  # type: ignore[no-untyped-def]
                 table[place] = cell + 1
                 state[cell, 3] = z
                 state[cell, 4] = z
-            last_key = cell_key
         following[slot] = head[cell]
         head[cell] = slot
         row = state[cell]
