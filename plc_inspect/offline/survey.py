@@ -16,6 +16,7 @@
 
 import argparse
 from collections.abc import Sequence
+from concurrent.futures import Future
 import importlib
 from pathlib import Path
 from threading import Thread
@@ -27,6 +28,7 @@ from plc_inspect.offline.command import DONE, make_parser, Progress, run_command
 if TYPE_CHECKING:
     from plc_inspect.config import Settings
     from plc_inspect.core.clearance import RuleSet
+    from plc_inspect.offline.clouds import Cloud
     from plc_inspect.offline.inspection import Inspection
 
 NAME = 'plc_survey'
@@ -45,6 +47,7 @@ def survey(
     crs: str | None = None,
     progress: Progress | None = None,
     rules: 'RuleSet | None' = None,
+    reading: 'Future[Cloud] | None' = None,
 ) -> 'Inspection':
     """
     Run the pipeline over one cloud.
@@ -61,6 +64,8 @@ def survey(
         Called with the name of the step and its share.
     rules : RuleSet or None
         Clearance rules, by default the plain ones of the settings.
+    reading : Future or None
+        From ``begin_reading``, where that was called before.
 
     Returns
     -------
@@ -76,19 +81,16 @@ def survey(
     """
     from plc_inspect.core.pipeline import Pipeline
     from plc_inspect.errors import DataError
-    from plc_inspect.offline.clouds import read_cloud
     from plc_inspect.offline.inspection import Inspection, Units
     from plc_inspect.offline.request import hash_input
 
     tell = progress or (lambda step, share: None)
     started = time.perf_counter()
     tell('reading', 0.0)
-    loading = Thread(target=_load, args=(settings,), daemon=True)
+    reading = reading or begin_reading(path, crs)
     if path.is_file() and path.stat().st_size > LARGE:
-        loading.start()
-    cloud = read_cloud(path, crs)
-    if loading.ident is not None:
-        loading.join()
+        _load(settings)
+    cloud = reading.result()
     num_points = len(cloud.points)
     num_finite = num_points - cloud.num_not_finite
     if num_finite < settings.segment.min_points:
@@ -117,6 +119,22 @@ def survey(
     )
 
 
+def begin_reading(path: Path, crs: str | None = None) -> 'Future[Cloud]':
+    """Begin to read a cloud; most of it is done outside of Python, beside what else is done."""
+    from plc_inspect.offline.clouds import read_cloud
+
+    reading: Future[Cloud] = Future()
+
+    def read() -> None:
+        try:
+            reading.set_result(read_cloud(path, crs))
+        except BaseException as error:
+            reading.set_exception(error)
+
+    Thread(target=read, daemon=True).start()  # nobody waits for it where a request is wrong
+    return reading
+
+
 def _load(settings: 'Settings') -> None:
     """Load what comes after reading: a LAZ file is decompressed outside of Python."""
     from plc_inspect.core.warm_up import warm_up_pipeline
@@ -127,6 +145,7 @@ def _load(settings: 'Settings') -> None:
 
 def _run(argv: Sequence[str] | None) -> int:
     arguments = _parse(argv)
+    reading = begin_reading(arguments.cloud, arguments.crs)
     from plc_inspect.offline.parameter_file import read_settings
     from plc_inspect.offline.request import complete, read_request
     from plc_inspect.offline.results_folder import check_folder, write_results
@@ -136,7 +155,9 @@ def _run(argv: Sequence[str] | None) -> int:
     request, settings = read_request(arguments, settings)
     check_folder(arguments.output, arguments.force)
     with show_progress(arguments.quiet) as progress:
-        inspection = survey(arguments.cloud, settings, arguments.crs, progress, request.rules)
+        inspection = survey(
+            arguments.cloud, settings, arguments.crs, progress, request.rules, reading
+        )
         inspection = complete(inspection, request)
         progress('writing', 0.0)
         write_results(arguments.output, inspection, arguments.force, request.pdf)
