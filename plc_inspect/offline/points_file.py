@@ -14,6 +14,7 @@
 
 """Writes ``points.laz``: every point with its class, conductor, clearance and decision."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import laspy
@@ -36,6 +37,15 @@ _MODERN_FORMAT = {0: 6, 1: 6, 2: 7, 3: 7, 4: 9, 5: 10}
 _SCAN_ANGLE_STEP = 0.006
 """Degrees in one unit of ``scan_angle`` (LAS 1.4 R15, table 15)."""
 _LARGEST = 2**31 - 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Head:
+    """Fields that lie alike at the beginning of two kinds of record."""
+
+    names: frozenset[str]
+    size: int
+    """[bytes]"""
 
 
 def write_points(path: Path, inspection: Inspection) -> int:
@@ -103,11 +113,15 @@ def _write_las(path: Path, las: laspy.LasData, inspection: Inspection) -> None:
     source = las.points.array
     kept = [name for name in header.point_format.dtype().names if name in source.dtype.names]
     kept = [name for name in kept if name not in ours]
+    same = _find_common_head(source.dtype, header.point_format.dtype())
+    rest = [name for name in kept if name not in same.names]
     with _open(path, header) as writer:
         for begin in range(0, len(source), CHUNK_SIZE):
             chunk = slice(begin, begin + CHUNK_SIZE)
             record = _make_record(header, len(source[chunk]))
-            for name in kept:
+            if same.size:
+                _view_head(record.array, same)[:] = _view_head(source[chunk], same)
+            for name in rest:
                 record.array[name] = source[name][chunk]
             _put_result(record.array, inspection.result, chunk)
             writer.write_points(record)
@@ -184,6 +198,29 @@ def _open(path: Path, header: laspy.LasHeader) -> laspy.LasWriter:
 
 def _make_record(header: laspy.LasHeader, size: int) -> laspy.ScaleAwarePointRecord:
     return laspy.ScaleAwarePointRecord.zeros(size, header=header)
+
+
+def _find_common_head(first: np.dtype[np.void], second: np.dtype[np.void]) -> _Head:
+    """Return the fields with which the records of two types begin alike."""
+    names, size = [], 0
+    for name in first.names or ():
+        if second.fields is None or first.fields is None:
+            break
+        if name not in second.fields or first.fields[name] != second.fields[name]:
+            break
+        names.append(name)
+        size = first.fields[name][1] + first.fields[name][0].itemsize
+    return _Head(names=frozenset(names), size=size)
+
+
+def _view_head(records: NDArray[np.void], head: _Head) -> NDArray[np.void]:
+    """Return a view of the first bytes of records, which numpy copies at once."""
+    kind = np.dtype({
+        'names': ['head'], 'formats': [f'V{head.size}'], 'offsets': [0],
+        'itemsize': records.dtype.itemsize,
+    })
+    view: NDArray[np.void] = records.view(kind)['head']
+    return view
 
 
 def _put_result(

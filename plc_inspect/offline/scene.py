@@ -29,7 +29,7 @@ from plc_inspect.offline.inspection import (
 )
 from plc_inspect.results import Float32, Float64, Int32, Int64, PointClass, UInt8
 
-MOST_POINTS = 1_500_000
+MOST_POINTS = 1_000_000
 """More points than this are thinned out for the figures, those of the corridor last."""
 LINE_COLORS = (
     '#0072b2', '#d55e00', '#8e44ad', '#c2185b', '#00838f', '#e69f00', '#5d4037', '#3f51b5',
