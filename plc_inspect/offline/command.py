@@ -15,8 +15,10 @@
 """What the command lines share: arguments, one-line errors, exit codes, progress."""
 
 import argparse
+import atexit
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+import gc
 import os
 from pathlib import Path
 import signal
@@ -28,6 +30,10 @@ from typing import Any, NoReturn
 from plc_inspect.errors import PlcInspectError
 
 DONE, DEFECT, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+COLLECT_AFTER = 100_000
+"""New objects after which garbage is looked for: to load a command makes many, and all stay."""
+atexit.register(gc.freeze)  # a process that ends looks through all its objects otherwise
 
 Progress = Callable[[str, float], None]
 """Called with the name of the step and its share, 0 to 1."""
@@ -118,7 +124,7 @@ def run_command(name: str, body: Callable[[], int]) -> int:
 
     """
     try:
-        with _end_on_sigterm():
+        with _end_on_sigterm(), _collect_seldom():
             code = body()
             sys.stdout.flush()
             return code
@@ -165,6 +171,17 @@ def show_progress(quiet: bool, time_left: bool = False) -> Iterator[Progress]:
 def _complain(name: str, text: str) -> int:
     print(f'{name}: {" ".join(text.split())}', file=sys.stderr)
     return BAD_INPUT
+
+
+@contextmanager
+def _collect_seldom() -> Iterator[None]:
+    """Look for garbage less often."""
+    before = gc.get_threshold()
+    gc.set_threshold(COLLECT_AFTER, *before[1:])
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)
 
 
 @contextmanager

@@ -57,6 +57,8 @@ LAYOUTS = {
 }
 """Rows of the clouds; the node's messages have the same."""
 _DATATYPES = {'u1': 2, 'i4': 5, 'u4': 6, 'f4': 7}
+STORE = get_typestore(Stores.ROS2_JAZZY)
+
 _LINE_STRIP, _SPHERE, _CYLINDER, _TEXT = 4, 2, 3, 9
 
 
@@ -155,7 +157,7 @@ class _Sink:
     def __init__(self, writer: Writer, frame: str) -> None:
         """Take an open bag and the frame of everything that is written."""
         self.writer, self.frame = writer, frame
-        self.store = get_typestore(Stores.ROS2_JAZZY)
+        self.store = STORE
 
     def make(self, kind: str, **values: Any) -> Any:
         """Make a message."""

@@ -71,19 +71,9 @@ def render_report(inspection: Inspection) -> str:
     The text of the page.
 
     """
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader('plc_inspect', 'offline/templates'),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
-    environment.filters.update(
-        number=format_number, count=_format_count, percent=_format_percent, coordinate=_place
-    )
     scene = make_scene(inspection)
     result = inspection.result
-    return environment.get_template('report.html.j2').render(
+    return PAGE.render(
         version=__version__,
         inspection=inspection,
         scene=scene,
@@ -281,3 +271,20 @@ def _list_settings(inspection: Inspection) -> list[Record]:
             'changed': value != plain,
         })
     return rows
+
+
+def _load_page() -> jinja2.Template:
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader('plc_inspect', 'offline/templates'),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    environment.filters.update(
+        number=format_number, count=_format_count, percent=_format_percent, coordinate=_place
+    )
+    return environment.get_template('report.html.j2')
+
+
+PAGE = _load_page()
