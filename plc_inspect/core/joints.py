@@ -18,9 +18,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
+from numba import njit
 import numpy as np
 
 from plc_inspect.core.curve import Curve
+from plc_inspect.core.nearest import height_of, span_table
 from plc_inspect.results import Float64
 
 MAX_TURN = math.radians(65.0)
@@ -96,12 +98,15 @@ def find_joints(curves: Sequence[Curve], max_reach: float) -> tuple[Joint, ...]:
     across = np.abs(apart[:, :, 0] * outward[:, None, 1] - apart[:, :, 1] * outward[:, None, 0])
     near = (distance < 2 * max_reach) & (ahead > -2 * MAX_OVERLAP)
     near &= across < 3.0 + np.abs(ahead) * math.tan(MAX_TURN / 2) + 0.5
+    table = span_table(curves, *np.array([(curve.low, curve.high) for curve in curves]).T)
     candidates = []
     for i, j in np.argwhere(np.triu(near & facing & near.T, 1)):
         first, second = ends[i], ends[j]
         if first[0] == second[0]:
             continue
-        joint = _meet(curves, (first[0], second[0]), (first[1], second[1]), max_reach)
+        joint = _meet(
+            curves, table, (first[0], second[0]), (first[1], second[1]), max_reach
+        )
         if joint is not None:
             candidates.append(joint)
     candidates.sort(key=lambda joint: (joint.cost, joint.curves, joint.sides))
@@ -120,49 +125,74 @@ def _outward(curve: Curve, side: int) -> Float64:
 
 
 def _meet(
-    curves: Sequence[Curve], pair: tuple[int, int], sides: tuple[int, int], max_reach: float
+    curves: Sequence[Curve], table: Float64, pair: tuple[int, int], sides: tuple[int, int],
+    max_reach: float,
 ) -> Joint | None:
     """Closest approach of two curves near their facing ends."""
     first, second = curves[pair[0]], curves[pair[1]]
-    end = first.high if sides[0] > 0 else first.low
-    reach = min(max_reach, 0.7 * first.length + 2.0)
-    other_end = second.high if sides[1] > 0 else second.low
-    other_reach = min(max_reach, 0.7 * second.length + 2.0)
-    x = end + sides[0] * np.arange(-min(MAX_OVERLAP, first.length / 2), reach, 0.25)
-    for step in (0.02, 0.0):
-        at = first.position(x)
-        other_x, other_y = second.local(at)
-        beyond = (other_x - other_end) * sides[1]
-        valid = (beyond > -min(MAX_OVERLAP, second.length / 2)) & (beyond < other_reach)
-        if not valid.any():
-            return None
-        miss = np.hypot(other_y, at[:, 2] - second.fit.height(other_x))
-        best = int(np.argmin(np.where(valid, miss, np.inf)))
-        if step:
-            x = x[best] + np.arange(-0.25, 0.2501, step)
-    beyond_first = (x[best] - end) * sides[0]
-    slack = 3 * max(
-        float(first.prediction_sigma(x[best : best + 1])[0]),
-        float(second.prediction_sigma(other_x[best : best + 1])[0]),
+    x, other_x, miss = _approach(
+        table[pair[0]], table[pair[1]], sides[0], sides[1],
+        min(max_reach, 0.7 * first.length + 2.0), min(max_reach, 0.7 * second.length + 2.0),
     )
-    if miss[best] > MAX_MISS + min(slack, MAX_MISS):
+    if miss > 2 * MAX_MISS:
         return None
-    rise = sides[0] * float(first.fit.slope(x[best])) + sides[1] * float(
-        second.fit.slope(other_x[best])
+    slack = 3 * max(
+        float(first.prediction_sigma(np.array([x]))[0]),
+        float(second.prediction_sigma(np.array([other_x]))[0]),
     )
+    if miss > MAX_MISS + min(slack, MAX_MISS):
+        return None
+    rise = sides[0] * float(first.fit.slope(x)) + sides[1] * float(second.fit.slope(other_x))
     if rise < MIN_RISE:
         return None
-    here = (at[best] + second.position(other_x[best])[0]) / 2
-    stretch = max(beyond_first, 0.0) + max(float(beyond[best]), 0.0)
-    overlap = max(-beyond_first, 0.0) + max(-float(beyond[best]), 0.0)
+    here = (first.position(x)[0] + second.position(other_x)[0]) / 2
+    beyond = (x - (first.high if sides[0] > 0 else first.low)) * sides[0]
+    other_beyond = (other_x - (second.high if sides[1] > 0 else second.low)) * sides[1]
+    stretch = max(beyond, 0.0) + max(other_beyond, 0.0)
+    overlap = max(-beyond, 0.0) + max(-other_beyond, 0.0)
     axis = _outward(second, sides[1]) - _outward(first, sides[0])
     return Joint(
         curves=pair,
         sides=sides,
-        x=(float(x[best]), float(other_x[best])),
+        x=(x, other_x),
         position=here,
         direction=math.atan2(axis[1], axis[0]),
         kink=rise,
-        miss=float(miss[best]),
-        cost=float(miss[best]) + STRETCH_COST * stretch + OVERLAP_COST * overlap,
+        miss=miss,
+        cost=miss + STRETCH_COST * stretch + OVERLAP_COST * overlap,
     )
+
+
+@njit(cache=True, nogil=True)
+def _approach(row, other, side, other_side, reach, other_reach):  # type: ignore[no-untyped-def]
+    """
+    Where two curves, as rows of span_table, are nearest about their facing ends.
+
+    Returned are the place along each of them and their distance there [m], inf where neither
+    comes near the end of the other.
+    """
+    end = row[9] if side > 0 else row[8]
+    other_end = other[9] if other_side > 0 else other[8]
+    back = min(MAX_OVERLAP, (row[9] - row[8]) / 2)
+    other_back = min(MAX_OVERLAP, (other[9] - other[8]) / 2)
+    best_x, best_other_x, best = end, other_end, np.inf
+    for fine in range(2):
+        if fine == 0:
+            first, step, num = end - side * back, 0.25 * side, int(math.ceil((reach + back) / 0.25))
+        else:
+            if best == np.inf:
+                break
+            first, step, num = best_x - 0.25, 0.02, 26
+            best = np.inf
+        for k in range(num):
+            x = first + k * step
+            px, py = row[0] + row[2] * x, row[1] + row[3] * x
+            dx, dy = px - other[0], py - other[1]
+            other_x, across = other[2] * dx + other[3] * dy, other[2] * dy - other[3] * dx
+            beyond = (other_x - other_end) * other_side
+            if not -other_back < beyond < other_reach:
+                continue
+            miss = math.hypot(across, height_of(row, x) - height_of(other, other_x))
+            if miss < best:
+                best_x, best_other_x, best = x, other_x, miss
+    return best_x, best_other_x, best
