@@ -36,6 +36,8 @@ OVERLAP_COST = 0.1
 """A metre of extrapolation, or of running on beyond the joint, weighs as this much miss."""
 MAX_OVERLAP = 8.0
 """How far a curve may run on beyond its support [m]."""
+COARSE_STEP, FINE_STEP = 0.25, 0.02
+"""Steps in which the nearest places of two curves are looked for [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -178,11 +180,13 @@ def _approach(row, other, side, other_side, reach, other_reach):  # type: ignore
     best_x, best_other_x, best = end, other_end, np.inf
     for fine in range(2):
         if fine == 0:
-            first, step, num = end - side * back, 0.25 * side, int(math.ceil((reach + back) / 0.25))
+            first, step = end - side * back, COARSE_STEP * side
+            num = math.ceil((reach + back) / COARSE_STEP)
         else:
             if best == np.inf:
                 break
-            first, step, num = best_x - 0.25, 0.02, 26
+            first, step = best_x - COARSE_STEP, FINE_STEP
+            num = math.ceil(2 * COARSE_STEP / FINE_STEP) + 1
             best = np.inf
         for k in range(num):
             x = first + k * step
