@@ -190,9 +190,10 @@ def _drop_weak(
         key=lambda group: (-len(group), sum(joint.cost for joint in group)),
     )
     kept: list[tuple[Joint, ...]] = []
+    stations: list[Station] = []
     for group in groups:
         own = _station(group)
-        for other in map(_station, kept):
+        for other in stations:
             apart = own.position - other.position
             along = apart[0] * math.cos(other.direction) + apart[1] * math.sin(other.direction)
             if (
@@ -203,6 +204,7 @@ def _drop_weak(
                 break
         else:
             kept.append(group)
+            stations.append(own)
     believed = {id(joint) for group in kept for joint in group}
     return tuple(joint for joint in joints if id(joint) in believed), tuple(kept)
 
@@ -259,10 +261,10 @@ def cut_at_stations(
 ) -> list[Curve]:
     """Cut curves that pass unbroken through a support at which their neighbours end."""
     result = []
+    placed = [_station(group) for group in stations]
     for curve in curves:
         parts = [curve]
-        for group in stations:
-            station = _station(group)
+        for station in placed:
             if abs(math.sin(station.direction - curve.azimuth)) > math.sin(PARALLEL):
                 continue
             x, y = (float(value[0]) for value in curve.local(station.position[None, :]))
