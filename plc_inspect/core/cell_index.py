@@ -23,7 +23,8 @@ from numba import njit
 import numpy as np
 
 from plc_inspect.core.cell_lists import collect_slots, drop_slots
-from plc_inspect.core.voxel_hash import hash_key, KEY_BITS, KEY_HALF_RANGE, UInt32
+from plc_inspect.core.voxel_hash import UInt32
+from plc_inspect.core.voxel_keys import hash_key, KEY_BITS, KEY_HALF_RANGE
 from plc_inspect.results import Bool, Float64, Int32, Int64, UInt8
 
 CELL_SIZE = 10.0

@@ -17,7 +17,8 @@
 from numba import njit
 import numpy as np
 
-from plc_inspect.core.voxel_hash import forget_key, hash_key
+from plc_inspect.core.voxel_hash import forget_key
+from plc_inspect.core.voxel_keys import hash_key
 
 SAMPLE = 50
 """Of a label that is sampled, a multiple of this many voxels is taken from a cell."""

@@ -15,25 +15,18 @@
 """
 Open addressing hash of voxel keys, in numba.
 
-A key packs three voxel indices relative to the map's origin, 21 bits each.  The table holds
-slot + 1, 0 where free, at a load of at most one half, with linear probing.
+The table holds slot + 1, 0 where free, at a load of at most one half, with linear probing.
 """
 
 from numba import njit
 import numpy as np
 from numpy.typing import NDArray
 
-from plc_inspect.results import Float32, Float64, Int32, Int64
+from plc_inspect.core.voxel_keys import hash_key
+from plc_inspect.results import Float32, Int32, Int64
 
-KEY_BITS = 21
-KEY_HALF_RANGE = 1 << (KEY_BITS - 1)
-TILE_BITS = 7
-"""Tiles are columns of 2^7 by 2^7 voxels."""
-MOST_TILES = 1 << 18
-"""Points that lie on more tiles than this are not ordered."""
 BLOCK = 64
 """Points that are looked for together: many wait for memory at a time then."""
-_MASK = (1 << KEY_BITS) - 1
 
 UInt32 = NDArray[np.uint32]
 
@@ -61,89 +54,6 @@ def build_table(keys: Int64, counts: UInt32, capacity: int) -> Int32:
     table: Int32 = np.zeros(length, dtype=np.int32)
     _fill_table(keys, counts, table)
     return table
-
-
-@njit(cache=True, nogil=True)
-def find_centroids(
-    slots: Int64, slot_keys: Int64, moments: Float32, origin: Int64, voxel_size: float
-) -> Float64:
-    """
-    Return the mean of the points of some voxels.
-
-    Parameters
-    ----------
-    slots : Int64
-        (M,) their slots.
-    slot_keys, moments : Int64, Float32
-        The map's arrays.
-    origin : Int64
-        (3,) voxel index of the origin of the keys.
-    voxel_size : float
-        Edge of a voxel [m].
-
-    Returns
-    -------
-    Float64
-        (M, 3) centroids [m].
-
-    """
-    result = np.empty((len(slots), 3))
-    for i in range(len(slots)):
-        key, row = slot_keys[slots[i]], moments[slots[i]]
-        for j in range(3):
-            relative = ((key >> ((2 - j) * KEY_BITS)) & _MASK) - KEY_HALF_RANGE
-            result[i, j] = (relative + origin[j] + 0.5) * voxel_size + row[j]
-    return result
-
-
-@njit(cache=True, nogil=True)
-def locate_voxels(
-    points: Float64, origin: Int64, voxel_size: float
-) -> tuple[Int64, Float32, int]:
-    """
-    Find the voxel of each point and the point's offset from its centre.
-
-    Parameters
-    ----------
-    points : Float64
-        (N, 3) points [m].
-    origin : Int64
-        (3,) voxel index of the origin of the keys.
-    voxel_size : float
-        Edge of a voxel [m].
-
-    Returns
-    -------
-    tuple[Int64, Float32, int]
-        (N,) packed keys, (N, 3) offsets [m], and the first point that is not finite or has no
-        key, -1 if there is none; after such a point the arrays mean nothing.
-
-    """
-    keys = np.empty(len(points), dtype=np.int64)
-    offsets = np.empty((len(points), 3), dtype=np.float32)
-    for i in range(len(points)):
-        key = np.int64(0)
-        for j in range(3):
-            scaled = np.floor(points[i, j] / voxel_size)
-            relative = scaled - origin[j] + KEY_HALF_RANGE
-            if not 0.0 <= relative < 2.0 * KEY_HALF_RANGE:
-                return keys, offsets, i
-            key = (key << KEY_BITS) | np.int64(relative)
-            offsets[i, j] = points[i, j] - (scaled + 0.5) * voxel_size
-        keys[i] = key
-    return keys, offsets, -1
-
-
-@njit(cache=True, nogil=True)
-def hash_key(key: np.int64) -> np.int64:
-    """Return a well-mixed 64-bit number of a key."""
-    value = np.uint64(key)
-    value ^= value >> np.uint64(33)
-    value *= np.uint64(0xFF51AFD7ED558CCD)
-    value ^= value >> np.uint64(33)
-    value *= np.uint64(0xC4CEB9FE1A85EC53)
-    value ^= value >> np.uint64(33)
-    return np.int64(value)
 
 
 @njit(cache=True, nogil=True)
@@ -239,50 +149,6 @@ def add_to_known(
             else:
                 _take_in(slots[k], offsets[first + k], shares[k], moments)
     return missing[:num].copy()
-
-
-@njit(cache=True, nogil=True)
-def order_by_tile(keys: Int64, chosen: Int64) -> Int64:
-    """
-    Order points by tile, so that voxels near each other are made one after the other.
-
-    Parameters
-    ----------
-    keys : Int64
-        (N,) packed keys.
-    chosen : Int64
-        (M,) points.
-
-    Returns
-    -------
-    Int64
-        (M,) the same points; those of one tile keep their order.
-
-    """
-    num = len(chosen)
-    column, row = np.empty(num, dtype=np.int64), np.empty(num, dtype=np.int64)
-    for k in range(num):
-        key = keys[chosen[k]]
-        column[k] = key >> (2 * KEY_BITS + TILE_BITS)
-        row[k] = (key & ((1 << 2 * KEY_BITS) - 1)) >> (KEY_BITS + TILE_BITS)
-    if num == 0:
-        return chosen
-    left, low = column.min(), row.min()
-    wide = column.max() - left + 1
-    num_tiles = wide * (row.max() - low + 1)
-    if num_tiles > MOST_TILES:
-        return chosen
-    place = np.zeros(num_tiles + 1, dtype=np.int64)
-    for k in range(num):
-        column[k] += (row[k] - low) * wide - left
-        place[column[k] + 1] += 1
-    for tile in range(num_tiles):
-        place[tile + 1] += place[tile]
-    ordered = np.empty(num, dtype=np.int64)
-    for k in range(num):
-        ordered[place[column[k]]] = chosen[k]
-        place[column[k]] += 1
-    return ordered
 
 
 @njit(cache=True, nogil=True)

@@ -33,11 +33,13 @@ from plc_inspect.core.voxel_hash import (
     accumulate_points,
     add_to_known,
     build_table,
+    UInt32,
+)
+from plc_inspect.core.voxel_keys import (
     find_centroids,
     KEY_HALF_RANGE,
     locate_voxels,
     order_by_tile,
-    UInt32,
 )
 from plc_inspect.errors import DataError
 from plc_inspect.results import Bool, Float32, Float64, Int32, Int64, UInt8

@@ -1,0 +1,159 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Keys of voxels, in numba.
+
+A key packs three voxel indices relative to the map's origin, 21 bits each.
+"""
+
+from numba import njit
+import numpy as np
+
+from plc_inspect.results import Float32, Float64, Int64
+
+KEY_BITS = 21
+KEY_HALF_RANGE = 1 << (KEY_BITS - 1)
+TILE_BITS = 7
+"""Tiles are columns of 2^7 by 2^7 voxels."""
+MOST_TILES = 1 << 18
+"""Points that lie on more tiles than this are not ordered."""
+_MASK = (1 << KEY_BITS) - 1
+
+
+@njit(cache=True, nogil=True)
+def locate_voxels(
+    points: Float64, origin: Int64, voxel_size: float
+) -> tuple[Int64, Float32, int]:
+    """
+    Find the voxel of each point and the point's offset from its centre.
+
+    Parameters
+    ----------
+    points : Float64
+        (N, 3) points [m].
+    origin : Int64
+        (3,) voxel index of the origin of the keys.
+    voxel_size : float
+        Edge of a voxel [m].
+
+    Returns
+    -------
+    tuple[Int64, Float32, int]
+        (N,) packed keys, (N, 3) offsets [m], and the first point that is not finite or has no
+        key, -1 if there is none; after such a point the arrays mean nothing.
+
+    """
+    keys = np.empty(len(points), dtype=np.int64)
+    offsets = np.empty((len(points), 3), dtype=np.float32)
+    for i in range(len(points)):
+        key = np.int64(0)
+        for j in range(3):
+            scaled = np.floor(points[i, j] / voxel_size)
+            relative = scaled - origin[j] + KEY_HALF_RANGE
+            if not 0.0 <= relative < 2.0 * KEY_HALF_RANGE:
+                return keys, offsets, i
+            key = (key << KEY_BITS) | np.int64(relative)
+            offsets[i, j] = points[i, j] - (scaled + 0.5) * voxel_size
+        keys[i] = key
+    return keys, offsets, -1
+
+
+@njit(cache=True, nogil=True)
+def find_centroids(
+    slots: Int64, slot_keys: Int64, moments: Float32, origin: Int64, voxel_size: float
+) -> Float64:
+    """
+    Return the mean of the points of some voxels.
+
+    Parameters
+    ----------
+    slots : Int64
+        (M,) their slots.
+    slot_keys, moments : Int64, Float32
+        The map's arrays.
+    origin : Int64
+        (3,) voxel index of the origin of the keys.
+    voxel_size : float
+        Edge of a voxel [m].
+
+    Returns
+    -------
+    Float64
+        (M, 3) centroids [m].
+
+    """
+    result = np.empty((len(slots), 3))
+    for i in range(len(slots)):
+        key, row = slot_keys[slots[i]], moments[slots[i]]
+        for j in range(3):
+            relative = ((key >> ((2 - j) * KEY_BITS)) & _MASK) - KEY_HALF_RANGE
+            result[i, j] = (relative + origin[j] + 0.5) * voxel_size + row[j]
+    return result
+
+
+@njit(cache=True, nogil=True)
+def hash_key(key: np.int64) -> np.int64:
+    """Return a well-mixed 64-bit number of a key."""
+    value = np.uint64(key)
+    value ^= value >> np.uint64(33)
+    value *= np.uint64(0xFF51AFD7ED558CCD)
+    value ^= value >> np.uint64(33)
+    value *= np.uint64(0xC4CEB9FE1A85EC53)
+    value ^= value >> np.uint64(33)
+    return np.int64(value)
+
+
+@njit(cache=True, nogil=True)
+def order_by_tile(keys: Int64, chosen: Int64) -> Int64:
+    """
+    Order points by tile, so that voxels near each other are made one after the other.
+
+    Parameters
+    ----------
+    keys : Int64
+        (N,) packed keys.
+    chosen : Int64
+        (M,) points.
+
+    Returns
+    -------
+    Int64
+        (M,) the same points; those of one tile keep their order.
+
+    """
+    num = len(chosen)
+    column, row = np.empty(num, dtype=np.int64), np.empty(num, dtype=np.int64)
+    for k in range(num):
+        key = keys[chosen[k]]
+        column[k] = key >> (2 * KEY_BITS + TILE_BITS)
+        row[k] = (key & ((1 << 2 * KEY_BITS) - 1)) >> (KEY_BITS + TILE_BITS)
+    if num == 0:
+        return chosen
+    left, low = column.min(), row.min()
+    wide = column.max() - left + 1
+    num_tiles = wide * (row.max() - low + 1)
+    if num_tiles > MOST_TILES:
+        return chosen
+    place = np.zeros(num_tiles + 1, dtype=np.int64)
+    for k in range(num):
+        column[k] += (row[k] - low) * wide - left
+        place[column[k] + 1] += 1
+    for tile in range(num_tiles):
+        place[tile + 1] += place[tile]
+    ordered = np.empty(num, dtype=np.int64)
+    for k in range(num):
+        ordered[place[column[k]]] = chosen[k]
+        place[column[k]] += 1
+    return ordered
