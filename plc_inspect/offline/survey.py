@@ -125,7 +125,22 @@ def survey(
 
 
 def begin_reading(path: Path, crs: str | None = None) -> 'Future[Cloud]':
-    """Begin to read a cloud; most of it is done outside of Python, beside what else is done."""
+    """
+    Begin to read a cloud in a thread of its own.
+
+    Parameters
+    ----------
+    path : Path
+        A LAS, LAZ or PCD file.
+    crs : str or None
+        Coordinate reference system instead of the file's.
+
+    Returns
+    -------
+    Future
+        Of what ``read_cloud`` returns or raises.
+
+    """
     from plc_inspect.offline.clouds import read_cloud
 
     reading: Future[Cloud] = Future()
