@@ -48,6 +48,8 @@ TILE = 100.0
 """Edge of the tiles that the part of a large cloud is chosen by [m]."""
 PRIOR = 0.5
 """What the distance from the initial values of Table 1 may cost."""
+TIE_BREAK = 0.05
+"""And where labels tell what is right."""
 FOUND_ONCE = 0.75
 """Worth of a span that is not found again, by that of one that is."""
 LEAST_STABLE = 0.5
@@ -153,8 +155,9 @@ class Objective:
         wire = np.flatnonzero(spans.line_id >= 0)
         if self.truth is not None:
             f1 = measure_f1(spans.line_id >= 0, *self.truth)
-            score = Score(value=_prefer(f1, settings), f1=f1, num_spans=len(spans.models),
-                          num_stable=len(spans.models))
+            num = len(spans.models)
+            value = _prefer(f1, settings, TIE_BREAK)
+            score = Score(value=value, f1=f1, num_spans=num, num_stable=num)
             return score, wire
         if not spans.models:
             return NOTHING, wire
@@ -214,7 +217,7 @@ def judge(
     evidence : (E, 3) float64
         Metres of what looks like a conductor [m].
     settings : Settings
-        That found them; the distance to the initial values of Table 1 breaks ties.
+        That found them; the distance to the initial values of Table 1 costs up to PRIOR.
 
     Returns
     -------
@@ -240,7 +243,7 @@ def judge(
     worth = float((metres * fit * separation * again_worth).sum()) / total if num_stable else 0.0
     weight = metres / max(float(metres.sum()), 1e-9)
     return Score(
-        value=_prefer(worth, settings),
+        value=_prefer(worth, settings, PRIOR),
         seen=float(metres.sum()) / total,
         fit=float(weight @ fit),
         separation=float(weight @ separation),
@@ -340,9 +343,9 @@ def measure_f1(found: Bool, wire: Bool, left_out: Bool) -> float:
     return 2 * right / (2 * right + wrong) if right else 0.0
 
 
-def _prefer(worth: float, settings: Settings) -> float:
-    """Of settings worth the same, prefer those nearest to the initial values of Table 1."""
-    return worth * (1.0 - PRIOR * measure_distance(get_values(settings)))
+def _prefer(worth: float, settings: Settings, prior: float) -> float:
+    """Prefer settings that are nearer to the initial values of Table 1."""
+    return worth * (1.0 - prior * measure_distance(get_values(settings)))
 
 
 def _without_rules(settings: Settings) -> Settings:

@@ -35,6 +35,7 @@ from plc_inspect.core.objective import (
     NOTHING,
     Objective,
     PRIOR,
+    TIE_BREAK,
 )
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.core.span_model import SpanModel
@@ -181,6 +182,8 @@ def test_better_settings_have_the_better_score(cloud):
     truth = label == 14, np.zeros(len(label), dtype=bool)
     with_truth = Objective(points, truth=truth)
     assert with_truth.score(Settings()).f1 > 0.98
+    far = with_truth.score(update(Settings(), {'height.num_bins': 500}))
+    assert far.f1 * (1.0 - TIE_BREAK) <= far.value < far.f1
     assert with_truth.score(Settings()).f1 > with_truth.score(
         update(Settings(), {'catenary.min_length': 120.0})).f1
 
