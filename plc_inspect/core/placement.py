@@ -23,7 +23,7 @@ from plc_inspect.core.curve import Curve
 from plc_inspect.core.height import ground_at, HeightResult
 from plc_inspect.core.plan_index import gather_strip, PlanIndex
 from plc_inspect.core.route import Route, SIDE_BY_SIDE
-from plc_inspect.core.structures import find_structure, Structure
+from plc_inspect.core.structures import COLUMN, find_structure, Structure
 from plc_inspect.core.supports import Layout
 from plc_inspect.results import Bool, Float64, Support
 
@@ -45,6 +45,8 @@ BEYOND = 5.0
 POLE_SLICE = (0.8, 0.8)
 TOWER_SLICE = (2.0, 2.0)
 """Half thickness along the line, and reach beyond the attachments across it, of supports [m]."""
+STUB_LENGTH, STUB_RADIUS = 2.5, 0.35
+"""What lies in line beyond the end of a conductor goes on with it: jumpers, the next span [m]."""
 
 
 def place_supports(
@@ -55,6 +57,7 @@ def place_supports(
     layout: Layout,
     route: Route,
     finals: Sequence[tuple[Curve, float, float]],
+    end_sigma: Float64,
 ) -> tuple[tuple[Support, ...], Bool, dict[tuple[int, int], tuple[float, float]]]:
     """
     Supports of all stations and of the open ends at which a structure stands.
@@ -81,31 +84,26 @@ def place_supports(
     for members in _group_ends(opened, finals):
         found.append((np.mean([end[2][:2] for end in members], axis=0), members))
     supports = []
-    for position, members in found:
-        is_open = stations[(members[0][1] + 1) // 2][members[0][0]] < 0
+    standing = [
+        (
+            position, members,
+            _find_structure(points, height, index, wire, position, members, finals),
+        )
+        for position, members in found
+    ]
+    for position, members, structure in _unite_at_poles(standing):
+        is_open = [stations[(side + 1) // 2][number] < 0 for number, side, _ in members]
         attachments = np.array([end[2] for end in members])
-        base = float(ground_at(height, position[None, :])[0])
-        structure = None
-        if math.isfinite(base):
-            structure = find_structure(
-                points,
-                height.height,
-                index,
-                wire,
-                position,
-                2.5 if len(members) < 3 else 4.0,
-                float(attachments[:, 2].min()) - base,
-            )
-        if structure is not None and structure.top < float(attachments[:, 2].min()) - MAX_BELOW:
-            structure = None  # what holds conductors reaches up to them; a tree below does not
         is_pole = structure is not None and structure.kind == 'pole'
         held = len(members) > 1 and (
             structure is not None
             or _are_held(points, height, index, wire, members, finals)
         )
-        if is_open and not is_pole and not held:
+        if all(is_open) and not is_pole and not held:
             continue
-        if is_open:
+        if structure is not None and is_pole:
+            closed |= _reach_pole(members, structure, finals, end_sigma)
+        elif all(is_open):
             closed |= _reach_support(members, finals)
         azimuth = _mean_azimuth(members, finals)
         place = _settle(position, structure, azimuth)
@@ -122,6 +120,8 @@ def place_supports(
             structure.kind == 'pole' if structure is not None else len(members) < 3,
             mask,
         )
+        for end in members:
+            _mark_stub(points, index, end[2], _outward(end, finals), mask)
         if not math.isfinite(foot):
             foot = float(attachments[:, 2].min())
         supports.append(
@@ -145,6 +145,58 @@ def place_supports(
     )
 
 
+def _find_structure(
+    points: Float64,
+    height: HeightResult,
+    index: PlanIndex,
+    wire: Bool,
+    position: Float64,
+    members: Sequence[tuple[int, int, Float64]],
+    finals: Sequence[tuple[Curve, float, float]],
+) -> Structure | None:
+    """Find what stands at the ends of conductors and reaches up to them."""
+    base = float(ground_at(height, position[None, :])[0])
+    if not math.isfinite(base):
+        return None
+    attachment = np.array([end[2][2] for end in members])
+    structure = find_structure(
+        points,
+        height.height,
+        index,
+        wire,
+        position,
+        _mean_azimuth(members, finals),
+        2.5 if len(members) < 3 else 4.0,
+        float(attachment.min()) - base,
+        float(attachment.max()) - base,
+    )
+    if structure is not None and structure.top < float(attachment.min()) - MAX_BELOW:
+        return None  # a tree below does not hold them
+    return structure
+
+
+def _unite_at_poles(
+    standing: Sequence[tuple[Float64, list[tuple[int, int, Float64]], Structure | None]],
+) -> list[tuple[Float64, list[tuple[int, int, Float64]], Structure | None]]:
+    """Make one support of all that hang on one pole."""
+    united: list[tuple[Float64, list[tuple[int, int, Float64]], Structure | None]] = []
+    for position, members, structure in standing:
+        if structure is not None and structure.kind == 'pole':
+            for _, others, other in united:
+                if (
+                    other is not None
+                    and other.kind == 'pole'
+                    and math.dist(other.position, structure.position) <= COLUMN
+                ):
+                    others += members
+                    break
+            else:
+                united.append((position, list(members), structure))
+        else:
+            united.append((position, list(members), structure))
+    return united
+
+
 def _group_ends(
     ends: Sequence[tuple[int, int, Float64]],
     finals: Sequence[tuple[Curve, float, float]],
@@ -165,6 +217,22 @@ def _group_ends(
         else:
             groups.append([end])
     return groups
+
+
+def _reach_pole(
+    members: Sequence[tuple[int, int, Float64]],
+    pole: Structure,
+    finals: Sequence[tuple[Curve, float, float]],
+    end_sigma: Float64,
+) -> dict[tuple[int, int], tuple[float, float]]:
+    """How far beyond, or before, their ends so far conductors hang that end at a pole."""
+    closed = {}
+    for number, side, end in members:
+        beyond = float((pole.position - end[:2]) @ _outward((number, side, end), finals))
+        own = float(end_sigma[number, (side + 1) // 2])  # of the meeting of curves, 0 if none
+        share = own**2 / (own**2 + ARM_SCATTER**2) if own > 0.0 else 1.0
+        closed[number, side] = share * beyond, math.sqrt(share) * ARM_SCATTER
+    return closed
 
 
 def _reach_support(
@@ -290,3 +358,19 @@ def _mark(
     )
     apart = points[found, :2] - place
     mask[found[(np.abs(apart @ unit) <= along_arm) & (np.abs(apart @ left) <= half)]] = True
+
+
+def _mark_stub(
+    points: Float64, index: PlanIndex, end: Float64, outward: Float64, mask: Bool
+) -> None:
+    """Mark what goes on beyond the end of a conductor."""
+    tip = end[:2] + STUB_LENGTH * outward
+    found = gather_strip(
+        index.start, index.order, index.origin, index.cell_size, index.shape[0], index.shape[1],
+        end[0], end[1], tip[0], tip[1], STUB_RADIUS,
+    )
+    apart = points[found] - end
+    along = apart[:, :2] @ outward
+    across = apart[:, 1] * outward[0] - apart[:, 0] * outward[1]
+    within = np.hypot(across, apart[:, 2]) <= STUB_RADIUS
+    mask[found[within & (along > 0.0) & (along <= STUB_LENGTH)]] = True

@@ -20,9 +20,10 @@ import math
 
 import numpy as np
 
+from plc_inspect.core.catenary import fit_quadratic
 from plc_inspect.core.curve import Curve
 from plc_inspect.core.nearest import span_table
-from plc_inspect.results import Float64, Span, Support
+from plc_inspect.results import Float64, Int64, Span, Support
 
 POINT_SIGMA = 0.03
 """Standard deviation of one measured point, of the sensor's data sheet [m]."""
@@ -84,6 +85,87 @@ class SpanModel:
         inside = np.clip(x, self.low, self.high)
         vertical: Float64 = self.curve.fit.height(inside) - points[:, 2]
         return inside, np.hypot(y, x - inside), vertical
+
+
+def model_span(
+    points: Float64,
+    curve: Curve,
+    own: Int64,
+    low: float,
+    high: float,
+    reverse: bool,
+    is_open: tuple[bool, ...],
+    line: int,
+    span: int,
+    coverage: float,
+    end_sigma: tuple[float, float],
+) -> SpanModel:
+    """
+    Describe a span in the orientation of its route.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    curve : Curve
+        Final curve of the span.
+    own : (K,) int64
+        Points of the conductor.
+    low, high : float
+        x of the curve at its ends [m].
+    reverse : bool
+        The route runs from high to low.
+    is_open : (bool, bool)
+        No support is known at the low, and at the high end.
+    line, span : int
+        Numbers of its line and span.
+    coverage : float
+        Share of its metres with points.
+    end_sigma : (float, float)
+        Standard deviations of the place of both ends along the curve [m].
+
+    Returns
+    -------
+    SpanModel
+
+    """
+    start_x, end_x = (high, low) if reverse else (low, high)
+    sign = -1.0 if reverse else 1.0
+    start, end = curve.position(np.array([start_x, end_x]))
+    sag, sigma_sag = curve.fit.sag(low, high)
+    step = 0.25
+    shares = (
+        (curve.fit.sag(low - step, high)[0] - curve.fit.sag(low + step, high)[0]) / (2 * step),
+        (curve.fit.sag(low, high + step)[0] - curve.fit.sag(low, high - step)[0]) / (2 * step),
+    )
+    sigma_sag = math.hypot(sigma_sag, shares[0] * end_sigma[0], shares[1] * end_sigma[1])
+    sigma_a, sigma_b, sigma_c = curve.fit.parameter_sigma()
+    x, _ = curve.local(points[own])
+    along = (x - start_x) * sign
+    lowest = curve.position(curve.fit.lowest(low, high))[0]
+    a2, a1, a0 = fit_quadratic(along, points[own, 2])
+    open_low, open_high = is_open
+    record = Span(
+        line_id=line,
+        span_id=span,
+        start=start,
+        end=end,
+        azimuth=math.remainder(curve.azimuth + (math.pi if reverse else 0.0), 2 * math.pi),
+        length=high - low,
+        a=curve.fit.a,
+        b=(curve.fit.b - start_x) * sign,
+        c=curve.fit.c,
+        quadratic=(a2, a1, a0),
+        sag=sag,
+        lowest=lowest,
+        open_start=open_high if reverse else open_low,
+        open_end=open_low if reverse else open_high,
+        rmse=curve.fit.rmse,
+        num_points=len(own),
+        coverage=coverage,
+        sigma={'a': sigma_a, 'b': sigma_b, 'c': sigma_c, 'sag': sigma_sag},
+    )
+    return SpanModel(span=record, curve=curve, start_x=start_x, end_x=end_x)
 
 
 def find_support(

@@ -22,7 +22,6 @@ import numpy as np
 
 from plc_inspect.config import Settings
 from plc_inspect.core.attachments import settle_ends
-from plc_inspect.core.catenary import fit_quadratic
 from plc_inspect.core.collection import profile_curve
 from plc_inspect.core.crowding import find_intruders
 from plc_inspect.core.curve import Curve, fit_curve, MIN_TOLERANCE
@@ -32,10 +31,10 @@ from plc_inspect.core.off_ground import OffGround
 from plc_inspect.core.placement import place_supports
 from plc_inspect.core.plan_index import PlanIndex
 from plc_inspect.core.route import Route
-from plc_inspect.core.span_model import SpanModel, tabulate
+from plc_inspect.core.span_model import model_span, SpanModel, tabulate
 from plc_inspect.core.supports import Layout
 from plc_inspect.errors import FitError
-from plc_inspect.results import Bool, Float32, Float64, Int32, Int64, Span, Support
+from plc_inspect.results import Bool, Float32, Float64, Int32, Int64, Support
 
 END_SLACK = 0.3
 """Wire points may lie this far beyond the end of a span [m]."""
@@ -133,7 +132,7 @@ def build_spans(
         residual[chosen] = distance[nearer]
     wire = line_id >= 0
     supports, support_mask, closed = place_supports(
-        points, cloud.height, index, wire, layout, route, finals
+        points, cloud.height, index, wire, layout, route, finals, end_sigma
     )
     for (number, side), (beyond, deviation) in closed.items():
         curve, low, high = finals[number]
@@ -156,7 +155,7 @@ def build_spans(
             )
         )
         models.append(
-            _model(
+            model_span(
                 points,
                 curve,
                 own,
@@ -178,7 +177,7 @@ def build_spans(
         span_id=span_id,
         residual=residual,
         support=support_mask & ~wire,
-        ground_below=tuple(_ground_below(cloud.height, model) for model in models),
+        ground_below=tuple(measure_ground_below(cloud.height, model) for model in models),
         intruders=np.zeros(0, dtype=np.int64),
     )
 
@@ -211,15 +210,15 @@ def settle_strays(cloud: OffGround, spans: SpanResult) -> SpanResult:
     free = ~spans.support[near]
     models, intruders = [], [spans.intruders]
     for number, model in enumerate(spans.models):
-        own = np.flatnonzero(free & (nearest == number))
+        own = np.flatnonzero(nearest == number)
         found, distance = near[own], near_distance[own]
         x, _ = model.curve.local(cloud.points[found])
         place = (model.along(x) / FREE_LENGTH).astype(np.int64)
         wire = spans.line_id[found] >= 0
-        stray = ~wire & (distance <= STRAY_RADIUS)
+        stray = ~wire & (distance <= STRAY_RADIUS) & free[own]
         num = int(place.max(initial=0)) + 1
         on = np.bincount(place[wire], minlength=num)
-        away = np.bincount(place[~wire & ~stray], minlength=num)
+        away = np.bincount(place[~wire & ~stray & free[own]], minlength=num)
         taken = stray & (away <= FREE_SHARE * on + 1)[place] & (on > 0)[place]
         spans.line_id[found[taken]] = model.span.line_id
         spans.span_id[found[taken]] = model.span.span_id
@@ -330,60 +329,7 @@ def _misfit(points: Float64, curve: Curve) -> float:
     return max(float((total[filled] ** 2 / count[filled]).sum()) / variance / freedom, 1.0)
 
 
-def _model(
-    points: Float64,
-    curve: Curve,
-    own: Int64,
-    low: float,
-    high: float,
-    reverse: bool,
-    is_open: tuple[bool, ...],
-    line: int,
-    span: int,
-    coverage: float,
-    end_sigma: tuple[float, float],
-) -> SpanModel:
-    """Span in the orientation of its route."""
-    start_x, end_x = (high, low) if reverse else (low, high)
-    sign = -1.0 if reverse else 1.0
-    start, end = curve.position(np.array([start_x, end_x]))
-    sag, sigma_sag = curve.fit.sag(low, high)
-    step = 0.25
-    shares = (
-        (curve.fit.sag(low - step, high)[0] - curve.fit.sag(low + step, high)[0]) / (2 * step),
-        (curve.fit.sag(low, high + step)[0] - curve.fit.sag(low, high - step)[0]) / (2 * step),
-    )
-    sigma_sag = math.hypot(sigma_sag, shares[0] * end_sigma[0], shares[1] * end_sigma[1])
-    sigma_a, sigma_b, sigma_c = curve.fit.parameter_sigma()
-    x, _ = curve.local(points[own])
-    along = (x - start_x) * sign
-    lowest = curve.position(curve.fit.lowest(low, high))[0]
-    a2, a1, a0 = fit_quadratic(along, points[own, 2])
-    open_low, open_high = is_open
-    record = Span(
-        line_id=line,
-        span_id=span,
-        start=start,
-        end=end,
-        azimuth=math.remainder(curve.azimuth + (math.pi if reverse else 0.0), 2 * math.pi),
-        length=high - low,
-        a=curve.fit.a,
-        b=(curve.fit.b - start_x) * sign,
-        c=curve.fit.c,
-        quadratic=(a2, a1, a0),
-        sag=sag,
-        lowest=lowest,
-        open_start=open_high if reverse else open_low,
-        open_end=open_low if reverse else open_high,
-        rmse=curve.fit.rmse,
-        num_points=len(own),
-        coverage=coverage,
-        sigma={'a': sigma_a, 'b': sigma_b, 'c': sigma_c, 'sag': sigma_sag},
-    )
-    return SpanModel(span=record, curve=curve, start_x=start_x, end_x=end_x)
-
-
-def _ground_below(height: HeightResult, model: SpanModel) -> Float64:
+def measure_ground_below(height: HeightResult, model: SpanModel) -> Float64:
     num = max(int(model.span.length), 2) + 1
     x = np.linspace(model.start_x, model.end_x, num)
     at = model.curve.position(x)

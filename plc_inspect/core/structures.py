@@ -25,8 +25,17 @@ from plc_inspect.results import Bool, Float32, Float64
 
 FILLED = 0.6
 """Share of the metres from ground to conductor that a structure's points must fill."""
-COLUMN = 0.5
+COLUMN = 0.3
 """Radius of a pole's column [m]."""
+MAX_BESIDE = 2.0
+"""A pole stands this near to the middle of its conductors; farther off are legs of towers [m]."""
+FREE = 0.5
+"""Share of the metres in which a pole stands free."""
+MAX_AROUND = 2.5
+"""
+It does where within 3 radii there are at most this many times the points in the column; a crown
+has 8 times as many.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -47,8 +56,10 @@ def find_structure(
     index: PlanIndex,
     wire: Bool,
     near: Float64,
+    azimuth: float,
     reach: float,
     attachment: float,
+    top: float,
 ) -> Structure | None:
     """
     Find the pole or tower at a place, if its points reach from the ground to the conductor.
@@ -65,10 +76,14 @@ def find_structure(
         Points of conductors, which do not count.
     near : float
         (2,) plan position to look at [m].
+    azimuth : float
+        Direction of the line [rad].
     reach : float
-        How far from there its axis may be [m].
+        How far from there its axis may be; across the line at most MAX_BESIDE [m].
     attachment : float
         Height of the lowest conductor there above the ground [m].
+    top : float
+        Height of the highest one [m]; a pole reaches up to it.
 
     """
     found = gather_strip(
@@ -92,7 +107,7 @@ def find_structure(
     if len(found) < needed:
         return None
     level = height[found].astype(np.int64)
-    column = _best_column(apart, level, needed, reach)
+    column = _best_column(apart, level, max(int(top) - 2, 3), azimuth, reach)
     if column is not None:
         own = np.hypot(*(apart - column).T) <= COLUMN
         return Structure(
@@ -111,49 +126,69 @@ def find_structure(
 
 
 def _best_column(
-    apart: Float64, level: np.ndarray, needed: int, reach: float
+    apart: Float64, level: np.ndarray, needed: int, azimuth: float, reach: float
 ) -> Float64 | None:
-    """Axis of the column that fills most levels, if it stands free in most of them."""
-    cells = np.floor(apart / COLUMN).astype(np.int64)
-    low = cells.min(axis=0)
-    cell = (cells[:, 0] - low[0]) * (np.ptp(cells[:, 1]) + 1) + cells[:, 1] - low[1]
-    best, best_filled = _fullest(apart, level, cell, needed, reach)
-    if best_filled < FILLED * needed:
+    """Axis of the column that stands free in most levels, if it fills enough of them."""
+    chosen = level <= needed
+    apart, level = apart[chosen], level[chosen]
+    best, filled, free = _freest(apart, level, needed, azimuth, reach)
+    if filled < FILLED * needed or free < FREE * needed:
         return None
-    distance = np.hypot(*(apart - best).T)
-    free = 0
-    levels = range(1, needed + 1)
-    for step in levels:
-        at = level == step
-        inner = int((at & (distance <= COLUMN)).sum())
-        outer = int((at & (distance > COLUMN) & (distance <= 3 * COLUMN)).sum())
-        free += inner > 0 and outer <= inner
-    if free < 0.5 * needed:
-        return None
-    own = distance <= COLUMN
-    axis: Float64 = np.median(apart[own], axis=0)
+    axis: Float64 = np.median(apart[np.hypot(*(apart - best).T) <= COLUMN], axis=0)
     return axis
 
 
 @njit(cache=True, nogil=True)
-def _fullest(apart, level, cell, needed, reach):  # type: ignore[no-untyped-def]
-    """Centre of the points of the cell about which most levels hold some, and how many do."""
-    best, best_filled = np.zeros(2), 0
-    order = np.argsort(cell, kind='mergesort')
+def _freest(apart, level, needed, azimuth, reach):  # type: ignore[no-untyped-def]
+    """Axis of the column about which the least lies, and in how many metres it is filled, free."""
+    best, best_filled, best_free, most = np.zeros(2), 0, 0, 0.0
+    num = len(apart)
+    # strips across x as wide as a column, so that what is about a place is in seven of them
+    strip, row = np.empty(num, dtype=np.int64), np.empty(num, dtype=np.int64)
+    for k in range(num):
+        strip[k] = math.floor((apart[k, 0] + 2 * reach) / COLUMN)
+        row[k] = math.floor((apart[k, 1] + 2 * reach) / COLUMN)
+    size = math.ceil(4 * reach / COLUMN) + 1
+    order = np.argsort(strip * size + row, kind='mergesort')
+    start = np.searchsorted(strip[order], np.arange(size + 6))
+    inner, outer = np.empty(needed + 1), np.empty(needed + 1)
+    own = np.empty(num, dtype=np.int64)
     first = 0
-    while first < len(order):
+    while first < num:
         last = first
-        while last < len(order) and cell[order[last]] == cell[order[first]]:
+        here = strip[order[first]]
+        while last < num and strip[order[last]] == here and row[order[last]] == row[order[first]]:
             last += 1
-        own = apart[order[first:last]]
-        x, y = np.median(own[:, 0]), np.median(own[:, 1])
+        members = last - first
+        own[:members] = order[first:last]
         first = last
-        if math.hypot(x, y) > reach:
+        x = y = 0.0
+        for _ in range(3):  # to the middle of the cell's points, then of those about that
+            x, y = np.median(apart[own[:members], 0]), np.median(apart[own[:members], 1])
+            beside = abs(y * math.cos(azimuth) - x * math.sin(azimuth))
+            members = 0
+            if beside > MAX_BESIDE or math.hypot(x, y) > reach:
+                break
+            inner[:], outer[:] = 0.0, 0.0
+            for place in range(start[max(here - 4, 0)], start[here + 5]):
+                k = order[place]
+                distance = math.hypot(apart[k, 0] - x, apart[k, 1] - y)
+                if distance <= COLUMN:
+                    own[members] = k
+                    members += 1
+                    inner[level[k]] += 1.0
+                elif distance <= 3.0 * COLUMN:
+                    outer[level[k]] += 1.0
+            if members == 0:
+                break
+        if members == 0:
             continue
-        filled = np.zeros(needed + 1, dtype=np.bool_)
-        for k in range(len(apart)):
-            if level[k] <= needed and math.hypot(apart[k, 0] - x, apart[k, 1] - y) <= COLUMN:
-                filled[level[k]] = True
-        if filled.sum() > best_filled:
-            best, best_filled = np.array([x, y]), filled.sum()
-    return best, best_filled
+        filled, free, score = 0, 0, 0.0
+        for step in range(1, needed + 1):
+            if inner[step] > 0.0:
+                filled += 1
+                free += outer[step] <= MAX_AROUND * inner[step]
+                score += inner[step] / (inner[step] + outer[step])
+        if score > most:
+            best, best_filled, best_free, most = np.array([x, y]), filled, free, score
+    return best, best_filled, best_free

@@ -220,3 +220,42 @@ def test_the_same_generator_gives_the_same_spans_and_input_is_unchanged(cloud, r
     np.testing.assert_array_equal(again.line_id, result.line_id)
     np.testing.assert_array_equal(again.residual, result.residual)
     assert [m.span.sag for m in again.models] == [m.span.sag for m in result.models]
+
+
+def test_a_pole_tells_where_a_span_ends_better_than_curves_that_cross_at_a_shallow_angle():
+    errors = []
+    for seed in range(4):
+        points, label = make_line_cloud(
+            spans=(60.0, 60.0), c=1500.0, per_metre=3.0, noise=0.05, seed=seed
+        )
+        for chosen in (np.ones(len(points), dtype=bool), label != 15):
+            result = build(points[chosen], label[chosen], 6)
+            ends = [model.span.end for model in result.models if model.span.span_id == 0]
+            errors.append(np.abs(np.array(ends)[:, 0] - 60.0).mean())
+    with_pole, without = np.array(errors).reshape(-1, 2).mean(axis=0)
+    assert with_pole < 0.1
+    assert with_pole < 0.5 * without
+
+
+def test_ends_at_one_pole_have_one_support():
+    pole = make_pole(0.0, 0.0, 9.5)[:300]
+    wires = [
+        make_wire((-60.0, 0.2, 9.0), (-0.2, 0.2, 9.0), c=300.0),
+        make_wire((1.0, -0.2, 7.0), (38.0, -46.0, 7.5), c=300.0, seed=1),
+        make_wire((-1.0, 0.0, 8.0), (-40.0, 44.0, 8.5), c=300.0, seed=2),
+    ]
+    points = np.vstack([*wires, pole, make_ground((-65.0, -50.0), (45.0, 50.0))])
+    bounds = np.cumsum([0, *map(len, wires)])
+    curves = [make_curve(points, np.arange(*bounds[k : k + 2])) for k in range(3)]
+    result = finish(points, curves)
+    assert [item.line_ids for item in result.supports if item.kind == 'pole'] == [(0, 1, 2)]
+    for model in result.models:
+        ends = np.array([model.span.start[:2], model.span.end[:2]])
+        assert np.linalg.norm(ends, axis=1).min() < 0.85  # they pass its axis that near
+
+
+def test_what_goes_on_beyond_the_last_pole_belongs_to_it():
+    stub = make_wire((100.05, 0.0, 15.0), (102.0, 0.0, 14.95), c=800.0)
+    points, label = make_line_cloud(spans=(100.0,), more=[stub])
+    result = build(points, label, 3)
+    assert (result.support | (result.line_id >= 0))[label == 1].all()

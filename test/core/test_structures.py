@@ -19,11 +19,12 @@ from toys import make_index, make_pole, make_tree, turn
 from plc_inspect.core.structures import find_structure
 
 
-def find(points, near=(0.0, 0.0), reach=2.5, attachment=15.0, wire=None):
+def find(points, near=(0.0, 0.0), reach=2.5, attachment=15.0, wire=None, **changes):
     wire = np.zeros(len(points), dtype=bool) if wire is None else wire
+    azimuth, top = changes.get('azimuth', 0.0), changes.get('top', attachment)
     return find_structure(
-        points, points[:, 2].astype(np.float32), make_index(points), wire, np.array(near), reach,
-        attachment,
+        points, points[:, 2].astype(np.float32), make_index(points), wire, np.array(near),
+        azimuth, reach, attachment, top,
     )
 
 
@@ -67,6 +68,28 @@ def test_a_bush_does_not_reach_the_conductor():
 
 def test_a_pole_beyond_the_reach_is_not_taken():
     assert find(make_pole(6.0, 0.0, 16.0)) is None
+
+
+def test_a_pole_among_crowns_is_found_where_it_stands():
+    crowns = [make_tree(2.0, 1.5, 9.0), make_tree(-1.5, 0.2, 7.0, seed=201)]
+    found = find(np.vstack([make_pole(0.4, -0.6, 16.0), *crowns]), attachment=8.0, top=15.0)
+    assert found.kind == 'pole'
+    np.testing.assert_allclose(found.position, [0.4, -0.6], atol=0.15)
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_crowns_are_no_poles(seed):
+    crown = make_tree(0.5, 0.5, 16.0, num=4000, seed=seed)
+    found = find(crown, attachment=14.0)
+    assert found is None or found.kind != 'pole'
+
+
+def test_a_leg_beside_the_line_is_no_pole():
+    legs = np.vstack([make_pole(0.0, y, 16.0)[:300] for y in (-3.0, 3.0)])
+    along, across = (find(legs, reach=4.0, azimuth=azimuth) for azimuth in (np.pi / 2, 0.0))
+    assert along.kind == 'pole'
+    assert across.kind == 'tower'
+    np.testing.assert_allclose(across.position, [0.0, 0.0], atol=0.3)
 
 
 def test_points_of_conductors_do_not_count():
