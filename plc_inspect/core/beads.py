@@ -126,7 +126,7 @@ def find_beads(
 
 
 @njit(cache=True, nogil=True)
-def _cluster_window(  # type: ignore[no-untyped-def]
+def cluster_window(  # type: ignore[no-untyped-def]
     x, y, w, method, eps, min_points, half, max_thickness, max_crowding
 ):
     """Beads among the points of one window: rows of fits and the owner of each point."""
@@ -191,7 +191,7 @@ def _cluster_windows(  # type: ignore[no-untyped-def]
         if len(chosen) < LEAST_POINTS:
             continue
         needed = count_needed(y, w, eps, min_points)
-        fits, owner, num_clusters = _cluster_window(
+        fits, owner, num_clusters = cluster_window(
             x, y, w, method, eps, needed, half, max_thickness, max_crowding
         )
         mine = owner >= 0

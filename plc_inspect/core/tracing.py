@@ -47,6 +47,7 @@ from plc_inspect.core.spans import (
     spread_spans,
 )
 from plc_inspect.core.supports import find_layout
+from plc_inspect.core.taps import add_taps
 from plc_inspect.core.terrain import measure_surface
 from plc_inspect.results import (
     Float64,
@@ -142,7 +143,7 @@ class Tracing:
         )
         rng = np.random.default_rng(0)
         conductors = self._conductors(cloud, clustering, rng)
-        spans, height = self._spans(cloud, height, conductors, rng)
+        spans, height = self._spans(cloud, height, inliers, conductors, rng)
         return FoundLines(
             height=height,
             cloud=cloud,
@@ -188,6 +189,7 @@ class Tracing:
         self,
         cloud: OffGround,
         height: HeightResult,
+        candidates: LinearityResult,
         conductors: ConductorResult,
         rng: np.random.Generator,
     ) -> tuple[SpanResult, HeightResult]:
@@ -200,6 +202,7 @@ class Tracing:
             curves, doubtful = cloud.adopt(before, curves), cloud.adopt(before, doubtful)
         layout = find_layout(cloud.points, curves, doubtful, settings.supports)
         spans = build_spans(cloud, layout, trace_routes(layout), settings, rng)
+        spans = add_taps(cloud, candidates, spans, settings)
         spans = spread_spans(settle_strays(cloud, spans), cloud)
         self.report(
             len(layout.joints),

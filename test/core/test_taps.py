@@ -1,0 +1,111 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+import numpy as np
+import pytest
+from toys import make_line_cloud, make_pole, make_tree, make_wire, turn
+
+from plc_inspect.core.pipeline import Pipeline
+from plc_inspect.results import PointClass
+
+
+def make_street(*pieces):
+    """Make a line of two spans of 45 m on poles, and pieces of wires at the second."""
+    more = [make_pole(x, 0.0, 9.6, 40)[:300] for x in (0.0, 45.0, 90.0)]
+    taps = [make_wire(*piece, c=2000.0, per_metre=15.0, seed=70 + number)
+            for number, piece in enumerate(pieces)]
+    points, _ = make_line_cloud(
+        spans=(45.0, 45.0), offsets=(-0.8, 0.0, 0.8), height=9.0, c=150.0, half_width=15.0,
+        poles=False, more=[*more, *taps],
+    )
+    own = np.zeros(len(points), dtype=bool)
+    if taps:
+        own[-sum(map(len, taps)):] = True
+    return points, own
+
+
+TAPS = (((45.2, 0.4, 7.4), (47.0, 7.0, 6.9)), ((45.2, 0.4, 6.9), (47.0, 7.0, 6.4)))
+
+
+@pytest.fixture(scope='module')
+def street():
+    """Make the street with two taps, one below the other, and inspect it."""
+    points, own = make_street(*TAPS)
+    return points, own, Pipeline().run(points)
+
+
+def test_taps_are_lines_of_their_own_at_the_support(street):
+    points, own, result = street
+    assert [(span.line_id, span.span_id) for span in result.spans] == [
+        (0, 0), (0, 1), (1, 0), (1, 1), (2, 0), (2, 1), (3, 2), (4, 2)
+    ]
+    for span, (start, end) in zip(result.spans[6:], TAPS, strict=True):
+        np.testing.assert_allclose(span.start, start, atol=0.5)
+        np.testing.assert_allclose(span.end, end, atol=0.3)
+        assert (span.open_start, span.open_end) == (False, True)
+    wire = result.classification == PointClass.WIRE
+    assert wire[own].mean() > 0.95
+    held = [item.line_ids for item in result.supports]
+    assert held == [(0, 1, 2), (0, 1, 2, 3, 4), (0, 1, 2)]
+    assert len(points) == len(wire)
+
+
+def test_the_line_is_as_it_is_without_its_taps(street):
+    _, own, result = street
+    alone = Pipeline().run(make_street()[0])
+    assert len(alone.spans) == 6
+    for one, other in zip(alone.spans, result.spans[:6], strict=True):
+        assert (one.line_id, one.span_id) == (other.line_id, other.span_id)
+        np.testing.assert_allclose(one.end, other.end, atol=0.05)
+    assert ((alone.line_id >= 0) != (result.line_id >= 0)[~own]).sum() < 10
+
+
+@pytest.mark.parametrize('degrees', [50, 200])
+def test_yaw_turns_taps(street, degrees):
+    points, own, result = street
+    turned = Pipeline().run(turn(points, np.radians(degrees), (3e5, 5e6, 40.0)))
+    assert len(turned.spans) == len(result.spans)
+    wire = turned.classification == PointClass.WIRE
+    assert wire[own].mean() > 0.95
+
+
+@pytest.mark.parametrize('piece', [
+    pytest.param(((45.2, 0.4, 7.4), (45.6, 2.4, 7.4)), id='an arm'),
+    pytest.param(((45.2, 0.4, 7.4), (48.0, 7.0, 1.0)), id='a stay'),
+    pytest.param(((38.0, 4.0, 7.4), (53.0, 4.0, 7.4)), id='it passes the pole'),
+    pytest.param(((46.5, 5.0, 7.4), (47.9, 10.0, 7.1)), id='it begins too far from the pole'),
+    pytest.param(((45.2, 0.4, 2.0), (47.0, 7.0, 1.9)), id='a fence'),
+])
+def test_other_things_at_a_pole_are_no_taps(piece):
+    result = Pipeline().run(make_street(piece)[0])
+    assert result.num_lines == 3
+
+
+def test_branches_and_roof_edges_at_a_pole_are_no_taps():
+    rng = np.random.default_rng(5)
+    points, _ = make_street()
+    roof = rng.uniform((46.0, 1.0, 0.0), (52.0, 9.0, 0.0), (3000, 3))
+    roof[:, 2] = 7.0 - 0.5 * np.abs(roof[:, 0] - 47.0)  # with its ridge towards the pole
+    tree = make_tree(44.0, -3.0, 9.0, radius=2.5, num=4000)
+    assert Pipeline().run(np.vstack([points, roof, tree])).num_lines == 3
+
+
+def test_without_a_line_nothing_is_looked_for():
+    rng = np.random.default_rng(6)
+    ground = np.column_stack([rng.uniform(-20, 20, (5000, 2)), rng.normal(0.0, 0.02, 5000)])
+    pieces = [make_wire(*piece, c=2000.0, per_metre=15.0) for piece in TAPS]
+    pole = make_pole(45.0, 0.0, 9.6)
+    ground[:, 0] += 45.0
+    points = np.vstack([ground, pole, *pieces])
+    assert Pipeline().run(points).num_lines == 0
