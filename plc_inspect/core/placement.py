@@ -37,6 +37,8 @@ ARM_SCATTER = 0.12
 """And of where the points of a conductor give way to those of the arm it ends at [m]."""
 MAX_BELOW = 0.7
 """The top of a support lies at most this far below the lowest conductor it holds [m]."""
+MIN_TOWER = 3.0
+"""Three and more conductors that end within less than this hang on a pole [m]."""
 HOLD_RADIUS = 3.0
 HOLD_POINTS = 3
 """Insulators and arms leave this many points within HOLD_RADIUS of a conductor's end [m]."""
@@ -45,8 +47,13 @@ BEYOND = 5.0
 POLE_SLICE = (0.8, 0.8)
 TOWER_SLICE = (2.0, 2.0)
 """Half thickness along the line, and reach beyond the attachments across it, of supports [m]."""
+SAME_PLACE, SAME_HEIGHT = 1.0, 3.0
+"""Supports this near in plan and in height are one [m]."""
 STUB_LENGTH, STUB_RADIUS = 2.5, 0.35
 """What lies in line beyond the end of a conductor goes on with it: jumpers, the next span [m]."""
+
+Standing = tuple[Float64, list[tuple[int, int, Float64]], Structure | None]
+"""Plan position of a support, the ends that it holds, and what was found there."""
 
 
 def place_supports(
@@ -91,7 +98,7 @@ def place_supports(
         )
         for position, members in found
     ]
-    for position, members, structure in _unite_at_poles(standing):
+    for position, members, structure in _unite(standing):
         is_open = [stations[(side + 1) // 2][number] < 0 for number, side, _ in members]
         attachments = np.array([end[2] for end in members])
         is_pole = structure is not None and structure.kind == 'pole'
@@ -103,8 +110,9 @@ def place_supports(
             continue
         if structure is not None and is_pole:
             closed |= _reach_pole(members, structure, finals, end_sigma)
-        elif all(is_open):
-            closed |= _reach_support(members, finals)
+        else:
+            own = [end for end, mine in zip(members, is_open, strict=True) if mine]
+            closed |= _reach_support(own, finals)
         azimuth = _mean_azimuth(members, finals)
         place = _settle(position, structure, azimuth)
         foot = float(ground_at(height, place[None, :])[0])
@@ -159,42 +167,51 @@ def _find_structure(
     if not math.isfinite(base):
         return None
     attachment = np.array([end[2][2] for end in members])
+    azimuth = _mean_azimuth(members, finals)
+    across = [end[2][:2] @ (-math.sin(azimuth), math.cos(azimuth)) for end in members]
     structure = find_structure(
         points,
         height.height,
         index,
         wire,
         position,
-        _mean_azimuth(members, finals),
+        azimuth,
         2.5 if len(members) < 3 else 4.0,
         float(attachment.min()) - base,
         float(attachment.max()) - base,
+        len(members) < 3 or float(np.ptp(across)) > MIN_TOWER,
     )
     if structure is not None and structure.top < float(attachment.min()) - MAX_BELOW:
         return None  # a tree below does not hold them
     return structure
 
 
-def _unite_at_poles(
-    standing: Sequence[tuple[Float64, list[tuple[int, int, Float64]], Structure | None]],
-) -> list[tuple[Float64, list[tuple[int, int, Float64]], Structure | None]]:
-    """Make one support of all that hang on one pole."""
-    united: list[tuple[Float64, list[tuple[int, int, Float64]], Structure | None]] = []
-    for position, members, structure in standing:
-        if structure is not None and structure.kind == 'pole':
-            for _, others, other in united:
-                if (
-                    other is not None
-                    and other.kind == 'pole'
-                    and math.dist(other.position, structure.position) <= COLUMN
-                ):
-                    others += members
-                    break
-            else:
-                united.append((position, list(members), structure))
+def _unite(standing: Sequence[Standing]) -> list[Standing]:
+    """Make one support of all that hang on one pole, or at one place."""
+    united: list[Standing] = []
+    for item in standing:
+        for number, other in enumerate(united):
+            if _is_same(other, item):
+                structure = item[2] if other[2] is None else other[2]
+                united[number] = (other[0], other[1] + item[1], structure)
+                break
         else:
-            united.append((position, list(members), structure))
+            united.append(item)
     return united
+
+
+def _is_same(first: Standing, second: Standing) -> bool:
+    poles = [
+        item.position for _, _, item in (first, second)
+        if item is not None and item.kind == 'pole'
+    ]
+    if len(poles) == 2:
+        return math.dist(*poles) <= COLUMN
+    heights = [[end[2][2] for end in members] for _, members, _ in (first, second)]
+    return (
+        math.dist(first[0], second[0]) <= SAME_PLACE
+        and max(map(min, heights)) - min(map(max, heights)) <= SAME_HEIGHT
+    )
 
 
 def _group_ends(

@@ -29,12 +29,13 @@ COLUMN = 0.3
 """Radius of a pole's column [m]."""
 MAX_BESIDE = 2.0
 """A pole stands this near to the middle of its conductors; farther off are legs of towers [m]."""
-FREE = 0.5
-"""Share of the metres in which a pole stands free."""
-MAX_AROUND = 2.5
+FREE = 0.35
+LEAST_FREE = 3
+"""A pole stands free in at least this share, and this number, of its metres."""
+MAX_AROUND = 1.25
 """
 It does where within 3 radii there are at most this many times the points in the column; a crown
-has 8 times as many.
+has 8 times as many, a wall or its corner twice as many.
 """
 
 
@@ -60,6 +61,7 @@ def find_structure(
     reach: float,
     attachment: float,
     top: float,
+    may_be_tower: bool,
 ) -> Structure | None:
     """
     Find the pole or tower at a place, if its points reach from the ground to the conductor.
@@ -84,6 +86,8 @@ def find_structure(
         Height of the lowest conductor there above the ground [m].
     top : float
         Height of the highest one [m]; a pole reaches up to it.
+    may_be_tower : bool
+        What fills the metres without being a pole is a tower; else nothing is.
 
     """
     found = gather_strip(
@@ -114,7 +118,7 @@ def find_structure(
             position=near + column, top=float(points[found[own], 2].max()), kind='pole'
         )
     filled = len(np.unique(level[(level >= 1) & (level <= needed)])) / needed
-    if filled < FILLED:
+    if filled < FILLED or not may_be_tower:
         return None
     body = level >= needed // 3
     if body.sum() < 5:
@@ -132,7 +136,7 @@ def _best_column(
     chosen = level <= needed
     apart, level = apart[chosen], level[chosen]
     best, filled, free = _freest(apart, level, needed, azimuth, reach)
-    if filled < FILLED * needed or free < FREE * needed:
+    if filled < FILLED * needed or free < max(FREE * needed, LEAST_FREE):
         return None
     axis: Float64 = np.median(apart[np.hypot(*(apart - best).T) <= COLUMN], axis=0)
     return axis

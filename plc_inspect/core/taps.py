@@ -25,7 +25,7 @@ from plc_inspect.core.bead_fit import LEAST_POINTS
 from plc_inspect.core.beads import cluster_window
 from plc_inspect.core.collection import extend, measure_company, profile_curve
 from plc_inspect.core.cross_section import count_needed, thin_window
-from plc_inspect.core.curve import Curve, derive_tolerance, fit_curve
+from plc_inspect.core.curve import Curve, derive_tolerance, fit_curve, MIN_TOLERANCE
 from plc_inspect.core.duplicates import drop_duplicates, is_thick
 from plc_inspect.core.linearity import LinearityResult
 from plc_inspect.core.off_ground import OffGround
@@ -51,6 +51,8 @@ SAME_WAY = math.radians(12.0)
 LEAST_SEEDS = 3
 LEAST_LENGTH = 3.5
 """Shorter pieces are arms and insulators [m]."""
+MIN_COVERAGE = 0.5
+"""Share of its half metres that hold points."""
 LEAST_HEIGHT = 0.4
 """Taps leave a support above this share of its height."""
 ABOVE = 1.5
@@ -225,13 +227,13 @@ def _find_curves(
         if not is_thick(curve):
             curves.append(extend(points, index, curve, limits))
     curves = list(drop_duplicates(points, curves, limits))
-    wire = wire.copy()
+    known, wire = wire, wire.copy()
     for curve in curves:
         wire[profile_curve(points, index, curve, curve.low, curve.high).chosen] = True
     result = []
     for curve in curves:
         low = _find_start(cloud, curve, support, wire)
-        if _is_tap(cloud, curve, low, support, wire, settings):
+        if _is_tap(cloud, curve, low, support, known, wire, settings):
             result.append((curve, low))
     return result
 
@@ -252,9 +254,14 @@ def _find_start(cloud: OffGround, curve: Curve, support: Support, wire: Bool) ->
 
 
 def _is_tap(
-    cloud: OffGround, curve: Curve, low: float, support: Support, wire: Bool, settings: Settings
+    cloud: OffGround, curve: Curve, low: float, support: Support, known: Bool, wire: Bool,
+    settings: Settings,
 ) -> bool:
-    """Whether a curve hangs free, is as thin as a wire, and begins at its support."""
+    """
+    Whether a curve hangs free, is as thin as a wire, and begins at its support.
+
+    ``known`` are points of the line, ``wire`` those of other curves that may be taps as well.
+    """
     limits = settings.catenary
     x, y = (float(value[0]) for value in curve.local(support.position[None, :]))
     above = float(curve.fit.height(x)) - support.position[2]
@@ -266,16 +273,19 @@ def _is_tap(
         or abs(float(curve.fit.slope((low + curve.high) / 2))) > MAX_SLOPE
     ):
         return False
+    # a roof can be cut into curves, each of which the others surround: they count as well here
+    rms = max(curve.fit.rmse, curve.lateral_rmse)
+    thin = dataclasses.replace(
+        curve, low=low, tolerance=min(max(2.0 * rms, MIN_TOLERANCE), curve.tolerance)
+    )
     profile = profile_curve(
-        cloud.points, cloud.index, curve, low, curve.high, step=STEP, ignore=wire
+        cloud.points, cloud.index, thin, low, curve.high, step=STEP, ignore=known
     )
     return (
         len(profile.chosen) >= limits.min_points
-        and profile.coverage >= 0.5
+        and profile.coverage >= MIN_COVERAGE
         and profile.crowding <= limits.max_crowding
-        and measure_company(
-            cloud.points, cloud.index, dataclasses.replace(curve, low=low), profile, wire
-        ) <= limits.max_company
+        and measure_company(cloud.points, cloud.index, thin, profile, wire) <= limits.max_company
     )
 
 

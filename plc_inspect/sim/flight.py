@@ -48,6 +48,7 @@ PLANS: dict[str, FlightPlan] = {
     'bundles': FlightPlan(speed=8.0, lateral=20.0, height=3.0),
     'double_circuit': FlightPlan(speed=7.0, lateral=22.0, height=7.0),
     'rack': FlightPlan(speed=5.0, lateral=7.0, height=1.0),
+    'street': FlightPlan(speed=5.0, lateral=6.0, height=2.5),
     'angle': FlightPlan(speed=5.0, lateral=9.0, height=2.5),
     'valley': FlightPlan(speed=8.0, lateral=22.0, height=3.0),
     'crossing': FlightPlan(speed=7.0, lateral=22.0, height=3.0),

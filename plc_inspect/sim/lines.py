@@ -119,6 +119,36 @@ def add_line(builder: SceneBuilder, style: LineStyle, route: Float64) -> None:
             ))
 
 
+def add_drop(
+    builder: SceneBuilder, start: Float64, end: Float64, *, sag_ratio: float = 0.012,
+    radius: float = 0.008,
+) -> None:
+    """
+    Add one conductor from a support that stands to a house or out of the survey.
+
+    It is a line and a span of its own.
+
+    Parameters
+    ----------
+    builder : SceneBuilder
+        Takes the conductor.
+    start, end : ndarray
+        (3,) float64 attachments [m].
+    sag_ratio : float
+        Sag as a share of the length.
+    radius : float
+        Of the conductor [m].
+
+    """
+    length = float(np.hypot(*(end - start)[:2]))
+    builder.conductors.append(hang(
+        start, end, 1.0, c=solve_constant(length, sag_ratio * length), radius=radius,
+        line_id=1 + max((item.line_id for item in builder.conductors), default=-1),
+        span_id=1 + max((item.span_id for item in builder.conductors), default=-1),
+        bundle_id=-1,
+    ))
+
+
 def _list_strings(style: LineStyle) -> list[tuple[float, float, float, int]]:
     """Return lateral offset, height, radius and bundle of each conductor."""
     shifts = (-0.5 * style.bundle, 0.5 * style.bundle) if style.bundle else (0.0,)

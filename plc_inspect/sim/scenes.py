@@ -24,6 +24,13 @@ from numpy.typing import NDArray
 from plc_inspect.errors import DataError
 from plc_inspect.sim import lines, structures, vegetation
 from plc_inspect.sim.conductors import Conductor
+from plc_inspect.sim.routes import (
+    extend_route,
+    face_side,
+    lay_route,
+    shift_route,
+    walk_route,
+)
 from plc_inspect.sim.scene import measure_offset, Scene, SceneBuilder
 from plc_inspect.sim.terrain import make_terrain
 
@@ -58,19 +65,6 @@ def make_scene(name: str, seed: int = 0) -> Scene:
     return SCENES[name](name, seed)
 
 
-def lay_route(
-    lengths: tuple[float, ...], turns_deg: tuple[float, ...] = (), heading_deg: float = 0.0,
-) -> Float64:
-    """Return the supports (K, 2) [m] of spans with these lengths and turns in between."""
-    heading = np.radians(heading_deg)
-    route = [np.zeros(2)]
-    for i, length in enumerate(lengths):
-        if i and i <= len(turns_deg):
-            heading += np.radians(turns_deg[i - 1])
-        route.append(route[-1] + length * np.array([np.cos(heading), np.sin(heading)]))
-    return np.array(route)
-
-
 def _begin(
     name: str, seed: int, route: Float64, half_width: float, relief: float,
     wavelength: float = 400.0, valley: tuple[float, float, float] | None = None,
@@ -83,13 +77,6 @@ def _begin(
     return SceneBuilder(name=name, seed=seed, terrain=terrain, rng=rng)
 
 
-def _extend(route: Float64, before: float, after: float) -> Float64:
-    """Return the route made longer (or shorter where negative) at its ends."""
-    first = (route[0] - route[1]) / np.hypot(*(route[0] - route[1]))
-    last = (route[-1] - route[-2]) / np.hypot(*(route[-1] - route[-2]))
-    return np.vstack([route[0] + before * first, route[1:-1], route[-1] + after * last])
-
-
 def _spread(
     builder: SceneBuilder, route: Float64, per_hectare: float, band: tuple[float, float],
 ) -> Float64:
@@ -98,7 +85,7 @@ def _spread(
     high = route.max(axis=0) + band[1]
     num = builder.rng.poisson(per_hectare * float(np.prod(high - low)) / 1e4)
     xy = builder.rng.uniform(low, high, (num, 2))
-    gap = measure_offset(xy, _extend(route, band[1], band[1]))
+    gap = measure_offset(xy, extend_route(route, band[1], band[1]))
     return xy[(gap >= band[0]) & (gap <= band[1])]
 
 
@@ -136,7 +123,7 @@ def _high_voltage(name: str, seed: int) -> Scene:
         shapes=(vegetation.shape_bush,),
     )
     # The survey ends in the last span: a line that goes on beyond the cloud.
-    return builder.build(_extend(route, 20.0, -60.0), 45.0)
+    return builder.build(extend_route(route, 20.0, -60.0), 45.0)
 
 
 def _low_voltage(name: str, seed: int) -> Scene:
@@ -146,14 +133,14 @@ def _low_voltage(name: str, seed: int) -> Scene:
     builder = _begin(name, seed, route, 35.0, relief=5.0, wavelength=260.0)
     lines.add_line(builder, lines.LOW_VOLTAGE, route)
     structures.add_village(builder, route)
-    structures.add_street_lights(builder, _shift(route, -7.5), 41.0, 5.0)
+    structures.add_street_lights(builder, shift_route(route, -7.5), 41.0, 5.0)
     gardens = _spread(builder, route, 150.0, (3.0, 34.0))
     vegetation.scatter_trees(
         builder, _keep_off_houses(builder, gardens), (1.0, 9.0), clear=0.4,
         shapes=(vegetation.shape_broadleaf, vegetation.shape_bush, vegetation.shape_conifer),
     )
     vegetation.plant_beside(builder, _pick(builder, 2, 1), 0.5, 1, 1.2, vegetation.shape_poplar)
-    return builder.build(_extend(route, 15.0, 15.0), 35.0)
+    return builder.build(extend_route(route, 15.0, 15.0), 35.0)
 
 
 def _medium_voltage(name: str, seed: int) -> Scene:
@@ -181,7 +168,7 @@ def _forest_line(name: str, seed: int, clearances: tuple[float, ...]) -> Scene:
         builder, _spread(builder, route, 250.0, (0.0, 30.0)), (0.8, 3.0),
         shapes=(vegetation.shape_bush, vegetation.shape_conifer),
     )
-    return builder.build(_extend(route, 15.0, 15.0), 30.0)
+    return builder.build(extend_route(route, 15.0, 15.0), 30.0)
 
 
 def _bundles(name: str, seed: int) -> Scene:
@@ -199,6 +186,44 @@ def _rack(name: str, seed: int) -> Scene:
     return _open_line(name, seed, lines.RACK, route, 25.0, 3.0)
 
 
+def _street(name: str, seed: int) -> Scene:
+    route = lay_route((42.0, 38.0, 45.0, 40.0), (0.0, 7.0, 0.0))
+    builder = _begin(name, seed, route, 25.0, relief=4.0, wavelength=260.0)
+    lines.add_line(builder, lines.LOW_VOLTAGE, route)
+    for pole, side, along, across, eaves in (
+        (0, 1, 3.0, 12.0, 4.4), (1, 1, 3.0, 13.0, 4.6), (1, -1, -2.0, 15.0, 5.0),
+        (2, 1, 0.5, 10.0, 4.3), (3, 1, -4.0, 12.0, 5.5), (3, -1, 4.0, 17.0, 5.0),
+    ):
+        ahead, left = face_side(route, pole, side)
+        wall = route[pole] + along * ahead + across * left
+        structures.add_house(
+            builder, wall + 4.1 * left, float(np.arctan2(ahead[1], ahead[0])),
+            eaves=eaves, ridge=eaves + 2.5,
+        )
+        lines.add_drop(
+            builder, _raise(builder, route[pole] + 0.1 * left, 7.4, route[pole]),
+            _raise(builder, wall, eaves + 0.3),
+        )
+    ahead, left = face_side(route, 2, -1)
+    for height in (7.4, 7.1, 6.8, 6.5):  # a line across the street that leaves the survey
+        lines.add_drop(
+            builder, _raise(builder, route[2] + 0.15 * left, height, route[2]),
+            _raise(builder, route[2] + 3.0 * ahead + 42.0 * left, height), sag_ratio=0.015,
+        )
+    gardens = _spread(builder, route, 150.0, (2.0, 25.0))
+    vegetation.scatter_trees(
+        builder, _keep_off_houses(builder, gardens), (1.0, 9.0), clear=0.4,
+    )
+    return builder.build(extend_route(route, 15.0, 15.0), 20.0)
+
+
+def _raise(
+    builder: SceneBuilder, xy: Float64, height: float, foot: Float64 | None = None,
+) -> Float64:
+    """Return the place (3,) above xy at a height above the ground there, or at a foot."""
+    return np.array([*xy, builder.ground(xy if foot is None else foot) + height])
+
+
 def _angle(name: str, seed: int) -> Scene:
     route = lay_route((95.0, 90.0, 100.0, 85.0), (0.0, 30.0, 0.0), 10.0)
     return _open_line(name, seed, lines.MEDIUM_VOLTAGE, route, 30.0, 6.0)
@@ -214,9 +239,9 @@ def _demo(name: str, seed: int) -> Scene:
     )
     vegetation.plant_under(builder, _pick(builder, 3, -1), 0.5, 1.0)
     structures.add_house(builder, route[2] + np.array([14.0, -21.0]), 0.4)
-    structures.add_fence(builder, _shift(route[1:3], -15.0))
+    structures.add_fence(builder, shift_route(route[1:3], -15.0))
     _landscape(builder, route, 32.0, 60.0)
-    return builder.build(_extend(route, 15.0, 15.0), 32.0)
+    return builder.build(extend_route(route, 15.0, 15.0), 32.0)
 
 
 def _open_line(
@@ -227,7 +252,7 @@ def _open_line(
     vegetation.plant_under(builder, _pick(builder, 1, 1), 0.35, 3.0)
     vegetation.plant_beside(builder, _pick(builder, 0, -1), 0.6, -1, 1.6)
     _landscape(builder, route, half)
-    return builder.build(_extend(route, 15.0, 15.0), half)
+    return builder.build(extend_route(route, 15.0, 15.0), half)
 
 
 def _landscape(
@@ -250,7 +275,7 @@ def _valley(name: str, seed: int) -> Scene:
     lines.add_line(builder, _with_sag(style, 10.0 / 300.0), route)
     vegetation.plant_beside(builder, _pick(builder, 0, 1), 0.5, 1, 2.6)
     _landscape(builder, route, 40.0)
-    return builder.build(_extend(route, 15.0, 15.0), 40.0)
+    return builder.build(extend_route(route, 15.0, 15.0), 40.0)
 
 
 def _with_sag(style: lines.LineStyle, ratio: float) -> lines.LineStyle:
@@ -264,7 +289,7 @@ def _crossing(name: str, seed: int) -> Scene:
     low = lay_route((70.0, 80.0, 75.0), (), 75.0) + np.array([90.0, -105.0])
     lines.add_line(builder, lines.MEDIUM_VOLTAGE, low)
     _landscape(builder, route, 55.0)
-    return builder.build(_extend(route, 15.0, 15.0), 55.0)
+    return builder.build(extend_route(route, 15.0, 15.0), 55.0)
 
 
 def _hidden(name: str, seed: int) -> Scene:
@@ -277,22 +302,22 @@ def _hidden(name: str, seed: int) -> Scene:
         else replace(item, hidden=(0.05, 0.4)) if (item.line_id, item.span_id) == (2, 0) else item
         for item in builder.conductors
     ]
-    return builder.build(_extend(route, 15.0, 15.0), 40.0)
+    return builder.build(extend_route(route, 15.0, 15.0), 40.0)
 
 
 def _no_line(name: str, seed: int) -> Scene:
     route = lay_route((150.0, 120.0, 130.0), (15.0, -20.0))
     builder = _begin(name, seed, route, 50.0, relief=14.0, wavelength=250.0)
     structures.add_village(builder, route[:2], spacing=30.0)
-    structures.add_guard_rail(builder, _shift(route, 5.0))
-    structures.add_fence(builder, _shift(route[1:], -14.0))
+    structures.add_guard_rail(builder, shift_route(route, 5.0))
+    structures.add_fence(builder, shift_route(route[1:], -14.0))
     forest = _spread(builder, route[1:], 350.0, (16.0, 60.0))
     vegetation.scatter_trees(builder, _keep_off_houses(builder, forest), (5.0, 18.0))
     bushes = _spread(builder, route, 80.0, (6.0, 50.0))
     vegetation.scatter_trees(
         builder, bushes, (0.8, 3.0), shapes=(vegetation.shape_bush,),
     )
-    return builder.build(_extend(route, 10.0, 10.0), 50.0)
+    return builder.build(extend_route(route, 10.0, 10.0), 50.0)
 
 
 def _town(name: str, seed: int) -> Scene:
@@ -307,38 +332,20 @@ def _town(name: str, seed: int) -> Scene:
                 builder, middle, float(np.arctan2(u[1], u[0])), length=62.0, width=10.0,
                 eaves=6.5, ridge=9.5,
             )
-    structures.add_street_lights(builder, _shift(route, 5.0), 26.0)
-    structures.add_street_lights(builder, _shift(route, -5.0), 31.0, 6.0)
-    structures.add_guard_rail(builder, _shift(route, 4.2))
-    structures.add_rails(builder, _shift(route, 45.0))
-    structures.add_rails(builder, _shift(route, -44.0))
+    structures.add_street_lights(builder, shift_route(route, 5.0), 26.0)
+    structures.add_street_lights(builder, shift_route(route, -5.0), 31.0, 6.0)
+    structures.add_guard_rail(builder, shift_route(route, 4.2))
+    structures.add_rails(builder, shift_route(route, 45.0))
+    structures.add_rails(builder, shift_route(route, -44.0))
     structures.add_footbridge(builder, route[1] + [-12.0, -26.0], route[1] + [-14.0, 22.0])
-    structures.add_fence(builder, _shift(route, 48.0), 2.0, 4)
-    row = _walk(_shift(route, 7.0), 9.0)
+    structures.add_fence(builder, shift_route(route, 48.0), 2.0, 4)
+    row = walk_route(shift_route(route, 7.0), 9.0)
     vegetation.scatter_trees(
         builder, row, (6.0, 9.0), shapes=(vegetation.shape_broadleaf, vegetation.shape_poplar),
     )
-    hedge = _walk(_shift(route, 27.0), 0.8)
+    hedge = walk_route(shift_route(route, 27.0), 0.8)
     vegetation.scatter_trees(builder, hedge, (1.8, 2.2), shapes=(vegetation.shape_bush,))
-    return builder.build(_extend(route, 10.0, 10.0), 52.0)
-
-
-def _shift(route: Float64, offset: float) -> Float64:
-    """Return the route moved to the left by ``offset`` [m], mitred at its vertices."""
-    edges = np.diff(route, axis=0)
-    normals = np.column_stack([-edges[:, 1], edges[:, 0]]) / np.hypot(*edges.T)[:, None]
-    joint = np.vstack([normals[:1], normals[:-1] + normals[1:], normals[-1:]])
-    joint /= np.hypot(*joint.T)[:, None]
-    cosine = np.einsum('ij,ij->i', joint, np.vstack([normals, normals[-1:]]))
-    return route + offset * joint / cosine[:, None]
-
-
-def _walk(path: Float64, step: float) -> Float64:
-    """Return places (N, 2) every ``step`` [m] along a path."""
-    return np.vstack([
-        low + np.arange(0.0, 1.0, step / np.hypot(*(high - low)))[:, None] * (high - low)
-        for low, high in pairwise(path)
-    ])
+    return builder.build(extend_route(route, 10.0, 10.0), 52.0)
 
 
 def _keep_off_houses(builder: SceneBuilder, xy: Float64, keep: float = 2.0) -> Float64:
@@ -359,6 +366,7 @@ SCENES: dict[str, Callable[[str, int], Scene]] = {
     'bundles': _bundles,
     'double_circuit': _double_circuit,
     'rack': _rack,
+    'street': _street,
     'angle': _angle,
     'valley': _valley,
     'crossing': _crossing,

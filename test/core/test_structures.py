@@ -24,7 +24,7 @@ def find(points, near=(0.0, 0.0), reach=2.5, attachment=15.0, wire=None, **chang
     azimuth, top = changes.get('azimuth', 0.0), changes.get('top', attachment)
     return find_structure(
         points, points[:, 2].astype(np.float32), make_index(points), wire, np.array(near),
-        azimuth, reach, attachment, top,
+        azimuth, reach, attachment, top, changes.get('may_be_tower', True),
     )
 
 

@@ -1,0 +1,67 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Routes of the simulated scenes in plan."""
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float64 = NDArray[np.float64]
+
+
+def lay_route(
+    lengths: tuple[float, ...], turns_deg: tuple[float, ...] = (), heading_deg: float = 0.0,
+) -> Float64:
+    """Return the supports (K, 2) [m] of spans with these lengths and turns in between."""
+    heading = np.radians(heading_deg)
+    route = [np.zeros(2)]
+    for i, length in enumerate(lengths):
+        if i and i <= len(turns_deg):
+            heading += np.radians(turns_deg[i - 1])
+        route.append(route[-1] + length * np.array([np.cos(heading), np.sin(heading)]))
+    return np.array(route)
+
+
+def extend_route(route: Float64, before: float, after: float) -> Float64:
+    """Return the route made longer (or shorter where negative) at its ends."""
+    first = (route[0] - route[1]) / np.hypot(*(route[0] - route[1]))
+    last = (route[-1] - route[-2]) / np.hypot(*(route[-1] - route[-2]))
+    return np.vstack([route[0] + before * first, route[1:-1], route[-1] + after * last])
+
+
+def shift_route(route: Float64, offset: float) -> Float64:
+    """Return the route moved to the left by ``offset`` [m], mitred at its vertices."""
+    edges = np.diff(route, axis=0)
+    normals = np.column_stack([-edges[:, 1], edges[:, 0]]) / np.hypot(*edges.T)[:, None]
+    joint = np.vstack([normals[:1], normals[:-1] + normals[1:], normals[-1:]])
+    joint /= np.hypot(*joint.T)[:, None]
+    cosine = np.einsum('ij,ij->i', joint, np.vstack([normals, normals[-1:]]))
+    return route + offset * joint / cosine[:, None]
+
+
+def walk_route(path: Float64, step: float) -> Float64:
+    """Return places (N, 2) every ``step`` [m] along a path."""
+    return np.vstack([
+        low + np.arange(0.0, 1.0, step / np.hypot(*(high - low)))[:, None] * (high - low)
+        for low, high in pairwise(path)
+    ])
+
+
+def face_side(route: Float64, pole: int, side: int) -> tuple[Float64, Float64]:
+    """Return the way along a route at one of its supports, and to one side of it."""
+    ahead = route[min(pole + 1, len(route) - 1)] - route[max(pole - 1, 0)]
+    ahead /= np.hypot(*ahead)
+    return ahead, side * np.array([-ahead[1], ahead[0]])
