@@ -37,6 +37,8 @@ MAX_AROUND = 1.25
 It does where within 3 radii there are at most this many times the points in the column; a crown
 has 8 times as many, a wall or its corner twice as many.
 """
+CHANCE = 2
+"""Points by which the ring may hold fewer than its share by chance."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -191,7 +193,7 @@ def _freest(apart, level, needed, azimuth, reach):  # type: ignore[no-untyped-de
         for step in range(1, needed + 1):
             if inner[step] > 0.0:
                 filled += 1
-                free += outer[step] <= MAX_AROUND * inner[step]
+                free += outer[step] + CHANCE <= MAX_AROUND * inner[step]
                 score += inner[step] / (inner[step] + outer[step])
         if score > most:
             best, best_filled, best_free, most = np.array([x, y]), filled, free, score

@@ -259,3 +259,18 @@ def test_what_goes_on_beyond_the_last_pole_belongs_to_it():
     points, label = make_line_cloud(spans=(100.0,), more=[stub])
     result = build(points, label, 3)
     assert (result.support | (result.line_id >= 0))[label == 1].all()
+
+
+def test_what_crosses_at_one_place_has_one_support():
+    wires = [
+        make_wire((-60.0, 0.0, 9.0), (0.0, 0.0, 9.0), c=300.0),
+        make_wire((0.0, 0.0, 9.0), (60.0, 0.0, 9.0), c=300.0, seed=1),
+        make_wire((0.1, -50.0, 8.0), (0.1, 0.0, 8.0), c=300.0, seed=2),
+        make_wire((0.1, 0.0, 8.0), (0.1, 50.0, 8.0), c=300.0, seed=3),
+    ]
+    points = np.vstack([*wires, make_ground((-65.0, -55.0), (65.0, 55.0))])
+    bounds = np.cumsum([0, *map(len, wires)])
+    curves = [make_curve(points, np.arange(*bounds[k : k + 2])) for k in range(4)]
+    result = finish(points, curves)
+    middle = [item for item in result.supports if np.linalg.norm(item.position[:2]) < 5.0]
+    assert [item.line_ids for item in middle] == [(0, 1)]

@@ -84,6 +84,21 @@ def test_crowns_are_no_poles(seed):
     assert found is None or found.kind != 'pole'
 
 
+@pytest.mark.parametrize('seed', range(5))
+def test_the_corner_of_a_house_is_no_pole(seed):
+    rng = np.random.default_rng(seed)
+    walls = rng.uniform((0.0, 0.0, 0.0), (5.0, 0.0, 5.5), (700, 3))
+    walls[::2, :2] = walls[::2, 1::-1]
+    found = find(walls + rng.normal(0.0, 0.03, walls.shape), attachment=5.3)
+    assert found is None or found.kind != 'pole'
+
+
+def test_a_support_of_a_narrow_line_is_no_tower():
+    trees = np.vstack([make_tree(x, y, 12.0, seed=5) for x, y in ((1.5, 1.0), (-1.0, 2.0))])
+    assert find(trees, attachment=8.0, may_be_tower=True).kind == 'tower'
+    assert find(trees, attachment=8.0, may_be_tower=False) is None
+
+
 def test_a_leg_beside_the_line_is_no_pole():
     legs = np.vstack([make_pole(0.0, y, 16.0)[:300] for y in (-3.0, 3.0)])
     along, across = (find(legs, reach=4.0, azimuth=azimuth) for azimuth in (np.pi / 2, 0.0))
