@@ -37,8 +37,8 @@ MAX_AROUND = 1.25
 It does where within 3 radii there are at most this many times the points in the column; a crown
 has 8 times as many, a wall or its corner twice as many.
 """
-CHANCE = 2
-"""Points by which the ring may hold fewer than its share by chance."""
+CHANCE = 1
+"""Points that the ring may lack by chance."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
