@@ -165,7 +165,8 @@ def look_at(text, columns, lines):
 def test_narrow_wide_lost_and_back(domain, radio):
     terminal = Terminal(domain, 80, 24)
     try:
-        text = terminal.wait(lambda text: 'hazards: 30' in text)
+        # the whole screen: the last row of the last panel is drawn last
+        text = terminal.wait(lambda text: 'hazards: 30' in text and text[-80] == '╰')
         rows = look_at(text, 80, 24)
         first = next(row for row in rows if row.startswith('│ critical'))
         assert first.split()[1:8] == ['critical', 'vegetation', '0', '0', '0', '1.23', '2.00']
