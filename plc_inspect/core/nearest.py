@@ -26,6 +26,8 @@ from plc_inspect.results import Float32, Float64, Int32, Int64
 CELL = 4.0
 """Edge of the plan cells that know the spans near them [m]."""
 MAX_CELLS = 4_000_000
+ENOUGH = 0.01
+"""A step that bends off the tangent by less than this was the last one needed [m]."""
 
 
 def span_table(curves: Sequence[Curve], start_x: Float64, end_x: Float64) -> Float64:
@@ -183,11 +185,12 @@ def _nearest(  # type: ignore[no-untyped-def]
     span = np.empty(num, dtype=np.int32)
     last_of = np.zeros(num_parts + 1, dtype=np.int64)
     limit = reach * reach
+    per_cell = 1.0 / cell
     for part in prange(num_parts):
         place = part * num // num_parts
         for i in range(part * num // num_parts, (part + 1) * num // num_parts):
             px, py, pz = points[i, 0], points[i, 1], points[i, 2]
-            fx, fy = (px - low[0]) / cell, (py - low[1]) / cell
+            fx, fy = (px - low[0]) * per_cell, (py - low[1]) * per_cell
             if not (fx >= 0.0 and fy >= 0.0 and fx < columns and fy < rows):
                 continue
             where = int(fy) * columns + int(fx)
@@ -213,10 +216,12 @@ def _nearest(  # type: ignore[no-untyped-def]
                     continue
                 for _ in range(2):  # Newton on the distance, its curvature kept positive
                     tilt = slope + 2.0 * half * x
-                    dz = pz - (z0 + x * (slope + half * x))
                     second = 1.0 + tilt * tilt - 2.0 * half * dz
-                    x = min(max(x + (u - x + dz * tilt) / max(second, 0.5), first), last)
-                dz = pz - (z0 + x * (slope + half * x))
+                    step = (u - x + dz * tilt) / max(second, 0.5)
+                    x = min(max(x + step, first), last)
+                    dz = pz - (z0 + x * (slope + half * x))
+                    if half * step * step < ENOUGH:
+                        break
                 d2 += (u - x) * (u - x) + dz * dz
                 if d2 <= most:
                     best = d2
