@@ -60,8 +60,8 @@ class OffGround:
         (N,) array of the same dtype, ``elsewhere`` for points on the ground
 
         """
-        result = np.full(self.num_total, elsewhere, dtype=values.dtype)
-        result[self.place] = values
+        result = np.empty(self.num_total, dtype=values.dtype)
+        _scatter(values, self.place, values.dtype.type(elsewhere), result)
         return result
 
     def adopt(self, other: 'OffGround', curves: Sequence[Curve]) -> tuple[Curve, ...]:
@@ -104,6 +104,14 @@ def gather_off_ground(points: Float64, height: HeightResult, least: float) -> Of
         height=replace(height, height=own_height, high=is_high),
         index=replace(index, order=np.arange(len(own), dtype=np.int32)),
     )
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _scatter(values, place, elsewhere, result):  # type: ignore[no-untyped-def]
+    for i in prange(len(result)):
+        result[i] = elsewhere
+    for k in prange(len(values)):
+        result[place[k]] = values[k]
 
 
 @njit(cache=True, parallel=True, nogil=True)

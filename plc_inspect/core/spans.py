@@ -44,7 +44,7 @@ MAX_GROUND_GAP = 8.0
 """No clearance above ground is given farther than this from where ground was seen [m]."""
 MAX_NOISE = 3.0
 """Residuals beyond this many standard deviations are not the conductor's, or not good."""
-MAX_FINAL_POINTS = 20_000
+MAX_FINAL_POINTS = 8_000
 """Points that the final fit of a span uses at most."""
 FREE_LENGTH = 2.0
 """Length of the parts of a span that are free of other things or not [m]."""
