@@ -224,7 +224,7 @@ def _find_curves(
             )
         except FitError:
             continue
-        if not is_thick(curve):
+        if not is_thick(curve) and _leaves(curve, support):
             curves.append(extend(points, index, curve, limits))
     curves = list(drop_duplicates(points, curves, limits))
     known, wire = wire, wire.copy()
@@ -253,6 +253,17 @@ def _find_start(cloud: OffGround, curve: Curve, support: Support, wire: Bool) ->
     return max(low, at)
 
 
+def _leaves(curve: Curve, support: Support) -> bool:
+    """Whether a curve, extrapolated, passes the axis of a support where conductors hang."""
+    x, y = (float(value[0]) for value in curve.local(support.position[None, :]))
+    above = float(curve.fit.height(x)) - support.position[2]
+    return (
+        abs(y) <= AXIS_MISS
+        and LEAST_HEIGHT * support.height < above < support.height + ABOVE
+        and abs(float(curve.fit.slope((max(curve.low, x) + curve.high) / 2))) <= MAX_SLOPE
+    )
+
+
 def _is_tap(
     cloud: OffGround, curve: Curve, low: float, support: Support, known: Bool, wire: Bool,
     settings: Settings,
@@ -263,14 +274,11 @@ def _is_tap(
     ``known`` are points of the line, ``wire`` those of other curves that may be taps as well.
     """
     limits = settings.catenary
-    x, y = (float(value[0]) for value in curve.local(support.position[None, :]))
-    above = float(curve.fit.height(x)) - support.position[2]
+    at = float(curve.local(support.position[None, :])[0][0])
     if (
         curve.high - low < LEAST_LENGTH
-        or max(low, curve.low) - x > FIRST_SEEN
-        or abs(y) > AXIS_MISS
-        or not LEAST_HEIGHT * support.height < above < support.height + ABOVE
-        or abs(float(curve.fit.slope((low + curve.high) / 2))) > MAX_SLOPE
+        or max(low, curve.low) - at > FIRST_SEEN
+        or not _leaves(curve, support)
     ):
         return False
     # a roof can be cut into curves, each of which the others surround: they count as well here
