@@ -144,7 +144,7 @@ def build_spans(
         own = own[
             (line_id[own] == route.line_id[number]) & (span_id[own] == route.span_id[number])
         ]
-        if len(own) < 3:
+        if len(own) < 3 or high <= low:  # its ends may have been drawn past each other
             line_id[own], span_id[own], residual[own] = -1, -1, np.nan
             continue
         is_open = tuple(

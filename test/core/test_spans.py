@@ -30,7 +30,7 @@ from plc_inspect.core.height import extract_high
 from plc_inspect.core.off_ground import gather_off_ground
 from plc_inspect.core.route import trace_routes
 from plc_inspect.core.spans import build_spans, spread_spans
-from plc_inspect.core.supports import find_layout
+from plc_inspect.core.supports import find_layout, Layout, Station
 
 SETTINGS = Settings()
 
@@ -274,3 +274,21 @@ def test_what_crosses_at_one_place_has_one_support():
     result = finish(points, curves)
     middle = [item for item in result.supports if np.linalg.norm(item.position[:2]) < 5.0]
     assert [item.line_ids for item in middle] == [(0, 1)]
+
+
+def test_a_piece_whose_ends_are_drawn_past_each_other_is_no_span():
+    wire = make_wire((0.05, 0.0, 9.0), (12.0, 0.0, 9.0), c=300.0, per_metre=60.0)
+    points = np.vstack([wire, make_ground((-10.0, -10.0), (20.0, 10.0))])
+    curve = make_curve(points, np.arange(len(wire)))
+    layout = Layout(
+        curves=(curve,), start_x=np.array([curve.low]), end_x=np.array([curve.high]),
+        start_station=(-1,), end_station=(0,), joints=(),
+        stations=(Station(position=np.zeros(2), direction=0.0, attachments=wire[:1]),),
+    )
+    height = extract_high(points, SETTINGS.height)
+    spans = build_spans(
+        gather_off_ground(points, height, -np.inf), layout, trace_routes(layout), SETTINGS,
+        np.random.default_rng(0),
+    )
+    assert not spans.models
+    assert (spans.line_id < 0).all()
