@@ -24,6 +24,7 @@ from plc_inspect.core.height import ground_at, HeightResult
 from plc_inspect.core.plan_index import gather_strip, PlanIndex
 from plc_inspect.core.route import Route, SIDE_BY_SIDE
 from plc_inspect.core.structures import COLUMN, find_structure, Structure
+from plc_inspect.core.support_points import mark_structure, mark_stub
 from plc_inspect.core.supports import Layout
 from plc_inspect.results import Bool, Float64, Support
 
@@ -44,13 +45,8 @@ HOLD_POINTS = 3
 """Insulators and arms leave this many points within HOLD_RADIUS of a conductor's end [m]."""
 BEYOND = 5.0
 """The cloud must go on this far beyond a conductor that ends at a support [m]."""
-POLE_SLICE = (0.8, 0.8)
-TOWER_SLICE = (2.0, 2.0)
-"""Half thickness along the line, and reach beyond the attachments across it, of supports [m]."""
 SAME_PLACE, SAME_HEIGHT = 1.0, 3.0
 """Supports this near in plan and in height are one [m]."""
-STUB_LENGTH, STUB_RADIUS = 2.5, 0.35
-"""What lies in line beyond the end of a conductor goes on with it: jumpers, the next span [m]."""
 
 Standing = tuple[Float64, list[tuple[int, int, Float64]], Structure | None]
 """Plan position of a support, the ends that it holds, and what was found there."""
@@ -119,7 +115,7 @@ def place_supports(
         top = float(attachments[:, 2].max())
         if structure is not None:
             top = max(top, structure.top)
-        _mark(
+        mark_structure(
             points,
             index,
             place,
@@ -129,7 +125,7 @@ def place_supports(
             mask,
         )
         for end in members:
-            _mark_stub(points, index, end[2], _outward(end, finals), mask)
+            mark_stub(points, index, end[2], _outward(end, finals), mask)
         if not math.isfinite(foot):
             foot = float(attachments[:, 2].min())
         supports.append(
@@ -246,6 +242,8 @@ def _reach_pole(
     closed = {}
     for number, side, end in members:
         beyond = float((pole.position - end[:2]) @ _outward((number, side, end), finals))
+        _, low, high = finals[number]
+        beyond = max(beyond, (low - high) / 4)  # a pole farther inside is not where it ends
         own = float(end_sigma[number, (side + 1) // 2])  # of the meeting of curves, 0 if none
         share = own**2 / (own**2 + ARM_SCATTER**2) if own > 0.0 else 1.0
         closed[number, side] = share * beyond, math.sqrt(share) * ARM_SCATTER
@@ -348,46 +346,3 @@ def _settle(position: Float64, structure: Structure | None, azimuth: float) -> F
     unit = np.array([math.cos(azimuth), math.sin(azimuth)])
     along = float((structure.position - position) @ unit)
     return position + unit * min(max(along, -1.5), 1.5)
-
-
-def _mark(
-    points: Float64,
-    index: PlanIndex,
-    place: Float64,
-    azimuth: float,
-    attachments: Float64,
-    is_pole: bool,
-    mask: Bool,
-) -> None:
-    """
-    Mark the points of a structure: a slice across the line as wide as the attachments.
-
-    The slice is thin, so that a tree beside a support reaches out of it and stays a hazard.
-    """
-    along_arm, beside = POLE_SLICE if is_pole else TOWER_SLICE
-    unit = np.array([math.cos(azimuth), math.sin(azimuth)])
-    left = np.array([-unit[1], unit[0]])
-    half = float(np.abs((attachments[:, :2] - place) @ left).max()) + beside
-    reach = math.hypot(half, along_arm)
-    found = gather_strip(
-        index.start, index.order, index.origin, index.cell_size, index.shape[0], index.shape[1],
-        place[0], place[1], place[0], place[1], reach,
-    )
-    apart = points[found, :2] - place
-    mask[found[(np.abs(apart @ unit) <= along_arm) & (np.abs(apart @ left) <= half)]] = True
-
-
-def _mark_stub(
-    points: Float64, index: PlanIndex, end: Float64, outward: Float64, mask: Bool
-) -> None:
-    """Mark what goes on beyond the end of a conductor."""
-    tip = end[:2] + STUB_LENGTH * outward
-    found = gather_strip(
-        index.start, index.order, index.origin, index.cell_size, index.shape[0], index.shape[1],
-        end[0], end[1], tip[0], tip[1], STUB_RADIUS,
-    )
-    apart = points[found] - end
-    along = apart[:, :2] @ outward
-    across = apart[:, 1] * outward[0] - apart[:, 0] * outward[1]
-    within = np.hypot(across, apart[:, 2]) <= STUB_RADIUS
-    mask[found[within & (along > 0.0) & (along <= STUB_LENGTH)]] = True

@@ -21,7 +21,7 @@ import math
 import numpy as np
 
 from plc_inspect.config import Settings
-from plc_inspect.core.bead_fit import LEAST_POINTS
+from plc_inspect.core.bead_fit import LEAST_POINTS, SHELL_SHARE
 from plc_inspect.core.beads import cluster_window
 from plc_inspect.core.collection import extend, measure_company, profile_curve
 from plc_inspect.core.cross_section import count_needed, thin_window
@@ -89,7 +89,7 @@ def add_taps(
     SpanResult
 
     """
-    if not spans.supports or not len(candidates.position):
+    if not spans.models or not spans.supports or not len(candidates.position):
         return spans
     places = build_plan_index(candidates.position, np.arange(len(candidates.position)), REACH / 2)
     models, grounds = list(spans.models), list(spans.ground_below)
@@ -118,7 +118,8 @@ def add_taps(
                     grounds.append(measure_ground_below(cloud.height, model))
                     lines.append(line_id)
                     line_id += 1
-            span_id += bool(lines) and models[-1].span.span_id == span_id
+            if models[-1].span.span_id == span_id:
+                span_id += 1
         supports.append(dataclasses.replace(support, line_ids=(*support.line_ids, *lines)))
     return dataclasses.replace(
         spans, models=tuple(models), ground_below=tuple(grounds), supports=tuple(supports),
@@ -247,7 +248,7 @@ def _find_start(cloud: OffGround, curve: Curve, support: Support, wire: Bool) ->
         step=STEP, ignore=wire,
     )
     for core, shell in zip(profile.core[::-1], profile.shell[::-1], strict=True):
-        if shell > 0.3 * core + 1.0:
+        if shell > SHELL_SHARE * core + 1.0:
             break
         low -= STEP
     return max(low, at)
