@@ -28,12 +28,6 @@ from sklearn.cluster import DBSCAN
 ROOT = Path(__file__).parents[1]
 BENCH = ROOT / 'bench'
 REAL = ROOT.parent / 'shared/data/real'
-MISSED = {
-    ('oakland_part3_an', 'wire recall'),
-    ('oakland_part2_ai', 'wire precision'),
-    ('oakland_part2_ai', 'wire recall'),
-}
-"""Floors that are not kept yet, as docs/accuracy.md says."""
 
 
 @pytest.fixture(scope='module')
@@ -81,9 +75,7 @@ def test_quick_accuracy_keeps_its_floors_on_real_clouds(bench, cache):
     assert {('ahn_12BZ1_21', 'wire F1'), ('real clouds without wires', 'lines found')} <= {
         (check.data, check.measure) for check in checks
     }
-    missed = [check.row() for check in checks
-              if not check.passed and (check.data, check.measure) not in MISSED]
-    assert missed == []
+    assert [check.row() for check in checks if not check.passed] == []
 
 
 def test_absent_real_clouds_are_skipped_and_named(bench, cache, capsys):

@@ -71,14 +71,10 @@ def test_no_line_where_there_is_none(name):
     assert (result.line_id == -1).all()
 
 
-@pytest.mark.parametrize(('name', 'precision', 'recall'), [
-    ('oakland_part3_an', 0.85, 0.6), ('oakland_part2_ai', 0.6, 0.35),
-])
-def test_wires_of_a_street(name, precision, recall):
+@pytest.mark.parametrize('name', ['oakland_part3_an', 'oakland_part2_ai'])
+def test_wires_of_a_street(name):
     _, label, result = inspect(name)
-    found = count_wire(label, result)
-    assert found[0] >= precision
-    assert found[1] >= recall
+    assert min(count_wire(label, result)) >= 0.85
 
 
 def test_residual_of_an_earth_wire_in_feet():
