@@ -58,7 +58,7 @@ REAL = ROOT.parent / 'shared/data/real'
 WITHOUT_LINE = ('no_line', 'town')
 WITH_TREES_IN_CONTACT = ('contact',)
 DENSITIES = (5.0, 20.0, 60.0)
-QUICK_SCENES = ('low_voltage', 'street', 'angle', 'town')
+QUICK_SCENES = ('low_voltage', 'angle', 'town')
 LEAST_SPANS = 200
 """Coverage of the intervals is judged from this number of spans."""
 
