@@ -129,7 +129,30 @@ def find_beads(
 def cluster_window(  # type: ignore[no-untyped-def]
     x, y, w, method, eps, min_points, half, max_thickness, max_crowding
 ):
-    """Beads among the points of one window: rows of fits and the owner of each point."""
+    """
+    Find the beads among the points of one window.
+
+    Parameters
+    ----------
+    x, y, w : (n,) float64
+        Points along, across and up [m].
+    method : int
+        Of `plane_clusters.KERNELS`.
+    eps, min_points, max_thickness, max_crowding
+        As of ClusteringSettings; eps and thickness in m.
+    half : float
+        Half the length of the window [m].
+
+    Returns
+    -------
+    fits : (B, 8) float64
+        As of `judge_clusters`.
+    owner : (n,) int64
+        Bead of each point, -1 none.
+    num_clusters : int
+        Clusters of the first attempt.
+
+    """
     owner, first_label, too_thick, fits = open_window(len(x))
     found = 0
     for attempt in range(NUM_EPS + 1):

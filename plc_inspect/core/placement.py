@@ -63,11 +63,35 @@ def place_supports(
     end_sigma: Float64,
 ) -> tuple[tuple[Support, ...], Bool, dict[tuple[int, int], tuple[float, float]]]:
     """
-    Supports of all stations and of the open ends at which a structure stands.
+    Place the supports of all stations and of the open ends at which a structure stands.
 
-    Returned are the supports, a mask (N,) of their points, and for each open end that proved to
-    be at a support, as curve and side, how far beyond its last point it hangs and the standard
-    deviation of that [m].
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Points off the ground [m].
+    height : HeightResult
+        Of these points.
+    index : PlanIndex
+        Searched.
+    wire : (N,) bool
+        Points of conductors.
+    layout, route : Layout, Route
+        C curves, and what they belong to.
+    finals : sequence of (Curve, float, float)
+        For each curve of the layout the final one, and the x of its ends [m].
+    end_sigma : (C, 2) float64
+        Standard deviation of the place of the low and the high end along the curve [m], 0 where
+        it is not at a station.
+
+    Returns
+    -------
+    supports : tuple of Support
+    mask : (N,) bool
+        Their points.
+    closed : dict
+        For ends at a pole, and open ends that proved to be at a support, as curve and side: how
+        far beyond its end so far it hangs, and the standard deviation of that [m].
+
     """
     mask = np.zeros(len(points), dtype=bool)
     found = []

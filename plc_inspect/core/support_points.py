@@ -47,7 +47,7 @@ def mark_structure(
     points : (N, 3) float64
         Coordinates [m].
     index : PlanIndex
-        Searched.
+        Of the points off the ground.
     place : (2,) float64
         Where the support stands in plan [m].
     azimuth : float
@@ -57,7 +57,7 @@ def mark_structure(
     is_pole : bool
         Poles have thinner slices than towers.
     mask : (N,) bool
-        Changed.
+        Points of supports; those found are set.
 
     """
     along_arm, beside = POLE_SLICE if is_pole else TOWER_SLICE
