@@ -149,7 +149,7 @@ def _freest(apart, level, needed, azimuth, reach):  # type: ignore[no-untyped-de
     """Axis of the column about which the least lies, and in how many metres it is filled, free."""
     best, best_filled, best_free, most = np.zeros(2), 0, 0, 0.0
     num = len(apart)
-    # strips across x as wide as a column, so that what is about a place is in seven of them
+    # strips across x as wide as a column, so that what is about a place is in nine of them
     strip, row = np.empty(num, dtype=np.int64), np.empty(num, dtype=np.int64)
     for k in range(num):
         strip[k] = math.floor((apart[k, 0] + 2 * reach) / COLUMN)

@@ -36,7 +36,7 @@ def lay_route(
 
 
 def extend_route(route: Float64, before: float, after: float) -> Float64:
-    """Return the route made longer (or shorter where negative) at its ends."""
+    """Return the route (K, 2) made longer at its ends, shorter where negative [m]."""
     first = (route[0] - route[1]) / np.hypot(*(route[0] - route[1]))
     last = (route[-1] - route[-2]) / np.hypot(*(route[-1] - route[-2]))
     return np.vstack([route[0] + before * first, route[1:-1], route[-1] + after * last])
@@ -61,7 +61,7 @@ def walk_route(path: Float64, step: float) -> Float64:
 
 
 def face_side(route: Float64, pole: int, side: int) -> tuple[Float64, Float64]:
-    """Return the way along a route at one of its supports, and to one side of it."""
+    """Return unit vectors (2,) along a route at one of its supports, and to one side of it."""
     ahead = route[min(pole + 1, len(route) - 1)] - route[max(pole - 1, 0)]
     ahead /= np.hypot(*ahead)
     return ahead, side * np.array([-ahead[1], ahead[0]])
