@@ -16,6 +16,7 @@
 
 from dataclasses import dataclass
 import math
+from typing import TypeVar
 
 from numba import njit
 import numpy as np
@@ -23,9 +24,12 @@ import numpy as np
 from plc_inspect.errors import FitError
 from plc_inspect.results import Bool, Float64
 
+FloatOrArray = TypeVar('FloatOrArray', float, Float64)
 MIN_CURVATURE = 1e-6
 """A straighter wire is given this curvature, 1 / c [1/m]."""
 NUM_STEPS = 12
+LEAST_EXTENT = 1e-3
+"""Points within less than this along the span have no catenary [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -64,15 +68,22 @@ class CatenaryFit:
         """Vertical displacement [m]."""
         return float(self.shape[0]) - self.c * math.sqrt(1.0 + self.shape[1] ** 2)
 
-    def height(self, x: Float64 | float) -> Float64:
+    def height(self, x: FloatOrArray) -> FloatOrArray:
         """Return z at each x; any shape, float64 [m]."""
+        if isinstance(x, float):
+            h, g, k = self.shape.tolist()
+            rise = math.cosh(k * (x - self.middle) + math.asinh(g)) - math.sqrt(1.0 + g * g)
+            return h + rise / k
         x = np.asarray(x, dtype=np.float64)
         flat = _heights(np.ascontiguousarray(x).ravel(), self.middle, self.shape)
         result: Float64 = flat.reshape(x.shape)[()]
         return result
 
-    def slope(self, x: Float64 | float) -> Float64:
+    def slope(self, x: FloatOrArray) -> FloatOrArray:
         """Return dz/dx at each x."""
+        if isinstance(x, float):
+            _, g, k = self.shape.tolist()
+            return math.sinh(k * (x - self.middle) + math.asinh(g))
         t = np.asarray(x, dtype=np.float64) - self.middle
         result: Float64 = np.sinh(self.shape[2] * t + math.asinh(self.shape[1]))
         return result
@@ -162,19 +173,12 @@ def fit_catenary(
     if len(x) < 4:
         raise FitError(f'a catenary needs 4 points, got {len(x)}')
     extent = float(x.max() - x.min())
-    if extent < 1e-3:
+    if extent < LEAST_EXTENT:
         raise FitError(f'a catenary cannot be fitted to points within {extent:.1e} m')
-    middle = float(x.min() + extent / 2)
-    t = np.ascontiguousarray(x - middle)
-    z = np.ascontiguousarray(z)
-    if rng is None:
-        inlier = np.ones(len(x), dtype=bool)
-    else:
-        triples = rng.integers(0, len(x), size=(num_trials, 3))
-        inlier = _msac(t, z, triples, tolerance, extent)
-        if inlier.sum() < 4:
-            inlier = np.ones(len(x), dtype=bool)
-    shape, covariance, rmse, inlier, converged = _refine(t, z, inlier, tolerance)
+    middle, shape, covariance, rmse, inlier, converged = solve_catenary(
+        np.ascontiguousarray(x), np.ascontiguousarray(z), tolerance,
+        draw_triples(num_trials, rng),
+    )
     return CatenaryFit(
         middle=middle,
         shape=shape,
@@ -183,6 +187,27 @@ def fit_catenary(
         inlier=inlier,
         converged=converged,
     )
+
+
+def draw_triples(num_trials: int, rng: np.random.Generator | None) -> Float64:
+    """Return (num_trials, 3) numbers from 0 to 1 that choose triples, none without ``rng``."""
+    return np.empty((0, 3)) if rng is None else rng.random((num_trials, 3))
+
+
+@njit(cache=True, nogil=True)
+def solve_catenary(x, z, tolerance, draws):  # type: ignore[no-untyped-def]
+    """Return the fields of CatenaryFit; x are four or more and not all the same."""
+    least = x.min()
+    extent = x.max() - least
+    middle = least + extent / 2
+    t = x - middle
+    inlier = np.ones(len(x), dtype=np.bool_)
+    if len(draws):
+        inlier = _find_consensus(t, z, draws, tolerance, extent)
+        if inlier.sum() < 4:
+            inlier[:] = True
+    shape, covariance, rmse, inlier, converged = _refine(t, z, inlier, tolerance)
+    return middle, shape, covariance, rmse, inlier, converged
 
 
 def fit_quadratic(x: Float64, z: Float64) -> tuple[float, float, float]:
@@ -241,14 +266,14 @@ def _height_sigma(t, shape, covariance):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _msac(t, z, triples, tolerance, extent):  # type: ignore[no-untyped-def]
+def _find_consensus(t, z, draws, tolerance, extent):  # type: ignore[no-untyped-def]
     """Inliers of the best quadratic through three points, by truncated squared error."""
     n = len(t)
     best = np.inf
     kept = np.ones(n, dtype=np.bool_)
     limit = tolerance * tolerance
-    for trial in range(len(triples)):
-        i, j, k = triples[trial, 0], triples[trial, 1], triples[trial, 2]
+    for trial in range(len(draws)):
+        i, j, k = int(draws[trial, 0] * n), int(draws[trial, 1] * n), int(draws[trial, 2] * n)
         dij, dik, djk = t[i] - t[j], t[i] - t[k], t[j] - t[k]
         if min(abs(dij), abs(dik), abs(djk)) < 0.05 * extent:
             continue
@@ -271,18 +296,62 @@ def _msac(t, z, triples, tolerance, extent):  # type: ignore[no-untyped-def]
     return kept
 
 
+@njit(cache=True, nogil=True, fastmath={'reassoc', 'contract', 'nsz'})
+def _add_up(t, z, h, g, k, scale, tolerance, weight, anew, sums):  # type: ignore[no-untyped-def]
+    """
+    Add up the normal equations over the points with weight 1; ``anew`` weighs them first.
+
+    Close to the middle, at |k t| of 0.5 or less, cosh and sinh are polynomials, exact to 1e-12.
+    """
+    root, base = math.sqrt(1.0 + g * g), math.asinh(g)
+    by_k, by_root, by_scale = 1.0 / k, 1.0 / (root * k * scale), 1.0 / (k * scale * scale)
+    near = k * scale <= 0.5
+    total = count = r0 = r1 = r2 = n1 = n2 = n11 = n12 = n22 = 0.0
+    for m in range(len(t)):
+        u = k * t[m]
+        if near:
+            u2 = u * u
+            more = 0.5 * u2 * (1.0 + u2 / 12.0 * (1.0 + u2 / 30.0 * (1.0 + u2 / 56.0 * (
+                1.0 + u2 / 90.0))))
+            odd = u * (1.0 + u2 / 6.0 * (1.0 + u2 / 20.0 * (1.0 + u2 / 42.0 * (
+                1.0 + u2 / 72.0 * (1.0 + u2 / 110.0)))))
+            rise, run = root * more + g * odd, root * odd + g * more
+        else:
+            grown = math.exp(u + base)
+            rise, run = 0.5 * (grown + 1.0 / grown) - root, 0.5 * (grown - 1.0 / grown) - g
+        r = z[m] - h - rise * by_k
+        w = weight[m]
+        if anew:
+            w = 1.0 if abs(r) <= tolerance else 0.0
+            weight[m] = w
+        j1 = run * by_root
+        j2 = (t[m] * (run + g) - rise * by_k) * by_scale
+        total += w * r * r
+        count += w
+        r0 += w * r
+        r1 += w * j1 * r
+        r2 += w * j2 * r
+        n1 += w * j1
+        n2 += w * j2
+        n11 += w * j1 * j1
+        n12 += w * j1 * j2
+        n22 += w * j2 * j2
+    sums[0], sums[1], sums[2], sums[3], sums[4] = total, count, r0, r1, r2
+    sums[5], sums[6], sums[7], sums[8], sums[9] = n1, n2, n11, n12, n22
+
+
 @njit(cache=True, nogil=True)
 def _refine(t, z, inlier, tolerance):  # type: ignore[no-untyped-def]
     """Gauss-Newton on height, slope and curvature, the inliers chosen anew at each step."""
-    n = len(t)
     scale = max(np.abs(t).max(), 1e-9)
     # quadratic start
     normal = np.zeros((3, 3))
     right = np.zeros(3)
-    for m in range(n):
+    row = np.ones(3)
+    for m in range(len(t)):
         if inlier[m]:
-            x = t[m] / scale
-            row = np.array([1.0, x, x * x])
+            row[1] = t[m] / scale
+            row[2] = row[1] * row[1]
             for p in range(3):
                 right[p] += row[p] * z[m]
                 for q in range(3):
@@ -293,41 +362,18 @@ def _refine(t, z, inlier, tolerance):  # type: ignore[no-untyped-def]
     h, g = start[0], start[1] / scale
     k = max(2.0 * start[2] / (scale * scale * math.sqrt(1.0 + g * g)), MIN_CURVATURE)
     k = min(k, 20.0 / scale)
-    chosen = inlier.copy()
+    weight = inlier.astype(np.float64)
     converged = False
     covariance = np.zeros((3, 3))
+    units = np.array([1.0, 1.0 / scale, 1.0 / (scale * scale)])
+    sums = np.zeros(10)
     rmse = 0.0
     for step in range(NUM_STEPS):
-        r0 = r1 = r2 = n1 = n2 = n11 = n12 = n22 = 0.0
-        root = math.sqrt(1.0 + g * g)
-        base = math.asinh(g)
-        total = 0.0
-        count = 0
-        by_k, by_root = 1.0 / k, 1.0 / (root * k * scale)
-        by_scale = 1.0 / (k * scale * scale)
-        for m in range(n):
-            grown = math.exp(k * t[m] + base)
-            cosh, sinh = 0.5 * (grown + 1.0 / grown), 0.5 * (grown - 1.0 / grown)
-            r = z[m] - h - (cosh - root) * by_k
-            if step >= 2:
-                chosen[m] = abs(r) <= tolerance
-            if not chosen[m]:
-                continue
-            j1 = (sinh - g) * by_root
-            j2 = (t[m] * sinh - (cosh - root) * by_k) * by_scale
-            total += r * r
-            count += 1
-            r0 += r
-            r1 += j1 * r
-            r2 += j2 * r
-            n1 += j1
-            n2 += j2
-            n11 += j1 * j1
-            n12 += j1 * j2
-            n22 += j2 * j2
-        right[0], right[1], right[2] = r0, r1, r2
-        normal[0, 0], normal[0, 1], normal[0, 2] = count, n1, n2
-        normal[1, 1], normal[1, 2], normal[2, 2] = n11, n12, n22
+        _add_up(t, z, h, g, k, scale, tolerance, weight, step >= 2, sums)
+        total, count = sums[0], sums[1]
+        right[:] = sums[2:5]
+        normal[0, 0], normal[0, 1], normal[0, 2] = count, sums[5], sums[6]
+        normal[1, 1], normal[1, 2], normal[2, 2] = sums[7], sums[8], sums[9]
         normal[1, 0], normal[2, 0], normal[2, 1] = normal[0, 1], normal[0, 2], normal[1, 2]
         if count < 4:
             break
@@ -337,7 +383,6 @@ def _refine(t, z, inlier, tolerance):  # type: ignore[no-untyped-def]
         inverse = np.linalg.inv(normal)
         change = inverse @ right
         noise = total / max(count - 3, 1)
-        units = np.array([1.0, 1.0 / scale, 1.0 / (scale * scale)])
         for p in range(3):
             for q in range(3):
                 covariance[p, q] = inverse[p, q] * noise * units[p] * units[q]
@@ -349,4 +394,4 @@ def _refine(t, z, inlier, tolerance):  # type: ignore[no-untyped-def]
             converged = True
             break
     shape = np.array([h, g, k])
-    return shape, covariance, rmse, chosen, converged
+    return shape, covariance, rmse, weight > 0.5, converged

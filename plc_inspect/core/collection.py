@@ -14,18 +14,38 @@
 
 """Collection of the points along a curve, and its extension as far as they go."""
 
+from collections.abc import Sequence
 import dataclasses
 from dataclasses import dataclass
 import math
+from typing import Any
 
-from numba import njit
+from numba import njit, prange
 import numpy as np
 
 from plc_inspect.config import CatenarySettings
 from plc_inspect.core.bead_fit import SHELL_RATIO, SHELL_SHARE
-from plc_inspect.core.curve import Curve, fit_curve
+from plc_inspect.core.curve import Curve, MAX_POINTS, pack_curves, unpack_curve
+from plc_inspect.core.curve_fit import (
+    AZIMUTH,
+    COS,
+    CURVATURE,
+    fit_row,
+    HEIGHT,
+    HIGH,
+    is_curve,
+    LOW,
+    MIDDLE,
+    NUM_POINTS,
+    ORIGIN_X,
+    ORIGIN_Y,
+    sigma_of,
+    SIN,
+    SLOPE,
+    to_local,
+    TOLERANCE,
+)
 from plc_inspect.core.plan_index import gather_strip, PlanIndex
-from plc_inspect.errors import FitError
 from plc_inspect.results import Bool, Float64, Int64
 
 CROWD_LENGTH = 4.0
@@ -35,6 +55,10 @@ FOLLOW_SHARE = 0.6
 COMPANY_RADIUS = 0.8
 """Distance at which other things keep a curve company [m]."""
 MAX_ROUNDS = 8
+NUM_REACHES = 13
+"""Reaches beyond an end that are tried, from none to ``max_step``."""
+STEP = 1.0
+"""Length of a bin [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -77,7 +101,7 @@ def profile_curve(
     low: float,
     high: float,
     *,
-    step: float = 1.0,
+    step: float = STEP,
     ignore: Bool | None = None,
 ) -> Profile:
     """
@@ -103,31 +127,17 @@ def profile_curve(
     Profile
 
     """
-    ends = curve.position(np.array([low, high]))
-    num = max(math.ceil((high - low) / step), 1)
     if ignore is None:
         ignore = np.zeros(0, dtype=bool)
     core, shell, chosen = _profile(
-        points,
-        index.start,
-        index.order,
-        index.origin,
-        index.cell_size,
-        index.shape[0],
-        index.shape[1],
-        ends,
-        curve.origin,
-        curve.azimuth,
-        curve.fit.middle,
-        curve.fit.shape,
-        low,
-        step,
-        num,
-        curve.tolerance,
-        ignore,
+        points, _grid(index), pack_curves([curve])[0], low, high, step, ignore
     )
-    chosen.sort(kind='stable')  # it comes nearly in order
     return Profile(low=low, step=step, core=core, shell=shell, chosen=chosen)
+
+
+def _grid(index: PlanIndex) -> tuple[Any, ...]:
+    """Return an index as the kernels take it."""
+    return index.start, index.order, index.origin, index.cell_size, *index.shape
 
 
 def measure_company(
@@ -169,59 +179,110 @@ def measure_company(
 
 
 def extend(
-    points: Float64, index: PlanIndex, curve: Curve, settings: CatenarySettings
-) -> Curve:
+    points: Float64, index: PlanIndex, curves: Sequence[Curve], settings: CatenarySettings
+) -> list[Curve]:
     """
-    Let a curve take in the points along it, within its ends and beyond, as far as they go.
+    Let curves take in the points along them, within their ends and beyond, as far as they go.
 
     Each round extrapolates no farther than the fit is sure of, and stops for good where the next
     ``max_step`` metres hold no points of a free wire.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    index : PlanIndex
+        Searched.
+    curves : sequence of Curve
+        Each is extended by itself.
+    settings : CatenarySettings
+        Settings of this stage.
+
+    Returns
+    -------
+    list of Curve
+        Parallel to those given; the same where nothing more was found.
+
     """
+    if not curves:
+        return []
+    rows = pack_curves(curves)
+    own, stride = _extend_all(points, _grid(index), rows, settings.max_step)
+    return [
+        unpack_curve(row, chosen, int(step)) if step else curve
+        for curve, row, chosen, step in zip(curves, rows, own, stride, strict=True)
+    ]
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _extend_all(points, grid, rows, max_step):  # type: ignore[no-untyped-def]
+    """Extend each row in place; returned are its points and their stride, 0 if it is the same."""
+    own = [np.empty(0, dtype=np.int64) for _ in range(len(rows))]
+    stride = np.zeros(len(rows), dtype=np.int64)
+    for k in prange(len(rows)):
+        own[k], stride[k] = _extend(points, grid, rows[k], max_step)
+    return own, stride
+
+
+@njit(cache=True, nogil=True)
+def _extend(points, grid, row, max_step):  # type: ignore[no-untyped-def]
+    own, stride = np.empty(0, dtype=np.int64), 0
+    nothing, no_draws = np.zeros(0, dtype=np.bool_), np.empty((0, 3))
+    allowed = math.ceil(max_step / STEP)
     for _ in range(MAX_ROUNDS):
-        reach = _sure_reach(curve, settings.max_step)
-        profile = profile_curve(points, index, curve, curve.low - reach, curve.high + reach)
-        good = (profile.core > 0) & (profile.shell <= FOLLOW_SHARE * profile.core)
-        own_low = int((curve.low - profile.low) / profile.step)
-        own_high = int((curve.high - profile.low) / profile.step)
-        allowed = math.ceil(settings.max_step / profile.step)
-        first = _walk(good[: own_low + 1][::-1], allowed)
-        last = _walk(good[min(own_high, len(good) - 1) :], allowed)
-        low = profile.low + (own_low - first) * profile.step
-        high = profile.low + (own_high + last + 1) * profile.step
-        x, _ = curve.local(points[profile.chosen])
-        chosen = profile.chosen[(x >= low) & (x <= high)]
-        if len(chosen) < 4:
-            return curve
-        try:
-            grown = fit_curve(
-                points, chosen, tolerance=curve.tolerance, azimuth=curve.azimuth
-            )
-        except FitError:
-            return curve
-        if grown.num_points < 0.9 * curve.num_points or grown.length < 0.9 * curve.length:
-            return curve
-        done = grown.length < curve.length + 1.0
-        curve = grown
-        if done:
+        reach = _sure_reach(row, max_step)
+        first = row[LOW] - reach
+        core, shell, chosen = _profile(
+            points, grid, row, first, row[HIGH] + reach, STEP, nothing
+        )
+        good = (core > 0) & (shell <= FOLLOW_SHARE * core)
+        own_low = int((row[LOW] - first) / STEP)
+        own_high = int((row[HIGH] - first) / STEP)
+        before = _walk(good[: own_low + 1][::-1], allowed)
+        beyond = _walk(good[min(own_high, len(good) - 1) :], allowed)
+        low = first + (own_low - before) * STEP
+        high = first + (own_high + beyond + 1) * STEP
+        num = 0
+        for i in chosen:
+            x, _ = to_local(row, points[i, 0], points[i, 1])
+            if low <= x <= high:
+                chosen[num] = i
+                num += 1
+        step = max(-(-num // MAX_POINTS), 1)
+        grown, kept, _ = fit_row(
+            points, chosen[:num][::step].copy(), row[TOLERANCE], row[TOLERANCE], row[AZIMUTH],
+            no_draws,
+        )
+        if not is_curve(grown):
             break
-    return curve
+        grown[NUM_POINTS] *= step
+        length, was = grown[HIGH] - grown[LOW], row[HIGH] - row[LOW]
+        if grown[NUM_POINTS] < 0.9 * row[NUM_POINTS] or length < 0.9 * was:
+            break
+        row[:] = grown
+        own, stride = kept, step
+        if length < was + 1.0:
+            break
+    return own, stride
 
 
-def _sure_reach(curve: Curve, longest: float) -> float:
+@njit(cache=True, nogil=True)
+def _sure_reach(row, longest):  # type: ignore[no-untyped-def]
     """How far beyond both ends the curve is known to its tolerance, at most ``longest``."""
-    steps = np.linspace(0.0, longest, 13)
-    sigma = np.maximum(
-        curve.prediction_sigma(curve.high + steps), curve.prediction_sigma(curve.low - steps)
-    )
-    sure = steps[3 * sigma <= curve.tolerance]
-    return float(sure[-1]) if len(sure) else 0.0
+    for part in range(NUM_REACHES - 1, 0, -1):
+        reach = longest * part / (NUM_REACHES - 1)
+        sigma = max(sigma_of(row, row[HIGH] + reach), sigma_of(row, row[LOW] - reach))
+        if 3.0 * sigma <= row[TOLERANCE]:
+            return reach
+    return 0.0
 
 
-def _walk(good: Bool, allowed: int) -> int:
+@njit(cache=True, nogil=True)
+def _walk(good, allowed):  # type: ignore[no-untyped-def]
     """Count the steps to the last good bin reached over at most ``allowed`` bad in a row."""
     last = bad = 0
-    for step, value in enumerate(good):
-        if value:
+    for step in range(len(good)):
+        if good[step]:
             last, bad = step, 0
         else:
             bad += 1
@@ -231,40 +292,43 @@ def _walk(good: Bool, allowed: int) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _profile(  # type: ignore[no-untyped-def]
-    points, start, order, grid_origin, cell, rows, columns, ends,
-    origin, azimuth, middle, shape, low, step, num, tolerance, ignore,
-):
+def _profile(points, grid, row, low, high, step, ignore):  # type: ignore[no-untyped-def]
+    """Points on the curve and close about it in each bin, and those on it, ascending."""
+    tolerance = row[TOLERANCE]
+    most = tolerance * SHELL_RATIO
+    start, order, corner, cell, num_rows, num_columns = grid
     near = gather_strip(
-        start, order, grid_origin, cell, rows, columns,
-        ends[0, 0], ends[0, 1], ends[1, 0], ends[1, 1], tolerance * SHELL_RATIO,
+        start, order, corner, cell, num_rows, num_columns,
+        row[ORIGIN_X] + row[COS] * low, row[ORIGIN_Y] + row[SIN] * low,
+        row[ORIGIN_X] + row[COS] * high, row[ORIGIN_Y] + row[SIN] * high, most,
     )
-    ca, sa = math.cos(azimuth), math.sin(azimuth)
-    h, g, k = shape[0], shape[1], shape[2]
+    num = max(math.ceil((high - low) / step), 1)
+    h, g, k = row[HEIGHT], row[SLOPE], row[CURVATURE]
     base, root = math.asinh(g), math.sqrt(1.0 + g * g)
     core = np.zeros(num, dtype=np.int64)
     shell = np.zeros(num, dtype=np.int64)
     chosen = np.empty(len(near), dtype=np.int64)
-    outer = (tolerance * SHELL_RATIO) ** 2
+    outer = most * most
     found = 0
+    ordered = True
     for i in near:
-        dx, dy = points[i, 0] - origin[0], points[i, 1] - origin[1]
-        x = ca * dx + sa * dy
+        x, y = to_local(row, points[i, 0], points[i, 1])
+        if abs(y) > most:
+            continue
         place = math.floor((x - low) / step)
         if place < 0 or place >= num:
             continue
-        y = ca * dy - sa * dx
-        if abs(y) > tolerance * SHELL_RATIO:
-            continue
-        grown = math.exp(k * (x - middle) + base)
+        grown = math.exp(k * (x - row[MIDDLE]) + base)
         cosh = 0.5 * (grown + 1.0 / grown)
         dz = points[i, 2] - h - (cosh - root) / k
         dz /= cosh  # vertical to perpendicular: cosh of the angle's gudermannian
         r2 = y * y + dz * dz
         if r2 <= tolerance * tolerance:
             core[place] += 1
+            ordered = ordered and (found == 0 or i > chosen[found - 1])
             chosen[found] = i
             found += 1
         elif r2 <= outer and not (len(ignore) and ignore[i]):
             shell[place] += 1
-    return core, shell, chosen[:found]
+    chosen = chosen[:found].copy()
+    return core, shell, chosen if ordered else np.sort(chosen)

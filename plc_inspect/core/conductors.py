@@ -127,15 +127,14 @@ def find_curves(
 ) -> tuple[Curve, ...]:
     """Return all curves of the tracks, grown, joined and freed of duplicates, before evidence."""
     curves = model_tracks(points, clustering, settings, rng)
-    grown = [extend(points, index, curve, settings) for curve in curves]
+    grown = extend(points, index, curves, settings)
     done = {id(curve) for curve in grown}
     curves = drop_duplicates(points, merge_bundles(points, grown, settings), settings)
     curves = merge_bundles(points, bridge(points, curves, settings), settings)
+    fresh = [curve for curve in curves if id(curve) not in done]
+    again = iter(extend(points, index, fresh, settings))
     curves = tuple(
-        widen(
-            points, index,
-            curve if id(curve) in done else extend(points, index, curve, settings), settings,
-        )
+        widen(points, index, curve if id(curve) in done else next(again), settings)
         for curve in curves
     )
     return drop_duplicates(points, merge_bundles(points, curves, settings), settings)

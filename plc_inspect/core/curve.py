@@ -19,10 +19,30 @@ from dataclasses import dataclass
 import math
 from typing import TypeVar
 
-from numba import njit
 import numpy as np
 
-from plc_inspect.core.catenary import CatenaryFit, fit_catenary
+from plc_inspect.core.catenary import CatenaryFit, draw_triples
+from plc_inspect.core.curve_fit import (
+    AZIMUTH,
+    CONVERGED,
+    COVARIANCE,
+    CURVATURE,
+    describe_misfit,
+    fit_row,
+    HEIGHT,
+    HIGH,
+    LATERAL_RMSE,
+    LOW,
+    MEAN_X,
+    MIDDLE,
+    OFFSET_SIGMA,
+    ORIGIN_X,
+    ORIGIN_Y,
+    RMSE,
+    ROW,
+    TOLERANCE,
+    TURN_SIGMA,
+)
 from plc_inspect.errors import FitError
 from plc_inspect.results import Bool, Float64, Int64
 
@@ -30,8 +50,6 @@ FloatOrArray = TypeVar('FloatOrArray', float, Float64)
 
 MAX_POINTS = 2000
 """Points that a fit needs while conductors are looked for."""
-NUM_PLANES = 4
-"""Rounds of fitting the plane and choosing the points near it."""
 MIN_TOLERANCE = 0.1
 MAX_TOLERANCE = 0.35
 """Bounds of the residual of an inlier, when it is derived from the noise [m]."""
@@ -145,41 +163,61 @@ def fit_curve(
     """
     stride = max(-(-len(chosen) // max_points), 1)
     chosen = np.ascontiguousarray(chosen[::stride], dtype=np.int64)
-    if len(chosen) < 4:
-        raise FitError(f'a conductor needs 4 points, got {len(chosen)}')
-    origin, azimuth, x, y, z, keep = _find_plane(
-        points, chosen, tolerance, math.nan if azimuth is None else azimuth
+    row, own, num_plane = fit_row(
+        points, chosen, tolerance, min(tolerance, vertical),
+        math.nan if azimuth is None else azimuth, draw_triples(num_trials, rng),
     )
-    num_kept = int(keep.sum())
-    if num_kept < 4:
-        raise FitError(f'{num_kept} of {len(keep)} points lie in a vertical plane')
-    if num_kept < len(keep):
-        chosen, x, y, z = chosen[keep], x[keep], y[keep], z[keep]
-    fit = fit_catenary(
-        x, z, tolerance=min(tolerance, vertical), num_trials=num_trials, rng=rng
-    )
-    if not fit.inlier.all():
-        chosen, x, y = chosen[fit.inlier], x[fit.inlier], y[fit.inlier]
-    if len(chosen) < 4:
-        raise FitError(f'{len(chosen)} of {len(keep)} points lie on a catenary')
-    azimuth = math.remainder(azimuth, 2 * math.pi)
-    rms = math.sqrt(float(y @ y) / len(y))
-    mean = float(x.mean())
-    spread = max(float(x @ x) - len(x) * mean * mean, 1e-9)
-    noise = max(rms, 1e-3)
+    problem = describe_misfit(row, len(chosen), num_plane)
+    if problem:
+        raise FitError(problem)
+    return unpack_curve(row, own, stride)
+
+
+def unpack_curve(row: Float64, own: Int64, stride: int) -> Curve:
+    """Return the curve of a row that fit_row gave, and of its points."""
+    values = row.tolist()
     return Curve(
-        origin=origin,
-        azimuth=azimuth,
-        fit=fit,
-        low=float(x.min()),
-        high=float(x.max()),
-        lateral_rmse=rms,
-        lateral_sigma=(noise / math.sqrt(len(x)), noise / math.sqrt(spread)),
-        mean_x=mean,
-        tolerance=tolerance,
-        points=chosen,
+        origin=row[ORIGIN_X : ORIGIN_Y + 1],
+        azimuth=values[AZIMUTH],
+        fit=CatenaryFit(
+            middle=values[MIDDLE],
+            shape=row[HEIGHT : CURVATURE + 1],
+            covariance=row[COVARIANCE : COVARIANCE + 9].reshape(3, 3),
+            rmse=values[RMSE],
+            inlier=np.ones(len(own), dtype=bool),
+            converged=bool(values[CONVERGED]),
+        ),
+        low=values[LOW],
+        high=values[HIGH],
+        lateral_rmse=values[LATERAL_RMSE],
+        lateral_sigma=(values[OFFSET_SIGMA], values[TURN_SIGMA]),
+        mean_x=values[MEAN_X],
+        tolerance=values[TOLERANCE],
+        points=own,
         stride=stride,
     )
+
+
+def pack_curves(curves: Sequence[Curve]) -> Float64:
+    """
+    Return curves as the rows of curve_fit.
+
+    Returns
+    -------
+    (C, ROW) float64
+
+    """
+    rows = np.empty((len(curves), ROW))
+    for row, curve in zip(rows, curves, strict=True):
+        fit = curve.fit
+        row[: COVARIANCE] = (
+            *curve.origin.tolist(), math.cos(curve.azimuth), math.sin(curve.azimuth), fit.middle,
+            *fit.shape.tolist(), curve.low, curve.high, curve.azimuth, fit.rmse,
+            curve.lateral_rmse, *curve.lateral_sigma, curve.mean_x, fit.converged,
+            curve.tolerance, curve.num_points,
+        )
+        row[COVARIANCE :] = fit.covariance.ravel()
+    return rows
 
 
 def find_far_apart(curves: Sequence[Curve], margin: float = 1.0) -> Bool:
@@ -214,61 +252,3 @@ def find_far_apart(curves: Sequence[Curve], margin: float = 1.0) -> Bool:
 def derive_tolerance(noise: float) -> float:
     """Residual that separates inliers from others, for a noise (rms) [m]."""
     return min(max(3.0 * noise, MIN_TOLERANCE), MAX_TOLERANCE)
-
-
-@njit(cache=True, nogil=True)
-def _find_plane(points, chosen, tolerance, wanted):  # type: ignore[no-untyped-def]
-    """
-    Find the vertical plane of points, robustly.
-
-    Returned are its origin and azimuth, x and y of the points in it, their z, and which of them
-    lie within the tolerance.
-    """
-    num = len(chosen)
-    ox = oy = 0.0
-    for i in chosen:
-        ox += points[i, 0] / num
-        oy += points[i, 1] / num
-    # plan positions from their mean: the loops below stay exact for map coordinates
-    dx, dy, z = np.empty(num), np.empty(num), np.empty(num)
-    xx = xy = yy = 0.0
-    for k in range(num):
-        i = chosen[k]
-        dx[k], dy[k], z[k] = points[i, 0] - ox, points[i, 1] - oy, points[i, 2]
-        xx += dx[k] * dx[k]
-        xy += dx[k] * dy[k]
-        yy += dy[k] * dy[k]
-    azimuth = 0.5 * math.atan2(2.0 * xy, xx - yy)
-    if math.cos(azimuth - wanted) < 0.0:  # never where none is wanted: NaN
-        azimuth += math.pi
-    sx = sy = 0.0
-    keep = np.ones(num, dtype=np.bool_)
-    x, y = np.empty(num), np.empty(num)
-    for step in range(NUM_PLANES + 1):
-        ca, sa = math.cos(azimuth), math.sin(azimuth)
-        count = 0
-        mx = my = 0.0
-        for k in range(num):
-            x[k] = ca * (dx[k] - sx) + sa * (dy[k] - sy)
-            y[k] = ca * (dy[k] - sy) - sa * (dx[k] - sx)
-            if step:
-                keep[k] = abs(y[k]) <= tolerance
-            if keep[k]:
-                count += 1
-                mx += x[k]
-                my += y[k]
-        if step == NUM_PLANES or count < 4:
-            break
-        mx /= count
-        my /= count
-        spread = product = 0.0
-        for k in range(num):
-            if keep[k]:
-                spread += (x[k] - mx) * (x[k] - mx)
-                product += (x[k] - mx) * (y[k] - my)
-        slope = product / spread if spread > 1e-9 else 0.0
-        offset = my - slope * mx
-        sx -= offset * sa
-        sy += offset * ca
-        azimuth += math.atan(slope)
-    return np.array([ox + sx, oy + sy]), azimuth, x, y, z, keep

@@ -15,17 +15,36 @@
 """Duplicates: curves that have their points, or their course, from better seen ones."""
 
 from collections.abc import Sequence
+import math
 
+from numba import njit
 import numpy as np
 
 from plc_inspect.config import CatenarySettings
-from plc_inspect.core.curve import Curve, find_far_apart
-from plc_inspect.results import Bool, Float64
+from plc_inspect.core.curve import Curve, find_far_apart, pack_curves
+from plc_inspect.core.curve_fit import (
+    COS,
+    height_of,
+    HIGH,
+    LOW,
+    ORIGIN_X,
+    ORIGIN_Y,
+    SIN,
+    to_local,
+    TOLERANCE,
+)
+from plc_inspect.results import Float64
 
 THICK = 0.12
 """Points of one conductor spread less than this about its curve (rms) [m]."""
 MAX_SHARED = 0.5
 """A curve with more of its points on better seen curves is dropped."""
+NUM_STATIONS = 21
+"""Places along a curve that tell its course."""
+COURSE_SHARE = 0.6
+"""Curves within this share of their tolerance of each other have the same course."""
+SLACK = 0.5
+"""A curve counts this far beyond its ends [m]."""
 
 
 def drop_duplicates(
@@ -37,21 +56,15 @@ def drop_duplicates(
     A line laid across several conductors at a small angle meets points of each, but has none
     of its own.
     """
+    if not curves:
+        return ()
     order = sorted(curves, key=lambda curve: _rank(curve, settings))
-    far = find_far_apart(order)
-    kept: list[int] = []
-    for number, curve in enumerate(order):
-        stations = curve.position(np.linspace(curve.low, curve.high, 21))
-        own = points[curve.points]
-        on_course = np.zeros(len(stations), dtype=bool)
-        shared = np.zeros(len(own), dtype=bool)
-        for other in (order[k] for k in kept if not far[number, k]):
-            reach = 0.6 * max(curve.tolerance, other.tolerance)
-            on_course |= _lies_on(stations, other, reach)
-            shared |= _lies_on(own, other, other.tolerance)
-        if on_course.mean() < 0.5 and shared.mean() <= MAX_SHARED:
-            kept.append(number)
-    result = [order[number] for number in kept]
+    start = np.cumsum([0, *(len(curve.points) for curve in order)])
+    kept = _choose(
+        points, pack_curves(order), np.concatenate([curve.points for curve in order]), start,
+        find_far_apart(order),
+    )
+    result = [curve for curve, is_kept in zip(order, kept, strict=True) if is_kept]
     result.sort(key=lambda curve: (-curve.length, *curve.origin))
     return tuple(result)
 
@@ -75,9 +88,46 @@ def is_thick(curve: Curve) -> bool:
     return max(curve.lateral_rmse, curve.fit.rmse) > THICK
 
 
-def _lies_on(points: Float64, curve: Curve, reach: float) -> Bool:
-    """Tell which points are within reach of a curve between its ends."""
-    x, y = curve.local(points)
-    inside = (x >= curve.low - 0.5) & (x <= curve.high + 0.5)
-    result: Bool = inside & (np.hypot(y, points[:, 2] - curve.fit.height(x)) <= reach)
-    return result
+@njit(cache=True, nogil=True)
+def _choose(points, rows, own, start, far):  # type: ignore[no-untyped-def]
+    """Tell which curves, best seen first, have points and a course of their own."""
+    kept = np.zeros(len(rows), dtype=np.bool_)
+    for number in range(len(rows)):
+        row = rows[number]
+        on_course = np.zeros(NUM_STATIONS, dtype=np.bool_)
+        mine = own[start[number] : start[number + 1]]
+        shared = np.zeros(len(mine), dtype=np.bool_)
+        for k in range(number):
+            if not kept[k] or far[number, k]:
+                continue
+            other = rows[k]
+            reach = COURSE_SHARE * max(row[TOLERANCE], other[TOLERANCE])
+            mark_course(row, other, other[LOW] - SLACK, other[HIGH] + SLACK, reach, on_course)
+            for m in range(len(mine)):
+                i = mine[m]
+                shared[m] = shared[m] or _lies_on(
+                    points[i, 0], points[i, 1], points[i, 2], other, other[LOW] - SLACK,
+                    other[HIGH] + SLACK, other[TOLERANCE],
+                )
+        kept[number] = on_course.mean() < 0.5 and shared.sum() <= MAX_SHARED * len(mine)
+    return kept
+
+
+@njit(cache=True, nogil=True)
+def mark_course(row, other, low, high, reach, marks):  # type: ignore[no-untyped-def]
+    """Mark the stations along a row's curve that lie on another one between two x of that."""
+    for k in range(len(marks)):
+        x = row[LOW] + (row[HIGH] - row[LOW]) * k / (len(marks) - 1)
+        marks[k] = marks[k] or _lies_on(
+            row[ORIGIN_X] + row[COS] * x, row[ORIGIN_Y] + row[SIN] * x, height_of(row, x),
+            other, low, high, reach,
+        )
+
+
+@njit(cache=True, nogil=True)
+def _lies_on(px, py, pz, row, low, high, reach):  # type: ignore[no-untyped-def]
+    """Tell whether a place is within reach of a row's curve between two x."""
+    x, y = to_local(row, px, py)
+    if abs(y) > reach or x < low or x > high:
+        return False
+    return math.hypot(y, pz - height_of(row, x)) <= reach

@@ -21,9 +21,20 @@ import math
 from numba import njit
 import numpy as np
 
-from plc_inspect.core.curve import Curve
-from plc_inspect.core.nearest import height_of, span_table
-from plc_inspect.results import Float64
+from plc_inspect.core.curve import Curve, pack_curves
+from plc_inspect.core.curve_fit import (
+    COS,
+    height_of,
+    HIGH,
+    LOW,
+    ORIGIN_X,
+    ORIGIN_Y,
+    sigma_of,
+    SIN,
+    slope_of,
+    to_local,
+)
+from plc_inspect.results import Float64, Int64
 
 MAX_TURN = math.radians(65.0)
 """Sharpest angle of a line at a support."""
@@ -81,36 +92,12 @@ def find_joints(curves: Sequence[Curve], max_reach: float) -> tuple[Joint, ...]:
     """
     if len(curves) < 2:
         return ()
-    ends = [
-        (
-            number,
-            side,
-            curve.position(curve.high if side > 0 else curve.low)[0],
-            _outward(curve, side),
-        )
-        for number, curve in enumerate(curves)
-        for side in (-1, 1)
+    rows = pack_curves(curves)
+    found = _meet_all(rows, _pair_ends(rows, max_reach), max_reach)
+    candidates = [
+        _describe(curves, pair, (x, other_x), miss, rise)
+        for *pair, x, other_x, miss, rise in found.tolist()
     ]
-    position = np.array([end[2] for end in ends])
-    outward = np.array([end[3] for end in ends])
-    apart = position[None, :, :2] - position[:, None, :2]
-    distance = np.linalg.norm(apart, axis=2)
-    facing = outward @ outward.T < -math.cos(MAX_TURN)
-    ahead = np.einsum('ijk,ik->ij', apart, outward)
-    across = np.abs(apart[:, :, 0] * outward[:, None, 1] - apart[:, :, 1] * outward[:, None, 0])
-    near = (distance < 2 * max_reach) & (ahead > -2 * MAX_OVERLAP)
-    near &= across < 3.0 + np.abs(ahead) * math.tan(MAX_TURN / 2) + 0.5
-    table = span_table(curves, *np.array([(curve.low, curve.high) for curve in curves]).T)
-    candidates = []
-    for i, j in np.argwhere(np.triu(near & facing & near.T, 1)):
-        first, second = ends[i], ends[j]
-        if first[0] == second[0]:
-            continue
-        joint = _meet(
-            curves, table, (first[0], second[0]), (first[1], second[1]), max_reach
-        )
-        if joint is not None:
-            candidates.append(joint)
     candidates.sort(key=lambda joint: (joint.cost, joint.curves, joint.sides))
     used: set[tuple[int, int]] = set()
     chosen = []
@@ -122,42 +109,53 @@ def find_joints(curves: Sequence[Curve], max_reach: float) -> tuple[Joint, ...]:
     return tuple(chosen)
 
 
-def _outward(curve: Curve, side: int) -> Float64:
-    return side * np.array([math.cos(curve.azimuth), math.sin(curve.azimuth)])
+def _pair_ends(rows: Float64, max_reach: float) -> Int64:
+    """
+    Pair the ends that face each other, in plan.
+
+    Returns
+    -------
+    (P, 4) int64
+        Curve and side of one end, curve and side of the other.
+
+    """
+    curve = np.repeat(np.arange(len(rows)), 2)
+    side = np.tile([-1, 1], len(rows))
+    unit = rows[curve][:, [COS, SIN]]
+    x = rows[curve, np.where(side > 0, HIGH, LOW)]
+    position = rows[curve][:, [ORIGIN_X, ORIGIN_Y]] + x[:, None] * unit
+    outward = side[:, None] * unit
+    apart = position[None, :] - position[:, None]
+    distance = np.hypot(apart[:, :, 0], apart[:, :, 1])
+    facing = outward @ outward.T < -math.cos(MAX_TURN)
+    ahead = np.einsum('ijk,ik->ij', apart, outward)
+    across = np.abs(apart[:, :, 0] * outward[:, None, 1] - apart[:, :, 1] * outward[:, None, 0])
+    near = (distance < 2 * max_reach) & (ahead > -2 * MAX_OVERLAP)
+    near &= across < 3.0 + np.abs(ahead) * math.tan(MAX_TURN / 2) + 0.5
+    one, other = np.nonzero(np.triu(near & facing & near.T, 1) & (curve[:, None] != curve))
+    return np.stack([curve[one], side[one], curve[other], side[other]], axis=1)
 
 
-def _meet(
-    curves: Sequence[Curve], table: Float64, pair: tuple[int, int], sides: tuple[int, int],
-    max_reach: float,
-) -> Joint | None:
-    """Closest approach of two curves near their facing ends."""
-    first, second = curves[pair[0]], curves[pair[1]]
-    x, other_x, miss = _approach(
-        table[pair[0]], table[pair[1]], sides[0], sides[1],
-        min(max_reach, 0.7 * first.length + 2.0), min(max_reach, 0.7 * second.length + 2.0),
-    )
-    if miss > 2 * MAX_MISS:
-        return None
-    slack = 3 * max(
-        float(first.prediction_sigma(np.array([x]))[0]),
-        float(second.prediction_sigma(np.array([other_x]))[0]),
-    )
-    if miss > MAX_MISS + min(slack, MAX_MISS):
-        return None
-    rise = sides[0] * float(first.fit.slope(x)) + sides[1] * float(second.fit.slope(other_x))
-    if rise < MIN_RISE:
-        return None
-    here = (first.position(x)[0] + second.position(other_x)[0]) / 2
-    beyond = (x - (first.high if sides[0] > 0 else first.low)) * sides[0]
-    other_beyond = (other_x - (second.high if sides[1] > 0 else second.low)) * sides[1]
-    stretch = max(beyond, 0.0) + max(other_beyond, 0.0)
-    overlap = max(-beyond, 0.0) + max(-other_beyond, 0.0)
-    axis = _outward(second, sides[1]) - _outward(first, sides[0])
+def _describe(
+    curves: Sequence[Curve], pair: Sequence[float], x: tuple[float, float], miss: float,
+    rise: float,
+) -> Joint:
+    """Return the joint of a (4,) pair of ends that meet at x of both curves."""
+    numbers, sides = (int(pair[0]), int(pair[2])), (int(pair[1]), int(pair[3]))
+    stretch = overlap = 0.0
+    places, axis = [], np.zeros(2)
+    for number, side, at, sign in zip(numbers, sides, x, (-1, 1), strict=True):
+        curve = curves[number]
+        beyond = (at - (curve.high if side > 0 else curve.low)) * side
+        stretch += max(beyond, 0.0)
+        overlap += max(-beyond, 0.0)
+        places.append(curve.position(at)[0])
+        axis += sign * side * np.array([math.cos(curve.azimuth), math.sin(curve.azimuth)])
     return Joint(
-        curves=pair,
+        curves=numbers,
         sides=sides,
-        x=(x, other_x),
-        position=here,
+        x=x,
+        position=(places[0] + places[1]) / 2,
         direction=math.atan2(axis[1], axis[0]),
         kink=rise,
         miss=miss,
@@ -166,17 +164,43 @@ def _meet(
 
 
 @njit(cache=True, nogil=True)
+def _meet_all(rows, pairs, max_reach):  # type: ignore[no-untyped-def]
+    """Pairs of ends that meet: (Q, 8) pair, x of both curves, their distance, and the kink."""
+    result = np.empty((len(pairs), 8))
+    num = 0
+    for i, side, j, other_side in pairs:
+        first, second = rows[i], rows[j]
+        x, other_x, miss = _approach(
+            first, second, side, other_side,
+            min(max_reach, 0.7 * (first[HIGH] - first[LOW]) + 2.0),
+            min(max_reach, 0.7 * (second[HIGH] - second[LOW]) + 2.0),
+        )
+        if miss > 2 * MAX_MISS:
+            continue
+        slack = 3.0 * max(sigma_of(first, x), sigma_of(second, other_x))
+        if miss > MAX_MISS + min(slack, MAX_MISS):
+            continue
+        rise = side * slope_of(first, x) + other_side * slope_of(second, other_x)
+        if rise < MIN_RISE:
+            continue
+        result[num, 0], result[num, 1], result[num, 2], result[num, 3] = i, side, j, other_side
+        result[num, 4], result[num, 5], result[num, 6], result[num, 7] = x, other_x, miss, rise
+        num += 1
+    return result[:num]
+
+
+@njit(cache=True, nogil=True)
 def _approach(row, other, side, other_side, reach, other_reach):  # type: ignore[no-untyped-def]
     """
-    Where two curves, as rows of span_table, are nearest about their facing ends.
+    Where two curves, as rows, are nearest about their facing ends.
 
     Returned are the place along each of them and their distance there [m], inf where neither
     comes near the end of the other.
     """
-    end = row[9] if side > 0 else row[8]
-    other_end = other[9] if other_side > 0 else other[8]
-    back = min(MAX_OVERLAP, (row[9] - row[8]) / 2)
-    other_back = min(MAX_OVERLAP, (other[9] - other[8]) / 2)
+    end = row[HIGH] if side > 0 else row[LOW]
+    other_end = other[HIGH] if other_side > 0 else other[LOW]
+    back = min(MAX_OVERLAP, (row[HIGH] - row[LOW]) / 2)
+    other_back = min(MAX_OVERLAP, (other[HIGH] - other[LOW]) / 2)
     best_x, best_other_x, best = end, other_end, np.inf
     for fine in range(2):
         if fine == 0:
@@ -190,9 +214,8 @@ def _approach(row, other, side, other_side, reach, other_reach):  # type: ignore
             best = np.inf
         for k in range(num):
             x = first + k * step
-            px, py = row[0] + row[2] * x, row[1] + row[3] * x
-            dx, dy = px - other[0], py - other[1]
-            other_x, across = other[2] * dx + other[3] * dy, other[2] * dy - other[3] * dx
+            px, py = row[ORIGIN_X] + row[COS] * x, row[ORIGIN_Y] + row[SIN] * x
+            other_x, across = to_local(other, px, py)
             beyond = (other_x - other_end) * other_side
             if not -other_back < beyond < other_reach:
                 continue

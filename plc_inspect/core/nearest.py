@@ -96,13 +96,6 @@ def find_near(
     return found, distance, span
 
 
-@njit(cache=True, nogil=True, inline='always')
-def height_of(row, x):  # type: ignore[no-untyped-def]
-    """Return the height at x of a curve, as a row of span_table [m]."""
-    u = row[7] * (x - row[4]) + math.asinh(row[6])
-    return row[5] + (math.cosh(u) - math.sqrt(1.0 + row[6] ** 2)) / row[7]
-
-
 @njit(cache=True, nogil=True)
 def _spans_by_cell(table, reach, low, cell, rows, columns):  # type: ignore[no-untyped-def]
     count = np.zeros(rows * columns + 1, dtype=np.int64)

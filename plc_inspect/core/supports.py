@@ -18,10 +18,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
+from numba import njit
 import numpy as np
 
 from plc_inspect.config import SupportSettings
-from plc_inspect.core.curve import Curve, find_far_apart, fit_curve
+from plc_inspect.core.curve import Curve, find_far_apart, fit_curve, pack_curves
+from plc_inspect.core.curve_fit import TOLERANCE
+from plc_inspect.core.duplicates import mark_course, NUM_STATIONS, SLACK
 from plc_inspect.core.joints import find_joints, Joint
 from plc_inspect.errors import FitError
 from plc_inspect.results import Float64
@@ -142,22 +145,27 @@ def _find_originals(
     curves: Sequence[Curve], start_x: Float64, end_x: Float64, max_reach: float
 ) -> list[int]:
     """Curves that do not lie on a better seen one, now that all reach their supports."""
-    order = sorted(range(len(curves)), key=lambda number: (-curves[number].num_points, number))
+    order = np.argsort([-curve.num_points for curve in curves], kind='stable')
     near = ~find_far_apart(curves, 1.0 + max_reach)
-    kept: list[int] = []
+    kept = _choose_originals(pack_curves(curves), start_x, end_x, near, order)
+    result: list[int] = np.flatnonzero(kept).tolist()
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _choose_originals(rows, start_x, end_x, near, order):  # type: ignore[no-untyped-def]
+    kept = np.zeros(len(rows), dtype=np.bool_)
     for number in order:
-        curve = curves[number]
-        x = np.linspace(curve.low, curve.high, 21)
-        stations = curve.position(x)
-        on_other = np.zeros(len(x), dtype=bool)
-        for other in (k for k in kept if near[number, k]):
-            at, across = curves[other].local(stations)
-            inside = (at >= start_x[other] - 0.5) & (at <= end_x[other] + 0.5)
-            miss = np.hypot(across, stations[:, 2] - curves[other].fit.height(at))
-            on_other |= inside & (miss <= max(curve.tolerance, curves[other].tolerance))
-        if on_other.mean() < 0.5:
-            kept.append(number)
-    return sorted(kept)
+        row = rows[number]
+        on_other = np.zeros(NUM_STATIONS, dtype=np.bool_)
+        for k in range(len(rows)):
+            if kept[k] and near[number, k]:
+                reach = max(row[TOLERANCE], rows[k][TOLERANCE])
+                mark_course(
+                    row, rows[k], start_x[k] - SLACK, end_x[k] + SLACK, reach, on_other
+                )
+        kept[number] = on_other.mean() < 0.5
+    return kept
 
 
 def _adopt(

@@ -226,8 +226,8 @@ def _find_curves(
         except FitError:
             continue
         if not is_thick(curve) and _leaves(curve, support):
-            curves.append(extend(points, index, curve, limits))
-    curves = list(drop_duplicates(points, curves, limits))
+            curves.append(curve)
+    curves = list(drop_duplicates(points, extend(points, index, curves, limits), limits))
     known, wire = wire, wire.copy()
     for curve in curves:
         wire[profile_curve(points, index, curve, curve.low, curve.high).chosen] = True

@@ -113,7 +113,7 @@ def test_other_wires_are_no_company():
 def test_a_curve_grows_to_the_ends_of_its_wire_and_no_farther(degrees):
     wire = turn(make_line(), np.radians(degrees))
     middle = np.flatnonzero(np.abs(np.linalg.norm(wire[:, :2], axis=1) - 50.0) < 25.0)
-    grown = extend(wire, make_index(wire), make_curve(wire, middle), SETTINGS)
+    grown = extend(wire, make_index(wire), [make_curve(wire, middle)], SETTINGS)[0]
     assert grown.length == pytest.approx(100.0, abs=0.5)
     assert len(grown.points) > 0.98 * len(wire)
 
@@ -121,10 +121,10 @@ def test_a_curve_grows_to_the_ends_of_its_wire_and_no_farther(degrees):
 def test_growth_steps_over_short_gaps_and_stops_at_long_ones():
     points = make_line(((0.0, 0.4), (0.45, 0.7), (0.9, 1.0)))
     start = np.flatnonzero(points[:, 0] < 40.0)
-    grown = extend(points, make_index(points), make_curve(points, start), SETTINGS)
+    grown = extend(points, make_index(points), [make_curve(points, start)], SETTINGS)[0]
     assert grown.length == pytest.approx(70.0, abs=1.0)
     step = dataclasses.replace(SETTINGS, max_step=25.0)
-    grown = extend(points, make_index(points), make_curve(points, start), step)
+    grown = extend(points, make_index(points), [make_curve(points, start)], step)[0]
     assert grown.length == pytest.approx(100.0, abs=1.0)
 
 
@@ -132,7 +132,7 @@ def test_growth_takes_nothing_away_and_leaves_the_input_alone():
     points = make_line()
     before = points.copy()
     curve = make_curve(points, np.arange(200, 600))
-    grown = extend(points, make_index(points), curve, SETTINGS)
+    grown = extend(points, make_index(points), [curve], SETTINGS)[0]
     np.testing.assert_array_equal(points, before)
     assert np.isin(curve.points, grown.points).mean() > 0.98
     assert len(curve.points) <= 400
@@ -148,4 +148,4 @@ def test_nothing_to_collect():
     assert found.coverage == 0.0
     assert found.crowding == 1.0
     far = np.array([[0.0, 500.0, 20.0]])
-    assert extend(far, make_index(far), curve, SETTINGS) is curve
+    assert extend(far, make_index(far), [curve], SETTINGS)[0] is curve

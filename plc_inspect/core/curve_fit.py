@@ -1,0 +1,209 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The fit of a vertical plane and of a catenary in it, and curves as rows of numbers."""
+
+import math
+
+from numba import njit
+import numpy as np
+
+from plc_inspect.core.catenary import LEAST_EXTENT, solve_catenary
+from plc_inspect.results import Float64
+
+NUM_PLANES = 4
+"""Rounds of fitting the plane and choosing the points near it."""
+ORIGIN_X, ORIGIN_Y, COS, SIN, MIDDLE, HEIGHT, SLOPE, CURVATURE, LOW, HIGH = range(10)
+"""Columns of a row, see Curve; these are those of a span_table as well."""
+AZIMUTH, RMSE, LATERAL_RMSE, OFFSET_SIGMA, TURN_SIGMA, MEAN_X, CONVERGED = range(10, 17)
+TOLERANCE, NUM_POINTS, COVARIANCE, ROW = 17, 18, 19, 28
+"""The covariance of height, slope and curvature takes the last nine."""
+
+
+def describe_misfit(row: Float64, num: int, num_plane: int) -> str:
+    """
+    Say why fit_row found no curve, or return an empty string.
+
+    Parameters
+    ----------
+    row : (ROW,) float64
+        From fit_row.
+    num, num_plane : int
+        Points that it was given, and those of them in a vertical plane.
+
+    """
+    if num < 4:
+        return f'a conductor needs 4 points, got {num}'
+    if num_plane < 4:
+        return f'{num_plane} of {num} points lie in a vertical plane'
+    if row[HIGH] - row[LOW] < LEAST_EXTENT:
+        return f'a catenary cannot be fitted to points within {row[HIGH] - row[LOW]:.1e} m'
+    if row[NUM_POINTS] < 4:
+        return f'{row[NUM_POINTS]:.0f} of {num} points lie on a catenary'
+    return ''
+
+
+@njit(cache=True, nogil=True)
+def fit_row(points, chosen, tolerance, vertical, wanted, draws):  # type: ignore[no-untyped-def]
+    """
+    Fit a vertical plane, and a catenary in it, to some of the points.
+
+    Returned are the row, the points on the curve, and how many lie in the plane.
+    ``describe_misfit`` says whether it is a curve at all.
+    """
+    row = np.zeros(ROW)
+    if len(chosen) < 4:
+        return row, chosen[:0].copy(), 0
+    ox, oy, azimuth, x, y, z, keep = _find_plane(points, chosen, tolerance, wanted)
+    num_plane = keep.sum()
+    if num_plane < 4:
+        return row, chosen[:0].copy(), num_plane
+    if num_plane < len(chosen):
+        chosen, x, y, z = chosen[keep], x[keep], y[keep], z[keep]
+    row[LOW], row[HIGH] = x.min(), x.max()
+    if row[HIGH] - row[LOW] < LEAST_EXTENT:
+        return row, chosen[:0].copy(), num_plane
+    middle, shape, covariance, rmse, inlier, converged = solve_catenary(x, z, vertical, draws)
+    own = chosen[inlier]
+    num = len(own)
+    row[NUM_POINTS] = num
+    if num < 4:
+        return row, own, num_plane
+    low, high, mean, square = np.inf, -np.inf, 0.0, 0.0
+    for k in range(len(x)):
+        if inlier[k]:
+            low, high = min(low, x[k]), max(high, x[k])
+            mean += x[k] / num
+            square += y[k] * y[k]
+    spread = 0.0
+    for k in range(len(x)):
+        if inlier[k]:
+            spread += (x[k] - mean) ** 2
+    rms = math.sqrt(square / num)
+    noise = max(rms, 1e-3)
+    azimuth -= 2.0 * math.pi * round(azimuth / (2.0 * math.pi))
+    row[ORIGIN_X], row[ORIGIN_Y], row[COS], row[SIN] = ox, oy, math.cos(azimuth), math.sin(azimuth)
+    row[MIDDLE] = middle
+    row[HEIGHT : CURVATURE + 1] = shape
+    row[LOW], row[HIGH], row[AZIMUTH], row[RMSE], row[LATERAL_RMSE] = low, high, azimuth, rmse, rms
+    row[OFFSET_SIGMA], row[TURN_SIGMA] = noise / math.sqrt(num), noise / math.sqrt(
+        max(spread, 1e-9)
+    )
+    row[MEAN_X], row[CONVERGED], row[TOLERANCE] = mean, converged, tolerance
+    for p in range(3):
+        for q in range(3):
+            row[COVARIANCE + 3 * p + q] = covariance[p, q]
+    return row, own, num_plane
+
+
+@njit(cache=True, nogil=True, inline='always')
+def is_curve(row):  # type: ignore[no-untyped-def]
+    """Whether fit_row found one."""
+    return row[NUM_POINTS] >= 4.0
+
+
+@njit(cache=True, nogil=True)
+def height_of(row, x):  # type: ignore[no-untyped-def]
+    """Return the height of a row's curve at x [m]."""
+    u = row[CURVATURE] * (x - row[MIDDLE]) + math.asinh(row[SLOPE])
+    root = math.sqrt(1.0 + row[SLOPE] ** 2)
+    return row[HEIGHT] + (math.cosh(u) - root) / row[CURVATURE]
+
+
+@njit(cache=True, nogil=True)
+def slope_of(row, x):  # type: ignore[no-untyped-def]
+    """Return dz/dx of a row's curve at x."""
+    return math.sinh(row[CURVATURE] * (x - row[MIDDLE]) + math.asinh(row[SLOPE]))
+
+
+@njit(cache=True, nogil=True)
+def sigma_of(row, x):  # type: ignore[no-untyped-def]
+    """Return the standard deviation of the position of a row's curve at x [m]."""
+    g, k, t = row[SLOPE], row[CURVATURE], x - row[MIDDLE]
+    root, u = math.sqrt(1.0 + g * g), k * t + math.asinh(g)
+    sinh, cosh = math.sinh(u), math.cosh(u)
+    by_slope = (sinh - g) / (root * k)
+    by_curvature = t * sinh / k - (cosh - root) / (k * k)
+    c = row[COVARIANCE:]
+    vertical = (
+        c[0] + by_slope * (by_slope * c[4] + 2.0 * c[1])
+        + by_curvature * (by_curvature * c[8] + 2.0 * (c[2] + by_slope * c[5]))
+    )
+    lateral = row[OFFSET_SIGMA] ** 2 + (row[TURN_SIGMA] * (x - row[MEAN_X])) ** 2
+    return math.sqrt(max(vertical, 0.0) + lateral)
+
+
+@njit(cache=True, nogil=True)
+def to_local(row, px, py):  # type: ignore[no-untyped-def]
+    """Return x along and y across a row's curve of a plan position [m]."""
+    dx, dy = px - row[ORIGIN_X], py - row[ORIGIN_Y]
+    return row[COS] * dx + row[SIN] * dy, row[COS] * dy - row[SIN] * dx
+
+
+@njit(cache=True, nogil=True)
+def _find_plane(points, chosen, tolerance, wanted):  # type: ignore[no-untyped-def]
+    """
+    Find the vertical plane of points, robustly.
+
+    Returned are its origin and azimuth, x and y of the points in it, their z, and which of them
+    lie within the tolerance.
+    """
+    num = len(chosen)
+    ox = oy = 0.0
+    for i in chosen:
+        ox += points[i, 0] / num
+        oy += points[i, 1] / num
+    # plan positions from their mean: the loops below stay exact for map coordinates
+    dx, dy, z = np.empty(num), np.empty(num), np.empty(num)
+    xx = xy = yy = 0.0
+    for k in range(num):
+        i = chosen[k]
+        dx[k], dy[k], z[k] = points[i, 0] - ox, points[i, 1] - oy, points[i, 2]
+        xx += dx[k] * dx[k]
+        xy += dx[k] * dy[k]
+        yy += dy[k] * dy[k]
+    azimuth = 0.5 * math.atan2(2.0 * xy, xx - yy)
+    if math.cos(azimuth - wanted) < 0.0:  # never where none is wanted: NaN
+        azimuth += math.pi
+    sx = sy = 0.0
+    keep = np.ones(num, dtype=np.bool_)
+    x, y = np.empty(num), np.empty(num)
+    for step in range(NUM_PLANES + 1):
+        ca, sa = math.cos(azimuth), math.sin(azimuth)
+        count = 0
+        mx = my = 0.0
+        for k in range(num):
+            x[k] = ca * (dx[k] - sx) + sa * (dy[k] - sy)
+            y[k] = ca * (dy[k] - sy) - sa * (dx[k] - sx)
+            if step:
+                keep[k] = abs(y[k]) <= tolerance
+            if keep[k]:
+                count += 1
+                mx += x[k]
+                my += y[k]
+        if step == NUM_PLANES or count < 4:
+            break
+        mx /= count
+        my /= count
+        spread = product = 0.0
+        for k in range(num):
+            if keep[k]:
+                spread += (x[k] - mx) * (x[k] - mx)
+                product += (x[k] - mx) * (y[k] - my)
+        slope = product / spread if spread > 1e-9 else 0.0
+        offset = my - slope * mx
+        sx -= offset * sa
+        sy += offset * ca
+        azimuth += math.atan(slope)
+    return ox + sx, oy + sy, azimuth, x, y, z, keep
