@@ -17,7 +17,7 @@
 from numba import njit, prange
 import numpy as np
 
-from plc_inspect.core.voxels import add_key, find_slot, grow_table, pack
+from plc_inspect.core.voxels import add_key, find_slot, grow_table, NUM_PARTS, pack
 from plc_inspect.results import Float64, Int64
 
 BULK_CELL = 1.0
@@ -59,7 +59,7 @@ def drop_bulk(
     return chosen[_pick_bits(sparse, column_of, level)]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, parallel=True, nogil=True)
 def _fill_columns(points, chosen, origin, size):  # type: ignore[no-untyped-def]
     """
     Mark occupied cells as bits of columns 64 cells tall.
@@ -70,13 +70,54 @@ def _fill_columns(points, chosen, origin, size):  # type: ignore[no-untyped-def]
     num = len(chosen)
     column_of = np.empty(num, dtype=np.int32)
     level = np.empty(num, dtype=np.uint8)
+    keys = [np.empty(0, dtype=np.int64) for _ in range(NUM_PARTS)]
+    bits = [np.empty(0, dtype=np.uint64) for _ in range(NUM_PARTS)]
+    for part in prange(NUM_PARTS):
+        first, last = part * num // NUM_PARTS, (part + 1) * num // NUM_PARTS
+        keys[part], bits[part] = _fill_part(
+            points, chosen[first:last], origin, size, column_of[first:last], level[first:last]
+        )
+    # columns that several parts have points in become one
+    total = 0
+    for part in range(NUM_PARTS):
+        total += len(keys[part])
+    capacity = 16
+    while capacity < 2 * total + 2:
+        capacity *= 2
+    table_key = np.full(capacity, -1, dtype=np.int64)
+    table_slot = np.empty(capacity, dtype=np.int32)
+    key = np.empty(total, dtype=np.int64)
+    filled = np.zeros(total, dtype=np.uint64)
+    slots = np.empty(total, dtype=np.int32)
+    start = np.zeros(NUM_PARTS + 1, dtype=np.int64)
+    used = 0
+    for part in range(NUM_PARTS):
+        start[part + 1] = start[part] + len(keys[part])
+        for k in range(len(keys[part])):
+            slot = find_slot(table_key, table_slot, keys[part][k])
+            if slot < 0:
+                slot = np.int32(used)
+                add_key(table_key, table_slot, keys[part][k], slot)
+                key[used] = keys[part][k]
+                used += 1
+            filled[slot] |= bits[part][k]
+            slots[start[part] + k] = slot
+    for part in prange(NUM_PARTS):
+        for k in range(part * num // NUM_PARTS, (part + 1) * num // NUM_PARTS):
+            column_of[k] = slots[start[part] + column_of[k]]
+    return column_of, level, key[:used], filled[:used], table_key, table_slot
+
+
+@njit(cache=True, nogil=True)
+def _fill_part(points, chosen, origin, size, column_of, level):  # type: ignore[no-untyped-def]
+    """Return key and bits of the columns of some points; their columns and levels are set."""
     key = np.empty(1 << 11, dtype=np.int64)
     filled = np.zeros(1 << 11, dtype=np.uint64)
     table_key = np.full(1 << 12, -1, dtype=np.int64)
     table_slot = np.empty(1 << 12, dtype=np.int32)
     used = 0
     own, slot = np.int64(-1), np.int32(-1)
-    for k in range(num):
+    for k in range(len(chosen)):
         i = chosen[k]
         high = int((points[i, 2] - origin[2]) / size)
         here = pack(
@@ -98,7 +139,7 @@ def _fill_columns(points, chosen, origin, size):  # type: ignore[no-untyped-def]
         column_of[k] = slot
         level[k] = high & 63
         filled[slot] |= np.uint64(1) << np.uint64(high & 63)
-    return column_of, level, key[:used], filled[:used], table_key, table_slot
+    return key[:used], filled[:used]
 
 
 @njit(cache=True, nogil=True, inline='always')

@@ -110,8 +110,8 @@ def find_hazards(
 
     """
     rules = choose_rules(settings, rules)
-    surface = is_surface(points, near)
     own = points[near]
+    surface = is_surface(own)
     around = Surroundings(
         points=own,
         height=_heights(own, None if height is None else height[near]),
@@ -122,8 +122,9 @@ def find_hazards(
     found, explained = find_encroachments(around, models, supports, rules, settings)
     if height is not None and rules.find('fall_in'):
         wide = find_fallible(points, height, models, line_id, support)
+        trees = points[wide]
         found += find_falling_trees(
-            points[wide], np.asarray(height[wide], dtype=np.float64), is_surface(points, wide),
+            trees, np.asarray(height[wide], dtype=np.float64), is_surface(trees),
             models, supports, rules, settings, found,
         )
     found += find_low_conductors(models, ground_below, supports, rules)

@@ -17,8 +17,9 @@
 import numpy as np
 
 from plc_inspect.core.linearity import find_lowest, measure_likeness
+from plc_inspect.core.plan_index import build_plan_index
 from plc_inspect.core.voxels import build_voxels, find_voxels
-from plc_inspect.results import Bool, Float64, Int64
+from plc_inspect.results import Bool, Float64
 
 PLANAR = 0.45
 """Planar likeness from which a neighbourhood is a surface, not foliage."""
@@ -30,27 +31,29 @@ SIZE = 0.5
 """Edge of the voxels; a neighbourhood is 27 of them [m]."""
 
 
-def is_surface(points: Float64, chosen: Int64) -> Bool:
+def is_surface(points: Float64) -> Bool:
     """
     Tell points of roofs and walls from foliage by the planar likeness about them.
 
     Parameters
     ----------
     points : (N, 3) float64
-        Positions [m].
-    chosen : (K,) int64
-        Indices of finite points.
+        Finite positions [m].
 
     Returns
     -------
-    (K,) bool
+    (N,) bool
 
     """
-    if not len(chosen):
+    everything = np.arange(len(points))
+    order = build_plan_index(points, everything, 4 * SIZE).order
+    if not len(points):
         return np.zeros(0, dtype=bool)
-    voxels = build_voxels(points, chosen, find_lowest(points, chosen) - 2.0, SIZE)
+    own = points[order]  # neighbours in space are neighbours in memory
+    voxels = build_voxels(own, everything, find_lowest(own, everything) - 2.0, SIZE)
     likeness = measure_likeness(voxels)
     flat = likeness.count >= MIN_POINTS
     flat &= (likeness.planar >= PLANAR) & (likeness.spherical <= SPHERICAL)
-    result: Bool = flat[find_voxels(points, chosen, voxels)]
+    result = np.empty(len(points), dtype=bool)
+    result[order] = flat[find_voxels(own, everything, voxels)]
     return result

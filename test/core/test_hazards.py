@@ -122,10 +122,10 @@ def test_a_roof_is_a_structure_and_a_crown_is_vegetation():
     roof = np.random.default_rng(0).uniform((40, -4, 11.0), (50, 4, 11.02), (3000, 3))
     hazards = find(roof, [make_model(*LEVEL)])
     assert [item.kind for item in hazards] == [HazardKind.STRUCTURE]
-    assert is_surface(roof, np.arange(len(roof))).mean() > 0.8
+    assert is_surface(roof).mean() > 0.8
     crown = make_tree(50.0, 0.0, 12.0, num=4000)
-    assert is_surface(crown, np.arange(len(crown))).mean() < 0.2
-    assert is_surface(crown, np.zeros(0, dtype=np.int64)).shape == (0,)
+    assert is_surface(crown).mean() < 0.2
+    assert is_surface(crown[:0]).shape == (0,)
 
 
 def test_a_conductor_too_near_to_the_ground():

@@ -32,7 +32,7 @@ def make_scene(rng, offset=(0.0, 0.0, 0.0)):
 @pytest.mark.parametrize('offset', [(0.0, 0.0, 0.0), (250_000.0, 4_100_000.0, -30.0)])
 def test_a_roof_is_a_surface_and_a_crown_is_not(offset):
     points = make_scene(np.random.default_rng(0), offset)
-    flat = is_surface(points, np.arange(len(points)))
+    flat = is_surface(points)
     inner = (np.abs(points[:4000, :2] - np.array(offset[:2]) - 3.0) < 1.5).all(axis=1)
     assert flat[:4000][inner].mean() > 0.97
     assert flat[4000:].mean() < 0.2
@@ -52,15 +52,15 @@ def test_it_is_the_likeness_of_the_voxel_a_point_lies_in(seed):
     )
     own = np.floor((points[chosen] - origin) / SIZE).astype(int)
     expected = [good[np.flatnonzero((voxels.index == row).all(axis=1))[0]] for row in own]
-    np.testing.assert_array_equal(is_surface(points, chosen), expected)
+    np.testing.assert_array_equal(is_surface(points[chosen]), expected)
 
 
 def test_the_order_of_points_does_not_matter():
     rng = np.random.default_rng(3)
     points = make_scene(rng)
     order = rng.permutation(len(points))
-    flat = is_surface(points, np.arange(len(points)))
-    shuffled = is_surface(points[order], np.arange(len(points)))
+    flat = is_surface(points)
+    shuffled = is_surface(points[order])
     assert (shuffled == flat[order]).mean() > 0.999  # sums in another order
 
 
@@ -69,7 +69,7 @@ def test_too_few_points_are_no_surface(num):
     points = np.zeros((10, 3))
     points[:, 0] = np.arange(10) * 100.0
     before = points.copy()
-    flat = is_surface(points, np.arange(num))
+    flat = is_surface(points)
     assert flat.shape == (num,)
     assert flat.dtype == bool
     assert not flat.any()
