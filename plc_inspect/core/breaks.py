@@ -62,32 +62,43 @@ def find_break(x: Float64, y: Float64, z: Float64) -> Break | None:
     Break or None
 
     """
-    if len(x) < 2 * MIN_SIDE_POINTS or float(np.ptp(x)) < 2 * MIN_SIDE:
-        return None
-    order = np.argsort(x, kind='stable')
+    found, at, kink, turn = locate_break(
+        np.ascontiguousarray(x), np.ascontiguousarray(y), np.ascontiguousarray(z)
+    )
+    return Break(x=at, kink=kink, turn=turn) if found else None
+
+
+@njit(cache=True, nogil=True)
+def locate_break(x, y, z):  # type: ignore[no-untyped-def]
+    """Whether there is a break, and the fields of Break."""
+    nothing = False, 0.0, 0.0, 0.0
+    if len(x) < 2 * MIN_SIDE_POINTS or x.max() - x.min() < 2 * MIN_SIDE:
+        return nothing
+    order = np.argsort(x, kind='mergesort')
     x, y, z = x[order], y[order], z[order]
     middle, scale = (x[0] + x[-1]) / 2, (x[-1] - x[0]) / 2
     t = (x - middle) / scale
     cut, error, ml, mr = _best_cut(x, t, y - y.mean(), z - z.mean())
     if cut == 0:
-        return None
+        return nothing
     noise = math.sqrt(error / max(len(x) - 10, 1))
     t_cut = (t[cut - 1] + t[cut]) / 2
-    t_meet = _crossing(ml, mr, t_cut, float(t[cut - 1]), float(t[cut]))
+    t_meet = _crossing(ml, mr, t_cut, t[cut - 1], t[cut])
     kink = ((mr[1] + 2 * mr[2] * t_meet) - (ml[1] + 2 * ml[2] * t_meet)) / scale
     turn = math.atan((mr[4] - ml[4]) / scale)
-    length_left, length_right = x[cut - 1] - x[0], x[-1] - x[cut]
-    spread = [(cut, length_left), (len(x) - cut, length_right)]
-    kink_sigma = noise * math.sqrt(sum(192.0 / (n * length**2) for n, length in spread))
-    turn_sigma = noise * math.sqrt(sum(12.0 / (n * length**2) for n, length in spread))
+    spread = (
+        1.0 / (cut * (x[cut - 1] - x[0]) ** 2) + 1.0 / ((len(x) - cut) * (x[-1] - x[cut]) ** 2)
+    )
+    kink_sigma, turn_sigma = noise * math.sqrt(192.0 * spread), noise * math.sqrt(12.0 * spread)
     if kink > -(MIN_KINK + 4 * kink_sigma) and abs(turn) < MIN_KINK + 4 * turn_sigma:
-        return None
+        return nothing
     if kink > 4 * kink_sigma + MIN_KINK:  # bends upwards: no support hangs like that
-        return None
-    return Break(x=float(middle + scale * t_meet), kink=float(kink), turn=turn)
+        return nothing
+    return True, middle + scale * t_meet, kink, turn
 
 
-def _crossing(left: Float64, right: Float64, near: float, low: float, high: float) -> float:
+@njit(cache=True, nogil=True)
+def _crossing(left, right, near, low, high):  # type: ignore[no-untyped-def]
     """Where the two parabolas meet nearest to ``near``; ``near`` if they do not meet there."""
     d0, d1, d2 = right[0] - left[0], right[1] - left[1], right[2] - left[2]
     if abs(d2) > 1e-12:
@@ -95,10 +106,11 @@ def _crossing(left: Float64, right: Float64, near: float, low: float, high: floa
         if inside < 0.0:
             return near
         q = -0.5 * (d1 + math.copysign(math.sqrt(inside), d1))
-        roots = [q / d2, d0 / q] if q else [0.0]
+        meet, other = (q / d2, d0 / q) if q != 0.0 else (0.0, 0.0)
+        if abs(other - near) < abs(meet - near):
+            meet = other
     else:
-        roots = [-d0 / d1 if d1 else near]
-    meet = min(roots, key=lambda root: abs(root - near))
+        meet = -d0 / d1 if d1 != 0.0 else near
     slack = 0.02
     return meet if low - slack <= meet <= high + slack else near
 

@@ -30,7 +30,7 @@ from plc_inspect.core.curve_fit import (
     AZIMUTH,
     COS,
     CURVATURE,
-    fit_row,
+    fit_thinned,
     HEIGHT,
     HIGH,
     is_curve,
@@ -129,14 +129,14 @@ def profile_curve(
     """
     if ignore is None:
         ignore = np.zeros(0, dtype=bool)
-    core, shell, chosen = _profile(
-        points, _grid(index), pack_curves([curve])[0], low, high, step, ignore
+    core, shell, chosen = profile_row(
+        points, grid_of(index), pack_curves([curve])[0], low, high, step, ignore
     )
     return Profile(low=low, step=step, core=core, shell=shell, chosen=chosen)
 
 
-def _grid(index: PlanIndex) -> tuple[Any, ...]:
-    """Return an index as the kernels take it."""
+def grid_of(index: PlanIndex) -> tuple[Any, ...]:
+    """Return an index as `profile_row` takes it."""
     return index.start, index.order, index.origin, index.cell_size, *index.shape
 
 
@@ -207,7 +207,7 @@ def extend(
     if not curves:
         return []
     rows = pack_curves(curves)
-    own, stride = _extend_all(points, _grid(index), rows, settings.max_step)
+    own, stride = _extend_all(points, grid_of(index), rows, settings.max_step)
     return [
         unpack_curve(row, chosen, int(step)) if step else curve
         for curve, row, chosen, step in zip(curves, rows, own, stride, strict=True)
@@ -232,7 +232,7 @@ def _extend(points, grid, row, max_step):  # type: ignore[no-untyped-def]
     for _ in range(MAX_ROUNDS):
         reach = _sure_reach(row, max_step)
         first = row[LOW] - reach
-        core, shell, chosen = _profile(
+        core, shell, chosen = profile_row(
             points, grid, row, first, row[HIGH] + reach, STEP, nothing
         )
         good = (core > 0) & (shell <= FOLLOW_SHARE * core)
@@ -248,14 +248,12 @@ def _extend(points, grid, row, max_step):  # type: ignore[no-untyped-def]
             if low <= x <= high:
                 chosen[num] = i
                 num += 1
-        step = max(-(-num // MAX_POINTS), 1)
-        grown, kept, _ = fit_row(
-            points, chosen[:num][::step].copy(), row[TOLERANCE], row[TOLERANCE], row[AZIMUTH],
+        grown, kept, step = fit_thinned(
+            points, chosen[:num], MAX_POINTS, row[TOLERANCE], row[TOLERANCE], row[AZIMUTH],
             no_draws,
         )
         if not is_curve(grown):
             break
-        grown[NUM_POINTS] *= step
         length, was = grown[HIGH] - grown[LOW], row[HIGH] - row[LOW]
         if grown[NUM_POINTS] < 0.9 * row[NUM_POINTS] or length < 0.9 * was:
             break
@@ -292,7 +290,7 @@ def _walk(good, allowed):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _profile(points, grid, row, low, high, step, ignore):  # type: ignore[no-untyped-def]
+def profile_row(points, grid, row, low, high, step, ignore):  # type: ignore[no-untyped-def]
     """Points on the curve and close about it in each bin, and those on it, ascending."""
     tolerance = row[TOLERANCE]
     most = tolerance * SHELL_RATIO

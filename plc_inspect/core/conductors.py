@@ -15,7 +15,6 @@
 """Curves of conductors from tracks: split at supports, fitted, bridged over gaps."""
 
 from collections.abc import Sequence
-import dataclasses
 from dataclasses import dataclass
 import math
 
@@ -26,14 +25,14 @@ from plc_inspect.core.breaks import find_break
 from plc_inspect.core.bundles import merge_bundles, widen
 from plc_inspect.core.clustering import ClusteringResult
 from plc_inspect.core.collection import extend, measure_company, Profile, profile_curve
-from plc_inspect.core.curve import Curve, derive_tolerance, fit_curve
+from plc_inspect.core.curve import Curve, fit_curve
 from plc_inspect.core.duplicates import drop_duplicates, is_thick
 from plc_inspect.core.evidence import CROWDED, find_objection, list_evidence, UNPROVEN
 from plc_inspect.core.plan_index import PlanIndex
+from plc_inspect.core.track_curves import fit_tracks
 from plc_inspect.errors import FitError
-from plc_inspect.results import Float64, Int64
+from plc_inspect.results import Float64
 
-MAX_SPLITS = 64
 BRIDGE_SLACK = 0.15
 """Miss of a continuation that is allowed beyond three times its uncertainty [m]."""
 MAX_MISS = 0.8
@@ -126,7 +125,7 @@ def find_curves(
     rng: np.random.Generator,
 ) -> tuple[Curve, ...]:
     """Return all curves of the tracks, grown, joined and freed of duplicates, before evidence."""
-    curves = model_tracks(points, clustering, settings, rng)
+    curves = bridge(points, fit_tracks(points, clustering, settings, rng), settings)
     grown = extend(points, index, curves, settings)
     done = {id(curve) for curve in grown}
     curves = drop_duplicates(points, merge_bundles(points, grown, settings), settings)
@@ -199,83 +198,6 @@ def _without_company(
             break
         alive = [item for item, value in zip(alive, company, strict=True) if value < worst]
     return tuple(curve for curve, _ in alive)
-
-
-def model_tracks(
-    points: Float64,
-    clustering: ClusteringResult,
-    settings: CatenarySettings,
-    rng: np.random.Generator,
-) -> tuple[Curve, ...]:
-    """
-    Turn tracks into curves, each within one span.
-
-    A track is split wherever it shows the kink of a support, each part is fitted, and parts
-    that one catenary explains are joined across gaps: the model bridges what occlusion hides.
-
-    Parameters
-    ----------
-    points : (N, 3) float64
-        Coordinates [m].
-    clustering : ClusteringResult
-        Beads and tracks.
-    settings : CatenarySettings
-        Settings of this stage.
-    rng : numpy.random.Generator
-        For MSAC.
-
-    Returns
-    -------
-    tuple of Curve, longest first
-
-    """
-    beads = clustering.beads
-    order = np.argsort(clustering.track, kind='stable')
-    bounds = np.searchsorted(clustering.track[order], np.arange(clustering.num_tracks + 1))
-    curves: list[Curve] = []
-    for track in range(clustering.num_tracks):
-        own = order[bounds[track] : bounds[track + 1]]
-        chosen = np.unique(
-            np.concatenate(
-                [beads.points[beads.point_start[b] : beads.point_start[b + 1]] for b in own]
-            )
-        ).astype(np.int64)
-        tolerance = settings.tolerance or derive_tolerance(float(np.median(beads.rms[own])))
-        for part in split_at_supports(points, chosen):
-            try:
-                curve = fit_curve(
-                    points,
-                    part,
-                    tolerance=tolerance,
-                    num_trials=settings.num_trials,
-                    rng=rng,
-                )
-            except FitError:
-                continue
-            # a track of one conductor may have beads that lie over two of them
-            tight = derive_tolerance(math.hypot(curve.fit.rmse, curve.lateral_rmse))
-            curves.append(dataclasses.replace(curve, tolerance=min(tight, tolerance)))
-    curves.sort(key=lambda curve: (-curve.length, *curve.origin))
-    return bridge(points, curves, settings)
-
-
-def split_at_supports(points: Float64, chosen: Int64) -> list[Int64]:
-    """Split the chosen points at every kink that find_break believes in; in order along."""
-    waiting = [chosen]
-    done: list[Int64] = []
-    while waiting:
-        part = waiting.pop()
-        own = points[part]
-        dx, dy = own[:, 0] - own[:, 0].mean(), own[:, 1] - own[:, 1].mean()
-        azimuth = 0.5 * math.atan2(2 * float(dx @ dy), float(dx @ dx - dy @ dy))
-        ca, sa = math.cos(azimuth), math.sin(azimuth)
-        x, y = ca * dx + sa * dy, ca * dy - sa * dx
-        found = find_break(x, y, own[:, 2]) if len(done) < MAX_SPLITS else None
-        if found is None:
-            done.append(part)
-        else:
-            waiting += [part[x >= found.x], part[x < found.x]]
-    return done
 
 
 def bridge(

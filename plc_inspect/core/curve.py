@@ -50,6 +50,8 @@ FloatOrArray = TypeVar('FloatOrArray', float, Float64)
 
 MAX_POINTS = 2000
 """Points that a fit needs while conductors are looked for."""
+NOISES = 3.0
+"""Residual of an inlier at most, by the noise (rms)."""
 MIN_TOLERANCE = 0.1
 MAX_TOLERANCE = 0.35
 """Bounds of the residual of an inlier, when it is derived from the noise [m]."""
@@ -251,4 +253,4 @@ def find_far_apart(curves: Sequence[Curve], margin: float = 1.0) -> Bool:
 
 def derive_tolerance(noise: float) -> float:
     """Residual that separates inliers from others, for a noise (rms) [m]."""
-    return min(max(3.0 * noise, MIN_TOLERANCE), MAX_TOLERANCE)
+    return min(max(NOISES * noise, MIN_TOLERANCE), MAX_TOLERANCE)

@@ -107,6 +107,22 @@ def fit_row(points, chosen, tolerance, vertical, wanted, draws):  # type: ignore
     return row, own, num_plane
 
 
+@njit(cache=True, nogil=True)
+def fit_thinned(  # type: ignore[no-untyped-def]
+    points, chosen, max_points, tolerance, vertical, wanted, draws
+):
+    """
+    Do what fit_row does, with some of the points evenly chosen where there are too many.
+
+    Returned are the row, with the number of all points on the curve, those that were used, and
+    how many each of them stands for.
+    """
+    stride = max(-(-len(chosen) // max_points), 1)
+    row, own, _ = fit_row(points, chosen[::stride].copy(), tolerance, vertical, wanted, draws)
+    row[NUM_POINTS] *= stride
+    return row, own, stride
+
+
 @njit(cache=True, nogil=True, inline='always')
 def is_curve(row):  # type: ignore[no-untyped-def]
     """Whether fit_row found one."""

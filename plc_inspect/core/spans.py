@@ -24,28 +24,20 @@ from plc_inspect.config import Settings
 from plc_inspect.core.attachments import settle_ends
 from plc_inspect.core.collection import profile_curve
 from plc_inspect.core.crowding import find_intruders
-from plc_inspect.core.curve import Curve, fit_curve, MIN_TOLERANCE
 from plc_inspect.core.height import ground_at, HeightResult
 from plc_inspect.core.nearest import find_near
 from plc_inspect.core.off_ground import OffGround
 from plc_inspect.core.placement import place_supports
-from plc_inspect.core.plan_index import PlanIndex
 from plc_inspect.core.route import Route
+from plc_inspect.core.span_fit import fit_spans
 from plc_inspect.core.span_model import model_span, SpanModel, tabulate
 from plc_inspect.core.supports import Layout
-from plc_inspect.errors import FitError
 from plc_inspect.results import Bool, Float32, Float64, Int32, Int64, Support
 
 END_SLACK = 0.3
 """Wire points may lie this far beyond the end of a span [m]."""
-MISFIT_PARTS = 20
-"""Parts of a span whose mean residuals are compared with the noise."""
 MAX_GROUND_GAP = 8.0
 """No clearance above ground is given farther than this from where ground was seen [m]."""
-MAX_NOISE = 3.0
-"""Residuals beyond this many standard deviations are not the conductor's, or not good."""
-MAX_FINAL_POINTS = 8_000
-"""Points that the final fit of a span uses at most."""
 FREE_LENGTH = 2.0
 """Length of the parts of a span that are free of other things or not [m]."""
 STRAY_RADIUS = 0.5
@@ -112,10 +104,7 @@ def build_spans(
     line_id = np.full(num, -1, dtype=np.int32)
     span_id = np.full(num, -1, dtype=np.int32)
     residual = np.full(num, np.nan, dtype=np.float32)
-    finals = [
-        _refit(points, index, layout, number, settings, rng)
-        for number in range(len(layout.curves))
-    ]
+    finals = fit_spans(points, index, layout, settings.catenary, rng)
     layout, finals, end_sigma = settle_ends(layout, finals)
     collected = []
     for number, (curve, low, high) in enumerate(finals):
@@ -254,79 +243,6 @@ def spread_spans(spans: SpanResult, cloud: OffGround) -> SpanResult:
         support=cloud.scatter(spans.support, False),
         intruders=cloud.place[spans.intruders].astype(np.int64),
     )
-
-
-def _refit(
-    points: Float64,
-    index: PlanIndex,
-    layout: Layout,
-    number: int,
-    settings: Settings,
-    rng: np.random.Generator,
-) -> tuple[Curve, float, float]:
-    """Curve fitted to all points between its ends, and the x of the ends on it."""
-    curve = layout.curves[number]
-    low, high = float(layout.start_x[number]), float(layout.end_x[number])
-    ends = curve.position(np.array([low, high]))
-    vertical = math.inf
-    for source in (rng, None):  # what lies about the first fit are inliers of the second
-        chosen = profile_curve(points, index, curve, low, high).chosen
-        try:
-            refit = fit_curve(
-                points,
-                chosen,
-                tolerance=curve.tolerance,
-                num_trials=settings.catenary.num_trials,
-                rng=source,
-                max_points=MAX_FINAL_POINTS,
-                azimuth=curve.azimuth,
-                vertical=vertical,
-            )
-        except FitError:
-            break
-        if refit.num_points < 0.8 * curve.num_points:
-            break
-        curve = refit
-        vertical = max(MAX_NOISE * _noise(points, curve), MIN_TOLERANCE / 2)
-        low, high = (float(value) for value in curve.local(ends)[0])
-        if layout.start_station[number] < 0:
-            low = min(low, curve.low) if curve.low < low + 1.0 else curve.low
-        if layout.end_station[number] < 0:
-            high = max(high, curve.high) if curve.high > high - 1.0 else curve.high
-    scale = _misfit(points, curve)
-    fit = dataclasses.replace(curve.fit, covariance=curve.fit.covariance * scale)
-    return dataclasses.replace(curve, fit=fit), low, high
-
-
-def _noise(points: Float64, curve: Curve) -> float:
-    """Return the standard deviation of the vertical residuals, whatever their tails [m]."""
-    own = points[curve.points]
-    x, _ = curve.local(own)
-    return 1.4826 * float(np.median(np.abs(own[:, 2] - curve.fit.height(x))))
-
-
-def _misfit(points: Float64, curve: Curve) -> float:
-    """
-    Factor by which the scatter of the residuals' local means exceeds that of pure noise.
-
-    Residuals of neighbours go together where poses drift or something hangs on the conductor;
-    least squares alone would then be too sure of itself.  At least 1.
-    """
-    own = points[curve.points]
-    x, _ = curve.local(own)
-    residual = own[:, 2] - curve.fit.height(x)
-    place = np.minimum(
-        ((x - curve.low) / max(curve.length, 1e-9) * MISFIT_PARTS).astype(np.int64),
-        MISFIT_PARTS - 1,
-    )
-    count = np.bincount(place, minlength=MISFIT_PARTS)
-    total = np.bincount(place, residual, minlength=MISFIT_PARTS)
-    filled = count > 1
-    freedom = int(filled.sum()) - 3
-    variance = float(np.mean(residual**2))
-    if freedom < 3 or variance <= 0.0:
-        return 1.0
-    return max(float((total[filled] ** 2 / count[filled]).sum()) / variance / freedom, 1.0)
 
 
 def measure_ground_below(height: HeightResult, model: SpanModel) -> Float64:

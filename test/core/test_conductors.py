@@ -23,9 +23,9 @@ from plc_inspect.core.bundles import merge_bundles
 from plc_inspect.core.conductors import (
     bridge,
     model_conductors,
-    split_at_supports,
 )
 from plc_inspect.core.duplicates import drop_duplicates
+from plc_inspect.core.track_curves import split_at_supports
 
 SETTINGS = CatenarySettings()
 

@@ -1,0 +1,189 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The final fit of each span, to all its points."""
+
+import dataclasses
+
+from numba import njit, prange
+import numpy as np
+
+from plc_inspect.config import CatenarySettings
+from plc_inspect.core.catenary import draw_triples
+from plc_inspect.core.collection import grid_of, profile_row, STEP
+from plc_inspect.core.curve import Curve, MIN_TOLERANCE, pack_curves, unpack_curve
+from plc_inspect.core.curve_fit import (
+    AZIMUTH,
+    COS,
+    COVARIANCE,
+    fit_thinned,
+    height_of,
+    HIGH,
+    is_curve,
+    LOW,
+    NUM_POINTS,
+    ORIGIN_X,
+    ORIGIN_Y,
+    SIN,
+    to_local,
+    TOLERANCE,
+)
+from plc_inspect.core.plan_index import PlanIndex
+from plc_inspect.core.supports import Layout
+from plc_inspect.results import Float64
+
+MISFIT_PARTS = 20
+"""Parts of a span whose mean residuals are compared with the noise."""
+MAX_NOISE = 3.0
+"""Residuals beyond this many standard deviations are not the conductor's, or not good."""
+MAX_POINTS = 8_000
+"""Points that the fit of a span uses at most."""
+
+
+def fit_spans(
+    points: Float64,
+    index: PlanIndex,
+    layout: Layout,
+    settings: CatenarySettings,
+    rng: np.random.Generator,
+) -> list[tuple[Curve, float, float]]:
+    """
+    Fit each curve to all points between its ends.
+
+    MSAC and least squares give a first fit, and what lies about that the second.  The
+    covariance is enlarged where the residuals of neighbours go together.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    index : PlanIndex
+        Searched.
+    layout : Layout
+        The curves, and x of their ends.
+    settings : CatenarySettings
+        Settings of the fit.
+    rng : numpy.random.Generator
+        For MSAC.
+
+    Returns
+    -------
+    list of (Curve, float, float)
+        For each curve of the layout the final one, and the x of its ends [m].
+
+    """
+    num = len(layout.curves)
+    if not num:
+        return []
+    rows = pack_curves(layout.curves)
+    ends = np.stack([layout.start_x, layout.end_x], axis=1)
+    is_open = np.array([layout.start_station, layout.end_station]).T < 0
+    before = np.concatenate([curve.points for curve in layout.curves])
+    start = np.cumsum([0, *(len(curve.points) for curve in layout.curves)])
+    draws = draw_triples(num * settings.num_trials, rng).reshape(num, settings.num_trials, 3)
+    own, strides = _fit_all(points, grid_of(index), rows, ends, is_open, before, start, draws)
+    finals = []
+    for curve, row, chosen, stride, (low, high) in zip(
+        layout.curves, rows, own, strides, ends.tolist(), strict=True
+    ):
+        fresh = unpack_curve(row, chosen, int(stride)) if stride else dataclasses.replace(
+            curve, fit=dataclasses.replace(
+                curve.fit, covariance=row[COVARIANCE : COVARIANCE + 9].reshape(3, 3)
+            ),
+        )
+        finals.append((fresh, low, high))
+    return finals
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _fit_all(  # type: ignore[no-untyped-def]
+    points, grid, rows, ends, is_open, before, start, draws
+):
+    """Fit rows and their ends in place; returned are their points and strides, 0 if not fitted."""
+    own = [np.empty(0, dtype=np.int64) for _ in range(len(rows))]
+    strides = np.zeros(len(rows), dtype=np.int64)
+    for k in prange(len(rows)):
+        own[k], strides[k] = _fit(
+            points, grid, rows[k], ends[k], is_open[k], before[start[k] : start[k + 1]], draws[k]
+        )
+    return own, strides
+
+
+@njit(cache=True, nogil=True)
+def _fit(points, grid, row, ends, is_open, own, draws):  # type: ignore[no-untyped-def]
+    stride = 0
+    vertical = np.inf
+    nothing = np.zeros(0, dtype=np.bool_)
+    # plan positions of the ends
+    px, py = row[ORIGIN_X] + row[COS] * ends, row[ORIGIN_Y] + row[SIN] * ends
+    for turn in range(2):  # what lies about the first fit are inliers of the second
+        _, _, chosen = profile_row(points, grid, row, ends[0], ends[1], STEP, nothing)
+        fresh, kept, step = fit_thinned(
+            points, chosen, MAX_POINTS, row[TOLERANCE], min(row[TOLERANCE], vertical),
+            row[AZIMUTH], draws if turn == 0 else draws[:0],
+        )
+        if not is_curve(fresh) or fresh[NUM_POINTS] < 0.8 * row[NUM_POINTS]:
+            break
+        row[:] = fresh
+        own, stride = kept, step
+        x, residual = _residuals(points, row, own)
+        # the standard deviation, whatever the tails
+        noise = 1.4826 * np.median(np.abs(residual))
+        vertical = max(MAX_NOISE * noise, MIN_TOLERANCE / 2)
+        for side in range(2):
+            ends[side] = to_local(row, px[side], py[side])[0]
+        if is_open[0]:
+            ends[0] = min(ends[0], row[LOW]) if row[LOW] < ends[0] + 1.0 else row[LOW]
+        if is_open[1]:
+            ends[1] = max(ends[1], row[HIGH]) if row[HIGH] > ends[1] - 1.0 else row[HIGH]
+    x, residual = _residuals(points, row, own)
+    row[COVARIANCE:] *= _misfit(x, residual, row[LOW], row[HIGH])
+    return own, stride
+
+
+@njit(cache=True, nogil=True)
+def _residuals(points, row, own):  # type: ignore[no-untyped-def]
+    """X of points along a row's curve, and how far they are above it [m]."""
+    x, residual = np.empty(len(own)), np.empty(len(own))
+    for k in range(len(own)):
+        i = own[k]
+        x[k], _ = to_local(row, points[i, 0], points[i, 1])
+        residual[k] = points[i, 2] - height_of(row, x[k])
+    return x, residual
+
+
+@njit(cache=True, nogil=True)
+def _misfit(x, residual, low, high):  # type: ignore[no-untyped-def]
+    """
+    Factor by which the scatter of the residuals' local means exceeds that of pure noise.
+
+    Residuals of neighbours go together where poses drift or something hangs on the conductor;
+    least squares alone would then be too sure of itself.  At least 1.
+    """
+    count, total = np.zeros(MISFIT_PARTS), np.zeros(MISFIT_PARTS)
+    variance = 0.0
+    for k in range(len(x)):
+        place = int((x[k] - low) / max(high - low, 1e-9) * MISFIT_PARTS)
+        place = min(max(place, 0), MISFIT_PARTS - 1)
+        count[place] += 1.0
+        total[place] += residual[k]
+        variance += residual[k] * residual[k] / len(x)
+    freedom, between = -3, 0.0
+    for place in range(MISFIT_PARTS):
+        if count[place] > 1.0:
+            freedom += 1
+            between += total[place] ** 2 / count[place]
+    if freedom < 3 or variance <= 0.0:
+        return 1.0
+    return max(between / variance / freedom, 1.0)

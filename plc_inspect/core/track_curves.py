@@ -1,0 +1,186 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Curves of tracks: each track is split at the supports that it passes, and each part fitted."""
+
+from itertools import pairwise
+import math
+
+from numba import njit, prange
+import numpy as np
+
+from plc_inspect.config import CatenarySettings
+from plc_inspect.core.breaks import locate_break
+from plc_inspect.core.catenary import draw_triples
+from plc_inspect.core.clustering import ClusteringResult
+from plc_inspect.core.curve import (
+    Curve,
+    derive_tolerance,
+    MAX_POINTS,
+    MAX_TOLERANCE,
+    MIN_TOLERANCE,
+    NOISES,
+    unpack_curve,
+)
+from plc_inspect.core.curve_fit import fit_thinned, is_curve, LATERAL_RMSE, RMSE, ROW, TOLERANCE
+from plc_inspect.results import Float64, Int64
+
+MAX_SPLITS = 64
+
+
+def fit_tracks(
+    points: Float64,
+    clustering: ClusteringResult,
+    settings: CatenarySettings,
+    rng: np.random.Generator,
+) -> tuple[Curve, ...]:
+    """
+    Turn tracks into curves, each within one span.
+
+    A track is split wherever it shows the kink of a support, and each part is fitted.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    clustering : ClusteringResult
+        Beads and tracks.
+    settings : CatenarySettings
+        Settings of this stage.
+    rng : numpy.random.Generator
+        For MSAC.
+
+    Returns
+    -------
+    tuple of Curve, longest first
+
+    """
+    beads, num = clustering.beads, clustering.num_tracks
+    order = np.argsort(clustering.track, kind='stable')
+    bounds = np.searchsorted(clustering.track[order], np.arange(num + 1))
+    tolerance = np.array([
+        settings.tolerance or derive_tolerance(float(np.median(beads.rms[order[first:last]])))
+        for first, last in pairwise(bounds)
+    ])
+    draws = draw_triples(num * settings.num_trials, rng).reshape(num, settings.num_trials, 3)
+    curves = [
+        unpack_curve(row, own[first:last], int(stride))
+        for rows, own, start, strides in _fit_all(
+            points, beads.points, beads.point_start, order, bounds, tolerance, draws
+        )
+        for row, first, last, stride in zip(rows, start[:-1], start[1:], strides, strict=True)
+    ]
+    curves.sort(key=lambda curve: (-curve.length, *curve.origin))
+    return tuple(curves)
+
+
+def split_at_supports(points: Float64, chosen: Int64) -> list[Int64]:
+    """
+    Split a track at every kink that find_break believes in.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    chosen : (K,) int64
+        Points of the track.
+
+    Returns
+    -------
+    list of int64 arrays
+        The parts, in order along the track.
+
+    """
+    return list(_split(points, chosen))
+
+
+@njit(cache=True, nogil=True)
+def _split(points, chosen):  # type: ignore[no-untyped-def]
+    waiting = [chosen]
+    done = [chosen[:0]]
+    while len(waiting):
+        part = waiting.pop()
+        num = len(part)
+        dx, dy, z = np.empty(num), np.empty(num), np.empty(num)
+        for k in range(num):
+            dx[k], dy[k], z[k] = points[part[k], 0], points[part[k], 1], points[part[k], 2]
+        dx -= dx.mean()
+        dy -= dy.mean()
+        xx = xy = yy = 0.0
+        for k in range(num):
+            xx += dx[k] * dx[k]
+            xy += dx[k] * dy[k]
+            yy += dy[k] * dy[k]
+        azimuth = 0.5 * math.atan2(2.0 * xy, xx - yy)
+        ca, sa = math.cos(azimuth), math.sin(azimuth)
+        x = ca * dx + sa * dy
+        found, at = False, 0.0
+        if len(done) <= MAX_SPLITS:
+            found, at, _, _ = locate_break(x, ca * dy - sa * dx, z)
+        if found:
+            waiting.append(part[x >= at])
+            waiting.append(part[x < at])
+        else:
+            done.append(part)
+    return done[1:]
+
+
+@njit(cache=True, nogil=True)
+def _fit(points, chosen, tolerance, draws):  # type: ignore[no-untyped-def]
+    """
+    Fit the parts of one track.
+
+    Returned are the rows, the points of all of them, where those of each begin and the last end,
+    and how many points each of these stands for.
+    """
+    parts = _split(points, chosen)
+    rows = np.empty((len(parts), ROW))
+    own = np.empty(len(chosen), dtype=np.int64)
+    start = np.zeros(len(parts) + 1, dtype=np.int64)
+    strides = np.empty(len(parts), dtype=np.int64)
+    num = 0
+    for part in parts:
+        row, kept, stride = fit_thinned(
+            points, part, MAX_POINTS, tolerance, tolerance, math.nan, draws
+        )
+        if is_curve(row):
+            # a track of one conductor may have beads that lie over two of them
+            tight = NOISES * math.hypot(row[RMSE], row[LATERAL_RMSE])
+            row[TOLERANCE] = min(min(max(tight, MIN_TOLERANCE), MAX_TOLERANCE), tolerance)
+            rows[num], strides[num] = row, stride
+            start[num + 1] = start[num] + len(kept)
+            own[start[num] : start[num + 1]] = kept
+            num += 1
+    return rows[:num], own[: start[num]], start[: num + 1], strides[:num]
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _fit_all(  # type: ignore[no-untyped-def]
+    points, bead_points, bead_start, order, bounds, tolerance, draws
+):
+    none = np.empty(0, dtype=np.int64)
+    results = [(np.empty((0, ROW)), none, none, none) for _ in range(len(tolerance))]
+    for track in prange(len(tolerance)):
+        beads = order[bounds[track] : bounds[track + 1]]
+        total = 0
+        for bead in beads:
+            total += bead_start[bead + 1] - bead_start[bead]
+        chosen = np.empty(total, dtype=np.int64)
+        total = 0
+        for bead in beads:
+            for k in range(bead_start[bead], bead_start[bead + 1]):
+                chosen[total] = bead_points[k]
+                total += 1
+        results[track] = _fit(points, np.unique(chosen), tolerance[track], draws[track])
+    return results
