@@ -18,11 +18,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
+from numba import njit, prange
 import numpy as np
 
 from plc_inspect.config import CorridorSettings
 from plc_inspect.core.curve import Curve
 from plc_inspect.core.nearest import find_near, span_table
+from plc_inspect.core.picking import find_true
 from plc_inspect.results import Bool, Float32, Float64, Int32, Int64
 
 MIN_RADIUS = 0.6
@@ -125,17 +127,29 @@ def extract_corridor(
                 settings,
             )
     found, distance, span = find_near(points, table, np.maximum(radius, least_reach))
-    inside = slice(None) if (radius >= least_reach).all() else distance <= radius[span]
+    if (radius >= least_reach).all():
+        inside = found, distance, span
+    else:
+        chosen = find_true(_is_inside(distance, span, radius))
+        inside = found[chosen], distance[chosen], span[chosen]
     return CorridorResult(
-        points=found[inside],
-        distance=distance[inside],
-        span=span[inside],
+        points=inside[0],
+        distance=inside[1],
+        span=inside[2],
         radius=radius,
         complex_case=complex_case,
         near=found,
         near_distance=distance,
         near_span=span,
     )
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _is_inside(distance, span, radius):  # type: ignore[no-untyped-def]
+    result = np.empty(len(distance), dtype=np.bool_)
+    for k in prange(len(distance)):
+        result[k] = distance[k] <= radius[span[k]]
+    return result
 
 
 def _radius(

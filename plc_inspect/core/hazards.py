@@ -29,6 +29,7 @@ from plc_inspect.core.conductor_hazards import (
 )
 from plc_inspect.core.encroachments import find_encroachments, Surroundings
 from plc_inspect.core.falling_trees import find_fallible, find_falling_trees
+from plc_inspect.core.picking import take_rows
 from plc_inspect.core.span_model import SpanModel as SpanModel
 from plc_inspect.core.surfaces import is_surface
 from plc_inspect.errors import ConfigError
@@ -110,7 +111,7 @@ def find_hazards(
 
     """
     rules = choose_rules(settings, rules)
-    own = points[near]
+    own = take_rows(points, near)
     surface = is_surface(own)
     around = Surroundings(
         points=own,
@@ -122,7 +123,7 @@ def find_hazards(
     found, explained = find_encroachments(around, models, supports, rules, settings)
     if height is not None and rules.find('fall_in'):
         wide = find_fallible(points, height, models, line_id, support)
-        trees = points[wide]
+        trees = take_rows(points, wide)
         found += find_falling_trees(
             trees, np.asarray(height[wide], dtype=np.float64), is_surface(trees),
             models, supports, rules, settings, found,

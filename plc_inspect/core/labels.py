@@ -25,10 +25,11 @@ from plc_inspect.core.corridor import CorridorResult
 from plc_inspect.core.height import HeightResult
 from plc_inspect.core.linearity import LinearityResult
 from plc_inspect.core.outliers import OutlierResult
+from plc_inspect.core.picking import find_true
 from plc_inspect.core.span_model import SpanModel
 from plc_inspect.core.spans import SpanResult
 from plc_inspect.core.voxels import hash_key, pack
-from plc_inspect.results import Bool, Decision, Float32, Float64, Int32, Int64, PointClass, UInt8
+from plc_inspect.results import Decision, Float32, Float64, Int32, Int64, PointClass, UInt8
 
 NOT_FINITE = np.uint8(Decision.NOT_FINITE)
 GROUND = np.uint8(Decision.GROUND)
@@ -66,9 +67,9 @@ class Labels:
     """(K,) its span."""
 
 
-def choose_surroundings(height: Float32, spans: SpanResult, corridor: CorridorResult) -> Bool:
+def choose_surroundings(height: Float32, spans: SpanResult, corridor: CorridorResult) -> Int64:
     """
-    Tell which points near the conductors are surroundings.
+    Find which points near the conductors are surroundings.
 
     Parameters
     ----------
@@ -81,13 +82,14 @@ def choose_surroundings(height: Float32, spans: SpanResult, corridor: CorridorRe
 
     Returns
     -------
-    (J,) bool
-        Off the ground, neither wire nor support, and not on a conductor.
+    (K,) int64
+        Those of the J points that are off the ground, neither wire nor support, and not on a
+        conductor; ascending.
 
     """
-    result: Bool = _choose(corridor.near, height, spans.line_id, spans.support)
+    result: Int64 = find_true(_choose(corridor.near, height, spans.line_id, spans.support))
     if len(spans.intruders):
-        result &= ~np.isin(corridor.near, spans.intruders)
+        result = result[~np.isin(corridor.near[result], spans.intruders)]
     return result
 
 

@@ -22,6 +22,7 @@ import numpy as np
 
 from plc_inspect.core.curve import Curve
 from plc_inspect.core.height import HeightResult
+from plc_inspect.core.picking import find_true
 from plc_inspect.core.plan_index import build_plan_index, PlanIndex
 from plc_inspect.results import Float64, Int32, Int64
 
@@ -93,17 +94,25 @@ def gather_off_ground(points: Float64, height: HeightResult, least: float) -> Of
     OffGround
 
     """
-    chosen = np.flatnonzero(height.high | (height.height >= least))
+    chosen = find_true(_is_off(height.height, height.high, least))
     index = build_plan_index(points, chosen, CELL)
     own, own_height, is_high = _gather(points, height.height, height.high, index.order)
     return OffGround(
         points=own,
         place=index.order,
         num_total=len(points),
-        high=np.flatnonzero(is_high),
+        high=find_true(is_high),
         height=replace(height, height=own_height, high=is_high),
         index=replace(index, order=np.arange(len(own), dtype=np.int32)),
     )
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _is_off(height, high, least):  # type: ignore[no-untyped-def]
+    result = np.empty(len(height), dtype=np.bool_)
+    for i in prange(len(height)):
+        result[i] = high[i] or height[i] >= least
+    return result
 
 
 @njit(cache=True, parallel=True, nogil=True)

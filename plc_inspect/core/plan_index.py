@@ -75,15 +75,23 @@ def build_plan_index(points: Float64, chosen: Int64, cell_size: float) -> PlanIn
     return PlanIndex(origin=low, cell_size=cell, shape=shape, start=start, order=order)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, parallel=True, nogil=True)
 def _plan_bounds(points, chosen):  # type: ignore[no-untyped-def]
-    low = np.full(2, np.inf)
-    high = np.full(2, -np.inf)
-    for i in chosen:
+    num_parts = 8
+    low = np.full((num_parts, 2), np.inf)
+    high = np.full((num_parts, 2), -np.inf)
+    num = len(chosen)
+    for part in prange(num_parts):
+        for m in range(part * num // num_parts, (part + 1) * num // num_parts):
+            i = chosen[m]
+            for k in range(2):
+                low[part, k] = min(low[part, k], points[i, k])
+                high[part, k] = max(high[part, k], points[i, k])
+    for part in range(1, num_parts):
         for k in range(2):
-            low[k] = min(low[k], points[i, k])
-            high[k] = max(high[k], points[i, k])
-    return low, high
+            low[0, k] = min(low[0, k], low[part, k])
+            high[0, k] = max(high[0, k], high[part, k])
+    return low[0].copy(), high[0].copy()
 
 
 @njit(cache=True, parallel=True, nogil=True)

@@ -17,6 +17,7 @@
 import numpy as np
 
 from plc_inspect.core.linearity import find_lowest, measure_likeness
+from plc_inspect.core.picking import take_rows
 from plc_inspect.core.plan_index import build_plan_index
 from plc_inspect.core.voxels import build_voxels, find_voxels
 from plc_inspect.results import Bool, Float64
@@ -49,7 +50,7 @@ def is_surface(points: Float64) -> Bool:
     order = build_plan_index(points, everything, 4 * SIZE).order
     if not len(points):
         return np.zeros(0, dtype=bool)
-    own = points[order]  # neighbours in space are neighbours in memory
+    own = take_rows(points, order)  # neighbours in space are neighbours in memory
     voxels = build_voxels(own, everything, find_lowest(own, everything) - 2.0, SIZE)
     likeness = measure_likeness(voxels)
     flat = likeness.count >= MIN_POINTS

@@ -1,0 +1,78 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Picking of some among many points, on all cores."""
+
+from numba import njit, prange
+import numpy as np
+
+NUM_PARTS = 16
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def find_true(mask):  # type: ignore[no-untyped-def]
+    """
+    Return where a mask is true.
+
+    Parameters
+    ----------
+    mask : (N,) bool
+        Searched.
+
+    Returns
+    -------
+    (K,) int64, ascending
+
+    """
+    num = len(mask)
+    start = np.zeros(NUM_PARTS + 1, dtype=np.int64)
+    for part in prange(NUM_PARTS):
+        total = 0
+        for i in range(part * num // NUM_PARTS, (part + 1) * num // NUM_PARTS):
+            total += mask[i]
+        start[part + 1] = total
+    for part in range(NUM_PARTS):
+        start[part + 1] += start[part]
+    result = np.empty(start[NUM_PARTS], dtype=np.int64)
+    for part in prange(NUM_PARTS):
+        place = start[part]
+        for i in range(part * num // NUM_PARTS, (part + 1) * num // NUM_PARTS):
+            if mask[i]:
+                result[place] = i
+                place += 1
+    return result
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def take_rows(points, chosen):  # type: ignore[no-untyped-def]
+    """
+    Copy some of the points.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    chosen : (K,) integer
+        Their indices.
+
+    Returns
+    -------
+    (K, 3) float64
+
+    """
+    result = np.empty((len(chosen), 3))
+    for k in prange(len(chosen)):
+        i = chosen[k]
+        result[k, 0], result[k, 1], result[k, 2] = points[i, 0], points[i, 1], points[i, 2]
+    return result
