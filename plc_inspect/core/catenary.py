@@ -214,10 +214,29 @@ def fit_quadratic(x: Float64, z: Float64) -> tuple[float, float, float]:
     """Return a2, a1, a0 of the least-squares quadratic form (N >= 3 points)."""
     if len(x) < 3:
         raise FitError(f'a quadratic needs 3 points, got {len(x)}')
-    scale = max(float(np.abs(x).max()), 1e-9)
-    matrix = np.stack([(x / scale) ** 2, x / scale, np.ones_like(x)], axis=1)
-    solution = np.linalg.lstsq(matrix, z, rcond=None)[0]
-    return float(solution[0] / scale**2), float(solution[1] / scale), float(solution[2])
+    a2, a1, a0 = _solve_quadratic(np.ascontiguousarray(x), np.ascontiguousarray(z))
+    return a2, a1, a0
+
+
+@njit(cache=True, nogil=True)
+def _solve_quadratic(x, z):  # type: ignore[no-untyped-def]
+    scale, middle = max(np.abs(x).max(), 1e-9), z.mean()
+    sums = np.zeros(7)  # of t to t4, and of z, zt, zt2
+    for k in range(len(x)):
+        t, own = x[k] / scale, z[k] - middle
+        t2 = t * t
+        sums[0] += t
+        sums[1] += t2
+        sums[2] += t2 * t
+        sums[3] += t2 * t2
+        sums[4] += own
+        sums[5] += own * t
+        sums[6] += own * t2
+    normal = np.array([
+        [float(len(x)), sums[0], sums[1]], [sums[0], sums[1], sums[2]], [sums[1], sums[2], sums[3]]
+    ])
+    a0, a1, a2 = np.linalg.lstsq(normal, sums[4:7])[0]
+    return a2 / scale**2, a1 / scale, a0 + middle
 
 
 @njit(cache=True, nogil=True)

@@ -32,6 +32,7 @@ from plc_inspect.core.curve_fit import (
     CURVATURE,
     fit_thinned,
     HEIGHT,
+    height_of,
     HIGH,
     is_curve,
     LOW,
@@ -42,11 +43,12 @@ from plc_inspect.core.curve_fit import (
     sigma_of,
     SIN,
     SLOPE,
+    slope_of,
     to_local,
     TOLERANCE,
 )
 from plc_inspect.core.plan_index import gather_strip, PlanIndex
-from plc_inspect.results import Bool, Float64, Int64
+from plc_inspect.results import Bool, Float32, Float64, Int64
 
 CROWD_LENGTH = 4.0
 """Length of the parts of a curve that are crowded or not [m]."""
@@ -135,6 +137,28 @@ def profile_curve(
     return Profile(low=low, step=step, core=core, shell=shell, chosen=chosen)
 
 
+def measure_distances(points: Float64, curve: Curve, chosen: Int64) -> Float32:
+    """
+    Return the distances of points near a curve to it.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    curve : Curve
+        Used also beyond its own ends.
+    chosen : (K,) int64
+        Indices of the points.
+
+    Returns
+    -------
+    (K,) float32 [m]
+
+    """
+    result: Float32 = _measure_distances(points, pack_curves([curve])[0], chosen)
+    return result
+
+
 def grid_of(index: PlanIndex) -> tuple[Any, ...]:
     """Return an index as `profile_row` takes it."""
     return index.start, index.order, index.origin, index.cell_size, *index.shape
@@ -212,6 +236,17 @@ def extend(
         unpack_curve(row, chosen, int(step)) if step else curve
         for curve, row, chosen, step in zip(curves, rows, own, stride, strict=True)
     ]
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _measure_distances(points, row, chosen):  # type: ignore[no-untyped-def]
+    result = np.empty(len(chosen), dtype=np.float32)
+    for k in prange(len(chosen)):
+        i = chosen[k]
+        x, y = to_local(row, points[i, 0], points[i, 1])
+        above = (points[i, 2] - height_of(row, x)) / math.hypot(1.0, slope_of(row, x))
+        result[k] = math.hypot(y, above)
+    return result
 
 
 @njit(cache=True, parallel=True, nogil=True)

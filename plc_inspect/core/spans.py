@@ -22,7 +22,7 @@ import numpy as np
 
 from plc_inspect.config import Settings
 from plc_inspect.core.attachments import settle_ends
-from plc_inspect.core.collection import profile_curve
+from plc_inspect.core.collection import measure_distances, profile_curve
 from plc_inspect.core.crowding import find_intruders
 from plc_inspect.core.height import ground_at, HeightResult
 from plc_inspect.core.nearest import find_near
@@ -110,10 +110,7 @@ def build_spans(
     for number, (curve, low, high) in enumerate(finals):
         chosen = profile_curve(points, index, curve, low - END_SLACK, high + END_SLACK).chosen
         collected.append(chosen)
-        x, y = curve.local(points[chosen])
-        distance = np.hypot(
-            y, (points[chosen, 2] - curve.fit.height(x)) / np.hypot(1.0, curve.fit.slope(x))
-        ).astype(np.float32)
+        distance = measure_distances(points, curve, chosen)
         nearer = ~(distance >= residual[chosen])
         chosen = chosen[nearer]
         line_id[chosen] = route.line_id[number]

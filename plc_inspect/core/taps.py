@@ -23,7 +23,7 @@ import numpy as np
 from plc_inspect.config import Settings
 from plc_inspect.core.bead_fit import LEAST_POINTS, SHELL_SHARE
 from plc_inspect.core.beads import cluster_window
-from plc_inspect.core.collection import extend, measure_company, profile_curve
+from plc_inspect.core.collection import extend, measure_company, measure_distances, profile_curve
 from plc_inspect.core.cross_section import count_needed, thin_window
 from plc_inspect.core.curve import Curve, derive_tolerance, fit_curve, MIN_TOLERANCE
 from plc_inspect.core.duplicates import drop_duplicates, is_thick
@@ -306,11 +306,8 @@ def _claim(
     own: Int64 = profile.chosen[spans.line_id[profile.chosen] < 0]
     if len(own) < LEAST_POINTS:
         return None
-    x, y = curve.local(cloud.points[own])
     spans.line_id[own], spans.span_id[own] = line_id, span_id
-    spans.residual[own] = np.hypot(
-        y, (cloud.points[own, 2] - curve.fit.height(x)) / np.hypot(1.0, curve.fit.slope(x))
-    )
+    spans.residual[own] = measure_distances(cloud.points, curve, own)
     return model_span(
         cloud.points, curve, own, low, curve.high, False, (False, True), line_id, span_id,
         profile.coverage, (0.0, 0.0),
