@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
+from numba import njit
 import numpy as np
 
 from plc_inspect.config import CatenarySettings
@@ -25,7 +26,19 @@ from plc_inspect.core.breaks import find_break
 from plc_inspect.core.bundles import merge_bundles, widen
 from plc_inspect.core.clustering import ClusteringResult
 from plc_inspect.core.collection import extend, measure_company, Profile, profile_curve
-from plc_inspect.core.curve import Curve, fit_curve
+from plc_inspect.core.curve import Curve, fit_curve, pack_curves
+from plc_inspect.core.curve_fit import (
+    COS,
+    height_of,
+    HIGH,
+    LOW,
+    MEAN_X,
+    ORIGIN_X,
+    ORIGIN_Y,
+    sigma_of,
+    SIN,
+    to_local,
+)
 from plc_inspect.core.duplicates import drop_duplicates, is_thick
 from plc_inspect.core.evidence import CROWDED, find_objection, list_evidence, UNPROVEN
 from plc_inspect.core.plan_index import PlanIndex
@@ -210,20 +223,18 @@ def bridge(
     first; the union must be explained by one catenary about as well as the parts are.
     """
     alive = list(curves)
-    places = np.array(
-        [curve.position(np.linspace(curve.low, curve.high, 3)) for curve in curves]
-    )
+    rows = pack_curves(curves)
     result: list[Curve] = []
     while alive:
-        base, places = alive.pop(0), places[1:]
+        base, rows = alive.pop(0), rows[1:]
         while alive:
-            ranked = _continuations(base, alive, places, settings.max_bridge)
-            for position in ranked:
+            miss = _measure_misses(pack_curves([base])[0], rows, settings.max_bridge)
+            for position in np.argsort(miss, kind='stable')[: np.isfinite(miss).sum()].tolist():
                 union = join(points, base, alive[position], settings)
                 if union is not None:
                     base = union
                     del alive[position]
-                    places = np.delete(places, position, axis=0)
+                    rows = np.delete(rows, position, axis=0)
                     break
             else:
                 break
@@ -232,30 +243,31 @@ def bridge(
     return tuple(result)
 
 
-def _continuations(
-    base: Curve, others: Sequence[Curve], places: Float64, max_bridge: float
-) -> list[int]:
-    """
-    Positions of the curves that may continue ``base``, best first.
-
-    Of each are given the (3, 3) places of its ends and middle [m].
-    """
-    x, y = (value.reshape(-1, 3) for value in base.local(places.reshape(-1, 3)))
-    away = np.abs(x[:, 1] - base.mean_x)
-    near = np.flatnonzero(
-        (np.abs(y[:, 1]) < MAX_MISS + 0.02 * away) & (away < base.length + max_bridge)
-    )
-    if not len(near):
-        return []
-    x, y, z = x[near], y[near], places[near, :, 2]
-    gap = np.maximum(np.maximum(x.min(axis=1) - base.high, base.low - x.max(axis=1)), 0.0)
-    length = np.maximum([others[position].length for position in near.tolist()], base.length)
-    miss = np.hypot(y, z - base.fit.height(x))
-    sigma = base.prediction_sigma(x.ravel()).reshape(x.shape)
-    allowed = np.minimum(BRIDGE_SLACK + 3 * sigma, MAX_MISS)
-    good = (gap <= np.minimum(length, max_bridge)) & (miss <= allowed).all(axis=1)
-    order = np.argsort((miss.mean(axis=1) + 0.01 * gap)[good], kind='stable')
-    result: list[int] = near[good][order].tolist()
+@njit(cache=True, nogil=True)
+def _measure_misses(base, rows, max_bridge):  # type: ignore[no-untyped-def]
+    """How far curves lie off the continuation of ``base`` [m], inf where they are none of it."""
+    result = np.full(len(rows), np.inf)
+    for k in range(len(rows)):
+        row = rows[k]
+        least, most, total = np.inf, -np.inf, 0.0
+        for part in (1, 0, 2):  # the middle and both ends
+            at = row[LOW] + 0.5 * part * (row[HIGH] - row[LOW])
+            x, y = to_local(
+                base, row[ORIGIN_X] + row[COS] * at, row[ORIGIN_Y] + row[SIN] * at
+            )
+            away = abs(x - base[MEAN_X])
+            if part == 1 and (
+                abs(y) >= MAX_MISS + 0.02 * away or away >= base[HIGH] - base[LOW] + max_bridge
+            ):
+                break
+            miss = math.hypot(y, height_of(row, at) - height_of(base, x))
+            if miss > min(BRIDGE_SLACK + 3 * sigma_of(base, x), MAX_MISS):
+                break
+            least, most, total = min(least, x), max(most, x), total + miss
+        else:
+            gap = max(least - base[HIGH], base[LOW] - most, 0.0)
+            if gap <= min(max(row[HIGH] - row[LOW], base[HIGH] - base[LOW]), max_bridge):
+                result[k] = total / 3.0 + 0.01 * gap
     return result
 
 

@@ -50,11 +50,6 @@ FloatOrArray = TypeVar('FloatOrArray', float, Float64)
 
 MAX_POINTS = 2000
 """Points that a fit needs while conductors are looked for."""
-NOISES = 3.0
-"""Residual of an inlier at most, by the noise (rms)."""
-MIN_TOLERANCE = 0.1
-MAX_TOLERANCE = 0.35
-"""Bounds of the residual of an inlier, when it is derived from the noise [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -249,8 +244,3 @@ def find_far_apart(curves: Sequence[Curve], margin: float = 1.0) -> Bool:
         beyond |= np.maximum(*ends) < least - reach
         beyond |= np.minimum(*ends) > most + reach
     return beyond
-
-
-def derive_tolerance(noise: float) -> float:
-    """Residual that separates inliers from others, for a noise (rms) [m]."""
-    return min(max(NOISES * noise, MIN_TOLERANCE), MAX_TOLERANCE)

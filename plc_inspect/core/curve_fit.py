@@ -22,6 +22,9 @@ import numpy as np
 from plc_inspect.core.catenary import LEAST_EXTENT, solve_catenary
 from plc_inspect.results import Float64
 
+MIN_TOLERANCE = 0.1
+MAX_TOLERANCE = 0.35
+"""Bounds of the residual of an inlier, when it is derived from the noise [m]."""
 NUM_PLANES = 4
 """Rounds of fitting the plane and choosing the points near it."""
 ORIGIN_X, ORIGIN_Y, COS, SIN, MIDDLE, HEIGHT, SLOPE, CURVATURE, LOW, HIGH = range(10)
@@ -52,6 +55,12 @@ def describe_misfit(row: Float64, num: int, num_plane: int) -> str:
     if row[NUM_POINTS] < 4:
         return f'{row[NUM_POINTS]:.0f} of {num} points lie on a catenary'
     return ''
+
+
+@njit(cache=True, nogil=True)
+def derive_tolerance(noise: float) -> float:
+    """Residual that separates inliers from others, for a noise (rms) [m]."""
+    return min(max(3.0 * noise, MIN_TOLERANCE), MAX_TOLERANCE)
 
 
 @njit(cache=True, nogil=True)

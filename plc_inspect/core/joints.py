@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
-from numba import njit
+from numba import njit, prange
 import numpy as np
 
 from plc_inspect.core.curve import Curve, pack_curves
@@ -93,19 +93,20 @@ def find_joints(curves: Sequence[Curve], max_reach: float) -> tuple[Joint, ...]:
     if len(curves) < 2:
         return ()
     rows = pack_curves(curves)
-    found = _meet_all(rows, _pair_ends(rows, max_reach), max_reach)
-    candidates = [
-        _describe(curves, pair, (x, other_x), miss, rise)
-        for *pair, x, other_x, miss, rise in found.tolist()
-    ]
-    candidates.sort(key=lambda joint: (joint.cost, joint.curves, joint.sides))
+    pairs = _pair_ends(rows, max_reach)
+    met, values = _meet_all(rows, pairs, max_reach)
+    pairs, values = pairs[met], values[met]
     used: set[tuple[int, int]] = set()
     chosen = []
-    for joint in candidates:
-        keys = set(zip(joint.curves, joint.sides, strict=True))
+    # the cheapest first, then by curves and sides
+    for k in np.lexsort((*pairs[:, [3, 1, 2, 0]].T, values[:, 4])):
+        first, side, second, other_side = pairs[k].tolist()
+        keys = {(first, side), (second, other_side)}
         if not keys & used:
             used |= keys
-            chosen.append(joint)
+            chosen.append(_describe(
+                curves, (first, second), (side, other_side), *values[k].tolist()
+            ))
     return tuple(chosen)
 
 
@@ -137,39 +138,41 @@ def _pair_ends(rows: Float64, max_reach: float) -> Int64:
 
 
 def _describe(
-    curves: Sequence[Curve], pair: Sequence[float], x: tuple[float, float], miss: float,
+    curves: Sequence[Curve],
+    numbers: tuple[int, int],
+    sides: tuple[int, int],
+    x: float,
+    other_x: float,
+    miss: float,
     rise: float,
+    cost: float,
 ) -> Joint:
-    """Return the joint of a (4,) pair of ends that meet at x of both curves."""
-    numbers, sides = (int(pair[0]), int(pair[2])), (int(pair[1]), int(pair[3]))
-    stretch = overlap = 0.0
-    places, axis = [], np.zeros(2)
-    for number, side, at, sign in zip(numbers, sides, x, (-1, 1), strict=True):
-        curve = curves[number]
-        beyond = (at - (curve.high if side > 0 else curve.low)) * side
-        stretch += max(beyond, 0.0)
-        overlap += max(-beyond, 0.0)
-        places.append(curve.position(at)[0])
-        axis += sign * side * np.array([math.cos(curve.azimuth), math.sin(curve.azimuth)])
+    """Return the joint of two ends."""
+    first, second = (curves[number] for number in numbers)
+    axis = [
+        sides[1] * turn(second.azimuth) - sides[0] * turn(first.azimuth)
+        for turn in (math.cos, math.sin)
+    ]
     return Joint(
         curves=numbers,
         sides=sides,
-        x=x,
-        position=(places[0] + places[1]) / 2,
+        x=(x, other_x),
+        position=(first.position(x)[0] + second.position(other_x)[0]) / 2,
         direction=math.atan2(axis[1], axis[0]),
         kink=rise,
         miss=miss,
-        cost=miss + STRETCH_COST * stretch + OVERLAP_COST * overlap,
+        cost=cost,
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, parallel=True, nogil=True)
 def _meet_all(rows, pairs, max_reach):  # type: ignore[no-untyped-def]
-    """Pairs of ends that meet: (Q, 8) pair, x of both curves, their distance, and the kink."""
-    result = np.empty((len(pairs), 8))
-    num = 0
-    for i, side, j, other_side in pairs:
-        first, second = rows[i], rows[j]
+    """Which pairs of ends meet, and x of both curves, their distance, the kink and the cost."""
+    met = np.zeros(len(pairs), dtype=np.bool_)
+    values = np.empty((len(pairs), 5))
+    for k in prange(len(pairs)):
+        first, second = rows[pairs[k, 0]], rows[pairs[k, 2]]
+        side, other_side = pairs[k, 1], pairs[k, 3]
         x, other_x, miss = _approach(
             first, second, side, other_side,
             min(max_reach, 0.7 * (first[HIGH] - first[LOW]) + 2.0),
@@ -181,12 +184,14 @@ def _meet_all(rows, pairs, max_reach):  # type: ignore[no-untyped-def]
         if miss > MAX_MISS + min(slack, MAX_MISS):
             continue
         rise = side * slope_of(first, x) + other_side * slope_of(second, other_x)
-        if rise < MIN_RISE:
-            continue
-        result[num, 0], result[num, 1], result[num, 2], result[num, 3] = i, side, j, other_side
-        result[num, 4], result[num, 5], result[num, 6], result[num, 7] = x, other_x, miss, rise
-        num += 1
-    return result[:num]
+        beyond = (x - (first[HIGH] if side > 0 else first[LOW])) * side
+        other_beyond = (other_x - (second[HIGH] if other_side > 0 else second[LOW])) * other_side
+        stretch = max(beyond, 0.0) + max(other_beyond, 0.0)
+        overlap = max(-beyond, 0.0) + max(-other_beyond, 0.0)
+        met[k] = rise >= MIN_RISE
+        values[k, 0], values[k, 1], values[k, 2], values[k, 3] = x, other_x, miss, rise
+        values[k, 4] = miss + STRETCH_COST * stretch + OVERLAP_COST * overlap
+    return met, values
 
 
 @njit(cache=True, nogil=True)
@@ -217,7 +222,7 @@ def _approach(row, other, side, other_side, reach, other_reach):  # type: ignore
             px, py = row[ORIGIN_X] + row[COS] * x, row[ORIGIN_Y] + row[SIN] * x
             other_x, across = to_local(other, px, py)
             beyond = (other_x - other_end) * other_side
-            if not -other_back < beyond < other_reach:
+            if not -other_back < beyond < other_reach or abs(across) >= best:
                 continue
             miss = math.hypot(across, height_of(row, x) - height_of(other, other_x))
             if miss < best:

@@ -22,7 +22,7 @@ import numpy as np
 from plc_inspect.config import CatenarySettings
 from plc_inspect.core.catenary import draw_triples
 from plc_inspect.core.collection import grid_of, profile_row, STEP
-from plc_inspect.core.curve import Curve, MIN_TOLERANCE, pack_curves, unpack_curve
+from plc_inspect.core.curve import Curve, pack_curves, unpack_curve
 from plc_inspect.core.curve_fit import (
     AZIMUTH,
     COS,
@@ -32,6 +32,7 @@ from plc_inspect.core.curve_fit import (
     HIGH,
     is_curve,
     LOW,
+    MIN_TOLERANCE,
     NUM_POINTS,
     ORIGIN_X,
     ORIGIN_Y,

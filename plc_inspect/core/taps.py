@@ -25,7 +25,8 @@ from plc_inspect.core.bead_fit import LEAST_POINTS, SHELL_SHARE
 from plc_inspect.core.beads import cluster_window
 from plc_inspect.core.collection import extend, measure_company, measure_distances, profile_curve
 from plc_inspect.core.cross_section import count_needed, thin_window
-from plc_inspect.core.curve import Curve, derive_tolerance, fit_curve, MIN_TOLERANCE
+from plc_inspect.core.curve import Curve, fit_curve
+from plc_inspect.core.curve_fit import derive_tolerance, MIN_TOLERANCE
 from plc_inspect.core.duplicates import drop_duplicates, is_thick
 from plc_inspect.core.linearity import LinearityResult
 from plc_inspect.core.off_ground import OffGround

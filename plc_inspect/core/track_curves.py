@@ -14,7 +14,6 @@
 
 """Curves of tracks: each track is split at the supports that it passes, and each part fitted."""
 
-from itertools import pairwise
 import math
 
 from numba import njit, prange
@@ -26,14 +25,18 @@ from plc_inspect.core.catenary import draw_triples
 from plc_inspect.core.clustering import ClusteringResult
 from plc_inspect.core.curve import (
     Curve,
-    derive_tolerance,
     MAX_POINTS,
-    MAX_TOLERANCE,
-    MIN_TOLERANCE,
-    NOISES,
     unpack_curve,
 )
-from plc_inspect.core.curve_fit import fit_thinned, is_curve, LATERAL_RMSE, RMSE, ROW, TOLERANCE
+from plc_inspect.core.curve_fit import (
+    derive_tolerance,
+    fit_thinned,
+    is_curve,
+    LATERAL_RMSE,
+    RMSE,
+    ROW,
+    TOLERANCE,
+)
 from plc_inspect.results import Float64, Int64
 
 MAX_SPLITS = 64
@@ -69,15 +72,12 @@ def fit_tracks(
     beads, num = clustering.beads, clustering.num_tracks
     order = np.argsort(clustering.track, kind='stable')
     bounds = np.searchsorted(clustering.track[order], np.arange(num + 1))
-    tolerance = np.array([
-        settings.tolerance or derive_tolerance(float(np.median(beads.rms[order[first:last]])))
-        for first, last in pairwise(bounds)
-    ])
     draws = draw_triples(num * settings.num_trials, rng).reshape(num, settings.num_trials, 3)
     curves = [
         unpack_curve(row, own[first:last], int(stride))
         for rows, own, start, strides in _fit_all(
-            points, beads.points, beads.point_start, order, bounds, tolerance, draws
+            points, beads.points, beads.point_start, beads.rms, order, bounds,
+            settings.tolerance, draws,
         )
         for row, first, last, stride in zip(rows, start[:-1], start[1:], strides, strict=True)
     ]
@@ -156,8 +156,8 @@ def _fit(points, chosen, tolerance, draws):  # type: ignore[no-untyped-def]
         )
         if is_curve(row):
             # a track of one conductor may have beads that lie over two of them
-            tight = NOISES * math.hypot(row[RMSE], row[LATERAL_RMSE])
-            row[TOLERANCE] = min(min(max(tight, MIN_TOLERANCE), MAX_TOLERANCE), tolerance)
+            tight = derive_tolerance(math.hypot(row[RMSE], row[LATERAL_RMSE]))
+            row[TOLERANCE] = min(tight, tolerance)
             rows[num], strides[num] = row, stride
             start[num + 1] = start[num] + len(kept)
             own[start[num] : start[num + 1]] = kept
@@ -167,11 +167,12 @@ def _fit(points, chosen, tolerance, draws):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, parallel=True, nogil=True)
 def _fit_all(  # type: ignore[no-untyped-def]
-    points, bead_points, bead_start, order, bounds, tolerance, draws
+    points, bead_points, bead_start, rms, order, bounds, tolerance, draws
 ):
+    """Fit the parts of all tracks; a tolerance of 0 is derived from the beads."""
     none = np.empty(0, dtype=np.int64)
-    results = [(np.empty((0, ROW)), none, none, none) for _ in range(len(tolerance))]
-    for track in prange(len(tolerance)):
+    results = [(np.empty((0, ROW)), none, none, none) for _ in range(len(draws))]
+    for track in prange(len(draws)):
         beads = order[bounds[track] : bounds[track + 1]]
         total = 0
         for bead in beads:
@@ -182,5 +183,8 @@ def _fit_all(  # type: ignore[no-untyped-def]
             for k in range(bead_start[bead], bead_start[bead + 1]):
                 chosen[total] = bead_points[k]
                 total += 1
-        results[track] = _fit(points, np.unique(chosen), tolerance[track], draws[track])
+        own = tolerance
+        if own == 0.0:
+            own = derive_tolerance(np.median(rms[beads]))
+        results[track] = _fit(points, np.unique(chosen), own, draws[track])
     return results

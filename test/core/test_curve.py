@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 from toys import hang, make_curve, make_wire, turn
 
-from plc_inspect.core.curve import derive_tolerance, fit_curve, MAX_TOLERANCE, MIN_TOLERANCE
+from plc_inspect.core.curve import fit_curve
+from plc_inspect.core.curve_fit import derive_tolerance, MAX_TOLERANCE, MIN_TOLERANCE
 from plc_inspect.errors import FitError
 
 
