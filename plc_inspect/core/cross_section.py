@@ -133,7 +133,7 @@ def count_needed(y, w, eps, min_points):  # type: ignore[no-untyped-def]
         Threshold of a window that is fully sampled.
 
     """
-    counts = np.zeros((256, 256), dtype=np.int64)
+    counts = np.zeros((256, 256), dtype=np.int16)
     fullest = 0
     for k in range(len(y)):
         i, j = math.floor(y[k] / eps) & 255, math.floor(w[k] / eps) & 255
