@@ -18,9 +18,20 @@ from collections.abc import Sequence
 import dataclasses
 import math
 
+from numba import njit
 import numpy as np
 
-from plc_inspect.core.curve import Curve
+from plc_inspect.core.curve import Curve, pack_curves
+from plc_inspect.core.curve_fit import (
+    COS,
+    height_of,
+    ORIGIN_X,
+    ORIGIN_Y,
+    SIN,
+    slope_of,
+    to_local,
+    variances_of,
+)
 from plc_inspect.core.joints import Joint
 from plc_inspect.core.placement import END_SCATTER
 from plc_inspect.core.supports import Layout
@@ -70,6 +81,7 @@ def settle_ends(
     ends = np.array([(low, high) for _, low, high in finals]).reshape(-1, 2)
     sigma = np.zeros_like(ends)
     stations = np.array([layout.start_station, layout.end_station]).T.reshape(-1, 2)
+    rows = pack_curves([curve for curve, _, _ in finals])
     moved = []
     for number, station in enumerate(layout.stations):
         unit = np.array([math.cos(station.direction), math.sin(station.direction)])
@@ -78,7 +90,7 @@ def settle_ends(
             joint for joint in layout.joints
             if (joint.curves[0], (joint.sides[0] + 1) // 2) in members
         ]
-        crossings = [_cross(finals, joint) for joint in joints]
+        crossings = [_cross(rows, finals, joint) for joint in joints]
         along = np.array([(place - station.position) @ unit for place, _ in crossings])
         own_sigma = np.array([own for _, own in crossings])
         settled, settled_sigma, mean, mean_sigma = _draw_together(along, own_sigma)
@@ -100,29 +112,35 @@ def settle_ends(
     return dataclasses.replace(layout, stations=tuple(moved)), settled_finals, sigma
 
 
-def _cross(finals: Sequence[End], joint: Joint) -> tuple[Float64, float]:
-    """
-    Plan position at which two final curves are nearest, and its deviation along the first [m].
+def _cross(rows: Float64, finals: Sequence[End], joint: Joint) -> tuple[Float64, float]:
+    """Plan position where two final curves are nearest, and its deviation along the first [m]."""
+    first, second = joint.curves
+    curve = finals[first][0]
+    start = float(curve.local(joint.position[None, :])[0][0])
+    x, sigma = _find_crossing(
+        rows[first], rows[second], start, curve.azimuth - finals[second][0].azimuth
+    )
+    return curve.position(x)[0, :2], sigma
 
-    Gauss-Newton on the vertical and the lateral distance, each weighted by its uncertainty.
-    """
-    first, second = (finals[number][0] for number in joint.curves)
-    start = x = float(first.local(joint.position[None, :])[0][0])
-    turn = first.azimuth - second.azimuth
-    weight = 0.0
+
+@njit(cache=True, nogil=True)
+def _find_crossing(first, second, start, turn):  # type: ignore[no-untyped-def]
+    """Gauss-Newton on the vertical and the lateral distance, each by its uncertainty."""
+    x, weight = start, 0.0
     for _ in range(NUM_STEPS):
-        at = first.position(x)
-        other_x, across = second.local(at)
-        gap = float(at[0, 2] - second.fit.height(other_x)[0])
-        rate = float(first.fit.slope(x)) - math.cos(turn) * float(second.fit.slope(other_x)[0])
-        vertical = lateral = LEAST_MISS**2
-        for curve, place in ((first, x), (second, float(other_x[0]))):
-            vertical += float(curve.fit.height_sigma(np.array([place]))[0]) ** 2
-            lateral += curve.lateral_variance(place)
+        other_x, across = to_local(
+            second, first[ORIGIN_X] + first[COS] * x, first[ORIGIN_Y] + first[SIN] * x
+        )
+        gap = height_of(first, x) - height_of(second, other_x)
+        rate = slope_of(first, x) - math.cos(turn) * slope_of(second, other_x)
+        vertical, lateral = variances_of(first, x)
+        other_vertical, other_lateral = variances_of(second, other_x)
+        vertical += other_vertical + LEAST_MISS**2
+        lateral += other_lateral + LEAST_MISS**2
         weight = rate**2 / vertical + math.sin(turn) ** 2 / lateral
-        step = gap * rate / vertical + float(across[0]) * math.sin(turn) / lateral
+        step = gap * rate / vertical + across * math.sin(turn) / lateral
         x = min(max(x - step / max(weight, 1e-12), start - REACH), start + REACH)
-    return first.position(x)[0, :2], min(1.0 / math.sqrt(max(weight, 1e-12)), REACH)
+    return x, min(1.0 / math.sqrt(max(weight, 1e-12)), REACH)
 
 
 def _draw_together(

@@ -226,13 +226,13 @@ def bridge(
     rows = pack_curves(curves)
     result: list[Curve] = []
     while alive:
-        base, rows = alive.pop(0), rows[1:]
+        base, row, rows = alive.pop(0), rows[0], rows[1:]
         while alive:
-            miss = _measure_misses(pack_curves([base])[0], rows, settings.max_bridge)
+            miss = _measure_misses(row, rows, settings.max_bridge)
             for position in np.argsort(miss, kind='stable')[: np.isfinite(miss).sum()].tolist():
                 union = join(points, base, alive[position], settings)
                 if union is not None:
-                    base = union
+                    base, row = union, pack_curves([union])[0]
                     del alive[position]
                     rows = np.delete(rows, position, axis=0)
                     break

@@ -99,6 +99,13 @@ class Curve:
 
     def position(self, x: Float64 | float) -> Float64:
         """Return the (N, 3) points of the curve at (N,) x [m]."""
+        if isinstance(x, float):
+            at = float(x)
+            east, north = self.origin.tolist()
+            return np.array([[
+                east + math.cos(self.azimuth) * at, north + math.sin(self.azimuth) * at,
+                self.fit.height(at),
+            ]])
         x = np.atleast_1d(np.asarray(x, dtype=np.float64))
         result = np.empty((len(x), 3))
         result[:, 0] = self.origin[0] + math.cos(self.azimuth) * x
@@ -204,17 +211,16 @@ def pack_curves(curves: Sequence[Curve]) -> Float64:
     (C, ROW) float64
 
     """
-    rows = np.empty((len(curves), ROW))
-    for row, curve in zip(rows, curves, strict=True):
-        fit = curve.fit
-        row[: COVARIANCE] = (
-            *curve.origin.tolist(), math.cos(curve.azimuth), math.sin(curve.azimuth), fit.middle,
-            *fit.shape.tolist(), curve.low, curve.high, curve.azimuth, fit.rmse,
-            curve.lateral_rmse, *curve.lateral_sigma, curve.mean_x, fit.converged,
-            curve.tolerance, curve.num_points,
-        )
-        row[COVARIANCE :] = fit.covariance.ravel()
-    return rows
+    return np.array([
+        [
+            *curve.origin.tolist(), math.cos(curve.azimuth), math.sin(curve.azimuth),
+            curve.fit.middle, *curve.fit.shape.tolist(), curve.low, curve.high, curve.azimuth,
+            curve.fit.rmse, curve.lateral_rmse, *curve.lateral_sigma, curve.mean_x,
+            curve.fit.converged, curve.tolerance, curve.num_points,
+            *curve.fit.covariance.ravel().tolist(),
+        ]
+        for curve in curves
+    ], dtype=np.float64).reshape(-1, ROW)
 
 
 def find_far_apart(curves: Sequence[Curve], margin: float = 1.0) -> Bool:

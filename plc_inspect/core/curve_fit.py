@@ -153,8 +153,8 @@ def slope_of(row, x):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def sigma_of(row, x):  # type: ignore[no-untyped-def]
-    """Return the standard deviation of the position of a row's curve at x [m]."""
+def variances_of(row, x):  # type: ignore[no-untyped-def]
+    """Return the variances of the height and of the lateral place of a row's curve at x [m2]."""
     g, k, t = row[SLOPE], row[CURVATURE], x - row[MIDDLE]
     root, u = math.sqrt(1.0 + g * g), k * t + math.asinh(g)
     sinh, cosh = math.sinh(u), math.cosh(u)
@@ -166,7 +166,14 @@ def sigma_of(row, x):  # type: ignore[no-untyped-def]
         + by_curvature * (by_curvature * c[8] + 2.0 * (c[2] + by_slope * c[5]))
     )
     lateral = row[OFFSET_SIGMA] ** 2 + (row[TURN_SIGMA] * (x - row[MEAN_X])) ** 2
-    return math.sqrt(max(vertical, 0.0) + lateral)
+    return max(vertical, 0.0), lateral
+
+
+@njit(cache=True, nogil=True)
+def sigma_of(row, x):  # type: ignore[no-untyped-def]
+    """Return the standard deviation of the position of a row's curve at x [m]."""
+    vertical, lateral = variances_of(row, x)
+    return math.sqrt(vertical + lateral)
 
 
 @njit(cache=True, nogil=True)

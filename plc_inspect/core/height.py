@@ -144,7 +144,7 @@ def free_ground(
         That given, where no conductor is low.
 
     """
-    low = [curve for curve in curves if _is_low(curve, height, settings.beta)]
+    low = _find_low(curves, height, settings.beta)
     if not low:
         return height
     table = span_table(
@@ -158,10 +158,22 @@ def free_ground(
     return extract_high(points, settings, airborne)
 
 
-def _is_low(curve: Curve, height: HeightResult, beta: float) -> bool:
-    num = int((curve.length + 2 * BEYOND) / height.cell_size) + 2
-    at = curve.position(np.linspace(curve.low - BEYOND, curve.high + BEYOND, num))
-    return bool((at[:, 2] - ground_at(height, at[:, :2]) < beta).any())
+def _find_low(curves: Sequence[Curve], height: HeightResult, beta: float) -> list[Curve]:
+    """Curves that come nearer to the ground than ``beta``."""
+    if not curves:
+        return []
+    places = [
+        curve.position(np.linspace(
+            curve.low - BEYOND, curve.high + BEYOND,
+            int((curve.length + 2 * BEYOND) / height.cell_size) + 2,
+        ))
+        for curve in curves
+    ]
+    at = np.concatenate(places)
+    near = at[:, 2] - ground_at(height, at[:, :2]) < beta
+    start = np.cumsum([0, *(len(place) for place in places[:-1])])
+    low = np.logical_or.reduceat(near, start)
+    return [curve for curve, is_low in zip(curves, low, strict=True) if is_low]
 
 
 def ground_at(
