@@ -1,0 +1,35 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+import numpy as np
+import pytest
+
+from plc_inspect.core.picking import find_true, take_rows
+
+
+@pytest.mark.parametrize('num', [0, 1, 15, 16, 17, 10_001])
+@pytest.mark.parametrize('share', [0.0, 0.3, 1.0])
+def test_it_finds_what_numpy_finds(num, share):
+    mask = np.random.default_rng(num).random(num) < share
+    found = find_true(mask)
+    assert found.dtype == np.int64
+    np.testing.assert_array_equal(found, np.flatnonzero(mask))
+
+
+@pytest.mark.parametrize('dtype', [np.int32, np.int64])
+def test_it_takes_what_numpy_takes(dtype):
+    points = np.random.default_rng(0).normal(size=(500, 3))
+    chosen = np.random.default_rng(1).integers(0, 500, 200).astype(dtype)
+    np.testing.assert_array_equal(take_rows(points, chosen), points[chosen])
+    assert take_rows(points, chosen[:0]).shape == (0, 3)
