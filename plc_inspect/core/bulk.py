@@ -17,6 +17,7 @@
 from numba import njit, prange
 import numpy as np
 
+from plc_inspect.core.picking import find_true
 from plc_inspect.core.voxels import add_key, find_slot, grow_table, NUM_PARTS, pack
 from plc_inspect.results import Float64, Int64
 
@@ -56,7 +57,7 @@ def drop_bulk(
         points, chosen, origin, BULK_CELL
     )
     sparse = _find_sparse(key, filled, table_key, table_slot, max_occupied)
-    return chosen[_pick_bits(sparse, column_of, level)]
+    return chosen[find_true(_pick_bits(sparse, column_of, level))]
 
 
 @njit(cache=True, parallel=True, nogil=True)

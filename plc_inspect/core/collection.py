@@ -155,7 +155,7 @@ def measure_distances(points: Float64, curve: Curve, chosen: Int64) -> Float32:
     (K,) float32 [m]
 
     """
-    result: Float32 = _measure_distances(points, pack_curves([curve])[0], chosen)
+    result: Float32 = distances_to(points, pack_curves([curve])[0], chosen)
     return result
 
 
@@ -238,10 +238,11 @@ def extend(
     ]
 
 
-@njit(cache=True, parallel=True, nogil=True)
-def _measure_distances(points, row, chosen):  # type: ignore[no-untyped-def]
+@njit(cache=True, nogil=True)
+def distances_to(points, row, chosen):  # type: ignore[no-untyped-def]
+    """Distances of some of the points to a row's curve near to them [m]."""
     result = np.empty(len(chosen), dtype=np.float32)
-    for k in prange(len(chosen)):
+    for k in range(len(chosen)):
         i = chosen[k]
         x, y = to_local(row, points[i, 0], points[i, 1])
         above = (points[i, 2] - height_of(row, x)) / math.hypot(1.0, slope_of(row, x))

@@ -22,7 +22,7 @@ import numpy as np
 
 from plc_inspect.core.curve import Curve
 from plc_inspect.core.height import HeightResult
-from plc_inspect.core.picking import find_true
+from plc_inspect.core.picking import find_true, take_rows
 from plc_inspect.core.plan_index import build_plan_index, PlanIndex
 from plc_inspect.results import Float64, Int32, Int64
 
@@ -95,11 +95,14 @@ def gather_off_ground(points: Float64, height: HeightResult, least: float) -> Of
 
     """
     chosen = find_true(_is_off(height.height, height.high, least))
-    index = build_plan_index(points, chosen, CELL)
-    own, own_height, is_high = _gather(points, height.height, height.high, index.order)
+    near = take_rows(points, chosen)  # once out of all points, in the order of memory
+    index = build_plan_index(near, np.arange(len(near)), CELL)
+    own, place, own_height, is_high = _gather(
+        near, chosen, height.height, height.high, index.order
+    )
     return OffGround(
         points=own,
-        place=index.order,
+        place=place,
         num_total=len(points),
         high=find_true(is_high),
         height=replace(height, height=own_height, high=is_high),
@@ -124,14 +127,17 @@ def _scatter(values, place, elsewhere, result):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True, nogil=True)
-def _gather(points, height, high, order):  # type: ignore[no-untyped-def]
+def _gather(near, chosen, height, high, order):  # type: ignore[no-untyped-def]
     num = len(order)
     own = np.empty((num, 3))
+    place = np.empty(num, dtype=np.int32)
     own_height = np.empty(num, dtype=np.float32)
     is_high = np.empty(num, dtype=np.bool_)
     for k in prange(num):
-        i = order[k]
-        own[k, 0], own[k, 1], own[k, 2] = points[i, 0], points[i, 1], points[i, 2]
+        m = order[k]
+        own[k, 0], own[k, 1], own[k, 2] = near[m, 0], near[m, 1], near[m, 2]
+        i = chosen[m]
+        place[k] = i
         own_height[k] = height[i]
         is_high[k] = high[i]
-    return own, own_height, is_high
+    return own, place, own_height, is_high

@@ -14,6 +14,7 @@
 
 """The final fit of each span, to all its points."""
 
+from collections.abc import Sequence
 import dataclasses
 
 from numba import njit, prange
@@ -21,7 +22,7 @@ import numpy as np
 
 from plc_inspect.config import CatenarySettings
 from plc_inspect.core.catenary import draw_triples
-from plc_inspect.core.collection import grid_of, profile_row, STEP
+from plc_inspect.core.collection import distances_to, grid_of, profile_row, STEP
 from plc_inspect.core.curve import Curve, pack_curves, unpack_curve
 from plc_inspect.core.curve_fit import (
     AZIMUTH,
@@ -42,7 +43,7 @@ from plc_inspect.core.curve_fit import (
 )
 from plc_inspect.core.plan_index import PlanIndex
 from plc_inspect.core.supports import Layout
-from plc_inspect.results import Float64
+from plc_inspect.results import Float32, Float64, Int64
 
 MISFIT_PARTS = 20
 """Parts of a span whose mean residuals are compared with the noise."""
@@ -51,6 +52,9 @@ MAX_NOISE = 3.0
 MAX_POINTS = 8_000
 """Points that the fit of a span uses at most."""
 
+End = tuple[Curve, float, float]
+"""A curve, and the x of its low and high end [m]."""
+
 
 def fit_spans(
     points: Float64,
@@ -58,7 +62,7 @@ def fit_spans(
     layout: Layout,
     settings: CatenarySettings,
     rng: np.random.Generator,
-) -> list[tuple[Curve, float, float]]:
+) -> list[End]:
     """
     Fit each curve to all points between its ends.
 
@@ -105,6 +109,66 @@ def fit_spans(
         )
         finals.append((fresh, low, high))
     return finals
+
+
+def collect_points(
+    points: Float64, index: PlanIndex, finals: Sequence[End], slack: float
+) -> list[tuple[Int64, Float32]]:
+    """
+    Find the points on each curve between its ends, and their distances to it.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    index : PlanIndex
+        Searched.
+    finals : sequence of (Curve, float, float)
+        Curves, and the x of their ends [m].
+    slack : float
+        Points may lie this far beyond the ends [m].
+
+    Returns
+    -------
+    list of (chosen, distance)
+        (K,) int64 ascending, (K,) float32 [m].
+
+    """
+    if not finals:
+        return []
+    ends = np.array([(low - slack, high + slack) for _, low, high in finals])
+    rows = pack_curves([curve for curve, _, _ in finals])
+    own, distance = _collect_all(points, grid_of(index), rows, ends)
+    return list(zip(own, distance, strict=True))
+
+
+def measure_coverage(points: Float64, index: PlanIndex, finals: Sequence[End]) -> Float64:
+    """Return the (C,) share of the metres of each curve that hold points of it."""
+    ends = np.array([(low, high) for _, low, high in finals]).reshape(-1, 2)
+    rows = pack_curves([curve for curve, _, _ in finals])
+    result: Float64 = _cover_all(points, grid_of(index), rows, ends)
+    return result
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _collect_all(points, grid, rows, ends):  # type: ignore[no-untyped-def]
+    own = [np.empty(0, dtype=np.int64) for _ in range(len(rows))]
+    distance = [np.empty(0, dtype=np.float32) for _ in range(len(rows))]
+    nothing = np.zeros(0, dtype=np.bool_)
+    for k in prange(len(rows)):
+        _, _, own[k] = profile_row(points, grid, rows[k], ends[k, 0], ends[k, 1], STEP, nothing)
+        distance[k] = distances_to(points, rows[k], own[k])
+    return own, distance
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _cover_all(points, grid, rows, ends):  # type: ignore[no-untyped-def]
+    coverage = np.zeros(len(rows))
+    nothing = np.zeros(0, dtype=np.bool_)
+    for k in prange(len(rows)):
+        core, _, _ = profile_row(points, grid, rows[k], ends[k, 0], ends[k, 1], STEP, nothing)
+        coverage[k] = (core > 0).mean()
+    return coverage
 
 
 @njit(cache=True, parallel=True, nogil=True)

@@ -22,14 +22,13 @@ import numpy as np
 
 from plc_inspect.config import Settings
 from plc_inspect.core.attachments import settle_ends
-from plc_inspect.core.collection import measure_distances, profile_curve
 from plc_inspect.core.crowding import find_intruders
 from plc_inspect.core.height import ground_at, HeightResult
 from plc_inspect.core.nearest import find_near
 from plc_inspect.core.off_ground import OffGround
 from plc_inspect.core.placement import place_supports
 from plc_inspect.core.route import Route
-from plc_inspect.core.span_fit import fit_spans
+from plc_inspect.core.span_fit import collect_points, fit_spans, measure_coverage
 from plc_inspect.core.span_model import model_span, SpanModel, tabulate
 from plc_inspect.core.supports import Layout
 from plc_inspect.results import Bool, Float32, Float64, Int32, Int64, Support
@@ -107,10 +106,8 @@ def build_spans(
     finals = fit_spans(points, index, layout, settings.catenary, rng)
     layout, finals, end_sigma = settle_ends(layout, finals)
     collected = []
-    for number, (curve, low, high) in enumerate(finals):
-        chosen = profile_curve(points, index, curve, low - END_SLACK, high + END_SLACK).chosen
+    for number, (chosen, distance) in enumerate(collect_points(points, index, finals, END_SLACK)):
         collected.append(chosen)
-        distance = measure_distances(points, curve, chosen)
         nearer = ~(distance >= residual[chosen])
         chosen = chosen[nearer]
         line_id[chosen] = route.line_id[number]
@@ -124,6 +121,7 @@ def build_spans(
         curve, low, high = finals[number]
         finals[number] = (curve, low, high + beyond) if side > 0 else (curve, low - beyond, high)
         end_sigma[number, (side + 1) // 2] = deviation
+    coverage = measure_coverage(points, index, finals)
     models = []
     for number, (curve, low, high) in enumerate(finals):
         own = collected[number]
@@ -151,7 +149,7 @@ def build_spans(
                 is_open,
                 route.line_id[number],
                 route.span_id[number],
-                profile_curve(points, index, curve, low, high).coverage,
+                float(coverage[number]),
                 (float(end_sigma[number, 0]), float(end_sigma[number, 1])),
             )
         )
