@@ -23,6 +23,8 @@ from plc_inspect.results import Float64, Int64
 
 BULK_CELL = 1.0
 """Edge of the cells whose occupied neighbours tell bulky things [m]."""
+NUM_LAST = 8
+"""Columns of a square of this many by as many are kept at hand."""
 
 
 def drop_bulk(
@@ -117,26 +119,29 @@ def _fill_part(points, chosen, origin, size, column_of, level):  # type: ignore[
     table_key = np.full(1 << 12, -1, dtype=np.int64)
     table_slot = np.empty(1 << 12, dtype=np.int32)
     used = 0
-    own, slot = np.int64(-1), np.int32(-1)
+    # neighbours come one after the other: most columns are among those last met nearby
+    last_key = np.full(NUM_LAST * NUM_LAST, -1, dtype=np.int64)
+    last_slot = np.empty(NUM_LAST * NUM_LAST, dtype=np.int32)
     for k in range(len(chosen)):
         i = chosen[k]
+        x = int((points[i, 0] - origin[0]) / size)
+        y = int((points[i, 1] - origin[1]) / size)
         high = int((points[i, 2] - origin[2]) / size)
-        here = pack(
-            int((points[i, 0] - origin[0]) / size), int((points[i, 1] - origin[1]) / size),
-            high >> 6,
-        )
-        if here != own:
-            own = here
-            slot = find_slot(table_key, table_slot, own)
+        here = pack(x, y, high >> 6)
+        last = (x & (NUM_LAST - 1)) * NUM_LAST + (y & (NUM_LAST - 1))
+        if last_key[last] != here:
+            slot = find_slot(table_key, table_slot, here)
             if slot < 0:
                 if used == len(key):
                     key = np.concatenate((key, np.empty(used, dtype=np.int64)))
                     filled = np.concatenate((filled, np.zeros(used, dtype=np.uint64)))
                     table_key, table_slot = grow_table(table_key, table_slot)
                 slot = np.int32(used)
-                add_key(table_key, table_slot, own, slot)
-                key[used] = own
+                add_key(table_key, table_slot, here, slot)
+                key[used] = here
                 used += 1
+            last_key[last], last_slot[last] = here, slot
+        slot = last_slot[last]
         column_of[k] = slot
         level[k] = high & 63
         filled[slot] |= np.uint64(1) << np.uint64(high & 63)
