@@ -19,7 +19,7 @@ import math
 from numba import njit
 import numpy as np
 
-from plc_inspect.core.catenary import LEAST_EXTENT, solve_catenary
+from plc_inspect.core.catenary_solver import LEAST_EXTENT, solve_catenary
 from plc_inspect.results import Float64
 
 MIN_TOLERANCE = 0.1

@@ -1,0 +1,174 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Least squares and MSAC of a catenary, as kernels."""
+
+import math
+
+from numba import njit
+import numpy as np
+
+MIN_CURVATURE = 1e-6
+"""A straighter wire is given this curvature, 1 / c [1/m]."""
+NUM_STEPS = 12
+LEAST_EXTENT = 1e-3
+"""Points within less than this along the span have no catenary [m]."""
+
+
+@njit(cache=True, nogil=True)
+def solve_catenary(x, z, tolerance, draws):  # type: ignore[no-untyped-def]
+    """Return the fields of CatenaryFit; x are four or more and not all the same."""
+    least = x.min()
+    extent = x.max() - least
+    middle = least + extent / 2
+    t = x - middle
+    inlier = np.ones(len(x), dtype=np.bool_)
+    if len(draws):
+        inlier = _find_consensus(t, z, draws, tolerance, extent)
+        if inlier.sum() < 4:
+            inlier[:] = True
+    shape, covariance, rmse, inlier, converged = _refine(t, z, inlier, tolerance)
+    return middle, shape, covariance, rmse, inlier, converged
+
+
+@njit(cache=True, nogil=True)
+def _find_consensus(t, z, draws, tolerance, extent):  # type: ignore[no-untyped-def]
+    """Inliers of the best quadratic through three points, by truncated squared error."""
+    n = len(t)
+    best = np.inf
+    kept = np.ones(n, dtype=np.bool_)
+    limit = tolerance * tolerance
+    for trial in range(len(draws)):
+        i, j, k = int(draws[trial, 0] * n), int(draws[trial, 1] * n), int(draws[trial, 2] * n)
+        dij, dik, djk = t[i] - t[j], t[i] - t[k], t[j] - t[k]
+        if min(abs(dij), abs(dik), abs(djk)) < 0.05 * extent:
+            continue
+        a2 = z[i] / (dij * dik) - z[j] / (dij * djk) + z[k] / (dik * djk)
+        a1 = (z[i] - z[j]) / dij - a2 * (t[i] + t[j])
+        a0 = z[i] - t[i] * (a1 + a2 * t[i])
+        if a2 < -2.0 * tolerance / (extent * extent):
+            continue
+        error = 0.0
+        for m in range(n):
+            r = z[m] - a0 - t[m] * (a1 + a2 * t[m])
+            error += min(r * r, limit)
+            if error >= best:
+                break
+        if error < best:
+            best = error
+            for m in range(n):
+                r = z[m] - a0 - t[m] * (a1 + a2 * t[m])
+                kept[m] = r * r <= limit
+    return kept
+
+
+@njit(cache=True, nogil=True, fastmath={'reassoc', 'contract', 'nsz'})
+def _add_up(t, z, h, g, k, scale, tolerance, weight, anew, sums):  # type: ignore[no-untyped-def]
+    """
+    Add up the normal equations over the points with weight 1; ``anew`` weighs them first.
+
+    Close to the middle, at |k t| of 0.5 or less, cosh and sinh are polynomials, exact to 1e-12.
+    """
+    root, base = math.sqrt(1.0 + g * g), math.asinh(g)
+    by_k, by_root, by_scale = 1.0 / k, 1.0 / (root * k * scale), 1.0 / (k * scale * scale)
+    near = k * scale <= 0.5
+    total = count = r0 = r1 = r2 = n1 = n2 = n11 = n12 = n22 = 0.0
+    for m in range(len(t)):
+        u = k * t[m]
+        if near:
+            u2 = u * u
+            more = 0.5 * u2 * (1.0 + u2 / 12.0 * (1.0 + u2 / 30.0 * (1.0 + u2 / 56.0 * (
+                1.0 + u2 / 90.0))))
+            odd = u * (1.0 + u2 / 6.0 * (1.0 + u2 / 20.0 * (1.0 + u2 / 42.0 * (
+                1.0 + u2 / 72.0 * (1.0 + u2 / 110.0)))))
+            rise, run = root * more + g * odd, root * odd + g * more
+        else:
+            grown = math.exp(u + base)
+            rise, run = 0.5 * (grown + 1.0 / grown) - root, 0.5 * (grown - 1.0 / grown) - g
+        r = z[m] - h - rise * by_k
+        w = weight[m]
+        if anew:
+            w = 1.0 if abs(r) <= tolerance else 0.0
+            weight[m] = w
+        j1 = run * by_root
+        j2 = (t[m] * (run + g) - rise * by_k) * by_scale
+        total += w * r * r
+        count += w
+        r0 += w * r
+        r1 += w * j1 * r
+        r2 += w * j2 * r
+        n1 += w * j1
+        n2 += w * j2
+        n11 += w * j1 * j1
+        n12 += w * j1 * j2
+        n22 += w * j2 * j2
+    sums[0], sums[1], sums[2], sums[3], sums[4] = total, count, r0, r1, r2
+    sums[5], sums[6], sums[7], sums[8], sums[9] = n1, n2, n11, n12, n22
+
+
+@njit(cache=True, nogil=True)
+def _refine(t, z, inlier, tolerance):  # type: ignore[no-untyped-def]
+    """Gauss-Newton on height, slope and curvature, the inliers chosen anew at each step."""
+    scale = max(np.abs(t).max(), 1e-9)
+    # quadratic start
+    normal = np.zeros((3, 3))
+    right = np.zeros(3)
+    row = np.ones(3)
+    for m in range(len(t)):
+        if inlier[m]:
+            row[1] = t[m] / scale
+            row[2] = row[1] * row[1]
+            for p in range(3):
+                right[p] += row[p] * z[m]
+                for q in range(3):
+                    normal[p, q] += row[p] * row[q]
+    for p in range(3):
+        normal[p, p] += 1e-9 * (normal[0, 0] + 1.0)
+    start = np.linalg.solve(normal, right)
+    h, g = start[0], start[1] / scale
+    k = max(2.0 * start[2] / (scale * scale * math.sqrt(1.0 + g * g)), MIN_CURVATURE)
+    k = min(k, 20.0 / scale)
+    weight = inlier.astype(np.float64)
+    converged = False
+    covariance = np.zeros((3, 3))
+    units = np.array([1.0, 1.0 / scale, 1.0 / (scale * scale)])
+    sums = np.zeros(10)
+    rmse = 0.0
+    for step in range(NUM_STEPS):
+        _add_up(t, z, h, g, k, scale, tolerance, weight, step >= 2, sums)
+        total, count = sums[0], sums[1]
+        right[:] = sums[2:5]
+        normal[0, 0], normal[0, 1], normal[0, 2] = count, sums[5], sums[6]
+        normal[1, 1], normal[1, 2], normal[2, 2] = sums[7], sums[8], sums[9]
+        normal[1, 0], normal[2, 0], normal[2, 1] = normal[0, 1], normal[0, 2], normal[1, 2]
+        if count < 4:
+            break
+        for p in range(3):
+            normal[p, p] += 1e-12 * (normal[0, 0] + 1.0)
+        rmse = math.sqrt(total / count)
+        inverse = np.linalg.inv(normal)
+        change = inverse @ right
+        noise = total / max(count - 3, 1)
+        for p in range(3):
+            for q in range(3):
+                covariance[p, q] = inverse[p, q] * noise * units[p] * units[q]
+        h += change[0]
+        g += change[1] * units[1]
+        k = min(max(k + change[2] * units[2], MIN_CURVATURE), 20.0 / scale)
+        small = abs(change[0]) < 1e-7 and abs(change[1]) < 1e-7 and abs(change[2]) < 1e-7
+        if step > 2 and small:
+            converged = True
+            break
+    shape = np.array([h, g, k])
+    return shape, covariance, rmse, weight > 0.5, converged
