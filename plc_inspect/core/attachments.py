@@ -123,7 +123,7 @@ def _cross(rows: Float64, finals: Sequence[End], joint: Joint) -> tuple[Float64,
     return curve.position(x)[0, :2], sigma
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model='numpy')
 def _find_crossing(first, second, start, turn):  # type: ignore[no-untyped-def]
     """Gauss-Newton on the vertical and the lateral distance, each by its uncertainty."""
     x, weight = start, 0.0

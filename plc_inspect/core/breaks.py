@@ -68,7 +68,7 @@ def find_break(x: Float64, y: Float64, z: Float64) -> Break | None:
     return Break(x=at, kink=kink, turn=turn) if found else None
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model='numpy')
 def locate_break(x, y, z):  # type: ignore[no-untyped-def]
     """Whether there is a break, and the fields of Break."""
     nothing = False, 0.0, 0.0, 0.0
@@ -97,7 +97,7 @@ def locate_break(x, y, z):  # type: ignore[no-untyped-def]
     return True, middle + scale * t_meet, kink, turn
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model='numpy')
 def _crossing(left, right, near, low, high):  # type: ignore[no-untyped-def]
     """Where the two parabolas meet nearest to ``near``; ``near`` if they do not meet there."""
     d0, d1, d2 = right[0] - left[0], right[1] - left[1], right[2] - left[2]
@@ -115,7 +115,7 @@ def _crossing(left, right, near, low, high):  # type: ignore[no-untyped-def]
     return meet if low - slack <= meet <= high + slack else near
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model='numpy')
 def _solve(s, model):  # type: ignore[no-untyped-def]
     """
     Least-squares parabola in z and line in y of points whose sums ``s`` are given.
@@ -142,7 +142,7 @@ def _solve(s, model):  # type: ignore[no-untyped-def]
     return max(error_z, 0.0) + max(error_y, 0.0)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model='numpy')
 def _add(s, t, y, z, weight):  # type: ignore[no-untyped-def]
     """Add a point to the sums, or take it out with the weight -1."""
     s[0] += weight
@@ -159,7 +159,7 @@ def _add(s, t, y, z, weight):  # type: ignore[no-untyped-def]
     s[11] += weight * y * y
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model='numpy')
 def _best_cut(x, t, y, z):  # type: ignore[no-untyped-def]
     """
     Best place to cut points in order of x: the first point after it, 0 if there is none.

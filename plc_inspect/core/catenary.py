@@ -21,7 +21,12 @@ from typing import TypeVar
 from numba import njit
 import numpy as np
 
-from plc_inspect.core.catenary_solver import LEAST_EXTENT, solve_catenary
+from plc_inspect.core.catenary_solver import (
+    height_at,
+    LEAST_EXTENT,
+    slope_at,
+    solve_catenary,
+)
 from plc_inspect.errors import FitError
 from plc_inspect.results import Bool, Float64
 
@@ -68,8 +73,7 @@ class CatenaryFit:
         """Return z at each x; any shape, float64 [m]."""
         if isinstance(x, float):
             h, g, k = self.shape.tolist()
-            rise = math.cosh(k * (x - self.middle) + math.asinh(g)) - math.sqrt(1.0 + g * g)
-            return h + rise / k
+            return height_at(self.middle, h, g, k, x)
         x = np.asarray(x, dtype=np.float64)
         flat = _heights(np.ascontiguousarray(x).ravel(), self.middle, self.shape)
         result: Float64 = flat.reshape(x.shape)[()]
@@ -79,7 +83,7 @@ class CatenaryFit:
         """Return dz/dx at each x."""
         if isinstance(x, float):
             _, g, k = self.shape.tolist()
-            return math.sinh(k * (x - self.middle) + math.asinh(g))
+            return slope_at(self.middle, g, k, x)
         t = np.asarray(x, dtype=np.float64) - self.middle
         result: Float64 = np.sinh(self.shape[2] * t + math.asinh(self.shape[1]))
         return result
@@ -194,29 +198,29 @@ def fit_quadratic(x: Float64, z: Float64) -> tuple[float, float, float]:
     """Return a2, a1, a0 of the least-squares quadratic form (N >= 3 points)."""
     if len(x) < 3:
         raise FitError(f'a quadratic needs 3 points, got {len(x)}')
-    a2, a1, a0 = _solve_quadratic(np.ascontiguousarray(x), np.ascontiguousarray(z))
-    return a2, a1, a0
+    middle = float(x.mean())
+    scale = max(float(np.abs(x - middle).max()), 1e-9)
+    normal, right = _add_up_quadratic(
+        np.ascontiguousarray(x), np.ascontiguousarray(z), middle, scale
+    )
+    b0, b1, b2 = np.linalg.lstsq(normal, right, rcond=None)[0].tolist()
+    b1, b2 = b1 / scale, b2 / scale**2
+    return b2, b1 - 2.0 * b2 * middle, b0 - b1 * middle + b2 * middle**2 + float(z.mean())
 
 
 @njit(cache=True, nogil=True)
-def _solve_quadratic(x, z):  # type: ignore[no-untyped-def]
-    scale, middle = max(np.abs(x).max(), 1e-9), z.mean()
-    sums = np.zeros(7)  # of t to t4, and of z, zt, zt2
+def _add_up_quadratic(x, z, middle, scale):  # type: ignore[no-untyped-def]
+    """Return the (3, 3) normal equations, and their right side, of z less its mean."""
+    normal, right, row = np.zeros((3, 3)), np.zeros(3), np.ones(3)
+    mean = z.mean()
     for k in range(len(x)):
-        t, own = x[k] / scale, z[k] - middle
-        t2 = t * t
-        sums[0] += t
-        sums[1] += t2
-        sums[2] += t2 * t
-        sums[3] += t2 * t2
-        sums[4] += own
-        sums[5] += own * t
-        sums[6] += own * t2
-    normal = np.array([
-        [float(len(x)), sums[0], sums[1]], [sums[0], sums[1], sums[2]], [sums[1], sums[2], sums[3]]
-    ])
-    a0, a1, a2 = np.linalg.lstsq(normal, sums[4:7])[0]
-    return a2 / scale**2, a1 / scale, a0 + middle
+        row[1] = (x[k] - middle) / scale
+        row[2] = row[1] * row[1]
+        for p in range(3):
+            right[p] += row[p] * (z[k] - mean)
+            for q in range(3):
+                normal[p, q] += row[p] * row[q]
+    return normal, right
 
 
 @njit(cache=True, nogil=True)

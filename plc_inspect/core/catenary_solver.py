@@ -26,9 +26,14 @@ LEAST_EXTENT = 1e-3
 """Points within less than this along the span have no catenary [m]."""
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model='numpy')
 def solve_catenary(x, z, tolerance, draws):  # type: ignore[no-untyped-def]
-    """Return the fields of CatenaryFit; x are four or more and not all the same."""
+    """
+    Fit a catenary to (N,) x along the span and z [m]; x are four or more and not all the same.
+
+    Returned are the fields of CatenaryFit.  ``draws`` are from draw_triples, and sums of many
+    points are rounded as the processor adds best, so the last bits are those of one machine.
+    """
     least = x.min()
     extent = x.max() - least
     middle = least + extent / 2
@@ -42,7 +47,7 @@ def solve_catenary(x, z, tolerance, draws):  # type: ignore[no-untyped-def]
     return middle, shape, covariance, rmse, inlier, converged
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model='numpy')
 def _find_consensus(t, z, draws, tolerance, extent):  # type: ignore[no-untyped-def]
     """Inliers of the best quadratic through three points, by truncated squared error."""
     n = len(t)
@@ -73,7 +78,9 @@ def _find_consensus(t, z, draws, tolerance, extent):  # type: ignore[no-untyped-
     return kept
 
 
-@njit(cache=True, nogil=True, fastmath={'reassoc', 'contract', 'nsz'})
+@njit(
+    cache=True, nogil=True, error_model='numpy', fastmath={'reassoc', 'contract', 'nsz'}
+)
 def _add_up(t, z, h, g, k, scale, tolerance, weight, anew, sums):  # type: ignore[no-untyped-def]
     """
     Add up the normal equations over the points with weight 1; ``anew`` weighs them first.
@@ -117,9 +124,42 @@ def _add_up(t, z, h, g, k, scale, tolerance, weight, anew, sums):  # type: ignor
     sums[5], sums[6], sums[7], sums[8], sums[9] = n1, n2, n11, n12, n22
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model='numpy')
+def _invert(matrix, result):  # type: ignore[no-untyped-def]
+    """Invert a symmetric positive 3 x 3 matrix; return False where it is none."""
+    a, b, c = matrix[0, 0], matrix[0, 1], matrix[0, 2]
+    d, e, f = matrix[1, 1], matrix[1, 2], matrix[2, 2]
+    i00, i01, i02 = d * f - e * e, c * e - b * f, b * e - c * d
+    determinant = a * i00 + b * i01 + c * i02
+    if not (determinant > 0.0 and determinant < np.inf):
+        return False
+    result[0, 0], result[0, 1], result[0, 2] = i00, i01, i02
+    result[1, 0], result[1, 1], result[1, 2] = i01, a * f - c * c, b * c - a * e
+    result[2, 0], result[2, 1], result[2, 2] = i02, b * c - a * e, a * d - b * b
+    result /= determinant
+    return True
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def height_at(middle, h, g, k, x):  # type: ignore[no-untyped-def]
+    """Return z [m] at x [m] of the catenary with height, slope and curvature at ``middle``."""
+    rise = math.cosh(k * (x - middle) + math.asinh(g)) - math.sqrt(1.0 + g * g)
+    return h + rise / k
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def slope_at(middle, g, k, x):  # type: ignore[no-untyped-def]
+    """Return dz/dx at x [m] of that catenary."""
+    return math.sinh(k * (x - middle) + math.asinh(g))
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
 def _refine(t, z, inlier, tolerance):  # type: ignore[no-untyped-def]
-    """Gauss-Newton on height, slope and curvature, the inliers chosen anew at each step."""
+    """
+    Gauss-Newton on height, slope and curvature, the inliers chosen anew at each step.
+
+    There are no inliers where the points do not tell all three.
+    """
     scale = max(np.abs(t).max(), 1e-9)
     # quadratic start
     normal = np.zeros((3, 3))
@@ -135,7 +175,10 @@ def _refine(t, z, inlier, tolerance):  # type: ignore[no-untyped-def]
                     normal[p, q] += row[p] * row[q]
     for p in range(3):
         normal[p, p] += 1e-9 * (normal[0, 0] + 1.0)
-    start = np.linalg.solve(normal, right)
+    inverse = np.zeros((3, 3))
+    if not _invert(normal, inverse):
+        return np.zeros(3), np.zeros((3, 3)), 0.0, np.zeros(len(t), dtype=np.bool_), False
+    start = inverse @ right
     h, g = start[0], start[1] / scale
     k = max(2.0 * start[2] / (scale * scale * math.sqrt(1.0 + g * g)), MIN_CURVATURE)
     k = min(k, 20.0 / scale)
@@ -157,7 +200,9 @@ def _refine(t, z, inlier, tolerance):  # type: ignore[no-untyped-def]
         for p in range(3):
             normal[p, p] += 1e-12 * (normal[0, 0] + 1.0)
         rmse = math.sqrt(total / count)
-        inverse = np.linalg.inv(normal)
+        if not _invert(normal, inverse):
+            weight[:] = 0.0
+            break
         change = inverse @ right
         noise = total / max(count - 3, 1)
         for p in range(3):

@@ -238,7 +238,7 @@ def extend(
     ]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model='numpy')
 def distances_to(points, row, chosen):  # type: ignore[no-untyped-def]
     """Distances of some of the points to a row's curve near to them [m]."""
     result = np.empty(len(chosen), dtype=np.float32)
@@ -250,7 +250,7 @@ def distances_to(points, row, chosen):  # type: ignore[no-untyped-def]
     return result
 
 
-@njit(cache=True, parallel=True, nogil=True)
+@njit(cache=True, parallel=True, nogil=True, error_model='numpy')
 def _extend_all(points, grid, rows, max_step):  # type: ignore[no-untyped-def]
     """Extend each row in place; returned are its points and their stride, 0 if it is the same."""
     own = [np.empty(0, dtype=np.int64) for _ in range(len(rows))]
@@ -260,7 +260,7 @@ def _extend_all(points, grid, rows, max_step):  # type: ignore[no-untyped-def]
     return own, stride
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model='numpy')
 def _extend(points, grid, row, max_step):  # type: ignore[no-untyped-def]
     own, stride = np.empty(0, dtype=np.int64), 0
     nothing, no_draws = np.zeros(0, dtype=np.bool_), np.empty((0, 3))
@@ -300,7 +300,7 @@ def _extend(points, grid, row, max_step):  # type: ignore[no-untyped-def]
     return own, stride
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model='numpy')
 def _sure_reach(row, longest):  # type: ignore[no-untyped-def]
     """How far beyond both ends the curve is known to its tolerance, at most ``longest``."""
     for part in range(NUM_REACHES - 1, 0, -1):
@@ -311,7 +311,7 @@ def _sure_reach(row, longest):  # type: ignore[no-untyped-def]
     return 0.0
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model='numpy')
 def _walk(good, allowed):  # type: ignore[no-untyped-def]
     """Count the steps to the last good bin reached over at most ``allowed`` bad in a row."""
     last = bad = 0
@@ -325,7 +325,7 @@ def _walk(good, allowed):  # type: ignore[no-untyped-def]
     return last
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model='numpy')
 def profile_row(points, grid, row, low, high, step, ignore):  # type: ignore[no-untyped-def]
     """Points on the curve and close about it in each bin, and those on it, ascending."""
     tolerance = row[TOLERANCE]

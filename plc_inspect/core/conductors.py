@@ -243,7 +243,7 @@ def bridge(
     return tuple(result)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model='numpy')
 def _measure_misses(base, rows, max_bridge):  # type: ignore[no-untyped-def]
     """How far curves lie off the continuation of ``base`` [m], inf where they are none of it."""
     result = np.full(len(rows), np.inf)
@@ -261,7 +261,7 @@ def _measure_misses(base, rows, max_bridge):  # type: ignore[no-untyped-def]
             ):
                 break
             miss = math.hypot(y, height_of(row, at) - height_of(base, x))
-            if miss > min(BRIDGE_SLACK + 3 * sigma_of(base, x), MAX_MISS):
+            if not miss <= min(BRIDGE_SLACK + 3 * sigma_of(base, x), MAX_MISS):
                 break
             least, most, total = min(least, x), max(most, x), total + miss
         else:

@@ -127,9 +127,8 @@ def extract_corridor(
                 settings,
             )
     found, distance, span = find_near(points, table, np.maximum(radius, least_reach))
-    if (radius >= least_reach).all():
-        inside = found, distance, span
-    else:
+    inside = found, distance, span
+    if least_reach > 0.0:
         inside = _keep_inside(found, distance, span, radius)
     return CorridorResult(
         points=inside[0],

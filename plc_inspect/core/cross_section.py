@@ -126,7 +126,7 @@ def count_needed(y, w, eps, min_points):  # type: ignore[no-untyped-def]
     Parameters
     ----------
     y, w : (n,) float64
-        Points across and up [m].
+        Points across and up [m], at most MAX_WINDOW_POINTS.
     eps : float
         Edge of a place [m].
     min_points : int

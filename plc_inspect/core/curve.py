@@ -17,11 +17,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 import math
-from typing import TypeVar
 
 import numpy as np
 
-from plc_inspect.core.catenary import CatenaryFit, draw_triples
+from plc_inspect.core.catenary import CatenaryFit, draw_triples, FloatOrArray
 from plc_inspect.core.curve_fit import (
     AZIMUTH,
     CONVERGED,
@@ -45,8 +44,6 @@ from plc_inspect.core.curve_fit import (
 )
 from plc_inspect.errors import FitError
 from plc_inspect.results import Bool, Float64, Int64
-
-FloatOrArray = TypeVar('FloatOrArray', float, Float64)
 
 MAX_POINTS = 2000
 """Points that a fit needs while conductors are looked for."""
@@ -100,11 +97,10 @@ class Curve:
     def position(self, x: Float64 | float) -> Float64:
         """Return the (N, 3) points of the curve at (N,) x [m]."""
         if isinstance(x, float):
-            at = float(x)
             east, north = self.origin.tolist()
             return np.array([[
-                east + math.cos(self.azimuth) * at, north + math.sin(self.azimuth) * at,
-                self.fit.height(at),
+                east + math.cos(self.azimuth) * x, north + math.sin(self.azimuth) * x,
+                self.fit.height(x),
             ]])
         x = np.atleast_1d(np.asarray(x, dtype=np.float64))
         result = np.empty((len(x), 3))
@@ -131,9 +127,7 @@ def fit_curve(
     tolerance: float,
     num_trials: int = 64,
     rng: np.random.Generator | None = None,
-    max_points: int = MAX_POINTS,
     azimuth: float | None = None,
-    vertical: float = math.inf,
 ) -> Curve:
     """
     Fit a vertical plane and a catenary in it to points of one conductor.
@@ -148,12 +142,8 @@ def fit_curve(
         Largest residual of an inlier, across and vertically [m].
     num_trials, rng : int, numpy.random.Generator or None
         Of MSAC; without ``rng`` all points start as inliers.
-    max_points : int
-        More points than this are thinned evenly.
     azimuth : float or None
         The curve's x runs this way rather than opposite [rad]; by default to the east.
-    vertical : float
-        Largest vertical residual of an inlier, where it is less than the tolerance [m].
 
     Returns
     -------
@@ -165,20 +155,20 @@ def fit_curve(
         Fewer than four points agree on a curve.
 
     """
-    stride = max(-(-len(chosen) // max_points), 1)
+    stride = max(-(-len(chosen) // MAX_POINTS), 1)
     chosen = np.ascontiguousarray(chosen[::stride], dtype=np.int64)
     row, own, num_plane = fit_row(
-        points, chosen, tolerance, min(tolerance, vertical),
+        points, chosen, tolerance, tolerance,
         math.nan if azimuth is None else azimuth, draw_triples(num_trials, rng),
     )
-    problem = describe_misfit(row, len(chosen), num_plane)
+    problem = describe_misfit(row, len(chosen), num_plane, len(own))
     if problem:
         raise FitError(problem)
     return unpack_curve(row, own, stride)
 
 
 def unpack_curve(row: Float64, own: Int64, stride: int) -> Curve:
-    """Return the curve of a row that fit_row gave, and of its points."""
+    """Return the curve of a row of fit_row and its (K,) points, one in ``stride`` of all."""
     values = row.tolist()
     return Curve(
         origin=row[ORIGIN_X : ORIGIN_Y + 1],

@@ -19,7 +19,12 @@ import math
 from numba import njit
 import numpy as np
 
-from plc_inspect.core.catenary_solver import LEAST_EXTENT, solve_catenary
+from plc_inspect.core.catenary_solver import (
+    height_at,
+    LEAST_EXTENT,
+    slope_at,
+    solve_catenary,
+)
 from plc_inspect.results import Float64
 
 MIN_TOLERANCE = 0.1
@@ -28,13 +33,19 @@ MAX_TOLERANCE = 0.35
 NUM_PLANES = 4
 """Rounds of fitting the plane and choosing the points near it."""
 ORIGIN_X, ORIGIN_Y, COS, SIN, MIDDLE, HEIGHT, SLOPE, CURVATURE, LOW, HIGH = range(10)
-"""Columns of a row, see Curve; these are those of a span_table as well."""
+"""
+Columns of a row: the plan origin [m], the direction of x, where the catenary is expanded [m],
+height [m], slope and curvature [1/m] there, and x of both ends [m]; as in a span_table.
+"""
 AZIMUTH, RMSE, LATERAL_RMSE, OFFSET_SIGMA, TURN_SIGMA, MEAN_X, CONVERGED = range(10, 17)
 TOLERANCE, NUM_POINTS, COVARIANCE, ROW = 17, 18, 19, 28
-"""The covariance of height, slope and curvature takes the last nine."""
+"""
+Further ones, as the fields of Curve.  NUM_POINTS are all points on the curve, 0 where there is
+none; the covariance of height, slope and curvature takes nine; ROW is the length of a row.
+"""
 
 
-def describe_misfit(row: Float64, num: int, num_plane: int) -> str:
+def describe_misfit(row: Float64, num: int, num_plane: int, num_curve: int) -> str:
     """
     Say why fit_row found no curve, or return an empty string.
 
@@ -42,34 +53,54 @@ def describe_misfit(row: Float64, num: int, num_plane: int) -> str:
     ----------
     row : (ROW,) float64
         From fit_row.
-    num, num_plane : int
-        Points that it was given, and those of them in a vertical plane.
+    num, num_plane, num_curve : int
+        Points that it was given, those of them in a vertical plane, and those on a catenary.
 
     """
+    if row[NUM_POINTS]:
+        return ''
     if num < 4:
         return f'a conductor needs 4 points, got {num}'
     if num_plane < 4:
         return f'{num_plane} of {num} points lie in a vertical plane'
     if row[HIGH] - row[LOW] < LEAST_EXTENT:
         return f'a catenary cannot be fitted to points within {row[HIGH] - row[LOW]:.1e} m'
-    if row[NUM_POINTS] < 4:
-        return f'{row[NUM_POINTS]:.0f} of {num} points lie on a catenary'
-    return ''
+    return f'{num_curve} of {num} points lie on a catenary'
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model='numpy')
 def derive_tolerance(noise: float) -> float:
     """Residual that separates inliers from others, for a noise (rms) [m]."""
     return min(max(3.0 * noise, MIN_TOLERANCE), MAX_TOLERANCE)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model='numpy')
 def fit_row(points, chosen, tolerance, vertical, wanted, draws):  # type: ignore[no-untyped-def]
     """
     Fit a vertical plane, and a catenary in it, to some of the points.
 
-    Returned are the row, the points on the curve, and how many lie in the plane.
-    ``describe_misfit`` says whether it is a curve at all.
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    chosen : (K,) int64
+        Indices of the conductor's points.
+    tolerance, vertical : float
+        Largest residual of an inlier across the plane and in it [m].
+    wanted : float
+        Azimuth that x runs about along, rather than opposite [rad]; NaN to the east.
+    draws : (T, 3) float64
+        From draw_triples.
+
+    Returns
+    -------
+    row : (ROW,) float64
+        A curve only where is_curve says so.
+    own : (M,) int64
+        Those of ``chosen`` that are on the curve.
+    num_plane : int
+        How many lie in the plane.
+
     """
     row = np.zeros(ROW)
     if len(chosen) < 4:
@@ -86,7 +117,6 @@ def fit_row(points, chosen, tolerance, vertical, wanted, draws):  # type: ignore
     middle, shape, covariance, rmse, inlier, converged = solve_catenary(x, z, vertical, draws)
     own = chosen[inlier]
     num = len(own)
-    row[NUM_POINTS] = num
     if num < 4:
         return row, own, num_plane
     low, high, mean, square = np.inf, -np.inf, 0.0, 0.0
@@ -110,13 +140,14 @@ def fit_row(points, chosen, tolerance, vertical, wanted, draws):  # type: ignore
         max(spread, 1e-9)
     )
     row[MEAN_X], row[CONVERGED], row[TOLERANCE] = mean, converged, tolerance
+    row[NUM_POINTS] = num
     for p in range(3):
         for q in range(3):
             row[COVARIANCE + 3 * p + q] = covariance[p, q]
     return row, own, num_plane
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model='numpy')
 def fit_thinned(  # type: ignore[no-untyped-def]
     points, chosen, max_points, tolerance, vertical, wanted, draws
 ):
@@ -132,27 +163,25 @@ def fit_thinned(  # type: ignore[no-untyped-def]
     return row, own, stride
 
 
-@njit(cache=True, nogil=True, inline='always')
+@njit(cache=True, nogil=True, inline='always', error_model='numpy')
 def is_curve(row):  # type: ignore[no-untyped-def]
     """Whether fit_row found one."""
-    return row[NUM_POINTS] >= 4.0
+    return row[NUM_POINTS] > 0.0
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model='numpy')
 def height_of(row, x):  # type: ignore[no-untyped-def]
     """Return the height of a row's curve at x [m]."""
-    u = row[CURVATURE] * (x - row[MIDDLE]) + math.asinh(row[SLOPE])
-    root = math.sqrt(1.0 + row[SLOPE] ** 2)
-    return row[HEIGHT] + (math.cosh(u) - root) / row[CURVATURE]
+    return height_at(row[MIDDLE], row[HEIGHT], row[SLOPE], row[CURVATURE], x)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model='numpy')
 def slope_of(row, x):  # type: ignore[no-untyped-def]
     """Return dz/dx of a row's curve at x."""
-    return math.sinh(row[CURVATURE] * (x - row[MIDDLE]) + math.asinh(row[SLOPE]))
+    return slope_at(row[MIDDLE], row[SLOPE], row[CURVATURE], x)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model='numpy')
 def variances_of(row, x):  # type: ignore[no-untyped-def]
     """Return the variances of the height and of the lateral place of a row's curve at x [m2]."""
     g, k, t = row[SLOPE], row[CURVATURE], x - row[MIDDLE]
@@ -169,21 +198,21 @@ def variances_of(row, x):  # type: ignore[no-untyped-def]
     return max(vertical, 0.0), lateral
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model='numpy')
 def sigma_of(row, x):  # type: ignore[no-untyped-def]
     """Return the standard deviation of the position of a row's curve at x [m]."""
     vertical, lateral = variances_of(row, x)
     return math.sqrt(vertical + lateral)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model='numpy')
 def to_local(row, px, py):  # type: ignore[no-untyped-def]
     """Return x along and y across a row's curve of a plan position [m]."""
     dx, dy = px - row[ORIGIN_X], py - row[ORIGIN_Y]
     return row[COS] * dx + row[SIN] * dy, row[COS] * dy - row[SIN] * dx
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model='numpy')
 def _find_plane(points, chosen, tolerance, wanted):  # type: ignore[no-untyped-def]
     """
     Find the vertical plane of points, robustly.

@@ -88,7 +88,7 @@ def is_thick(curve: Curve) -> bool:
     return max(curve.lateral_rmse, curve.fit.rmse) > THICK
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model='numpy')
 def _choose(points, rows, own, start, far):  # type: ignore[no-untyped-def]
     """Tell which curves, best seen first, have points and a course of their own."""
     kept = np.zeros(len(rows), dtype=np.bool_)
@@ -109,11 +109,13 @@ def _choose(points, rows, own, start, far):  # type: ignore[no-untyped-def]
                     points[i, 0], points[i, 1], points[i, 2], other, other[LOW] - SLACK,
                     other[HIGH] + SLACK, other[TOLERANCE],
                 )
-        kept[number] = on_course.mean() < 0.5 and shared.sum() <= MAX_SHARED * len(mine)
+        kept[number] = (
+            on_course.mean() < 0.5 and len(mine) > 0 and shared.mean() <= MAX_SHARED
+        )
     return kept
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model='numpy')
 def mark_course(row, other, low, high, reach, marks):  # type: ignore[no-untyped-def]
     """Mark the stations along a row's curve that lie on another one between two x of that."""
     for k in range(len(marks)):
@@ -124,7 +126,7 @@ def mark_course(row, other, low, high, reach, marks):  # type: ignore[no-untyped
         )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model='numpy')
 def _lies_on(px, py, pz, row, low, high, reach):  # type: ignore[no-untyped-def]
     """Tell whether a place is within reach of a row's curve between two x."""
     x, y = to_local(row, px, py)

@@ -165,7 +165,7 @@ def _describe(
     )
 
 
-@njit(cache=True, parallel=True, nogil=True)
+@njit(cache=True, parallel=True, nogil=True, error_model='numpy')
 def _meet_all(rows, pairs, max_reach):  # type: ignore[no-untyped-def]
     """Which pairs of ends meet, and x of both curves, their distance, the kink and the cost."""
     met = np.zeros(len(pairs), dtype=np.bool_)
@@ -194,7 +194,7 @@ def _meet_all(rows, pairs, max_reach):  # type: ignore[no-untyped-def]
     return met, values
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model='numpy')
 def _approach(row, other, side, other_side, reach, other_reach):  # type: ignore[no-untyped-def]
     """
     Where two curves, as rows, are nearest about their facing ends.

@@ -18,6 +18,7 @@ from numba import njit, prange
 import numpy as np
 
 NUM_PARTS = 16
+"""Parts of the points that are looked through independently."""
 
 
 @njit(cache=True, parallel=True, nogil=True)

@@ -93,7 +93,7 @@ def fit_spans(
         return []
     rows = pack_curves(layout.curves)
     ends = np.stack([layout.start_x, layout.end_x], axis=1)
-    is_open = np.array([layout.start_station, layout.end_station]).T < 0
+    is_open = np.stack([layout.start_station, layout.end_station], axis=1) < 0
     before = np.concatenate([curve.points for curve in layout.curves])
     start = np.cumsum([0, *(len(curve.points) for curve in layout.curves)])
     draws = draw_triples(num * settings.num_trials, rng).reshape(num, settings.num_trials, 3)
@@ -150,7 +150,7 @@ def measure_coverage(points: Float64, index: PlanIndex, finals: Sequence[End]) -
     return result
 
 
-@njit(cache=True, parallel=True, nogil=True)
+@njit(cache=True, parallel=True, nogil=True, error_model='numpy')
 def _collect_all(points, grid, rows, ends):  # type: ignore[no-untyped-def]
     own = [np.empty(0, dtype=np.int64) for _ in range(len(rows))]
     distance = [np.empty(0, dtype=np.float32) for _ in range(len(rows))]
@@ -161,7 +161,7 @@ def _collect_all(points, grid, rows, ends):  # type: ignore[no-untyped-def]
     return own, distance
 
 
-@njit(cache=True, parallel=True, nogil=True)
+@njit(cache=True, parallel=True, nogil=True, error_model='numpy')
 def _cover_all(points, grid, rows, ends):  # type: ignore[no-untyped-def]
     coverage = np.zeros(len(rows))
     nothing = np.zeros(0, dtype=np.bool_)
@@ -171,7 +171,7 @@ def _cover_all(points, grid, rows, ends):  # type: ignore[no-untyped-def]
     return coverage
 
 
-@njit(cache=True, parallel=True, nogil=True)
+@njit(cache=True, parallel=True, nogil=True, error_model='numpy')
 def _fit_all(  # type: ignore[no-untyped-def]
     points, grid, rows, ends, is_open, before, start, draws
 ):
@@ -185,7 +185,7 @@ def _fit_all(  # type: ignore[no-untyped-def]
     return own, strides
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model='numpy')
 def _fit(points, grid, row, ends, is_open, own, draws):  # type: ignore[no-untyped-def]
     stride = 0
     vertical = np.inf
@@ -217,7 +217,7 @@ def _fit(points, grid, row, ends, is_open, own, draws):  # type: ignore[no-untyp
     return own, stride
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model='numpy')
 def _residuals(points, row, own):  # type: ignore[no-untyped-def]
     """X of points along a row's curve, and how far they are above it [m]."""
     x, residual = np.empty(len(own)), np.empty(len(own))
@@ -228,7 +228,7 @@ def _residuals(points, row, own):  # type: ignore[no-untyped-def]
     return x, residual
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model='numpy')
 def _misfit(x, residual, low, high):  # type: ignore[no-untyped-def]
     """
     Factor by which the scatter of the residuals' local means exceeds that of pure noise.

@@ -152,7 +152,7 @@ def _find_originals(
     return result
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model='numpy')
 def _choose_originals(rows, start_x, end_x, near, order):  # type: ignore[no-untyped-def]
     kept = np.zeros(len(rows), dtype=np.bool_)
     for number in order:

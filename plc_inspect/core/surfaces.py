@@ -46,10 +46,10 @@ def is_surface(points: Float64) -> Bool:
     (N,) bool
 
     """
-    everything = np.arange(len(points))
-    order = build_plan_index(points, everything, 4 * SIZE).order
     if not len(points):
         return np.zeros(0, dtype=bool)
+    everything = np.arange(len(points))
+    order = build_plan_index(points, everything, 4 * SIZE).order
     own = take_rows(points, order)  # neighbours in space are neighbours in memory
     voxels = build_voxels(own, everything, find_lowest(own, everything) - 2.0, SIZE)
     likeness = measure_likeness(voxels)

@@ -37,7 +37,7 @@ from plc_inspect.core.curve_fit import (
     ROW,
     TOLERANCE,
 )
-from plc_inspect.results import Float64, Int64
+from plc_inspect.results import Float64
 
 MAX_SPLITS = 64
 
@@ -76,8 +76,8 @@ def fit_tracks(
     curves = [
         unpack_curve(row, own[first:last], int(stride))
         for rows, own, start, strides in _fit_all(
-            points, beads.points, beads.point_start, beads.rms, order, bounds,
-            settings.tolerance, draws,
+            points, beads.points, beads.point_start, np.ascontiguousarray(beads.rms), order,
+            bounds, settings.tolerance, draws,
         )
         for row, first, last, stride in zip(rows, start[:-1], start[1:], strides, strict=True)
     ]
@@ -85,7 +85,8 @@ def fit_tracks(
     return tuple(curves)
 
 
-def split_at_supports(points: Float64, chosen: Int64) -> list[Int64]:
+@njit(cache=True, nogil=True, error_model='numpy')
+def split_at_supports(points, chosen):  # type: ignore[no-untyped-def]
     """
     Split a track at every kink that find_break believes in.
 
@@ -102,11 +103,6 @@ def split_at_supports(points: Float64, chosen: Int64) -> list[Int64]:
         The parts, in order along the track.
 
     """
-    return list(_split(points, chosen))
-
-
-@njit(cache=True, nogil=True)
-def _split(points, chosen):  # type: ignore[no-untyped-def]
     waiting = [chosen]
     done = [chosen[:0]]
     while len(waiting):
@@ -136,7 +132,7 @@ def _split(points, chosen):  # type: ignore[no-untyped-def]
     return done[1:]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model='numpy')
 def _fit(points, chosen, tolerance, draws):  # type: ignore[no-untyped-def]
     """
     Fit the parts of one track.
@@ -144,7 +140,7 @@ def _fit(points, chosen, tolerance, draws):  # type: ignore[no-untyped-def]
     Returned are the rows, the points of all of them, where those of each begin and the last end,
     and how many points each of these stands for.
     """
-    parts = _split(points, chosen)
+    parts = split_at_supports(points, chosen)
     rows = np.empty((len(parts), ROW))
     own = np.empty(len(chosen), dtype=np.int64)
     start = np.zeros(len(parts) + 1, dtype=np.int64)
@@ -165,7 +161,7 @@ def _fit(points, chosen, tolerance, draws):  # type: ignore[no-untyped-def]
     return rows[:num], own[: start[num]], start[: num + 1], strides[:num]
 
 
-@njit(cache=True, parallel=True, nogil=True)
+@njit(cache=True, parallel=True, nogil=True, error_model='numpy')
 def _fit_all(  # type: ignore[no-untyped-def]
     points, bead_points, bead_start, rms, order, bounds, tolerance, draws
 ):

@@ -108,3 +108,11 @@ def test_duplicates_and_a_short_track_have_no_break():
     assert find_break(np.ones(50), np.ones(50), np.ones(50)) is None
     x = np.linspace(0.0, 9.0, 60)
     assert find_break(x, np.zeros(60), -np.abs(x - 4.5)) is None
+
+
+def test_many_points_at_one_place_before_a_gap_are_no_side():
+    x = np.concatenate([np.zeros(6), np.linspace(5.0, 30.0, 60)])
+    for seed in range(20):
+        y, z = np.random.default_rng(seed).normal(0.0, 0.02, (2, len(x)))
+        found = find_break(x, y, z - 0.1 * (x > 0.0))
+        assert found is None or np.isfinite([found.x, found.kink, found.turn]).all()

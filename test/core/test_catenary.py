@@ -219,3 +219,11 @@ def test_quadratic_form_is_that_of_polyfit():
     )
     with pytest.raises(FitError, match='needs 3 points, got 2'):
         fit_quadratic(np.arange(2.0), np.arange(2.0))
+
+
+@pytest.mark.parametrize('low', [0.0, 299.0, 299.9])
+def test_the_quadratic_form_of_a_short_piece_far_along_lies_on_its_points(low):
+    x = np.linspace(low, 300.0, 50)
+    z = 20.0 + 1e-3 * (x - 150.0) ** 2
+    a2, a1, a0 = fit_quadratic(x, z)
+    np.testing.assert_allclose(a2 * x**2 + a1 * x + a0, z, atol=1e-6)

@@ -103,6 +103,17 @@ def test_thinning_keeps_the_number_of_points_and_the_course():
     assert height_of(row, middle) == pytest.approx(height_of(whole, middle), abs=0.02)
 
 
+@pytest.mark.parametrize('seed', range(30))
+def test_few_points_that_stand_for_many_are_no_curve(seed):
+    points = np.random.default_rng(seed).uniform(0.0, 100.0, (1000, 3))
+    row, own, stride = fit_thinned(
+        points, np.arange(1000), 200, 0.01, 0.01, math.nan, NO_DRAWS
+    )
+    assert stride == 5
+    assert is_curve(row) == (len(own) >= 4)
+    assert row[NUM_POINTS] in (0, 5 * len(own))
+
+
 @pytest.mark.parametrize('half', [49.0, 49.9, 50.1, 51.0, 150.0])
 def test_shallow_and_deep_curves_are_fitted_alike(half):
     # below 0.5 of a constant of 100 m from the middle the sums come from polynomials
