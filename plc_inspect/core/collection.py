@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import math
 from typing import Any
 
-from numba import njit, prange
+from numba import njit
 import numpy as np
 
 from plc_inspect.config import CatenarySettings
@@ -48,6 +48,7 @@ from plc_inspect.core.curve_fit import (
     TOLERANCE,
 )
 from plc_inspect.core.plan_index import gather_strip, PlanIndex
+from plc_inspect.core.side_by_side import call_each
 from plc_inspect.results import Bool, Float32, Float64, Int64
 
 CROWD_LENGTH = 4.0
@@ -231,10 +232,13 @@ def extend(
     if not curves:
         return []
     rows = pack_curves(curves)
-    own, stride = _extend_all(points, grid_of(index), rows, settings.max_step)
+    grid = grid_of(index)
+    grown = call_each(
+        lambda k: _extend(points, grid, rows[k], settings.max_step), len(curves)
+    )
     return [
-        unpack_curve(row, chosen, int(step)) if step else curve
-        for curve, row, chosen, step in zip(curves, rows, own, stride, strict=True)
+        unpack_curve(row, chosen, step) if step else curve
+        for curve, row, (chosen, step) in zip(curves, rows, grown, strict=True)
     ]
 
 
@@ -250,18 +254,9 @@ def distances_to(points, row, chosen):  # type: ignore[no-untyped-def]
     return result
 
 
-@njit(cache=True, parallel=True, nogil=True, error_model='numpy')
-def _extend_all(points, grid, rows, max_step):  # type: ignore[no-untyped-def]
-    """Extend each row in place; returned are its points and their stride, 0 if it is the same."""
-    own = [np.empty(0, dtype=np.int64) for _ in range(len(rows))]
-    stride = np.zeros(len(rows), dtype=np.int64)
-    for k in prange(len(rows)):
-        own[k], stride[k] = _extend(points, grid, rows[k], max_step)
-    return own, stride
-
-
 @njit(cache=True, nogil=True, error_model='numpy')
 def _extend(points, grid, row, max_step):  # type: ignore[no-untyped-def]
+    """Extend a row in place; returned are its points and their stride, 0 if it is the same."""
     own, stride = np.empty(0, dtype=np.int64), 0
     nothing, no_draws = np.zeros(0, dtype=np.bool_), np.empty((0, 3))
     allowed = math.ceil(max_step / STEP)

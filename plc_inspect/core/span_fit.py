@@ -17,7 +17,7 @@
 from collections.abc import Sequence
 import dataclasses
 
-from numba import njit, prange
+from numba import njit
 import numpy as np
 
 from plc_inspect.config import CatenarySettings
@@ -42,6 +42,7 @@ from plc_inspect.core.curve_fit import (
     TOLERANCE,
 )
 from plc_inspect.core.plan_index import PlanIndex
+from plc_inspect.core.side_by_side import call_each
 from plc_inspect.core.supports import Layout
 from plc_inspect.results import Float32, Float64, Int64
 
@@ -94,15 +95,19 @@ def fit_spans(
     rows = pack_curves(layout.curves)
     ends = np.stack([layout.start_x, layout.end_x], axis=1)
     is_open = np.stack([layout.start_station, layout.end_station], axis=1) < 0
-    before = np.concatenate([curve.points for curve in layout.curves])
-    start = np.cumsum([0, *(len(curve.points) for curve in layout.curves)])
     draws = draw_triples(num * settings.num_trials, rng).reshape(num, settings.num_trials, 3)
-    own, strides = _fit_all(points, grid_of(index), rows, ends, is_open, before, start, draws)
+    grid = grid_of(index)
+    found = call_each(
+        lambda k: _fit(
+            points, grid, rows[k], ends[k], is_open[k], layout.curves[k].points, draws[k]
+        ),
+        num,
+    )
     finals = []
-    for curve, row, chosen, stride, (low, high) in zip(
-        layout.curves, rows, own, strides, ends.tolist(), strict=True
+    for curve, row, (chosen, stride), (low, high) in zip(
+        layout.curves, rows, found, ends.tolist(), strict=True
     ):
-        fresh = unpack_curve(row, chosen, int(stride)) if stride else dataclasses.replace(
+        fresh = unpack_curve(row, chosen, stride) if stride else dataclasses.replace(
             curve, fit=dataclasses.replace(
                 curve.fit, covariance=row[COVARIANCE : COVARIANCE + 9].reshape(3, 3)
             ),
@@ -134,59 +139,35 @@ def collect_points(
         (K,) int64 ascending, (K,) float32 [m].
 
     """
-    if not finals:
-        return []
     ends = np.array([(low - slack, high + slack) for _, low, high in finals])
     rows = pack_curves([curve for curve, _, _ in finals])
-    own, distance = _collect_all(points, grid_of(index), rows, ends)
-    return list(zip(own, distance, strict=True))
+    grid = grid_of(index)
+    return call_each(lambda k: _collect(points, grid, rows[k], ends[k]), len(finals))
 
 
 def measure_coverage(points: Float64, index: PlanIndex, finals: Sequence[End]) -> Float64:
     """Return the (C,) share of the metres of each curve that hold points of it."""
     ends = np.array([(low, high) for _, low, high in finals]).reshape(-1, 2)
     rows = pack_curves([curve for curve, _, _ in finals])
-    result: Float64 = _cover_all(points, grid_of(index), rows, ends)
-    return result
+    grid, nothing = grid_of(index), np.zeros(0, dtype=bool)
+    cores = call_each(
+        lambda k: profile_row(points, grid, rows[k], ends[k, 0], ends[k, 1], STEP, nothing)[0],
+        len(finals),
+    )
+    return np.array([(core > 0).mean() for core in cores])
 
 
-@njit(cache=True, parallel=True, nogil=True, error_model='numpy')
-def _collect_all(points, grid, rows, ends):  # type: ignore[no-untyped-def]
-    own = [np.empty(0, dtype=np.int64) for _ in range(len(rows))]
-    distance = [np.empty(0, dtype=np.float32) for _ in range(len(rows))]
-    nothing = np.zeros(0, dtype=np.bool_)
-    for k in prange(len(rows)):
-        _, _, own[k] = profile_row(points, grid, rows[k], ends[k, 0], ends[k, 1], STEP, nothing)
-        distance[k] = distances_to(points, rows[k], own[k])
-    return own, distance
-
-
-@njit(cache=True, parallel=True, nogil=True, error_model='numpy')
-def _cover_all(points, grid, rows, ends):  # type: ignore[no-untyped-def]
-    coverage = np.zeros(len(rows))
-    nothing = np.zeros(0, dtype=np.bool_)
-    for k in prange(len(rows)):
-        core, _, _ = profile_row(points, grid, rows[k], ends[k, 0], ends[k, 1], STEP, nothing)
-        coverage[k] = (core > 0).mean()
-    return coverage
-
-
-@njit(cache=True, parallel=True, nogil=True, error_model='numpy')
-def _fit_all(  # type: ignore[no-untyped-def]
-    points, grid, rows, ends, is_open, before, start, draws
-):
-    """Fit rows and their ends in place; returned are their points and strides, 0 if not fitted."""
-    own = [np.empty(0, dtype=np.int64) for _ in range(len(rows))]
-    strides = np.zeros(len(rows), dtype=np.int64)
-    for k in prange(len(rows)):
-        own[k], strides[k] = _fit(
-            points, grid, rows[k], ends[k], is_open[k], before[start[k] : start[k + 1]], draws[k]
-        )
-    return own, strides
+@njit(cache=True, nogil=True, error_model='numpy')
+def _collect(points, grid, row, ends):  # type: ignore[no-untyped-def]
+    _, _, own = profile_row(
+        points, grid, row, ends[0], ends[1], STEP, np.zeros(0, dtype=np.bool_)
+    )
+    return own, distances_to(points, row, own)
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
 def _fit(points, grid, row, ends, is_open, own, draws):  # type: ignore[no-untyped-def]
+    """Fit a row and its ends in place; returned are its points and stride, 0 if not fitted."""
     stride = 0
     vertical = np.inf
     nothing = np.zeros(0, dtype=np.bool_)

@@ -16,7 +16,7 @@
 
 import math
 
-from numba import njit, prange
+from numba import njit
 import numpy as np
 
 from plc_inspect.config import CatenarySettings
@@ -37,6 +37,7 @@ from plc_inspect.core.curve_fit import (
     ROW,
     TOLERANCE,
 )
+from plc_inspect.core.side_by_side import call_each
 from plc_inspect.results import Float64
 
 MAX_SPLITS = 64
@@ -73,12 +74,17 @@ def fit_tracks(
     order = np.argsort(clustering.track, kind='stable')
     bounds = np.searchsorted(clustering.track[order], np.arange(num + 1))
     draws = draw_triples(num * settings.num_trials, rng).reshape(num, settings.num_trials, 3)
+    rms = np.ascontiguousarray(beads.rms)
+    found = call_each(
+        lambda track: _fit(
+            points, beads.points, beads.point_start, rms,
+            order[bounds[track] : bounds[track + 1]], settings.tolerance, draws[track],
+        ),
+        num,
+    )
     curves = [
         unpack_curve(row, own[first:last], int(stride))
-        for rows, own, start, strides in _fit_all(
-            points, beads.points, beads.point_start, np.ascontiguousarray(beads.rms), order,
-            bounds, settings.tolerance, draws,
-        )
+        for rows, own, start, strides in found
         for row, first, last, stride in zip(rows, start[:-1], start[1:], strides, strict=True)
     ]
     curves.sort(key=lambda curve: (-curve.length, *curve.origin))
@@ -133,13 +139,27 @@ def split_at_supports(points, chosen):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _fit(points, chosen, tolerance, draws):  # type: ignore[no-untyped-def]
+def _fit(  # type: ignore[no-untyped-def]
+    points, bead_points, bead_start, rms, beads, tolerance, draws
+):
     """
-    Fit the parts of one track.
+    Fit the parts of one track; a tolerance of 0 is derived from its beads.
 
     Returned are the rows, the points of all of them, where those of each begin and the last end,
     and how many points each of these stands for.
     """
+    total = 0
+    for bead in beads:
+        total += bead_start[bead + 1] - bead_start[bead]
+    chosen = np.empty(total, dtype=np.int64)
+    total = 0
+    for bead in beads:
+        for k in range(bead_start[bead], bead_start[bead + 1]):
+            chosen[total] = bead_points[k]
+            total += 1
+    chosen = np.unique(chosen)
+    if tolerance == 0.0:
+        tolerance = derive_tolerance(np.median(rms[beads]))
     parts = split_at_supports(points, chosen)
     rows = np.empty((len(parts), ROW))
     own = np.empty(len(chosen), dtype=np.int64)
@@ -159,28 +179,3 @@ def _fit(points, chosen, tolerance, draws):  # type: ignore[no-untyped-def]
             own[start[num] : start[num + 1]] = kept
             num += 1
     return rows[:num], own[: start[num]], start[: num + 1], strides[:num]
-
-
-@njit(cache=True, parallel=True, nogil=True, error_model='numpy')
-def _fit_all(  # type: ignore[no-untyped-def]
-    points, bead_points, bead_start, rms, order, bounds, tolerance, draws
-):
-    """Fit the parts of all tracks; a tolerance of 0 is derived from the beads."""
-    none = np.empty(0, dtype=np.int64)
-    results = [(np.empty((0, ROW)), none, none, none) for _ in range(len(draws))]
-    for track in prange(len(draws)):
-        beads = order[bounds[track] : bounds[track + 1]]
-        total = 0
-        for bead in beads:
-            total += bead_start[bead + 1] - bead_start[bead]
-        chosen = np.empty(total, dtype=np.int64)
-        total = 0
-        for bead in beads:
-            for k in range(bead_start[bead], bead_start[bead + 1]):
-                chosen[total] = bead_points[k]
-                total += 1
-        own = tolerance
-        if own == 0.0:
-            own = derive_tolerance(np.median(rms[beads]))
-        results[track] = _fit(points, np.unique(chosen), own, draws[track])
-    return results

@@ -1,0 +1,38 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Calls of kernels side by side, for work that comes in few and large pieces."""
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+from numba import get_num_threads
+
+T = TypeVar('T')
+
+
+def call_each(function: Callable[[int], T], num: int) -> list[T]:
+    """
+    Return what a function gives for 0 to num - 1, in their order.
+
+    It is called in as many threads as numba may use, and should spend its time in a kernel that
+    releases the GIL.  Threads of numba's own would do as well, but each kernel that starts them is
+    compiled with all it calls once more.
+    """
+    threads = min(get_num_threads(), num)
+    if threads < 2:
+        return [function(number) for number in range(num)]
+    with ThreadPoolExecutor(threads) as pool:
+        return list(pool.map(function, range(num)))
