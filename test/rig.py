@@ -205,7 +205,7 @@ class Rig:
             thread.start()
         self.robot.connect()
         # The first job makes the kernels ready, which takes long where they must be compiled.
-        self.call('segment', deadline=180.0)
+        self.call('segment', deadline=FIRST_DEADLINE)
 
     @staticmethod
     def _spin(executor):
@@ -298,3 +298,5 @@ class Rig:
         self.client.destroy_node()
         for context in self.contexts:
             rclpy.shutdown(context=context)
+FIRST_DEADLINE = 600.0
+"""The same where kernels may have to be compiled first [s]."""

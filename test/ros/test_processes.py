@@ -25,7 +25,7 @@ import time
 import pytest
 import rclpy
 from rclpy.context import Context
-from rig import isolate, Robot, take_domain, wait_for
+from rig import FIRST_DEADLINE, isolate, Robot, take_domain, wait_for
 
 ROOT = Path(__file__).parents[2]
 DEMO = ROOT / 'bags' / 'demo'
@@ -95,7 +95,7 @@ def test_signal_during_a_tick_saves_the_results(start, robot, tmp_path, number):
         '-p', 'segment.period:=0.05', '-p', 'map.max_voxels:=200000',
     )
     robot.connect()
-    wait_for(lambda: 'ready' in node.text(), 'ready node', 180.0)
+    wait_for(lambda: 'ready' in node.text(), 'ready node', FIRST_DEADLINE)
     end = time.monotonic() + 3.0
     while time.monotonic() < end:  # a tick is running nearly all the time
         robot.step()
@@ -109,7 +109,7 @@ def test_signal_during_a_tick_saves_the_results(start, robot, tmp_path, number):
 
 def test_without_data_nothing_is_saved(start, tmp_path):
     node = start(NODE, '--ros-args', '-p', 'map.max_voxels:=20000')
-    wait_for(lambda: 'ready' in node.text(), 'ready node', 180.0)
+    wait_for(lambda: 'ready' in node.text(), 'ready node', FIRST_DEADLINE)
     assert node.end() == 0
     assert 'nothing to save' in node.text()
     assert not (tmp_path / 'plc_inspect').exists()
@@ -136,7 +136,7 @@ def test_committed_parameter_file_is_taken(start):
         NODE, '--ros-args', '--params-file', ROOT / 'config' / 'plc_inspect.yaml',
         '-p', 'map.max_voxels:=20000',
     )
-    wait_for(lambda: 'ready' in node.text(), 'ready node', 180.0)
+    wait_for(lambda: 'ready' in node.text(), 'ready node', FIRST_DEADLINE)
     assert node.end(signal.SIGTERM) == 0
 
 
