@@ -41,6 +41,8 @@ from plc_inspect.ros.transport import prepare_transport
 
 DEADLINE = 30.0
 """Longest wait of a test for anything [s]."""
+FIRST_DEADLINE = 600.0
+"""The same where kernels may have to be compiled first [s]."""
 BASE = 1_700_000_000
 """Time of the first scan [s]."""
 VEHICLE = np.array([60.0, 9.0, 14.0])
@@ -298,5 +300,3 @@ class Rig:
         self.client.destroy_node()
         for context in self.contexts:
             rclpy.shutdown(context=context)
-FIRST_DEADLINE = 600.0
-"""The same where kernels may have to be compiled first [s]."""
