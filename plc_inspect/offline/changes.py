@@ -21,7 +21,6 @@ import math
 from pathlib import Path
 from typing import Any
 
-import laspy
 import numpy as np
 import pyproj
 from pyproj.exceptions import CRSError
@@ -35,6 +34,7 @@ from plc_inspect.offline.inspection import (
     Record,
     Units,
 )
+from plc_inspect.offline.laz import read_las
 from plc_inspect.results import Float64, Hazard, HazardKind, Int32, PointClass, Severity, Span
 
 CANOPY_CELL = 1.0
@@ -292,7 +292,7 @@ def _read(path: Path, name: str) -> Record:
 
 def _read_canopy(path: Path, units: Units) -> tuple[Float64, Int32]:
     try:
-        las = laspy.read(path)
+        las = read_las(path)
         own = np.asarray(las.classification) == PointClass.VEGETATION
         scale = np.array([units.horizontal, units.horizontal, units.vertical])
         return np.asarray(las.xyz)[own] * scale, np.asarray(las['span_id'])[own]

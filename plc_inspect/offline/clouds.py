@@ -26,6 +26,7 @@ import pyproj
 from pyproj.exceptions import CRSError
 
 from plc_inspect.errors import ConfigError, DataError
+from plc_inspect.offline.laz import read_las
 from plc_inspect.offline.pcd import read_pcd
 from plc_inspect.results import Float64, Int32
 
@@ -100,7 +101,7 @@ def read_cloud(path: Path | str, crs: str | None = None) -> Cloud:
         if path.suffix.lower() == '.pcd':
             las, points = None, read_pcd(path)
         else:
-            las, points = _read_las(path)
+            las, points = _load_las(path)
     except OSError as error:
         raise DataError(f'{path} cannot be read: {error.strerror or error}') from error
     system, wkt, units = given, '', (1.0, 1.0)
@@ -141,10 +142,10 @@ def _check_header(path: Path) -> None:
         raise DataError(f'{path} is truncated: points from byte {first_point}, size {size}')
 
 
-def _read_las(path: Path) -> tuple[laspy.LasData, Float64]:
+def _load_las(path: Path) -> tuple[laspy.LasData, Float64]:
     _check_header(path)
     try:
-        las = laspy.read(path)
+        las = read_las(path)
     except OSError:
         raise
     except Exception as error:  # laspy lets errors of lazrs, struct and numpy through

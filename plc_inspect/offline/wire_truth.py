@@ -18,11 +18,11 @@ import json
 from pathlib import Path
 from typing import Any
 
-import laspy
 import numpy as np
 from scipy.spatial import cKDTree
 
 from plc_inspect.errors import DataError
+from plc_inspect.offline.laz import read_las
 from plc_inspect.results import Bool, Float64, PointClass
 
 WIRE_DISTANCE = 0.25
@@ -80,7 +80,7 @@ def _read_classes(path: Path) -> Any:
     if not path.is_file():
         raise DataError(f'{path} does not exist')
     try:
-        return np.array(laspy.read(path).classification, dtype=np.uint8)
+        return np.array(read_las(path).classification, dtype=np.uint8)
     except Exception as error:  # laspy lets errors of its decoders through
         raise DataError(f'{path} is not a readable LAS file: {error}') from error
 

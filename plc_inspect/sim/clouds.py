@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plc_inspect.errors import DataError
+from plc_inspect.offline.laz import read_las
 from plc_inspect.sim.airborne import LabelledCloud
 
 Float64 = NDArray[np.float64]
@@ -77,7 +78,6 @@ def read_labels(path: Path) -> UInt8:
     if not path.is_file():
         raise DataError(f'{path}: no such file')
     try:
-        with laspy.open(str(path)) as reader:
-            return np.array(reader.read().classification, dtype=np.uint8)
+        return np.array(read_las(path).classification, dtype=np.uint8)
     except Exception as error:  # laspy lets errors of its decoders through
         raise DataError(f'{path}: not a readable LAS file: {error}') from error

@@ -21,11 +21,11 @@ import math
 from pathlib import Path
 from typing import Any
 
-import laspy
 import numpy as np
 from numpy.typing import NDArray
 
 from plc_inspect.errors import DataError
+from plc_inspect.offline.laz import read_las
 from plc_inspect.results import InspectionResult
 from plc_inspect.sim.curves import Curve, from_span, parse_curve
 
@@ -193,7 +193,7 @@ def _read_points(path: Path) -> tuple[Float64, UInt8, Float64]:
     if not path.is_file():
         raise DataError(f'{path}: no such file')
     try:
-        las = laspy.read(str(path))
+        las = read_las(path)
         clearance = np.array(las['clearance'], dtype=np.float64)
         return np.array(las.xyz), np.array(las.classification, dtype=np.uint8), clearance
     except Exception as error:  # laspy lets errors of its decoders through

@@ -167,6 +167,16 @@ def test_truncated_file_is_one_clear_error(suffix, share, tmp_path_factory):
     assert '\n' not in str(error.value)
 
 
+def test_truncated_chunk_table_does_not_end_the_process(tmp_path):
+    # The decoder that laspy tries last, LASzip, does not survive some of these.
+    data = write_las(tmp_path / 'cloud.laz', make_points(2000)).read_bytes()
+    path = tmp_path / 'short.laz'
+    for size in range(227, 1000, 11):
+        path.write_bytes(data[:size])
+        with pytest.raises(DataError, match=path.name):
+            read_cloud(path)
+
+
 @pytest.mark.parametrize(
     ('position', 'message'),
     [(96, 'truncated'), (100, 'variable length records'), (243, 'extended records')],
