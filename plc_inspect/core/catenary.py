@@ -31,6 +31,8 @@ from plc_inspect.errors import FitError
 from plc_inspect.results import Bool, Float64
 
 FloatOrArray = TypeVar('FloatOrArray', float, Float64)
+NO_DRAWS: Float64 = np.empty((0, 3))
+"""All points start as inliers."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -191,7 +193,7 @@ def fit_catenary(
 
 def draw_triples(num_trials: int, rng: np.random.Generator | None) -> Float64:
     """Return (num_trials, 3) numbers from 0 to 1 that choose triples, none without ``rng``."""
-    return np.empty((0, 3)) if rng is None else rng.random((num_trials, 3))
+    return NO_DRAWS if rng is None else rng.random((num_trials, 3))
 
 
 def fit_quadratic(x: Float64, z: Float64) -> tuple[float, float, float]:

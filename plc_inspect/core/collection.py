@@ -30,7 +30,7 @@ from plc_inspect.core.curve_fit import (
     AZIMUTH,
     COS,
     CURVATURE,
-    fit_thinned,
+    fit_row,
     HEIGHT,
     height_of,
     HIGH,
@@ -279,7 +279,7 @@ def _extend(points, grid, row, max_step):  # type: ignore[no-untyped-def]
             if low <= x <= high:
                 chosen[num] = i
                 num += 1
-        grown, kept, step = fit_thinned(
+        grown, kept, step, _ = fit_row(
             points, chosen[:num], MAX_POINTS, row[TOLERANCE], row[TOLERANCE], row[AZIMUTH],
             no_draws,
         )

@@ -20,7 +20,7 @@ import math
 
 import numpy as np
 
-from plc_inspect.core.catenary import CatenaryFit, draw_triples, FloatOrArray
+from plc_inspect.core.catenary import CatenaryFit, FloatOrArray, NO_DRAWS
 from plc_inspect.core.curve_fit import (
     AZIMUTH,
     CONVERGED,
@@ -125,8 +125,6 @@ def fit_curve(
     chosen: Int64,
     *,
     tolerance: float,
-    num_trials: int = 64,
-    rng: np.random.Generator | None = None,
     azimuth: float | None = None,
 ) -> Curve:
     """
@@ -140,8 +138,6 @@ def fit_curve(
         Indices of the conductor's points, ascending, no repeats.
     tolerance : float
         Largest residual of an inlier, across and vertically [m].
-    num_trials, rng : int, numpy.random.Generator or None
-        Of MSAC; without ``rng`` all points start as inliers.
     azimuth : float or None
         The curve's x runs this way rather than opposite [rad]; by default to the east.
 
@@ -155,13 +151,11 @@ def fit_curve(
         Fewer than four points agree on a curve.
 
     """
-    stride = max(-(-len(chosen) // MAX_POINTS), 1)
-    chosen = np.ascontiguousarray(chosen[::stride], dtype=np.int64)
-    row, own, num_plane = fit_row(
-        points, chosen, tolerance, tolerance,
-        math.nan if azimuth is None else azimuth, draw_triples(num_trials, rng),
+    row, own, stride, num_plane = fit_row(
+        points, np.ascontiguousarray(chosen, dtype=np.int64), MAX_POINTS, tolerance, tolerance,
+        math.nan if azimuth is None else azimuth, NO_DRAWS,
     )
-    problem = describe_misfit(row, len(chosen), num_plane, len(own))
+    problem = describe_misfit(row, -(-len(chosen) // stride), num_plane, len(own))
     if problem:
         raise FitError(problem)
     return unpack_curve(row, own, stride)

@@ -54,7 +54,7 @@ def describe_misfit(row: Float64, num: int, num_plane: int, num_curve: int) -> s
     row : (ROW,) float64
         From fit_row.
     num, num_plane, num_curve : int
-        Points that it was given, those of them in a vertical plane, and those on a catenary.
+        Points that it used, those of them in a vertical plane, and those on a catenary.
 
     """
     if row[NUM_POINTS]:
@@ -75,7 +75,9 @@ def derive_tolerance(noise: float) -> float:
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def fit_row(points, chosen, tolerance, vertical, wanted, draws):  # type: ignore[no-untyped-def]
+def fit_row(  # type: ignore[no-untyped-def]
+    points, chosen, max_points, tolerance, vertical, wanted, draws
+):
     """
     Fit a vertical plane, and a catenary in it, to some of the points.
 
@@ -85,6 +87,8 @@ def fit_row(points, chosen, tolerance, vertical, wanted, draws):  # type: ignore
         Coordinates [m].
     chosen : (K,) int64
         Indices of the conductor's points.
+    max_points : int
+        More points than this are thinned evenly.
     tolerance, vertical : float
         Largest residual of an inlier across the plane and in it [m].
     wanted : float
@@ -97,28 +101,32 @@ def fit_row(points, chosen, tolerance, vertical, wanted, draws):  # type: ignore
     row : (ROW,) float64
         A curve only where is_curve says so.
     own : (M,) int64
-        Those of ``chosen`` that are on the curve.
+        Those of ``chosen`` that were used and are on the curve.
+    stride : int
+        How many points each of these stands for.
     num_plane : int
-        How many lie in the plane.
+        How many of those used lie in the plane.
 
     """
     row = np.zeros(ROW)
+    stride = max(-(-len(chosen) // max_points), 1)
+    chosen = chosen[::stride].copy()
     if len(chosen) < 4:
-        return row, chosen[:0].copy(), 0
+        return row, chosen[:0], stride, 0
     ox, oy, azimuth, x, y, z, keep = _find_plane(points, chosen, tolerance, wanted)
     num_plane = keep.sum()
     if num_plane < 4:
-        return row, chosen[:0].copy(), num_plane
+        return row, chosen[:0], stride, num_plane
     if num_plane < len(chosen):
         chosen, x, y, z = chosen[keep], x[keep], y[keep], z[keep]
     row[LOW], row[HIGH] = x.min(), x.max()
     if row[HIGH] - row[LOW] < LEAST_EXTENT:
-        return row, chosen[:0].copy(), num_plane
+        return row, chosen[:0], stride, num_plane
     middle, shape, covariance, rmse, inlier, converged = solve_catenary(x, z, vertical, draws)
     own = chosen[inlier]
     num = len(own)
     if num < 4:
-        return row, own, num_plane
+        return row, own, stride, num_plane
     low, high, mean, square = np.inf, -np.inf, 0.0, 0.0
     for k in range(len(x)):
         if inlier[k]:
@@ -140,27 +148,11 @@ def fit_row(points, chosen, tolerance, vertical, wanted, draws):  # type: ignore
         max(spread, 1e-9)
     )
     row[MEAN_X], row[CONVERGED], row[TOLERANCE] = mean, converged, tolerance
-    row[NUM_POINTS] = num
+    row[NUM_POINTS] = num * stride
     for p in range(3):
         for q in range(3):
             row[COVARIANCE + 3 * p + q] = covariance[p, q]
-    return row, own, num_plane
-
-
-@njit(cache=True, nogil=True, error_model='numpy')
-def fit_thinned(  # type: ignore[no-untyped-def]
-    points, chosen, max_points, tolerance, vertical, wanted, draws
-):
-    """
-    Do what fit_row does, with some of the points evenly chosen where there are too many.
-
-    Returned are the row, with the number of all points on the curve, those that were used, and
-    how many each of them stands for.
-    """
-    stride = max(-(-len(chosen) // max_points), 1)
-    row, own, _ = fit_row(points, chosen[::stride].copy(), tolerance, vertical, wanted, draws)
-    row[NUM_POINTS] *= stride
-    return row, own, stride
+    return row, own, stride, num_plane
 
 
 @njit(cache=True, nogil=True, inline='always', error_model='numpy')

@@ -28,7 +28,7 @@ from plc_inspect.core.curve_fit import (
     AZIMUTH,
     COS,
     COVARIANCE,
-    fit_thinned,
+    fit_row,
     height_of,
     HIGH,
     is_curve,
@@ -175,7 +175,7 @@ def _fit(points, grid, row, ends, is_open, own, draws):  # type: ignore[no-untyp
     px, py = row[ORIGIN_X] + row[COS] * ends, row[ORIGIN_Y] + row[SIN] * ends
     for turn in range(2):  # what lies about the first fit are inliers of the second
         _, _, chosen = profile_row(points, grid, row, ends[0], ends[1], STEP, nothing)
-        fresh, kept, step = fit_thinned(
+        fresh, kept, step, _ = fit_row(
             points, chosen, MAX_POINTS, row[TOLERANCE], min(row[TOLERANCE], vertical),
             row[AZIMUTH], draws if turn == 0 else draws[:0],
         )

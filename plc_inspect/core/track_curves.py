@@ -30,7 +30,7 @@ from plc_inspect.core.curve import (
 )
 from plc_inspect.core.curve_fit import (
     derive_tolerance,
-    fit_thinned,
+    fit_row,
     is_curve,
     LATERAL_RMSE,
     RMSE,
@@ -167,7 +167,7 @@ def _fit(  # type: ignore[no-untyped-def]
     strides = np.empty(len(parts), dtype=np.int64)
     num = 0
     for part in parts:
-        row, kept, stride = fit_thinned(
+        row, kept, stride, _ = fit_row(
             points, part, MAX_POINTS, tolerance, tolerance, math.nan, draws
         )
         if is_curve(row):

@@ -19,10 +19,10 @@ import numpy as np
 import pytest
 from toys import hang, make_curve, make_wire, turn
 
+from plc_inspect.core.catenary import NO_DRAWS
 from plc_inspect.core.curve import fit_curve, pack_curves, unpack_curve
 from plc_inspect.core.curve_fit import (
     fit_row,
-    fit_thinned,
     height_of,
     HIGH,
     is_curve,
@@ -34,8 +34,6 @@ from plc_inspect.core.curve_fit import (
     variances_of,
 )
 
-NO_DRAWS = np.empty((0, 3))
-
 
 def make_points(seed=0):
     wire = make_wire((0.0, 0.0, 20.0), (120.0, 0.0, 26.0), noise=0.03, seed=seed)
@@ -44,7 +42,10 @@ def make_points(seed=0):
 
 def fit(points, chosen=None, tolerance=0.15):
     chosen = np.arange(len(points)) if chosen is None else chosen
-    return fit_row(points, chosen, tolerance, tolerance, math.nan, NO_DRAWS)
+    row, own, _, num_plane = fit_row(
+        points, chosen, 10_000, tolerance, tolerance, math.nan, NO_DRAWS
+    )
+    return row, own, num_plane
 
 
 def test_a_row_says_what_its_curve_says():
@@ -93,8 +94,8 @@ def test_what_is_no_curve_is_told_from_one():
 def test_thinning_keeps_the_number_of_points_and_the_course():
     points = make_points()
     chosen = np.arange(len(points))
-    whole, own, one = fit_thinned(points, chosen, 10_000, 0.15, 0.15, math.nan, NO_DRAWS)
-    row, few, stride = fit_thinned(points, chosen, 200, 0.15, 0.15, math.nan, NO_DRAWS)
+    whole, own, one, _ = fit_row(points, chosen, 10_000, 0.15, 0.15, math.nan, NO_DRAWS)
+    row, few, stride, _ = fit_row(points, chosen, 200, 0.15, 0.15, math.nan, NO_DRAWS)
     assert one == 1
     assert stride == -(-len(points) // 200)
     assert len(own) == whole[NUM_POINTS] == len(points)
@@ -106,7 +107,7 @@ def test_thinning_keeps_the_number_of_points_and_the_course():
 @pytest.mark.parametrize('seed', range(30))
 def test_few_points_that_stand_for_many_are_no_curve(seed):
     points = np.random.default_rng(seed).uniform(0.0, 100.0, (1000, 3))
-    row, own, stride = fit_thinned(
+    row, own, stride, _ = fit_row(
         points, np.arange(1000), 200, 0.01, 0.01, math.nan, NO_DRAWS
     )
     assert stride == 5
