@@ -21,7 +21,7 @@ import math
 from numba import njit
 import numpy as np
 
-from plc_inspect.core.curve import Curve, pack_curves
+from plc_inspect.core.curve import pack_curves
 from plc_inspect.core.curve_fit import (
     COS,
     height_of,
@@ -34,6 +34,7 @@ from plc_inspect.core.curve_fit import (
 )
 from plc_inspect.core.joints import Joint
 from plc_inspect.core.placement import END_SCATTER
+from plc_inspect.core.span_fit import End
 from plc_inspect.core.supports import Layout
 from plc_inspect.results import Float64
 
@@ -42,9 +43,6 @@ LEAST_MISS = 0.003
 REACH = 1.5
 """The final curves cross this near to where the first ones did [m]."""
 NUM_STEPS = 4
-
-End = tuple[Curve, float, float]
-"""A curve, and the x of its low and high end [m]."""
 
 
 def settle_ends(
