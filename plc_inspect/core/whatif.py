@@ -193,7 +193,8 @@ def evaluate_cases(
             reach += max(item.sag * math.sin(item.swing) for item in states)
             near = _gather(objects, span, reach)
             near = near[~_is_held(points[near], span, result)]
-            surface = _smooth(points[near], is_surface(points[near]))
+            around = points[near]
+            surface = _smooth(around, is_surface(around))
             floor = _gather(ground, span, reach + GROUND_REACH)
             floor = floor[:: 1 + len(floor) // MOST_GROUND]
             below = points[floor].copy()
