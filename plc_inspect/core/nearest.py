@@ -26,6 +26,10 @@ from plc_inspect.results import Float32, Float64, Int32, Int64
 CELL = 4.0
 """Edge of the plan cells that know the spans near them [m]."""
 MAX_CELLS = 4_000_000
+BLOCK = 32_768
+"""Points that are sorted by cell together."""
+NUM_PARTS = 16
+"""Parts of the points that are searched independently."""
 ENOUGH = 0.01
 """A step that bends off the tangent by less than this was the last one needed [m]."""
 
@@ -90,10 +94,16 @@ def find_near(
     rows, columns = int(extent[1] / cell) + 1, int(extent[0] / cell) + 1
     start, spans = _spans_by_cell(table, reach, low, cell, rows, columns)
     local, bottom, top = _expand(table, reach, low, cell, rows, columns, start, spans)
-    found, distance, span = _nearest(
-        points, table, reach, low, cell, rows, columns, start, spans, local, bottom, top
+    num = len(points)
+    # made here and not in the kernels, as numpy asks for large pages of memory
+    rough = np.empty(num, dtype=np.int32), np.empty(num, np.float32), np.empty(num, np.int32)
+    first_of = _nearest(
+        points, table, reach, low, cell, rows, columns, start, spans, local, bottom, top, *rough
     )
-    return found, distance, span
+    total = int(first_of[-1])
+    dense = np.empty(total, dtype=np.int64), np.empty(total, np.float32), np.empty(total, np.int32)
+    _close_up(num, first_of, *rough, *dense)
+    return dense
 
 
 @njit(cache=True, nogil=True)
@@ -136,11 +146,10 @@ def _expand(table, reach, low, cell, rows, columns, start, spans):  # type: igno
     Curve of each span of each cell as a parabola about the middle of the cell.
 
     Within a cell its error is below 1 mm for constants of 100 m and more.  Returned are x,
-    height, slope and half of the curvature there, and the square of the least share of a
-    vertical distance from the curve that is distance to it; and the heights between which points
-    of each cell can be within reach.
+    height, slope and half of the curvature there, and the heights between which points of each
+    cell can be within reach.
     """
-    local = np.empty((len(spans), 5))
+    local = np.empty((len(spans), 4))
     bottom = np.full(rows * columns, np.inf)
     top = np.full(rows * columns, -np.inf)
     for r in range(rows):
@@ -159,83 +168,162 @@ def _expand(table, reach, low, cell, rows, columns, start, spans):  # type: igno
                 # the foot of a point in the cell lies this far from the middle at most
                 away = cell * 0.7072 + reach[spans[k]] * min(abs(slope), 1.0)
                 slack = away * (abs(slope) + half * away) + reach[spans[k]]
-                steepest = abs(slope) + 2.0 * half * (away + reach[spans[k]])
-                local[k, 4] = 1.0 / (1.0 + steepest * steepest)
                 bottom[where] = min(bottom[where], z - slack)
                 top[where] = max(top[where], z + slack)
     return local, bottom, top
 
 
-@njit(cache=True, parallel=True, nogil=True)
+@njit(cache=True, parallel=True, nogil=True, error_model='numpy')
 def _nearest(  # type: ignore[no-untyped-def]
-    points, table, reach, low, cell, rows, columns, start, spans, local, bottom, top
+    points, table, reach, low, cell, rows, columns, start, spans, local, bottom, top,
+    found, distance, span,
 ):
+    """
+    Write what each part of the points finds from the part's own place on.
+
+    Returned is how many all parts before one found, for each part and the end.
+    """
     num = len(points)
-    num_parts = 16
-    # what each part of the points finds is written from its own place on, then moved together
-    found = np.empty(num, dtype=np.int32)
-    distance = np.empty(num, dtype=np.float32)
-    span = np.empty(num, dtype=np.int32)
-    last_of = np.zeros(num_parts + 1, dtype=np.int64)
-    limit = reach * reach
-    per_cell = 1.0 / cell
-    for part in prange(num_parts):
-        place = part * num // num_parts
-        for i in range(part * num // num_parts, (part + 1) * num // num_parts):
-            px, py, pz = points[i, 0], points[i, 1], points[i, 2]
-            fx, fy = (px - low[0]) * per_cell, (py - low[1]) * per_cell
-            if not (fx >= 0.0 and fy >= 0.0 and fx < columns and fy < rows):
-                continue
-            where = int(fy) * columns + int(fx)
-            if not (pz >= bottom[where] and pz <= top[where]):
-                continue
-            best = np.inf
-            own = -1
-            for k in range(start[where], start[where + 1]):
-                s = spans[k]
-                row = table[s]
-                dx, dy = px - row[0], py - row[1]
-                across = row[2] * dy - row[3] * dx
-                d2 = across * across
-                most = min(best, limit[s])
-                if d2 > most:
-                    continue
-                x0, z0, slope, half = local[k, 0], local[k, 1], local[k, 2], local[k, 3]
-                u = row[2] * dx + row[3] * dy - x0
-                first, last = row[8] - x0, row[9] - x0
-                x = min(max(u, first), last)
-                dz = pz - (z0 + x * (slope + half * x))
-                if x == u and d2 + dz * dz * local[k, 4] > most:
-                    continue
-                for _ in range(2):  # Newton on the distance, its curvature kept positive
-                    tilt = slope + 2.0 * half * x
-                    second = 1.0 + tilt * tilt - 2.0 * half * dz
-                    step = (u - x + dz * tilt) / max(second, 0.5)
-                    x = min(max(x + step, first), last)
-                    dz = pz - (z0 + x * (slope + half * x))
-                    if half * step * step < ENOUGH:
-                        break
-                d2 += (u - x) * (u - x) + dz * dz
-                if d2 <= most:
-                    best = d2
-                    own = s
-            if own >= 0:
-                found[place] = i
-                span[place] = own
-                distance[place] = math.sqrt(best)
-                place += 1
-        last_of[part + 1] = place - part * num // num_parts
-    for part in range(num_parts):
+    last_of = np.zeros(NUM_PARTS + 1, dtype=np.int64)
+    for part in prange(NUM_PARTS):
+        begin, end = part * num // NUM_PARTS, (part + 1) * num // NUM_PARTS
+        size = max(min(BLOCK, end - begin), 1)
+        group_of = np.zeros(rows * columns, dtype=np.int32)
+        chosen, where = np.empty(size, dtype=np.int32), np.empty(size, dtype=np.int32)
+        place = begin
+        for first in range(begin, end, BLOCK):
+            num_near = _choose(
+                points, first, min(first + BLOCK, end), low, cell, rows, columns, bottom, top,
+                chosen, where,
+            )
+            square, own = _search(
+                points, chosen[:num_near], where[:num_near], group_of, table, reach, start,
+                spans, local,
+            )
+            for n in range(num_near):  # without a branch that would be hard to predict
+                found[place] = chosen[n]
+                span[place] = own[n]
+                distance[place] = math.sqrt(square[n])
+                place += own[n] >= 0
+        last_of[part + 1] = place - begin
+    for part in range(NUM_PARTS):
         last_of[part + 1] += last_of[part]
-    total = last_of[num_parts]
-    all_found = np.empty(total, dtype=np.int64)
-    all_distance = np.empty(total, dtype=np.float32)
-    all_span = np.empty(total, dtype=np.int32)
-    for part in prange(num_parts):
-        place = part * num // num_parts
-        for k in range(last_of[part], last_of[part + 1]):
+    return last_of
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _close_up(  # type: ignore[no-untyped-def]
+    num, first_of, found, distance, span, all_found, all_distance, all_span
+):
+    """Move what the parts found together."""
+    for part in prange(NUM_PARTS):
+        place = part * num // NUM_PARTS
+        for k in range(first_of[part], first_of[part + 1]):
             all_found[k] = found[place]
             all_distance[k] = distance[place]
             all_span[k] = span[place]
             place += 1
-    return all_found, all_distance, all_span
+
+
+@njit(cache=True, nogil=True)
+def _choose(  # type: ignore[no-untyped-def]
+    points, first, last, low, cell, rows, columns, bottom, top, chosen, where
+):
+    """List the points of a block that spans may be near to, and their cells; return how many."""
+    per_cell = 1.0 / cell
+    num = 0
+    for i in range(first, last):
+        fx, fy = (points[i, 0] - low[0]) * per_cell, (points[i, 1] - low[1]) * per_cell
+        z = points[i, 2]
+        inside = (fx >= 0.0) & (fy >= 0.0) & (fx < columns) & (fy < rows)
+        own = int(fy) * columns + int(fx) if inside else 0
+        chosen[num], where[num] = i, own
+        num += inside & (z >= bottom[own]) & (z <= top[own])
+    return num
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _search(  # type: ignore[no-untyped-def]
+    points, chosen, where, group_of, table, reach, start, spans, local
+):
+    """
+    Squared distance to the nearest span, and which that is, -1 none, of each chosen point.
+
+    Points of one cell are taken together: its spans are looked at one by one, in loops over
+    points without branches, which the compiler turns into vector instructions.  ``group_of``
+    holds a zero for each cell, before and after.
+    """
+    num = len(chosen)
+    group = np.empty(num, dtype=np.int32)
+    cells = np.empty(num, dtype=np.int32)
+    begin = np.zeros(num + 2, dtype=np.int32)
+    num_groups = 0
+    for n in range(num):
+        number = group_of[where[n]]
+        if number == 0:
+            cells[num_groups] = where[n]
+            num_groups += 1
+            number = num_groups
+            group_of[where[n]] = number
+        group[n] = number
+        begin[number + 1] += 1
+    for number in range(1, num_groups + 1):
+        begin[number + 1] += begin[number]
+        group_of[cells[number - 1]] = 0
+    place = np.empty(num, dtype=np.int32)
+    x, y, z = np.empty(num), np.empty(num), np.empty(num)
+    best, owner = np.full(num, np.inf), np.full(num, -1, dtype=np.int32)
+    for n in range(num):
+        k, i = begin[group[n]], chosen[n]
+        begin[group[n]] += 1
+        place[n] = k
+        x[k], y[k], z[k] = points[i, 0], points[i, 1], points[i, 2]
+    first = 0
+    for number in range(1, num_groups + 1):
+        last = begin[number]
+        cell = cells[number - 1]
+        for k in range(start[cell], start[cell + 1]):
+            s = spans[k]
+            _measure(
+                x[first:last], y[first:last], z[first:last], table[s], local[k],
+                reach[s] * reach[s], s, best[first:last], owner[first:last],
+            )
+        first = last
+    return best[place], owner[place]
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _measure(px, py, pz, row, local, limit, number, best, owner):  # type: ignore[no-untyped-def]
+    """Put a span in for the points that it is nearest to so far."""
+    ox, oy, ca, sa = row[0], row[1], row[2], row[3]
+    x0, z0, slope, half = local[0], local[1], local[2], local[3]
+    low, high = row[8] - x0, row[9] - x0
+    for k in range(len(px)):
+        dx, dy = px[k] - ox, py[k] - oy
+        across = ca * dy - sa * dx
+        u = ca * dx + sa * dy - x0
+        x = u if u > low else low
+        x = x if x < high else high
+        dz = pz[k] - (z0 + x * (slope + half * x))
+        # Newton on the distance, its curvature kept positive
+        tilt = slope + 2.0 * half * x
+        second = 1.0 + tilt * tilt - 2.0 * half * dz
+        second = second if second > 0.5 else 0.5
+        step = (u - x + dz * tilt) / second
+        x = x + step
+        x = x if x > low else low
+        x = x if x < high else high
+        dz = pz[k] - (z0 + x * (slope + half * x))
+        tilt = slope + 2.0 * half * x
+        second = 1.0 + tilt * tilt - 2.0 * half * dz
+        second = second if second > 0.5 else 0.5
+        again = x + (u - x + dz * tilt) / second
+        again = again if again > low else low
+        again = again if again < high else high
+        x = again if half * step * step >= ENOUGH else x
+        dz = pz[k] - (z0 + x * (slope + half * x))
+        square = across * across + ((u - x) * (u - x) + dz * dz)
+        before, mine = best[k], owner[k]
+        nearer = (square <= before) & (square <= limit)
+        best[k] = square if nearer else before
+        owner[k] = number if nearer else mine

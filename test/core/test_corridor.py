@@ -77,6 +77,28 @@ def test_distances_are_those_to_a_dense_sample_of_the_curves(yaw, shift):
     assert (np.diff(found) > 0).all()
 
 
+def test_distances_depend_neither_on_order_nor_on_company():
+    rng = np.random.default_rng(4)
+    curves = make_curves(0.3)
+    table, reach = tabulate(curves), np.full(3, 12.0)
+    points = curves[0].position(np.zeros(1))[0] + rng.uniform(-30.0, 30.0, (600_000, 3))
+    whole = find_near(points, table, reach)
+    assert 10_000 < len(whole[0]) < 500_000
+    for start in range(0, len(points), 20_001):
+        part = slice(start, start + 20_001)
+        alone = find_near(points[part], table, reach)
+        own = slice(*np.searchsorted(whole[0], [part.start, part.stop]))
+        np.testing.assert_array_equal(alone[0] + start, whole[0][own])
+        np.testing.assert_array_equal(alone[1], whole[1][own])
+        np.testing.assert_array_equal(alone[2], whole[2][own])
+    order = np.lexsort(points.T)  # lowest last
+    found, distance, span = find_near(points[order], table, reach)
+    back = np.argsort(order[found])
+    np.testing.assert_array_equal(order[found][back], whole[0])
+    np.testing.assert_array_equal(distance[back], whole[1])
+    np.testing.assert_array_equal(span[back], whole[2])
+
+
 def test_each_span_has_a_reach_of_its_own():
     curves = make_curves()[:2]
     points = np.array([[45.0, -3.0, 13.7], [45.0, 7.0, 13.7], [45.0, 2.0, 13.7]])
