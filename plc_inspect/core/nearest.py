@@ -26,7 +26,7 @@ from plc_inspect.results import Float32, Float64, Int32, Int64
 CELL = 4.0
 """Edge of the plan cells that know the spans near them [m]."""
 MAX_CELLS = 4_000_000
-BLOCK = 32_768
+BLOCK = 131_072
 """Points that are sorted by cell together."""
 NUM_PARTS = 16
 """Parts of the points that are searched independently."""

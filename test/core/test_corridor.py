@@ -81,11 +81,11 @@ def test_distances_depend_neither_on_order_nor_on_company():
     rng = np.random.default_rng(4)
     curves = make_curves(0.3)
     table, reach = tabulate(curves), np.full(3, 12.0)
-    points = curves[0].position(np.zeros(1))[0] + rng.uniform(-30.0, 30.0, (600_000, 3))
+    points = curves[0].position(np.zeros(1))[0] + rng.uniform(-30.0, 30.0, (2_500_000, 3))
     whole = find_near(points, table, reach)
-    assert 10_000 < len(whole[0]) < 500_000
-    for start in range(0, len(points), 20_001):
-        part = slice(start, start + 20_001)
+    assert 100_000 < len(whole[0]) < 2_000_000
+    for start in range(0, len(points), 100_001):
+        part = slice(start, start + 100_001)
         alone = find_near(points[part], table, reach)
         own = slice(*np.searchsorted(whole[0], [part.start, part.stop]))
         np.testing.assert_array_equal(alone[0] + start, whole[0][own])
