@@ -114,7 +114,7 @@ def _cross(rows: Float64, finals: Sequence[End], joint: Joint) -> tuple[Float64,
     """Plan position where two final curves are nearest, and its deviation along the first [m]."""
     first, second = joint.curves
     curve = finals[first][0]
-    start = float(curve.local(joint.position[None, :])[0][0])
+    start, _ = curve.local_place(joint.position)
     x, sigma = _find_crossing(
         rows[first], rows[second], start, curve.azimuth - finals[second][0].azimuth
     )

@@ -106,14 +106,10 @@ class CatenaryFit:
             X of the ends of the span [m].
 
         """
-        value = _sag(self.middle, self.shape, start, end)
-        gradient = np.empty(3)
-        for k in range(3):
-            step = max(1e-6, 1e-4 * abs(self.shape[k]))
-            moved = self.shape.copy()
-            moved[k] += step
-            gradient[k] = (_sag(self.middle, moved, start, end) - value) / step
-        return float(value), math.sqrt(max(float(gradient @ self.covariance @ gradient), 0.0))
+        value, sigma = _sag_and_sigma(
+            self.middle, self.shape, self.covariance, float(start), float(end)
+        )
+        return value, sigma
 
     def parameter_sigma(self) -> tuple[float, float, float]:
         """Return the standard deviations of a, b and c [m]."""
@@ -249,6 +245,23 @@ def _sag(middle, shape, start, end):  # type: ignore[no-untyped-def]
     t = min(max(t, min(t0, t1)), max(t0, t1))
     at = math.cosh(k * t + base) / k
     return max(first + chord * (t - t0) - at, 0.0)
+
+
+@njit(cache=True, nogil=True)
+def _sag_and_sigma(middle, shape, covariance, start, end):  # type: ignore[no-untyped-def]
+    """Sag, and its standard deviation by the gradient over height, slope and curvature."""
+    value = _sag(middle, shape, start, end)
+    gradient = np.empty(3)
+    for k in range(3):
+        step = max(1e-6, 1e-4 * abs(shape[k]))
+        moved = shape.copy()
+        moved[k] += step
+        gradient[k] = (_sag(middle, moved, start, end) - value) / step
+    variance = 0.0
+    for p in range(3):
+        for q in range(3):
+            variance += gradient[p] * covariance[p, q] * gradient[q]
+    return value, math.sqrt(max(variance, 0.0))
 
 
 @njit(cache=True, nogil=True)

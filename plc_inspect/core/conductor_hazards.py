@@ -16,6 +16,7 @@
 
 from collections.abc import Sequence
 import math
+import statistics
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from plc_inspect.config import HazardSettings
 from plc_inspect.core.clearance import Limit, RuleSet
 from plc_inspect.core.encroachments import describe_hazard
 from plc_inspect.core.span_model import SpanModel
-from plc_inspect.results import Float64, HazardKind, Severity, Support
+from plc_inspect.results import Bool, Float64, HazardKind, Int32, Severity, Support
 
 CROSSING_ANGLE_DEG = 5.0
 """Conductors that meet in plan at a smaller angle run along each other."""
@@ -143,10 +144,10 @@ def find_crossings(
         return []
     limit = limits[0]
     worst: dict[tuple[int, int], dict[str, Any]] = {}
+    start, end, span_id = _ends(models)
     for i, first in enumerate(models):
-        for second in models[:i]:
-            if first.span.span_id == second.span.span_id or not _cross(first, second):
-                continue
+        crossed = _cross(start[i], end[i], start[:i], end[:i]) & (span_id[:i] != span_id[i])
+        for second in (models[k] for k in np.flatnonzero(crossed).tolist()):
             upper, lower, x, other_x, clearance = _approach(first, second)
             severity = limit.judge(clearance)
             if severity is None:
@@ -176,21 +177,28 @@ def find_crossings(
     return kept
 
 
-def _cross(first: SpanModel, second: SpanModel) -> bool:
-    """Whether two spans cross in plan, within their ends and not at a support of both."""
-    p, q = first.span.start[:2], second.span.start[:2]
-    r, s = first.span.end[:2] - p, second.span.end[:2] - q
-    area = float(r[0] * s[1] - r[1] * s[0])
-    sine = math.sin(math.radians(CROSSING_ANGLE_DEG))
-    if abs(area) < sine * float(np.linalg.norm(r) * np.linalg.norm(s)) or area == 0.0:
-        return False
-    t = float((q - p)[0] * s[1] - (q - p)[1] * s[0]) / area
-    u = float((q - p)[0] * r[1] - (q - p)[1] * r[0]) / area
-    if not (0.0 < t < 1.0 and 0.0 < u < 1.0):
-        return False
-    return max(
-        min(t, 1.0 - t) * float(np.linalg.norm(r)), min(u, 1.0 - u) * float(np.linalg.norm(s))
-    ) > AT_SUPPORT
+def _ends(models: Sequence[SpanModel]) -> tuple[Float64, Float64, Int32]:
+    """(C, 2) start and end in plan, and number, of the span of each model."""
+    return (
+        np.array([model.span.start[:2] for model in models]).reshape(-1, 2),
+        np.array([model.span.end[:2] for model in models]).reshape(-1, 2),
+        np.array([model.span.span_id for model in models], dtype=np.int32),
+    )
+
+
+def _cross(start: Float64, end: Float64, others: Float64, other_ends: Float64) -> Bool:
+    """Tell which others a span crosses in plan, within the ends and not at a support of both."""
+    (rx, ry), (sx, sy), (wx, wy) = end - start, (other_ends - others).T, (others - start).T
+    area = rx * sy - ry * sx
+    length, lengths = math.hypot(rx, ry), np.hypot(sx, sy)
+    steep = np.abs(area) >= math.sin(math.radians(CROSSING_ANGLE_DEG)) * length * lengths
+    steep &= area != 0.0
+    area = np.where(steep, area, 1.0)
+    t, u = (wx * sy - wy * sx) / area, (wx * ry - wy * rx) / area
+    inside = (t > 0.0) & (t < 1.0) & (u > 0.0) & (u < 1.0)
+    away = np.maximum(np.minimum(t, 1.0 - t) * length, np.minimum(u, 1.0 - u) * lengths)
+    result: Bool = steep & inside & (away > AT_SUPPORT)
+    return result
 
 
 def _approach(
@@ -254,8 +262,10 @@ def find_interference(
             held = [apart[k] for k in (np.flatnonzero(inside)[0], np.flatnonzero(inside)[-1])]
             required = settings.interference_ratio * float(min(held))
             worst = int(np.argmin(apart))
+            if apart[worst] >= required:
+                continue
             sigma = math.hypot(first.sigma(float(x[worst])), second.sigma(float(other_x[worst])))
-            if apart[worst] >= required or min(held) - apart[worst] <= SURE * sigma:
+            if min(held) - apart[worst] <= SURE * sigma:
                 continue
             result.append(describe_hazard(
                 first, float(x[worst]), supports, rules, _own_limit(required),
@@ -314,17 +324,20 @@ def find_abnormal_sag(
         ]
         if len(peers) < 2:
             continue
-        usual = float(np.median(peers)) * model.span.length**2
+        middle = statistics.median(peers)
+        usual = middle * model.span.length**2
         excess = model.span.sag - usual
         tolerated = max(settings.sag_deviation * usual, LEAST_EXCESS)
-        spread = 1.4826 * float(np.median(np.abs(np.array(peers) - np.median(peers))))
+        if excess <= tolerated:
+            continue
+        spread = 1.4826 * statistics.median(abs(peer - middle) for peer in peers)
         sigma = math.hypot(model.span.sigma['sag'], LEAST_SIGMA, spread * model.span.length**2)
-        if excess <= max(tolerated, SURE * sigma):
+        if excess <= SURE * sigma:
             continue
         lowest = model.span.lowest
-        x, _ = model.curve.local(lowest[None, :])
+        x, _ = model.curve.local_place(lowest)
         result.append(describe_hazard(
-            model, float(x[0]), supports, rules, _own_limit(tolerated),
+            model, x, supports, rules, _own_limit(tolerated),
             kind=HazardKind.SAG,
             severity=Severity.WARNING,
             position=lowest.copy(),

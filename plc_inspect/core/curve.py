@@ -16,6 +16,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 import math
 
 import numpy as np
@@ -49,7 +50,7 @@ MAX_POINTS = 2000
 """Points that a fit needs while conductors are looked for."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)  # without slots, as the row is kept once made
 class Curve:
     """
     A conductor in the frame of its own vertical plane (regularised, R_z of the paper).
@@ -94,6 +95,12 @@ class Curve:
         ca, sa = math.cos(self.azimuth), math.sin(self.azimuth)
         return ca * dx + sa * dy, ca * dy - sa * dx
 
+    def local_place(self, place: Float64) -> tuple[float, float]:
+        """Return x along and y across of one place (2+,) [m]."""
+        dx, dy = float(place[0] - self.origin[0]), float(place[1] - self.origin[1])
+        ca, sa = math.cos(self.azimuth), math.sin(self.azimuth)
+        return ca * dx + sa * dy, ca * dy - sa * dx
+
     def position(self, x: Float64 | float) -> Float64:
         """Return the (N, 3) points of the curve at (N,) x [m]."""
         if isinstance(x, float):
@@ -113,6 +120,17 @@ class Curve:
         """Return the standard deviation of the curve's position at (N,) x [m]."""
         result: Float64 = np.sqrt(self.lateral_variance(x) + self.fit.height_sigma(x) ** 2)
         return result
+
+    @cached_property
+    def row(self) -> Float64:
+        """The curve as a (ROW,) row of curve_fit; not to be changed."""
+        return np.array([
+            *self.origin.tolist(), math.cos(self.azimuth), math.sin(self.azimuth),
+            self.fit.middle, *self.fit.shape.tolist(), self.low, self.high, self.azimuth,
+            self.fit.rmse, self.lateral_rmse, *self.lateral_sigma, self.mean_x,
+            self.fit.converged, self.tolerance, self.num_points,
+            *self.fit.covariance.ravel().tolist(),
+        ], dtype=np.float64)
 
     def lateral_variance(self, x: FloatOrArray) -> FloatOrArray:
         """Return the variance of the curve's position across it at x [m2]."""
@@ -195,16 +213,7 @@ def pack_curves(curves: Sequence[Curve]) -> Float64:
     (C, ROW) float64
 
     """
-    return np.array([
-        [
-            *curve.origin.tolist(), math.cos(curve.azimuth), math.sin(curve.azimuth),
-            curve.fit.middle, *curve.fit.shape.tolist(), curve.low, curve.high, curve.azimuth,
-            curve.fit.rmse, curve.lateral_rmse, *curve.lateral_sigma, curve.mean_x,
-            curve.fit.converged, curve.tolerance, curve.num_points,
-            *curve.fit.covariance.ravel().tolist(),
-        ]
-        for curve in curves
-    ], dtype=np.float64).reshape(-1, ROW)
+    return np.array([curve.row for curve in curves], dtype=np.float64).reshape(-1, ROW)
 
 
 def find_far_apart(curves: Sequence[Curve], margin: float = 1.0) -> Bool:

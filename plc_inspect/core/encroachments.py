@@ -133,8 +133,10 @@ def find_encroachments(
     }
     offends = np.zeros(len(around.points), dtype=bool)
     for kind, asked in limits.items():
-        _, score = _score(around, models, asked, around.surface == (kind == HazardKind.STRUCTURE))
-        offends |= np.isfinite(score)
+        if asked:
+            own = _find_near(around, asked, around.surface == (kind == HazardKind.STRUCTURE))
+            _, score = _score(around.take(own), models, asked)
+            offends[own] = np.isfinite(score)
     explained = np.zeros(len(offends), dtype=bool)
     if not offends.any():
         return [], explained
@@ -259,33 +261,35 @@ def _stand_near(points, offends, margin):  # type: ignore[no-untyped-def]
     return result
 
 
+def _find_near(around: Surroundings, limits: Sequence[Limit], chosen: Bool) -> Int64:
+    """Return which of the chosen points may break a limit."""
+    if all(item.measure == 'distance' for item in limits):
+        chosen = chosen & (around.distance < max(item.reach for item in limits))
+    return np.flatnonzero(chosen)
+
+
 def _score(
-    around: Surroundings, models: Sequence[SpanModel], limits: Sequence[Limit], chosen: Bool
+    near: Surroundings, models: Sequence[SpanModel], limits: Sequence[Limit]
 ) -> tuple[Int64, Float64]:
     """Return the limit of each point that it comes nearest to breaking, and by what share."""
-    which = np.full(len(around.points), -1, dtype=np.int64)
-    best = np.full(len(around.points), np.inf)
-    if not limits:
-        return which, best
-    reach = max(item.reach for item in limits)
-    plain = all(item.measure == 'distance' for item in limits)
-    own = np.flatnonzero(chosen & (around.distance < reach) if plain else chosen)
-    horizontal, vertical = np.zeros(len(own)), np.zeros(len(own))
+    num = len(near.points)
+    which, best = np.full(num, -1, dtype=np.int64), np.full(num, np.inf)
+    horizontal, vertical = np.zeros(num), np.zeros(num)
     if not all(item.measure == 'distance' and item.where == 'any' for item in limits):
-        for number in np.unique(around.owner[own]).tolist():
-            mine = np.flatnonzero(around.owner[own] == number)
-            _, horizontal[mine], vertical[mine] = models[number].part(around.points[own[mine]])
+        for number in np.unique(near.owner).tolist():
+            mine = np.flatnonzero(near.owner == number)
+            _, horizontal[mine], vertical[mine] = models[number].part(near.points[mine])
     values = {
-        'distance': around.distance[own], 'horizontal': horizontal, 'vertical': np.abs(vertical),
+        'distance': near.distance, 'horizontal': horizontal, 'vertical': np.abs(vertical),
     }
     under = (vertical > 0) & (vertical >= horizontal)
-    places = {'any': np.ones(len(own), dtype=bool), 'under': under, 'beside': ~under}
+    places = {'any': np.ones(num, dtype=bool), 'under': under, 'beside': ~under}
     for number, item in enumerate(limits):
         value = values[item.measure]
         share = value / max(item.distance, 1e-9)
-        better = places[item.where] & (value < item.reach) & (share < best[own])
-        best[own[better]] = share[better]
-        which[own[better]] = number
+        better = places[item.where] & (value < item.reach) & (share < best)
+        best[better] = share[better]
+        which[better] = number
     return which, best
 
 
@@ -298,7 +302,7 @@ def _describe(
     rules: RuleSet,
     settings: HazardSettings,
 ) -> dict[str, Any] | None:
-    which, share = _score(near, models, limits, np.ones(len(near.points), dtype=bool))
+    which, share = _score(near, models, limits)
     offends = np.isfinite(share)
     if offends.sum() < settings.min_points:
         return None

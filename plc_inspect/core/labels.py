@@ -134,15 +134,20 @@ def label(
         alignment.voted, Decision.NO_CLUSTER, Decision.NO_SECTION
     )
     origin, cells, values = _index_states(candidates.position, state)
-    decision, classification = _settle(
+    num = len(points)
+    # made here and not in the kernels, as numpy asks for large pages of memory
+    decision, classification = np.empty(num, dtype=np.uint8), np.empty(num, dtype=np.uint8)
+    _settle(
         points, height.height, height.high, used, spans.line_id, spans.support,
-        origin, cells, values,
+        origin, cells, values, decision, classification,
     )
     classification[foliage] = PointClass.VEGETATION
     _settle_beads(in_beads, spans.line_id, spans.support, decision)
-    clearance, span_id, corridor_line_id, corridor_span_id = _spread(
+    clearance, span_id = np.empty(num, dtype=np.float32), np.empty(num, dtype=np.int32)
+    corridor_line_id, corridor_span_id = np.empty((2, len(corridor.points)), dtype=np.int32)
+    _spread(
         corridor.points, corridor.distance, corridor.span, spans.line_id, spans.span_id,
-        *_ids(spans.models),
+        *_ids(spans.models), clearance, span_id, corridor_line_id, corridor_span_id,
     )
     return Labels(
         classification=classification,
@@ -214,13 +219,10 @@ def _find_state(x, y, z, keys, values):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, parallel=True, nogil=True)
 def _settle(  # type: ignore[no-untyped-def]
-    points, height, high, used, line_id, support, origin, keys, values
+    points, height, high, used, line_id, support, origin, keys, values, decision, classification
 ):
     """Decision and class of each point by its height, its candidates, wires and supports."""
-    num = len(height)
-    decision = np.empty(num, dtype=np.uint8)
-    classification = np.empty(num, dtype=np.uint8)
-    for i in prange(num):
+    for i in prange(len(height)):
         kind = CLASS_OTHER
         if height[i] < GROUND_BAND:
             settled = GROUND
@@ -240,7 +242,6 @@ def _settle(  # type: ignore[no-untyped-def]
                 keys, values,
             )
         decision[i], classification[i] = settled, kind
-    return decision, classification
 
 
 @njit(cache=True, nogil=True)
@@ -252,16 +253,13 @@ def _settle_beads(in_beads, line_id, support, decision):  # type: ignore[no-unty
 
 @njit(cache=True, parallel=True, nogil=True)
 def _spread(  # type: ignore[no-untyped-def]
-    corridor, distance, owner, line_id, span_id, lines, spans
+    corridor, distance, owner, line_id, span_id, lines, spans,
+    clearance, result, own_line, own_span,
 ):
     """Clearance and span of each point, line and span of each corridor point."""
-    clearance = np.empty(len(line_id), dtype=np.float32)
-    result = np.empty(len(line_id), dtype=np.int32)
     for i in prange(len(line_id)):
         clearance[i] = np.nan
         result[i] = span_id[i]
-    own_line = np.empty(len(corridor), dtype=np.int32)
-    own_span = np.empty(len(corridor), dtype=np.int32)
     for k in prange(len(corridor)):
         i, s = corridor[k], owner[k]
         clearance[i] = distance[k]
@@ -270,4 +268,3 @@ def _spread(  # type: ignore[no-untyped-def]
         else:
             own_line[k], own_span[k] = lines[s], spans[s]
             result[i] = spans[s]
-    return clearance, result, own_line, own_span

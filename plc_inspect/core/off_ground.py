@@ -22,9 +22,9 @@ import numpy as np
 
 from plc_inspect.core.curve import Curve
 from plc_inspect.core.height import HeightResult
-from plc_inspect.core.picking import find_true, take_rows
+from plc_inspect.core.picking import find_true, NUM_PARTS
 from plc_inspect.core.plan_index import build_plan_index, PlanIndex
-from plc_inspect.results import Float64, Int32, Int64
+from plc_inspect.results import Bool, Float32, Float64, Int32, Int64
 
 CELL = 2.0
 """Edge of the plan cells [m]."""
@@ -94,12 +94,13 @@ def gather_off_ground(points: Float64, height: HeightResult, least: float) -> Of
     OffGround
 
     """
-    chosen = find_true(_is_off(height.height, height.high, least))
-    near = take_rows(points, chosen)  # once out of all points, in the order of memory
-    index = build_plan_index(near, np.arange(len(near)), CELL)
-    own, place, own_height, is_high = _gather(
-        near, chosen, height.height, height.high, index.order
-    )
+    start = _count_off(height.height, height.high, least)
+    found = _make_rows(int(start[-1]))
+    _pick_off(points, height.height, height.high, least, start, *found)  # in order of memory
+    index = build_plan_index(found[0], np.arange(len(found[0])), CELL)
+    rows = _make_rows(len(found[0]))
+    _arrange(*found, index.order, *rows)
+    own, place, own_height, is_high = rows
     return OffGround(
         points=own,
         place=place,
@@ -110,12 +111,43 @@ def gather_off_ground(points: Float64, height: HeightResult, least: float) -> Of
     )
 
 
+def _make_rows(num: int) -> tuple[Float64, Int32, Float32, Bool]:
+    """Room for place and number of points, their height, and whether they are high."""
+    # made here and not in the kernels, as numpy asks for large pages of memory
+    return (
+        np.empty((num, 3)), np.empty(num, dtype=np.int32), np.empty(num, dtype=np.float32),
+        np.empty(num, dtype=np.bool_),
+    )
+
+
 @njit(cache=True, parallel=True, nogil=True)
-def _is_off(height, high, least):  # type: ignore[no-untyped-def]
-    result = np.empty(len(height), dtype=np.bool_)
-    for i in prange(len(height)):
-        result[i] = high[i] or height[i] >= least
-    return result
+def _count_off(height, high, least):  # type: ignore[no-untyped-def]
+    """How many points are off the ground before each part of them, and in all."""
+    num = len(height)
+    start = np.zeros(NUM_PARTS + 1, dtype=np.int64)
+    for part in prange(NUM_PARTS):
+        count = 0
+        for i in range(part * num // NUM_PARTS, (part + 1) * num // NUM_PARTS):
+            count += high[i] | (height[i] >= least)
+        start[part + 1] = count
+    for part in range(NUM_PARTS):
+        start[part + 1] += start[part]
+    return start
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _pick_off(  # type: ignore[no-untyped-def]
+    points, height, high, least, start, own, place, own_height, is_high
+):
+    """Copy the points off the ground."""
+    num = len(height)
+    for part in prange(NUM_PARTS):
+        k = start[part]
+        for i in range(part * num // NUM_PARTS, (part + 1) * num // NUM_PARTS):
+            if high[i] | (height[i] >= least):
+                own[k, 0], own[k, 1], own[k, 2] = points[i, 0], points[i, 1], points[i, 2]
+                place[k], own_height[k], is_high[k] = i, height[i], high[i]
+                k += 1
 
 
 @njit(cache=True, parallel=True, nogil=True)
@@ -127,17 +159,11 @@ def _scatter(values, place, elsewhere, result):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True, nogil=True)
-def _gather(near, chosen, height, high, order):  # type: ignore[no-untyped-def]
-    num = len(order)
-    own = np.empty((num, 3))
-    place = np.empty(num, dtype=np.int32)
-    own_height = np.empty(num, dtype=np.float32)
-    is_high = np.empty(num, dtype=np.bool_)
-    for k in prange(num):
+def _arrange(  # type: ignore[no-untyped-def]
+    points, place, height, high, order, own, own_place, own_height, is_high
+):
+    """Copy points in another order."""
+    for k in prange(len(order)):
         m = order[k]
-        own[k, 0], own[k, 1], own[k, 2] = near[m, 0], near[m, 1], near[m, 2]
-        i = chosen[m]
-        place[k] = i
-        own_height[k] = height[i]
-        is_high[k] = high[i]
-    return own, place, own_height, is_high
+        own[k, 0], own[k, 1], own[k, 2] = points[m, 0], points[m, 1], points[m, 2]
+        own_place[k], own_height[k], is_high[k] = place[m], height[m], high[m]

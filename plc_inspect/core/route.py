@@ -159,22 +159,25 @@ def _group_spans(layout: Layout) -> list[int]:
     pairs = []
     for station in range(len(layout.stations)):
         ends = _ends_at(layout, station)
-        for i, (first, side) in enumerate(ends):
-            for second, other in ends[:i]:
-                cosine = _outward(layout.curves[first], side) @ _outward(
-                    layout.curves[second], other
-                )
-                if cosine > math.cos(math.radians(20.0)):
-                    pairs.append((first, second))
+        outward = [_outward(layout.curves[curve], side) for curve, side in ends]
+        for i in range(len(ends)):
+            for k in range(i):
+                if outward[i] @ outward[k] > math.cos(math.radians(20.0)):
+                    pairs.append((ends[i][0], ends[k][0]))
     num = len(layout.curves)
+    places = [
+        curve.position(np.array(x))
+        for curve, *x in zip(layout.curves, layout.start_x, layout.end_x, strict=True)
+    ]
     for first in range(num):
         for second in range(first):
-            if _side_by_side(layout, first, second):
+            if _side_by_side(layout, first, second, places[second]):
                 pairs.append((first, second))
     return _unite(pairs, num, [joint.curves for joint in layout.joints])
 
 
-def _side_by_side(layout: Layout, first: int, second: int) -> bool:
+def _side_by_side(layout: Layout, first: int, second: int, ends: Float64) -> bool:
+    """Whether two curves run beside each other; ``ends`` (2, 3) are those of the second."""
     a, b = layout.curves[first], layout.curves[second]
     if abs(math.sin(a.azimuth - b.azimuth)) > math.sin(PARALLEL):
         return False
@@ -183,11 +186,10 @@ def _side_by_side(layout: Layout, first: int, second: int) -> bool:
     ]
     if all(known) and not known[0] & known[1]:
         return False
-    at = b.position(np.array([layout.start_x[second], layout.end_x[second]]))
-    x, y = a.local(at)
-    overlap = min(x.max(), layout.end_x[first]) - max(x.min(), layout.start_x[first])
-    shorter = min(abs(x[1] - x[0]), layout.end_x[first] - layout.start_x[first])
-    return bool(overlap > 0.5 * shorter and abs(y.mean()) < SIDE_BY_SIDE)
+    (x0, y0), (x1, y1) = (a.local_place(end) for end in ends)
+    overlap = min(max(x0, x1), layout.end_x[first]) - max(min(x0, x1), layout.start_x[first])
+    shorter = min(abs(x1 - x0), layout.end_x[first] - layout.start_x[first])
+    return bool(overlap > 0.5 * shorter and abs(y0 + y1) / 2 < SIDE_BY_SIDE)
 
 
 def _chain_lines(layout: Layout) -> list[int]:

@@ -275,7 +275,7 @@ def cut_at_stations(
         for station in placed:
             if abs(math.sin(station.direction - curve.azimuth)) > math.sin(PARALLEL):
                 continue
-            x, y = (float(value[0]) for value in curve.local(station.position[None, :]))
+            x, y = curve.local_place(station.position)
             margin = settings.min_span / 2
             if abs(y) > settings.width or not curve.low + margin < x < curve.high - margin:
                 continue
@@ -288,7 +288,7 @@ def cut_at_stations(
 
 
 def _cut(points: Float64, curve: Curve, position: Float64) -> list[Curve]:
-    at = float(curve.local(position[None, :])[0][0])
+    at, _ = curve.local_place(position)
     if not curve.low < at < curve.high:
         return [curve]
     x, _ = curve.local(points[curve.points])
@@ -316,7 +316,7 @@ def _station_ahead(
             continue
         if abs(math.sin(station.direction - curve.azimuth)) > math.sin(math.radians(35.0)):
             continue
-        x, y = (float(value[0]) for value in curve.local(station.position[None, :]))
+        x, y = curve.local_place(station.position)
         ahead = (x - end) * side
         reach = min(settings.max_reach, 0.5 * curve.length)
         if abs(y) > settings.width / 2 or not -settings.min_span / 2 < ahead < reach:

@@ -242,7 +242,7 @@ def _find_curves(
 
 def _find_start(cloud: OffGround, curve: Curve, support: Support, wire: Bool) -> float:
     """Follow a tap back towards the axis of its support as far as it is thin and free."""
-    at = float(curve.local(support.position[None, :])[0][0])
+    at, _ = curve.local_place(support.position)
     low = max(curve.low, at + FIRST_SEEN)
     profile = profile_curve(
         cloud.points, cloud.index, curve, low - STEP * math.ceil((low - at) / STEP), low,
@@ -257,7 +257,7 @@ def _find_start(cloud: OffGround, curve: Curve, support: Support, wire: Bool) ->
 
 def _leaves(curve: Curve, support: Support) -> bool:
     """Whether a curve, extrapolated, passes the axis of a support where conductors hang."""
-    x, y = (float(value[0]) for value in curve.local(support.position[None, :]))
+    x, y = curve.local_place(support.position)
     above = float(curve.fit.height(x)) - support.position[2]
     return (
         abs(y) <= AXIS_MISS
@@ -276,7 +276,7 @@ def _is_tap(
     ``known`` are points of the line, ``wire`` those of other curves that may be taps as well.
     """
     limits = settings.catenary
-    at = float(curve.local(support.position[None, :])[0][0])
+    at, _ = curve.local_place(support.position)
     if (
         curve.high - low < LEAST_LENGTH
         or max(low, curve.low) - at > FIRST_SEEN

@@ -84,7 +84,8 @@ def measure_surface(
     solid = points if airborne is None else points[~airborne]
     lowest = _lowest_points(solid, low, cell, shape[0], shape[1])
     ground, seen = estimate_ground(lowest, cell, math.tan(math.radians(settings.max_slope_deg)))
-    height, extremes = _heights(points, ground, low, cell)
+    height = np.empty(len(points), dtype=np.float32)
+    extremes = _heights(points, ground, low, cell, height)
     return Surface(
         height=height,
         extremes=extremes,
@@ -168,10 +169,10 @@ def _lowest_points(points, low, cell, rows, columns):  # type: ignore[no-untyped
 
 
 @njit(cache=True, parallel=True, nogil=True)
-def _heights(points, ground, low, cell):  # type: ignore[no-untyped-def]
+def _heights(points, ground, low, cell, height):  # type: ignore[no-untyped-def]
+    """Put in the height of each point above the ground; return the least and the greatest."""
     num_parts = 8
     num = len(points)
-    height = np.empty(num, dtype=np.float32)
     extremes = np.empty((num_parts, 2), dtype=np.float32)
     rows, columns = ground.shape
     per_cell = 1.0 / cell
@@ -200,4 +201,4 @@ def _heights(points, ground, low, cell):  # type: ignore[no-untyped-def]
     result = np.empty(2, dtype=np.float32)
     result[0] = extremes[:, 0].min()
     result[1] = extremes[:, 1].max()
-    return height, result
+    return result
