@@ -36,6 +36,7 @@ from surveys import make_map, open_cache, Survey
 from tables import at_least, at_most, Check, CHECK_COLUMNS, render_table, replace_section
 
 from plc_inspect.core.pipeline import Pipeline
+from plc_inspect.offline.allocator import keep_freed_memory
 from plc_inspect.results import InspectionResult, PointClass
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -190,6 +191,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
     if arguments.repeats < 1 or not 0.0 < arguments.scale <= 1.0:
         parser.error('repeats must be 1 or more and the scale in (0, 1]')
+    keep_freed_memory()  # as plc_survey does
     items = []
     with open_cache(arguments.cache) as cache:
         for case in CASES:

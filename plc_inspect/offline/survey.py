@@ -23,6 +23,7 @@ from threading import Thread
 import time
 from typing import TYPE_CHECKING
 
+from plc_inspect.offline.allocator import keep_freed_memory
 from plc_inspect.offline.command import DONE, make_parser, Progress, run_command, show_progress
 
 if TYPE_CHECKING:
@@ -164,6 +165,7 @@ def _load(settings: 'Settings') -> None:
 
 def _run(argv: Sequence[str] | None) -> int:
     arguments = _parse(argv)
+    keep_freed_memory()
     reading = begin_reading(arguments.cloud, arguments.crs)
     from plc_inspect.offline.parameter_file import read_settings
     from plc_inspect.offline.request import complete, read_request

@@ -1,0 +1,53 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+import ctypes
+import subprocess
+import sys
+
+import pytest
+
+# Makes and drops an array of 80 MB twice; prints the pages that the second one had to be given.
+CODE = '''
+import resource
+import numpy as np
+from plc_inspect.offline.allocator import keep_freed_memory
+
+if {keep}:
+    keep_freed_memory()
+
+def fill():
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+    np.ones(10_000_000)
+    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+
+fill()
+print(fill())
+'''
+
+
+def count_faults(keep):
+    done = subprocess.run(
+        [sys.executable, '-c', CODE.format(keep=keep)], capture_output=True, check=True, text=True,
+        env={'NUMPY_MADVISE_HUGEPAGE': '0'}, timeout=60,
+    )
+    return int(done.stdout)
+
+
+@pytest.mark.skipif(
+    not hasattr(ctypes.CDLL(None), 'mallopt'), reason='only glibc maps large arrays anew'
+)
+def test_freed_memory_is_used_again():
+    assert count_faults(keep=False) > 1000
+    assert count_faults(keep=True) < 100
