@@ -19,7 +19,7 @@ import sys
 import pytest
 
 # Makes and drops an array of 80 MB twice; prints the pages that the second one had to be given.
-CODE = '''
+CODE = """
 import resource
 import numpy as np
 from plc_inspect.offline.allocator import keep_freed_memory
@@ -34,7 +34,7 @@ def fill():
 
 fill()
 print(fill())
-'''
+"""
 
 
 def count_faults(keep):
