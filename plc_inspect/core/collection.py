@@ -31,7 +31,6 @@ from plc_inspect.core.curve_fit import (
     COS,
     CURVATURE,
     fit_row,
-    HEIGHT,
     height_of,
     HIGH,
     is_curve,
@@ -132,7 +131,7 @@ def profile_curve(
     """
     if ignore is None:
         ignore = np.zeros(0, dtype=bool)
-    core, shell, chosen = profile_row(
+    core, shell, chosen, _ = profile_row(
         points, grid_of(index), pack_curves([curve])[0], low, high, step, ignore
     )
     return Profile(low=low, step=step, core=core, shell=shell, chosen=chosen)
@@ -263,7 +262,7 @@ def _extend(points, grid, row, max_step):  # type: ignore[no-untyped-def]
     for _ in range(MAX_ROUNDS):
         reach = _sure_reach(row, max_step)
         first = row[LOW] - reach
-        core, shell, chosen = profile_row(
+        core, shell, chosen, _ = profile_row(
             points, grid, row, first, row[HIGH] + reach, STEP, nothing
         )
         good = (core > 0) & (shell <= FOLLOW_SHARE * core)
@@ -322,7 +321,11 @@ def _walk(good, allowed):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model='numpy')
 def profile_row(points, grid, row, low, high, step, ignore):  # type: ignore[no-untyped-def]
-    """Points on the curve and close about it in each bin, and those on it, ascending."""
+    """
+    Count the points on the curve, and those close about it, in each bin.
+
+    Further returned are those on it, ascending, and their distances to it.
+    """
     tolerance = row[TOLERANCE]
     most = tolerance * SHELL_RATIO
     start, order, corner, cell, num_rows, num_columns = grid
@@ -332,32 +335,56 @@ def profile_row(points, grid, row, low, high, step, ignore):  # type: ignore[no-
         row[ORIGIN_X] + row[COS] * high, row[ORIGIN_Y] + row[SIN] * high, most,
     )
     num = max(math.ceil((high - low) / step), 1)
-    h, g, k = row[HEIGHT], row[SLOPE], row[CURVATURE]
-    base, root = math.asinh(g), math.sqrt(1.0 + g * g)
+    course = _sample_course(row, low, step, num)
     core = np.zeros(num, dtype=np.int64)
     shell = np.zeros(num, dtype=np.int64)
     chosen = np.empty(len(near), dtype=np.int64)
-    outer = most * most
+    distance = np.empty(len(near), dtype=np.float32)
+    outer, by_step = most * most, 1.0 / step
     found = 0
     ordered = True
     for i in near:
         x, y = to_local(row, points[i, 0], points[i, 1])
         if abs(y) > most:
             continue
-        place = math.floor((x - low) / step)
+        place = math.floor((x - low) * by_step)
         if place < 0 or place >= num:
             continue
-        grown = math.exp(k * (x - row[MIDDLE]) + base)
-        cosh = 0.5 * (grown + 1.0 / grown)
-        dz = points[i, 2] - h - (cosh - root) / k
-        dz /= cosh  # vertical to perpendicular: cosh of the angle's gudermannian
+        d = x - low - (place + 0.5) * step
+        at = course[place]
+        dz = points[i, 2] - (at[0] + d * (at[1] + d * (at[2] + d * at[3])))
+        dz /= at[4] + d * (at[5] + d * at[6])
         r2 = y * y + dz * dz
         if r2 <= tolerance * tolerance:
             core[place] += 1
             ordered = ordered and (found == 0 or i > chosen[found - 1])
-            chosen[found] = i
+            chosen[found], distance[found] = i, math.sqrt(r2)
             found += 1
         elif r2 <= outer and not (len(ignore) and ignore[i]):
             shell[place] += 1
-    chosen = chosen[:found].copy()
-    return core, shell, chosen if ordered else np.sort(chosen)
+    chosen, distance = chosen[:found].copy(), distance[:found].copy()
+    if not ordered:
+        ascending = np.argsort(chosen)
+        chosen, distance = chosen[ascending], distance[ascending]
+    return core, shell, chosen, distance
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _sample_course(row, low, step, num):  # type: ignore[no-untyped-def]
+    """
+    Taylor series of a curve about the middle of each bin.
+
+    Returned are (num, 7) coefficients: four of the height [m], and three of what a vertical
+    distance is to be divided by to be perpendicular, the hyperbolic cosine.  Over half a metre
+    they are exact to 3 um even for a constant of 10 m.
+    """
+    result = np.empty((num, 7))
+    k, base = row[CURVATURE], math.asinh(row[SLOPE])
+    for place in range(num):
+        x = low + (place + 0.5) * step
+        u = k * (x - row[MIDDLE]) + base
+        sinh, cosh = math.sinh(u), math.cosh(u)
+        result[place, 0], result[place, 1] = height_of(row, x), sinh
+        result[place, 2], result[place, 3] = k * cosh / 2.0, k * k * sinh / 6.0
+        result[place, 4], result[place, 5], result[place, 6] = cosh, k * sinh, k * k * cosh / 2.0
+    return result

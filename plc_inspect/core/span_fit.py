@@ -22,7 +22,7 @@ import numpy as np
 
 from plc_inspect.config import CatenarySettings
 from plc_inspect.core.catenary import draw_triples
-from plc_inspect.core.collection import distances_to, grid_of, profile_row, STEP
+from plc_inspect.core.collection import grid_of, profile_row, STEP
 from plc_inspect.core.curve import Curve, pack_curves, unpack_curve
 from plc_inspect.core.curve_fit import (
     AZIMUTH,
@@ -159,10 +159,10 @@ def measure_coverage(points: Float64, index: PlanIndex, finals: Sequence[End]) -
 
 @njit(cache=True, nogil=True, error_model='numpy')
 def _collect(points, grid, row, ends):  # type: ignore[no-untyped-def]
-    _, _, own = profile_row(
+    _, _, own, distance = profile_row(
         points, grid, row, ends[0], ends[1], STEP, np.zeros(0, dtype=np.bool_)
     )
-    return own, distances_to(points, row, own)
+    return own, distance
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
@@ -174,7 +174,7 @@ def _fit(points, grid, row, ends, is_open, own, draws):  # type: ignore[no-untyp
     # plan positions of the ends
     px, py = row[ORIGIN_X] + row[COS] * ends, row[ORIGIN_Y] + row[SIN] * ends
     for turn in range(2):  # what lies about the first fit are inliers of the second
-        _, _, chosen = profile_row(points, grid, row, ends[0], ends[1], STEP, nothing)
+        _, _, chosen, _ = profile_row(points, grid, row, ends[0], ends[1], STEP, nothing)
         fresh, kept, step, _ = fit_row(
             points, chosen, MAX_POINTS, row[TOLERANCE], min(row[TOLERANCE], vertical),
             row[AZIMUTH], draws if turn == 0 else draws[:0],
