@@ -16,13 +16,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-import math
 
 from numba import njit, prange
 import numpy as np
 
 from plc_inspect.config import CorridorSettings
-from plc_inspect.core.curve import Curve
+from plc_inspect.core.curve import Curve, pack_curves
+from plc_inspect.core.curve_fit import height_of, to_local
 from plc_inspect.core.nearest import find_near, span_table
 from plc_inspect.core.picking import NUM_PARTS
 from plc_inspect.results import Bool, Float32, Float64, Int32, Int64
@@ -31,6 +31,10 @@ MIN_RADIUS = 0.6
 """Least search radius, the initial value of Table 1 [m]."""
 MAX_PROBES = 100_000
 """Points that are enough to choose the radii by."""
+LEAST_OVERHEAD = 3
+"""With this many points higher than a span's lowest, the first case of Eq. 9 is used."""
+LEAST_FALL = 2.0
+"""What is lower does not fall onto a conductor [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -110,22 +114,18 @@ def extract_corridor(
     radius = np.full(num, settings.radius or settings.max_radius)
     complex_case = np.zeros(num, dtype=bool)
     if settings.radius == 0.0:
-        probes = np.arange(0, len(points), max(len(points) // MAX_PROBES, 1))
-        probes = probes[~wire[probes]]
-        found, _, span = find_near(points[probes], table, radius)
-        found = probes[found]
-        order = np.argsort(span, kind='stable')
-        bounds = np.searchsorted(span[order], np.arange(num + 1))
-        for number in range(num):
-            own = found[order[bounds[number] : bounds[number + 1]]]
-            radius[number], complex_case[number] = _radius(
-                points[own],
-                height[own],
-                curves[number],
-                start_x[number],
-                end_x[number],
-                settings,
-            )
+        step = max(len(points) // MAX_PROBES, 1)
+        probes = np.flatnonzero(~wire[::step])
+        at, above = points[::step][probes], height[::step][probes]
+        found, _, span = find_near(at, table, radius)
+        lowest = np.array([
+            curve.fit.height(curve.fit.lowest(float(low), float(high)))
+            for curve, low, high in zip(curves, start_x, end_x, strict=True)
+        ])
+        ground, overhead, fall = _look_around(
+            at, above, found, span, pack_curves(curves), lowest
+        )
+        radius, complex_case = _choose_radii(lowest - ground, overhead, fall, settings)
     found, distance, span = find_near(points, table, np.maximum(radius, least_reach))
     inside = found, distance, span
     if least_reach > 0.0:
@@ -166,31 +166,49 @@ def _keep_inside(found, distance, span, radius):  # type: ignore[no-untyped-def]
     return own, own_distance, own_span
 
 
-def _radius(
-    points: Float64,
-    height: Float32,
-    curve: Curve,
-    start: float,
-    end: float,
-    settings: CorridorSettings,
-) -> tuple[float, bool]:
-    """Search radius by Eq. 9 from points near a span, and whether its first case was used."""
-    lowest = float(curve.fit.height(curve.fit.lowest(start, end)))
-    known = np.isfinite(height)
-    ground = float(np.median(points[known, 2] - height[known])) if known.any() else -math.inf
-    sag_height = lowest - ground
-    open_radius = min(max(sag_height, MIN_RADIUS), settings.max_radius)
-    overhead = (points[:, 2] > lowest) & (height > 2.0)
-    is_complex = settings.environment == 'complex' or (
-        settings.environment == 'auto' and int(overhead.sum()) >= 3
-    )
-    if not is_complex:
-        return open_radius, False
-    x, y = curve.local(points)
-    across = np.abs(y)
-    vertical = np.abs(points[:, 2] - curve.fit.height(x))
-    falls = (height > across) & (height > 2.0)
-    if not falls.any():
-        return open_radius, True
-    radius = float(np.maximum(vertical, across)[falls].max())
-    return min(max(radius, MIN_RADIUS), settings.max_radius), True
+def _choose_radii(
+    sag_height: Float64, overhead: Int64, fall: Float64, settings: CorridorSettings
+) -> tuple[Float64, Bool]:
+    """Return the search radii by Eq. 9, and where its first case was used."""
+    is_complex = np.full(len(fall), settings.environment == 'complex')
+    if settings.environment == 'auto':
+        is_complex = overhead >= LEAST_OVERHEAD
+    radius = np.where(is_complex & np.isfinite(fall), fall, sag_height)
+    return np.clip(radius, MIN_RADIUS, settings.max_radius), is_complex
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _look_around(points, height, found, span, rows, lowest):  # type: ignore[no-untyped-def]
+    """
+    Height of the ground near each span, and what of the points found near it could fall onto it.
+
+    Returned are the median height of the ground, -inf where it is not known, the number of
+    points that stand above the span's lowest point, and the greatest distance, in the vertical
+    plane or from it, of those higher above ground than far from the plane, -inf without any.
+    """
+    num = len(rows)
+    count = np.zeros(num, dtype=np.int64)
+    overhead = np.zeros(num, dtype=np.int64)
+    fall = np.full(num, -np.inf)
+    below = np.empty(len(found))
+    start = np.zeros(num + 1, dtype=np.int64)
+    for k in range(len(found)):
+        start[span[k] + 1] += np.isfinite(height[found[k]])
+    for s in range(num):
+        start[s + 1] += start[s]
+    for k in range(len(found)):
+        i, s = found[k], span[k]
+        z, above = points[i, 2], height[i]
+        if np.isfinite(above):
+            below[start[s] + count[s]] = z - above
+            count[s] += 1
+        if above > LEAST_FALL:
+            overhead[s] += z > lowest[s]
+            x, y = to_local(rows[s], points[i, 0], points[i, 1])
+            if above > abs(y):
+                fall[s] = max(fall[s], abs(z - height_of(rows[s], x)), abs(y))
+    ground = np.full(num, -np.inf)
+    for s in range(num):
+        if count[s]:
+            ground[s] = np.median(below[start[s] : start[s + 1]])
+    return ground, overhead, fall

@@ -182,7 +182,7 @@ def fit_curve(
 def unpack_curve(row: Float64, own: Int64, stride: int) -> Curve:
     """Return the curve of a row of fit_row and its (K,) points, one in ``stride`` of all."""
     values = row.tolist()
-    return Curve(
+    curve = Curve(
         origin=row[ORIGIN_X : ORIGIN_Y + 1],
         azimuth=values[AZIMUTH],
         fit=CatenaryFit(
@@ -202,6 +202,8 @@ def unpack_curve(row: Float64, own: Int64, stride: int) -> Curve:
         points=own,
         stride=stride,
     )
+    vars(curve)['row'] = row  # as it would be made anew
+    return curve
 
 
 def pack_curves(curves: Sequence[Curve]) -> Float64:

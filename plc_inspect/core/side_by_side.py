@@ -34,5 +34,16 @@ def call_each(function: Callable[[int], T], num: int) -> list[T]:
     threads = min(get_num_threads(), num)
     if threads < 2:
         return [function(number) for number in range(num)]
-    with ThreadPoolExecutor(threads) as pool:
-        return list(pool.map(function, range(num)))
+    numbers = iter(range(num))  # shared: who is done takes the next
+    results: dict[int, T] = {}
+
+    def work() -> None:
+        for number in numbers:
+            results[number] = function(number)
+
+    with ThreadPoolExecutor(threads - 1) as pool:
+        others = [pool.submit(work) for _ in range(threads - 1)]
+        work()
+    for other in others:
+        other.result()
+    return [results[number] for number in range(num)]
