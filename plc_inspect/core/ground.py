@@ -18,7 +18,12 @@ from numba import njit, prange
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
-from plc_inspect.results import Bool, Float32, Float64
+from plc_inspect.results import Bool, Float32
+
+AREAL_REACH = 7
+"""Ground has other ground about it in a square that reaches so many cells."""
+AREAL_SHARE = 0.2
+"""And in this share of its cells."""
 
 
 def estimate_ground(
@@ -59,72 +64,88 @@ def measure_gap(seen: Bool, cell: float) -> Float32:
     return gap
 
 
-def _is_areal(seen: Bool) -> Bool:
+def _fill(values: Float32) -> Float32:
+    """Fill NaN cells from a pyramid of means; all NaN stays NaN."""
+    if max(values.shape) == 1 or not np.isnan(values).any():
+        return values
+    result: Float32 = _fill_from(values, _fill(_shrink(values)))
+    return result
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _is_areal(seen):  # type: ignore[no-untyped-def]
     """
     Tell cells that have seen cells on all sides of them from those in thin lines.
 
     A wire-only cloud has lowest points too, but they are no ground.
     """
-    reach = 7
-    area = _box_sum(seen.astype(np.float32), reach)
     rows, columns = seen.shape
-    available = _box_sum(np.ones((rows, columns), dtype=np.float32), reach)
-    result: Bool = area >= 0.2 * np.maximum(available, (2 * reach + 1) ** 2 / 2)
+    along = np.empty((rows, columns), dtype=np.int32)
+    for row in prange(rows):
+        count = 0
+        for column in range(-AREAL_REACH, columns):
+            if column + AREAL_REACH < columns:
+                count += seen[row, column + AREAL_REACH]
+            if column > AREAL_REACH:
+                count -= seen[row, column - AREAL_REACH - 1]
+            if column >= 0:
+                along[row, column] = count
+    result = np.empty((rows, columns), dtype=np.bool_)
+    least = np.float32((2 * AREAL_REACH + 1) ** 2 / 2)
+    for row in prange(rows):
+        first, last = max(row - AREAL_REACH, 0), min(row + AREAL_REACH, rows - 1)
+        area = np.zeros(columns, dtype=np.int32)
+        for other in range(first, last + 1):
+            for column in range(columns):
+                area[column] += along[other, column]
+        for column in range(columns):
+            wide = min(column + AREAL_REACH, columns - 1) - max(column - AREAL_REACH, 0) + 1
+            available = np.float32(wide * (last - first + 1))
+            needed = np.float32(AREAL_SHARE) * max(available, least)
+            result[row, column] = np.float32(area[column]) >= needed
     return result
 
 
-def _box_sum(values: Float32, reach: int) -> Float32:
-    """Sum over the (2 reach + 1)^2 cells about each cell."""
-    result = values.astype(np.float64)
-    for axis in (0, 1):
-        total = np.cumsum(result, axis=axis)
-        padding = [(0, 0), (0, 0)]
-        padding[axis] = (reach + 1, reach)
-        total = np.pad(total, padding, mode='edge')
-        lead = [slice(None), slice(None)]
-        lead[axis] = slice(0, reach + 1)
-        total[tuple(lead)] = 0.0
-        size = result.shape[axis]
-        upper = [slice(None), slice(None)]
-        upper[axis] = slice(2 * reach + 1, 2 * reach + 1 + size)
-        lower = [slice(None), slice(None)]
-        lower[axis] = slice(0, size)
-        result = total[tuple(upper)] - total[tuple(lower)]
-    return result.astype(np.float32)
-
-
-def _fill(values: Float32) -> Float32:
-    """Fill NaN cells from a pyramid of means; all NaN stays NaN."""
-    if not np.isnan(values).any():
-        return values
-    if max(values.shape) == 1:
-        return values
+@njit(cache=True, parallel=True, nogil=True)
+def _shrink(values):  # type: ignore[no-untyped-def]
+    """Mean of the known ones of each four cells, NaN where none is."""
     rows, columns = values.shape
-    padded = np.pad(values, ((0, rows % 2), (0, columns % 2)), constant_values=np.nan)
-    quads = padded.reshape(padded.shape[0] // 2, 2, padded.shape[1] // 2, 2)
-    known = np.isfinite(quads)
-    count = known.sum(axis=(1, 3))
-    total = np.where(known, quads, 0.0).sum(axis=(1, 3), dtype=np.float64)
-    coarse = np.full(count.shape, np.nan, dtype=np.float32)
-    np.divide(total, count, out=coarse, where=count > 0, casting='unsafe')
-    coarse = _fill(coarse)
-    row = np.clip((np.arange(rows) - 0.5) / 2, 0, coarse.shape[0] - 1)
-    column = np.clip((np.arange(columns) - 0.5) / 2, 0, coarse.shape[1] - 1)
-    fine = _bilinear(coarse, row, column)
-    return np.where(np.isfinite(values), values, fine)
+    result = np.empty(((rows + 1) // 2, (columns + 1) // 2), dtype=np.float32)
+    for row in prange(result.shape[0]):
+        for column in range(result.shape[1]):
+            total, count = 0.0, 0
+            for r in range(2 * row, min(2 * row + 2, rows)):
+                for c in range(2 * column, min(2 * column + 2, columns)):
+                    if np.isfinite(values[r, c]):
+                        total += values[r, c]
+                        count += 1
+            result[row, column] = total / count if count else np.nan
+    return result
 
 
-def _bilinear(grid: Float32, row: Float64, column: Float64) -> Float32:
-    """Grid values at fractional rows and columns (outer product of both)."""
-    r0 = np.minimum(row.astype(np.int64), max(grid.shape[0] - 2, 0))
-    c0 = np.minimum(column.astype(np.int64), max(grid.shape[1] - 2, 0))
-    r1 = np.minimum(r0 + 1, grid.shape[0] - 1)
-    c1 = np.minimum(c0 + 1, grid.shape[1] - 1)
-    fr = (row - r0).astype(np.float32)[:, None]
-    fc = (column - c0).astype(np.float32)[None, :]
-    upper = grid[np.ix_(r0, c0)] * (1 - fc) + grid[np.ix_(r0, c1)] * fc
-    lower = grid[np.ix_(r1, c0)] * (1 - fc) + grid[np.ix_(r1, c1)] * fc
-    return (upper * (1 - fr) + lower * fr).astype(np.float32)
+@njit(cache=True, parallel=True, nogil=True)
+def _fill_from(values, coarse):  # type: ignore[no-untyped-def]
+    """Fill cells that are not finite from a grid of cells twice as wide, by four of them."""
+    rows, columns = values.shape
+    last_row, last_column = coarse.shape[0] - 1, coarse.shape[1] - 1
+    one = np.float32(1.0)
+    result = values.copy()
+    for row in prange(rows):
+        y = min(max((row - 0.5) / 2, 0.0), float(last_row))
+        r0 = min(int(y), max(last_row - 1, 0))
+        r1 = min(r0 + 1, last_row)
+        fr = np.float32(y - r0)
+        for column in range(columns):
+            if np.isfinite(values[row, column]):
+                continue
+            x = min(max((column - 0.5) / 2, 0.0), float(last_column))
+            c0 = min(int(x), max(last_column - 1, 0))
+            c1 = min(c0 + 1, last_column)
+            fc = np.float32(x - c0)
+            upper = coarse[r0, c0] * (one - fc) + coarse[r0, c1] * fc
+            lower = coarse[r1, c0] * (one - fc) + coarse[r1, c1] * fc
+            result[row, column] = upper * (one - fr) + lower * fr
+    return result
 
 
 @njit(cache=True, parallel=True, nogil=True)

@@ -61,7 +61,9 @@ def remove_outliers(positions: Float64, settings: OutlierSettings) -> OutlierRes
     if len(positions) <= num:
         keep = np.ones(len(positions), dtype=bool)
         return OutlierResult(keep=keep, mean=0.0, sigma=0.0, threshold=np.inf)
-    distance, _ = cKDTree(positions).query(positions, k=num + 1, workers=-1)
+    distance, _ = cKDTree(positions, balanced_tree=False).query(
+        positions, k=num + 1, workers=-1
+    )
     average = distance[:, 1:].mean(axis=1)
     mean, sigma = float(average.mean()), float(average.std())
     threshold = mean + settings.sigma * sigma

@@ -221,7 +221,7 @@ class Tracing:
             lambda: measure_surface(self.points, settings),
         )
         height = extract_high(self.points, settings, surface=surface)
-        num_high = int(height.high.sum())
+        num_high = int(np.count_nonzero(height.high))
         self.report(
             len(self.points),
             num_high,
