@@ -223,14 +223,10 @@ def _settle(  # type: ignore[no-untyped-def]
 ):
     """Decision and class of each point by its height, its candidates, wires and supports."""
     for i in prange(len(height)):
-        kind = CLASS_OTHER
-        if height[i] < GROUND_BAND:
-            settled = GROUND
-            if height[i] >= FAR_BELOW:
-                kind = CLASS_GROUND
-        elif np.isfinite(points[i, 0] + points[i, 1] + points[i, 2]):
-            settled = TOO_LOW
-        else:
+        above = height[i]
+        settled = GROUND if above < GROUND_BAND else TOO_LOW
+        kind = CLASS_GROUND if FAR_BELOW <= above < GROUND_BAND else CLASS_OTHER
+        if np.isnan(above) and not np.isfinite(points[i, 0] + points[i, 1] + points[i, 2]):
             settled = NOT_FINITE
         if line_id[i] >= 0:
             settled, kind = WIRE, CLASS_WIRE

@@ -16,6 +16,7 @@
 
 from collections.abc import Sequence
 import dataclasses
+import math
 
 from numba import njit
 import numpy as np
@@ -28,16 +29,19 @@ from plc_inspect.core.curve_fit import (
     AZIMUTH,
     COS,
     COVARIANCE,
+    CURVATURE,
     fit_row,
-    height_of,
+    HEIGHT,
     HIGH,
     is_curve,
     LOW,
+    MIDDLE,
     MIN_TOLERANCE,
     NUM_POINTS,
     ORIGIN_X,
     ORIGIN_Y,
     SIN,
+    SLOPE,
     to_local,
     TOLERANCE,
 )
@@ -202,10 +206,12 @@ def _fit(points, grid, row, ends, is_open, own, draws):  # type: ignore[no-untyp
 def _residuals(points, row, own):  # type: ignore[no-untyped-def]
     """X of points along a row's curve, and how far they are above it [m]."""
     x, residual = np.empty(len(own)), np.empty(len(own))
-    for k in range(len(own)):
-        i = own[k]
-        x[k], _ = to_local(row, points[i, 0], points[i, 1])
-        residual[k] = points[i, 2] - height_of(row, x[k])
+    k, base, root = row[CURVATURE], math.asinh(row[SLOPE]), math.sqrt(1.0 + row[SLOPE] ** 2)
+    for m in range(len(own)):
+        i = own[m]
+        x[m], _ = to_local(row, points[i, 0], points[i, 1])
+        grown = math.exp(k * (x[m] - row[MIDDLE]) + base)
+        residual[m] = points[i, 2] - row[HEIGHT] - (0.5 * (grown + 1.0 / grown) - root) / k
     return x, residual
 
 
