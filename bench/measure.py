@@ -38,16 +38,20 @@ class Measured(Generic[T]):
     """Greatest resident memory during the call beyond that before it, NaN if not known."""
 
 
-def measure(call: Callable[[], T]) -> Measured[T]:
+def measure(call: Callable[[], T], *, memory: bool = True) -> Measured[T]:
     """
     Call a function and measure it.
 
     The peak is the kernel's own (``VmHWM``, reset through ``clear_refs``), so that nothing has to
-    be sampled meanwhile; it is known on Linux only.
+    be sampled meanwhile; it is known on Linux only.  To see it, what is free is given back to the
+    system first, which has to find it again during the call: without ``memory`` that is left out,
+    and times are those of a process that has run before.
     """
     gc.collect()
-    _return_freed_memory()
-    can_reset = _reset_peak()
+    can_reset = False
+    if memory:
+        _return_freed_memory()
+        can_reset = _reset_peak()
     before = _read_status('VmRSS')
     started, cpu_started = time.perf_counter(), time.process_time()
     value = call()
