@@ -16,6 +16,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 import math
 
 from numba import njit
@@ -42,9 +43,10 @@ from plc_inspect.core.curve_fit import (
 from plc_inspect.core.duplicates import drop_duplicates, is_thick
 from plc_inspect.core.evidence import CROWDED, find_objection, list_evidence, UNPROVEN
 from plc_inspect.core.plan_index import PlanIndex
+from plc_inspect.core.side_by_side import call_each
 from plc_inspect.core.track_curves import fit_tracks
 from plc_inspect.errors import FitError
-from plc_inspect.results import Float64
+from plc_inspect.results import Bool, Float64
 
 BRIDGE_SLACK = 0.15
 """Miss of a continuation that is allowed beyond three times its uncertainty [m]."""
@@ -104,8 +106,11 @@ def model_conductors(
     profiles: list[Profile] = []
     doubtful, crowded = [], []
     objections: dict[str, int] = {}
-    for curve in curves:
-        profile = profile_curve(points, index, curve, curve.low, curve.high)
+    found = call_each(
+        lambda k: profile_curve(points, index, curves[k], curves[k].low, curves[k].high),
+        len(curves),
+    )
+    for curve, profile in zip(curves, found, strict=True):
         objection = find_objection(curve, profile, settings)
         if not objection:
             kept.append(curve)
@@ -145,11 +150,9 @@ def find_curves(
     curves = merge_bundles(points, bridge(points, curves, settings), settings)
     fresh = [curve for curve in curves if id(curve) not in done]
     again = iter(extend(points, index, fresh, settings))
-    curves = tuple(
-        widen(points, index, curve if id(curve) in done else next(again), settings)
-        for curve in curves
-    )
-    return drop_duplicates(points, merge_bundles(points, curves, settings), settings)
+    long = [curve if id(curve) in done else next(again) for curve in curves]
+    wide = call_each(lambda k: widen(points, index, long[k], settings), len(long))
+    return drop_duplicates(points, merge_bundles(points, wide, settings), settings)
 
 
 def _is_piece(curve: Curve, profile: Profile, settings: CatenarySettings) -> bool:
@@ -203,14 +206,19 @@ def _without_company(
         wire = np.zeros(len(points), dtype=bool)
         for _, profile in alive:
             wire[profile.chosen] = True
-        company = [
-            measure_company(points, index, curve, profile, wire) for curve, profile in alive
-        ]
+        company = call_each(partial(_measure_company, points, index, alive, wire), len(alive))
         worst = max(company)
         if worst <= settings.max_company:
             break
         alive = [item for item, value in zip(alive, company, strict=True) if value < worst]
     return tuple(curve for curve, _ in alive)
+
+
+def _measure_company(
+    points: Float64, index: PlanIndex, alive: Sequence[tuple[Curve, Profile]], wire: Bool,
+    number: int,
+) -> float:
+    return measure_company(points, index, *alive[number], wire)
 
 
 def bridge(

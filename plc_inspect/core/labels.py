@@ -25,11 +25,20 @@ from plc_inspect.core.corridor import CorridorResult
 from plc_inspect.core.height import HeightResult
 from plc_inspect.core.linearity import LinearityResult
 from plc_inspect.core.outliers import OutlierResult
-from plc_inspect.core.picking import find_true
+from plc_inspect.core.picking import NUM_PARTS
 from plc_inspect.core.span_model import SpanModel
 from plc_inspect.core.spans import SpanResult
 from plc_inspect.core.voxels import hash_key, pack
-from plc_inspect.results import Decision, Float32, Float64, Int32, Int64, PointClass, UInt8
+from plc_inspect.results import (
+    Bool,
+    Decision,
+    Float32,
+    Float64,
+    Int32,
+    Int64,
+    PointClass,
+    UInt8,
+)
 
 NOT_FINITE = np.uint8(Decision.NOT_FINITE)
 GROUND = np.uint8(Decision.GROUND)
@@ -43,6 +52,7 @@ CLASS_OTHER = np.uint8(PointClass.OTHER)
 CLASS_GROUND = np.uint8(PointClass.GROUND)
 CLASS_WIRE = np.uint8(PointClass.WIRE)
 CLASS_TOWER = np.uint8(PointClass.TOWER)
+CLASS_VEGETATION = np.uint8(PointClass.VEGETATION)
 GROUND_BAND = 0.5
 """Points this near to the ground surface are ground [m]."""
 FAR_BELOW = -2.0
@@ -67,7 +77,9 @@ class Labels:
     """(K,) its span."""
 
 
-def choose_surroundings(height: Float32, spans: SpanResult, corridor: CorridorResult) -> Int64:
+def choose_surroundings(
+    height: Float32, spans: SpanResult, corridor: CorridorResult
+) -> tuple[Int64, Float64, Int64]:
     """
     Find which points near the conductors are surroundings.
 
@@ -82,15 +94,27 @@ def choose_surroundings(height: Float32, spans: SpanResult, corridor: CorridorRe
 
     Returns
     -------
-    (K,) int64
-        Those of the J points that are off the ground, neither wire nor support, and not on a
-        conductor; ascending.
+    near : (K,) int64
+        Indices of those of the J points that are off the ground, neither wire nor support, and
+        not on a conductor; ascending.
+    distance : (K,) float64
+        To the nearest span [m].
+    span : (K,) int64
+        Which span that is.
 
     """
-    result: Int64 = find_true(_choose(corridor.near, height, spans.line_id, spans.support))
+    given = (
+        corridor.near, corridor.near_distance, corridor.near_span, height, spans.line_id,
+        spans.support,
+    )
+    start = _count_around(corridor.near, height, spans.line_id, spans.support)
+    num = int(start[-1])
+    near, distance, span = np.empty(num, np.int64), np.empty(num), np.empty(num, np.int64)
+    _take_around(*given, start, near, distance, span)
     if len(spans.intruders):
-        result = result[~np.isin(corridor.near[result], spans.intruders)]
-    return result
+        free = ~np.isin(near, spans.intruders)
+        near, distance, span = near[free], distance[free], span[free]
+    return near, distance, span
 
 
 def label(
@@ -102,7 +126,8 @@ def label(
     in_beads: Int32,
     spans: SpanResult,
     corridor: CorridorResult,
-    foliage: Int64,
+    near: Int64,
+    foliage: Bool,
     used: bool = True,
 ) -> Labels:
     """
@@ -119,8 +144,10 @@ def label(
         What the stages found.
     in_beads : (B,) int32
         Indices of the points of beads.
-    foliage : (F,) int64
-        Indices of vegetation, among the surroundings.
+    near : (J,) int64
+        Indices of the surroundings.
+    foliage : (J,) bool
+        Which of them are vegetation.
     used : bool
         Whether the high points were looked at; too few points are not.
 
@@ -141,7 +168,7 @@ def label(
         points, height.height, height.high, used, spans.line_id, spans.support,
         origin, cells, values, decision, classification,
     )
-    classification[foliage] = PointClass.VEGETATION
+    _put_foliage(near, foliage, classification)
     _settle_beads(in_beads, spans.line_id, spans.support, decision)
     clearance, span_id = np.empty(num, dtype=np.float32), np.empty(num, dtype=np.int32)
     corridor_line_id, corridor_span_id = np.empty((2, len(corridor.points)), dtype=np.int32)
@@ -166,13 +193,44 @@ def _ids(models: Sequence[SpanModel]) -> tuple[Int32, Int32]:
     )
 
 
+@njit(cache=True, nogil=True, inline='always')
+def _is_around(i, height, line_id, support):  # type: ignore[no-untyped-def]
+    return not (height[i] < GROUND_BAND) and line_id[i] < 0 and not support[i]
+
+
 @njit(cache=True, parallel=True, nogil=True)
-def _choose(near, height, line_id, support):  # type: ignore[no-untyped-def]
-    result = np.empty(len(near), dtype=np.bool_)
+def _count_around(near, height, line_id, support):  # type: ignore[no-untyped-def]
+    """How many surroundings there are before each part of the points, and in all."""
+    num = len(near)
+    start = np.zeros(NUM_PARTS + 1, dtype=np.int64)
+    for part in prange(NUM_PARTS):
+        count = 0
+        for k in range(part * num // NUM_PARTS, (part + 1) * num // NUM_PARTS):
+            count += _is_around(near[k], height, line_id, support)
+        start[part + 1] = count
+    for part in range(NUM_PARTS):
+        start[part + 1] += start[part]
+    return start
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _take_around(  # type: ignore[no-untyped-def]
+    near, distance, span, height, line_id, support, start, own, own_distance, own_span
+):
+    num = len(near)
+    for part in prange(NUM_PARTS):
+        m = start[part]
+        for k in range(part * num // NUM_PARTS, (part + 1) * num // NUM_PARTS):
+            if _is_around(near[k], height, line_id, support):
+                own[m], own_distance[m], own_span[m] = near[k], distance[k], span[k]
+                m += 1
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _put_foliage(near, foliage, classification):  # type: ignore[no-untyped-def]
     for k in prange(len(near)):
-        i = near[k]
-        result[k] = not (height[i] < GROUND_BAND) and line_id[i] < 0 and not support[i]
-    return result
+        if foliage[k]:
+            classification[near[k]] = CLASS_VEGETATION
 
 
 @njit(cache=True, nogil=True)

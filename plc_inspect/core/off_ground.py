@@ -155,7 +155,9 @@ def _scatter(values, place, elsewhere, result):  # type: ignore[no-untyped-def]
     for i in prange(len(result)):
         result[i] = elsewhere
     for k in prange(len(values)):
-        result[place[k]] = values[k]
+        value = values[k]
+        if value != elsewhere and (value == value or elsewhere == elsewhere):  # NaN is no news
+            result[place[k]] = value
 
 
 @njit(cache=True, parallel=True, nogil=True)

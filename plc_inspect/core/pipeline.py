@@ -134,13 +134,12 @@ class _Run(Tracing):
             radius=[round(float(value), 2) for value in corridor.radius],
             complex_case=[bool(value) for value in corridor.complex_case],
         )
-        around = choose_surroundings(height.height, spans, corridor)
-        near = corridor.near[around]
+        near, distance, owner = choose_surroundings(height.height, spans, corridor)
         hazards, foliage = find_hazards(
             points,
             near,
-            corridor.near_distance[around].astype(np.float64),
-            corridor.near_span[around].astype(np.int64),
+            distance,
+            owner,
             spans.models,
             spans.ground_below,
             self.settings.hazards,
@@ -153,7 +152,7 @@ class _Run(Tracing):
         in_beads = lines.cloud.place[lines.clustering.beads.points]
         labels = label(
             points, height, lines.candidates, lines.outliers, lines.alignment, in_beads, spans,
-            corridor, near[foliage], used=len(lines.cloud.high) > 0,
+            corridor, near, foliage, used=len(lines.cloud.high) > 0,
         )
         self.report(
             len(near),

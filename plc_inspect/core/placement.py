@@ -23,6 +23,7 @@ from plc_inspect.core.curve import Curve
 from plc_inspect.core.height import ground_at, HeightResult
 from plc_inspect.core.plan_index import gather_strip, PlanIndex
 from plc_inspect.core.route import Route, SIDE_BY_SIDE
+from plc_inspect.core.side_by_side import call_each
 from plc_inspect.core.structures import COLUMN, find_structure, Structure
 from plc_inspect.core.support_points import mark_structure, mark_stub
 from plc_inspect.core.supports import Layout
@@ -111,13 +112,10 @@ def place_supports(
     for members in _group_ends(opened, finals):
         found.append((np.mean([end[2][:2] for end in members], axis=0), members))
     supports = []
-    standing = [
-        (
-            position, members,
-            _find_structure(points, height, index, wire, position, members, finals),
-        )
-        for position, members in found
-    ]
+    structures = call_each(
+        lambda k: _find_structure(points, height, index, wire, *found[k], finals), len(found)
+    )
+    standing = [(*place, item) for place, item in zip(found, structures, strict=True)]
     for position, members, structure in _unite(standing):
         is_open = [stations[(side + 1) // 2][number] < 0 for number, side, _ in members]
         attachments = np.array([end[2] for end in members])

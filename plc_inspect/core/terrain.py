@@ -80,9 +80,10 @@ def measure_surface(
     low[:2] = np.floor(low[:2] / settings.cell_size) * settings.cell_size
     extent = high[:2] - low[:2]
     cell = max(settings.cell_size, math.sqrt(float(extent[0] * extent[1]) / MAX_CELLS))
-    shape = (int(extent[1] / cell) + 1, int(extent[0] / cell) + 1)
+    per_cell = 1.0 / cell  # multiplied by as in the kernel, or a place could lie beyond the grid
+    shape = (int(extent[1] * per_cell) + 1, int(extent[0] * per_cell) + 1)
     solid = points if airborne is None else points[~airborne]
-    lowest = _lowest_points(solid, low, cell, shape[0], shape[1])
+    lowest = _lowest_points(solid, low, per_cell, shape[0], shape[1])
     ground, seen = estimate_ground(lowest, cell, math.tan(math.radians(settings.max_slope_deg)))
     height = np.empty(len(points), dtype=np.float32)
     extremes = _heights(points, ground, low, cell, height)
@@ -146,18 +147,18 @@ def bounds(points):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True, nogil=True)
-def _lowest_points(points, low, cell, rows, columns):  # type: ignore[no-untyped-def]
+def _lowest_points(points, low, per_cell, rows, columns):  # type: ignore[no-untyped-def]
     num_parts = 2
     grids = np.full((num_parts, rows, columns), np.inf, dtype=np.float32)
     num = len(points)
+    x0, y0, z0 = low[0], low[1], low[2]
     for part in prange(num_parts):
         grid = grids[part]
         for i in range(part * num // num_parts, (part + 1) * num // num_parts):
-            z = points[i, 2] - low[2]
-            if not (np.isfinite(points[i, 0]) and np.isfinite(points[i, 1]) and np.isfinite(z)):
+            x, y, z = points[i, 0] - x0, points[i, 1] - y0, points[i, 2] - z0
+            if not _are_finite(x, y, z):
                 continue
-            row = int((points[i, 1] - low[1]) / cell)
-            column = int((points[i, 0] - low[0]) / cell)
+            row, column = int(y * per_cell), int(x * per_cell)
             if z < grid[row, column]:
                 grid[row, column] = z
     lowest = np.empty((rows, columns), dtype=np.float32)
