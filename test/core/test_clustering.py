@@ -48,6 +48,18 @@ def check_against_sklearn(u, v, eps, min_points):
     return found, oracle.labels_
 
 
+@pytest.mark.parametrize('num', [2, 500, 5000])
+@pytest.mark.parametrize('decimals', [0, 1, 15])
+def test_points_in_heaps_are_clustered_as_by_sklearn(num, decimals):
+    # sorted by buckets, of which a heap fills one
+    rng = np.random.default_rng(num)
+    u = np.concatenate([rng.uniform(-9, 9, num // 2), rng.normal(3, 0.01, num - num // 2)])
+    v = rng.uniform(-1, 1, num)
+    for shift in (0.0, 1024.0):
+        check_against_sklearn(u.round(decimals) + shift, v.round(2), 0.125, 5)
+
+
+
 def test_dbscan_by_hand():
     u = np.array([0.0, 1.0, 2.0, 10.0, 11.0, 12.0, 30.0])
     assert dbscan_plane(u, np.zeros(7), 1.0, 3).tolist() == [0, 0, 0, 1, 1, 1, -1]
