@@ -185,7 +185,7 @@ def find_candidates(
         nums.append(len(voxels))
         parts.append(
             (
-                voxels.centroids[good],
+                voxels.centroids(good),
                 likeness.direction[good],
                 np.full(len(good), 3 * voxels.size),
                 likeness.linear[good],

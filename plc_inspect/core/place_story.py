@@ -273,7 +273,7 @@ class Place:
         for scale in range(limits.num_scales):
             voxels = coarsen(voxels) if scale else voxels
             likeness = measure_likeness(voxels)
-            centroids = voxels.centroids
+            centroids = voxels.centroids()
             here = self.holds(centroids)
             index = np.floor((self.position - origin) / voxels.size).astype(np.int64)
             own = (voxels.index == index).all(axis=1)

@@ -28,6 +28,7 @@ from plc_inspect.core.nearest import find_near
 from plc_inspect.core.off_ground import OffGround
 from plc_inspect.core.placement import place_supports
 from plc_inspect.core.route import Route
+from plc_inspect.core.side_by_side import call_each
 from plc_inspect.core.span_fit import collect_points, fit_spans, measure_coverage
 from plc_inspect.core.span_model import model_span, SpanModel, tabulate
 from plc_inspect.core.supports import Layout
@@ -122,7 +123,7 @@ def build_spans(
         finals[number] = (curve, low, high + beyond) if side > 0 else (curve, low - beyond, high)
         end_sigma[number, (side + 1) // 2] = deviation
     coverage = measure_coverage(points, index, finals)
-    models = []
+    found = []
     for number, (curve, low, high) in enumerate(finals):
         own = collected[number]
         own = own[
@@ -138,21 +139,19 @@ def build_spans(
                 (layout.end_station[number], 1),
             )
         )
-        models.append(
-            model_span(
-                points,
-                curve,
-                own,
-                low,
-                high,
-                route.reverse[number],
-                is_open,
-                route.line_id[number],
-                route.span_id[number],
-                float(coverage[number]),
-                (float(end_sigma[number, 0]), float(end_sigma[number, 1])),
-            )
-        )
+        found.append((
+            curve,
+            own,
+            low,
+            high,
+            route.reverse[number],
+            is_open,
+            route.line_id[number],
+            route.span_id[number],
+            float(coverage[number]),
+            (float(end_sigma[number, 0]), float(end_sigma[number, 1])),
+        ))
+    models = call_each(lambda k: model_span(points, *found[k]), len(found))
     models.sort(key=lambda model: (model.span.line_id, model.span.span_id))
     return SpanResult(
         models=tuple(models),

@@ -55,11 +55,11 @@ class Voxels:
         """(M,) points in each voxel."""
         return self.moments[:, 0].astype(np.int64)
 
-    @property
-    def centroids(self) -> Float64:
-        """(M, 3) mean of the points of each voxel [m]."""
-        center = self.origin + (self.index + 0.5) * self.size
-        result: Float64 = center + self.moments[:, 1:4] / self.moments[:, :1]
+    def centroids(self, chosen: Int64 | slice = slice(None)) -> Float64:
+        """Return the (K, 3) means of the points of K voxels, of all by default [m]."""
+        center = self.origin + (self.index[chosen] + 0.5) * self.size
+        moments = self.moments[chosen]
+        result: Float64 = center + moments[:, 1:4] / moments[:, :1]
         return result
 
 
