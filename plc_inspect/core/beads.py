@@ -73,7 +73,7 @@ def find_beads(
     Parameters are those of `cluster`.
     """
     num_windows = len(alignment.azimuth)
-    rows, members, starts, numbers = [], [], [], []
+    rows, members, sizes, num_beads = [], [], [], []
     num_clusters = 0
     found = []
     if settings.method not in KERNELS:
@@ -103,18 +103,17 @@ def find_beads(
             settings.max_thickness,
             settings.max_crowding,
         )
-    for window, (of_window, owner, chosen, num) in enumerate(found):
+    for of_window, count, own, num in found:
         num_clusters += num
+        num_beads.append(len(of_window))
         if len(of_window):
             rows.append(of_window)
-            numbers.append(np.full(len(of_window), window, dtype=np.int32))
-            order = np.argsort(owner, kind='stable')
-            members.append(chosen[order])
-            starts.append(np.bincount(owner, minlength=len(of_window)))
+            members.append(own)
+            sizes.append(count)
     table = np.concatenate(rows) if rows else np.zeros((0, 8))
-    counts = np.concatenate(starts) if starts else np.zeros(0, dtype=np.int64)
+    counts = np.concatenate(sizes) if sizes else np.zeros(0, dtype=np.int64)
     beads = Beads(
-        window=np.concatenate(numbers) if numbers else np.zeros(0, dtype=np.int32),
+        window=np.repeat(np.arange(num_windows, dtype=np.int32), num_beads),
         center=table[:, 0:3],
         direction=table[:, 3:6],
         half_length=table[:, 6],
@@ -217,10 +216,25 @@ def _cluster_windows(  # type: ignore[no-untyped-def]
         fits, owner, num_clusters = cluster_window(
             x, y, w, method, eps, needed, half, max_thickness, max_crowding
         )
-        mine = owner >= 0
         beads = _lift(fits, center[window], azimuth[window], slope[window])
-        results[window] = (beads, owner[mine], chosen[mine], num_clusters)
+        results[window] = (beads, *_collect(owner, chosen, len(beads)), num_clusters)
     return results
+
+
+@njit(cache=True, nogil=True)
+def _collect(owner, chosen, num):  # type: ignore[no-untyped-def]
+    """How many points each of the beads of a window has, and these points bead by bead."""
+    count = np.zeros(num, dtype=np.int64)
+    for bead in owner:
+        if bead >= 0:
+            count[bead] += 1
+    place = np.cumsum(count) - count
+    own = np.empty(count.sum(), dtype=np.int32)
+    for k in range(len(owner)):
+        if owner[k] >= 0:
+            own[place[owner[k]]] = chosen[k]
+            place[owner[k]] += 1
+    return count, own
 
 
 def _cluster_window_by_tree(
@@ -233,9 +247,8 @@ def _cluster_window_by_tree(
     needed = int(count_needed(y, w, settings.eps, settings.min_points))
     deque(attempt_window((x, y, w), state, needed, alignment.half_length, settings), maxlen=0)
     owner, first_label, _, fits = state
-    mine = owner >= 0
     beads = _lift(
         fits[: owner.max(initial=-1) + 1], alignment.center[window], alignment.azimuth[window],
         alignment.slope[window],
     )
-    return beads, owner[mine], near[mine], int(first_label.max(initial=-1)) + 1
+    return beads, *_collect(owner, near, len(beads)), int(first_label.max(initial=-1)) + 1
