@@ -34,6 +34,7 @@ from surveys import make_map, open_cache
 from tables import at_most, Check, CHECK_COLUMNS, render_table, replace_section
 
 from plc_inspect.core.pipeline import Pipeline
+from plc_inspect.offline.allocator import keep_freed_memory
 
 ROOT = Path(__file__).resolve().parents[1]
 NUM_POINTS = (100_000, 300_000, 1_000_000, 3_000_000, 10_000_000, 30_000_000)
@@ -81,12 +82,13 @@ def grow_length(cache: Path, most: int) -> Iterator[tuple[float, np.ndarray]]:
 
 
 def take(size: float, points: np.ndarray, repeats: int) -> Sample:
-    """Return the fastest of a few runs and the greatest memory of them."""
-    runs = [measure(lambda: Pipeline().run(points)) for _ in range(repeats)]
+    """Return the fastest of a few runs, and the memory of one before them."""
+    extra_bytes = measure(lambda: Pipeline().run(points)).extra_bytes
+    runs = [measure(lambda: Pipeline().run(points), memory=False) for _ in range(repeats)]
     best = min(runs, key=lambda run: run.seconds)
     sample = Sample(
         size=size, num_points=len(points), num_spans=len(best.value.spans), seconds=best.seconds,
-        extra_bytes=max(run.extra_bytes for run in runs),
+        extra_bytes=extra_bytes,
     )
     print(f'{sample.num_points} points: {sample.seconds:.2f} s, '
           f'{sample.extra_bytes / 1e9:.2f} GB, {sample.num_spans} spans', file=sys.stderr,
@@ -154,6 +156,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
     if arguments.most < NUM_POINTS[0] or arguments.repeats < 1:
         parser.error(f'--most must be {NUM_POINTS[0]} or more and --repeats 1 or more')
+    keep_freed_memory()  # as plc_survey does
     rng = np.random.default_rng(0)
     with open_cache(arguments.cache) as cache:
         for points in grow_density(cache, NUM_POINTS[0], rng):
