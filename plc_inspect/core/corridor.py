@@ -32,7 +32,10 @@ MIN_RADIUS = 0.6
 MAX_PROBES = 100_000
 """Points that are enough to choose the radii by."""
 LEAST_OVERHEAD = 3
-"""With this many points higher than a span's lowest, the first case of Eq. 9 is used."""
+"""
+With this many points higher than a span's lowest, and LEAST_FALL above ground, the first case of
+Eq. 9 is used.
+"""
 LEAST_FALL = 2.0
 """What is lower does not fall onto a conductor [m]."""
 
@@ -111,7 +114,7 @@ def extract_corridor(
             near_span=np.zeros(0, dtype=np.int32),
         )
     table = span_table(curves, start_x, end_x)
-    radius = np.full(num, settings.radius or settings.max_radius)
+    radius = np.full(num, float(settings.radius or settings.max_radius))
     complex_case = np.zeros(num, dtype=bool)
     if settings.radius == 0.0:
         step = max(len(points) // MAX_PROBES, 1)
@@ -182,9 +185,10 @@ def _look_around(points, height, found, span, rows, lowest):  # type: ignore[no-
     """
     Height of the ground near each span, and what of the points found near it could fall onto it.
 
-    Returned are the median height of the ground, -inf where it is not known, the number of
-    points that stand above the span's lowest point, and the greatest distance, in the vertical
-    plane or from it, of those higher above ground than far from the plane, -inf without any.
+    Returned are the median height of the ground, -inf where it is not known; and of the points
+    more than LEAST_FALL above ground, the number of those that stand above the span's lowest
+    point, and the greatest distance, in the vertical plane or from it, of those higher above
+    ground than far from the plane, -inf without any.
     """
     num = len(rows)
     count = np.zeros(num, dtype=np.int64)

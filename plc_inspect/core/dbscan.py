@@ -97,10 +97,11 @@ def dbscan_plane(u, v, eps, min_points):  # type: ignore[no-untyped-def]
 def _argsort(values):  # type: ignore[no-untyped-def]
     """Order of values: by buckets, then by insertion within these; twice as fast as by pivots."""
     n = len(values)
-    low, high = np.inf, -np.inf
+    low, high, nothing = np.inf, -np.inf, 0.0
     for k in range(n):
         low, high = min(low, values[k]), max(high, values[k])
-    if n > MOST_INSERTED or not high - low > 1e-9:
+        nothing += 0.0 * values[k]  # NaN where one is not finite
+    if n > MOST_INSERTED or not high - low > 1e-9 or nothing != 0.0:
         return np.argsort(values)
     scale = (n - 1) / (high - low)
     start = np.zeros(n + 1, dtype=np.int64)

@@ -136,7 +136,7 @@ def find_encroachments(
         if asked:
             own = _find_near(around, asked, around.surface == (kind == HazardKind.STRUCTURE))
             _, score = _score(around.take(own), models, asked)
-            offends[own] = np.isfinite(score)
+            offends[own] |= np.isfinite(score)
     explained = np.zeros(len(offends), dtype=bool)
     if not offends.any():
         return [], explained

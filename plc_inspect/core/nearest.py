@@ -21,6 +21,7 @@ from numba import njit, prange
 import numpy as np
 
 from plc_inspect.core.curve import Curve
+from plc_inspect.core.picking import NUM_PARTS
 from plc_inspect.results import Float32, Float64, Int32, Int64
 
 CELL = 4.0
@@ -28,8 +29,6 @@ CELL = 4.0
 MAX_CELLS = 4_000_000
 BLOCK = 131_072
 """Points that are sorted by cell together."""
-NUM_PARTS = 16
-"""Parts of the points that are searched independently."""
 ENOUGH = 0.01
 """A step that bends off the tangent by less than this was the last one needed [m]."""
 
@@ -181,13 +180,15 @@ def _nearest(  # type: ignore[no-untyped-def]
     """
     Write what each part of the points finds from the part's own place on.
 
-    Returned is how many all parts before one found, for each part and the end.
+    Returned is the number of points found before each part, and in all.
     """
     num = len(points)
     last_of = np.zeros(NUM_PARTS + 1, dtype=np.int64)
     for part in prange(NUM_PARTS):
         begin, end = part * num // NUM_PARTS, (part + 1) * num // NUM_PARTS
-        size = max(min(BLOCK, end - begin), 1)
+        if begin == end:
+            continue
+        size = min(BLOCK, end - begin)
         group_of = np.zeros(rows * columns, dtype=np.int32)
         chosen, where = np.empty(size, dtype=np.int32), np.empty(size, dtype=np.int32)
         place = begin

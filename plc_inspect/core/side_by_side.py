@@ -14,6 +14,7 @@
 
 """Calls of kernels side by side, for work that comes in few and large pieces."""
 
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
@@ -29,21 +30,28 @@ def call_each(function: Callable[[int], T], num: int) -> list[T]:
 
     It is called in as many threads as numba may use, and should spend its time in a kernel that
     releases the GIL.  Threads of numba's own would do as well, but each kernel that starts them is
-    compiled with all it calls once more.
+    compiled with all it calls once more.  Where calls fail no more are begun, and the error of the
+    first of them is raised.
     """
     threads = min(get_num_threads(), num)
     if threads < 2:
         return [function(number) for number in range(num)]
     numbers = iter(range(num))  # shared: who is done takes the next
     results: dict[int, T] = {}
+    errors: dict[int, BaseException] = {}
 
     def work() -> None:
         for number in numbers:
-            results[number] = function(number)
+            try:
+                results[number] = function(number)
+            except BaseException as error:
+                errors[number] = error
+                deque(numbers, maxlen=0)  # nobody goes on
 
     with ThreadPoolExecutor(threads - 1) as pool:
-        others = [pool.submit(work) for _ in range(threads - 1)]
+        for _ in range(threads - 1):
+            pool.submit(work)
         work()
-    for other in others:
-        other.result()
+    if errors:
+        raise errors[min(errors)]
     return [results[number] for number in range(num)]

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Reading LAS and LAZ by a decoder that survives damaged files."""
+"""Reading LAS and LAZ by a decoder that raises an error on truncated files."""
 
 from pathlib import Path
 
@@ -20,7 +20,7 @@ import laspy
 
 BACKENDS = (laspy.LazBackend.LazrsParallel, laspy.LazBackend.Lazrs)
 """
-Those of lazrs, which raise errors.
+Those of lazrs.
 
 laspy would try LASzip next where that is installed: version 0.3.0 of its Python package ends the
 process with a segmentation fault on some truncated files.

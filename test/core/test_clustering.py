@@ -59,6 +59,11 @@ def test_points_in_heaps_are_clustered_as_by_sklearn(num, decimals):
         check_against_sklearn(u.round(decimals) + shift, v.round(2), 0.125, 5)
 
 
+@pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf])
+def test_a_place_that_is_not_finite_is_noise(value):
+    u = np.array([0.0, value, 0.1, 0.2, 9.0])
+    assert dbscan_plane(u, np.zeros(5), 0.5, 3).tolist() == [0, -1, 0, 0, -1]
+
 
 def test_dbscan_by_hand():
     u = np.array([0.0, 1.0, 2.0, 10.0, 11.0, 12.0, 30.0])

@@ -19,7 +19,14 @@ import pytest
 from toys import hang, make_curve, make_ground, make_index, make_wire, turn
 
 from plc_inspect.config import CatenarySettings
-from plc_inspect.core.collection import extend, measure_company, profile_curve
+from plc_inspect.core.collection import (
+    extend,
+    grid_of,
+    measure_company,
+    measure_distances,
+    profile_curve,
+    profile_row,
+)
 
 SETTINGS = CatenarySettings()
 
@@ -149,3 +156,21 @@ def test_nothing_to_collect():
     assert found.crowding == 1.0
     far = np.array([[0.0, 500.0, 20.0]])
     assert extend(far, make_index(far), [curve], SETTINGS)[0] is curve
+
+
+@pytest.mark.parametrize('constant', [15.0, 200.0, 1500.0])
+def test_distances_of_the_profile_are_those_to_the_curve(constant):
+    wire = make_wire((0.0, 0.0, 20.0), (30.0, 8.0, 24.0), c=constant)
+    curve = make_curve(wire)
+    points = np.vstack([wire, wire + np.array([0.0, 0.0, 3.0])])[
+        np.random.default_rng(0).permutation(2 * len(wire))
+    ]
+    *_, chosen, distance = profile_row(
+        points, grid_of(make_index(points)), curve.row, curve.low, curve.high, 1.0,
+        np.zeros(0, dtype=bool),
+    )
+    assert len(chosen) > 0.9 * len(wire)
+    assert (np.diff(chosen) > 0).all()
+    np.testing.assert_allclose(
+        distance, measure_distances(points, curve, chosen), rtol=0, atol=1e-5
+    )

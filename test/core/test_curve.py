@@ -12,13 +12,21 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
+import dataclasses
+
 import numpy as np
 import pytest
 from toys import hang, make_curve, make_wire, turn
 
 from plc_inspect.core.catenary import draw_triples
 from plc_inspect.core.curve import fit_curve
-from plc_inspect.core.curve_fit import derive_tolerance, fit_row, MAX_TOLERANCE, MIN_TOLERANCE
+from plc_inspect.core.curve_fit import (
+    derive_tolerance,
+    fit_row,
+    HIGH,
+    MAX_TOLERANCE,
+    MIN_TOLERANCE,
+)
 from plc_inspect.errors import FitError
 
 
@@ -130,3 +138,18 @@ def test_the_tolerance_follows_the_noise_within_bounds():
     assert derive_tolerance(0.0) == MIN_TOLERANCE
     assert derive_tolerance(0.06) == pytest.approx(0.18)
     assert derive_tolerance(1.0) == MAX_TOLERANCE
+
+
+def test_the_row_kept_of_a_fit_is_the_one_made_anew():
+    points = make_wire((5e5, 6.6e6, 20.0), (500_100.0, 6_600_030.0, 25.0))
+    curve = fit_curve(points, np.arange(len(points)), tolerance=0.1)
+    np.testing.assert_array_equal(curve.row, dataclasses.replace(curve).row)
+    longer = dataclasses.replace(curve, high=curve.high + 5.0)
+    assert longer.row[HIGH] == curve.high + 5.0
+
+
+def test_one_place_is_as_many():
+    curve = make_curve(make_wire((0.0, 0.0, 20.0), (100.0, 30.0, 20.0)))
+    place = np.array([33.0, -7.0, 4.0])
+    x, y = curve.local(place[None, :])
+    assert curve.local_place(place) == pytest.approx((x[0], y[0]), abs=1e-12)

@@ -13,6 +13,7 @@
 # limitations under the License.
 
 import ctypes
+import os
 import subprocess
 import sys
 
@@ -40,7 +41,7 @@ print(fill())
 def count_faults(keep):
     done = subprocess.run(
         [sys.executable, '-c', CODE.format(keep=keep)], capture_output=True, check=True, text=True,
-        env={'NUMPY_MADVISE_HUGEPAGE': '0'}, timeout=60,
+        env={**os.environ, 'NUMPY_MADVISE_HUGEPAGE': '0'}, timeout=60,
     )
     return int(done.stdout)
 
@@ -49,5 +50,5 @@ def count_faults(keep):
     not hasattr(ctypes.CDLL(None), 'mallopt'), reason='only glibc maps large arrays anew'
 )
 def test_freed_memory_is_used_again():
-    assert count_faults(keep=False) > 1000
-    assert count_faults(keep=True) < 100
+    # in pages of 4 KB the array has 20,000, in large ones 40
+    assert count_faults(keep=True) < 0.2 * count_faults(keep=False)

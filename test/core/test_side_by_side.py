@@ -1,0 +1,52 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+import threading
+import time
+
+from numba import set_num_threads
+import pytest
+
+from plc_inspect.core.side_by_side import call_each
+
+
+@pytest.fixture(params=[1, 2])
+def threads(request):
+    set_num_threads(request.param)
+    yield request.param
+    set_num_threads(2)
+
+
+@pytest.mark.parametrize('num', [0, 1, 2, 50])
+def test_results_are_in_order(num, threads):
+    assert call_each(lambda k: k * k, num) == [k * k for k in range(num)]
+
+
+def test_work_is_shared(threads):
+    names = call_each(lambda k: (time.sleep(0.01), threading.get_ident())[1], 20)
+    assert len(set(names)) == threads
+
+
+def test_the_first_error_is_raised_and_no_more_calls_begin(threads):
+    begun = []
+
+    def fail(number):
+        begun.append(number)
+        time.sleep(0.01)
+        if number in (2, 3):
+            raise ValueError(str(number))
+
+    with pytest.raises(ValueError, match='2'):
+        call_each(fail, 100)
+    assert len(begun) < 10
