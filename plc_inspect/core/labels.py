@@ -103,14 +103,14 @@ def choose_surroundings(
         Which span that is.
 
     """
-    given = (
-        corridor.near, corridor.near_distance, corridor.near_span, height, spans.line_id,
-        spans.support,
-    )
-    start = _count_around(corridor.near, height, spans.line_id, spans.support)
+    figures = height, spans.line_id, spans.support
+    start = _count_around(corridor.near, *figures)
     num = int(start[-1])
     near, distance, span = np.empty(num, np.int64), np.empty(num), np.empty(num, np.int64)
-    _take_around(*given, start, near, distance, span)
+    _take_around(
+        corridor.near, corridor.near_distance, corridor.near_span, *figures, start,
+        near, distance, span,
+    )
     if len(spans.intruders):
         free = ~np.isin(near, spans.intruders)
         near, distance, span = near[free], distance[free], span[free]
