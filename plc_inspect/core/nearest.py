@@ -293,6 +293,20 @@ def _search(  # type: ignore[no-untyped-def]
     return best[place], owner[place]
 
 
+@njit(cache=True, nogil=True, inline='always', error_model='numpy')
+def _descend(x, u, z, z0, slope, half, low, high):  # type: ignore[no-untyped-def]
+    """Step of Newton on the distance, its curvature kept positive; where it leads, and itself."""
+    dz = z - (z0 + x * (slope + half * x))
+    tilt = slope + 2.0 * half * x
+    second = 1.0 + tilt * tilt - 2.0 * half * dz
+    second = second if second > 0.5 else 0.5
+    step = (u - x + dz * tilt) / second
+    x = x + step
+    x = x if x > low else low
+    x = x if x < high else high
+    return x, step
+
+
 @njit(cache=True, nogil=True, error_model='numpy')
 def _measure(px, py, pz, row, local, limit, number, best, owner):  # type: ignore[no-untyped-def]
     """Put a span in for the points that it is nearest to so far."""
@@ -305,22 +319,8 @@ def _measure(px, py, pz, row, local, limit, number, best, owner):  # type: ignor
         u = ca * dx + sa * dy - x0
         x = u if u > low else low
         x = x if x < high else high
-        dz = pz[k] - (z0 + x * (slope + half * x))
-        # Newton on the distance, its curvature kept positive
-        tilt = slope + 2.0 * half * x
-        second = 1.0 + tilt * tilt - 2.0 * half * dz
-        second = second if second > 0.5 else 0.5
-        step = (u - x + dz * tilt) / second
-        x = x + step
-        x = x if x > low else low
-        x = x if x < high else high
-        dz = pz[k] - (z0 + x * (slope + half * x))
-        tilt = slope + 2.0 * half * x
-        second = 1.0 + tilt * tilt - 2.0 * half * dz
-        second = second if second > 0.5 else 0.5
-        again = x + (u - x + dz * tilt) / second
-        again = again if again > low else low
-        again = again if again < high else high
+        x, step = _descend(x, u, pz[k], z0, slope, half, low, high)
+        again, _ = _descend(x, u, pz[k], z0, slope, half, low, high)
         x = again if half * step * step >= ENOUGH else x
         dz = pz[k] - (z0 + x * (slope + half * x))
         square = across * across + ((u - x) * (u - x) + dz * dz)
