@@ -132,7 +132,7 @@ def profile_curve(
     if ignore is None:
         ignore = np.zeros(0, dtype=bool)
     core, shell, chosen, _ = profile_row(
-        points, grid_of(index), pack_curves([curve])[0], low, high, step, ignore
+        points, grid_of(index), curve.row, low, high, step, ignore
     )
     return Profile(low=low, step=step, core=core, shell=shell, chosen=chosen)
 
@@ -155,7 +155,7 @@ def measure_distances(points: Float64, curve: Curve, chosen: Int64) -> Float32:
     (K,) float32 [m]
 
     """
-    result: Float32 = distances_to(points, pack_curves([curve])[0], chosen)
+    result: Float32 = distances_to(points, curve.row, chosen)
     return result
 
 

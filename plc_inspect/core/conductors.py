@@ -240,7 +240,7 @@ def bridge(
             for position in np.argsort(miss, kind='stable')[: np.isfinite(miss).sum()].tolist():
                 union = join(points, base, alive[position], settings)
                 if union is not None:
-                    base, row = union, pack_curves([union])[0]
+                    base, row = union, union.row
                     del alive[position]
                     rows = np.delete(rows, position, axis=0)
                     break
