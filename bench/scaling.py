@@ -83,11 +83,14 @@ def grow_length(cache: Path, most: int) -> Iterator[tuple[float, np.ndarray]]:
 
 def take(size: float, points: np.ndarray, repeats: int) -> Sample:
     """Return the fastest of a few runs, and the memory of one before them."""
-    extra_bytes = measure(lambda: Pipeline().run(points)).extra_bytes
-    runs = [measure(lambda: Pipeline().run(points), memory=False) for _ in range(repeats)]
-    best = min(runs, key=lambda run: run.seconds)
+    first = measure(lambda: Pipeline().run(points))
+    extra_bytes, num_spans = first.extra_bytes, len(first.value.spans)
+    del first  # its memory serves the next runs
+    seconds = min(
+        measure(lambda: Pipeline().run(points), memory=False).seconds for _ in range(repeats)
+    )
     sample = Sample(
-        size=size, num_points=len(points), num_spans=len(best.value.spans), seconds=best.seconds,
+        size=size, num_points=len(points), num_spans=num_spans, seconds=seconds,
         extra_bytes=extra_bytes,
     )
     print(f'{sample.num_points} points: {sample.seconds:.2f} s, '

@@ -31,13 +31,13 @@ import sys
 from measure import measure, Measured
 import numba
 import numpy as np
-from paper_baseline import BaselineResult, segment
+from paper_baseline import segment
 from surveys import make_map, open_cache, Survey
 from tables import at_least, at_most, Check, CHECK_COLUMNS, render_table, replace_section
 
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.offline.allocator import keep_freed_memory
-from plc_inspect.results import InspectionResult, PointClass
+from plc_inspect.results import PointClass
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -69,32 +69,54 @@ MOST_MEMORY = 2e9
 LEAST_RATIO = 50.0
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Run:
+    """What one run of a program took; what it found is let go, its memory serves the next one."""
+
+    seconds: float
+    cpu_seconds: float
+    extra_bytes: float
+    """NaN unless memory is measured."""
+    stages: dict[str, float]
+    """Wall time of each stage [s]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Program:
+    """One of the two programs on one cloud."""
+
+    runs: tuple[Run, ...]
+    extra_bytes: float
+    """Extra memory, of a run of its own that is not timed."""
+    wire_f1: float
+    """F1 of wire points in that run, against the labels of the simulator."""
+
+    def seconds(self) -> float:
+        """Return the median wall time [s]."""
+        return statistics.median(run.seconds for run in self.runs)
+
+    def cpu_seconds(self) -> float:
+        """Return the median processor time of all threads [s]."""
+        return statistics.median(run.cpu_seconds for run in self.runs)
+
+    def stages(self) -> dict[str, float]:
+        """Return the median wall time of each stage [s]."""
+        return {name: statistics.median(run.stages[name] for run in self.runs)
+                for name in self.runs[0].stages}
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Comparison:
-    """All runs of both programs over one cloud."""
+    """Both programs over one cloud."""
 
     case: Case
     survey: Survey
-    ours: tuple[Measured[InspectionResult], ...]
-    baseline: tuple[Measured[BaselineResult], ...]
-    memory: tuple[float, float]
-    """Extra memory of both, in a run of its own that is not timed [bytes]."""
-
-    def f1(self) -> tuple[float, float]:
-        """Return the F1 of wire points of both, against the labels of the simulator."""
-        return (
-            score_wire(self.ours[-1].value.classification == PointClass.WIRE, self.survey),
-            score_wire(self.baseline[-1].value.wire, self.survey),
-        )
+    ours: Program
+    baseline: Program
 
     def ratio(self) -> float:
         """Return how many times faster we are."""
-        return middle(self.baseline, 'seconds') / middle(self.ours, 'seconds')
-
-
-def middle(runs: Sequence[Measured], name: str) -> float:
-    """Return the median of one figure over runs."""
-    return statistics.median(getattr(run, name) for run in runs)
+        return self.baseline.seconds() / self.ours.seconds()
 
 
 def score_wire(found: np.ndarray, survey: Survey) -> float:
@@ -104,25 +126,47 @@ def score_wire(found: np.ndarray, survey: Survey) -> float:
     return 2 * both / max(int(found.sum()) + int(wire.sum()), 1)
 
 
+def run_ours(points: np.ndarray, *, memory: bool) -> tuple[Run, np.ndarray]:
+    """Run the default pipeline; return also its wire mask (N,)."""
+    measured = measure(lambda: Pipeline().run(points), memory=memory)
+    stages = {stage.name: stage.seconds for stage in measured.value.stages}
+    return _describe(measured, stages), measured.value.classification == PointClass.WIRE
+
+
+def run_baseline(points: np.ndarray, *, memory: bool) -> tuple[Run, np.ndarray]:
+    """Run the plain reading of the paper; return also its wire mask (N,)."""
+    measured = measure(lambda: segment(points), memory=memory)
+    return _describe(measured, measured.value.seconds), measured.value.wire
+
+
+def _describe(measured: Measured, stages: dict[str, float]) -> Run:
+    return Run(
+        seconds=measured.seconds, cpu_seconds=measured.cpu_seconds,
+        extra_bytes=measured.extra_bytes, stages=stages,
+    )
+
+
 def compare(case: Case, survey: Survey, repeats: int) -> Comparison:
-    """Run both programs over a cloud, by turns."""
-    pipeline, points = Pipeline(), survey.points
-    warm_up = points[:len(points) // 20].copy()
-    pipeline.run(warm_up)  # compiles, or loads what is compiled
-    segment(warm_up)
-    memory = (
-        measure(lambda: pipeline.run(points)).extra_bytes,
-        measure(lambda: segment(points)).extra_bytes,
-    )
-    ours, baseline = [], []
+    """Run both programs over a cloud, by turns, after a run of each that measures memory."""
+    points = survey.points
+    programs = (run_ours, run_baseline)
+    runs: tuple[list[Run], list[Run]] = ([], [])
+    memory, scores = [], []
+    for program in programs:
+        program(points[:len(points) // 20].copy(), memory=False)  # loads or compiles kernels
+        first, wire = program(points, memory=True)
+        memory.append(first.extra_bytes)
+        scores.append(score_wire(wire, survey))
     for number in range(repeats):
-        ours.append(measure(lambda: pipeline.run(points), memory=False))
-        baseline.append(measure(lambda: segment(points), memory=False))
-        print(f'{case.title} {number + 1} of {repeats}: {ours[-1].seconds:.2f} s, baseline '
-              f'{baseline[-1].seconds:.1f} s', file=sys.stderr, flush=True)
-    return Comparison(
-        case=case, survey=survey, ours=tuple(ours), baseline=tuple(baseline), memory=memory,
+        for program, taken in zip(programs, runs, strict=True):
+            taken.append(program(points, memory=False)[0])
+        print(f'{case.title} {number + 1} of {repeats}: {runs[0][-1].seconds:.2f} s, baseline '
+              f'{runs[1][-1].seconds:.1f} s', file=sys.stderr, flush=True)
+    ours, baseline = (
+        Program(runs=tuple(taken), extra_bytes=extra_bytes, wire_f1=score)
+        for taken, extra_bytes, score in zip(runs, memory, scores, strict=True)
     )
+    return Comparison(case=case, survey=survey, ours=ours, baseline=baseline)
 
 
 COLUMNS = (
@@ -136,15 +180,14 @@ def render_rows(item: Comparison) -> list[tuple[str, ...]]:
     area, num_points = item.survey.area, len(item.survey.points)
     title = f'{item.case.title}: {num_points:,} points on {area:,.0f} m2'
     rows = []
-    for name, runs, memory, score, faster in (
-        ('plc_inspect', item.ours, item.memory[0], item.f1()[0], f'{item.ratio():.0f}'),
-        ('paper baseline', item.baseline, item.memory[1], item.f1()[1], '1'),
+    for name, program, faster in (
+        ('plc_inspect', item.ours, f'{item.ratio():.0f}'), ('paper baseline', item.baseline, '1'),
     ):
-        seconds = middle(runs, 'seconds')
+        seconds = program.seconds()
         rows.append((
             title, name, f'{seconds:.3f}', f'{1e3 * seconds / area:.4f}',
-            f'{num_points / seconds:,.0f}', f'{middle(runs, "cpu_seconds"):.2f}',
-            f'{memory / 1e9:.2f}', f'{score:.4f}', faster,
+            f'{num_points / seconds:,.0f}', f'{program.cpu_seconds():.2f}',
+            f'{program.extra_bytes / 1e9:.2f}', f'{program.wire_f1:.4f}', faster,
         ))
     published = (('the paper, its own cloud', item.case.paper),
                  ('PointNet++, in the paper', item.case.deep_net))
@@ -158,12 +201,7 @@ def render_stages(items: Sequence[Comparison]) -> str:
     table: dict[str, list[str]] = {}
     for number, item in enumerate(items):
         columns += [f'{item.case.title} [s]', 'baseline [s]']
-        ours = {stage.name: statistics.median(
-            run.value.stages[k].seconds for run in item.ours
-        ) for k, stage in enumerate(item.ours[0].value.stages)}
-        theirs = {name: statistics.median(
-            run.value.seconds[name] for run in item.baseline
-        ) for name in item.baseline[0].value.seconds}
+        ours, theirs = item.ours.stages(), item.baseline.stages()
         for name, seconds in ours.items():
             row = table.setdefault(name, [''] * 2 * number)
             row += [f'{seconds:.3f}', f'{theirs[name]:.2f}' if name in theirs else '']
@@ -174,13 +212,14 @@ def list_checks(items: Sequence[Comparison]) -> list[Check]:
     """Return the goals, which hold for clouds of full size on two cores."""
     checks = []
     for item in items:
-        title, (score, other) = item.case.title, item.f1()
+        title = item.case.title
         checks += [
-            at_most(title, 'array to result, median', middle(item.ours, 'seconds'),
+            at_most(title, 'array to result, median', item.ours.seconds(),
                     item.case.goal, 's'),
-            at_most(title, 'peak extra memory', item.memory[0] / 1e9,
+            at_most(title, 'peak extra memory', item.ours.extra_bytes / 1e9,
                     MOST_MEMORY / 1e9, 'GB'),
-            at_least(title, 'wire F1, floor the baseline', score, other),
+            at_least(title, 'wire F1, floor the baseline', item.ours.wire_f1,
+                     item.baseline.wire_f1),
         ]
         if item.case.is_ratio_judged:
             checks.append(
