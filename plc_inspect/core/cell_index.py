@@ -190,7 +190,7 @@ class CellIndex:
         cell: int,
         kept: Bool,
         following: Int32,
-        table: Int32,
+        table: UInt32,
         keys: Int64,
         counts: UInt32,
         labels: UInt8,

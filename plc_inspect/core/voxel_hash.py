@@ -15,7 +15,9 @@
 """
 Open addressing hash of voxel keys, in numba.
 
-The table holds slot + 1, 0 where free, at a load of at most one half, with linear probing.
+The table holds slot + 1, 0 where free, at a load of at most one half, with linear probing.  Slots
+need fewer bits than an entry has; the others hold those of the key's hash, so that most steps of a
+probe end without a look at the keys, each of which waits for memory.
 """
 
 from numba import njit
@@ -25,13 +27,15 @@ from numpy.typing import NDArray
 from plc_inspect.core.voxel_keys import hash_key
 from plc_inspect.results import Float32, Int32, Int64
 
+ENTRY_BITS = (1 << 32) - 1
+"""Of a hash, those that an entry can hold."""
 BLOCK = 64
 """Points that are looked for together: many wait for memory at a time then."""
 
 UInt32 = NDArray[np.uint32]
 
 
-def build_table(keys: Int64, counts: UInt32, capacity: int) -> Int32:
+def build_table(keys: Int64, counts: UInt32, capacity: int) -> UInt32:
     """
     Build the hash table of some keys.
 
@@ -46,26 +50,42 @@ def build_table(keys: Int64, counts: UInt32, capacity: int) -> Int32:
 
     Returns
     -------
-    Int32
-        Slot + 1, or 0 where free; the length is a power of two, at least twice the capacity.
+    UInt32
+        Slot + 1 in the bits that places need, and those of the key's hash above, or 0 where free;
+        the length is a power of two, at least twice the capacity.
 
     """
     length = 1 << max(4, (2 * capacity - 1).bit_length())
-    table: Int32 = np.zeros(length, dtype=np.int32)
+    table: UInt32 = np.zeros(length, dtype=np.uint32)
     _fill_table(keys, counts, table)
     return table
 
 
 @njit(cache=True, nogil=True)
-def _fill_table(keys: Int64, counts: UInt32, table: Int32) -> None:
+def _fill_table(keys: Int64, counts: UInt32, table: UInt32) -> None:
     mask = len(table) - 1
     for slot in range(len(keys)):
         if counts[slot] == 0:
             continue
-        place = hash_key(keys[slot]) & mask
+        hashed = hash_key(keys[slot])
+        place = hashed & mask
         while table[place] != 0:
             place = (place + 1) & mask
-        table[place] = slot + 1
+        table[place] = _make_entry(hashed, slot, mask)
+
+
+@njit(cache=True, nogil=True, inline='always')
+def _make_entry(hashed, slot, mask):  # type: ignore[no-untyped-def]
+    """Return the entry of a slot, by the hash of its key."""
+    return np.uint32((hashed & ENTRY_BITS & ~mask) | (slot + 1))
+
+
+@njit(cache=True, nogil=True, inline='always')
+def _walk(hashed, place, table, mask):  # type: ignore[no-untyped-def]
+    """Return the first place from one on that is free or may hold a key, by its hash."""
+    while table[place] != 0 and (np.int64(table[place]) ^ hashed) & ENTRY_BITS & ~mask != 0:
+        place = (place + 1) & mask
+    return place
 
 
 @njit(cache=True, nogil=True, inline='always')
@@ -91,71 +111,21 @@ def _take_in(slot, offset, share, moments):  # type: ignore[no-untyped-def]
     row[8] += (z * z - row[8]) * share
 
 
-@njit(cache=True, nogil=True)
-def add_to_known(
-    keys: Int64,
-    offsets: Float32,
-    table: Int32,
-    slot_keys: Int64,
-    counts: UInt32,
-    moments: Float32,
-) -> Int64:
-    """
-    Add those points whose voxels are there, and return the others.
-
-    Parameters
-    ----------
-    keys, offsets : Int64, Float32
-        As from ``locate_voxels``.
-    table, slot_keys, counts, moments
-        The map's arrays, changed in place.
-
-    Returns
-    -------
-    Int64
-        (M,) points without a voxel, ascending.
-
-    """
-    mask = len(table) - 1
-    missing = np.empty(len(keys), dtype=np.int64)
-    num = 0
-    places = np.empty(BLOCK, dtype=np.int64)
-    slots = np.empty(BLOCK, dtype=np.int64)
-    known = np.empty(BLOCK, dtype=np.int64)
-    shares = np.empty(BLOCK, dtype=np.float32)
-    for first in range(0, len(keys), BLOCK):
-        block = min(BLOCK, len(keys) - first)
-        for k in range(block):
-            places[k] = hash_key(keys[first + k]) & mask
-        for k in range(block):
-            slots[k] = table[places[k]] - 1
-        for k in range(block):
-            known[k] = slot_keys[max(slots[k], 0)]
-        for k in range(block):
-            i = first + k
-            place, slot, key = places[k], slots[k], known[k]
-            while slot >= 0 and key != keys[i]:
-                place = (place + 1) & mask
-                slot = table[place] - 1
-                key = slot_keys[max(slot, 0)]
-            slots[k] = slot
-        for k in range(block):
-            if slots[k] >= 0:
-                shares[k] = _count_in(slots[k], counts)
-        for k in range(block):
-            if slots[k] < 0:
-                missing[num] = first + k
-                num += 1
-            else:
-                _take_in(slots[k], offsets[first + k], shares[k], moments)
-    return missing[:num].copy()
+@njit(cache=True, nogil=True, inline='always')
+def _begin(slot, offset, moments):  # type: ignore[no-untyped-def]
+    """Set the means of a new voxel, those of its one point."""
+    x, y, z = offset[0], offset[1], offset[2]
+    row = moments[slot]
+    row[0], row[1], row[2] = x, y, z
+    row[3], row[4], row[5] = x * x, x * y, x * z
+    row[6], row[7], row[8] = y * y, y * z, z * z
 
 
 @njit(cache=True, nogil=True)
 def accumulate_points(
     keys: Int64,
     offsets: Float32,
-    chosen: Int64,
+    order: Int64,
     start: int,
     size: int,
     final: bool,
@@ -163,22 +133,22 @@ def accumulate_points(
     num_free: int,
     created: Int32,
     num_created: int,
-    table: Int32,
+    table: UInt32,
     slot_keys: Int64,
     counts: UInt32,
     moments: Float32,
 ) -> tuple[int, int, int, int, int]:
     """
-    Add chosen points to their voxels until all are in or there is no room.
+    Add points to their voxels until all are in or there is no room.
 
     Parameters
     ----------
     keys, offsets : Int64, Float32
         As from ``locate_voxels``.
-    chosen : Int64
-        (M,) points to add, in this order.
+    order : Int64
+        (N,) points in the order in which to add them.
     start : int
-        First of these to add.
+        First place in it to add.
     size : int
         Slots that were ever in use.
     final : bool
@@ -188,7 +158,7 @@ def accumulate_points(
     num_free : int
         Free slots.
     created : Int32
-        (M,) slots of the voxels made so far by this insertion, changed in place.
+        (N,) slots of the voxels made so far by this insertion, changed in place.
     num_created : int
         How many they are.
     table, slot_keys, counts, moments
@@ -197,30 +167,42 @@ def accumulate_points(
     Returns
     -------
     tuple[int, int, int, int, int]
-        Slots that were ever in use, free slots, voxels made, first of the chosen that was not
-        looked at, points refused.
+        Slots that were ever in use, free slots, voxels made, first place in the order that was
+        not looked at, points refused.
 
     """
     mask = len(table) - 1
-    refused = 0
+    refused, stop = 0, len(order)
+    hashes = np.empty(BLOCK, dtype=np.int64)
+    entries = np.empty(BLOCK, dtype=np.uint32)
     places = np.empty(BLOCK, dtype=np.int64)
     slots = np.empty(BLOCK, dtype=np.int64)
-    for k in range(start, len(chosen)):
-        ahead = (k - start) % BLOCK
-        if ahead == 0:
-            block = min(BLOCK, len(chosen) - k)
-            for j in range(block):
-                places[j] = hash_key(keys[chosen[k + j]]) & mask
-            for j in range(block):
-                slots[j] = table[places[j]] - 1
-        i = chosen[k]
-        key, place, slot = keys[i], places[ahead], slots[ahead]
-        if slot < 0:  # unless one of this block has come there
-            slot = table[place] - 1
-        while slot >= 0 and slot_keys[slot] != key:
-            place = (place + 1) & mask
-            slot = table[place] - 1
-        if slot < 0:
+    known = np.empty(BLOCK, dtype=np.int64)
+    shares = np.empty(BLOCK, dtype=np.float32)
+    first = start
+    while first < stop:
+        block = min(BLOCK, stop - first)
+        for k in range(block):
+            hashes[k] = hash_key(keys[order[first + k]])
+        for k in range(block):  # nothing but to wait for all of them at a time
+            entries[k] = table[hashes[k] & mask]
+        for k in range(block):
+            places[k] = _walk(hashes[k], hashes[k] & mask, table, mask)
+            slots[k] = np.int64(table[places[k]] & mask) - 1
+        for k in range(block):
+            known[k] = slot_keys[max(slots[k], 0)]
+        for k in range(block):
+            i = order[first + k]
+            key, place, slot = keys[i], places[k], slots[k]
+            if slot < 0 or known[k] != key:
+                place = _walk(hashes[k], place, table, mask)  # one of this block may be there
+                slot = np.int64(table[place] & mask) - 1
+                while slot >= 0 and slot_keys[slot] != key:
+                    place = _walk(hashes[k], (place + 1) & mask, table, mask)
+                    slot = np.int64(table[place] & mask) - 1
+            slots[k] = slot
+            if slot >= 0:
+                continue
             if num_free > 0:
                 num_free -= 1
                 slot = free[num_free]
@@ -231,18 +213,26 @@ def accumulate_points(
                 refused += 1
                 continue
             else:
-                return size, num_free, num_created, k, refused
+                block, stop = k, first + k
+                break
             slot_keys[slot] = key
-            moments[slot, :] = np.float32(0.0)
-            table[place] = slot + 1
+            counts[slot] = 1
+            _begin(slot, offsets[i], moments)
+            table[place] = _make_entry(hashes[k], slot, mask)
             created[num_created] = slot
             num_created += 1
-        _take_in(slot, offsets[i], _count_in(slot, counts), moments)
-    return size, num_free, num_created, len(chosen), refused
+        for k in range(block):
+            if slots[k] >= 0:
+                shares[k] = _count_in(slots[k], counts)
+        for k in range(block):
+            if slots[k] >= 0:
+                _take_in(slots[k], offsets[order[first + k]], shares[k], moments)
+        first += block
+    return size, num_free, num_created, stop, refused
 
 
 @njit(cache=True, nogil=True)
-def forget_key(key: np.int64, table: Int32, slot_keys: Int64) -> None:
+def forget_key(key: np.int64, table: UInt32, slot_keys: Int64) -> None:
     """
     Take a key that is there out of the table, moving back those that had to step aside for it.
 
@@ -250,17 +240,17 @@ def forget_key(key: np.int64, table: Int32, slot_keys: Int64) -> None:
     ----------
     key : int
         Its slot's key is left as it is.
-    table, slot_keys : Int32, Int64
+    table, slot_keys : UInt32, Int64
         The table is changed in place.
 
     """
     mask = len(table) - 1
     hole = hash_key(key) & mask
-    while slot_keys[table[hole] - 1] != key:
+    while slot_keys[np.int64(table[hole] & mask) - 1] != key:
         hole = (hole + 1) & mask
     place = (hole + 1) & mask
     while table[place] != 0:
-        home = hash_key(slot_keys[table[place] - 1]) & mask
+        home = hash_key(slot_keys[np.int64(table[place] & mask) - 1]) & mask
         if ((place - home) & mask) >= ((place - hole) & mask):
             table[hole] = table[place]
             hole = place

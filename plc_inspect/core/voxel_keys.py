@@ -116,7 +116,7 @@ def hash_key(key: np.int64) -> np.int64:
 
 
 @njit(cache=True, nogil=True)
-def order_by_tile(keys: Int64, chosen: Int64) -> Int64:
+def order_by_tile(keys: Int64) -> Int64:
     """
     Order points by tile, so that voxels near each other are made one after the other.
 
@@ -124,28 +124,25 @@ def order_by_tile(keys: Int64, chosen: Int64) -> Int64:
     ----------
     keys : Int64
         (N,) packed keys.
-    chosen : Int64
-        (M,) points.
 
     Returns
     -------
     Int64
-        (M,) the same points; those of one tile keep their order.
+        (N,) the points; those of one tile keep their order.
 
     """
-    num = len(chosen)
+    num = len(keys)
     column, row = np.empty(num, dtype=np.int64), np.empty(num, dtype=np.int64)
     for k in range(num):
-        key = keys[chosen[k]]
-        column[k] = key >> (2 * KEY_BITS + TILE_BITS)
-        row[k] = (key & ((1 << 2 * KEY_BITS) - 1)) >> (KEY_BITS + TILE_BITS)
+        column[k] = keys[k] >> (2 * KEY_BITS + TILE_BITS)
+        row[k] = (keys[k] & ((1 << 2 * KEY_BITS) - 1)) >> (KEY_BITS + TILE_BITS)
     if num == 0:
-        return chosen
+        return np.arange(num)
     left, low = column.min(), row.min()
     wide = column.max() - left + 1
     num_tiles = wide * (row.max() - low + 1)
     if num_tiles > MOST_TILES:
-        return chosen
+        return np.arange(num)
     place = np.zeros(num_tiles + 1, dtype=np.int64)
     for k in range(num):
         column[k] += (row[k] - low) * wide - left
@@ -154,6 +151,6 @@ def order_by_tile(keys: Int64, chosen: Int64) -> Int64:
         place[tile + 1] += place[tile]
     ordered = np.empty(num, dtype=np.int64)
     for k in range(num):
-        ordered[place[column[k]]] = chosen[k]
+        ordered[place[column[k]]] = k
         place[column[k]] += 1
     return ordered

@@ -31,7 +31,6 @@ from plc_inspect.config import MapSettings
 from plc_inspect.core.cell_index import CellIndex
 from plc_inspect.core.voxel_hash import (
     accumulate_points,
-    add_to_known,
     build_table,
     UInt32,
 )
@@ -234,21 +233,18 @@ class VoxelMap:
     def _accumulate(self, keys: Int64, offsets: Float32, origin: Int64) -> Insertion:
         self._origin = origin
         self._sequence += 1
-        missing = add_to_known(
-            keys, offsets, self._table, self._keys, self._counts, self._moments
-        )
-        missing = order_by_tile(keys, missing)
+        ordered = order_by_tile(keys)
         start, num_created, num_refused = 0, 0, 0
-        created: Int32 = np.empty(len(missing), dtype=np.int32)
+        created: Int32 = np.empty(len(keys), dtype=np.int32)
         while True:
             self._size, self._num_free, num_created, start, refused = accumulate_points(
-                keys, offsets, missing, start, self._size,
+                keys, offsets, ordered, start, self._size,
                 self._capacity == self._max_voxels,
                 self._free, self._num_free, created, num_created,
                 self._table, self._keys, self._counts, self._moments,
             )
             num_refused += refused
-            if start == len(missing):
+            if start == len(ordered):
                 break
             self._allocate(min(2 * self._capacity, self._max_voxels))
             self._rehash()

@@ -20,6 +20,8 @@ import pytest
 
 from plc_inspect.config import MapSettings
 from plc_inspect.core.cell_lists import SAMPLE
+from plc_inspect.core.voxel_hash import ENTRY_BITS
+from plc_inspect.core.voxel_keys import hash_key, locate_voxels
 from plc_inspect.core.voxel_map import INITIAL_CAPACITY, VoxelMap
 from plc_inspect.errors import DataError
 
@@ -70,6 +72,23 @@ def test_against_brute_force():
         [np.cov(np.array(cell).T, bias=True)[np.triu_indices(3)] for cell in cells.values()]
     )
     np.testing.assert_allclose(voxels.covariances(), covariances, atol=1e-6)
+
+
+def test_keys_of_which_the_table_sees_no_difference_stay_apart():
+    grid = np.stack(np.meshgrid(*[np.arange(80.0)] * 3), axis=-1).reshape(-1, 3) + 0.5
+    keys, _, _ = locate_voxels(grid, np.zeros(3, dtype=np.int64), 1.0)
+    entry = np.array([hash_key(key) for key in keys]) & ENTRY_BITS
+    order = np.argsort(entry, kind='stable')
+    same = np.flatnonzero(np.diff(entry[order]) == 0)
+    assert len(same) > 5
+    pairs = grid[order[np.column_stack((same, same + 1)).ravel()]]
+    voxels = make_map(np.vstack(([0.5, 0.5, 0.5], pairs)), voxel_size=1.0)
+    assert len(voxels) == 1 + len(pairs)
+    voxels.insert(pairs[::2])
+    voxels.insert(pairs[1::2])
+    assert sorted(voxels.counts().tolist()) == [1] + len(pairs) * [2]
+    found = voxels.centroids()[voxels.counts() == 2]
+    np.testing.assert_allclose(sort_rows(found), sort_rows(pairs), atol=1e-6)
 
 
 @pytest.mark.parametrize('points', [np.empty((0, 3)), np.array([[1.0, 2.0, 3.0]])])
