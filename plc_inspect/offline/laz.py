@@ -12,9 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Reading LAS and LAZ by a decoder that raises an error on truncated files."""
+"""Reading LAS and LAZ by a decoder that raises an error on truncated and damaged files."""
 
+import os
 from pathlib import Path
+import struct
+from typing import BinaryIO
 
 import laspy
 
@@ -27,10 +30,53 @@ process with a segmentation fault on some truncated files.
 """
 
 
+MOST_IN_CHUNK = 10_000_000
+"""Points; writers take 50,000."""
+_ANY_SIZE = 2**32 - 1
+"""Size of chunks that differ in it."""
+
+
 def read_las(path: Path) -> laspy.LasData:
     """
     Read a LAS or LAZ file whole.
 
-    Errors are those of laspy, lazrs, struct, numpy and the system, as they come.
+    Errors are those of laspy, lazrs, struct, numpy and the system, as they come; ValueError where
+    a damaged file would make lazrs ask for more memory than there is, which ends the process, and
+    RuntimeError where it panics, which would pass by all that catches errors.
     """
-    return laspy.read(path, laz_backend=BACKENDS)
+    try:
+        with path.open('rb') as file, laspy.open(file, laz_backend=BACKENDS) as reader:
+            if reader.header.are_points_compressed:
+                _check_chunks(file, reader.header)
+            return reader.read()
+    except BaseException as error:
+        if type(error).__name__ != 'PanicException':  # no module has it to be imported from
+            raise
+        raise RuntimeError(f'the decoder gave up: {error}') from error
+
+
+def _check_chunks(file: BinaryIO, header: laspy.LasHeader) -> None:
+    """Refuse sizes and numbers of chunks that cannot be; leave all else to the decoder."""
+    place, size = file.tell(), os.fstat(file.fileno()).st_size
+    (options,) = header.vlrs.get('LasZipVlr') or [None]
+    if options is not None and len(options.record_data) >= 16:
+        (in_chunk,) = struct.unpack_from('<I', options.record_data, 12)
+        if in_chunk != _ANY_SIZE and in_chunk > max(header.point_count, MOST_IN_CHUNK):
+            raise ValueError(f'chunks of {in_chunk} points, it has {header.point_count}')
+    file.seek(header.offset_to_point_data)
+    table = _read(file, '<q')
+    if table == -1 and size >= 8:  # written without going back: the last bytes say it
+        file.seek(size - 8)
+        table = _read(file, '<q')
+    if 0 <= table <= size:
+        file.seek(table + 4)
+        num_chunks = _read(file, '<I')
+        if num_chunks > min(header.point_count, size):
+            raise ValueError(f'{num_chunks} chunks for {header.point_count} points')
+    file.seek(place)
+
+
+def _read(file: BinaryIO, kind: str) -> int:
+    """Return the number at the place of a file, -1 where it ends."""
+    data = file.read(struct.calcsize(kind))
+    return int(struct.unpack(kind, data)[0]) if len(data) == struct.calcsize(kind) else -1

@@ -13,6 +13,7 @@
 # limitations under the License.
 
 from pathlib import Path
+import struct
 
 import hypothesis
 from hypothesis import given
@@ -175,6 +176,42 @@ def test_truncated_chunk_table_does_not_end_the_process(tmp_path):
         path.write_bytes(data[:size])
         with pytest.raises(DataError, match=path.name):
             read_cloud(path)
+
+
+def test_damaged_chunks_do_not_end_the_process(tmp_path):
+    # The decoder aborts where it gets no memory: the table of chunks, its place, chunks too large.
+    path = write_las(tmp_path / 'cloud.laz', make_points(2000))
+    data = path.read_bytes()
+    (first_point,) = struct.unpack_from('<I', data, 96)
+    (table,) = struct.unpack_from('<q', data, first_point)
+    for position, bit, message in (
+        (table + 7, 7, '2147483649 chunks for 2000 points'),
+        (first_point, 4, 'chunks for 2000 points'),
+        (data.index(struct.pack('<I', 50_000), 375, first_point) + 3, 6, 'chunks of 1073791824'),
+        (table + 8, 7, 'cloud.laz'),
+    ):
+        damaged = bytearray(data)
+        damaged[position] ^= 1 << bit
+        path.write_bytes(damaged)
+        with pytest.raises(DataError, match=message) as error:
+            read_cloud(path)
+        assert '\n' not in str(error.value)
+
+
+def test_place_of_the_chunks_may_stand_at_the_end(tmp_path):
+    # So it does in a file that was written as a stream.
+    points = make_points(2000)
+    path = write_las(tmp_path / 'cloud.laz', points)
+    data = bytearray(path.read_bytes())
+    (first_point,) = struct.unpack_from('<I', data, 96)
+    (table,) = struct.unpack_from('<q', data, first_point)
+    struct.pack_into('<q', data, first_point, -1)
+    path.write_bytes(data + struct.pack('<q', table))
+    np.testing.assert_allclose(read_cloud(path).points, points, rtol=0, atol=6e-4)
+    data[table + 7] = 255
+    path.write_bytes(data + struct.pack('<q', table))
+    with pytest.raises(DataError, match='4278190081 chunks for 2000 points'):
+        read_cloud(path)
 
 
 @pytest.mark.parametrize(
