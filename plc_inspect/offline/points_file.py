@@ -25,7 +25,7 @@ from plc_inspect.errors import DataError
 from plc_inspect.offline.inspection import Inspection
 from plc_inspect.results import InspectionResult
 
-CHUNK_SIZE = 2_000_000
+CHUNK_SIZE = 1_000_000
 EXTRA_DIMENSIONS = (
     ('line_id', np.int32, 'conductor, -1 none'),
     ('span_id', np.int32, 'span, -1 none'),
