@@ -13,12 +13,13 @@
 # limitations under the License.
 
 """
-Growth of time and memory with the number of points and with the length of the corridor.
+Growth of time and memory with the number of points, the length of the corridor and the flight.
 
 The points are those of one high-voltage corridor at rising density, and copies of a corridor laid
 end to end at one density.  A straight line in the double logarithmic plot is a power; its slope is
 printed, and 1 is linear.  ``--write`` draws docs/images/scaling.png and puts the tables into
-docs/performance.md.  How a tick of the node grows with the flight is the node benches' affair.
+docs/performance.md.  A flight sees copies of a corridor bit by bit, and a tick of the node's
+worker, run here without ROS, must not take longer for what was flown before.
 """
 
 import argparse
@@ -27,6 +28,7 @@ from dataclasses import dataclass
 from pathlib import Path
 import sys
 
+from flown_ticks import FlownTick, fly_along
 from matplotlib import pyplot
 from measure import measure
 import numpy as np
@@ -44,6 +46,9 @@ GAP = 200.0
 """Distance of the copies of a corridor [m]."""
 MOST_POWER = 1.1
 """Growth counts as linear up to this power: the smallest clouds fit into caches."""
+FLIGHT_COPIES = 8
+MOST_SLOWER = 1.1
+"""Median tick of the second half of a flight, in those of the first."""
 FROM_POINTS = 1_000_000
 """Powers are fitted from this size on, where fixed costs no longer count."""
 
@@ -71,14 +76,37 @@ def grow_density(cache: Path, most: int, rng: np.random.Generator) -> Iterator[n
 
 def grow_length(cache: Path, most: int) -> Iterator[tuple[float, np.ndarray]]:
     """Yield the length [km] and the points of ever longer corridors of one density."""
-    points = make_map(cache, 'high_voltage', num_points=min(COPY_POINTS, most)).points
-    step = float(np.ptp(points[:, 0])) + GAP
-    length = (step - GAP) / 1000.0
+    num = min(COPY_POINTS, most)
     for copies in COPIES:
-        if copies == 1 or copies * len(points) <= most:
-            yield copies * length, np.vstack(
-                [points + np.array([k * step, 0.0, 0.0]) for k in range(copies)]
-            )
+        if copies == 1 or copies * num <= most:
+            points, pitch = lay_copies(cache, num, copies)
+            yield copies * (pitch - GAP) / 1000.0, points
+
+
+def lay_copies(cache: Path, num: int, copies: int) -> tuple[np.ndarray, float]:
+    """Return copies of one corridor of so many points, end to end, and their distance [m]."""
+    points = make_map(cache, 'high_voltage', num_points=num).points
+    pitch = float(np.ptp(points[:, 0])) + GAP
+    laid = [points + np.array([k * pitch, 0.0, 0.0]) for k in range(copies)]
+    return np.vstack(laid), pitch
+
+
+Part = tuple[float, list[FlownTick]]
+"""The end of one copy of the corridor [m], and the ticks along it."""
+
+
+def fly(cache: Path, most: int, rng: np.random.Generator) -> list[Part]:
+    """Return the ticks of a flight along copies of one corridor, copy by copy."""
+    num = min(COPY_POINTS, most)
+    points, pitch = lay_copies(cache, num, min(FLIGHT_COPIES, most // num))
+    parts: list[Part] = []
+    for tick in fly_along(points, rng):
+        if not parts or tick.flown >= parts[-1][0]:
+            parts.append(((len(parts) + 1) * pitch, []))
+            print(f'flown {tick.flown:.0f} m: a tick of {1e3 * tick.seconds:.0f} ms',
+                  file=sys.stderr, flush=True)
+        parts[-1][1].append(tick)
+    return parts
 
 
 def take(size: float, points: np.ndarray, repeats: int) -> Sample:
@@ -127,9 +155,36 @@ def check_growth(title: str, samples: Sequence[Sample]) -> list[Check]:
     ]
 
 
-def draw(path: Path, density: Sequence[Sample], length: Sequence[Sample]) -> None:
-    """Draw both experiments, time above and memory below."""
-    figure, axes = pyplot.subplots(2, 2, figsize=(9.0, 6.0), layout='constrained', sharex='col')
+def render_flight(parts: Sequence[Part]) -> str:
+    """Return the table of the flight."""
+    columns = ('flown', 'ticks', 'tick, median [ms]', 'tick, p95 [ms]',
+               'points of a window, median', 'voxels in the map', 'spans known')
+    return render_table(columns, [
+        (f'to {end / 1000.0:.1f} km', f'{len(ticks)}',
+         *(f'{1e3 * np.percentile([tick.seconds for tick in ticks], share):.0f}'
+           for share in (50, 95)),
+         f'{np.median([tick.num_points for tick in ticks]):,.0f}', f'{ticks[-1].num_voxels:,}',
+         f'{ticks[-1].num_spans}')
+        for end, ticks in parts
+    ])
+
+
+def check_flight(parts: Sequence[Part]) -> Check:
+    """Return the check that the second half of a flight has no slower ticks than the first."""
+    half = len(parts) // 2
+    early, late = (
+        [tick.seconds for _, ticks in some for tick in ticks]
+        for some in (parts[:half], parts[len(parts) - half:])
+    )
+    slower = float(np.median(late) / np.median(early)) if early else float('nan')
+    return at_most('flight', 'median tick, second half in the first', slower, MOST_SLOWER)
+
+
+def draw(
+    path: Path, density: Sequence[Sample], length: Sequence[Sample], flight: Sequence[Part]
+) -> None:
+    """Draw all experiments, time above and memory below."""
+    figure, axes = pyplot.subplots(2, 3, figsize=(13.0, 6.0), layout='constrained', sharex='col')
     columns = ((density, 'points in one corridor'), (length, 'length of the corridor [km]'))
     rows = (('seconds', 1.0, 'time [s]'), ('extra_bytes', 1e-9, 'extra memory [GB]'))
     for column, (samples, what) in enumerate(columns):
@@ -143,6 +198,22 @@ def draw(path: Path, density: Sequence[Sample], length: Sequence[Sample]) -> Non
             axis.grid(visible=True, which='major', alpha=0.3)
         axes[1, column].set_xlabel(what)
     axes[0, 0].legend(frameon=False)
+    ticks = [tick for _, part in flight for tick in part]
+    flown = np.array([tick.flown for tick in ticks]) / 1000.0
+    axes[0, 2].plot(flown, [1e3 * tick.seconds for tick in ticks], '.', color='#1f5fa8',
+                    markersize=3)
+    for number, (_, part) in enumerate(flight):
+        middle = 1e3 * np.median([tick.seconds for tick in part])
+        axes[0, 2].plot([part[0].flown / 1000.0, part[-1].flown / 1000.0], [middle, middle], '-',
+                        color='#c0392b', label='' if number else 'median of a corridor')
+    axes[0, 2].set_ylim(bottom=0.0)
+    axes[0, 2].set_ylabel('tick [ms]')
+    axes[0, 2].legend(frameon=False)
+    axes[1, 2].plot(flown, [tick.num_voxels / 1e6 for tick in ticks], '-', color='#1f5fa8')
+    axes[1, 2].set_ylabel('voxels in the map [million]')
+    axes[1, 2].set_xlabel('flown [km]')
+    for axis in axes[:, 2]:
+        axis.grid(visible=True, which='major', alpha=0.3)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110)
     pyplot.close(figure)
@@ -172,19 +243,22 @@ def main(argv: Sequence[str] | None = None) -> int:
             take(size, points, arguments.repeats)
             for size, points in grow_length(cache, arguments.most)
         ]
+        flight = fly(cache, arguments.most, rng)
     page = '\n\n'.join([
         f'Best of {arguments.repeats} runs.',
         render('density', 'points', density),
         render('length', 'km', length),
+        render_flight(flight),
         render_table(CHECK_COLUMNS[:5], [
             check.row()[:5]
-            for check in (*check_growth('density', density), *check_growth('length', length))
+            for check in (*check_growth('density', density), *check_growth('length', length),
+                          check_flight(flight))
         ]),
     ])
     print(page)
     plot = arguments.plot or (ROOT / 'docs/images/scaling.png' if arguments.write else None)
     if plot is not None:
-        draw(plot, density, length)
+        draw(plot, density, length, flight)
     if arguments.write:
         replace_section(ROOT / 'docs/performance.md', 'scaling', page)
     return 0

@@ -172,6 +172,26 @@ def test_power_of_growth(bench):
     assert passed == [False, True]
 
 
+def test_ticks_of_a_flight_are_told_corridor_by_corridor(bench, cache):
+    scaling = bench.scaling
+    parts = scaling.fly(cache, 60_000, np.random.default_rng(0))
+    ((end, ticks),) = parts
+    assert end == pytest.approx(1210.0, abs=10.0)
+    assert len(ticks) > 80
+    assert ticks[-1].num_voxels > ticks[0].num_voxels
+    assert min(tick.seconds for tick in ticks) > 0.0
+    assert f'to {end / 1000:.1f} km' in scaling.render_flight(parts)
+    assert not scaling.check_flight(parts).passed  # one corridor tells nothing
+
+    def slow_down(tick, times):
+        return replace(tick, seconds=times)
+
+    steady = [(k * end, [slow_down(tick, 0.1) for tick in ticks]) for k in (1, 2, 3, 4)]
+    assert scaling.check_flight(steady).passed
+    growing = [(k * end, [slow_down(tick, 0.1 * k) for tick in ticks]) for k in (1, 2, 3, 4)]
+    assert not scaling.check_flight(growing).passed
+
+
 def test_baseline_finds_a_plain_line(bench):
     points, wire = make_toy(np.random.default_rng(1))
     before = points.copy()

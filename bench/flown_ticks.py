@@ -1,0 +1,91 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Ticks along a flight: what the node's worker does, without ROS, over a cloud seen bit by bit."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+import time
+
+import numpy as np
+
+from plc_inspect.config import Settings
+from plc_inspect.core.session import Session
+from plc_inspect.core.voxel_map import VoxelMap
+from plc_inspect.core.window import copy_window, WindowPlanner
+
+STEP = 10.0
+"""Flown between two ticks [m]: a second."""
+SIGHT = 60.0
+"""What is this near along the line is seen [m]."""
+SHARE = 0.3
+"""Of the points in sight, those that one tick adds to the map."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlownTick:
+    """One tick and how far the vehicle had come."""
+
+    flown: float
+    """[m]"""
+    seconds: float
+    """From the choice of the window to the labels in the map."""
+    num_points: int
+    """Of the window."""
+    num_voxels: int
+    """Of the map."""
+    num_spans: int
+    """Known so far."""
+
+
+def fly_along(points: np.ndarray, rng: np.random.Generator) -> Iterator[FlownTick]:
+    """
+    Fly above a corridor that runs along x, and yield every tick.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        The corridor [m].
+    rng : numpy.random.Generator
+        Draws what is seen.
+
+    Yields
+    ------
+    FlownTick
+
+    """
+    settings = Settings()
+    points = points[np.argsort(points[:, 0], kind='stable')]
+    voxels = VoxelMap(settings.map)
+    voxels.reserve(voxels.max_voxels, touch=True)
+    session, planner = Session(), WindowPlanner(settings.height.beta)
+    for x in np.arange(points[0, 0], points[-1, 0], STEP):
+        first, last = np.searchsorted(points[:, 0], (x - SIGHT, x + SIGHT))
+        seen = points[first:last]
+        if not len(seen):  # between two corridors
+            continue
+        voxels.insert(seen[rng.random(len(seen)) < SHARE])
+        vehicle = np.array([x, seen[:, 1].mean(), seen[:, 2].max()])
+        started = time.perf_counter()
+        plan = planner.plan(voxels, [item.span for item in session.state.spans], vehicle)
+        if plan is None:
+            continue
+        window = next(item for item in copy_window(voxels, plan) if item is not None)
+        done = session.tick(window, settings, vehicle)
+        voxels.label(window.slots, window.points, done.labels)
+        yield FlownTick(
+            flown=float(x - points[0, 0]), seconds=time.perf_counter() - started,
+            num_points=len(window.points), num_voxels=len(voxels),
+            num_spans=len(done.state.spans),
+        )
