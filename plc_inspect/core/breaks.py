@@ -20,6 +20,7 @@ import math
 from numba import njit
 import numpy as np
 
+from plc_inspect.core.bucket_sort import argsort_spread
 from plc_inspect.results import Float64
 
 MIN_SIDE = 5.0
@@ -74,7 +75,7 @@ def locate_break(x, y, z):  # type: ignore[no-untyped-def]
     nothing = False, 0.0, 0.0, 0.0
     if len(x) < 2 * MIN_SIDE_POINTS or x.max() - x.min() < 2 * MIN_SIDE:
         return nothing
-    order = np.argsort(x, kind='mergesort')
+    order = argsort_spread(x)
     x, y, z = x[order], y[order], z[order]
     middle, scale = (x[0] + x[-1]) / 2, (x[-1] - x[0]) / 2
     t = (x - middle) / scale
@@ -143,20 +144,21 @@ def _solve(s, model):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _add(s, t, y, z, weight):  # type: ignore[no-untyped-def]
-    """Add a point to the sums, or take it out with the weight -1."""
-    s[0] += weight
-    s[1] += weight * t
-    s[2] += weight * t * t
-    s[3] += weight * t * t * t
-    s[4] += weight * t * t * t * t
-    s[5] += weight * z
-    s[6] += weight * z * t
-    s[7] += weight * z * t * t
-    s[8] += weight * z * z
-    s[9] += weight * y
-    s[10] += weight * y * t
-    s[11] += weight * y * y
+def _add(s, t, y, z):  # type: ignore[no-untyped-def]
+    """Add a point to the sums."""
+    t2 = t * t
+    s[0] += 1.0
+    s[1] += t
+    s[2] += t2
+    s[3] += t2 * t
+    s[4] += t2 * t2
+    s[5] += z
+    s[6] += z * t
+    s[7] += z * t2
+    s[8] += z * z
+    s[9] += y
+    s[10] += y * t
+    s[11] += y * y
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
@@ -168,9 +170,9 @@ def _best_cut(x, t, y, z):  # type: ignore[no-untyped-def]
     returned are the squared error and the models of both sides.
     """
     num = len(x)
-    left, right = np.zeros(12), np.zeros(12)
+    left, right, total = np.zeros(12), np.zeros(12), np.zeros(12)
     for k in range(num):
-        _add(right, t[k], y[k], z[k], 1.0)
+        _add(total, t[k], y[k], z[k])
     own_left, own_right = np.zeros(5), np.zeros(5)
     best_left, best_right = np.zeros(5), np.zeros(5)
     best, cut, place = np.inf, 0, -np.inf
@@ -179,11 +181,11 @@ def _best_cut(x, t, y, z):  # type: ignore[no-untyped-def]
             here = math.floor(x[k] / STEP)
             if here > place:
                 place = here
+                right[:] = total - left
                 error = _solve(left, own_left) + _solve(right, own_right)
                 if error < best:
                     best, cut = error, k
                     best_left[:] = own_left
                     best_right[:] = own_right
-        _add(left, t[k], y[k], z[k], 1.0)
-        _add(right, t[k], y[k], z[k], -1.0)
+        _add(left, t[k], y[k], z[k])
     return cut, best, best_left, best_right

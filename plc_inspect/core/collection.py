@@ -25,6 +25,7 @@ import numpy as np
 
 from plc_inspect.config import CatenarySettings
 from plc_inspect.core.bead_fit import SHELL_RATIO, SHELL_SHARE
+from plc_inspect.core.bucket_sort import argsort_spread
 from plc_inspect.core.curve import Curve, MAX_POINTS, pack_curves, unpack_curve
 from plc_inspect.core.curve_fit import (
     AZIMUTH,
@@ -364,7 +365,7 @@ def profile_row(points, grid, row, low, high, step, ignore):  # type: ignore[no-
             shell[place] += 1
     chosen, distance = chosen[:found].copy(), distance[:found].copy()
     if not ordered:
-        ascending = np.argsort(chosen)
+        ascending = argsort_spread(chosen)
         chosen, distance = chosen[ascending], distance[ascending]
     return core, shell, chosen, distance
 

@@ -17,10 +17,8 @@
 from numba import njit
 import numpy as np
 
+from plc_inspect.core.bucket_sort import argsort_spread
 from plc_inspect.core.disjoint_sets import find_root
-
-MOST_INSERTED = 4096
-"""More values are not sorted by insertion: all of them could be close together."""
 
 
 @njit(cache=True, nogil=True)
@@ -46,7 +44,7 @@ def dbscan_plane(u, v, eps, min_points):  # type: ignore[no-untyped-def]
 
     """
     n = len(u)
-    order = _argsort(u)
+    order = argsort_spread(u)
     a, b = u[order], v[order]
     limit = eps * eps
     core = np.zeros(n, dtype=np.bool_)
@@ -91,34 +89,3 @@ def dbscan_plane(u, v, eps, min_points):  # type: ignore[no-untyped-def]
     result = np.empty(n, dtype=np.int64)
     result[order] = label
     return result
-
-
-@njit(cache=True, nogil=True)
-def _argsort(values):  # type: ignore[no-untyped-def]
-    """Order of values: by buckets, then by insertion within these; twice as fast as by pivots."""
-    n = len(values)
-    low, high, nothing = np.inf, -np.inf, 0.0
-    for k in range(n):
-        low, high = min(low, values[k]), max(high, values[k])
-        nothing += 0.0 * values[k]  # NaN where one is not finite
-    if n > MOST_INSERTED or not high - low > 1e-9 or nothing != 0.0:
-        return np.argsort(values)
-    scale = (n - 1) / (high - low)
-    start = np.zeros(n + 1, dtype=np.int64)
-    for k in range(n):
-        start[int((values[k] - low) * scale) + 1] += 1
-    for k in range(n):
-        start[k + 1] += start[k]
-    order = np.empty(n, dtype=np.int64)
-    for k in range(n):
-        bucket = int((values[k] - low) * scale)
-        order[start[bucket]] = k
-        start[bucket] += 1
-    for k in range(1, n):
-        own = order[k]
-        m = k - 1
-        while m >= 0 and values[order[m]] > values[own]:
-            order[m + 1] = order[m]
-            m -= 1
-        order[m + 1] = own
-    return order

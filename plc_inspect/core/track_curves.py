@@ -21,6 +21,7 @@ import numpy as np
 
 from plc_inspect.config import CatenarySettings
 from plc_inspect.core.breaks import locate_break
+from plc_inspect.core.bucket_sort import argsort_spread
 from plc_inspect.core.catenary import draw_triples
 from plc_inspect.core.clustering import ClusteringResult
 from plc_inspect.core.curve import (
@@ -157,7 +158,13 @@ def _fit(  # type: ignore[no-untyped-def]
         for k in range(bead_start[bead], bead_start[bead + 1]):
             chosen[total] = bead_points[k]
             total += 1
-    chosen = np.unique(chosen)
+    ordered = chosen[argsort_spread(chosen)]
+    chosen, total = ordered.copy(), 0
+    for point in ordered:
+        if total == 0 or point > chosen[total - 1]:
+            chosen[total] = point
+            total += 1
+    chosen = chosen[:total].copy()
     if tolerance == 0.0:
         tolerance = derive_tolerance(np.median(rms[beads]))
     parts = split_at_supports(points, chosen)
