@@ -107,7 +107,7 @@ def align(candidates: LinearityResult, settings: AlignmentSettings) -> Alignment
     window = _split_azimuths(tile, azimuth, math.radians(settings.max_turn_deg))
     sure = _is_sure(tile, window)
     kept, azimuth, slope, position = kept[sure], azimuth[sure], slope[sure], position[sure]
-    window = np.unique(window[sure], return_inverse=True)[1]
+    window = _close_numbers(window[sure])
     order = np.argsort(window, kind='stable')
     num_windows = int(window.max()) + 1
     start = np.searchsorted(window[order], np.arange(num_windows + 1)).astype(np.int32)
@@ -176,21 +176,28 @@ def _split_azimuths(tile: Int64, azimuth: Float64, gap: float) -> Int64:
     alias = np.arange(int(group[-1]) + 1)
     alias[group[ends[wraps]]] = group[starts[wraps]]
     group = alias[group]
-    _, number = np.unique(group, return_inverse=True)
     result = np.empty(len(order), dtype=np.int64)
-    result[order] = number
+    result[order] = _close_numbers(group)
+    return result
+
+
+def _close_numbers(number: Int64) -> Int64:
+    """Return small numbers from 0 renumbered in their order, so that none is missing."""
+    present = np.zeros(int(number.max(initial=-1)) + 1, dtype=np.int64)
+    present[number] = 1
+    result: Int64 = (np.cumsum(present) - 1)[number]
     return result
 
 
 def _is_sure(tile: Int64, window: Int64) -> Bool:
     """Tell which items are in a window that is not a few strays beside the main one of a tile."""
-    _, first, own, count = np.unique(
-        window, return_index=True, return_inverse=True, return_counts=True
-    )
-    home = np.unique(tile[first], axis=0, return_inverse=True)[1].ravel()
-    fullest = np.zeros(len(first), dtype=np.int64)
+    count = np.bincount(window)
+    any_of = np.empty(len(count), dtype=np.int64)
+    any_of[window] = np.arange(len(window))
+    home = np.unique(tile[any_of], axis=0, return_inverse=True)[1].ravel()
+    fullest = np.zeros(len(count), dtype=np.int64)
     np.maximum.at(fullest, home, count)
-    result: Bool = (count >= MIN_SHARE * fullest[home])[own]
+    result: Bool = (count >= MIN_SHARE * fullest[home])[window]
     return result
 
 
