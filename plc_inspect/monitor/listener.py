@@ -97,6 +97,9 @@ class Listener:
             self._executor.spin_once(timeout_sec=seconds)
         except self._rclpy.executors.ExternalShutdownException:
             return False
+        except RuntimeError:  # what rclpy raises where the signal came in the middle of it
+            if self._context.ok():
+                raise
         return bool(self._context.ok())
 
     def close(self) -> None:

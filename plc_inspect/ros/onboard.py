@@ -64,6 +64,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+    except RuntimeError:  # what rclpy raises where the signal came in the middle of it
+        if rclpy.utilities.ok():
+            raise
     finally:
         # A second signal must not cut off the saving of the results.
         signal.signal(signal.SIGINT, signal.SIG_IGN)

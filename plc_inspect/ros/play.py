@@ -81,6 +81,9 @@ def _run(arguments: argparse.Namespace) -> int:
                 print(f'{NAME}: {count} messages played')
         except (KeyboardInterrupt, ExternalShutdownException):
             pass
+        except RuntimeError:  # what rclpy raises where the signal came in the middle of it
+            if rclpy.utilities.ok():
+                raise
         finally:
             player.close()
             rclpy.utilities.try_shutdown()

@@ -107,6 +107,38 @@ def test_signal_during_a_tick_saves_the_results(start, robot, tmp_path, number):
     assert sorted(path.name for path in tmp_path.iterdir() if 'partial' in path.name) == []
 
 
+SPIN = """
+import sys
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from plc_inspect.ros.onboard import main
+
+def spin(executor):
+    {first}
+    with executor.context.handle:
+        rclpy_implementation.WaitSet(0, 0, 0, 0, 0, 0, executor.context.handle)
+    raise RuntimeError('a defect')
+
+SingleThreadedExecutor.spin = spin
+sys.exit(main(['--ros-args', '-p', 'map.max_voxels:=20000']))
+"""
+
+
+@pytest.mark.parametrize(('first', 'code'), [('rclpy.shutdown()', 0), ('pass', 1)])
+def test_end_of_ros_in_the_middle_of_a_wait_is_no_defect(tmp_path, first, code):
+    # A signal may come between the question whether all is well and the wait for messages.
+    isolate()
+    done = subprocess.run(
+        [sys.executable, '-c', SPIN.format(first=first)], cwd=ROOT, text=True, timeout=120.0,
+        env=os.environ | {'ROS_DOMAIN_ID': str(take_domain()), 'ROS_HOME': str(tmp_path)},
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False,
+    )
+    assert done.returncode == code, done.stdout
+    assert ('Traceback' in done.stdout) == ('a defect' in done.stdout) == bool(code)
+    assert 'nothing to save' in done.stdout
+
+
 def test_without_data_nothing_is_saved(start, tmp_path):
     node = start(NODE, '--ros-args', '-p', 'map.max_voxels:=20000')
     wait_for(lambda: 'ready' in node.text(), 'ready node', FIRST_DEADLINE)
