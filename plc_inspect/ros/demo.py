@@ -206,7 +206,7 @@ class _Monitor:
         """Go on printing for a while."""
         deadline = time.monotonic() + seconds
         while time.monotonic() < deadline:
-            self._executor.spin_once(timeout_sec=0.1)
+            self._spin()
 
     def close(self) -> None:
         """Leave the graph."""
@@ -216,6 +216,17 @@ class _Monitor:
         self._node.destroy_node()
         rclpy.utilities.try_shutdown()
 
+    def _spin(self) -> None:
+        import rclpy
+        from rclpy.executors import ExternalShutdownException
+
+        try:
+            self._executor.spin_once(timeout_sec=0.1)
+        except (ExternalShutdownException, RuntimeError):
+            if rclpy.utilities.ok():
+                raise
+            raise KeyboardInterrupt from None  # rclpy took the signal before Python did
+
     def _spin_until(self, done: Any, node: _Process, timeout: float, problem: str) -> None:
         deadline = time.monotonic() + timeout
         while not done():
@@ -223,7 +234,7 @@ class _Monitor:
                 raise DataError(f'the node ended with exit code {node.poll()}')
             if time.monotonic() > deadline:
                 raise DataError(f'{problem} after {timeout:g} s')
-            self._executor.spin_once(timeout_sec=0.1)
+            self._spin()
 
     def _say(self, text: str) -> None:
         print(f'{time.monotonic() - self._started:5.1f} s  {text}', flush=True)

@@ -58,6 +58,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     except PlcInspectError as error:
         rclpy.utilities.try_shutdown()
         return _complain(error)
+    except RuntimeError:  # what rclpy raises where a signal came meanwhile
+        if rclpy.utilities.ok():
+            raise
+        return DONE
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     try:

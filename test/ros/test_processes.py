@@ -139,6 +139,15 @@ def test_end_of_ros_in_the_middle_of_a_wait_is_no_defect(tmp_path, first, code):
     assert 'nothing to save' in done.stdout
 
 
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_demo_ends_its_processes_on_a_signal(start, tmp_path, number):
+    demo = start('plc_inspect.ros.demo', DEMO, tmp_path / 'out')
+    wait_for(lambda: 'node and player' in demo.text(), 'node and player', FIRST_DEADLINE)
+    time.sleep(2.0)
+    assert demo.end(number) == 130, demo.text()
+    assert 'Traceback' not in demo.text()
+
+
 def test_without_data_nothing_is_saved(start, tmp_path):
     node = start(NODE, '--ros-args', '-p', 'map.max_voxels:=20000')
     wait_for(lambda: 'ready' in node.text(), 'ready node', FIRST_DEADLINE)
