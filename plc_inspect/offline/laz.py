@@ -28,8 +28,6 @@ Those of lazrs.
 laspy would try LASzip next where that is installed: version 0.3.0 of its Python package ends the
 process with a segmentation fault on some truncated files.
 """
-
-
 MOST_IN_CHUNK = 10_000_000
 """Points; writers take 50,000."""
 _ANY_SIZE = 2**32 - 1
@@ -58,9 +56,9 @@ def read_las(path: Path) -> laspy.LasData:
 def _check_chunks(file: BinaryIO, header: laspy.LasHeader) -> None:
     """Refuse sizes and numbers of chunks that cannot be; leave all else to the decoder."""
     place, size = file.tell(), os.fstat(file.fileno()).st_size
-    (options,) = header.vlrs.get('LasZipVlr') or [None]
-    if options is not None and len(options.record_data) >= 16:
-        (in_chunk,) = struct.unpack_from('<I', options.record_data, 12)
+    options = b''.join(vlr.record_data for vlr in header.vlrs.get('LasZipVlr')[:1])
+    if len(options) >= 16:
+        (in_chunk,) = struct.unpack_from('<I', options, 12)
         if in_chunk != _ANY_SIZE and in_chunk > max(header.point_count, MOST_IN_CHUNK):
             raise ValueError(f'chunks of {in_chunk} points, it has {header.point_count}')
     file.seek(header.offset_to_point_data)
