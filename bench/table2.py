@@ -22,7 +22,7 @@ tables into docs/performance.md.
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import os
 from pathlib import Path
 import statistics
@@ -69,16 +69,11 @@ MOST_MEMORY = 2e9
 LEAST_RATIO = 50.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Run:
-    """What one run of a program took; what it found is let go, its memory serves the next one."""
-
-    seconds: float
-    cpu_seconds: float
-    extra_bytes: float
-    """NaN unless memory is measured."""
-    stages: dict[str, float]
-    """Wall time of each stage [s]."""
+Run = Measured[dict[str, float]]
+"""
+What one run of a program took, in all and in each stage [s]; what it found is let go, as its
+memory serves the next one.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,8 +96,8 @@ class Program:
 
     def stages(self) -> dict[str, float]:
         """Return the median wall time of each stage [s]."""
-        return {name: statistics.median(run.stages[name] for run in self.runs)
-                for name in self.runs[0].stages}
+        return {name: statistics.median(run.value[name] for run in self.runs)
+                for name in self.runs[0].value}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -130,20 +125,13 @@ def run_ours(points: np.ndarray, *, memory: bool) -> tuple[Run, np.ndarray]:
     """Run the default pipeline; return also its wire mask (N,)."""
     measured = measure(lambda: Pipeline().run(points), memory=memory)
     stages = {stage.name: stage.seconds for stage in measured.value.stages}
-    return _describe(measured, stages), measured.value.classification == PointClass.WIRE
+    return replace(measured, value=stages), measured.value.classification == PointClass.WIRE
 
 
 def run_baseline(points: np.ndarray, *, memory: bool) -> tuple[Run, np.ndarray]:
     """Run the plain reading of the paper; return also its wire mask (N,)."""
     measured = measure(lambda: segment(points), memory=memory)
-    return _describe(measured, measured.value.seconds), measured.value.wire
-
-
-def _describe(measured: Measured, stages: dict[str, float]) -> Run:
-    return Run(
-        seconds=measured.seconds, cpu_seconds=measured.cpu_seconds,
-        extra_bytes=measured.extra_bytes, stages=stages,
-    )
+    return replace(measured, value=measured.value.seconds), measured.value.wire
 
 
 def compare(case: Case, survey: Survey, repeats: int) -> Comparison:
