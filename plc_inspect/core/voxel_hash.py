@@ -81,6 +81,12 @@ def _make_entry(hashed, slot, mask):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, inline='always')
+def _slot_of(entry, mask):  # type: ignore[no-untyped-def]
+    """Return the slot of an entry, -1 where it is free."""
+    return np.int64(entry & mask) - 1
+
+
+@njit(cache=True, nogil=True, inline='always')
 def _walk(hashed, place, table, mask):  # type: ignore[no-untyped-def]
     """Return the first place from one on that is free or may hold a key, by its hash."""
     while table[place] != 0 and (np.int64(table[place]) ^ hashed) & ENTRY_BITS & ~mask != 0:
@@ -188,7 +194,7 @@ def accumulate_points(
             entries[k] = table[hashes[k] & mask]
         for k in range(block):
             places[k] = _walk(hashes[k], hashes[k] & mask, table, mask)
-            slots[k] = np.int64(table[places[k]] & mask) - 1
+            slots[k] = _slot_of(table[places[k]], mask)
         for k in range(block):
             known[k] = slot_keys[max(slots[k], 0)]
         for k in range(block):
@@ -196,10 +202,10 @@ def accumulate_points(
             key, place, slot = keys[i], places[k], slots[k]
             if slot < 0 or known[k] != key:
                 place = _walk(hashes[k], place, table, mask)  # one of this block may be there
-                slot = np.int64(table[place] & mask) - 1
+                slot = _slot_of(table[place], mask)
                 while slot >= 0 and slot_keys[slot] != key:
                     place = _walk(hashes[k], (place + 1) & mask, table, mask)
-                    slot = np.int64(table[place] & mask) - 1
+                    slot = _slot_of(table[place], mask)
             slots[k] = slot
             if slot >= 0:
                 continue
@@ -246,11 +252,11 @@ def forget_key(key: np.int64, table: UInt32, slot_keys: Int64) -> None:
     """
     mask = len(table) - 1
     hole = hash_key(key) & mask
-    while slot_keys[np.int64(table[hole] & mask) - 1] != key:
+    while slot_keys[_slot_of(table[hole], mask)] != key:
         hole = (hole + 1) & mask
     place = (hole + 1) & mask
     while table[place] != 0:
-        home = hash_key(slot_keys[np.int64(table[place] & mask) - 1]) & mask
+        home = hash_key(slot_keys[_slot_of(table[place], mask)]) & mask
         if ((place - home) & mask) >= ((place - hole) & mask):
             table[hole] = table[place]
             hole = place
