@@ -158,13 +158,10 @@ def _fit(  # type: ignore[no-untyped-def]
         for k in range(bead_start[bead], bead_start[bead + 1]):
             chosen[total] = bead_points[k]
             total += 1
-    ordered = chosen[argsort_spread(chosen)]
-    chosen, total = ordered.copy(), 0
-    for point in ordered:
-        if total == 0 or point > chosen[total - 1]:
-            chosen[total] = point
-            total += 1
-    chosen = chosen[:total].copy()
+    chosen = chosen[argsort_spread(chosen)]
+    fresh = np.ones(total, dtype=np.bool_)
+    fresh[1:] = chosen[1:] > chosen[:-1]  # windows overlap
+    chosen = chosen[fresh]
     if tolerance == 0.0:
         tolerance = derive_tolerance(np.median(rms[beads]))
     parts = split_at_supports(points, chosen)
