@@ -19,6 +19,7 @@ import contextlib
 from typing import Any
 
 from plc_inspect.errors import ConfigError
+from plc_inspect.ros.ending import was_cut_short
 
 TOPICS = {'summary': 'summary', 'cloud': 'thin_corridor'}
 
@@ -95,10 +96,8 @@ class Listener:
             return False
         try:
             self._executor.spin_once(timeout_sec=seconds)
-        except self._rclpy.executors.ExternalShutdownException:
-            return False
-        except RuntimeError:  # what rclpy raises where the signal came in the middle of it
-            if self._context.ok():
+        except Exception as error:
+            if not was_cut_short(error, self._context):
                 raise
         return bool(self._context.ok())
 

@@ -33,6 +33,7 @@ from plc_inspect.errors import DataError, PlcInspectError
 from plc_inspect.offline.bags import Recording
 from plc_inspect.offline.command import BAD_INPUT, DONE, INTERRUPTED, Parser
 from plc_inspect.offline.results_folder import check_folder
+from plc_inspect.ros.ending import was_cut_short
 from plc_inspect.ros.transport import prepare_transport
 
 NAME = 'plc_demo'
@@ -217,13 +218,10 @@ class _Monitor:
         rclpy.utilities.try_shutdown()
 
     def _spin(self) -> None:
-        import rclpy
-        from rclpy.executors import ExternalShutdownException
-
         try:
             self._executor.spin_once(timeout_sec=0.1)
-        except (ExternalShutdownException, RuntimeError):
-            if rclpy.utilities.ok():
+        except Exception as error:
+            if not was_cut_short(error):
                 raise
             raise KeyboardInterrupt from None  # rclpy took the signal before Python did
 

@@ -21,6 +21,7 @@ import signal
 import sys
 
 from plc_inspect.errors import PlcInspectError
+from plc_inspect.ros.ending import was_cut_short
 from plc_inspect.ros.transport import prepare_transport
 
 NAME = 'plc_node'
@@ -34,7 +35,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the node until it is interrupted; return the exit code."""
     prepare_transport()
     import rclpy
-    from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+    from rclpy.executors import SingleThreadedExecutor
 
     from plc_inspect.ros.node import InspectNode
 
@@ -58,18 +59,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     except PlcInspectError as error:
         rclpy.utilities.try_shutdown()
         return _complain(error)
-    except RuntimeError:  # what rclpy raises where a signal came meanwhile
-        if rclpy.utilities.ok():
+    except Exception as error:
+        if not was_cut_short(error):
             raise
         return DONE
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     try:
         executor.spin()
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except KeyboardInterrupt:
         pass
-    except RuntimeError:  # what rclpy raises where the signal came in the middle of it
-        if rclpy.utilities.ok():
+    except Exception as error:
+        if not was_cut_short(error):
             raise
     finally:
         # A second signal must not cut off the saving of the results.

@@ -26,6 +26,7 @@ from typing import Any
 from plc_inspect.errors import DataError, PlcInspectError
 from plc_inspect.offline.bags import Recording
 from plc_inspect.offline.command import parse_with_ros, Parser
+from plc_inspect.ros.ending import was_cut_short
 from plc_inspect.ros.transport import prepare_transport
 
 NAME = 'plc_play'
@@ -68,7 +69,6 @@ def _run(arguments: argparse.Namespace) -> int:
                 f'--start {arguments.start:g} s is beyond the end, {recording.duration:.1f} s'
             )
         import rclpy
-        from rclpy.executors import ExternalShutdownException
 
         rclpy.init(args=['--ros-args', *arguments.ros] if arguments.ros else None)
         player = Player(recording, arguments.scan_topic, arguments.odometry_topic)
@@ -79,10 +79,10 @@ def _run(arguments: argparse.Namespace) -> int:
                 count += player.play(arguments.rate, arguments.start)
             if not arguments.quiet:
                 print(f'{NAME}: {count} messages played')
-        except (KeyboardInterrupt, ExternalShutdownException):
+        except KeyboardInterrupt:
             pass
-        except RuntimeError:  # what rclpy raises where the signal came in the middle of it
-            if rclpy.utilities.ok():
+        except Exception as error:
+            if not was_cut_short(error):
                 raise
         finally:
             player.close()
