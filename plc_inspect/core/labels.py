@@ -24,6 +24,7 @@ from plc_inspect.core.alignment import AlignmentResult
 from plc_inspect.core.corridor import CorridorResult
 from plc_inspect.core.height import HeightResult
 from plc_inspect.core.linearity import LinearityResult
+from plc_inspect.core.off_ground import OffGround
 from plc_inspect.core.outliers import OutlierResult
 from plc_inspect.core.picking import NUM_PARTS
 from plc_inspect.core.span_model import SpanModel
@@ -118,8 +119,8 @@ def choose_surroundings(
 
 
 def label(
-    points: Float64,
     height: HeightResult,
+    cloud: OffGround,
     candidates: LinearityResult,
     outliers: OutlierResult,
     alignment: AlignmentResult,
@@ -128,28 +129,23 @@ def label(
     corridor: CorridorResult,
     near: Int64,
     foliage: Bool,
-    used: bool = True,
 ) -> Labels:
     """
-    Say what each point is and which stage settled it, in one pass.
+    Say what each point is and which stage settled it.
 
     A high point that is neither wire nor support shares the fate of the best candidate in its
     cell of a metre.
 
     Parameters
     ----------
-    points : (N, 3) float64
-        Coordinates [m].
-    height, candidates, outliers, alignment, spans, corridor
+    height, cloud, candidates, outliers, alignment, spans, corridor
         What the stages found.
     in_beads : (B,) int32
-        Indices of the points of beads.
+        Indices of the points of beads among those of ``cloud``.
     near : (J,) int64
         Indices of the surroundings.
     foliage : (J,) bool
         Which of them are vegetation.
-    used : bool
-        Whether the high points were looked at; too few points are not.
 
     Returns
     -------
@@ -160,16 +156,20 @@ def label(
     state[np.flatnonzero(outliers.keep)] = np.where(
         alignment.voted, Decision.NO_CLUSTER, Decision.NO_SECTION
     )
-    origin, cells, values = _index_states(candidates.position, state)
-    num = len(points)
+    num = len(height.height)
     # made here and not in the kernels, as numpy asks for large pages of memory
     decision, classification = np.empty(num, dtype=np.uint8), np.empty(num, dtype=np.uint8)
+    origin, cells, values = _index_states(candidates.position, state)
+    used = len(cloud.high) > 0  # too few are not
     _settle(
-        points, height.height, height.high, used, spans.line_id, spans.support,
-        origin, cells, values, decision, classification,
+        height.height, height.high, used, spans.line_id, spans.support, decision, classification
+    )
+    _settle_high(
+        cloud.points, cloud.high, cloud.place, spans.line_id, spans.support,
+        origin, cells, values, decision,
     )
     _put_foliage(near, foliage, classification)
-    _settle_beads(in_beads, spans.line_id, spans.support, decision)
+    _settle_beads(cloud.place[in_beads], spans.line_id, spans.support, decision)
     clearance, span_id = np.empty(num, dtype=np.float32), np.empty(num, dtype=np.int32)
     corridor_line_id, corridor_span_id = np.empty((2, len(corridor.points)), dtype=np.int32)
     _spread(
@@ -277,25 +277,39 @@ def _find_state(x, y, z, keys, values):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, parallel=True, nogil=True)
 def _settle(  # type: ignore[no-untyped-def]
-    points, height, high, used, line_id, support, origin, keys, values, decision, classification
+    height, high, used, line_id, support, decision, classification
 ):
-    """Decision and class of each point by its height, its candidates, wires and supports."""
+    """
+    Decision and class of each point by its height, wires and supports.
+
+    Without branches, so that the compiler turns it into vector instructions.  Where high points
+    were looked at at all, they are no part of anything linear, unless `_settle_high` finds more.
+    """
     for i in prange(len(height)):
         above = height[i]
         settled = GROUND if above < GROUND_BAND else TOO_LOW
-        kind = CLASS_GROUND if FAR_BELOW <= above < GROUND_BAND else CLASS_OTHER
-        if np.isnan(above) and not np.isfinite(points[i, 0] + points[i, 1] + points[i, 2]):
-            settled = NOT_FINITE
-        if line_id[i] >= 0:
-            settled, kind = WIRE, CLASS_WIRE
-        elif support[i]:
-            settled, kind = SUPPORT, CLASS_TOWER
-        elif used and high[i]:
-            settled = _find_state(
-                points[i, 0] - origin[0], points[i, 1] - origin[1], points[i, 2] - origin[2],
-                keys, values,
-            )
-        decision[i], classification[i] = settled, kind
+        settled = NOT_FINITE if np.isnan(above) & (not high[i]) else settled
+        settled = NOT_LINEAR if high[i] & used else settled
+        settled = SUPPORT if support[i] else settled
+        kind = CLASS_GROUND if (above < GROUND_BAND) & (above >= FAR_BELOW) else CLASS_OTHER
+        kind = CLASS_TOWER if support[i] else kind
+        decision[i] = WIRE if line_id[i] >= 0 else settled
+        classification[i] = CLASS_WIRE if line_id[i] >= 0 else kind
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _settle_high(  # type: ignore[no-untyped-def]
+    points, high, place, line_id, support, origin, keys, values, decision
+):
+    """Decision of the high points that have candidates in their cells."""
+    for k in prange(len(high)):
+        m = high[k]
+        state = _find_state(
+            points[m, 0] - origin[0], points[m, 1] - origin[1], points[m, 2] - origin[2],
+            keys, values,
+        )
+        if state != NOT_LINEAR and line_id[place[m]] < 0 and not support[place[m]]:
+            decision[place[m]] = state
 
 
 @njit(cache=True, nogil=True)

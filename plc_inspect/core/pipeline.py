@@ -149,10 +149,9 @@ class _Run(Tracing):
             line_id=spans.line_id,
             support=spans.support,
         )
-        in_beads = lines.cloud.place[lines.clustering.beads.points]
         labels = label(
-            points, height, lines.candidates, lines.outliers, lines.alignment, in_beads, spans,
-            corridor, near, foliage, used=len(lines.cloud.high) > 0,
+            height, lines.cloud, lines.candidates, lines.outliers, lines.alignment,
+            lines.clustering.beads.points, spans, corridor, near, foliage,
         )
         self.report(
             len(near),
