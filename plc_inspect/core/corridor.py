@@ -24,7 +24,7 @@ from plc_inspect.config import CorridorSettings
 from plc_inspect.core.curve import Curve, pack_curves
 from plc_inspect.core.curve_fit import height_of, to_local
 from plc_inspect.core.nearest import find_near, span_table
-from plc_inspect.core.picking import NUM_PARTS
+from plc_inspect.core.picking import find_true
 from plc_inspect.results import Bool, Float32, Float64, Int32, Int64
 
 MIN_RADIUS = 0.6
@@ -132,7 +132,7 @@ def extract_corridor(
     found, distance, span = find_near(points, table, np.maximum(radius, least_reach))
     inside = found, distance, span
     if least_reach > 0.0:
-        inside = _keep_inside(found, distance, span, radius)
+        inside = _take(find_true(_are_inside(distance, span, radius)), found, distance, span)
     return CorridorResult(
         points=inside[0],
         distance=inside[1],
@@ -146,26 +146,22 @@ def extract_corridor(
 
 
 @njit(cache=True, parallel=True, nogil=True)
-def _keep_inside(found, distance, span, radius):  # type: ignore[no-untyped-def]
-    """Return the points within the radius of their span, with distance and span."""
-    num = len(found)
-    start = np.zeros(NUM_PARTS + 1, dtype=np.int64)
-    for part in prange(NUM_PARTS):
-        total = 0
-        for k in range(part * num // NUM_PARTS, (part + 1) * num // NUM_PARTS):
-            total += distance[k] <= radius[span[k]]
-        start[part + 1] = total
-    for part in range(NUM_PARTS):
-        start[part + 1] += start[part]
-    own = np.empty(start[NUM_PARTS], dtype=np.int64)
-    own_distance = np.empty(start[NUM_PARTS], dtype=np.float32)
-    own_span = np.empty(start[NUM_PARTS], dtype=np.int32)
-    for part in prange(NUM_PARTS):
-        place = start[part]
-        for k in range(part * num // NUM_PARTS, (part + 1) * num // NUM_PARTS):
-            if distance[k] <= radius[span[k]]:
-                own[place], own_distance[place], own_span[place] = found[k], distance[k], span[k]
-                place += 1
+def _are_inside(distance, span, radius):  # type: ignore[no-untyped-def]
+    """Tell the points within the radius of their span."""
+    result = np.empty(len(distance), dtype=np.bool_)
+    for k in prange(len(distance)):
+        result[k] = distance[k] <= radius[span[k]]
+    return result
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _take(inside, found, distance, span):  # type: ignore[no-untyped-def]
+    own = np.empty(len(inside), dtype=np.int64)
+    own_distance = np.empty(len(inside), dtype=np.float32)
+    own_span = np.empty(len(inside), dtype=np.int32)
+    for k in prange(len(inside)):
+        m = inside[k]
+        own[k], own_distance[k], own_span[k] = found[m], distance[m], span[m]
     return own, own_distance, own_span
 
 

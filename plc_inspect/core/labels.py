@@ -26,7 +26,7 @@ from plc_inspect.core.height import HeightResult
 from plc_inspect.core.linearity import LinearityResult
 from plc_inspect.core.off_ground import OffGround
 from plc_inspect.core.outliers import OutlierResult
-from plc_inspect.core.picking import NUM_PARTS
+from plc_inspect.core.picking import find_true
 from plc_inspect.core.span_model import SpanModel
 from plc_inspect.core.spans import SpanResult
 from plc_inspect.core.voxels import hash_key, pack
@@ -104,13 +104,12 @@ def choose_surroundings(
         Which span that is.
 
     """
-    figures = height, spans.line_id, spans.support
-    start = _count_around(corridor.near, *figures)
-    num = int(start[-1])
+    around = find_true(_are_around(corridor.near, height, spans.line_id, spans.support))
+    num = len(around)
+    # made here and not in the kernel, as numpy asks for large pages of memory
     near, distance, span = np.empty(num, np.int64), np.empty(num), np.empty(num, np.int64)
     _take_around(
-        corridor.near, corridor.near_distance, corridor.near_span, *figures, start,
-        near, distance, span,
+        around, corridor.near, corridor.near_distance, corridor.near_span, near, distance, span
     )
     if len(spans.intruders):
         free = ~np.isin(near, spans.intruders)
@@ -193,37 +192,23 @@ def _ids(models: Sequence[SpanModel]) -> tuple[Int32, Int32]:
     )
 
 
-@njit(cache=True, nogil=True, inline='always')
-def _is_around(i, height, line_id, support):  # type: ignore[no-untyped-def]
-    return not (height[i] < GROUND_BAND) and line_id[i] < 0 and not support[i]
-
-
 @njit(cache=True, parallel=True, nogil=True)
-def _count_around(near, height, line_id, support):  # type: ignore[no-untyped-def]
-    """How many surroundings there are before each part of the points, and in all."""
-    num = len(near)
-    start = np.zeros(NUM_PARTS + 1, dtype=np.int64)
-    for part in prange(NUM_PARTS):
-        count = 0
-        for k in range(part * num // NUM_PARTS, (part + 1) * num // NUM_PARTS):
-            count += _is_around(near[k], height, line_id, support)
-        start[part + 1] = count
-    for part in range(NUM_PARTS):
-        start[part + 1] += start[part]
-    return start
+def _are_around(near, height, line_id, support):  # type: ignore[no-untyped-def]
+    """Tell which of some points are surroundings."""
+    result = np.empty(len(near), dtype=np.bool_)
+    for k in prange(len(near)):
+        i = near[k]
+        result[k] = (not (height[i] < GROUND_BAND)) & (line_id[i] < 0) & (not support[i])
+    return result
 
 
 @njit(cache=True, parallel=True, nogil=True)
 def _take_around(  # type: ignore[no-untyped-def]
-    near, distance, span, height, line_id, support, start, own, own_distance, own_span
+    around, near, distance, span, own, own_distance, own_span
 ):
-    num = len(near)
-    for part in prange(NUM_PARTS):
-        m = start[part]
-        for k in range(part * num // NUM_PARTS, (part + 1) * num // NUM_PARTS):
-            if _is_around(near[k], height, line_id, support):
-                own[m], own_distance[m], own_span[m] = near[k], distance[k], span[k]
-                m += 1
+    for k in prange(len(around)):
+        m = around[k]
+        own[k], own_distance[k], own_span[k] = near[m], distance[m], span[m]
 
 
 @njit(cache=True, parallel=True, nogil=True)

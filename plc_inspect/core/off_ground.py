@@ -22,7 +22,7 @@ import numpy as np
 
 from plc_inspect.core.curve import Curve
 from plc_inspect.core.height import HeightResult
-from plc_inspect.core.picking import find_true, NUM_PARTS
+from plc_inspect.core.picking import find_true
 from plc_inspect.core.plan_index import build_plan_index, PlanIndex
 from plc_inspect.results import Bool, Float32, Float64, Int32, Int64
 
@@ -94,16 +94,13 @@ def gather_off_ground(points: Float64, height: HeightResult, least: float) -> Of
     OffGround
 
     """
-    start = _count_off(height.height, height.high, least)
-    found = _make_rows(int(start[-1]))
-    _pick_off(points, height.height, height.high, least, start, *found)  # in order of memory
-    index = build_plan_index(found[0], np.arange(len(found[0])), CELL)
-    rows = _make_rows(len(found[0]))
-    _arrange(*found, index.order, *rows)
-    own, place, own_height, is_high = rows
+    place = find_true(_are_off(height.height, height.high, least)).astype(np.int32)
+    found = _take(points, height.height, height.high, place)  # in order of memory
+    index = build_plan_index(found[0], np.arange(len(place)), CELL)
+    own, own_height, is_high = _take(*found, index.order)
     return OffGround(
         points=own,
-        place=place,
+        place=place[index.order],
         num_total=len(points),
         high=find_true(is_high),
         height=replace(height, height=own_height, high=is_high),
@@ -111,43 +108,32 @@ def gather_off_ground(points: Float64, height: HeightResult, least: float) -> Of
     )
 
 
-def _make_rows(num: int) -> tuple[Float64, Int32, Float32, Bool]:
-    """Room for place and number of points, their height, and whether they are high."""
-    # made here and not in the kernels, as numpy asks for large pages of memory
-    return (
-        np.empty((num, 3)), np.empty(num, dtype=np.int32), np.empty(num, dtype=np.float32),
-        np.empty(num, dtype=np.bool_),
-    )
+def _take(
+    points: Float64, height: Float32, high: Bool, chosen: Int32
+) -> tuple[Float64, Float32, Bool]:
+    """Return some of the points, in the order asked for, with their heights."""
+    # made here and not in the kernel, as numpy asks for large pages of memory
+    num = len(chosen)
+    rows = np.empty((num, 3)), np.empty(num, dtype=np.float32), np.empty(num, dtype=np.bool_)
+    _copy(points, height, high, chosen, *rows)
+    return rows
 
 
 @njit(cache=True, parallel=True, nogil=True)
-def _count_off(height, high, least):  # type: ignore[no-untyped-def]
-    """How many points are off the ground before each part of them, and in all."""
-    num = len(height)
-    start = np.zeros(NUM_PARTS + 1, dtype=np.int64)
-    for part in prange(NUM_PARTS):
-        count = 0
-        for i in range(part * num // NUM_PARTS, (part + 1) * num // NUM_PARTS):
-            count += high[i] | (height[i] >= least)
-        start[part + 1] = count
-    for part in range(NUM_PARTS):
-        start[part + 1] += start[part]
-    return start
+def _are_off(height, high, least):  # type: ignore[no-untyped-def]
+    """Tell the points off the ground."""
+    result = np.empty(len(height), dtype=np.bool_)
+    for i in prange(len(height)):
+        result[i] = high[i] | (height[i] >= least)
+    return result
 
 
 @njit(cache=True, parallel=True, nogil=True)
-def _pick_off(  # type: ignore[no-untyped-def]
-    points, height, high, least, start, own, place, own_height, is_high
-):
-    """Copy the points off the ground."""
-    num = len(height)
-    for part in prange(NUM_PARTS):
-        k = start[part]
-        for i in range(part * num // NUM_PARTS, (part + 1) * num // NUM_PARTS):
-            if high[i] | (height[i] >= least):
-                own[k, 0], own[k, 1], own[k, 2] = points[i, 0], points[i, 1], points[i, 2]
-                place[k], own_height[k], is_high[k] = i, height[i], high[i]
-                k += 1
+def _copy(points, height, high, chosen, own, own_height, is_high):  # type: ignore[no-untyped-def]
+    for k in prange(len(chosen)):
+        i = chosen[k]
+        own[k, 0], own[k, 1], own[k, 2] = points[i, 0], points[i, 1], points[i, 2]
+        own_height[k], is_high[k] = height[i], high[i]
 
 
 @njit(cache=True, parallel=True, nogil=True)
@@ -158,14 +144,3 @@ def _scatter(values, place, elsewhere, result):  # type: ignore[no-untyped-def]
         value = values[k]
         if value != elsewhere and (value == value or elsewhere == elsewhere):  # NaN is no news
             result[place[k]] = value
-
-
-@njit(cache=True, parallel=True, nogil=True)
-def _arrange(  # type: ignore[no-untyped-def]
-    points, place, height, high, order, own, own_place, own_height, is_high
-):
-    """Copy points in another order."""
-    for k in prange(len(order)):
-        m = order[k]
-        own[k, 0], own[k, 1], own[k, 2] = points[m, 0], points[m, 1], points[m, 2]
-        own_place[k], own_height[k], is_high[k] = place[m], height[m], high[m]

@@ -39,19 +39,17 @@ def find_true(mask):  # type: ignore[no-untyped-def]
     num = len(mask)
     start = np.zeros(NUM_PARTS + 1, dtype=np.int64)
     for part in prange(NUM_PARTS):
-        total = 0
         for i in range(part * num // NUM_PARTS, (part + 1) * num // NUM_PARTS):
-            total += mask[i]
-        start[part + 1] = total
+            start[part + 1] += mask[i]
     for part in range(NUM_PARTS):
         start[part + 1] += start[part]
     result = np.empty(start[NUM_PARTS], dtype=np.int64)
     for part in prange(NUM_PARTS):
-        place = start[part]
-        for i in range(part * num // NUM_PARTS, (part + 1) * num // NUM_PARTS):
-            if mask[i]:
-                result[place] = i
-                place += 1
+        i, place = part * num // NUM_PARTS, start[part]
+        while place < start[part + 1]:  # without a branch that would be hard to predict
+            result[place] = i
+            place += mask[i]
+            i += 1
     return result
 
 
