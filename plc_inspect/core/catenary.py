@@ -22,6 +22,7 @@ from numba import njit
 import numpy as np
 
 from plc_inspect.core.catenary_solver import (
+    add_up_quadratic,
     height_at,
     LEAST_EXTENT,
     slope_at,
@@ -196,29 +197,13 @@ def fit_quadratic(x: Float64, z: Float64) -> tuple[float, float, float]:
     """Return a2, a1, a0 of the least-squares quadratic form (N >= 3 points)."""
     if len(x) < 3:
         raise FitError(f'a quadratic needs 3 points, got {len(x)}')
-    middle = float(x.mean())
-    scale = max(float(np.abs(x - middle).max()), 1e-9)
-    normal, right = _add_up_quadratic(
-        np.ascontiguousarray(x), np.ascontiguousarray(z), middle, scale
-    )
+    middle, mean = float(x.mean()), float(z.mean())
+    t = x - middle
+    scale = max(float(np.abs(t).max()), 1e-9)
+    normal, right = add_up_quadratic(t, z - mean, scale, np.ones(len(t)))
     b0, b1, b2 = np.linalg.lstsq(normal, right, rcond=None)[0].tolist()
     b1, b2 = b1 / scale, b2 / scale**2
-    return b2, b1 - 2.0 * b2 * middle, b0 - b1 * middle + b2 * middle**2 + float(z.mean())
-
-
-@njit(cache=True, nogil=True)
-def _add_up_quadratic(x, z, middle, scale):  # type: ignore[no-untyped-def]
-    """Return the (3, 3) normal equations, and their right side, of z less its mean."""
-    normal, right, row = np.zeros((3, 3)), np.zeros(3), np.ones(3)
-    mean = z.mean()
-    for k in range(len(x)):
-        row[1] = (x[k] - middle) / scale
-        row[2] = row[1] * row[1]
-        for p in range(3):
-            right[p] += row[p] * (z[k] - mean)
-            for q in range(3):
-                normal[p, q] += row[p] * row[q]
-    return normal, right
+    return b2, b1 - 2.0 * b2 * middle, b0 - b1 * middle + b2 * middle**2 + mean
 
 
 @njit(cache=True, nogil=True)

@@ -153,6 +153,24 @@ def slope_at(middle, g, k, x):  # type: ignore[no-untyped-def]
     return math.sinh(k * (x - middle) + math.asinh(g))
 
 
+@njit(cache=True, nogil=True, error_model='numpy', fastmath={'reassoc', 'contract', 'nsz'})
+def add_up_quadratic(t, z, scale, weight):  # type: ignore[no-untyped-def]
+    """
+    Return the normal equations of a quadratic form in (N,) t / scale, fitted to z.
+
+    Those are their (3, 3) matrix and (3,) right side; sums are rounded as the processor adds best.
+    """
+    n = t1 = t2 = t3 = t4 = r0 = r1 = r2 = 0.0
+    by_scale = 1.0 / scale
+    for m in range(len(t)):
+        u, w = t[m] * by_scale, weight[m]
+        wu = w * u
+        wu2 = wu * u
+        n, t1, t2, t3, t4 = n + w, t1 + wu, t2 + wu2, t3 + wu2 * u, t4 + wu2 * u * u
+        r0, r1, r2 = r0 + w * z[m], r1 + wu * z[m], r2 + wu2 * z[m]
+    return np.array([[n, t1, t2], [t1, t2, t3], [t2, t3, t4]]), np.array([r0, r1, r2])
+
+
 @njit(cache=True, nogil=True, error_model='numpy')
 def _refine(t, z, inlier, tolerance):  # type: ignore[no-untyped-def]
     """
@@ -162,17 +180,8 @@ def _refine(t, z, inlier, tolerance):  # type: ignore[no-untyped-def]
     """
     scale = max(np.abs(t).max(), 1e-9)
     # quadratic start
-    normal = np.zeros((3, 3))
-    right = np.zeros(3)
-    row = np.ones(3)
-    for m in range(len(t)):
-        if inlier[m]:
-            row[1] = t[m] / scale
-            row[2] = row[1] * row[1]
-            for p in range(3):
-                right[p] += row[p] * z[m]
-                for q in range(3):
-                    normal[p, q] += row[p] * row[q]
+    weight = inlier.astype(np.float64)
+    normal, right = add_up_quadratic(t, z, scale, weight)
     for p in range(3):
         normal[p, p] += 1e-9 * (normal[0, 0] + 1.0)
     inverse = np.zeros((3, 3))
@@ -182,7 +191,6 @@ def _refine(t, z, inlier, tolerance):  # type: ignore[no-untyped-def]
     h, g = start[0], start[1] / scale
     k = max(2.0 * start[2] / (scale * scale * math.sqrt(1.0 + g * g)), MIN_CURVATURE)
     k = min(k, 20.0 / scale)
-    weight = inlier.astype(np.float64)
     converged = False
     covariance = np.zeros((3, 3))
     units = np.array([1.0, 1.0 / scale, 1.0 / (scale * scale)])
