@@ -20,6 +20,9 @@ import numpy as np
 from plc_inspect.core.bucket_sort import argsort_spread
 from plc_inspect.core.disjoint_sets import find_root
 
+BLOCK = 32
+"""Points that are looked at together for neighbours."""
+
 
 @njit(cache=True, nogil=True)
 def dbscan_plane(u, v, eps, min_points):  # type: ignore[no-untyped-def]
@@ -48,16 +51,21 @@ def dbscan_plane(u, v, eps, min_points):  # type: ignore[no-untyped-def]
     a, b = u[order], v[order]
     limit = eps * eps
     core = np.zeros(n, dtype=np.bool_)
+    begin = np.empty(n, dtype=np.int64)  # the first within eps in u
+    m = 0
     for k in range(n):
-        count = 1
-        m = k + 1
-        while m < n and count < min_points and a[m] - a[k] <= eps:
-            count += (a[m] - a[k]) ** 2 + (b[m] - b[k]) ** 2 <= limit
+        while a[m] < a[k] - eps:
             m += 1
-        m = k - 1
-        while m >= 0 and count < min_points and a[k] - a[m] <= eps:
-            count += (a[m] - a[k]) ** 2 + (b[m] - b[k]) ** 2 <= limit
-            m -= 1
+        begin[k] = m
+    for k in range(n):
+        count, m = 1, k + 1
+        while m < n and count < min_points and a[m] - a[k] <= eps:
+            count += _count_near(a[m : m + BLOCK], b[m : m + BLOCK], a[k], b[k], limit)
+            m += BLOCK
+        m = k
+        while m > begin[k] and count < min_points:
+            last, m = m, max(m - BLOCK, 0)
+            count += _count_near(a[m:last], b[m:last], a[k], b[k], limit)
         core[k] = count >= min_points
     label = np.full(n, -1, dtype=np.int64)
     free = np.arange(n + 1)  # leads to the next point without a label
@@ -77,7 +85,7 @@ def dbscan_plane(u, v, eps, min_points):  # type: ignore[no-untyped-def]
             k = stack[top]
             if not core[k]:
                 continue
-            m = find_root(free, np.searchsorted(a[: k + 1], a[k] - eps))
+            m = find_root(free, begin[k])
             while m < n and a[m] - a[k] <= eps:
                 if (a[m] - a[k]) ** 2 + (b[m] - b[k]) ** 2 <= limit:
                     label[m] = num_clusters
@@ -89,3 +97,12 @@ def dbscan_plane(u, v, eps, min_points):  # type: ignore[no-untyped-def]
     result = np.empty(n, dtype=np.int64)
     result[order] = label
     return result
+
+
+@njit(cache=True, nogil=True)
+def _count_near(a, b, a0, b0, limit):  # type: ignore[no-untyped-def]
+    """How many points are within the square root of ``limit``; all are looked at, by vectors."""
+    count = 0
+    for m in range(len(a)):
+        count += (a[m] - a0) ** 2 + (b[m] - b0) ** 2 <= limit
+    return count
