@@ -94,13 +94,12 @@ def gather_off_ground(points: Float64, height: HeightResult, least: float) -> Of
     OffGround
 
     """
-    place = find_true(_are_off(height.height, height.high, least)).astype(np.int32)
-    found = _take(points, height.height, height.high, place)  # in order of memory
-    index = build_plan_index(found[0], np.arange(len(place)), CELL)
-    own, own_height, is_high = _take(*found, index.order)
+    off = find_true(_are_off(height.height, height.high, least))
+    index = build_plan_index(points, off, CELL)
+    own, own_height, is_high = _take(points, height.height, height.high, index.order)
     return OffGround(
         points=own,
-        place=place[index.order],
+        place=index.order,
         num_total=len(points),
         high=find_true(is_high),
         height=replace(height, height=own_height, high=is_high),
