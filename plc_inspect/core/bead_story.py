@@ -38,9 +38,7 @@ from plc_inspect.core.cross_section import (
     MAX_WINDOW_POINTS,
     thin_window,
 )
-from plc_inspect.core.off_ground import CELL
 from plc_inspect.core.place_story import Place
-from plc_inspect.core.plan_index import build_plan_index
 from plc_inspect.core.plane_clusters import count_neighbors
 from plc_inspect.results import Bool, Float64, Int32, Int64
 
@@ -80,7 +78,7 @@ class Windows:
         trace, self.place = place.trace, place
         self.settings: Settings = place.settings
         self.cloud, self.alignment = trace.cloud, trace.alignment
-        self.index = build_plan_index(self.cloud.points, self.cloud.high, CELL)
+        self.index = self.cloud.index_high()
         self.seeds = trace.inliers.position
         self.beads = _beads_of(trace.clustering.beads.points, place.slot)
         """Entries of the point in the points of beads."""

@@ -52,6 +52,14 @@ class OffGround:
     index: PlanIndex
     """Of these points."""
 
+    def index_high(self) -> PlanIndex:
+        """Return the index of the high points alone, by the same cells."""
+        return replace(
+            self.index,
+            start=np.searchsorted(self.high, self.index.start).astype(np.int32),
+            order=self.high.astype(np.int32),
+        )
+
     def scatter(self, values: np.ndarray, elsewhere: float) -> np.ndarray:
         """
         Return a figure of all points from (K,) figures of these.

@@ -36,9 +36,8 @@ from plc_inspect.core.linearity import (
     measure_scales,
 )
 from plc_inspect.core.memory import StageMemory
-from plc_inspect.core.off_ground import CELL, gather_off_ground, OffGround
+from plc_inspect.core.off_ground import gather_off_ground, OffGround
 from plc_inspect.core.outliers import OutlierResult, remove_outliers
-from plc_inspect.core.plan_index import build_plan_index
 from plc_inspect.core.route import trace_routes
 from plc_inspect.core.spans import (
     build_spans,
@@ -301,9 +300,8 @@ class Tracing:
     def _clusters(
         self, cloud: OffGround, inliers: LinearityResult, alignment: AlignmentResult
     ) -> ClusteringResult:
-        index = build_plan_index(cloud.points, cloud.high, CELL)
         clustering = cluster(
-            cloud.points, index, inliers.position, alignment, self.settings.clustering
+            cloud.points, cloud.index_high(), inliers.position, alignment, self.settings.clustering
         )
         self.report(
             clustering.num_clusters,
