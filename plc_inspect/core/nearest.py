@@ -22,6 +22,7 @@ import numpy as np
 
 from plc_inspect.core.curve import Curve
 from plc_inspect.core.picking import NUM_PARTS
+from plc_inspect.core.plan_index import clamp
 from plc_inspect.results import Float32, Float64, Int32, Int64
 
 CELL = 4.0
@@ -276,10 +277,7 @@ def _find_cells(  # type: ignore[no-untyped-def]
     most_x, most_y = columns - 1.0, rows - 1.0
     for k in range(len(points)):
         x, y, z = (flat[3 * k] - x0) * per_cell, (flat[3 * k + 1] - y0) * per_cell, flat[3 * k + 2]
-        x = x if x > 0.0 else 0.0  # 0 of NaN as well
-        y = y if y > 0.0 else 0.0
-        x = x if x < most_x else most_x
-        y = y if y < most_y else most_y
+        x, y = clamp(x, most_x), clamp(y, most_y)
         cell_of = np.uint32(np.int32(y)) * wide + np.uint32(np.int32(x))
         own[k] = cell_of
         is_near[k] = (z >= bottom[cell_of]) & (z <= top[cell_of])

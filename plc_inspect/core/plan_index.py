@@ -75,6 +75,13 @@ def build_plan_index(points: Float64, chosen: Int64, cell_size: float) -> PlanIn
     return PlanIndex(origin=low, cell_size=cell, shape=shape, start=start, order=order)
 
 
+@njit(cache=True, nogil=True, inline='always')
+def clamp(value, most):  # type: ignore[no-untyped-def]
+    """Return a place on an axis of cells, brought into 0 to ``most``; 0 of NaN; no branches."""
+    value = value if value > 0.0 else 0.0
+    return value if value < most else most
+
+
 @njit(cache=True, parallel=True, nogil=True)
 def _plan_bounds(points, chosen):  # type: ignore[no-untyped-def]
     num_parts = 8

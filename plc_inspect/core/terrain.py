@@ -22,6 +22,7 @@ import numpy as np
 
 from plc_inspect.config import HeightSettings
 from plc_inspect.core.ground import estimate_ground, measure_gap
+from plc_inspect.core.plan_index import clamp
 from plc_inspect.results import Bool, Float32, Float64
 
 MAX_CELLS = 16_000_000
@@ -160,10 +161,7 @@ def _find_cells(points, low, per_cell, rows, columns, at, z):  # type: ignore[no
     for k in range(len(points)):
         x, y = (flat[3 * k] - x0) * per_cell, (flat[3 * k + 1] - y0) * per_cell
         flaw = 0.0 * x + 0.0 * y + 0.0 * flat[3 * k + 2]  # NaN and infinity times 0 are NaN
-        x = x if x > 0.0 else 0.0  # 0 of NaN as well
-        y = y if y > 0.0 else 0.0
-        x = x if x < most_x else most_x
-        y = y if y < most_y else most_y
+        x, y = clamp(x, most_x), clamp(y, most_y)
         at[k] = np.uint32(np.int32(y)) * wide + np.uint32(np.int32(x))
         z[k] = flat[3 * k + 2] - z0 + flaw
 
@@ -239,10 +237,7 @@ def _locate(points, low, cell, rows, columns, at, right, up):  # type: ignore[no
     for k in range(len(points)):
         x, y = (flat[3 * k] - x0) * per_cell - 0.5, (flat[3 * k + 1] - y0) * per_cell - 0.5
         flaw = 0.0 * x + 0.0 * y + 0.0 * flat[3 * k + 2]  # NaN and infinity times 0 are NaN
-        x = x if x > 0.0 else 0.0  # 0 of NaN as well
-        y = y if y > 0.0 else 0.0
-        x = x if x < most_x else most_x
-        y = y if y < most_y else most_y
+        x, y = clamp(x, most_x), clamp(y, most_y)
         column, row = np.int32(x), np.int32(y)
         at[k] = np.uint32(row) * wide + np.uint32(column)
         right[k] = x - column + flaw
