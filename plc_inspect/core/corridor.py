@@ -24,7 +24,7 @@ from plc_inspect.config import CorridorSettings
 from plc_inspect.core.curve import Curve, pack_curves
 from plc_inspect.core.curve_fit import height_of, to_local
 from plc_inspect.core.nearest import find_near, span_table
-from plc_inspect.core.picking import find_true
+from plc_inspect.core.picking import find_true, take_found
 from plc_inspect.results import Bool, Float32, Float64, Int32, Int64
 
 MIN_RADIUS = 0.6
@@ -132,7 +132,9 @@ def extract_corridor(
     found, distance, span = find_near(points, table, np.maximum(radius, least_reach))
     inside = found, distance, span
     if least_reach > 0.0:
-        inside = _take(find_true(_are_inside(distance, span, radius)), found, distance, span)
+        inside = take_found(
+            find_true(_are_inside(distance, span, radius)), found, distance, span
+        )
     return CorridorResult(
         points=inside[0],
         distance=inside[1],
@@ -152,17 +154,6 @@ def _are_inside(distance, span, radius):  # type: ignore[no-untyped-def]
     for k in prange(len(distance)):
         result[k] = distance[k] <= radius[span[k]]
     return result
-
-
-@njit(cache=True, parallel=True, nogil=True)
-def _take(inside, found, distance, span):  # type: ignore[no-untyped-def]
-    own = np.empty(len(inside), dtype=np.int64)
-    own_distance = np.empty(len(inside), dtype=np.float32)
-    own_span = np.empty(len(inside), dtype=np.int32)
-    for k in prange(len(inside)):
-        m = inside[k]
-        own[k], own_distance[k], own_span[k] = found[m], distance[m], span[m]
-    return own, own_distance, own_span
 
 
 def _choose_radii(

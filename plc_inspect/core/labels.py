@@ -26,7 +26,7 @@ from plc_inspect.core.height import HeightResult
 from plc_inspect.core.linearity import LinearityResult
 from plc_inspect.core.off_ground import OffGround
 from plc_inspect.core.outliers import OutlierResult
-from plc_inspect.core.picking import find_true
+from plc_inspect.core.picking import find_true, take_found
 from plc_inspect.core.span_model import SpanModel
 from plc_inspect.core.spans import SpanResult
 from plc_inspect.core.voxels import hash_key, pack
@@ -105,16 +105,13 @@ def choose_surroundings(
 
     """
     around = find_true(_are_around(corridor.near, height, spans.line_id, spans.support))
-    num = len(around)
-    # made here and not in the kernel, as numpy asks for large pages of memory
-    near, distance, span = np.empty(num, np.int64), np.empty(num), np.empty(num, np.int64)
-    _take_around(
-        around, corridor.near, corridor.near_distance, corridor.near_span, near, distance, span
+    near, distance, span = take_found(
+        around, corridor.near, corridor.near_distance, corridor.near_span
     )
     if len(spans.intruders):
         free = ~np.isin(near, spans.intruders)
         near, distance, span = near[free], distance[free], span[free]
-    return near, distance, span
+    return near, distance.astype(np.float64), span.astype(np.int64)
 
 
 def label(
@@ -200,15 +197,6 @@ def _are_around(near, height, line_id, support):  # type: ignore[no-untyped-def]
         i = near[k]
         result[k] = (not (height[i] < GROUND_BAND)) & (line_id[i] < 0) & (not support[i])
     return result
-
-
-@njit(cache=True, parallel=True, nogil=True)
-def _take_around(  # type: ignore[no-untyped-def]
-    around, near, distance, span, own, own_distance, own_span
-):
-    for k in prange(len(around)):
-        m = around[k]
-        own[k], own_distance[k], own_span[k] = near[m], distance[m], span[m]
 
 
 @njit(cache=True, parallel=True, nogil=True)

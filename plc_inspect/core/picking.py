@@ -75,3 +75,29 @@ def take_rows(points, chosen):  # type: ignore[no-untyped-def]
         i = chosen[k]
         result[k, 0], result[k, 1], result[k, 2] = points[i, 0], points[i, 1], points[i, 2]
     return result
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def take_found(chosen, found, distance, span):  # type: ignore[no-untyped-def]
+    """
+    Copy some of what a search for spans found.
+
+    Parameters
+    ----------
+    chosen : (J,) int64
+        Which of the K finds.
+    found, distance, span : (K,) int64, float32, int32
+        As from find_near, the distance in m.
+
+    Returns
+    -------
+    found, distance, span : (J,) int64, float32, int32
+
+    """
+    num = len(chosen)
+    own, own_distance = np.empty(num, dtype=np.int64), np.empty(num, dtype=np.float32)
+    own_span = np.empty(num, dtype=np.int32)
+    for k in prange(num):
+        m = chosen[k]
+        own[k], own_distance[k], own_span[k] = found[m], distance[m], span[m]
+    return own, own_distance, own_span
