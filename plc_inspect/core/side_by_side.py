@@ -17,11 +17,15 @@
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+import time
 from typing import TypeVar
 
 from numba import get_num_threads
 
 T = TypeVar('T')
+
+LEAST_WORK = 0.003
+"""Time from which another thread is worth its start, and its waits for the GIL [s]."""
 
 
 def call_each(function: Callable[[int], T], num: int) -> list[T]:
@@ -29,15 +33,20 @@ def call_each(function: Callable[[int], T], num: int) -> list[T]:
     Return what a function gives for 0 to num - 1, in their order.
 
     It is called in as many threads as numba may use, and should spend its time in a kernel that
-    releases the GIL.  Threads of numba's own would do as well, but each kernel that starts them is
-    compiled with all it calls once more.  Where calls fail no more are begun, and the error of the
-    first of them is raised.
+    releases the GIL.  The first call tells how long the others will take; where that is next to
+    nothing they follow one by one.  Threads of numba's own are no better, as calls wait for each
+    other to count references, and each kernel that starts them is compiled with all it calls once
+    more.  Where calls fail no more are begun, and the error of the first of them is raised.
     """
-    threads = min(get_num_threads(), num)
-    if threads < 2:
-        return [function(number) for number in range(num)]
-    numbers = iter(range(num))  # shared: who is done takes the next
-    results: dict[int, T] = {}
+    if not num:
+        return []
+    started = time.perf_counter()
+    first = function(0)
+    threads = min(get_num_threads(), num - 1)
+    if threads < 2 or (time.perf_counter() - started) * (num - 1) < LEAST_WORK:
+        return [first, *(function(number) for number in range(1, num))]
+    numbers = iter(range(1, num))  # shared: who is done takes the next
+    results: dict[int, T] = {0: first}
     errors: dict[int, BaseException] = {}
 
     def work() -> None:

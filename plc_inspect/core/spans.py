@@ -28,7 +28,6 @@ from plc_inspect.core.nearest import find_near
 from plc_inspect.core.off_ground import OffGround
 from plc_inspect.core.placement import place_supports
 from plc_inspect.core.route import Route
-from plc_inspect.core.side_by_side import call_each
 from plc_inspect.core.span_fit import collect_points, fit_spans, measure_coverage
 from plc_inspect.core.span_model import model_span, SpanModel, tabulate
 from plc_inspect.core.supports import Layout
@@ -151,7 +150,7 @@ def build_spans(
             float(coverage[number]),
             (float(end_sigma[number, 0]), float(end_sigma[number, 1])),
         ))
-    models = call_each(lambda k: model_span(points, *found[k]), len(found))
+    models = [model_span(points, *of_span) for of_span in found]
     models.sort(key=lambda model: (model.span.line_id, model.span.span_id))
     return SpanResult(
         models=tuple(models),
