@@ -16,7 +16,6 @@
 
 from numba import njit, prange
 import numpy as np
-from scipy.ndimage import distance_transform_edt
 
 from plc_inspect.results import Bool, Float32
 
@@ -54,14 +53,6 @@ def estimate_ground(
     seen = np.isfinite(surface) & (surface <= envelope + 0.3 + 0.5 * cell * max_slope)
     seen &= _is_areal(seen)
     return _fill(np.where(seen, surface, np.float32(np.nan))), seen
-
-
-def measure_gap(seen: Bool, cell: float) -> Float32:
-    """Return the distance of each cell to the nearest one that was seen [m]; inf without any."""
-    if not seen.any():
-        return np.full(seen.shape, np.inf, dtype=np.float32)
-    gap: Float32 = (distance_transform_edt(~seen) * cell).astype(np.float32)
-    return gap
 
 
 def _fill(values: Float32) -> Float32:

@@ -52,8 +52,8 @@ class HeightResult:
     """(num_bins + 1,) bin edges [m]."""
     ground: Float32
     """(rows, columns) ground height at cell centres, y by x [m]; NaN where none is known."""
-    ground_gap: Float32
-    """(rows, columns) distance to the nearest cell where ground was seen [m]."""
+    ground_seen: Bool
+    """(rows, columns) whether ground was seen in the cell, not filled in."""
     origin: Float64
     """(2,) x, y of the lower corner of the grid [m]."""
     cell_size: float
@@ -112,7 +112,7 @@ def extract_high(
         histogram=histogram,
         edges=edges,
         ground=surface.ground,
-        ground_gap=surface.ground_gap,
+        ground_seen=surface.ground_seen,
         origin=surface.origin,
         cell_size=surface.cell_size,
     )
@@ -197,21 +197,45 @@ def ground_at(
         Height of the ground [m], NaN where unknown.
 
     """
-    cell = (np.asarray(positions, dtype=np.float64) - result.origin) / result.cell_size - 0.5
-    limit = np.array(result.ground.shape[::-1]) - 1
-    cell = np.clip(cell, 0.0, limit)
-    low = np.minimum(cell.astype(np.int64), np.maximum(limit - 1, 0))
-    high = np.minimum(low + 1, limit)
-    share = cell - low
-    ground = result.ground
-    below = ground[low[:, 1], low[:, 0]] * (1 - share[:, 0])
-    below += ground[low[:, 1], high[:, 0]] * share[:, 0]
-    above = ground[high[:, 1], low[:, 0]] * (1 - share[:, 0])
-    above += ground[high[:, 1], high[:, 0]] * share[:, 0]
-    height: Float64 = below * (1 - share[:, 1]) + above * share[:, 1]
-    nearest = np.rint(cell).astype(np.int64)
-    gap = result.ground_gap[nearest[:, 1], nearest[:, 0]]
-    return np.where(gap <= max_gap, height, np.nan)
+    height: Float64 = _ground_at(
+        result.ground, result.ground_seen, result.origin, result.cell_size,
+        np.ascontiguousarray(positions, dtype=np.float64), max_gap,
+    )
+    return height
+
+
+@njit(cache=True, nogil=True)
+def _ground_at(ground, seen, origin, size, positions, max_gap):  # type: ignore[no-untyped-def]
+    result = np.full(len(positions), np.nan)
+    last_row, last_column = ground.shape[0] - 1, ground.shape[1] - 1
+    for k in range(len(positions)):
+        x = (positions[k, 0] - origin[0]) / size - 0.5
+        y = (positions[k, 1] - origin[1]) / size - 0.5
+        if not (math.isfinite(x) and math.isfinite(y)):
+            continue
+        x, y = min(max(x, 0.0), last_column), min(max(y, 0.0), last_row)
+        if not _is_seen_near(seen, int(np.rint(y)), int(np.rint(x)), max_gap / size):
+            continue
+        left, lower = min(int(x), max(last_column - 1, 0)), min(int(y), max(last_row - 1, 0))
+        right, upper = min(left + 1, last_column), min(lower + 1, last_row)
+        x, y = x - left, y - lower
+        below = ground[lower, left] * (1.0 - x) + ground[lower, right] * x
+        above = ground[upper, left] * (1.0 - x) + ground[upper, right] * x
+        result[k] = below * (1.0 - y) + above * y
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _is_seen_near(seen, row, column, reach):  # type: ignore[no-untyped-def]
+    """Tell whether ground was seen within ``reach`` cells of one."""
+    if seen[row, column] or reach == math.inf:
+        return True
+    num = int(reach)
+    for i in range(max(row - num, 0), min(row + num + 1, seen.shape[0])):
+        for j in range(max(column - num, 0), min(column + num + 1, seen.shape[1])):
+            if seen[i, j] and (i - row) ** 2 + (j - column) ** 2 <= reach * reach:
+                return True
+    return False
 
 
 def _without_ground(
@@ -225,7 +249,7 @@ def _without_ground(
         histogram=np.zeros(settings.num_bins, dtype=np.int64),
         edges=np.linspace(0.0, 1.0, settings.num_bins + 1),
         ground=surface.ground,
-        ground_gap=surface.ground_gap,
+        ground_seen=surface.ground_seen,
         origin=surface.origin,
         cell_size=surface.cell_size,
     )

@@ -21,7 +21,7 @@ from numba import njit, prange
 import numpy as np
 
 from plc_inspect.config import HeightSettings
-from plc_inspect.core.ground import estimate_ground, measure_gap
+from plc_inspect.core.ground import estimate_ground
 from plc_inspect.core.plan_index import clamp
 from plc_inspect.results import Bool, Float32, Float64
 
@@ -44,7 +44,7 @@ class Surface:
     num_finite: int
     ground: Float32
     """(rows, columns) see HeightResult, as are the others."""
-    ground_gap: Float32
+    ground_seen: Bool
     origin: Float64
     cell_size: float
 
@@ -78,7 +78,7 @@ def measure_surface(
             extremes=np.array([np.inf, -np.inf], dtype=np.float32),
             num_finite=0,
             ground=np.full((1, 1), np.nan, dtype=np.float32),
-            ground_gap=np.full((1, 1), np.inf, dtype=np.float32),
+            ground_seen=np.zeros((1, 1), dtype=bool),
             origin=np.zeros(2),
             cell_size=settings.cell_size,
         )
@@ -97,7 +97,7 @@ def measure_surface(
         extremes=extremes,
         num_finite=num_finite,
         ground=ground,
-        ground_gap=measure_gap(seen, cell),
+        ground_seen=seen,
         origin=low[:2],
         cell_size=cell,
     )

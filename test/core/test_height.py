@@ -14,6 +14,7 @@
 
 import numpy as np
 import pytest
+from scipy.ndimage import distance_transform_edt
 from toys import make_curve, make_ground, make_tree, make_wire, turn
 
 from plc_inspect.config import HeightSettings
@@ -108,6 +109,24 @@ def test_ground_at_is_linear_between_cells():
     np.testing.assert_allclose(np.diff(found), [0.05, 0.05, -0.5], atol=1e-3)
     # the lowest point of a cell lies at its corner, at most 0.15 below its middle
     np.testing.assert_allclose(found, slope(*places.T), atol=0.151)
+
+
+@pytest.mark.parametrize('max_gap', [0.0, 3.0, 7.4, 100.0])
+def test_ground_is_unknown_far_from_where_it_was_seen(max_gap):
+    points = np.vstack([make_ground((0, 0), (20, 60)), make_ground((50, 0), (60, 60))])
+    result = extract_high(points, SETTINGS)
+    gap = distance_transform_edt(~result.ground_seen) * result.cell_size
+    rows, columns = np.indices(gap.shape)
+    places = result.origin + (np.stack([columns, rows], -1).reshape(-1, 2) + 0.5) * result.cell_size
+    found = ground_at(result, places, max_gap)
+    assert (gap > 14.0).any()
+    np.testing.assert_array_equal(np.isfinite(found), gap.ravel() <= max_gap)
+
+
+def test_ground_is_unknown_at_a_place_that_is_no_number():
+    result = extract_high(make_ground((0, 0), (20, 20)), SETTINGS)
+    found = ground_at(result, np.array([[np.nan, 3.0], [3.0, np.inf], [3.0, 3.0], [-9.0, 3.0]]))
+    assert np.isfinite(found).tolist() == [False, False, True, True]
 
 
 @pytest.mark.parametrize('num', [0, 1, 3])
