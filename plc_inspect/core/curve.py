@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from functools import cached_property
 import math
 
+from numba import njit
 import numpy as np
 
 from plc_inspect.core.catenary import CatenaryFit, FloatOrArray, NO_DRAWS
@@ -91,9 +92,11 @@ class Curve:
 
     def local(self, points: Float64) -> tuple[Float64, Float64]:
         """Return x along and y across of (N, 2+) points, (N,) each [m]."""
-        dx, dy = points[:, 0] - self.origin[0], points[:, 1] - self.origin[1]
-        ca, sa = math.cos(self.azimuth), math.sin(self.azimuth)
-        return ca * dx + sa * dy, ca * dy - sa * dx
+        x, y = _to_locals(
+            np.ascontiguousarray(points), *self.origin.tolist(), math.cos(self.azimuth),
+            math.sin(self.azimuth),
+        )
+        return x, y
 
     def local_place(self, place: Float64) -> tuple[float, float]:
         """Return x along and y across of one place (2+,) [m]."""
@@ -136,6 +139,15 @@ class Curve:
         """Return the variance of the curve's position across it at x [m2]."""
         offset, turn = self.lateral_sigma
         return offset**2 + (turn * (x - self.mean_x)) ** 2
+
+
+@njit(cache=True, nogil=True)
+def _to_locals(points, x0, y0, ca, sa):  # type: ignore[no-untyped-def]
+    x, y = np.empty(len(points)), np.empty(len(points))
+    for k in range(len(points)):
+        dx, dy = points[k, 0] - x0, points[k, 1] - y0
+        x[k], y[k] = ca * dx + sa * dy, ca * dy - sa * dx
+    return x, y
 
 
 def fit_curve(
