@@ -271,6 +271,15 @@ def _has_finer(  # type: ignore[no-untyped-def]
     return result
 
 
+@njit(cache=True, nogil=True, inline='always')
+def _cos_third(value):  # type: ignore[no-untyped-def]
+    """cos(acos(value) / 3) for 0 to 1, by Newton's method for its triple-angle formula."""
+    c = 0.866025 + value * (0.165718 + value * (0.009962 * value - 0.041637))
+    for _ in range(2):
+        c -= ((4.0 * c * c - 3.0) * c - value) / (12.0 * c * c - 3.0)
+    return c
+
+
 @njit(cache=True, nogil=True)
 def principal_axis(xx, xy, xz, yy, yz, zz):  # type: ignore[no-untyped-def]
     """
@@ -287,9 +296,10 @@ def principal_axis(xx, xy, xz, yy, yz, zz):  # type: ignore[no-untyped-def]
     a, b, c = (xx - mean) / p, (yy - mean) / p, (zz - mean) / p
     d, e, f = xy / p, xz / p, yz / p
     half = (a * (b * c - f * f) - d * (d * c - f * e) + e * (d * f - b * e)) / 2.0
-    angle = math.acos(min(max(half, -1.0), 1.0)) / 3.0
-    l1 = mean + 2.0 * p * math.cos(angle)
-    l3 = mean + 2.0 * p * math.cos(angle + 2.0 * math.pi / 3.0)
+    far = _cos_third(min(abs(half), 1.0))  # the eigenvalue that lies apart from the others
+    near = 0.5 * (far + math.sqrt(max(3.0 - 3.0 * far * far, 0.0)))
+    l1 = mean + 2.0 * p * (far if half >= 0.0 else near)
+    l3 = mean - 2.0 * p * (near if half >= 0.0 else far)
     l2 = 3.0 * mean - l1 - l3
     # v1 spans the null space of A - l1 I: the largest cross product of two of its rows
     ax, by, cz = xx - l1, yy - l1, zz - l1
