@@ -21,8 +21,9 @@ from numba import njit, prange
 import numpy as np
 
 from plc_inspect.config import AlignmentSettings
-from plc_inspect.core.linearity import LinearityResult, principal_axis_of
+from plc_inspect.core.linearity import LinearityResult
 from plc_inspect.core.plan_index import build_plan_index
+from plc_inspect.core.principal_axis import principal_axis_of
 from plc_inspect.results import Bool, Float64, Int32, Int64
 
 VOTE_CELL = 2.0
@@ -248,7 +249,7 @@ def _vote(  # type: ignore[no-untyped-def]
         for place in range(NUM_BINS):
             votes[i] += (occupied >> np.uint32(place)) & np.uint32(1)
         if votes[i] >= 3:
-            _, _, _, vx, vy, vz = principal_axis_of(total)
+            _, _, _, vx, vy, vz = principal_axis_of(total, 0, 1)
             axis[i, 0], axis[i, 1], axis[i, 2] = vx, vy, vz
     return votes, axis
 

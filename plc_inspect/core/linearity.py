@@ -22,6 +22,7 @@ import numpy as np
 
 from plc_inspect.config import LinearitySettings
 from plc_inspect.core.bulk import drop_bulk
+from plc_inspect.core.principal_axis import principal_axis_of
 from plc_inspect.core.voxels import (
     add_shifted,
     build_voxels,
@@ -36,6 +37,10 @@ SAME_WAY = 0.97
 """Cosine between directions that are about the same."""
 NUM_BINS = 20
 """Bins of the histogram of linear likeness."""
+NUM_SUMS, NUM_FEATURES = 10, 6
+"""Figures of a block, and what is derived from them."""
+BLOCK = 256
+"""Voxels whose features are derived together."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -271,71 +276,6 @@ def _has_finer(  # type: ignore[no-untyped-def]
     return result
 
 
-@njit(cache=True, nogil=True, inline='always')
-def _cos_third(value):  # type: ignore[no-untyped-def]
-    """cos(acos(value) / 3) for 0 to 1, by Newton's method for its triple-angle formula."""
-    c = 0.866025 + value * (0.165718 + value * (0.009962 * value - 0.041637))
-    for _ in range(2):
-        c -= ((4.0 * c * c - 3.0) * c - value) / (12.0 * c * c - 3.0)
-    return c
-
-
-@njit(cache=True, nogil=True)
-def principal_axis(xx, xy, xz, yy, yz, zz):  # type: ignore[no-untyped-def]
-    """
-    Eigenvalues l1 >= l2 >= l3 >= 0 and first eigenvector of a symmetric 3 x 3 matrix.
-
-    Closed form (Smith 1961); the vector has x > 0 or, at x = 0, y > 0.
-    """
-    mean = (xx + yy + zz) / 3.0
-    off = xy * xy + xz * xz + yz * yz
-    spread = (xx - mean) ** 2 + (yy - mean) ** 2 + (zz - mean) ** 2 + 2.0 * off
-    p = math.sqrt(spread / 6.0)
-    if p <= 1e-12 * max(mean, 1e-300):
-        return mean, mean, mean, 1.0, 0.0, 0.0
-    a, b, c = (xx - mean) / p, (yy - mean) / p, (zz - mean) / p
-    d, e, f = xy / p, xz / p, yz / p
-    half = (a * (b * c - f * f) - d * (d * c - f * e) + e * (d * f - b * e)) / 2.0
-    far = _cos_third(min(abs(half), 1.0))  # the eigenvalue that lies apart from the others
-    near = 0.5 * (far + math.sqrt(max(3.0 - 3.0 * far * far, 0.0)))
-    l1 = mean + 2.0 * p * (far if half >= 0.0 else near)
-    l3 = mean - 2.0 * p * (near if half >= 0.0 else far)
-    l2 = 3.0 * mean - l1 - l3
-    # v1 spans the null space of A - l1 I: the largest cross product of two of its rows
-    ax, by, cz = xx - l1, yy - l1, zz - l1
-    ux, uy, uz = xy * yz - xz * by, xz * xy - ax * yz, ax * by - xy * xy
-    vx, vy, vz = xy * cz - xz * yz, xz * xz - ax * cz, ax * yz - xy * xz
-    wx, wy, wz = by * cz - yz * yz, yz * xz - xy * cz, xy * yz - by * xz
-    nu = ux * ux + uy * uy + uz * uz
-    nv = vx * vx + vy * vy + vz * vz
-    nw = wx * wx + wy * wy + wz * wz
-    if nv > nu and nv >= nw:
-        ux, uy, uz, nu = vx, vy, vz, nv
-    elif nw > nu:
-        ux, uy, uz, nu = wx, wy, wz, nw
-    if nu <= 0.0:
-        return l1, l2, l3, 1.0, 0.0, 0.0
-    scale = 1.0 / math.sqrt(nu)
-    if ux < 0.0 or (ux == 0.0 and uy < 0.0):
-        scale = -scale
-    return max(l1, 0.0), max(l2, 0.0), max(l3, 0.0), ux * scale, uy * scale, uz * scale
-
-
-@njit(cache=True, nogil=True)
-def principal_axis_of(total):  # type: ignore[no-untyped-def]
-    """``principal_axis`` of the covariance [m2] of (10,) count, sums and products of points."""
-    n = total[0]
-    mx, my, mz = total[1] / n, total[2] / n, total[3] / n
-    return principal_axis(
-        total[4] / n - mx * mx,
-        total[5] / n - mx * my,
-        total[6] / n - mx * mz,
-        total[7] / n - my * my,
-        total[8] / n - my * mz,
-        total[9] / n - mz * mz,
-    )
-
-
 @njit(cache=True, nogil=True)
 def find_lowest(points, chosen):  # type: ignore[no-untyped-def]
     """Return the (3,) least coordinates of the chosen points."""
@@ -361,29 +301,53 @@ def _measure(keys, moments, size):  # type: ignore[no-untyped-def]
             continue
         step = np.empty(9, dtype=np.int64)
         at = np.empty(9, dtype=np.int64)
-        total = np.empty(10)
         for column in range(9):
             step[column] = ((column // 3 - 1) << 40) + ((column % 3 - 1) << 20) - 1
             at[column] = np.searchsorted(keys, keys[first] + step[column])
-        for i in range(first, last):
-            total[:] = 0.0
-            for column in range(9):
-                low = keys[i] + step[column]
-                k = at[column]
-                while k < num and keys[k] < low:
-                    k += 1
-                at[column] = k
-                while k < num and keys[k] <= low + 2:
-                    add_shifted(
-                        total, moments[k], (column // 3 - 1) * size, (column % 3 - 1) * size,
-                        (keys[k] - low - 1) * size,
-                    )
-                    k += 1
-            l1, l2, l3, vx, vy, vz = principal_axis_of(total)
-            count[i] = int(total[0])
-            scale = 1.0 / l1 if l1 > 0.0 else 0.0
-            linear[i] = (l1 - l2) * scale
-            planar[i] = (l2 - l3) * scale
-            spherical[i] = l3 * scale
-            direction[i, 0], direction[i, 1], direction[i, 2] = vx, vy, vz
+        sheet = np.ones((NUM_SUMS + NUM_FEATURES, BLOCK))
+        total = np.empty(NUM_SUMS)
+        for start in range(first, last, BLOCK):
+            stop = min(start + BLOCK, last)
+            for i in range(start, stop):
+                _add_block(keys, moments, size, i, step, at, total)
+                sheet[:NUM_SUMS, i - start] = total
+            _derive_features(sheet.ravel())
+            for i in range(start, stop):
+                k = i - start
+                count[i] = int(sheet[0, k])
+                linear[i], planar[i], spherical[i] = sheet[10, k], sheet[11, k], sheet[12, k]
+                for axis in range(3):
+                    direction[i, axis] = sheet[13 + axis, k]
     return count, linear, planar, spherical, direction
+
+
+@njit(cache=True, nogil=True)
+def _add_block(keys, moments, size, i, step, at, total):  # type: ignore[no-untyped-def]
+    """Add up the moments of the block about a voxel, with pointers into its nine columns."""
+    total[:] = 0.0
+    for column in range(9):
+        low = keys[i] + step[column]
+        k = at[column]
+        while k < len(keys) and keys[k] < low:
+            k += 1
+        at[column] = k
+        while k < len(keys) and keys[k] <= low + 2:
+            add_shifted(
+                total, moments[k], (column // 3 - 1) * size, (column % 3 - 1) * size,
+                (keys[k] - low - 1) * size,
+            )
+            k += 1
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _derive_features(flat):  # type: ignore[no-untyped-def]
+    """Fill the rows of features of a sheet from those of sums, by vectors."""
+    for k in range(BLOCK):
+        l1, l2, l3, vx, vy, vz = principal_axis_of(flat, k, BLOCK)
+        scale = 1.0 / l1 if l1 > 0.0 else 0.0
+        flat[k + 10 * BLOCK] = (l1 - l2) * scale
+        flat[k + 11 * BLOCK] = (l2 - l3) * scale
+        flat[k + 12 * BLOCK] = l3 * scale
+        flat[k + 13 * BLOCK] = vx
+        flat[k + 14 * BLOCK] = vy
+        flat[k + 15 * BLOCK] = vz

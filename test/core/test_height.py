@@ -117,7 +117,8 @@ def test_ground_is_unknown_far_from_where_it_was_seen(max_gap):
     result = extract_high(points, SETTINGS)
     gap = distance_transform_edt(~result.ground_seen) * result.cell_size
     rows, columns = np.indices(gap.shape)
-    places = result.origin + (np.stack([columns, rows], -1).reshape(-1, 2) + 0.5) * result.cell_size
+    cells = np.column_stack([columns.ravel(), rows.ravel()])
+    places = result.origin + (cells + 0.5) * result.cell_size
     found = ground_at(result, places, max_gap)
     assert (gap > 14.0).any()
     np.testing.assert_array_equal(np.isfinite(found), gap.ravel() <= max_gap)

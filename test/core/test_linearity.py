@@ -24,8 +24,8 @@ from plc_inspect.core.bulk import drop_bulk
 from plc_inspect.core.linearity import (
     find_candidates,
     measure_likeness,
-    principal_axis,
 )
+from plc_inspect.core.principal_axis import principal_axis
 from plc_inspect.core.voxels import build_voxels
 from plc_inspect.errors import ConfigError
 
