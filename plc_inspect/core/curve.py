@@ -92,8 +92,9 @@ class Curve:
 
     def local(self, points: Float64) -> tuple[Float64, Float64]:
         """Return x along and y across of (N, 2+) points, (N,) each [m]."""
+        east, north = self.origin.tolist()
         x, y = _to_locals(
-            np.ascontiguousarray(points), *self.origin.tolist(), math.cos(self.azimuth),
+            np.ascontiguousarray(points), east, north, math.cos(self.azimuth),
             math.sin(self.azimuth),
         )
         return x, y
