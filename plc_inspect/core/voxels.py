@@ -123,7 +123,7 @@ def find_voxels(points: Float64, chosen: Int64, voxels: Voxels) -> Int32:
 
 def coarsen(voxels: Voxels) -> Voxels:
     """Merge 2 x 2 x 2 voxels into one of twice the size; exact, without the points."""
-    keys, moments = _merge(voxels.index, voxels.moments, voxels.size)
+    keys, moments = _shift_to_parents(voxels.index, voxels.moments, voxels.size)
     return _sort(voxels.size * 2, voxels.origin, keys, moments)
 
 
@@ -253,34 +253,36 @@ def _fill_parts(points, chosen, origin, size):  # type: ignore[no-untyped-def]
     for part in prange(NUM_PARTS):
         first, last = part * len(chosen) // NUM_PARTS, (part + 1) * len(chosen) // NUM_PARTS
         keys[part], moments[part] = _fill_part(points, chosen[first:last], origin, size)
-    total = 0
+    start = np.zeros(NUM_PARTS + 1, dtype=np.int64)
     for part in range(NUM_PARTS):
-        total += len(keys[part])
-    all_keys = np.empty(total, dtype=np.int64)
-    all_moments = np.empty((total, 10))
-    start = 0
-    for part in range(NUM_PARTS):
-        stop = start + len(keys[part])
-        all_keys[start:stop] = keys[part]
-        all_moments[start:stop] = moments[part]
-        start = stop
+        start[part + 1] = start[part] + len(keys[part])
+    all_keys = np.empty(start[NUM_PARTS], dtype=np.int64)
+    all_moments = np.empty((start[NUM_PARTS], 10))
+    for part in prange(NUM_PARTS):
+        all_keys[start[part] : start[part + 1]] = keys[part]
+        all_moments[start[part] : start[part + 1]] = moments[part]
     return all_keys, all_moments
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, parallel=True, nogil=True)
 def _unite(keys, moments, order):  # type: ignore[no-untyped-def]
     """Put keys into their order, and what comes several times into one."""
-    own = np.empty(len(keys), dtype=np.int64)
-    total = np.empty((len(keys), 10))
+    first = np.empty(len(keys) + 1, dtype=np.int64)
     used = 0
-    for i in order:
-        if used and own[used - 1] == keys[i]:
-            total[used - 1] += moments[i]
-        else:
-            own[used] = keys[i]
-            total[used] = moments[i]
+    for k in range(len(order)):
+        if k == 0 or keys[order[k]] != keys[order[k - 1]]:
+            first[used] = k
             used += 1
-    return own[:used], total[:used]
+    first[used] = len(order)
+    own = np.empty(used, dtype=np.int64)
+    total = np.empty((used, 10))
+    for m in prange(used):
+        own[m] = keys[order[first[m]]]
+        total[m] = 0.0
+        for k in range(first[m], first[m + 1]):
+            for column in range(10):
+                total[m, column] += moments[order[k], column]
+    return own, total
 
 
 @njit(cache=True, parallel=True, nogil=True)
@@ -343,33 +345,20 @@ def add_shifted(total, row, dx, dy, dz):  # type: ignore[no-untyped-def]
     total[9] += row[9] + 2 * dz * sz + n * dz * dz
 
 
-@njit(cache=True, nogil=True)
-def _merge(index, moments, size):  # type: ignore[no-untyped-def]
-    num = len(index)
-    capacity = 16
-    while capacity < 2 * num + 2:
-        capacity *= 2
-    table_key = np.full(capacity, -1, dtype=np.int64)
-    table_slot = np.empty(capacity, dtype=np.int32)
-    keys = np.empty(num, dtype=np.int64)
-    merged = np.zeros((num, 10))
-    used = 0
-    for i in range(num):
+@njit(cache=True, parallel=True, nogil=True)
+def _shift_to_parents(index, moments, size):  # type: ignore[no-untyped-def]
+    """Keys of the voxels of twice the size, and moments about their centres, of each voxel."""
+    keys = np.empty(len(index), dtype=np.int64)
+    shifted = np.empty((len(index), 10))
+    for i in prange(len(index)):
         ix, iy, iz = index[i, 0], index[i, 1], index[i, 2]
-        key = pack(ix >> 1, iy >> 1, iz >> 1)
-        place = hash_key(key, capacity - 1)
-        while table_key[place] != key and table_key[place] >= 0:
-            place = (place + 1) & (capacity - 1)
-        if table_key[place] < 0:
-            table_key[place] = key
-            table_slot[place] = used
-            keys[used] = key
-            used += 1
+        keys[i] = pack(ix >> 1, iy >> 1, iz >> 1)
+        shifted[i] = 0.0
         add_shifted(
-            merged[table_slot[place]],
+            shifted[i],
             moments[i],
             ((ix & 1) - 0.5) * size,
             ((iy & 1) - 0.5) * size,
             ((iz & 1) - 0.5) * size,
         )
-    return keys[:used], merged[:used]
+    return keys, shifted
