@@ -162,10 +162,12 @@ def _half_turn(azimuth: Float64, slope: Float64) -> tuple[Float64, Float64]:
 
 def _split_azimuths(tile: Int64, azimuth: Float64, gap: float) -> Int64:
     """Return the group of each item: of equal tile, its sorted azimuths without a wider gap."""
-    order = np.lexsort((azimuth, tile[:, 1], tile[:, 0]))
-    sorted_tile, sorted_azimuth = tile[order], azimuth[order]
+    column, row = (tile - tile.min(axis=0)).T
+    number = column * (row.max() + 1) + row
+    order = np.argsort(4.0 * number + azimuth)  # they span less than 4
+    sorted_tile, sorted_azimuth = number[order], azimuth[order]
     new_tile = np.ones(len(order), dtype=bool)
-    new_tile[1:] = (sorted_tile[1:] != sorted_tile[:-1]).any(axis=1)
+    new_tile[1:] = sorted_tile[1:] != sorted_tile[:-1]
     new_group = new_tile.copy()
     new_group[1:] |= np.diff(sorted_azimuth) > gap
     group = np.cumsum(new_group) - 1

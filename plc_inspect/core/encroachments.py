@@ -80,16 +80,16 @@ def group_points(points: Float64, reach: float) -> Int64:
     """Label of the connected group of each point, links up to ``reach``; O(N log N)."""
     if not len(points):
         return np.zeros(0, dtype=np.int64)
-    cell = reach / 4
-    _, first, inverse = np.unique(
-        np.floor(points / cell).astype(np.int64), axis=0, return_index=True, return_inverse=True
-    )
+    cell = np.floor(points / (reach / 4)).astype(np.int64)
+    x, y, z = (cell - cell.min(axis=0)).T
+    number = (x * (y.max() + 1) + y) * (z.max() + 1) + z
+    _, first, inverse = np.unique(number, return_index=True, return_inverse=True)
     pairs = cKDTree(points[first]).query_pairs(reach, output_type='ndarray')
     graph = coo_matrix(
         (np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(first), len(first))
     )
     _, label = connected_components(graph, directed=False)
-    result: Int64 = label[inverse.ravel()].astype(np.int64)
+    result: Int64 = label[inverse].astype(np.int64)
     return result
 
 

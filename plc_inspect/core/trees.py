@@ -14,8 +14,6 @@
 
 """Single trees in a canopy: peaks that stand out from the crowns around them."""
 
-import math
-
 from numba import njit
 import numpy as np
 
@@ -55,11 +53,11 @@ def segment_trees(points: Float64, height: Float64) -> Int64:
     """
     if not len(points):
         return np.zeros(0, dtype=np.int64)
-    low = points[:, :2].min(axis=0)
-    columns = math.floor((points[:, 0].max() - low[0]) / CELL) + 1 + 2 * REACH
-    column, row = (np.floor((points[:, :2] - low) / CELL).astype(np.int64) + REACH).T
+    column, row = (
+        ((along - along.min()) / CELL).astype(np.int64) + REACH for along in points.T[:2]
+    )
+    columns = int(column.max()) + 1 + REACH
     keys, cell = np.unique(row * columns + column, return_inverse=True)
-    cell = cell.ravel()
     level = np.full(len(keys), -np.inf)
     np.maximum.at(level, cell, height)
     order = np.lexsort((keys, -level))
