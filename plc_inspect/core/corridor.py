@@ -24,7 +24,7 @@ from plc_inspect.config import CorridorSettings
 from plc_inspect.core.curve import Curve, pack_curves
 from plc_inspect.core.curve_fit import height_of, to_local
 from plc_inspect.core.nearest import find_near, span_table
-from plc_inspect.core.picking import find_true, take_found
+from plc_inspect.core.picking import find_true, take_found, take_rows
 from plc_inspect.results import Bool, Float32, Float64, Int32, Int64
 
 MIN_RADIUS = 0.6
@@ -118,8 +118,8 @@ def extract_corridor(
     complex_case = np.zeros(num, dtype=bool)
     if settings.radius == 0.0:
         step = max(len(points) // MAX_PROBES, 1)
-        probes = np.flatnonzero(~wire[::step])
-        at, above = points[::step][probes], height[::step][probes]
+        probes = step * np.flatnonzero(~wire[::step])
+        at, above = take_rows(points, probes), height[probes]
         found, _, span = find_near(at, table, radius)
         lowest = np.array([
             curve.fit.height(curve.fit.lowest(float(low), float(high)))
