@@ -111,23 +111,9 @@ def align(candidates: LinearityResult, settings: AlignmentSettings) -> Alignment
     order = np.argsort(window, kind='stable')
     num_windows = int(window.max()) + 1
     start = np.searchsorted(window[order], np.arange(num_windows + 1)).astype(np.int32)
-    weight = votes[kept].astype(np.float64)
-    total = np.bincount(window, weight, num_windows)
-    center = np.stack(
-        [np.bincount(window, weight * position[:, k], num_windows) / total for k in range(3)],
-        axis=1,
+    center, mean_azimuth, mean_slope = _average(
+        start, order, votes[kept], position, azimuth, slope
     )
-    mean_azimuth = (
-        np.arctan2(
-            np.bincount(window, weight * np.sin(2 * azimuth), num_windows),
-            np.bincount(window, weight * np.cos(2 * azimuth), num_windows),
-        )
-        / 2
-    )
-    turned = np.abs(np.cos(azimuth - mean_azimuth[window])) * np.sign(
-        np.cos(azimuth - mean_azimuth[window])
-    )
-    mean_slope = np.bincount(window, weight * slope * np.sign(turned), num_windows) / total
     return AlignmentResult(
         voted=voted,
         votes=votes,
@@ -138,6 +124,29 @@ def align(candidates: LinearityResult, settings: AlignmentSettings) -> Alignment
         seeds=kept[order].astype(np.int32),
         half_length=settings.half_length,
     )
+
+
+@njit(cache=True, nogil=True)
+def _average(start, order, votes, position, azimuth, slope):  # type: ignore[no-untyped-def]
+    """Means of each window's places, azimuths and slopes, by votes; azimuths are of axes."""
+    num = len(start) - 1
+    center, mean_azimuth, mean_slope = np.zeros((num, 3)), np.empty(num), np.zeros(num)
+    for window in range(num):
+        own = order[start[window] : start[window + 1]]
+        total = sine = cosine = 0.0
+        for k in own:
+            total += votes[k]
+            for axis in range(3):
+                center[window, axis] += votes[k] * position[k, axis]
+            sine += votes[k] * math.sin(2.0 * azimuth[k])
+            cosine += votes[k] * math.cos(2.0 * azimuth[k])
+        mean_azimuth[window] = math.atan2(sine, cosine) / 2.0
+        for k in own:
+            back = math.cos(azimuth[k] - mean_azimuth[window]) < 0.0
+            mean_slope[window] += votes[k] * (-slope[k] if back else slope[k])
+        center[window] /= total
+        mean_slope[window] /= total
+    return center, mean_azimuth, mean_slope
 
 
 def _no_windows(votes: Int64, settings: AlignmentSettings) -> AlignmentResult:

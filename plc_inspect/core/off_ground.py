@@ -56,7 +56,7 @@ class OffGround:
         """Return the index of the high points alone, by the same cells."""
         return replace(
             self.index,
-            start=np.searchsorted(self.high, self.index.start).astype(np.int32),
+            start=_count_before(self.high, self.index.start),
             order=self.high.astype(np.int32),
         )
 
@@ -124,6 +124,18 @@ def _take(
     rows = np.empty((num, 3)), np.empty(num, dtype=np.float32), np.empty(num, dtype=np.bool_)
     _copy(points, height, high, chosen, *rows)
     return rows
+
+
+@njit(cache=True, nogil=True)
+def _count_before(numbers, limits):  # type: ignore[no-untyped-def]
+    """How many of the ascending numbers are below each of the ascending limits."""
+    result = np.empty(len(limits), dtype=np.int32)
+    count = 0
+    for k in range(len(limits)):
+        while count < len(numbers) and numbers[count] < limits[k]:
+            count += 1
+        result[k] = count
+    return result
 
 
 @njit(cache=True, parallel=True, nogil=True)

@@ -24,7 +24,7 @@ from plc_inspect.core.corridor import extract_corridor
 from plc_inspect.core.hazards import add_ground_clearance, choose_rules, find_hazards
 from plc_inspect.core.labels import choose_surroundings, label
 from plc_inspect.core.memory import StageMemory
-from plc_inspect.core.spans import FREE_RADIUS
+from plc_inspect.core.strays import FREE_RADIUS
 from plc_inspect.core.trace import Trace
 from plc_inspect.core.tracing import FoundLines, Progress, STAGES, Tracing
 from plc_inspect.errors import DataError

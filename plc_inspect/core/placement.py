@@ -17,6 +17,7 @@
 from collections.abc import Sequence
 import math
 
+from numba import njit
 import numpy as np
 
 from plc_inspect.core.curve import Curve
@@ -340,14 +341,24 @@ def _are_held(
             index.start, index.order, index.origin, index.cell_size, index.shape[0],
             index.shape[1], end[0], end[1], end[0], end[1], HOLD_RADIUS,
         )
-        near = np.linalg.norm(points[found] - end, axis=1) <= HOLD_RADIUS
-        held += int((near & ~wire[found]).sum()) >= HOLD_POINTS
+        held += _count_around(points, wire, found, end) >= HOLD_POINTS
     low = height.origin
     high = low + height.cell_size * np.array(height.ground.shape[::-1])
     inside = all(
         ((end[:2] > low + BEYOND) & (end[:2] < high - BEYOND)).all() for _, _, end in members
     )
     return inside and 2 * held >= len(members)
+
+
+@njit(cache=True, nogil=True)
+def _count_around(points, wire, found, end):  # type: ignore[no-untyped-def]
+    """How many of the points found are within HOLD_RADIUS of the end and no conductor's."""
+    count = 0
+    for i in found:
+        apart = (points[i, 0] - end[0]) ** 2 + (points[i, 1] - end[1]) ** 2
+        apart += (points[i, 2] - end[2]) ** 2
+        count += apart <= HOLD_RADIUS**2 and not wire[i]
+    return count
 
 
 def _mean_azimuth(

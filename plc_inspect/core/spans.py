@@ -22,14 +22,12 @@ import numpy as np
 
 from plc_inspect.config import Settings
 from plc_inspect.core.attachments import settle_ends
-from plc_inspect.core.crowding import find_intruders
 from plc_inspect.core.height import ground_at, HeightResult
-from plc_inspect.core.nearest import find_near
 from plc_inspect.core.off_ground import OffGround
 from plc_inspect.core.placement import place_supports
 from plc_inspect.core.route import Route
 from plc_inspect.core.span_fit import collect_points, fit_spans, measure_coverage
-from plc_inspect.core.span_model import model_span, SpanModel, tabulate
+from plc_inspect.core.span_model import model_span, SpanModel
 from plc_inspect.core.supports import Layout
 from plc_inspect.results import Bool, Float32, Float64, Int32, Int64, Support
 
@@ -37,14 +35,6 @@ END_SLACK = 0.3
 """Wire points may lie this far beyond the end of a span [m]."""
 MAX_GROUND_GAP = 8.0
 """No clearance above ground is given farther than this from where ground was seen [m]."""
-FREE_LENGTH = 2.0
-"""Length of the parts of a span that are free of other things or not [m]."""
-STRAY_RADIUS = 0.5
-"""A conductor's own points stray this far from it [m]."""
-FREE_RADIUS = 1.0
-"""Something else begins within this distance wherever it touches a conductor [m]."""
-FREE_SHARE = 0.1
-"""A place is free where fewer than this share of its points, and two, are that far away."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -161,68 +151,6 @@ def build_spans(
         support=support_mask & ~wire,
         ground_below=tuple(measure_ground_below(cloud.height, model) for model in models),
         intruders=np.zeros(0, dtype=np.int64),
-    )
-
-
-def settle_strays(cloud: OffGround, spans: SpanResult) -> SpanResult:
-    """
-    Give conductors the stray points about them, and crowns the leaves that lie on conductors.
-
-    Mixed returns and the drift of poses put points some decimetres beside a conductor.  What
-    grows or stands there goes on away from it, so strays are claimed only in places where next
-    to nothing lies between STRAY_RADIUS and FREE_RADIUS.  Where much does, see `find_intruders`.
-
-    Parameters
-    ----------
-    cloud : OffGround
-        Points off the ground.
-    spans : SpanResult
-        Spans so far, with labels of these points.
-
-    Returns
-    -------
-    SpanResult
-        With labels, residuals and numbers of points brought up to date; the arrays are those
-        given.
-
-    """
-    if not spans.models:
-        return spans
-    near, near_distance, nearest = find_near(cloud.points, tabulate(spans.models), FREE_RADIUS)
-    free = ~spans.support[near]
-    models, intruders = [], [spans.intruders]
-    for number, model in enumerate(spans.models):
-        own = np.flatnonzero(nearest == number)
-        found, distance = near[own], near_distance[own]
-        x, _ = model.curve.local(cloud.points[found])
-        place = (model.along(x) / FREE_LENGTH).astype(np.int64)
-        wire = spans.line_id[found] >= 0
-        stray = ~wire & (distance <= STRAY_RADIUS) & free[own]
-        num = int(place.max(initial=0)) + 1
-        on = np.bincount(place[wire], minlength=num)
-        away = np.bincount(place[~wire & ~stray & free[own]], minlength=num)
-        taken = stray & (away <= FREE_SHARE * on + 1)[place] & (on > 0)[place]
-        spans.line_id[found[taken]] = model.span.line_id
-        spans.span_id[found[taken]] = model.span.span_id
-        spans.residual[found[taken]] = distance[taken]
-        given = find_intruders(
-            model.along(x), distance.astype(np.float64),
-            wire & (spans.line_id[found] == model.span.line_id)
-            & (spans.span_id[found] == model.span.span_id)
-            & (spans.residual[found] <= model.curve.tolerance),
-            ~wire & ~taken,
-            model.curve.tolerance,
-        )
-        gone = found[given]
-        intruders.append(gone)
-        spans.line_id[gone], spans.span_id[gone], spans.residual[gone] = -1, -1, np.nan
-        record = dataclasses.replace(
-            model.span,
-            num_points=model.span.num_points + int(taken.sum()) - int(given.sum()),
-        )
-        models.append(dataclasses.replace(model, span=record))
-    return dataclasses.replace(
-        spans, models=tuple(models), intruders=np.concatenate(intruders)
     )
 
 

@@ -16,6 +16,7 @@
 
 import math
 
+from numba import njit
 import numpy as np
 
 from plc_inspect.core.plan_index import gather_strip, PlanIndex
@@ -94,8 +95,13 @@ def mark_stub(
         index.start, index.order, index.origin, index.cell_size, index.shape[0], index.shape[1],
         end[0], end[1], tip[0], tip[1], STUB_RADIUS,
     )
-    apart = points[found] - end
-    along = apart[:, :2] @ outward
-    across = apart[:, 1] * outward[0] - apart[:, 0] * outward[1]
-    within = np.hypot(across, apart[:, 2]) <= STUB_RADIUS
-    mask[found[within & (along > 0.0) & (along <= STUB_LENGTH)]] = True
+    _mark_stub(points, found, end, outward, mask)
+
+
+@njit(cache=True, nogil=True)
+def _mark_stub(points, found, end, outward, mask):  # type: ignore[no-untyped-def]
+    for i in found:
+        dx, dy, dz = points[i, 0] - end[0], points[i, 1] - end[1], points[i, 2] - end[2]
+        along, across = dx * outward[0] + dy * outward[1], dy * outward[0] - dx * outward[1]
+        if 0.0 < along <= STUB_LENGTH and math.hypot(across, dz) <= STUB_RADIUS:
+            mask[i] = True

@@ -39,12 +39,8 @@ from plc_inspect.core.memory import StageMemory
 from plc_inspect.core.off_ground import gather_off_ground, OffGround
 from plc_inspect.core.outliers import OutlierResult, remove_outliers
 from plc_inspect.core.route import trace_routes
-from plc_inspect.core.spans import (
-    build_spans,
-    settle_strays,
-    SpanResult,
-    spread_spans,
-)
+from plc_inspect.core.spans import build_spans, SpanResult, spread_spans
+from plc_inspect.core.strays import settle_strays
 from plc_inspect.core.supports import find_layout
 from plc_inspect.core.taps import add_taps
 from plc_inspect.core.terrain import measure_surface
