@@ -43,6 +43,7 @@ performance: install
 	$(BIN)/python bench/table2.py --cache $(SURVEYS) --write
 	$(BIN)/python bench/scaling.py --cache $(SURVEYS) --write
 	$(BIN)/python bench/survey_io.py --cache $(SURVEYS) --write
+	$(BIN)/python bench/startup.py --write
 
 accuracy: install
 	$(BIN)/python bench/accuracy.py --cache $(SURVEYS)
