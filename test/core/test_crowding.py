@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from toys import make_line_cloud, make_tree
 
-from plc_inspect.core import spans
+from plc_inspect.core import strays
 from plc_inspect.core.collection import CROWD_LENGTH
 from plc_inspect.core.crowding import find_intruders
 from plc_inspect.core.pipeline import Pipeline
@@ -86,7 +86,7 @@ def test_a_crown_about_a_conductor_keeps_its_leaves(monkeypatch):
 
     after = count_leaves()
     monkeypatch.setattr(
-        spans, 'find_intruders', lambda along, *others: np.zeros(len(along), dtype=bool)
+        strays, 'find_intruders', lambda along, *others: np.zeros(len(along), dtype=bool)
     )
     before = count_leaves()
     assert before > 30
