@@ -50,3 +50,8 @@ def test_the_first_error_is_raised_and_no_more_calls_begin(threads):
     with pytest.raises(ValueError, match='2'):
         call_each(fail, 100)
     assert len(begun) < 10
+
+
+def test_short_work_stays_in_the_thread_that_asks(threads):
+    names = set(call_each(lambda k: threading.get_ident(), 50))
+    assert names == {threading.get_ident()}
