@@ -41,6 +41,7 @@ from plc_inspect.core.curve_fit import (
     ORIGIN_Y,
     RMSE,
     ROW,
+    to_local,
     TOLERANCE,
     TURN_SIGMA,
 )
@@ -92,11 +93,7 @@ class Curve:
 
     def local(self, points: Float64) -> tuple[Float64, Float64]:
         """Return x along and y across of (N, 2+) points, (N,) each [m]."""
-        east, north = self.origin.tolist()
-        x, y = _to_locals(
-            np.ascontiguousarray(points), east, north, math.cos(self.azimuth),
-            math.sin(self.azimuth),
-        )
+        x, y = _to_locals(np.ascontiguousarray(points), self.row)
         return x, y
 
     def local_place(self, place: Float64) -> tuple[float, float]:
@@ -142,12 +139,11 @@ class Curve:
         return offset**2 + (turn * (x - self.mean_x)) ** 2
 
 
-@njit(cache=True, nogil=True)
-def _to_locals(points, x0, y0, ca, sa):  # type: ignore[no-untyped-def]
+@njit(cache=True, nogil=True, error_model='numpy')
+def _to_locals(points, row):  # type: ignore[no-untyped-def]
     x, y = np.empty(len(points)), np.empty(len(points))
     for k in range(len(points)):
-        dx, dy = points[k, 0] - x0, points[k, 1] - y0
-        x[k], y[k] = ca * dx + sa * dy, ca * dy - sa * dx
+        x[k], y[k] = to_local(row, points[k, 0], points[k, 1])
     return x, y
 
 
