@@ -18,6 +18,7 @@ import time
 from numba import set_num_threads
 import pytest
 
+from plc_inspect.core import side_by_side
 from plc_inspect.core.side_by_side import call_each
 
 
@@ -28,8 +29,10 @@ def threads(request):
     set_num_threads(2)
 
 
+@pytest.mark.parametrize('least', [0.0, 60.0])
 @pytest.mark.parametrize('num', [0, 1, 2, 50])
-def test_results_are_in_order(num, threads):
+def test_results_are_in_order(num, least, threads, monkeypatch):
+    monkeypatch.setattr(side_by_side, 'LEAST_WORK', least)
     assert call_each(lambda k: k * k, num) == [k * k for k in range(num)]
 
 
@@ -52,6 +55,7 @@ def test_the_first_error_is_raised_and_no_more_calls_begin(threads):
     assert len(begun) < 10
 
 
-def test_short_work_stays_in_the_thread_that_asks(threads):
-    names = set(call_each(lambda k: threading.get_ident(), 50))
-    assert names == {threading.get_ident()}
+def test_short_work_stays_in_the_thread_that_asks(threads, monkeypatch):
+    monkeypatch.setattr(side_by_side, 'LEAST_WORK', 60.0)
+    names = call_each(lambda k: (time.sleep(0.001), threading.get_ident())[1], 20)
+    assert set(names) == {threading.get_ident()}
