@@ -34,9 +34,9 @@ def call_each(function: Callable[[int], T], num: int) -> list[T]:
 
     It is called in as many threads as numba may use, and should spend its time in a kernel that
     releases the GIL.  The first call tells how long the others will take; where that is next to
-    nothing they follow one by one.  Threads of numba's own are no better, as calls wait for each
-    other to count references, and each kernel that starts them is compiled with all it calls once
-    more.  Where calls fail no more are begun, and the error of the first of them is raised.
+    nothing they follow one by one.  Threads of numba's own were slower, and each kernel that
+    starts them is compiled with all it calls once more.  Where calls fail no more are begun, and
+    the error of the first of them is raised.
     """
     if not num:
         return []
