@@ -37,8 +37,8 @@ GOAL = 2.0
 """Start of the process to ready [s]."""
 NODE = ('-m', 'plc_inspect.ros.onboard')
 MODULES = ('-c', 'import plc_inspect.ros.node')
-PATIENCE = 600.0
-"""The first start may take this long [s]."""
+PATIENCE = 120.0
+"""A node that is told to end may take this long [s]."""
 
 
 def start_node(environment: dict[str, str]) -> float:
@@ -55,7 +55,11 @@ def start_node(environment: dict[str, str]) -> float:
                 break
         seconds = time.perf_counter() - started
         node.send_signal(signal.SIGINT)
-        node.communicate(timeout=PATIENCE)
+        try:
+            node.communicate(timeout=PATIENCE)
+        except subprocess.TimeoutExpired:
+            node.kill()
+            raise
     if not said or not said[-1].rstrip().endswith('ready'):
         raise RuntimeError(f'plc_node never was ready: {" ".join(said)[-500:]}')
     return seconds
