@@ -312,12 +312,13 @@ def _measure(keys, moments, size):  # type: ignore[no-untyped-def]
                 _add_block(keys, moments, size, i, step, at, total)
                 sheet[:NUM_SUMS, i - start] = total
             _derive_features(sheet.ravel())
+            features = sheet[NUM_SUMS:]
             for i in range(start, stop):
                 k = i - start
                 count[i] = int(sheet[0, k])
-                linear[i], planar[i], spherical[i] = sheet[10, k], sheet[11, k], sheet[12, k]
+                linear[i], planar[i], spherical[i] = features[0, k], features[1, k], features[2, k]
                 for axis in range(3):
-                    direction[i, axis] = sheet[13 + axis, k]
+                    direction[i, axis] = features[3 + axis, k]
     return count, linear, planar, spherical, direction
 
 
@@ -341,13 +342,19 @@ def _add_block(keys, moments, size, i, step, at, total):  # type: ignore[no-unty
 
 @njit(cache=True, nogil=True, error_model='numpy')
 def _derive_features(flat):  # type: ignore[no-untyped-def]
-    """Fill the rows of features of a sheet from those of sums, by vectors."""
+    """
+    Fill the rows of features of a sheet from those of sums, by vectors.
+
+    ``flat`` is the sheet as ((NUM_SUMS + NUM_FEATURES) * BLOCK,) float64: rows of count, sums [m]
+    and products [m2] of points, then of linear, planar and spherical likeness and direction.
+    """
     for k in range(BLOCK):
         l1, l2, l3, vx, vy, vz = principal_axis_of(flat, k, BLOCK)
         scale = 1.0 / l1 if l1 > 0.0 else 0.0
-        flat[k + 10 * BLOCK] = (l1 - l2) * scale
-        flat[k + 11 * BLOCK] = (l2 - l3) * scale
-        flat[k + 12 * BLOCK] = l3 * scale
-        flat[k + 13 * BLOCK] = vx
-        flat[k + 14 * BLOCK] = vy
-        flat[k + 15 * BLOCK] = vz
+        own = k + NUM_SUMS * BLOCK
+        flat[own] = (l1 - l2) * scale
+        flat[own + BLOCK] = (l2 - l3) * scale
+        flat[own + 2 * BLOCK] = l3 * scale
+        flat[own + 3 * BLOCK] = vx
+        flat[own + 4 * BLOCK] = vy
+        flat[own + 5 * BLOCK] = vz
