@@ -24,6 +24,7 @@ import numpy as np
 from plc_inspect.config import HeightSettings
 from plc_inspect.core.curve import Curve
 from plc_inspect.core.nearest import find_near, span_table
+from plc_inspect.core.plan_index import clamp
 from plc_inspect.core.terrain import measure_surface, Surface
 from plc_inspect.results import Bool, Float32, Float64, Int64
 
@@ -213,7 +214,7 @@ def _ground_at(ground, seen, origin, size, positions, max_gap):  # type: ignore[
         y = (positions[k, 1] - origin[1]) / size - 0.5
         if not (math.isfinite(x) and math.isfinite(y)):
             continue
-        x, y = min(max(x, 0.0), last_column), min(max(y, 0.0), last_row)
+        x, y = clamp(x, float(last_column)), clamp(y, float(last_row))
         if not _is_seen_near(seen, int(np.rint(y)), int(np.rint(x)), max_gap / size):
             continue
         left, lower = min(int(x), max(last_column - 1, 0)), min(int(y), max(last_row - 1, 0))

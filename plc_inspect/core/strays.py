@@ -73,12 +73,11 @@ def settle_strays(cloud: OffGround, spans: SpanResult) -> SpanResult:
         np.array([(model.span.line_id, model.span.span_id) for model in spans.models]),
         spans.support, spans.line_id, spans.span_id, spans.residual,
     )
-    models, intruders = [], [spans.intruders]
+    models, intruders, exact = [], [spans.intruders], distance.astype(np.float64)
     for number, model in enumerate(spans.models):
         mine = slice(start[number], start[number + 1])
         given = find_intruders(
-            along[mine], distance[mine].astype(np.float64), own[mine], other[mine],
-            model.curve.tolerance,
+            along[mine], exact[mine], own[mine], other[mine], model.curve.tolerance
         )
         gone = near[mine][given]
         intruders.append(gone)
