@@ -18,12 +18,12 @@ from dataclasses import dataclass
 
 from numba import njit
 import numpy as np
-from scipy.spatial import cKDTree
 
 from plc_inspect.config import ClusteringSettings
 from plc_inspect.core.alignment import AlignmentResult
 from plc_inspect.core.beads import Beads, find_beads
 from plc_inspect.core.disjoint_sets import find_root
+from plc_inspect.core.near_pairs import find_pairs
 from plc_inspect.core.plan_index import PlanIndex
 from plc_inspect.results import Float64, Int32, Int64
 
@@ -94,8 +94,7 @@ def _join(beads: Beads, settings: ClusteringSettings) -> Int32:
     num = len(beads)
     if num == 0:
         return np.zeros(0, dtype=np.int32)
-    pairs = cKDTree(beads.center).query_pairs(settings.max_gap, output_type='ndarray')
-    i, j = pairs[:, 0], pairs[:, 1]
+    i, j = find_pairs(beads.center, settings.max_gap).T
     apart = beads.center[j] - beads.center[i]
     ui, uj = beads.direction[i], beads.direction[j].copy()
     flip = np.einsum('ij,ij->i', ui, uj) < 0

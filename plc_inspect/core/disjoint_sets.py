@@ -15,6 +15,9 @@
 """Disjoint sets: each item leads to another of its set, one of them to itself."""
 
 from numba import njit
+import numpy as np
+
+from plc_inspect.results import Int32, Int64
 
 
 @njit(cache=True, nogil=True)
@@ -24,3 +27,42 @@ def find_root(parent, item):  # type: ignore[no-untyped-def]
         parent[item] = parent[parent[item]]
         item = parent[item]
     return item
+
+
+def unite(pairs: Int32, num: int) -> Int64:
+    """
+    Unite items by pairs, and number the sets.
+
+    Parameters
+    ----------
+    pairs : (P, 2) int32
+        Items of one set, from 0.
+    num : int
+        Items; one that is in no pair is a set of its own.
+
+    Returns
+    -------
+    (num,) int64
+        Set of each item, from 0 in the order of their first items.
+
+    """
+    result: Int64 = _unite(pairs, num)
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _unite(pairs, num):  # type: ignore[no-untyped-def]
+    parent = np.arange(num)
+    for k in range(len(pairs)):
+        a, b = find_root(parent, pairs[k, 0]), find_root(parent, pairs[k, 1])
+        parent[max(a, b)] = min(a, b)
+    label = np.empty(num, dtype=np.int64)
+    used = 0
+    for item in range(num):
+        root = find_root(parent, item)
+        if root == item:  # the first of its set
+            label[item] = used
+            used += 1
+        else:
+            label[item] = label[root]
+    return label

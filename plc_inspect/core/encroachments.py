@@ -21,12 +21,11 @@ from typing import Any
 
 from numba import njit
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.clearance import Limit, RuleSet
+from plc_inspect.core.disjoint_sets import unite
+from plc_inspect.core.near_pairs import find_pairs
 from plc_inspect.core.span_model import find_kind, find_support, SpanModel
 from plc_inspect.core.trees import segment_trees
 from plc_inspect.results import (
@@ -84,12 +83,7 @@ def group_points(points: Float64, reach: float) -> Int64:
     x, y, z = (cell - cell.min(axis=0)).T
     number = (x * (y.max() + 1) + y) * (z.max() + 1) + z
     _, first, inverse = np.unique(number, return_index=True, return_inverse=True)
-    pairs = cKDTree(points[first]).query_pairs(reach, output_type='ndarray')
-    graph = coo_matrix(
-        (np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(first), len(first))
-    )
-    _, label = connected_components(graph, directed=False)
-    result: Int64 = label[inverse].astype(np.int64)
+    result: Int64 = unite(find_pairs(points[first], reach), len(first))[inverse]
     return result
 
 

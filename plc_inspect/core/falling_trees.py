@@ -20,7 +20,6 @@ from typing import Any
 
 from numba import njit, prange
 import numpy as np
-from scipy.spatial import cKDTree
 
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.clearance import RuleSet
@@ -159,10 +158,7 @@ def find_falling_trees(
 
 def _trees_at(points: Float64, tree: Int64, places: Sequence[Float64]) -> set[int]:
     """Return the trees that the points nearest to some places belong to."""
-    if not places:
-        return set()
-    _, nearest = cKDTree(points).query(np.array(places))
-    return set(tree[nearest].tolist())
+    return {int(tree[((points - place) ** 2).sum(axis=1).argmin()]) for place in places}
 
 
 def _tabulate(models: Sequence[SpanModel]) -> Float64:

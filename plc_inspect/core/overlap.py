@@ -19,9 +19,8 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
+from plc_inspect.core.disjoint_sets import unite
 from plc_inspect.results import Float64, Span
 
 TOLERANCE = 0.5
@@ -146,15 +145,11 @@ def connect(
         stands alone.
 
     """
-    graph = coo_matrix(
-        (
-            np.ones(len(pairs)),
-            ([p.first for p in pairs], [num_found + p.second for p in pairs]),
-        ),
-        shape=(num_found + num_known,) * 2,
-    )
-    num, label = connected_components(graph, directed=False)
-    pieces: list[tuple[list[int], list[int], list[Overlap]]] = [([], [], []) for _ in range(num)]
+    links = np.array([(item.first, num_found + item.second) for item in pairs], dtype=np.int32)
+    label = unite(links.reshape(-1, 2), num_found + num_known).tolist()
+    pieces: list[tuple[list[int], list[int], list[Overlap]]] = [
+        ([], [], []) for _ in range(max(label, default=-1) + 1)
+    ]
     for place, number in enumerate(label):
         if place < num_found:
             pieces[number][0].append(place)
