@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
+from plc_inspect.core.assignment import assign
 from plc_inspect.results import Float64, Span
 
 MEETING = 5.0
@@ -35,7 +35,6 @@ REACH = 80.0
 """A piece this far ahead of the end of a line may turn out to be part of it [m]."""
 REACH_ACROSS = 3.0
 """It is shifted by less than this, extrapolated [m]."""
-_FAR = 1e6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -100,7 +99,7 @@ def continue_lines(
     """
     if not known or not new:
         return {}, frozenset()
-    cost = np.full((len(new), len(known)), _FAR)
+    cost = np.full((len(new), len(known)), np.inf)
     ahead = set()
     for i, piece in enumerate(new):
         for j, end in enumerate(known):
@@ -112,9 +111,8 @@ def continue_lines(
             elif 0 < along <= REACH and across <= REACH_ACROSS:
                 ahead.add(piece.line_id)
     found: dict[int, int] = {}
-    for i, j in zip(*linear_sum_assignment(cost), strict=True):
-        if cost[i, j] < _FAR:
-            found.setdefault(new[i].line_id, known[j].line_id)
+    for i, j in assign(cost, MAX_ACROSS + MAX_VERTICAL + MAX_GAP):
+        found.setdefault(new[i].line_id, known[j].line_id)
     return found, frozenset(ahead - set(found))
 
 

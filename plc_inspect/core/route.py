@@ -20,8 +20,8 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
+from plc_inspect.core.assignment import assign
 from plc_inspect.core.curve import Curve
 from plc_inspect.core.supports import Layout
 from plc_inspect.results import Float64
@@ -212,9 +212,7 @@ def _chain_lines(layout: Layout) -> list[int]:
                 for a in before
             ]
         )
-        for i, j in zip(*linear_sum_assignment(cost), strict=True):
-            if cost[i, j] <= MAX_SHIFT:
-                pairs.append((before[i][0], after[j][0]))
+        pairs += [(before[i][0], after[j][0]) for i, j in assign(cost, MAX_SHIFT)]
     return _unite(pairs, len(layout.curves))
 
 

@@ -1,0 +1,56 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Which ends belong together: one to one, at the least cost in all."""
+
+import numpy as np
+
+from plc_inspect.results import Float64
+
+FAR = 1e6
+"""Cost of a pair that is none; more than all that are can cost."""
+
+
+def assign(cost: Float64, most: float) -> list[tuple[int, int]]:
+    """
+    Pair rows with columns: as many as can be, then at the least total cost.
+
+    Parameters
+    ----------
+    cost : (M, N) float64
+        Cost of each pair.
+    most : float
+        What costs more is no pair; far below FAR.
+
+    Returns
+    -------
+    list of tuple
+        Row and column of each pair, in the order of rows.
+
+    """
+    rows, columns = (np.flatnonzero((cost <= most).any(axis=axis)) for axis in (1, 0))
+    if not len(rows):
+        return []
+    within = cost[np.ix_(rows, columns)]
+    within = np.where(within <= most, within, FAR)
+    cheapest = within.argmin(axis=1)
+    if len(np.unique(cheapest)) == len(rows):  # nobody wants what another wants
+        first, second = np.arange(len(rows)), cheapest
+    else:
+        # It is rare, and loading the module takes longer than a tick.
+        from scipy.optimize import linear_sum_assignment
+
+        first, second = linear_sum_assignment(within)
+    pairs = zip(rows[first].tolist(), columns[second].tolist(), strict=True)
+    return [(i, j) for i, j in pairs if cost[i, j] <= most]
