@@ -15,9 +15,7 @@
 """Rule sets and conductors that the package ships or a user gives, and cases from a command."""
 
 import math
-import os
 from pathlib import Path
-import sys
 from typing import Any
 
 import yaml
@@ -26,22 +24,11 @@ from plc_inspect.config import HazardSettings
 from plc_inspect.core.clearance import parse_rules, PLAIN, plain_rules, RuleSet
 from plc_inspect.core.physics import Case, Conductor
 from plc_inspect.errors import ConfigError, DataError
+from plc_inspect.shared_files import find_shared
 
 GRAVITY = 9.80665
 _COLUMNS = ('name', 'diameter', 'mass', 'area', 'modulus', 'expansion', 'source')
 _CASE_KEYS = ('temperature', 'ice', 'wind')
-
-
-def find_shared(name: str) -> Path | None:
-    """Return a file or folder of ``config/``, from the source tree or where it is installed."""
-    homes = [
-        Path(__file__).parents[2],
-        *(Path(item, 'share', 'plc_inspect')
-          for item in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep) if item),
-        Path(sys.prefix, 'share', 'plc_inspect'),
-        Path(sys.prefix, 'local', 'share', 'plc_inspect'),
-    ]
-    return next((path for home in homes if (path := home / 'config' / name).exists()), None)
 
 
 def list_rules() -> list[str]:

@@ -24,7 +24,7 @@ machine (43 of 100 arrive), and its TCP part can end the process when a peer lea
 
 import os
 
-from plc_inspect.offline.catalogue import find_shared
+from plc_inspect.shared_files import find_shared
 
 VARIABLE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
 PROFILE = 'fastdds.xml'

@@ -24,7 +24,6 @@ import pytest
 from plc_inspect.config import HazardSettings
 from plc_inspect.errors import ConfigError
 from plc_inspect.offline.catalogue import (
-    find_shared,
     GRAVITY,
     list_rules,
     load_conductor,
@@ -33,6 +32,7 @@ from plc_inspect.offline.catalogue import (
 )
 from plc_inspect.offline.request import hash_input
 from plc_inspect.offline.survey import main
+from plc_inspect.shared_files import find_shared
 
 ROW = {'name': 'own', 'diameter': 20, 'mass': 1000, 'area': 300, 'modulus': 70000,
        'expansion': 2e-5, 'source': 'a letter'}
