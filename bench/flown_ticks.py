@@ -24,6 +24,7 @@ from plc_inspect.config import Settings
 from plc_inspect.core.session import Session
 from plc_inspect.core.voxel_map import VoxelMap
 from plc_inspect.core.window import copy_window, WindowPlanner
+from plc_inspect.ros.memory import take_memory
 
 STEP = 10.0
 """Flown between two ticks [m]: a second."""
@@ -68,7 +69,8 @@ def fly_along(points: np.ndarray, rng: np.random.Generator) -> Iterator[FlownTic
     settings = Settings()
     points = points[np.argsort(points[:, 0], kind='stable')]
     voxels = VoxelMap(settings.map)
-    voxels.reserve(voxels.max_voxels, touch=True)
+    voxels.reserve(voxels.max_voxels)
+    take_memory(voxels.memory)
     session, planner = Session(), WindowPlanner(settings.height.beta)
     for x in np.arange(points[0, 0], points[-1, 0], STEP):
         first, last = np.searchsorted(points[:, 0], (x - SIGHT, x + SIGHT))

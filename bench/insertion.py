@@ -30,6 +30,7 @@ from plc_inspect.config import InputSettings, MapSettings
 from plc_inspect.core.deskew import deskew, make_transform
 from plc_inspect.core.pose_buffer import PoseBuffer
 from plc_inspect.core.voxel_map import VoxelMap
+from plc_inspect.ros.memory import take_memory
 
 SPEED = 15.0
 HEIGHT = 22.0
@@ -67,7 +68,8 @@ def main() -> None:
     scans = [make_scan(arguments.points, rng) for _ in range(20)]
     stamps = 500_000_000 + np.linspace(0, 99_000_000, arguments.points).astype(np.int64)
     voxels = VoxelMap(MapSettings())
-    voxels.reserve(voxels.max_voxels, touch=True)
+    voxels.reserve(voxels.max_voxels)
+    take_memory(voxels.memory)
     times = np.empty((arguments.scans, 3))
     for i in range(-1, arguments.scans):
         started = clock()

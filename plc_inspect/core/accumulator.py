@@ -75,16 +75,14 @@ class Accumulator:
     ----------
     settings : Settings
         ``input`` and ``map`` are used.
-    touch : bool
-        Use the map's memory at once, so that no scan waits for it in flight.
 
     """
 
-    def __init__(self, settings: Settings, *, touch: bool = False) -> None:
+    def __init__(self, settings: Settings) -> None:
         self.poses = PoseBuffer(settings.input)
         self.map = VoxelMap(settings.map)
         self.configure(settings)
-        self.map.reserve(RESERVED_VOXELS, touch=touch)
+        self.map.reserve(RESERVED_VOXELS)
         self._clock = ScanClock()
         self._queue: deque[_WaitingScan] = deque()
         self._counts: Counter[str] = Counter()

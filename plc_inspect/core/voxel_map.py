@@ -161,7 +161,7 @@ class VoxelMap:
         """Forget all voxels; the sequence goes on."""
         self._set_empty(self._capacity)
 
-    def reserve(self, num_voxels: int, *, touch: bool = False) -> None:
+    def reserve(self, num_voxels: int) -> None:
         """
         Make room ahead, so that no insertion pays for growing.
 
@@ -169,19 +169,22 @@ class VoxelMap:
         ----------
         num_voxels : int
             Voxels to make room for; more than ``max_voxels`` is taken as ``max_voxels``.
-        touch : bool
-            Use the memory now.  Otherwise the system hands it out when it is first written,
-            which costs an insertion up to 20 ms now and then.
 
         """
         wanted = min(num_voxels, self._max_voxels)
         if wanted > self._capacity:
             self._allocate(wanted)
             self._rehash()
-        if touch:
-            self._table |= 0
-            for array in self._all_arrays():
-                array[self._size :].fill(0)
+
+    @property
+    def memory(self) -> tuple[NDArray[np.generic], ...]:
+        """
+        All that the map has reserved, for who wants it backed by memory ahead.
+
+        The system hands memory out when it is first written, which costs an insertion up to 20 ms
+        now and then.
+        """
+        return *self._all_arrays(), self._table
 
     def insert(self, points: Float64) -> Insertion:
         """

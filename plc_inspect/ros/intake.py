@@ -16,6 +16,7 @@
 
 from collections.abc import Callable
 from dataclasses import asdict
+from threading import Thread
 import time
 from typing import Any
 
@@ -29,6 +30,7 @@ from plc_inspect.errors import DataError
 from plc_inspect.results import Float64
 from plc_inspect.ros.conversion import pose_from_message, scan_from_message
 from plc_inspect.ros.diagnostics import Health, LossReporter
+from plc_inspect.ros.memory import take_memory
 
 THROTTLE = 5.0
 """The same complaint is logged at most this often [s]."""
@@ -79,7 +81,7 @@ class Intake:
     def __init__(
         self, settings: Settings, health: Health, warn: Callable[[str], object]
     ) -> None:
-        self.accumulator = Accumulator(settings, touch=True)
+        self.accumulator = Accumulator(settings)
         self.evictor = Evictor(self.accumulator.map)
         self.vehicle: Float64 | None = None
         """(3,) where the vehicle is [m], None before the first pose."""
@@ -88,6 +90,16 @@ class Intake:
         self._health = health
         self._complaints = Complaints(warn)
         self._losses = LossReporter(warn)
+
+    def take_memory(self) -> None:
+        """
+        Take the map's memory in a thread, so that no scan waits for it in flight.
+
+        Call it when all is loaded: a machine that has to find half a gigabyte anew takes a second,
+        in which all else that needs memory, as loading does, becomes slow.
+        """
+        memory = self.accumulator.map.memory
+        Thread(target=take_memory, args=(memory,), name='plc_memory', daemon=True).start()
 
     def take_scan(self, message: PointCloud2) -> None:
         """Put a scan in, or count it as malformed."""
@@ -138,5 +150,6 @@ class Intake:
         """Forget the map and all that waits; counters go on."""
         self._complaints.forget()
         self.accumulator.reset()
+        self.take_memory()
         self.evictor.clear()
         self.first_stamp = None

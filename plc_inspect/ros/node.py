@@ -353,6 +353,7 @@ class InspectNode(Node):
             return
         if job == 'start' or done is None:
             self.get_logger().info('ready')
+            self._intake.take_memory()
             return
         self._intake.accumulator.map.label(done.slots, done.points, done.labels)
         self._state = done.state

@@ -15,10 +15,11 @@
 """One thread that does the long work, one job at a time."""
 
 from collections.abc import Callable
-import ctypes
 from dataclasses import dataclass
 import threading
 from typing import Any
+
+from plc_inspect.ros.memory import give_back_memory
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,16 +120,3 @@ class Worker:
             self._notify()
             del job, outcome  # the next ones may be long in coming
             give_back_memory()
-
-
-def give_back_memory() -> None:
-    """
-    Give memory that is free back to the system.
-
-    The C library keeps what a tick used and frees, in pieces between what stays, so the process
-    would grow over a long flight.  It takes about a millisecond; other C libraries than glibc
-    have no such call and are left alone.
-    """
-    trim = getattr(ctypes.CDLL(None), 'malloc_trim', None)
-    if trim is not None:
-        trim(0)

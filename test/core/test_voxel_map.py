@@ -162,7 +162,7 @@ def test_growing_and_reserving_give_the_same_map():
     assert len(points) > 2 * INITIAL_CAPACITY
     grown, reserved = make_map(points), make_map()
     reserved.insert(points[:100])
-    reserved.reserve(10**9, touch=True)
+    reserved.reserve(10**9)
     reserved.insert(points[100:])
     assert len(grown) == len(points)
     np.testing.assert_allclose(grown.centroids(), points, atol=1e-7)

@@ -14,13 +14,9 @@
 
 """The worker's thread, and what it leaves behind."""
 
-import os
-from pathlib import Path
-import platform
 import threading
 import weakref
 
-import numpy as np
 import pytest
 
 from plc_inspect.ros import worker as worker_module
@@ -55,24 +51,3 @@ def test_tidies_up_after_each_job_when_all_were_told(monkeypatch, fails):
     del outcome
     assert made[0]() is None, 'the worker still holds what its last job made'
     assert worker.stop(10.0)
-
-
-def read_resident():
-    """Return the resident memory of this process [bytes]."""
-    pages = int(Path('/proc/self/statm').read_text().split()[1])
-    return pages * os.sysconf('SC_PAGE_SIZE')
-
-
-@pytest.mark.skipif(platform.libc_ver()[0] != 'glibc', reason='only glibc can be asked')
-def test_memory_between_what_stays_is_given_back():
-    worker_module.give_back_memory()
-    before = read_resident()
-    blocks = [np.ones(10_000) for _ in range(4000)]  # 80 kB each, below what is mapped alone
-    kept = blocks[::100]
-    full = read_resident()
-    del blocks
-    worker_module.give_back_memory()
-    after = read_resident()
-    assert len(kept) == 40
-    assert full - before > 250e6
-    assert after - before < 0.2 * (full - before)

@@ -1,0 +1,65 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the process asks of the system about its memory."""
+
+from collections.abc import Iterable
+import ctypes
+import mmap
+from typing import Any
+
+from numpy.typing import NDArray
+
+MADV_POPULATE_WRITE = 23
+"""Of Linux since 5.14: back pages with memory as if written to, and leave what they hold."""
+CHUNK = 1 << 21
+"""Taken at once [bytes]; whoever else needs new memory waits as long."""
+
+
+def take_memory(arrays: Iterable[NDArray[Any]]) -> None:
+    """
+    Take the memory of arrays from the system now, not page by page when they are first written.
+
+    What is in the arrays stays, and other threads may read and write them meanwhile.  A system
+    that cannot do this is left to do as it always does.
+
+    Parameters
+    ----------
+    arrays : iterable of arrays
+        Any shapes and types, contiguous.
+
+    """
+    advise = getattr(ctypes.CDLL(None), 'madvise', None)
+    for array in arrays:
+        first = array.ctypes.data // mmap.PAGESIZE * mmap.PAGESIZE
+        last = array.ctypes.data + array.nbytes
+        for start in range(first, last, CHUNK):
+            size = min(CHUNK, last - start)
+            if advise is None or advise(
+                ctypes.c_void_p(start), ctypes.c_size_t(size), MADV_POPULATE_WRITE
+            ):
+                return
+
+
+def give_back_memory() -> None:
+    """
+    Give memory that is free back to the system.
+
+    The C library keeps what a tick used and frees, in pieces between what stays, so the process
+    would grow over a long flight.  It takes about a millisecond; other C libraries than glibc
+    have no such call and are left alone.
+    """
+    trim = getattr(ctypes.CDLL(None), 'malloc_trim', None)
+    if trim is not None:
+        trim(0)
