@@ -31,6 +31,7 @@ from plc_inspect.core.cross_section import (
     gather_window,
     thin_window,
 )
+from plc_inspect.core.picking import put
 from plc_inspect.core.plan_index import PlanIndex
 from plc_inspect.core.plane_clusters import KERNELS, label_plane
 from plc_inspect.results import Float64, Int32, Int64
@@ -163,7 +164,7 @@ def cluster_window(  # type: ignore[no-untyped-def]
         if attempt < NUM_EPS:
             label = label_plane(method, y[chosen], w[chosen], eps, min_points, attempt)
         if attempt == 0:
-            first_label[:] = label
+            put(label, first_label)
         found = judge_clusters(
             x, y, w, chosen, label, limit, half, max_crowding, owner, too_thick, fits, found
         )

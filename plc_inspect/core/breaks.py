@@ -21,6 +21,7 @@ from numba import njit
 import numpy as np
 
 from plc_inspect.core.bucket_sort import argsort_spread
+from plc_inspect.core.picking import put
 from plc_inspect.results import Float64
 
 MIN_SIDE = 5.0
@@ -181,11 +182,12 @@ def _best_cut(x, t, y, z):  # type: ignore[no-untyped-def]
             here = math.floor(x[k] / STEP)
             if here > place:
                 place = here
-                right[:] = total - left
+                for m in range(len(total)):
+                    right[m] = total[m] - left[m]
                 error = _solve(left, own_left) + _solve(right, own_right)
                 if error < best:
                     best, cut = error, k
-                    best_left[:] = own_left
-                    best_right[:] = own_right
+                    put(own_left, best_left)
+                    put(own_right, best_right)
         _add(left, t[k], y[k], z[k])
     return cut, best, best_left, best_right

@@ -199,7 +199,7 @@ def _refine(t, z, inlier, tolerance):  # type: ignore[no-untyped-def]
     for step in range(NUM_STEPS):
         _add_up(t, z, h, g, k, scale, tolerance, weight, step >= 2, sums)
         total, count = sums[0], sums[1]
-        right[:] = sums[2:5]
+        right[0], right[1], right[2] = sums[2], sums[3], sums[4]
         normal[0, 0], normal[0, 1], normal[0, 2] = count, sums[5], sums[6]
         normal[1, 1], normal[1, 2], normal[2, 2] = sums[7], sums[8], sums[9]
         normal[1, 0], normal[2, 0], normal[2, 1] = normal[0, 1], normal[0, 2], normal[1, 2]

@@ -47,6 +47,7 @@ from plc_inspect.core.curve_fit import (
     to_local,
     TOLERANCE,
 )
+from plc_inspect.core.picking import put
 from plc_inspect.core.plan_index import gather_strip, PlanIndex
 from plc_inspect.core.side_by_side import call_each
 from plc_inspect.results import Bool, Float32, Float64, Int64
@@ -288,7 +289,7 @@ def _extend(points, grid, row, max_step):  # type: ignore[no-untyped-def]
         length, was = grown[HIGH] - grown[LOW], row[HIGH] - row[LOW]
         if grown[NUM_POINTS] < 0.9 * row[NUM_POINTS] or length < 0.9 * was:
             break
-        row[:] = grown
+        put(grown, row)
         own, stride = kept, step
         if length < was + 1.0:
             break

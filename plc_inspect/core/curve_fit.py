@@ -25,6 +25,7 @@ from plc_inspect.core.catenary_solver import (
     slope_at,
     solve_catenary,
 )
+from plc_inspect.core.picking import put
 from plc_inspect.results import Float64
 
 MIN_TOLERANCE = 0.1
@@ -142,7 +143,7 @@ def fit_row(  # type: ignore[no-untyped-def]
     azimuth -= 2.0 * math.pi * round(azimuth / (2.0 * math.pi))
     row[ORIGIN_X], row[ORIGIN_Y], row[COS], row[SIN] = ox, oy, math.cos(azimuth), math.sin(azimuth)
     row[MIDDLE] = middle
-    row[HEIGHT : CURVATURE + 1] = shape
+    put(shape, row[HEIGHT:])
     row[LOW], row[HIGH], row[AZIMUTH], row[RMSE], row[LATERAL_RMSE] = low, high, azimuth, rmse, rms
     row[OFFSET_SIGMA], row[TURN_SIGMA] = noise / math.sqrt(num), noise / math.sqrt(
         max(spread, 1e-9)

@@ -95,7 +95,8 @@ def dbscan_plane(u, v, eps, min_points):  # type: ignore[no-untyped-def]
                 m = find_root(free, m + 1)
         num_clusters += 1
     result = np.empty(n, dtype=np.int64)
-    result[order] = label
+    for k in range(n):
+        result[order[k]] = label[k]
     return result
 
 

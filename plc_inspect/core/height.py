@@ -102,7 +102,7 @@ def extract_high(
     top = max(float(extremes[1]), settings.beta)
     bottom = max(float(extremes[0]), -top)
     edges = np.linspace(bottom, top, settings.num_bins + 1)
-    histogram = _histogram(height, bottom, top, settings.num_bins)
+    histogram = _histogram(height, bottom, top, settings.num_bins).sum(axis=0)
     peak = _ground_peak(histogram, edges, settings.beta)
     threshold = peak + settings.beta
     return HeightResult(
@@ -275,7 +275,7 @@ def _histogram(height, bottom, top, num_bins):  # type: ignore[no-untyped-def]
         for i in range(part * num // num_parts, (part + 1) * num // num_parts):
             if bottom <= height[i] <= top:
                 counts[part, min(int((height[i] - bottom) * scale), num_bins - 1)] += 1
-    return counts.sum(axis=0)
+    return counts
 
 
 @njit(cache=True, parallel=True, nogil=True)

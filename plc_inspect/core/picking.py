@@ -21,6 +21,18 @@ NUM_PARTS = 16
 """Parts of the points that are looked through independently."""
 
 
+@njit(cache=True, nogil=True)
+def put(values, target):  # type: ignore[no-untyped-def]
+    """
+    Copy (N,) values to the first places of a target.
+
+    For kernels: assigning to a slice brings in all that numba needs to say that shapes differ,
+    which makes a kernel by up to a third larger to compile and to load.
+    """
+    for k in range(len(values)):
+        target[k] = values[k]
+
+
 @njit(cache=True, parallel=True, nogil=True)
 def find_true(mask):  # type: ignore[no-untyped-def]
     """

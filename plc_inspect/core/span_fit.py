@@ -45,6 +45,7 @@ from plc_inspect.core.curve_fit import (
     to_local,
     TOLERANCE,
 )
+from plc_inspect.core.picking import put
 from plc_inspect.core.plan_index import PlanIndex
 from plc_inspect.core.side_by_side import call_each
 from plc_inspect.core.supports import Layout
@@ -185,7 +186,7 @@ def _fit(points, grid, row, ends, is_open, own, draws):  # type: ignore[no-untyp
         )
         if not is_curve(fresh) or fresh[NUM_POINTS] < 0.8 * row[NUM_POINTS]:
             break
-        row[:] = fresh
+        put(fresh, row)
         own, stride = kept, step
         x, residual = _residuals(points, row, own)
         # the standard deviation, whatever the tails
@@ -198,7 +199,9 @@ def _fit(points, grid, row, ends, is_open, own, draws):  # type: ignore[no-untyp
         if is_open[1]:
             ends[1] = max(ends[1], row[HIGH]) if row[HIGH] > ends[1] - 1.0 else row[HIGH]
     x, residual = _residuals(points, row, own)
-    row[COVARIANCE:] *= _misfit(x, residual, row[LOW], row[HIGH])
+    misfit = _misfit(x, residual, row[LOW], row[HIGH])
+    for k in range(COVARIANCE, len(row)):
+        row[k] *= misfit
     return own, stride
 
 

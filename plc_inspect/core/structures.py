@@ -20,6 +20,7 @@ import math
 from numba import njit
 import numpy as np
 
+from plc_inspect.core.picking import put
 from plc_inspect.core.plan_index import gather_strip, PlanIndex
 from plc_inspect.results import Bool, Float32, Float64
 
@@ -166,7 +167,7 @@ def _freest(apart, level, needed, azimuth, reach):  # type: ignore[no-untyped-de
         while last < num and strip[order[last]] == here and row[order[last]] == row[order[first]]:
             last += 1
         members = last - first
-        own[:members] = order[first:last]
+        put(order[first:last], own)
         first = last
         x = y = 0.0
         for _ in range(3):  # to the middle of the cell's points, then of those about that

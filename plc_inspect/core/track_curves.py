@@ -38,6 +38,7 @@ from plc_inspect.core.curve_fit import (
     ROW,
     TOLERANCE,
 )
+from plc_inspect.core.picking import put
 from plc_inspect.core.side_by_side import call_each
 from plc_inspect.results import Float64
 
@@ -160,7 +161,8 @@ def _fit(  # type: ignore[no-untyped-def]
             total += 1
     chosen = chosen[argsort_spread(chosen)]
     fresh = np.ones(total, dtype=np.bool_)
-    fresh[1:] = chosen[1:] > chosen[:-1]  # windows overlap
+    for k in range(1, total):  # windows overlap
+        fresh[k] = chosen[k] > chosen[k - 1]
     chosen = chosen[fresh]
     if tolerance == 0.0:
         tolerance = derive_tolerance(np.median(rms[beads]))
@@ -178,8 +180,9 @@ def _fit(  # type: ignore[no-untyped-def]
             # a track of one conductor may have beads that lie over two of them
             tight = derive_tolerance(math.hypot(row[RMSE], row[LATERAL_RMSE]))
             row[TOLERANCE] = min(tight, tolerance)
-            rows[num], strides[num] = row, stride
+            put(row, rows[num])
+            strides[num] = stride
             start[num + 1] = start[num] + len(kept)
-            own[start[num] : start[num + 1]] = kept
+            put(kept, own[start[num] :])
             num += 1
     return rows[:num], own[: start[num]], start[: num + 1], strides[:num]

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from numba import njit, prange
 import numpy as np
 
+from plc_inspect.core.picking import put
 from plc_inspect.errors import DataError
 from plc_inspect.results import Float64, Int32, Int64
 
@@ -223,10 +224,10 @@ def _fill_part(points, chosen, origin, size):  # type: ignore[no-untyped-def]
             if used == capacity:
                 capacity *= 2
                 more_keys = np.empty(capacity, dtype=np.int64)
-                more_keys[:used] = keys
+                put(keys, more_keys)
                 keys = more_keys
                 more = np.zeros((capacity, 10))
-                more[:used] = moments
+                put(moments.ravel(), more.ravel())
                 moments = more
                 table_key, table_slot = grow_table(table_key, table_slot)
                 mask = len(table_key) - 1
@@ -259,8 +260,8 @@ def _fill_parts(points, chosen, origin, size):  # type: ignore[no-untyped-def]
     all_keys = np.empty(start[NUM_PARTS], dtype=np.int64)
     all_moments = np.empty((start[NUM_PARTS], 10))
     for part in prange(NUM_PARTS):
-        all_keys[start[part] : start[part + 1]] = keys[part]
-        all_moments[start[part] : start[part + 1]] = moments[part]
+        put(keys[part], all_keys[start[part] :])
+        put(moments[part].ravel(), all_moments[start[part] :].ravel())
     return all_keys, all_moments
 
 
