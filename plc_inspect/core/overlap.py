@@ -21,7 +21,7 @@ import math
 import numpy as np
 
 from plc_inspect.core.disjoint_sets import unite
-from plc_inspect.results import Float64, Span
+from plc_inspect.results import Bool, Float64, Span
 
 TOLERANCE = 0.5
 """The same conductor, fitted twice, differs by less than this [m]."""
@@ -160,15 +160,40 @@ def connect(
     return pieces
 
 
+def find_about(spans: Sequence[Span], others: Sequence[Span]) -> Bool:
+    """
+    Tell which spans may overlap one of some others, by the box in plan around all of those.
+
+    Parameters
+    ----------
+    spans, others : sequence of Span
+        In the same frame.
+
+    Returns
+    -------
+    (N,) bool
+
+    """
+    if not spans or not others:
+        return np.zeros(len(spans), dtype=np.bool_)
+    low, high = _boxes(spans)
+    low_others, high_others = _boxes(others)
+    near: Bool = (
+        (low <= high_others.max(axis=0)) & (high >= low_others.min(axis=0))
+    ).all(axis=1)
+    return near
+
+
+def _boxes(spans: Sequence[Span]) -> tuple[Float64, Float64]:
+    ends = np.array([(span.start, span.end) for span in spans])[:, :, :2]
+    return ends.min(axis=1) - TOLERANCE, ends.max(axis=1) + TOLERANCE
+
+
 def _candidates(first: Sequence[Span], second: Sequence[Span]) -> list[tuple[int, int]]:
     """Pairs whose boxes in plan are near."""
     if not first or not second:
         return []
-    boxes = []
-    for spans in (first, second):
-        ends = np.array([[span.start[:2], span.end[:2]] for span in spans])
-        boxes.append((ends.min(axis=1) - TOLERANCE, ends.max(axis=1) + TOLERANCE))
-    (low_a, high_a), (low_b, high_b) = boxes
+    (low_a, high_a), (low_b, high_b) = _boxes(first), _boxes(second)
     near = (
         (low_a[:, None] <= high_b[None]) & (high_a[:, None] >= low_b[None])
     ).all(axis=2)

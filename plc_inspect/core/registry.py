@@ -27,7 +27,7 @@ import itertools
 import math
 
 from plc_inspect.core.continuation import continue_lines, find_ends
-from plc_inspect.core.overlap import connect, match_spans, Overlap
+from plc_inspect.core.overlap import connect, find_about, match_spans, Overlap
 from plc_inspect.core.window import SpanKey
 from plc_inspect.core.wire_points import thin_points, WirePoints
 from plc_inspect.results import Float32, Float64, InspectionResult, Span
@@ -128,20 +128,32 @@ class SpanRegistry:
 
         """
         found = list(result.spans)
-        known = list(self.spans)
+        expected = set(expected)
+        known = self._look_about(found, expected, final)
         pairs = match_spans(found, [item.span for item in known])
         if self._merge(found, known, pairs, final):
-            known = list(self.spans)
+            known = self._look_about(found, expected, final)
             pairs = match_spans(found, [item.span for item in known])
         keys = self._number(found, known, pairs)
         wires = WirePoints(result, points)
         for piece in connect(len(found), len(known), pairs):
-            self._put(piece, found, known, keys, set(expected), wires, final, complete)
+            self._put(piece, found, known, keys, expected, wires, final, complete)
         self._confirm(final)
         numbered = {}
         for span, key in zip(found, keys, strict=True):
             numbered[span.line_id, span.span_id] = self._renamed(key)
         return numbered
+
+    def _look_about(
+        self, found: Sequence[Span], expected: Collection[SpanKey], final: bool
+    ) -> list[TrackedSpan]:
+        """Spans that what was found can say anything about: those there, and those expected."""
+        spans = self.spans
+        about = find_about([item.span for item in spans], found)
+        return [
+            item for item, near in zip(spans, about.tolist(), strict=True)
+            if final or near or item.key in expected
+        ]
 
     def finish(self, keys: Collection[SpanKey]) -> None:
         """Freeze spans that were left behind and thin out their points; drop doubtful ones."""
@@ -354,7 +366,7 @@ class SpanRegistry:
             self._rename('span_id', group, self._next_span)
             self._next_span += 1
         for key, item in list(self._spans.items()):
-            if min(key) >= 0 and (final or item.hits >= CONFIRMATIONS):
+            if min(key) >= 0 and not item.confirmed and (final or item.hits >= CONFIRMATIONS):
                 self._spans[key] = replace(item, confirmed=True)
 
     def _continue(self, new: Collection[int]) -> tuple[Mapping[int, int], frozenset[int]]:

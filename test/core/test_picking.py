@@ -15,7 +15,7 @@
 import numpy as np
 import pytest
 
-from plc_inspect.core.picking import find_true, take_rows
+from plc_inspect.core.picking import find_true, put, take_rows
 
 
 @pytest.mark.parametrize('num', [0, 1, 15, 16, 17, 10_001])
@@ -33,3 +33,10 @@ def test_it_takes_what_numpy_takes(dtype):
     chosen = np.random.default_rng(1).integers(0, 500, 200).astype(dtype)
     np.testing.assert_array_equal(take_rows(points, chosen), points[chosen])
     assert take_rows(points, chosen[:0]).shape == (0, 3)
+
+
+def test_it_puts_values_in_the_first_places():
+    target = np.arange(5.0)
+    put(np.array([7.0, 8.0]), target[1:])
+    put(np.empty(0), target)
+    assert target.tolist() == [0.0, 7.0, 8.0, 3.0, 4.0]
