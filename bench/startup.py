@@ -15,8 +15,8 @@
 """
 Times the start of ``plc_node``: from the start of its process to its line "ready".
 
-A first start, which is not counted, compiles what is not compiled yet.  Beside it stands a process
-that only loads the modules of the node.
+A first start, which is not counted, compiles what is not compiled yet: the kernels, and the modules
+as an installation does.  Beside it stands a process that only loads the modules of the node.
 """
 
 import argparse
@@ -84,7 +84,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     with tempfile.TemporaryDirectory() as room:
         environment = os.environ | {
             'ROS_DOMAIN_ID': str(arguments.domain), 'ROS_LOG_DIR': room,
-            'PYTHONUNBUFFERED': '1',
+            'PYTHONUNBUFFERED': '1', 'PYTHONDONTWRITEBYTECODE': '',
+            'PYTHONPYCACHEPREFIX': room,
         }
         start_node(environment)
         loads, starts = [], []
