@@ -15,8 +15,8 @@
 """
 Times the start of ``plc_node``: from the start of its process to its line "ready".
 
-A first start, which is not counted, compiles what is not compiled yet: the kernels, and the modules
-as an installation does.  Beside it stands a process that only loads the modules of the node.
+A first start, which is not counted, compiles what is not compiled yet, kernels and, as an
+installation does, modules.  Beside it stands a process that only loads the modules of the node.
 """
 
 import argparse

@@ -25,7 +25,7 @@ from plc_inspect.core.eviction import BATCH, Evictor, START, STOP
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.core.session import map_numbers, Session
 from plc_inspect.core.voxel_map import VoxelMap
-from plc_inspect.core.warm_up import make_sample, warm_up_pipeline
+from plc_inspect.core.warm_up import make_sample
 from plc_inspect.core.window import (
     CLOSE,
     copy_window,
@@ -366,10 +366,6 @@ def test_clear_forgets(sample):
     assert session.state.spans == ()
     assert session.state.hazards == ()
     assert len(session.state.corridor.points) == 0
-
-
-def test_warm_up_finds_its_line():
-    assert warm_up_pipeline(Settings()) == 6
 
 
 def test_states_are_frozen(sample):

@@ -1,0 +1,82 @@
+# Copyright 2026 plc_inspect contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""After the warm-up a flight meets no kernel that it has to load, or even to compile."""
+
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+import pytest
+
+from plc_inspect.config import Settings
+from plc_inspect.core.warm_up import warm_up_pipeline
+
+ROOT = Path(__file__).parents[2]
+FLIGHT = """
+import importlib
+from pathlib import Path
+import pkgutil
+import sys
+
+from flown_ticks import fly_along
+from numba.core.dispatcher import Dispatcher
+import numpy as np
+from surveys import make_map
+
+from plc_inspect import core
+from plc_inspect.config import Settings
+from plc_inspect.core.warm_up import warm_up_intake, warm_up_pipeline
+
+
+def list_kernels():
+    modules = [
+        importlib.import_module(f'plc_inspect.core.{item.name}')
+        for item in pkgutil.iter_modules(core.__path__)
+    ]
+    return {
+        f'{module.__name__}.{name}{signature}'
+        for module in modules for name, item in vars(module).items()
+        if isinstance(item, Dispatcher) for signature in item.signatures
+    }
+
+
+folder, scene = sys.argv[1:]
+warm_up_intake()
+warm_up_pipeline(Settings())
+before = list_kernels()
+points = make_map(Path(folder), scene, density=20.0).points
+num_ticks = sum(1 for _ in fly_along(points, np.random.default_rng(0)))
+for kernel in sorted(list_kernels() - before):
+    print('new:', kernel)
+print('ticks:', num_ticks)
+"""
+
+
+def test_it_finds_its_lines():
+    assert warm_up_pipeline(Settings()) == 11
+
+
+@pytest.mark.parametrize('scene', ['low_voltage', 'street'])
+def test_a_flight_meets_no_new_kernel(scene, tmp_path):
+    path = os.pathsep.join([str(ROOT), str(ROOT / 'bench')])
+    done = subprocess.run(
+        [sys.executable, '-c', FLIGHT, str(tmp_path), scene], capture_output=True, text=True,
+        env=os.environ | {'PYTHONPATH': path}, check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    *new, last = done.stdout.splitlines()
+    assert new == []
+    assert int(last.removeprefix('ticks: ')) > 15
