@@ -25,7 +25,7 @@ import numba
 
 from plc_inspect.config import Settings
 from plc_inspect.core.session import label_points, LiveState, Session
-from plc_inspect.core.warm_up import warm_up_pipeline
+from plc_inspect.core.warm_up import warm_up_pipeline, warm_up_rarities
 from plc_inspect.core.window import Window
 from plc_inspect.errors import PlcInspectError
 from plc_inspect.results import Float64, Int64, UInt8
@@ -68,9 +68,9 @@ class Done:
     """Why no folder was written."""
 
 
-def prepare(settings: Settings) -> None:
-    """Make the pipeline's kernels ready."""
-    warm_up_pipeline(settings)
+def prepare(settings: Settings, *, rare: bool = False) -> None:
+    """Make the kernels ready that every tick needs, or also those that few do."""
+    (warm_up_rarities if rare else warm_up_pipeline)(settings)
 
 
 def run_tick(session: Session, snapshot: Snapshot) -> Done:

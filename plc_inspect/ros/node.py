@@ -351,9 +351,11 @@ class InspectNode(Node):
             waiters = self._save_waiters if job == 'save' else self._tick_waiters
             self._answer(waiters, False, str(error))
             return
-        if job == 'start' or done is None:
+        if job == 'start':
             self.get_logger().info('ready')
             self._intake.take_memory()
+            self._submit('rest', partial(prepare, self.settings, rare=True))
+        if done is None:
             return
         self._intake.accumulator.map.label(done.slots, done.points, done.labels)
         self._state = done.state

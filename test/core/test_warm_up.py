@@ -22,7 +22,7 @@ import sys
 import pytest
 
 from plc_inspect.config import Settings
-from plc_inspect.core.warm_up import warm_up_pipeline
+from plc_inspect.core.warm_up import warm_up_pipeline, warm_up_rarities
 
 ROOT = Path(__file__).parents[2]
 FLIGHT = """
@@ -38,7 +38,7 @@ from surveys import make_map
 
 from plc_inspect import core
 from plc_inspect.config import Settings
-from plc_inspect.core.warm_up import warm_up_intake, warm_up_pipeline
+from plc_inspect.core.warm_up import warm_up_intake, warm_up_pipeline, warm_up_rarities
 
 
 def list_kernels():
@@ -56,6 +56,7 @@ def list_kernels():
 folder, scene = sys.argv[1:]
 warm_up_intake()
 warm_up_pipeline(Settings())
+warm_up_rarities(Settings())
 before = list_kernels()
 points = make_map(Path(folder), scene, density=20.0).points
 num_ticks = sum(1 for _ in fly_along(points, np.random.default_rng(0)))
@@ -66,7 +67,8 @@ print('ticks:', num_ticks)
 
 
 def test_it_finds_its_lines():
-    assert warm_up_pipeline(Settings()) == 11
+    assert warm_up_pipeline(Settings()) == 6
+    assert warm_up_rarities(Settings()) == 11
 
 
 @pytest.mark.parametrize('scene', ['low_voltage', 'street'])
