@@ -34,16 +34,16 @@ def argsort_spread(values):  # type: ignore[no-untyped-def]
     for k in range(n):
         low, high = min(low, values[k]), max(high, values[k])
         nothing += 0.0 * values[k]  # NaN where one is not finite
-    if not (1e-9 < high - low < np.inf and nothing == 0.0):
-        return np.argsort(values, kind='mergesort')
-    scale = (n - 1) / (high - low)
+    fullest, scale = MOST_IN_BUCKET + 1, 0.0
     start = np.zeros(n + 1, dtype=np.int64)
-    for k in range(n):
-        start[int((values[k] - low) * scale) + 1] += 1
-    fullest = 0
-    for k in range(n):
-        fullest = max(fullest, start[k + 1])
-        start[k + 1] += start[k]
+    if 1e-9 < high - low < np.inf and nothing == 0.0:
+        scale = (n - 1) / (high - low)
+        for k in range(n):
+            start[int((values[k] - low) * scale) + 1] += 1
+        fullest = 0
+        for k in range(n):
+            fullest = max(fullest, start[k + 1])
+            start[k + 1] += start[k]
     if fullest > MOST_IN_BUCKET:
         return np.argsort(values, kind='mergesort')
     order = np.empty(n, dtype=np.int64)

@@ -95,7 +95,7 @@ def find_near(
     span : (K,) int32, nearest span
 
     """
-    reach = np.ascontiguousarray(np.broadcast_to(np.asarray(reach, np.float64), len(table)))
+    reach = np.full(len(table), reach, dtype=np.float64)
     ends = np.concatenate(
         [table[:, :2] + table[:, column, None] * table[:, 2:4] for column in (8, 9)]
     )
