@@ -174,22 +174,38 @@ def test_power_of_growth(bench):
 
 def test_ticks_of_a_flight_are_told_corridor_by_corridor(bench, cache):
     scaling = bench.scaling
-    parts = scaling.fly(cache, 60_000, np.random.default_rng(0))
-    ((end, ticks),) = parts
+    flight = scaling.fly(cache, 60_000, np.random.default_rng(0))
+    ((end, ticks),) = flight.parts
     assert end == pytest.approx(1210.0, abs=10.0)
     assert len(ticks) > 80
     assert ticks[-1].num_voxels > ticks[0].num_voxels
     assert min(tick.seconds for tick in ticks) > 0.0
-    assert f'to {end / 1000:.1f} km' in scaling.render_flight(parts)
-    assert not scaling.check_flight(parts).passed  # one corridor tells nothing
+    assert f'to {end / 1000:.1f} km' in scaling.render_flight(flight.parts)
+    assert not scaling.check_flight(flight).passed  # one corridor tells nothing
 
-    def slow_down(tick, times):
-        return replace(tick, seconds=times)
+    def fly_on(first, second):
+        """Return a flight over two corridors whose ticks take so long, and one over the second."""
+        parts = [
+            ((k + 1) * end, [replace(tick, seconds=seconds, flown=k * end + tick.flown)
+                             for tick in ticks])
+            for k, seconds in enumerate((first, second))
+        ]
+        other = [replace(tick, seconds=0.1) for tick in ticks]
+        return scaling.Flight(parts=parts, middle=end, other=other)
 
-    steady = [(k * end, [slow_down(tick, 0.1) for tick in ticks]) for k in (1, 2, 3, 4)]
-    assert scaling.check_flight(steady).passed
-    growing = [(k * end, [slow_down(tick, 0.1 * k) for tick in ticks]) for k in (1, 2, 3, 4)]
-    assert not scaling.check_flight(growing).passed
+    assert scaling.check_flight(fly_on(0.5, 0.1)).passed  # the machine was slower at first
+    assert not scaling.check_flight(fly_on(0.1, 0.12)).passed
+
+
+def test_the_second_flight_begins_where_the_second_half_does(bench, cache, monkeypatch):
+    scaling = bench.scaling
+    monkeypatch.setattr(scaling, 'COPY_POINTS', 60_000)
+    flight = scaling.fly(cache, 120_000, np.random.default_rng(0))
+    (_, first), (_, second) = flight.parts
+    assert first[-1].flown < flight.middle <= second[0].flown
+    assert abs(len(flight.other) - len(second)) <= 2
+    assert flight.other[0].flown < 50.0
+    assert flight.other[-1].num_voxels < 0.6 * second[-1].num_voxels
 
 
 def test_baseline_finds_a_plain_line(bench):
