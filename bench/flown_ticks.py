@@ -24,7 +24,7 @@ from plc_inspect.config import Settings
 from plc_inspect.core.session import Session
 from plc_inspect.core.voxel_map import VoxelMap
 from plc_inspect.core.window import copy_window, WindowPlanner
-from plc_inspect.ros.memory import take_memory
+from plc_inspect.ros.system_memory import take_memory
 
 STEP = 10.0
 """Flown between two ticks [m]: a second."""

@@ -25,7 +25,7 @@ from plc_inspect.core.beads import Beads, find_beads
 from plc_inspect.core.disjoint_sets import find_root
 from plc_inspect.core.near_pairs import find_pairs
 from plc_inspect.core.plan_index import PlanIndex
-from plc_inspect.results import Float64, Int32, Int64
+from plc_inspect.results import Float64, Int32
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -126,7 +126,7 @@ def _join(beads: Beads, settings: ClusteringSettings) -> Int32:
     return np.argsort(np.argsort(first))[track].astype(np.int32)
 
 
-def _mutual_best(i: Int64, j: Int64, miss: Float64, window: Int32) -> np.ndarray:
+def _mutual_best(i: Int32, j: Int32, miss: Float64, window: Int32) -> np.ndarray:
     """Pairs in which each bead is the other's nearest among those of its window."""
     keep = np.ones(len(i), dtype=bool)
     for own, other in ((i, j), (j, i)):

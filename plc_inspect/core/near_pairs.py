@@ -49,16 +49,17 @@ def find_pairs(points: Float64, reach: float) -> Int32:
     if len(points) < 2:
         return np.zeros((0, 2), dtype=np.int32)
     # a little wider than the reach, so that rounding leaves no pair more than one cell apart
-    cell = np.floor((points - points.min(axis=0)) / (reach * (1.0 + 1e-9))) + 1.0
+    place = np.floor((points - points.min(axis=0)) / (reach * (1.0 + 1e-9))) + 1.0
     # with an empty layer all around, a cell that touches another has a number near the other's
-    columns, rows, layers = cell.max(axis=0) + 2.0
-    if columns * rows * layers >= MAX_CELLS:
+    if np.prod(place.max(axis=0) + 2.0) >= MAX_CELLS:
         extent = np.ptp(points, axis=0).tolist()
         raise DataError(f'points over {extent} m are too far apart to be paired within {reach} m')
-    key = ((cell[:, 0] * rows + cell[:, 1]) * layers + cell[:, 2]).astype(np.int64)
+    cell = place.astype(np.int64)
+    _, rows, layers = cell.max(axis=0) + 2
+    key = (cell[:, 0] * rows + cell[:, 1]) * layers + cell[:, 2]
     order = np.argsort(key, kind='stable')
-    steps = np.array([0.0, layers, (rows - 1) * layers, rows * layers, (rows + 1) * layers])
-    result: Int32 = _find_pairs(points[order], key[order], order, steps.astype(np.int64), reach)
+    steps = np.array([0, layers, (rows - 1) * layers, rows * layers, (rows + 1) * layers])
+    result: Int32 = _find_pairs(points[order], key[order], order, steps, reach)
     return result
 
 

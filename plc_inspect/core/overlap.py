@@ -160,7 +160,7 @@ def connect(
     return pieces
 
 
-def find_about(spans: Sequence[Span], others: Sequence[Span]) -> Bool:
+def may_overlap(spans: Sequence[Span], others: Sequence[Span]) -> Bool:
     """
     Tell which spans may overlap one of some others, by the box in plan around all of those.
 
@@ -176,15 +176,15 @@ def find_about(spans: Sequence[Span], others: Sequence[Span]) -> Bool:
     """
     if not spans or not others:
         return np.zeros(len(spans), dtype=np.bool_)
-    low, high = _boxes(spans)
-    low_others, high_others = _boxes(others)
+    low, high = _find_boxes(spans)
+    low_others, high_others = _find_boxes(others)
     near: Bool = (
         (low <= high_others.max(axis=0)) & (high >= low_others.min(axis=0))
     ).all(axis=1)
     return near
 
 
-def _boxes(spans: Sequence[Span]) -> tuple[Float64, Float64]:
+def _find_boxes(spans: Sequence[Span]) -> tuple[Float64, Float64]:
     ends = np.array([(span.start, span.end) for span in spans])[:, :, :2]
     return ends.min(axis=1) - TOLERANCE, ends.max(axis=1) + TOLERANCE
 
@@ -193,7 +193,7 @@ def _candidates(first: Sequence[Span], second: Sequence[Span]) -> list[tuple[int
     """Pairs whose boxes in plan are near."""
     if not first or not second:
         return []
-    (low_a, high_a), (low_b, high_b) = _boxes(first), _boxes(second)
+    (low_a, high_a), (low_b, high_b) = _find_boxes(first), _find_boxes(second)
     near = (
         (low_a[:, None] <= high_b[None]) & (high_a[:, None] >= low_b[None])
     ).all(axis=2)

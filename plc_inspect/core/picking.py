@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Picking of some among many points, on all cores."""
+"""Picking of some among many values, and copying them."""
 
 from numba import njit, prange
 import numpy as np
@@ -24,10 +24,10 @@ NUM_PARTS = 16
 @njit(cache=True, nogil=True)
 def put(values, target):  # type: ignore[no-untyped-def]
     """
-    Copy (N,) values to the first places of a target.
+    Copy (N,) values to the first places of a target, an array or a view of at least N.
 
-    For kernels: assigning to a slice brings in all that numba needs to say that shapes differ,
-    which makes a kernel by up to a third larger to compile and to load.
+    For kernels, in place of assigning to a slice: that brings in all that numba needs to say that
+    lengths differ, up to a third of the code that is compiled and loaded.  Here nobody looks.
     """
     for k in range(len(values)):
         target[k] = values[k]

@@ -27,7 +27,7 @@ import itertools
 import math
 
 from plc_inspect.core.continuation import continue_lines, find_ends
-from plc_inspect.core.overlap import connect, find_about, match_spans, Overlap
+from plc_inspect.core.overlap import connect, match_spans, may_overlap, Overlap
 from plc_inspect.core.window import SpanKey
 from plc_inspect.core.wire_points import thin_points, WirePoints
 from plc_inspect.results import Float32, Float64, InspectionResult, Span
@@ -147,9 +147,9 @@ class SpanRegistry:
     def _look_about(
         self, found: Sequence[Span], expected: Collection[SpanKey], final: bool
     ) -> list[TrackedSpan]:
-        """Spans that what was found can say anything about: those there, and those expected."""
+        """Spans that a result may speak of: those about there, those expected, at last all."""
         spans = self.spans
-        about = find_about([item.span for item in spans], found)
+        about = may_overlap([item.span for item in spans], found)
         return [
             item for item, near in zip(spans, about.tolist(), strict=True)
             if final or near or item.key in expected

@@ -18,6 +18,7 @@ import numpy as np
 
 from plc_inspect.config import MapSettings, Settings
 from plc_inspect.core.accumulator import Accumulator
+from plc_inspect.core.assignment import assign
 from plc_inspect.core.session import Session
 from plc_inspect.core.window import copy_window, WindowPlanner
 from plc_inspect.results import Float64
@@ -112,6 +113,7 @@ def warm_up_rarities(settings: Settings) -> int:
         Spans found; with the default settings there are eleven.
 
     """
+    assign(np.zeros((2, 2)), 1.0)  # two that want the same
     points = np.concatenate((make_sample(), make_rarities()))
     _, result = Session().conclude(points, settings, 0, complete=True)
     return len(result.spans)

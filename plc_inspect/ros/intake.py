@@ -16,7 +16,7 @@
 
 from collections.abc import Callable
 from dataclasses import asdict
-from threading import Thread
+from threading import Event, Thread
 import time
 from typing import Any
 
@@ -30,7 +30,7 @@ from plc_inspect.errors import DataError
 from plc_inspect.results import Float64
 from plc_inspect.ros.conversion import pose_from_message, scan_from_message
 from plc_inspect.ros.diagnostics import Health, LossReporter
-from plc_inspect.ros.memory import take_memory
+from plc_inspect.ros.system_memory import take_memory
 
 THROTTLE = 5.0
 """The same complaint is logged at most this often [s]."""
@@ -90,6 +90,8 @@ class Intake:
         self._health = health
         self._complaints = Complaints(warn)
         self._losses = LossReporter(warn)
+        self._taker: Thread | None = None
+        self._stop_taking = Event()
 
     def take_memory(self) -> None:
         """
@@ -98,8 +100,20 @@ class Intake:
         Call it when all is loaded: a machine that has to find half a gigabyte anew takes a second,
         in which all else that needs memory, as loading does, becomes slow.
         """
-        memory = self.accumulator.map.memory
-        Thread(target=take_memory, args=(memory,), name='plc_memory', daemon=True).start()
+        self.leave_memory()
+        self._stop_taking = Event()
+        self._taker = Thread(
+            target=take_memory, args=(self.accumulator.map.memory, self._stop_taking),
+            name='plc_memory', daemon=True,
+        )
+        self._taker.start()
+
+    def leave_memory(self) -> None:
+        """Stop taking memory; it takes a few milliseconds."""
+        self._stop_taking.set()
+        if self._taker is not None:
+            self._taker.join()
+            self._taker = None
 
     def take_scan(self, message: PointCloud2) -> None:
         """Put a scan in, or count it as malformed."""

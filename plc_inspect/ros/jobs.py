@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the node's worker does: a tick, a results folder, the start."""
+"""What the node's worker does: the start, what few ticks need, a tick, a results folder."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -69,8 +69,12 @@ class Done:
 
 
 def prepare(settings: Settings, *, rare: bool = False) -> None:
-    """Make the kernels ready that every tick needs, or also those that few do."""
-    (warm_up_rarities if rare else warm_up_pipeline)(settings)
+    """Make ready what every tick needs, with all cores, or what few do, beside scans with one."""
+    if rare:
+        numba.set_num_threads(TICK_THREADS)
+        warm_up_rarities(settings)
+    else:
+        warm_up_pipeline(settings)
 
 
 def run_tick(session: Session, snapshot: Snapshot) -> Done:

@@ -42,7 +42,6 @@ from plc_inspect.config import Settings
 from plc_inspect.core.session import LiveState, Session
 from plc_inspect.core.warm_up import warm_up_intake
 from plc_inspect.core.window import copy_window, plan_everything, Window, WindowPlan, WindowPlanner
-from plc_inspect.errors import ConfigError
 from plc_inspect.ros.diagnostics import (
     describe_input,
     describe_map,
@@ -90,7 +89,6 @@ class InspectNode(Node):
     def _set_up(self) -> None:
         self._live_parameters = Parameters(self, self._configure)
         settings = self.settings
-        self._refuse_unknown_parameters()
         warm_up_intake()
         self._health = Health()
         self._intake = Intake(settings, self._health, self.get_logger().warning)
@@ -99,7 +97,7 @@ class InspectNode(Node):
         self._state: LiveState | None = None
         self._copy: tuple[Iterator[Window | None], str] | None = None
         self._job = ''
-        self._wants_tick = False
+        self._wants_tick = self._rest_is_due = False
         self._tick_waiters: list[Future] = []
         self._save_waiters: list[Future] = []
         self._complaints = Complaints(self.get_logger().warning)
@@ -164,15 +162,6 @@ class InspectNode(Node):
         """Poses, waiting scans and the map; for the executor's thread only."""
         return self._intake
 
-    def _refuse_unknown_parameters(self) -> None:
-        given = getattr(self, '_parameter_overrides', {})
-        unknown = [
-            name for name in given
-            if not self.has_parameter(name) and not name.startswith('qos_overrides.')
-        ]
-        if unknown:
-            raise ConfigError(f'unknown parameter {unknown[0]}')
-
     def _guard(self, name: str, callback: Callable[..., None]) -> Callable[..., None]:
         """Time a callback, and keep the node alive if it fails."""
 
@@ -229,7 +218,8 @@ class InspectNode(Node):
             ),
             describe_segmentation(self._state, self._health, self._worker.busy),
         ]
-        self._diagnostics.publish(DiagnosticArray(header=_stamp(self), status=status))
+        header = Header(stamp=self.get_clock().now().to_msg())
+        self._diagnostics.publish(DiagnosticArray(header=header, status=status))
         self._stream.tell_health(status)
 
     async def _on_segment(
@@ -264,7 +254,7 @@ class InspectNode(Node):
         self._intake.reset()
         self._session = Session()
         self._copy = None
-        self._job = 'discarded' if self._worker.busy else ''
+        self._job = 'discarded' if self._job in ('tick', 'save') else self._job
         self._state = None
         self._teller.clear()
         self._answer(self._tick_waiters, False, 'the node was reset')
@@ -292,7 +282,7 @@ class InspectNode(Node):
             self._begin()
 
     def _begin(self) -> None:
-        """Start a save or a tick, if one is wanted."""
+        """Start a save or a tick, if one is wanted, else what there is time for now."""
         voxels = self._intake.accumulator.map
         spans = [item.span for item in self._state.spans] if self._state else []
         plan: WindowPlan | None
@@ -310,6 +300,9 @@ class InspectNode(Node):
                 self._answer(self._tick_waiters, True, 'nothing is new since the last tick')
                 return
         else:
+            if self._rest_is_due:
+                self._rest_is_due = False
+                self._submit('rest', partial(prepare, self.settings, rare=True))
             return
         self._copy = copy_window(voxels, plan), job
         self._advance_guard.trigger()
@@ -345,17 +338,19 @@ class InspectNode(Node):
         """Publish what the worker found, or say what went wrong."""
         if job == 'discarded':
             return
+        if job == 'start':
+            self._intake.take_memory()
+            self._rest_is_due = True
         if error is not None:
             self._health.num_failed += job == 'tick'
             self._fail(job, error)
-            waiters = self._save_waiters if job == 'save' else self._tick_waiters
-            self._answer(waiters, False, str(error))
+            if job in ('tick', 'save'):
+                waiters = self._save_waiters if job == 'save' else self._tick_waiters
+                self._answer(waiters, False, str(error))
             return
-        if job == 'start':
-            self.get_logger().info('ready')
-            self._intake.take_memory()
-            self._submit('rest', partial(prepare, self.settings, rare=True))
         if done is None:
+            if job == 'start':
+                self.get_logger().info('ready')
             return
         self._intake.accumulator.map.label(done.slots, done.points, done.labels)
         self._state = done.state
@@ -379,6 +374,7 @@ class InspectNode(Node):
             Write the results folder if anything came in.
 
         """
+        self._intake.leave_memory()
         stopped = self._worker.stop(STOP_TIMEOUT)
         log = self.get_logger()
         if not stopped:
@@ -393,7 +389,3 @@ class InspectNode(Node):
         folder = choose_folder(self.settings, self._intake.first_stamp or 0)
         done = run_save(self._session, self._describe(window), folder)
         log.info(f'saved to {done.folder}' if done.folder else f'not saved: {done.problem}')
-
-
-def _stamp(node: Node) -> Header:
-    return Header(stamp=node.get_clock().now().to_msg())

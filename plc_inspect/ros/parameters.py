@@ -84,7 +84,7 @@ class Parameters:
     Raises
     ------
     ConfigError
-        A value that was given at the start has the wrong type or is out of range.
+        What was given at the start is no parameter, has the wrong type or is out of range.
 
     """
 
@@ -97,9 +97,19 @@ class Parameters:
             for name, default, meta in describe()
         }
         self.settings = update(Settings(), values)
+        self._refuse_unknown()
         node.add_pre_set_parameters_callback(self._widen)
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._swap)
+
+    def _refuse_unknown(self) -> None:
+        given = getattr(self._node, '_parameter_overrides', {})
+        unknown = [
+            name for name in given
+            if not self._node.has_parameter(name) and not name.startswith('qos_overrides.')
+        ]
+        if unknown:
+            raise ConfigError(f'unknown parameter {unknown[0]}')
 
     def _declare(self, name: str, default: Any, descriptor: ParameterDescriptor) -> Any:
         value = list(default) if isinstance(default, tuple) else default

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import threading
 from typing import Any
 
-from plc_inspect.ros.memory import give_back_memory
+from plc_inspect.ros.system_memory import give_back_memory
 
 
 @dataclass(frozen=True, slots=True)

@@ -55,12 +55,27 @@ def test_points_at_one_place_are_all_pairs():
 @pytest.mark.parametrize('decimals', [1, 12])
 def test_they_are_those_of_scipy(extent, reach, decimals):
     rng = np.random.default_rng(1)
-    points = np.round(rng.random((700, 3)) * extent - 3.0, decimals)  # many at just the reach
+    points = np.round(rng.random((700, 3)) * extent - 3.0, decimals)
     expected = cKDTree(points).query_pairs(reach + 1e-9, output_type='ndarray')
     pairs = find_pairs(points, reach + 1e-9)
     assert sorted(pairs.tolist()) == sorted(expected.tolist())
     graph = coo_matrix((np.ones(len(expected)), expected.T), shape=(700, 700))
     assert (unite(pairs, 700) == connected_components(graph, directed=False)[1]).all()
+
+
+def test_the_reach_itself_is_near():
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 1e-6]])
+    assert list_pairs(points, 1.0) == [[0, 1]]
+
+
+@pytest.mark.parametrize('extent', [2e5, 1e6])
+def test_far_strays_take_no_pair_away(extent):
+    rng = np.random.default_rng(2)
+    points = rng.random((200, 3)) * extent
+    points = np.vstack((points, points + 0.4, [[0.0, 0, 0], [extent] * 3]))
+    expected = cKDTree(points).query_pairs(1.0, output_type='ndarray')
+    assert list_pairs(points, 1.0) == sorted(expected.tolist())
+    assert len(expected) >= 200
 
 
 def test_points_too_far_apart_are_an_error_with_the_numbers():

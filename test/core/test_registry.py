@@ -22,7 +22,7 @@ import pytest
 from spans import make_result, make_span
 
 from plc_inspect.core.continuation import continue_lines, find_ends
-from plc_inspect.core.overlap import match_spans, measure_overlap, TOLERANCE
+from plc_inspect.core.overlap import match_spans, may_overlap, measure_overlap, TOLERANCE
 from plc_inspect.core.registry import CONFIRMATIONS, MAX_MISSES, MAX_WAIT, SpanRegistry
 from plc_inspect.core.wire_points import thin_points
 
@@ -74,6 +74,22 @@ def test_neighbours_are_not_confused():
     assert match_spans([], before) == match_spans(before, []) == []
     far = [make_span(at(0, y + TOLERANCE + 2), at(50, y + TOLERANCE + 2)) for y in ys]
     assert match_spans(far, before) == []
+
+
+def test_what_overlaps_is_never_ruled_out():
+    rng = np.random.default_rng(0)
+    spans = [
+        make_span(start=(*start, 10.0), end=(*(start + run), 10.0))
+        for start, run in zip(rng.uniform(0, 300, (60, 2)), rng.uniform(-90, 90, (60, 2)),
+                              strict=True)
+    ]
+    others = spans[:3]
+    may = may_overlap(spans, others)
+    assert {pair.first for pair in match_spans(spans, others)} <= set(np.flatnonzero(may))
+    assert may[:3].all()
+    assert not may.all()
+    assert not may_overlap(spans, []).any()
+    assert may_overlap([], others).shape == (0,)
 
 
 def test_one_span_on_two_and_two_on_one():

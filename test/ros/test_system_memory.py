@@ -23,7 +23,7 @@ import threading
 import numpy as np
 import pytest
 
-from plc_inspect.ros.memory import give_back_memory, take_memory
+from plc_inspect.ros.system_memory import give_back_memory, take_memory
 
 MEGABYTE = 1_000_000
 
@@ -49,14 +49,25 @@ def test_memory_is_there_before_it_is_written():
     assert read_resident() - before > 90 * MEGABYTE
 
 
+@pytest.mark.skipif(not can_take_memory(), reason='the system cannot be asked')
+def test_it_stops_when_told():
+    stop = threading.Event()
+    stop.set()
+    before = read_resident()
+    take_memory([np.frombuffer(mmap.mmap(-1, 100 * MEGABYTE), dtype=np.uint8)], stop)
+    assert read_resident() - before < 10 * MEGABYTE
+
+
 def test_what_is_there_and_what_is_written_meanwhile_stays():
     array = np.zeros(30 * MEGABYTE, dtype=np.int64)
     array[::1000] = 7
     thread = threading.Thread(target=take_memory, args=([array],))
     thread.start()
+    array[500::1000] += 1
     while thread.is_alive():
         array[500::1000] += 1
     thread.join()
+    assert array[500] > 0
     assert (array[::1000] == 7).all()
     assert (array[500::1000] == array[500]).all()
     assert array.sum() == 7 * 30_000 + 30_000 * int(array[500])

@@ -17,6 +17,7 @@
 from collections.abc import Iterable
 import ctypes
 import mmap
+from threading import Event
 from typing import Any
 
 from numpy.typing import NDArray
@@ -27,7 +28,7 @@ CHUNK = 1 << 21
 """Taken at once [bytes]; whoever else needs new memory waits as long."""
 
 
-def take_memory(arrays: Iterable[NDArray[Any]]) -> None:
+def take_memory(arrays: Iterable[NDArray[Any]], stop: Event | None = None) -> None:
     """
     Take the memory of arrays from the system now, not page by page when they are first written.
 
@@ -38,6 +39,8 @@ def take_memory(arrays: Iterable[NDArray[Any]]) -> None:
     ----------
     arrays : iterable of arrays
         Any shapes and types, contiguous.
+    stop : threading.Event or None
+        Return soon when it is set.
 
     """
     advise = getattr(ctypes.CDLL(None), 'madvise', None)
@@ -45,10 +48,10 @@ def take_memory(arrays: Iterable[NDArray[Any]]) -> None:
         first = array.ctypes.data // mmap.PAGESIZE * mmap.PAGESIZE
         last = array.ctypes.data + array.nbytes
         for start in range(first, last, CHUNK):
-            size = min(CHUNK, last - start)
-            if advise is None or advise(
-                ctypes.c_void_p(start), ctypes.c_size_t(size), MADV_POPULATE_WRITE
-            ):
+            if advise is None or (stop is not None and stop.is_set()):
+                return
+            size = ctypes.c_size_t(min(CHUNK, last - start))
+            if advise(ctypes.c_void_p(start), size, MADV_POPULATE_WRITE):
                 return
 
 
