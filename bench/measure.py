@@ -19,6 +19,7 @@ import ctypes
 from dataclasses import dataclass
 import gc
 import math
+import os
 from pathlib import Path
 import time
 from typing import Generic, TypeVar
@@ -36,6 +37,15 @@ class Measured(Generic[T]):
     """Of all threads."""
     extra_bytes: float
     """Greatest resident memory during the call beyond that before it, NaN if not known."""
+
+
+def compile_once(room: Path) -> dict[str, str]:
+    """
+    Return an environment for processes whose modules are compiled once, as by an installation.
+
+    The first of them to load a module compiles it, into ``room``, whatever the shell says of that.
+    """
+    return os.environ | {'PYTHONDONTWRITEBYTECODE': '', 'PYTHONPYCACHEPREFIX': str(room)}
 
 
 def measure(call: Callable[[], T], *, memory: bool = True) -> Measured[T]:

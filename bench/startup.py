@@ -21,7 +21,6 @@ installation does, modules.  Beside it stands a process that only loads the modu
 
 import argparse
 from collections.abc import Sequence
-import os
 from pathlib import Path
 import signal
 import statistics
@@ -30,6 +29,7 @@ import sys
 import tempfile
 import time
 
+from measure import compile_once
 from tables import at_most, CHECK_COLUMNS, render_table, replace_section
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -82,10 +82,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments.repeats < 1:
         parser.error('repeats must be 1 or more')
     with tempfile.TemporaryDirectory() as room:
-        environment = os.environ | {
+        environment = compile_once(Path(room)) | {
             'ROS_DOMAIN_ID': str(arguments.domain), 'ROS_LOG_DIR': room,
-            'PYTHONUNBUFFERED': '1', 'PYTHONDONTWRITEBYTECODE': '',
-            'PYTHONPYCACHEPREFIX': room,
+            'PYTHONUNBUFFERED': '1',
         }
         start_node(environment)
         loads, starts = [], []

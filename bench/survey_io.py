@@ -33,6 +33,7 @@ import tempfile
 import time
 
 import laspy
+from measure import compile_once
 import numpy as np
 from surveys import make_map, open_cache
 from tables import at_most, CHECK_COLUMNS, render_table, replace_section
@@ -68,10 +69,10 @@ def write_file(path: Path, points: np.ndarray) -> None:
     aside.replace(path)
 
 
-def run_process(code: str, *arguments: str) -> Process:
+def run_process(environment: dict[str, str], code: str, *arguments: str) -> Process:
     """Run a Python process to its end; raises if it fails."""
     started = time.perf_counter()
-    child = subprocess.Popen([sys.executable, '-c', code, *arguments], cwd=ROOT)
+    child = subprocess.Popen([sys.executable, '-c', code, *arguments], cwd=ROOT, env=environment)
     _, status, usage = os.wait4(child.pid, 0)
     seconds = time.perf_counter() - started
     child.returncode = os.waitstatus_to_exitcode(status)
@@ -107,10 +108,14 @@ def compare(cloud: Path, room: Path, arguments: argparse.Namespace) -> str:
     """Run both programs by turns and return the tables."""
     copy, results = room / 'copy.laz', room / 'results'
     alone, ours, steps = [], [], []
-    run_process(SURVEY, str(cloud), '-o', str(results), '--quiet')  # compiles
+    environment = compile_once(room)
+    run_process(environment, SURVEY, str(cloud), '-o', str(results), '--quiet')  # compiles
+    run_process(environment, REWRITE, str(cloud), str(copy))
     for number in range(arguments.repeats):
-        alone.append(run_process(REWRITE, str(cloud), str(copy)))
-        ours.append(run_process(SURVEY, str(cloud), '-o', str(results), '--quiet', '--force'))
+        alone.append(run_process(environment, REWRITE, str(cloud), str(copy)))
+        ours.append(run_process(
+            environment, SURVEY, str(cloud), '-o', str(results), '--quiet', '--force'
+        ))
         steps.append(json.loads((results / 'run.json').read_text(encoding='utf-8'))['seconds'])
         print(f'{number + 1} of {arguments.repeats}: laspy {alone[-1].seconds:.1f} s, plc_survey '
               f'{ours[-1].seconds:.1f} s', file=sys.stderr, flush=True)
