@@ -18,6 +18,7 @@ import mmap
 import os
 from pathlib import Path
 import platform
+import re
 import threading
 
 import numpy as np
@@ -30,8 +31,8 @@ MEGABYTE = 1_000_000
 
 def can_take_memory():
     """Tell whether the system takes memory when asked: Linux since 5.14."""
-    numbers = platform.release().split('.')[:2]
-    return platform.system() == 'Linux' and tuple(map(int, numbers)) >= (5, 14)
+    numbers = re.match(r'(\d+)\.(\d+)', platform.release())
+    return platform.system() == 'Linux' and tuple(map(int, numbers.groups())) >= (5, 14)
 
 
 def read_resident():
