@@ -254,7 +254,8 @@ class InspectNode(Node):
         self._intake.reset()
         self._session = Session()
         self._copy = None
-        self._job = 'discarded' if self._job in ('tick', 'save') else self._job
+        if self._job in ('tick', 'save'):
+            self._job = 'discarded'
         self._state = None
         self._teller.clear()
         self._answer(self._tick_waiters, False, 'the node was reset')
