@@ -48,7 +48,7 @@ def assign(cost: Float64, most: float) -> list[tuple[int, int]]:
     if len(np.unique(cheapest)) == len(rows):  # nobody wants what another wants
         first, second = np.arange(len(rows)), cheapest
     else:
-        # It is rare, and loading the module takes longer than a tick: see warm_up_rarities.
+        # It is rare, and loading the module takes longer than a tick: the warm-up does it.
         from scipy.optimize import linear_sum_assignment
 
         first, second = linear_sum_assignment(within)

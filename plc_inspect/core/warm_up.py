@@ -45,7 +45,7 @@ def make_sample() -> Float64:
 
 def make_rarities() -> Float64:
     """
-    Return (N, 3) points of what few lines have.
+    Return (N, 3) points of what few lines have [m].
 
     A tap from the second pole of the sample, and two conductors that end in the air, of one of
     which a piece was not seen.
@@ -79,7 +79,7 @@ def warm_up_intake() -> None:
     voxels.drop(0, np.zeros(256, dtype=np.bool_))
 
 
-def warm_up_pipeline(settings: Settings) -> int:
+def warm_up_pipeline(settings: Settings, *, rare: bool = False) -> int:
     """
     Run the pipeline on a made-up line.
 
@@ -87,33 +87,18 @@ def warm_up_pipeline(settings: Settings) -> int:
     ----------
     settings : Settings
         For the pipeline.
+    rare : bool
+        Add what few lines have, so that it meets every kernel, and load what is seldom asked.
 
     Returns
     -------
     int
-        Spans found; with the default settings there are six.
+        Spans found; with the default settings there are six, with what is rare eleven.
 
     """
-    _, result = Session().conclude(make_sample(), settings, 0, complete=True)
-    return len(result.spans)
-
-
-def warm_up_rarities(settings: Settings) -> int:
-    """
-    Run the pipeline on made-up lines with all that few lines have, so that it meets each kernel.
-
-    Parameters
-    ----------
-    settings : Settings
-        For the pipeline.
-
-    Returns
-    -------
-    int
-        Spans found; with the default settings there are eleven.
-
-    """
-    assign(np.zeros((2, 2)), 1.0)  # two that want the same
-    points = np.concatenate((make_sample(), make_rarities()))
+    points = make_sample()
+    if rare:
+        assign(np.zeros((2, 2)), 1.0)  # two that want the same
+        points = np.concatenate((points, make_rarities()))
     _, result = Session().conclude(points, settings, 0, complete=True)
     return len(result.spans)

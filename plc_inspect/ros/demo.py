@@ -114,12 +114,12 @@ def _print_tables(output: Path) -> None:
 def _prepare_kernels() -> None:
     """Compile the kernels where this is the first run, so that the flight need not wait."""
     from plc_inspect.config import Settings
-    from plc_inspect.core.warm_up import warm_up_intake, warm_up_pipeline, warm_up_rarities
+    from plc_inspect.core.warm_up import warm_up_intake, warm_up_pipeline
 
     started = time.monotonic()
     warm_up_intake()
     warm_up_pipeline(Settings())
-    warm_up_rarities(Settings())
+    warm_up_pipeline(Settings(), rare=True)
     if time.monotonic() - started > 10.0:
         print('set-up: kernels compiled for this machine, once')
 

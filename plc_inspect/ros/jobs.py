@@ -25,7 +25,7 @@ import numba
 
 from plc_inspect.config import Settings
 from plc_inspect.core.session import label_points, LiveState, Session
-from plc_inspect.core.warm_up import warm_up_pipeline, warm_up_rarities
+from plc_inspect.core.warm_up import warm_up_pipeline
 from plc_inspect.core.window import Window
 from plc_inspect.errors import PlcInspectError
 from plc_inspect.results import Float64, Int64, UInt8
@@ -72,9 +72,7 @@ def prepare(settings: Settings, *, rare: bool = False) -> None:
     """Make ready what every tick needs, with all cores, or what few do, beside scans with one."""
     if rare:
         numba.set_num_threads(TICK_THREADS)
-        warm_up_rarities(settings)
-    else:
-        warm_up_pipeline(settings)
+    warm_up_pipeline(settings, rare=rare)
 
 
 def run_tick(session: Session, snapshot: Snapshot) -> Done:

@@ -20,7 +20,7 @@ import subprocess
 import sys
 
 from plc_inspect.config import Settings
-from plc_inspect.core.warm_up import warm_up_pipeline, warm_up_rarities
+from plc_inspect.core.warm_up import warm_up_pipeline
 
 ROOT = Path(__file__).parents[2]
 FLIGHT = """
@@ -36,7 +36,7 @@ from surveys import make_map
 
 from plc_inspect import core
 from plc_inspect.config import Settings
-from plc_inspect.core.warm_up import warm_up_intake, warm_up_pipeline, warm_up_rarities
+from plc_inspect.core.warm_up import warm_up_intake, warm_up_pipeline
 
 
 def list_kernels():
@@ -53,7 +53,7 @@ def list_kernels():
 
 warm_up_intake()
 warm_up_pipeline(Settings())
-warm_up_rarities(Settings())
+warm_up_pipeline(Settings(), rare=True)
 before = list_kernels()
 points = make_map(Path(sys.argv[1]), 'low_voltage', density=20.0).points
 num_ticks = sum(1 for _ in fly_along(points, np.random.default_rng(0)))
@@ -65,10 +65,10 @@ ASSIGNMENT = """
 import sys
 
 from plc_inspect.config import Settings
-from plc_inspect.core.warm_up import warm_up_pipeline, warm_up_rarities
+from plc_inspect.core.warm_up import warm_up_pipeline
 
-for warm_up in (warm_up_pipeline, warm_up_rarities):
-    warm_up(Settings())
+for rare in (False, True):
+    warm_up_pipeline(Settings(), rare=rare)
     print('scipy.optimize' in sys.modules)
 """
 
@@ -86,7 +86,7 @@ def run(program, *arguments):
 
 def test_it_finds_its_lines():
     assert warm_up_pipeline(Settings()) == 6
-    assert warm_up_rarities(Settings()) == 11
+    assert warm_up_pipeline(Settings(), rare=True) == 11
 
 
 def test_a_flight_meets_nothing_new(tmp_path):
