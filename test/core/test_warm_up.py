@@ -1,16 +1,5 @@
 # Copyright 2026 plc_inspect contributors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-License-Identifier: Apache-2.0
 
 """After the warm-up a flight has nothing to load, or even to compile."""
 
@@ -41,14 +30,17 @@ from plc_inspect.core.warm_up import warm_up_intake, warm_up_pipeline
 
 def list_kernels():
     modules = [
-        importlib.import_module(f'plc_inspect.core.{item.name}')
-        for item in pkgutil.iter_modules(core.__path__)
+        importlib.import_module(item.name)
+        for item in pkgutil.walk_packages(core.__path__, 'plc_inspect.core.')
     ]
-    return {
+    assert len(modules) > 90, len(modules)
+    kernels = {
         f'{module.__name__}.{name}{signature}'
         for module in modules for name, item in vars(module).items()
         if isinstance(item, Dispatcher) for signature in item.signatures
     }
+    assert len(kernels) > 100, len(kernels)
+    return kernels
 
 
 warm_up_intake()
