@@ -31,7 +31,7 @@ test: lint
 	$(BIN)/pytest -n 2 --dist loadfile
 
 settings: install
-	$(BIN)/python -m plc_inspect.offline.parameter_file
+	$(BIN)/python -m plc_inspect.offline.readers.parameter_file
 
 picture: demo
 	$(BIN)/python tools/make_picture.py $(DEMO_OUT) docs/images/demo.png

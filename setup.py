@@ -10,16 +10,16 @@ from setuptools import find_packages, setup
 NAME = 'plc_inspect'
 
 COMMANDS = {
-    'plc_node': 'plc_inspect.ros.onboard:main',
+    'plc_node': 'plc_inspect.ros.node.onboard:main',
     'plc_play': 'plc_inspect.ros.play:main',
-    'plc_survey': 'plc_inspect.offline.survey:main',
-    'plc_compare': 'plc_inspect.offline.compare:main',
-    'plc_replay': 'plc_inspect.offline.replay:main',
-    'plc_tune': 'plc_inspect.offline.tune:main',
+    'plc_survey': 'plc_inspect.offline.commands.survey:main',
+    'plc_compare': 'plc_inspect.offline.commands.compare:main',
+    'plc_replay': 'plc_inspect.offline.commands.replay:main',
+    'plc_tune': 'plc_inspect.offline.commands.tune:main',
     'plc_simulate': 'plc_inspect.sim.simulate:main',
     'plc_monitor': 'plc_inspect.monitor.command:main',
-    'plc_evaluate': 'plc_inspect.sim.evaluate:main',
-    'plc_explain': 'plc_inspect.offline.explain:main',
+    'plc_evaluate': 'plc_inspect.sim.evaluation.evaluate:main',
+    'plc_explain': 'plc_inspect.offline.commands.explain:main',
 }
 
 
@@ -37,7 +37,7 @@ setup(
     maintainer_email='plc_inspect@example.org',
     license='Apache-2.0',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['offline/templates/*']},
+    package_data={NAME: ['offline/report/templates/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),

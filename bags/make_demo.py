@@ -18,12 +18,12 @@ import sys
 import numpy as np
 
 from plc_inspect.errors import PlcInspectError
-from plc_inspect.sim.bag import FlightWriter, open_bag
-from plc_inspect.sim.flight import simulate_flight
-from plc_inspect.sim.output import open_folder
-from plc_inspect.sim.puck import Puck, Scan
-from plc_inspect.sim.scenes import make_scene
-from plc_inspect.sim.trajectory import Trajectory
+from plc_inspect.sim.scenes.catalogue import make_scene
+from plc_inspect.sim.surveys.bag import FlightWriter, open_bag
+from plc_inspect.sim.surveys.flight import simulate_flight
+from plc_inspect.sim.surveys.output import open_folder
+from plc_inspect.sim.surveys.puck import Puck, Scan
+from plc_inspect.sim.surveys.trajectory import Trajectory
 
 SEED = 7
 MAX_SIZE = 12_000_000

@@ -18,9 +18,8 @@ from pathlib import Path
 import sys
 import time
 
-import numpy as np
-from surveys import make_flight, make_map, open_cache, Survey
-from tables import (
+from common.surveys import make_flight, make_map, open_cache, Survey
+from common.tables import (
     at_least,
     at_most,
     Check,
@@ -29,18 +28,19 @@ from tables import (
     render_table,
     replace_section,
 )
+import numpy as np
 
 from plc_inspect.config import Settings
 from plc_inspect.core.pipeline import Pipeline
-from plc_inspect.offline.clouds import read_cloud
-from plc_inspect.offline.replay import replay
+from plc_inspect.offline.commands.replay import replay
+from plc_inspect.offline.readers.clouds import read_cloud
 from plc_inspect.results import InspectionResult
-from plc_inspect.sim.evaluate import evaluate
-from plc_inspect.sim.matching import match_spans, measure_sag_error
-from plc_inspect.sim.reference import read_truth
-from plc_inspect.sim.scenes import SCENES
-from plc_inspect.sim.scores import Errors, Scores, WireScores
-from plc_inspect.sim.survey import from_result
+from plc_inspect.sim.evaluation.estimate import from_result
+from plc_inspect.sim.evaluation.evaluate import evaluate
+from plc_inspect.sim.evaluation.matching import match_spans, measure_sag_error
+from plc_inspect.sim.evaluation.reference import read_truth
+from plc_inspect.sim.evaluation.scores import Errors, Scores, WireScores
+from plc_inspect.sim.scenes.catalogue import SCENES
 
 ROOT = Path(__file__).resolve().parents[1]
 REAL = ROOT.parent / 'shared/data/real'

@@ -15,12 +15,12 @@ from pathlib import Path
 import sys
 
 from accuracy import REAL, REAL_EMPTY, REAL_WIRES, Run, run_real, run_survey
+from common.surveys import make_flight, make_map, open_cache
+from common.tables import format_figure, render_table, replace_section
 import numpy as np
-from surveys import make_flight, make_map, open_cache
-from tables import format_figure, render_table, replace_section
 
 from plc_inspect.config import describe, Settings, update
-from plc_inspect.sim.scenes import SCENES
+from plc_inspect.sim.scenes.catalogue import SCENES
 
 ROOT = Path(__file__).resolve().parents[1]
 METHODS: tuple[str, ...] = next(

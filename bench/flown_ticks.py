@@ -10,10 +10,10 @@ import time
 import numpy as np
 
 from plc_inspect.config import Settings
-from plc_inspect.core.session import Session
-from plc_inspect.core.voxel_map import VoxelMap
-from plc_inspect.core.window import copy_window, WindowPlanner
-from plc_inspect.ros.system_memory import take_memory
+from plc_inspect.core.live.session import Session
+from plc_inspect.core.live.window import copy_window, WindowPlanner
+from plc_inspect.core.mapping.voxel_map import VoxelMap
+from plc_inspect.ros.node.system_memory import take_memory
 
 STEP = 10.0
 """Flown between two ticks [m]: a second."""

@@ -4,10 +4,10 @@
 """
 Hazards: those planted in simulated scenes, and those pasted into a real cloud.
 
-Each scene of `plc_inspect.sim.planted` holds something of each kind, nearer or farther than the
-limit.  What lies beyond two standard deviations of its limit has to be raised once, what keeps it
-by as much has to be left alone; the rest is too close to call.  With ``--write`` the tables go
-into ``docs/hazards.md``.
+Each scene of `plc_inspect.sim.surveys.planted` holds something of each kind, nearer or farther
+than the limit.  What lies beyond two standard deviations of its limit has to be raised once, what
+keeps it by as much has to be left alone; the rest is too close to call.  With ``--write`` the
+tables go into ``docs/hazards.md``.
 """
 
 import argparse
@@ -17,17 +17,17 @@ import math
 from pathlib import Path
 import sys
 
+from common.tables import at_least, at_most, Check, CHECK_COLUMNS, render_table, replace_section
 import laspy
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
-from tables import at_least, at_most, Check, CHECK_COLUMNS, render_table, replace_section
 
 from plc_inspect.config import Settings, update
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.results import Hazard, HazardKind, InspectionResult
-from plc_inspect.sim.airborne import simulate_map
-from plc_inspect.sim.planted import measure, PLACES, plant, Planted
+from plc_inspect.sim.surveys.airborne import simulate_map
+from plc_inspect.sim.surveys.planted import measure, PLACES, plant, Planted
 
 Float64 = NDArray[np.float64]
 

@@ -16,10 +16,10 @@ import time
 import numpy as np
 
 from plc_inspect.config import InputSettings, MapSettings
-from plc_inspect.core.deskew import deskew, make_transform
-from plc_inspect.core.pose_buffer import PoseBuffer
-from plc_inspect.core.voxel_map import VoxelMap
-from plc_inspect.ros.system_memory import take_memory
+from plc_inspect.core.mapping.deskew import deskew, make_transform
+from plc_inspect.core.mapping.pose_buffer import PoseBuffer
+from plc_inspect.core.mapping.voxel_map import VoxelMap
+from plc_inspect.ros.node.system_memory import take_memory
 
 SPEED = 15.0
 HEIGHT = 22.0

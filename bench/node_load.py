@@ -5,9 +5,9 @@
 Loads the node with a recording in its own timing, and measures it from outside.
 
 Node and player are processes of their own; this one listens to the results, /diagnostics and
-/clock and reads the node's processor time and memory from /proc.  ``bench/node_flight.py`` makes
-recordings for it.  Where the recording has a truth.json, the numbers of the lines are followed
-too: which conductor changed its number.
+/clock and reads the node's processor time and memory from /proc.  ``bench/live/node_flight.py``
+makes recordings for it.  Where the recording has a truth.json, the numbers of the lines are
+followed too: which conductor changed its number.
 """
 
 import argparse
@@ -27,8 +27,8 @@ from typing import Any
 
 import numpy as np
 
-from plc_inspect.offline.bags import Recording
-from plc_inspect.ros.transport import prepare_transport
+from plc_inspect.offline.readers.bags import Recording
+from plc_inspect.ros.graph.transport import prepare_transport
 
 PAGE, TICKS = os.sysconf('SC_PAGE_SIZE'), os.sysconf('SC_CLK_TCK')
 
@@ -43,8 +43,8 @@ class Probe:
         from rosgraph_msgs.msg import Clock
         from sensor_msgs.msg import PointCloud2
 
-        from plc_inspect.ros.messages import read_rows
-        from plc_inspect.ros.qos import RESULTS
+        from plc_inspect.ros.graph.qos import RESULTS
+        from plc_inspect.ros.node.result_messages import read_rows
 
         self.context = rclpy.context.Context()
         rclpy.init(context=self.context)
@@ -124,8 +124,8 @@ def run(
             return process
 
         node = start(
-            sys.executable, '-m', 'plc_inspect.ros.onboard', '--ros-args', '--log-level', 'warn',
-            '-p', f'output.directory:={out}', *extra,
+            sys.executable, '-m', 'plc_inspect.ros.node.onboard', '--ros-args',
+            '--log-level', 'warn', '-p', f'output.directory:={out}', *extra,
         )
         probe = Probe(node.pid, scan_rate)
         stack.callback(probe.close)

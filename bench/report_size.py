@@ -17,17 +17,17 @@ import subprocess
 import sys
 import tempfile
 
+from common.tables import at_least, at_most, Check, CHECK_COLUMNS, render_table, replace_section
 import laspy
 import numpy as np
-from tables import at_least, at_most, Check, CHECK_COLUMNS, render_table, replace_section
 
 from plc_inspect.errors import ConfigError
-from plc_inspect.offline.browser import find_browser, FLAGS
-from plc_inspect.offline.survey import main as survey
-from plc_inspect.sim import lines, vegetation
-from plc_inspect.sim.airborne import simulate_map
-from plc_inspect.sim.scene import Scene, SceneBuilder
-from plc_inspect.sim.terrain import make_terrain
+from plc_inspect.offline.commands.survey import main as survey
+from plc_inspect.offline.report.browser import find_browser, FLAGS
+from plc_inspect.sim.scenes import lines, vegetation
+from plc_inspect.sim.scenes.scene import Scene, SceneBuilder
+from plc_inspect.sim.scenes.terrain import make_terrain
+from plc_inspect.sim.surveys.airborne import simulate_map
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / 'docs/results.md'

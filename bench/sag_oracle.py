@@ -17,8 +17,8 @@ import tempfile
 
 import numpy as np
 
-from plc_inspect.core.physics import AIR_DENSITY, Case, change_state, DRAG
-from plc_inspect.offline.catalogue import load_conductor
+from plc_inspect.core.loads.sag_tension import AIR_DENSITY, Case, change_state, DRAG
+from plc_inspect.offline.readers.catalogue import load_conductor
 
 ORACLE = """
 import json, sys

@@ -19,15 +19,15 @@ from itertools import islice
 from pathlib import Path
 import sys
 
+from common.measure import measure
+from common.surveys import make_map, open_cache
+from common.tables import at_most, Check, CHECK_COLUMNS, render_table, replace_section
 from flown_ticks import FlownTick, fly_along
 from matplotlib import pyplot
-from measure import measure
 import numpy as np
-from surveys import make_map, open_cache
-from tables import at_most, Check, CHECK_COLUMNS, render_table, replace_section
 
 from plc_inspect.core.pipeline import Pipeline
-from plc_inspect.offline.allocator import keep_freed_memory
+from plc_inspect.offline.commands.allocator import keep_freed_memory
 
 ROOT = Path(__file__).resolve().parents[1]
 NUM_POINTS = (100_000, 300_000, 1_000_000, 3_000_000, 10_000_000, 30_000_000)

@@ -18,14 +18,14 @@ import sys
 import tempfile
 import time
 
-from measure import compile_once
-from tables import at_most, CHECK_COLUMNS, render_table, replace_section
+from common.measure import compile_once
+from common.tables import at_most, CHECK_COLUMNS, render_table, replace_section
 
 ROOT = Path(__file__).resolve().parents[1]
 GOAL = 2.0
 """Start of the process to ready [s]."""
-NODE = ('-m', 'plc_inspect.ros.onboard')
-MODULES = ('-c', 'import plc_inspect.ros.node')
+NODE = ('-m', 'plc_inspect.ros.node.onboard')
+MODULES = ('-c', 'import plc_inspect.ros.node.inspect_node')
 PATIENCE = 120.0
 """A node that is told to end may take this long [s]."""
 

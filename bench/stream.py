@@ -20,8 +20,8 @@ import time
 from node_load import Probe, run
 import numpy as np
 
-from plc_inspect.monitor.budget import OVERHEAD
-from plc_inspect.ros.transport import prepare_transport
+from plc_inspect.ros.graph.transport import prepare_transport
+from plc_inspect.stream.budget import OVERHEAD
 
 BUDGET = 256.0
 """What the stream may use [kbit/s]."""
@@ -45,7 +45,7 @@ class Sizes:
         """Subscribe."""
         from std_msgs.msg import UInt8MultiArray
 
-        from plc_inspect.ros.qos import SUMMARY, THIN_CORRIDOR
+        from plc_inspect.ros.graph.qos import SUMMARY, THIN_CORRIDOR
 
         for name, qos in (('summary', SUMMARY), ('thin_corridor', THIN_CORRIDOR)):
             probe.node.create_subscription(
@@ -78,7 +78,7 @@ def measure(probe: Probe) -> dict[str, float]:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the benchmark; 1 where a limit is not kept."""
     parser = argparse.ArgumentParser(description='Measures the stream for thin links.')
-    parser.add_argument('bag', type=Path, help='a flight, such as bench/node_flight.py makes')
+    parser.add_argument('bag', type=Path, help='a flight, such as bench/live/node_flight.py makes')
     parser.add_argument('--seconds', type=float, default=340.0, metavar='S',
                         help='length of the flight (default: %(default)s, ten spans)')
     arguments = parser.parse_args(argv)

@@ -21,16 +21,19 @@ import sys
 import tempfile
 import time
 
+from common.measure import compile_once
+from common.surveys import make_map, open_cache
+from common.tables import at_most, CHECK_COLUMNS, render_table, replace_section
 import laspy
-from measure import compile_once
 import numpy as np
-from surveys import make_map, open_cache
-from tables import at_most, CHECK_COLUMNS, render_table, replace_section
 
 ROOT = Path(__file__).resolve().parents[1]
 MOST_RATIO = 2.5
 REWRITE = 'import laspy, sys; laspy.read(sys.argv[1]).write(sys.argv[2])'
-SURVEY = 'import sys; from plc_inspect.offline.survey import main; sys.exit(main(sys.argv[1:]))'
+SURVEY = (
+    'import sys; from plc_inspect.offline.commands.survey import main; '
+    'sys.exit(main(sys.argv[1:]))'
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -17,15 +17,15 @@ from pathlib import Path
 import statistics
 import sys
 
-from measure import measure, Measured
+from common.measure import measure, Measured
+from common.paper_baseline import segment
+from common.surveys import make_map, open_cache, Survey
+from common.tables import at_least, at_most, Check, CHECK_COLUMNS, render_table, replace_section
 import numba
 import numpy as np
-from paper_baseline import segment
-from surveys import make_map, open_cache, Survey
-from tables import at_least, at_most, Check, CHECK_COLUMNS, render_table, replace_section
 
 from plc_inspect.core.pipeline import Pipeline
-from plc_inspect.offline.allocator import keep_freed_memory
+from plc_inspect.offline.commands.allocator import keep_freed_memory
 from plc_inspect.results import PointClass
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -21,11 +21,8 @@ import resource
 import sys
 import time
 
-import laspy
-import numba
-import numpy as np
-from surveys import make_map, open_cache
-from tables import (
+from common.surveys import make_map, open_cache
+from common.tables import (
     at_least,
     at_most,
     Check,
@@ -34,14 +31,17 @@ from tables import (
     render_table,
     replace_section,
 )
+import laspy
+import numba
+import numpy as np
 
 from plc_inspect.config import describe, Settings, update
-from plc_inspect.core.objective import measure_f1, Objective
 from plc_inspect.core.pipeline import Pipeline
-from plc_inspect.core.tuning import put_values, SPACE, to_values
-from plc_inspect.offline.clouds import read_cloud
-from plc_inspect.offline.tuning import METHODS, tune, Tuned
-from plc_inspect.offline.workers import NUM_WORKERS, Workers
+from plc_inspect.core.tuning.objective import measure_f1, Objective
+from plc_inspect.core.tuning.parameters import put_values, SPACE, to_values
+from plc_inspect.offline.commands.tuning_run import METHODS, tune, Tuned
+from plc_inspect.offline.commands.workers import NUM_WORKERS, Workers
+from plc_inspect.offline.readers.clouds import read_cloud
 from plc_inspect.results import Bool, Float64, PointClass
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -23,6 +23,9 @@ Int64 = NDArray[np.int64]
 UInt8 = NDArray[np.uint8]
 Bool = NDArray[np.bool_]
 
+SpanKey = tuple[int, int]
+"""line_id and span_id."""
+
 
 class PointClass(enum.IntEnum):
     """ASPRS LAS 1.4 classes that the pipeline writes."""

@@ -6,7 +6,7 @@
 import numpy as np
 
 from plc_inspect.config import Settings
-from plc_inspect.offline.inspection import Inspection
+from plc_inspect.offline.records.inspection import Inspection
 from plc_inspect.results import (
     Decision,
     Hazard,

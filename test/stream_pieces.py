@@ -9,10 +9,10 @@ from functools import cache
 from factories import make_inspection, make_span
 import numpy as np
 
-from plc_inspect.monitor.blocks import pack_blocks, thin_points
-from plc_inspect.monitor.summary import make_tables, Status, SummaryTables, SummaryWriter
-from plc_inspect.monitor.wire import CLOUD, Frame, pack_frame
 from plc_inspect.results import Severity
+from plc_inspect.stream.blocks import pack_blocks, thin_points
+from plc_inspect.stream.frame import CLOUD, Frame, pack_frame
+from plc_inspect.stream.summary import make_tables, Status, SummaryTables, SummaryWriter
 
 TEXTS = ('odom', 'scans and odometry come in', '6% of the map in use', 'all is well')
 NO_TABLES = SummaryTables()

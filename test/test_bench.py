@@ -24,8 +24,13 @@ def bench():
     """Import the benches as they are when one of them is run as a script."""
     sys.path.insert(0, str(BENCH))
     try:
-        names = ('accuracy', 'measure', 'paper_baseline', 'scaling', 'surveys', 'table2', 'tables')
-        yield SimpleNamespace(**{name: importlib.import_module(name) for name in names})
+        names = (
+            'accuracy', 'common.measure', 'common.paper_baseline', 'scaling', 'common.surveys',
+            'table2', 'common.tables',
+        )
+        yield SimpleNamespace(**{
+            name.rpartition('.')[2]: importlib.import_module(name) for name in names
+        })
     finally:
         sys.path.remove(str(BENCH))
 

@@ -18,7 +18,7 @@ from plc_inspect.config import (
     update,
 )
 from plc_inspect.errors import ConfigError
-from plc_inspect.offline.parameter_file import read_settings, render_table, render_yaml
+from plc_inspect.offline.readers.parameter_file import read_settings, render_table, render_yaml
 
 ROOT = Path(__file__).parents[1]
 

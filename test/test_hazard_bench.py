@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from plc_inspect.results import HazardKind
-from plc_inspect.sim.planted import Planted
+from plc_inspect.sim.surveys.planted import Planted
 
 BENCH = Path(__file__).parents[1] / 'bench'
 

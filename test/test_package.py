@@ -114,7 +114,7 @@ def test_data_files_exist(metadata):
         for file in files:
             assert (ROOT / file).is_file(), file
     for name in ('report.html.j2', 'report.css'):
-        assert (ROOT / 'plc_inspect/offline/templates' / name).is_file()
+        assert (ROOT / 'plc_inspect/offline/report/templates' / name).is_file()
 
 
 def test_all_packages_are_installed(metadata):
@@ -133,13 +133,13 @@ def test_licence_is_apache(manifest):
 
 @pytest.mark.parametrize('name', ['survey', 'replay', 'explain', 'tune'])
 def test_help_is_quick_and_complete(name):
-    code = f"import sys; from plc_inspect.offline.{name} import main; main(['--help'])"
+    code = f"import sys; from plc_inspect.offline.commands.{name} import main; main(['--help'])"
     done = subprocess.run(
         [sys.executable, '-X', 'importtime', '-c', code],
         capture_output=True, text=True, check=True, timeout=60, cwd=ROOT,
     )
     assert done.stdout.startswith(f'usage: plc_{name}')
-    assert '| plc_inspect.offline.command' in re.sub(' +', ' ', done.stderr)
+    assert '| plc_inspect.offline.commands.command_line' in re.sub(' +', ' ', done.stderr)
     assert 'numba' not in done.stderr
 
 

@@ -11,11 +11,11 @@ import pytest
 from plc_inspect.config import Settings, update
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.results import HazardKind
-from plc_inspect.sim import lines, structures, vegetation
-from plc_inspect.sim.airborne import simulate_map
-from plc_inspect.sim.conductors import hang, measure_distances
-from plc_inspect.sim.scene import SceneBuilder
-from plc_inspect.sim.terrain import make_terrain
+from plc_inspect.sim.scenes import lines, structures, vegetation
+from plc_inspect.sim.scenes.conductors import hang, measure_distances
+from plc_inspect.sim.scenes.scene import SceneBuilder
+from plc_inspect.sim.scenes.terrain import make_terrain
+from plc_inspect.sim.surveys.airborne import simulate_map
 
 ROUTE = np.column_stack([np.arange(5) * 90.0, np.zeros(5)])
 SIDE = np.array([0.0, 1.0])

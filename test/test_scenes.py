@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from plc_inspect.core.pipeline import Pipeline
-from plc_inspect.sim.airborne import simulate_map
-from plc_inspect.sim.evaluate import evaluate
-from plc_inspect.sim.reference import parse_truth
-from plc_inspect.sim.scenes import make_scene
-from plc_inspect.sim.survey import from_result
-from plc_inspect.sim.truth import collect_sightings, make_truth
+from plc_inspect.sim.evaluation.estimate import from_result
+from plc_inspect.sim.evaluation.evaluate import evaluate
+from plc_inspect.sim.evaluation.reference import parse_truth
+from plc_inspect.sim.scenes.catalogue import make_scene
+from plc_inspect.sim.surveys.airborne import simulate_map
+from plc_inspect.sim.surveys.truth import collect_sightings, make_truth
 
 NOISE = 0.03
 

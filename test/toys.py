@@ -8,11 +8,11 @@ from itertools import pairwise
 import numpy as np
 
 from plc_inspect.config import AlignmentSettings, ClusteringSettings, LinearitySettings
-from plc_inspect.core.alignment import align
-from plc_inspect.core.clustering import cluster
-from plc_inspect.core.curve import fit_curve
-from plc_inspect.core.linearity import find_candidates
-from plc_inspect.core.plan_index import build_plan_index
+from plc_inspect.core.catenary.curve import fit_curve
+from plc_inspect.core.clustering.clustering import cluster
+from plc_inspect.core.extraction.alignment import align
+from plc_inspect.core.extraction.linearity import find_candidates
+from plc_inspect.core.numerics.plan_index import build_plan_index
 
 
 def hang(x, length, start_z, end_z, c):

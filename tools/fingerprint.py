@@ -25,19 +25,19 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import get_typestore, Stores
 
 from plc_inspect.config import Settings
-from plc_inspect.core.accumulator import Accumulator
+from plc_inspect.core.live.session import Session
+from plc_inspect.core.live.window import copy_window, plan_everything, WindowPlanner
+from plc_inspect.core.mapping.accumulator import Accumulator
 from plc_inspect.core.pipeline import Pipeline
-from plc_inspect.core.session import Session
-from plc_inspect.core.window import copy_window, plan_everything, WindowPlanner
-from plc_inspect.offline.bags import Recording
-from plc_inspect.offline.clouds import read_cloud
-from plc_inspect.offline.replay import replay
-from plc_inspect.offline.results_folder import write_results
-from plc_inspect.ros.conversion import StampedPose
-from plc_inspect.ros.markers import add_deletions
-from plc_inspect.ros.publishing import make_bundle
-from plc_inspect.sim.airborne import simulate_map
-from plc_inspect.sim.scenes import make_scene
+from plc_inspect.messages.scans import StampedPose
+from plc_inspect.offline.commands.replay import replay
+from plc_inspect.offline.export.results_folder import write_results
+from plc_inspect.offline.readers.bags import Recording
+from plc_inspect.offline.readers.clouds import read_cloud
+from plc_inspect.ros.node.markers import add_deletions
+from plc_inspect.ros.node.publishing import make_bundle
+from plc_inspect.sim.scenes.catalogue import make_scene
+from plc_inspect.sim.surveys.airborne import simulate_map
 
 ROOT = Path(__file__).parents[1]
 REAL = ROOT.parent / 'shared' / 'data' / 'real'

@@ -20,11 +20,11 @@ sys.path.insert(0, str(ROOT / 'test'))
 
 from chrome import Chrome  # noqa: E402
 
-from plc_inspect.offline.browser import find_browser  # noqa: E402
+from plc_inspect.offline.report.browser import find_browser  # noqa: E402
 
 COMMANDS = {
     'page': ('plc_inspect.monitor.command', '--web', '--port', '0'),
-    'node': ('plc_inspect.ros.onboard', '--ros-args', '--log-level', 'warn', '-p'),
+    'node': ('plc_inspect.ros.node.onboard', '--ros-args', '--log-level', 'warn', '-p'),
     'player': ('plc_inspect.ros.play', 'bags/demo', '--wait', '30', '--quiet'),
 }
 SIZE = 1280, 720

@@ -16,7 +16,7 @@ import matplotlib as mpl
 from matplotlib import pyplot
 import numpy as np
 
-from plc_inspect.offline.scene import LINE_COLORS, SEVERITY_COLORS
+from plc_inspect.offline.report.point_scene import LINE_COLORS, SEVERITY_COLORS
 from plc_inspect.results import PointClass
 
 AZIMUTH_DEG = -115.0

@@ -10,7 +10,7 @@ Takes the screenshot of a report for the documentation.
 import argparse
 from pathlib import Path
 
-from plc_inspect.offline.browser import take_screenshot
+from plc_inspect.offline.report.browser import take_screenshot
 
 if __name__ == '__main__':
     parser = argparse.ArgumentParser(description='Takes the screenshot of a report.')

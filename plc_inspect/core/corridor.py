@@ -10,10 +10,10 @@ from numba import njit, prange
 import numpy as np
 
 from plc_inspect.config import CorridorSettings
-from plc_inspect.core.curve import Curve, pack_curves
-from plc_inspect.core.curve_fit import height_of, to_local
-from plc_inspect.core.nearest import find_near, span_table
-from plc_inspect.core.picking import find_true, take_found, take_rows
+from plc_inspect.core.catenary.curve import Curve, pack_curves
+from plc_inspect.core.catenary.curve_row import height_of, to_local
+from plc_inspect.core.catenary.nearest_span import find_near, span_table
+from plc_inspect.core.numerics.arrays import find_true, take_found, take_rows
 from plc_inspect.results import Bool, Float32, Float64, Int32, Int64
 
 MIN_RADIUS = 0.6

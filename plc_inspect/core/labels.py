@@ -9,16 +9,16 @@ from dataclasses import dataclass
 from numba import njit, prange
 import numpy as np
 
-from plc_inspect.core.alignment import AlignmentResult
 from plc_inspect.core.corridor import CorridorResult
-from plc_inspect.core.height import HeightResult
-from plc_inspect.core.linearity import LinearityResult
-from plc_inspect.core.off_ground import OffGround
-from plc_inspect.core.outliers import OutlierResult
-from plc_inspect.core.picking import find_true, take_found
-from plc_inspect.core.span_model import SpanModel
-from plc_inspect.core.spans import SpanResult
-from plc_inspect.core.voxels import hash_key, pack
+from plc_inspect.core.extraction.alignment import AlignmentResult
+from plc_inspect.core.extraction.height import HeightResult
+from plc_inspect.core.extraction.linearity import LinearityResult
+from plc_inspect.core.extraction.off_ground import OffGround
+from plc_inspect.core.extraction.outliers import OutlierResult
+from plc_inspect.core.numerics.arrays import find_true, take_found
+from plc_inspect.core.numerics.voxels import hash_key, pack
+from plc_inspect.core.spans.span_model import SpanModel
+from plc_inspect.core.spans.spans import SpanResult
 from plc_inspect.results import (
     Bool,
     Decision,

@@ -8,14 +8,14 @@ from dataclasses import fields
 import numpy as np
 
 from plc_inspect.config import Settings
-from plc_inspect.core.clearance import describe_rules, RuleSet
 from plc_inspect.core.corridor import extract_corridor
-from plc_inspect.core.hazards import add_ground_clearance, choose_rules, find_hazards
+from plc_inspect.core.hazards.clearance_rules import describe_rules, RuleSet
+from plc_inspect.core.hazards.hazards import add_ground_clearance, choose_rules, find_hazards
 from plc_inspect.core.labels import choose_surroundings, label
-from plc_inspect.core.memory import StageMemory
-from plc_inspect.core.strays import FREE_RADIUS
+from plc_inspect.core.line_finder import FoundLines, Progress, STAGES, Tracing
+from plc_inspect.core.spans.point_claims import FREE_RADIUS
+from plc_inspect.core.stage_log import StageMemory
 from plc_inspect.core.trace import Trace
-from plc_inspect.core.tracing import FoundLines, Progress, STAGES, Tracing
 from plc_inspect.errors import DataError
 from plc_inspect.results import Float64, InspectionResult
 

@@ -6,8 +6,8 @@
 from dataclasses import dataclass
 
 from plc_inspect.core.corridor import CorridorResult
-from plc_inspect.core.span_model import SpanModel
-from plc_inspect.core.tracing import FoundLines
+from plc_inspect.core.line_finder import FoundLines
+from plc_inspect.core.spans.span_model import SpanModel
 from plc_inspect.results import InspectionResult
 
 

@@ -15,9 +15,9 @@ import time
 from typing import Any
 
 from plc_inspect.errors import ConfigError, DataError
-from plc_inspect.monitor.gate import is_loopback
-from plc_inspect.monitor.picture import Picture
-from plc_inspect.offline.command import DONE, parse_with_ros, Parser, run_command
+from plc_inspect.monitor.picture.picture import Picture
+from plc_inspect.monitor.web.gate import is_loopback
+from plc_inspect.offline.commands.command_line import DONE, parse_with_ros, Parser, run_command
 
 NAME = 'plc_monitor'
 NODE = '/plc_inspect'
@@ -41,13 +41,13 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(arguments: argparse.Namespace) -> int:
     from plc_inspect.monitor.station import Station
-    from plc_inspect.ros.transport import prepare_transport
+    from plc_inspect.ros.graph.transport import prepare_transport
 
     prepare_transport()
     with ExitStack() as stack:
         recorder = None
         if arguments.record is not None:
-            from plc_inspect.monitor.recorder import Recorder
+            from plc_inspect.monitor.record.recorder import Recorder
 
             recorder = stack.enter_context(
                 Recorder(arguments.record, arguments.node, force=arguments.force)
@@ -76,10 +76,10 @@ def _show_once(station: Any, arguments: argparse.Namespace) -> int:
         station.spin(0.05)
     picture = station.look()
     if arguments.json:
-        from plc_inspect.monitor.snapshot import format_snapshot
+        from plc_inspect.monitor.terminal.snapshot import format_snapshot
         print(format_snapshot(picture), flush=True)
     else:
-        from plc_inspect.monitor.terminal import print_once
+        from plc_inspect.monitor.terminal.text import print_once
         print_once(picture, arguments.node)
     return DONE
 
@@ -89,7 +89,7 @@ def _show(station: Any, arguments: argparse.Namespace) -> int:
         return _show_json(station, arguments.period)
     if arguments.web:
         return _show_page(station, arguments)
-    from plc_inspect.monitor.screen import Screen
+    from plc_inspect.monitor.terminal.screen import Screen
 
     with Screen(arguments.node) as screen:
         _loop(station, PERIOD, screen.show)
@@ -97,14 +97,14 @@ def _show(station: Any, arguments: argparse.Namespace) -> int:
 
 
 def _show_json(station: Any, period: float) -> int:
-    from plc_inspect.monitor.snapshot import format_snapshot
+    from plc_inspect.monitor.terminal.snapshot import format_snapshot
 
     _loop(station, period, lambda picture: print(format_snapshot(picture), flush=True))
     return DONE
 
 
 def _show_page(station: Any, arguments: argparse.Namespace) -> int:
-    from plc_inspect.monitor.page import Page
+    from plc_inspect.monitor.web.page import Page
 
     token = _choose_token(arguments)
     with Page(arguments.host, arguments.port, token, station.monitor.cloud) as page:

@@ -8,7 +8,7 @@ import contextlib
 from typing import Any
 
 from plc_inspect.errors import ConfigError
-from plc_inspect.ros.ending import was_cut_short
+from plc_inspect.ros.graph.ending import was_cut_short
 
 TOPICS = {'summary': 'summary', 'cloud': 'thin_corridor'}
 
@@ -64,7 +64,7 @@ class Listener:
         """Subscribe, anew if need be: then the node sends again what it has."""
         from std_msgs.msg import UInt8MultiArray
 
-        from plc_inspect.ros.qos import SUMMARY, THIN_CORRIDOR
+        from plc_inspect.ros.graph.qos import SUMMARY, THIN_CORRIDOR
 
         old = self._subscriptions.pop(topic, None)
         if old is not None:

@@ -8,11 +8,11 @@ from types import TracebackType
 from typing import TYPE_CHECKING
 
 from plc_inspect.monitor.listener import Listener
-from plc_inspect.monitor.model import Monitor
-from plc_inspect.monitor.picture import Picture
+from plc_inspect.monitor.picture.model import Monitor
+from plc_inspect.monitor.picture.picture import Picture
 
 if TYPE_CHECKING:
-    from plc_inspect.monitor.recorder import Recorder
+    from plc_inspect.monitor.record.recorder import Recorder
 
 RECORD_PERIOD = 1.0
 """Time between two pictures that are recorded [s]."""

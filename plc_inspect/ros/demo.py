@@ -19,11 +19,11 @@ import time
 from typing import Any
 
 from plc_inspect.errors import DataError, PlcInspectError
-from plc_inspect.offline.bags import Recording
-from plc_inspect.offline.command import BAD_INPUT, DONE, INTERRUPTED, Parser
-from plc_inspect.offline.results_folder import check_folder
-from plc_inspect.ros.ending import was_cut_short
-from plc_inspect.ros.transport import prepare_transport
+from plc_inspect.offline.commands.command_line import BAD_INPUT, DONE, INTERRUPTED, Parser
+from plc_inspect.offline.export.results_folder import check_folder
+from plc_inspect.offline.readers.bags import Recording
+from plc_inspect.ros.graph.ending import was_cut_short
+from plc_inspect.ros.graph.transport import prepare_transport
 
 NAME = 'plc_demo'
 READY_TIMEOUT = 45.0
@@ -64,7 +64,7 @@ def _run(bag: Path, output: Path) -> int:
     started = time.monotonic()
     print(f'{bag}: {duration:.0f} s of flight, at the speed it was recorded; node and player are '
           'two processes')
-    with _Process('plc_inspect.ros.onboard', '--ros-args', '--log-level', 'warn', '-p',
+    with _Process('plc_inspect.ros.node.onboard', '--ros-args', '--log-level', 'warn', '-p',
                   f'output.directory:={output.absolute()}') as node:
         monitor = _Monitor(started)
         try:
@@ -103,7 +103,7 @@ def _print_tables(output: Path) -> None:
 def _prepare_kernels() -> None:
     """Compile the kernels where this is the first run, so that the flight need not wait."""
     from plc_inspect.config import Settings
-    from plc_inspect.core.warm_up import warm_up_intake, warm_up_pipeline
+    from plc_inspect.core.live.warm_up import warm_up_intake, warm_up_pipeline
 
     started = time.monotonic()
     warm_up_intake()
@@ -159,8 +159,8 @@ class _Monitor:
         from sensor_msgs.msg import PointCloud2
         from std_srvs.srv import Trigger
 
-        from plc_inspect.ros.messages import read_rows
-        from plc_inspect.ros.qos import RESULTS
+        from plc_inspect.ros.graph.qos import RESULTS
+        from plc_inspect.ros.node.result_messages import read_rows
 
         rclpy.init()
         self._read = read_rows

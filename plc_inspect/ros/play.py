@@ -13,10 +13,10 @@ import time
 from typing import Any
 
 from plc_inspect.errors import DataError, PlcInspectError
-from plc_inspect.offline.bags import Recording
-from plc_inspect.offline.command import parse_with_ros, Parser
-from plc_inspect.ros.ending import was_cut_short
-from plc_inspect.ros.transport import prepare_transport
+from plc_inspect.offline.commands.command_line import parse_with_ros, Parser
+from plc_inspect.offline.readers.bags import Recording
+from plc_inspect.ros.graph.ending import was_cut_short
+from plc_inspect.ros.graph.transport import prepare_transport
 
 NAME = 'plc_play'
 DONE, BAD_INPUT = 0, 2
@@ -98,7 +98,7 @@ class Player:
         from rosgraph_msgs.msg import Clock
         from sensor_msgs.msg import PointCloud2
 
-        from plc_inspect.ros.qos import CLOCK, overridable, PLAYER
+        from plc_inspect.ros.graph.qos import CLOCK, overridable, PLAYER
 
         self._recording = recording
         self._node = Node('plc_play')

@@ -14,16 +14,16 @@ import numpy as np
 from tqdm import tqdm
 
 from plc_inspect.errors import PlcInspectError
-from plc_inspect.sim.airborne import simulate_map
-from plc_inspect.sim.bag import open_bag
-from plc_inspect.sim.clouds import write_cloud
-from plc_inspect.sim.flight import PLANS, simulate_flight
-from plc_inspect.sim.output import open_folder
-from plc_inspect.sim.puck import Puck
-from plc_inspect.sim.scene import Scene
-from plc_inspect.sim.scenes import make_scene, SCENES
-from plc_inspect.sim.trajectory import FlightPlan, OdometryErrors
-from plc_inspect.sim.truth import collect_sightings, make_truth
+from plc_inspect.sim.scenes.catalogue import make_scene, SCENES
+from plc_inspect.sim.scenes.scene import Scene
+from plc_inspect.sim.surveys.airborne import simulate_map
+from plc_inspect.sim.surveys.bag import open_bag
+from plc_inspect.sim.surveys.flight import PLANS, simulate_flight
+from plc_inspect.sim.surveys.labelled_cloud import write_cloud
+from plc_inspect.sim.surveys.output import open_folder
+from plc_inspect.sim.surveys.puck import Puck
+from plc_inspect.sim.surveys.trajectory import FlightPlan, OdometryErrors
+from plc_inspect.sim.surveys.truth import collect_sightings, make_truth
 
 _MAP_NOISE = 0.03
 

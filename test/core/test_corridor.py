@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree
 from toys import hang, make_curve, make_wire, turn
 
 from plc_inspect.config import CorridorSettings
+from plc_inspect.core.catenary.nearest_span import find_near, span_table
 from plc_inspect.core.corridor import extract_corridor
-from plc_inspect.core.nearest import find_near, span_table
 from plc_inspect.errors import ConfigError
 
 

@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 from plc_inspect.config import describe
-from plc_inspect.ros.transport import CHOICES, prepare_transport, PROFILE, VARIABLE
+from plc_inspect.ros.graph.transport import CHOICES, prepare_transport, PROFILE, VARIABLE
 
 ROOT = Path(__file__).parents[2]
 LAUNCH = sorted((ROOT / 'launch').glob('*.launch.py'))

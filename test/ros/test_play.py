@@ -22,7 +22,7 @@ from rosbags.typesys import get_typestore, Stores
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2
 
-from plc_inspect.offline.bags import Recording
+from plc_inspect.offline.readers.bags import Recording
 from plc_inspect.ros.play import main, Player
 
 DEMO = Path(__file__).parents[2] / 'bags' / 'demo'

@@ -18,7 +18,7 @@ from rig import FIRST_DEADLINE, isolate, Robot, take_domain, wait_for
 
 ROOT = Path(__file__).parents[2]
 DEMO = ROOT / 'bags' / 'demo'
-NODE = 'plc_inspect.ros.onboard'
+NODE = 'plc_inspect.ros.node.onboard'
 PLAYER = 'plc_inspect.ros.play'
 
 
@@ -101,7 +101,7 @@ import sys
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
-from plc_inspect.ros.onboard import main
+from plc_inspect.ros.node.onboard import main
 
 def spin(executor):
     {first}

@@ -10,9 +10,9 @@ import numpy as np
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import get_typestore, Stores
 
-from plc_inspect.sim.conductors import measure_distances
-from plc_inspect.sim.flight import PLANS
-from plc_inspect.sim.scenes import make_scene
+from plc_inspect.sim.scenes.catalogue import make_scene
+from plc_inspect.sim.scenes.conductors import measure_distances
+from plc_inspect.sim.surveys.flight import PLANS
 
 DEMO = Path(__file__).parents[2] / 'bags' / 'demo'
 SEED = 7

@@ -11,8 +11,8 @@ import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import get_typestore, Stores
 
-from plc_inspect.sim.puck import POINT_DTYPE
 from plc_inspect.sim.simulate import main
+from plc_inspect.sim.surveys.puck import POINT_DTYPE
 
 FLIGHT = ('rack', '--duration', '1.5', '--seed', '4')
 

@@ -1,0 +1,298 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Curves of conductors from tracks: split at supports, fitted, bridged over gaps."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+import math
+
+from numba import njit
+import numpy as np
+
+from plc_inspect.config import CatenarySettings
+from plc_inspect.core.catenary.breaks import find_break
+from plc_inspect.core.catenary.bundles import merge_bundles, widen
+from plc_inspect.core.catenary.curve import Curve, fit_curve, pack_curves
+from plc_inspect.core.catenary.curve_row import (
+    COS,
+    height_of,
+    HIGH,
+    LOW,
+    MEAN_X,
+    ORIGIN_X,
+    ORIGIN_Y,
+    sigma_of,
+    SIN,
+    to_local,
+)
+from plc_inspect.core.catenary.duplicates import drop_duplicates, is_thick
+from plc_inspect.core.catenary.growing import extend, measure_company, Profile, profile_curve
+from plc_inspect.core.catenary.track_fit import fit_tracks
+from plc_inspect.core.catenary.validation import CROWDED, find_objection, list_evidence, UNPROVEN
+from plc_inspect.core.clustering.clustering import ClusteringResult
+from plc_inspect.core.numerics.plan_index import PlanIndex
+from plc_inspect.core.numerics.threads import call_each
+from plc_inspect.errors import FitError
+from plc_inspect.results import Bool, Float64
+
+BRIDGE_SLACK = 0.15
+"""Miss of a continuation that is allowed beyond three times its uncertainty [m]."""
+MAX_MISS = 0.8
+LEAST_LENGTH = 0.5
+"""A free piece of this share of the shortest span may continue a line at a support."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ConductorResult:
+    """Curves that are conductors, and those that may be."""
+
+    curves: tuple[Curve, ...]
+    """Longest first."""
+    doubtful: tuple[Curve, ...]
+    """
+    Too short, to prove their curvature or altogether, or with other things all along them;
+    conductors if they continue one at a support.
+    """
+    objections: dict[str, int]
+    """Why the others were dropped, and how many."""
+
+
+def model_conductors(
+    points: Float64,
+    index: PlanIndex,
+    clustering: ClusteringResult,
+    settings: CatenarySettings,
+    rng: np.random.Generator,
+) -> ConductorResult:
+    """
+    Model every conductor of the tracks by a catenary, span by span.
+
+    Curves take in the points along them, sub-conductors that cannot be told apart become one,
+    the model bridges gaps, and what lacks the evidence of a conductor is dropped.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    index : PlanIndex
+        Of the points off the ground.
+    clustering : ClusteringResult
+        Beads and tracks.
+    settings : CatenarySettings
+        Settings of this stage.
+    rng : numpy.random.Generator
+        For MSAC.
+
+    Returns
+    -------
+    ConductorResult
+
+    """
+    curves = find_curves(points, index, clustering, settings, rng)
+    kept: list[Curve] = []
+    profiles: list[Profile] = []
+    doubtful, crowded = [], []
+    objections: dict[str, int] = {}
+    found = call_each(
+        lambda k: profile_curve(points, index, curves[k], curves[k].low, curves[k].high),
+        len(curves),
+    )
+    for curve, profile in zip(curves, found, strict=True):
+        objection = find_objection(curve, profile, settings)
+        if not objection:
+            kept.append(curve)
+            profiles.append(profile)
+        elif objection == CROWDED:
+            crowded.append(curve)
+        else:
+            if profile.crowding <= settings.max_crowding and (
+                objection == UNPROVEN or _is_piece(curve, profile, settings)
+            ):
+                doubtful.append(curve)
+            objections[objection] = objections.get(objection, 0) + 1
+    crowded = _admit_neighbors(points, index, kept, profiles, crowded, settings)
+    if crowded:
+        objections[CROWDED] = len(crowded)
+    alone = _without_company(points, index, kept, profiles, settings)
+    if len(alone) < len(kept):
+        objections['other things all along it'] = len(kept) - len(alone)
+        doubtful += [curve for curve in kept if curve not in alone]
+    return ConductorResult(
+        curves=alone, doubtful=tuple(doubtful), objections=dict(sorted(objections.items()))
+    )
+
+
+def find_curves(
+    points: Float64,
+    index: PlanIndex,
+    clustering: ClusteringResult,
+    settings: CatenarySettings,
+    rng: np.random.Generator,
+) -> tuple[Curve, ...]:
+    """Return all curves of the tracks, grown, joined and freed of duplicates, before evidence."""
+    curves = bridge(points, fit_tracks(points, clustering, settings, rng), settings)
+    grown = extend(points, index, curves, settings)
+    done = {id(curve) for curve in grown}
+    curves = drop_duplicates(points, merge_bundles(points, grown, settings), settings)
+    curves = merge_bundles(points, bridge(points, curves, settings), settings)
+    fresh = [curve for curve in curves if id(curve) not in done]
+    again = iter(extend(points, index, fresh, settings))
+    long = [curve if id(curve) in done else next(again) for curve in curves]
+    wide = call_each(lambda k: widen(points, index, long[k], settings), len(long))
+    return drop_duplicates(points, merge_bundles(points, wide, settings), settings)
+
+
+def _is_piece(curve: Curve, profile: Profile, settings: CatenarySettings) -> bool:
+    """Whether nothing but its length speaks against a curve, and what follows from it."""
+    against = {
+        item.setting for item in list_evidence(curve, profile, settings) if not item.kept
+    }
+    return (
+        {'min_length'} <= against <= {'min_length', 'min_significance', 'max_constant'}
+        and curve.length >= LEAST_LENGTH * settings.min_length
+    )
+
+
+def _admit_neighbors(
+    points: Float64,
+    index: PlanIndex,
+    kept: list[Curve],
+    profiles: list[Profile],
+    crowded: list[Curve],
+    settings: CatenarySettings,
+) -> list[Curve]:
+    """Add to ``kept`` what only the wires found so far crowd, and return the rest."""
+    admitted = bool(kept)
+    while admitted and crowded:
+        wire = np.zeros(len(points), dtype=bool)
+        for profile in profiles:
+            wire[profile.chosen] = True
+        rest = []
+        for curve in crowded:
+            profile = profile_curve(points, index, curve, curve.low, curve.high, ignore=wire)
+            if find_objection(curve, profile, settings):
+                rest.append(curve)
+            else:
+                kept.append(curve)
+                profiles.append(profile)
+        admitted = len(rest) < len(crowded)
+        crowded = rest
+    return crowded
+
+
+def _without_company(
+    points: Float64,
+    index: PlanIndex,
+    curves: Sequence[Curve],
+    profiles: Sequence[Profile],
+    settings: CatenarySettings,
+) -> tuple[Curve, ...]:
+    """Drop curves with other things all along them, the worst first: they are no wires then."""
+    alive = list(zip(curves, profiles, strict=True))
+    while alive:
+        wire = np.zeros(len(points), dtype=bool)
+        for _, profile in alive:
+            wire[profile.chosen] = True
+        company = call_each(partial(_measure_company, points, index, alive, wire), len(alive))
+        worst = max(company)
+        if worst <= settings.max_company:
+            break
+        alive = [item for item, value in zip(alive, company, strict=True) if value < worst]
+    return tuple(curve for curve, _ in alive)
+
+
+def _measure_company(
+    points: Float64, index: PlanIndex, alive: Sequence[tuple[Curve, Profile]], wire: Bool,
+    number: int,
+) -> float:
+    return measure_company(points, index, *alive[number], wire)
+
+
+def bridge(
+    points: Float64, curves: Sequence[Curve], settings: CatenarySettings
+) -> tuple[Curve, ...]:
+    """
+    Join curves that are parts of one conductor in one span.
+
+    Starting from the longest, the curve whose points lie nearest to the continuation is tried
+    first; the union must be explained by one catenary about as well as the parts are.
+    """
+    alive = list(curves)
+    rows = pack_curves(curves)
+    result: list[Curve] = []
+    while alive:
+        base, row, rows = alive.pop(0), rows[0], rows[1:]
+        while alive:
+            miss = _measure_misses(row, rows, settings.max_bridge)
+            for position in np.argsort(miss, kind='stable')[: np.isfinite(miss).sum()].tolist():
+                union = join(points, base, alive[position], settings)
+                if union is not None:
+                    base, row = union, union.row
+                    del alive[position]
+                    rows = np.delete(rows, position, axis=0)
+                    break
+            else:
+                break
+        result.append(base)
+    result.sort(key=lambda curve: (-curve.length, *curve.origin))
+    return tuple(result)
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _measure_misses(base, rows, max_bridge):  # type: ignore[no-untyped-def]
+    """How far curves lie off the continuation of ``base`` [m], inf where they are none of it."""
+    result = np.full(len(rows), np.inf)
+    for k in range(len(rows)):
+        row = rows[k]
+        least, most, total = np.inf, -np.inf, 0.0
+        for part in (1, 0, 2):  # the middle and both ends
+            at = row[LOW] + 0.5 * part * (row[HIGH] - row[LOW])
+            x, y = to_local(
+                base, row[ORIGIN_X] + row[COS] * at, row[ORIGIN_Y] + row[SIN] * at
+            )
+            away = abs(x - base[MEAN_X])
+            if part == 1 and (
+                abs(y) >= MAX_MISS + 0.02 * away or away >= base[HIGH] - base[LOW] + max_bridge
+            ):
+                break
+            miss = math.hypot(y, height_of(row, at) - height_of(base, x))
+            if not miss <= min(BRIDGE_SLACK + 3 * sigma_of(base, x), MAX_MISS):
+                break
+            least, most, total = min(least, x), max(most, x), total + miss
+        else:
+            gap = max(least - base[HIGH], base[LOW] - most, 0.0)
+            if gap <= min(max(row[HIGH] - row[LOW], base[HIGH] - base[LOW]), max_bridge):
+                result[k] = total / 3.0 + 0.01 * gap
+    return result
+
+
+def join(
+    points: Float64, first: Curve, second: Curve, settings: CatenarySettings
+) -> Curve | None:
+    """Return one curve through the points of both, or None if they are not of one span."""
+    shorter = min(first.length, second.length)
+    if is_thick(first) != is_thick(second) and shorter < settings.bundle_length:
+        return None
+    tolerance = max(first.tolerance, second.tolerance)
+    try:
+        union = fit_curve(
+            points, np.union1d(first.points, second.points), tolerance=tolerance
+        )
+    except FitError:
+        return None
+    for part in (first, second):
+        x, y = union.local(points[part.points])
+        miss = np.maximum(np.abs(y), np.abs(points[part.points, 2] - union.fit.height(x)))
+        if (miss <= tolerance).mean() < 0.8:
+            return None
+    error = math.hypot(union.fit.rmse, union.lateral_rmse)
+    own = max(math.hypot(part.fit.rmse, part.lateral_rmse) for part in (first, second))
+    if error > max(1.4 * own, 0.05):
+        return None
+    own_points = points[union.points]
+    x, y = union.local(own_points)
+    if find_break(x, y, own_points[:, 2]) is not None:
+        return None
+    return union

@@ -1,0 +1,124 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Duplicates: curves that have their points, or their course, from better seen ones."""
+
+from collections.abc import Sequence
+import math
+
+from numba import njit
+import numpy as np
+
+from plc_inspect.config import CatenarySettings
+from plc_inspect.core.catenary.curve import Curve, find_far_apart, pack_curves
+from plc_inspect.core.catenary.curve_row import (
+    COS,
+    height_of,
+    HIGH,
+    LOW,
+    ORIGIN_X,
+    ORIGIN_Y,
+    SIN,
+    to_local,
+    TOLERANCE,
+)
+from plc_inspect.results import Float64
+
+THICK = 0.12
+"""Points of one conductor spread less than this about its curve (rms) [m]."""
+MAX_SHARED = 0.5
+"""A curve with more of its points on better seen curves is dropped."""
+NUM_STATIONS = 21
+"""Places along a curve that tell its course."""
+COURSE_SHARE = 0.6
+"""Curves within this share of their tolerance of each other have the same course."""
+SLACK = 0.5
+"""A curve counts this far beyond its ends [m]."""
+
+
+def drop_duplicates(
+    points: Float64, curves: Sequence[Curve], settings: CatenarySettings
+) -> tuple[Curve, ...]:
+    """
+    Drop each curve that has most of its points, or of its course, from better seen ones.
+
+    A line laid across several conductors at a small angle meets points of each, but has none
+    of its own.
+    """
+    if not curves:
+        return ()
+    order = sorted(curves, key=lambda curve: _rank(curve, settings))
+    start = np.cumsum([0, *(len(curve.points) for curve in order)])
+    kept = _choose(
+        points, pack_curves(order), np.concatenate([curve.points for curve in order]), start,
+        find_far_apart(order),
+    )
+    result = [curve for curve, is_kept in zip(order, kept, strict=True) if is_kept]
+    result.sort(key=lambda curve: (-curve.length, *curve.origin))
+    return tuple(result)
+
+
+def _rank(curve: Curve, settings: CatenarySettings) -> tuple[float, ...]:
+    """
+    Order of belief: by points, but a thick curve in a short span comes after all thin ones.
+
+    Bundles hang in long spans; in a short one a thick curve lies over several conductors.
+    """
+    return (
+        float(is_thick(curve) and curve.length < settings.bundle_length),
+        float(-curve.num_points),
+        float(curve.origin[0]),
+        float(curve.origin[1]),
+    )
+
+
+def is_thick(curve: Curve) -> bool:
+    """Tell a curve over several conductors, or a bundle, from one over a single conductor."""
+    return max(curve.lateral_rmse, curve.fit.rmse) > THICK
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _choose(points, rows, own, start, far):  # type: ignore[no-untyped-def]
+    """Tell which curves, best seen first, have points and a course of their own."""
+    kept = np.zeros(len(rows), dtype=np.bool_)
+    for number in range(len(rows)):
+        row = rows[number]
+        on_course = np.zeros(NUM_STATIONS, dtype=np.bool_)
+        mine = own[start[number] : start[number + 1]]
+        shared = np.zeros(len(mine), dtype=np.bool_)
+        for k in range(number):
+            if not kept[k] or far[number, k]:
+                continue
+            other = rows[k]
+            reach = COURSE_SHARE * max(row[TOLERANCE], other[TOLERANCE])
+            mark_course(row, other, other[LOW] - SLACK, other[HIGH] + SLACK, reach, on_course)
+            for m in range(len(mine)):
+                i = mine[m]
+                shared[m] = shared[m] or _lies_on(
+                    points[i, 0], points[i, 1], points[i, 2], other, other[LOW] - SLACK,
+                    other[HIGH] + SLACK, other[TOLERANCE],
+                )
+        kept[number] = (
+            on_course.mean() < 0.5 and len(mine) > 0 and shared.mean() <= MAX_SHARED
+        )
+    return kept
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def mark_course(row, other, low, high, reach, marks):  # type: ignore[no-untyped-def]
+    """Mark the stations along a row's curve that lie on another one between two x of that."""
+    for k in range(len(marks)):
+        x = row[LOW] + (row[HIGH] - row[LOW]) * k / (len(marks) - 1)
+        marks[k] = marks[k] or _lies_on(
+            row[ORIGIN_X] + row[COS] * x, row[ORIGIN_Y] + row[SIN] * x, height_of(row, x),
+            other, low, high, reach,
+        )
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _lies_on(px, py, pz, row, low, high, reach):  # type: ignore[no-untyped-def]
+    """Tell whether a place is within reach of a row's curve between two x."""
+    x, y = to_local(row, px, py)
+    if abs(y) > reach or x < low or x > high:
+        return False
+    return math.hypot(y, pz - height_of(row, x)) <= reach

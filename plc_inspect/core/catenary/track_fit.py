@@ -1,0 +1,177 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Curves of tracks: each track is split at the supports that it passes, and each part fitted."""
+
+import math
+
+from numba import njit
+import numpy as np
+
+from plc_inspect.config import CatenarySettings
+from plc_inspect.core.catenary.breaks import locate_break
+from plc_inspect.core.catenary.catenary import draw_triples
+from plc_inspect.core.catenary.curve import (
+    Curve,
+    MAX_POINTS,
+    unpack_curve,
+)
+from plc_inspect.core.catenary.curve_row import (
+    derive_tolerance,
+    fit_row,
+    is_curve,
+    LATERAL_RMSE,
+    RMSE,
+    ROW,
+    TOLERANCE,
+)
+from plc_inspect.core.clustering.clustering import ClusteringResult
+from plc_inspect.core.numerics.arrays import put
+from plc_inspect.core.numerics.sorting import argsort_spread
+from plc_inspect.core.numerics.threads import call_each
+from plc_inspect.results import Float64
+
+MAX_SPLITS = 64
+
+
+def fit_tracks(
+    points: Float64,
+    clustering: ClusteringResult,
+    settings: CatenarySettings,
+    rng: np.random.Generator,
+) -> tuple[Curve, ...]:
+    """
+    Turn tracks into curves, each within one span.
+
+    A track is split wherever it shows the kink of a support, and each part is fitted.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    clustering : ClusteringResult
+        Beads and tracks.
+    settings : CatenarySettings
+        Settings of this stage.
+    rng : numpy.random.Generator
+        For MSAC.
+
+    Returns
+    -------
+    tuple of Curve, longest first
+
+    """
+    beads, num = clustering.beads, clustering.num_tracks
+    order = np.argsort(clustering.track, kind='stable')
+    bounds = np.searchsorted(clustering.track[order], np.arange(num + 1))
+    draws = draw_triples(num * settings.num_trials, rng).reshape(num, settings.num_trials, 3)
+    rms = np.ascontiguousarray(beads.rms)
+    found = call_each(
+        lambda track: _fit(
+            points, beads.points, beads.point_start, rms,
+            order[bounds[track] : bounds[track + 1]], settings.tolerance, draws[track],
+        ),
+        num,
+    )
+    curves = [
+        unpack_curve(row, own[first:last], int(stride))
+        for rows, own, start, strides in found
+        for row, first, last, stride in zip(rows, start[:-1], start[1:], strides, strict=True)
+    ]
+    curves.sort(key=lambda curve: (-curve.length, *curve.origin))
+    return tuple(curves)
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def split_at_supports(points, chosen):  # type: ignore[no-untyped-def]
+    """
+    Split a track at every kink that find_break believes in.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    chosen : (K,) int64
+        Points of the track.
+
+    Returns
+    -------
+    list of int64 arrays
+        The parts, in order along the track.
+
+    """
+    waiting = [chosen]
+    done = [chosen[:0]]
+    while len(waiting):
+        part = waiting.pop()
+        num = len(part)
+        dx, dy, z = np.empty(num), np.empty(num), np.empty(num)
+        for k in range(num):
+            dx[k], dy[k], z[k] = points[part[k], 0], points[part[k], 1], points[part[k], 2]
+        dx -= dx.mean()
+        dy -= dy.mean()
+        xx = xy = yy = 0.0
+        for k in range(num):
+            xx += dx[k] * dx[k]
+            xy += dx[k] * dy[k]
+            yy += dy[k] * dy[k]
+        azimuth = 0.5 * math.atan2(2.0 * xy, xx - yy)
+        ca, sa = math.cos(azimuth), math.sin(azimuth)
+        x = ca * dx + sa * dy
+        found, at = False, 0.0
+        if len(done) <= MAX_SPLITS:
+            found, at, _, _ = locate_break(x, ca * dy - sa * dx, z)
+        if found:
+            waiting.append(part[x >= at])
+            waiting.append(part[x < at])
+        else:
+            done.append(part)
+    return done[1:]
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _fit(  # type: ignore[no-untyped-def]
+    points, bead_points, bead_start, rms, beads, tolerance, draws
+):
+    """
+    Fit the parts of one track; a tolerance of 0 is derived from its beads.
+
+    Returned are the rows, the points of all of them, where those of each begin and the last end,
+    and how many points each of these stands for.
+    """
+    total = 0
+    for bead in beads:
+        total += bead_start[bead + 1] - bead_start[bead]
+    chosen = np.empty(total, dtype=np.int64)
+    total = 0
+    for bead in beads:
+        for k in range(bead_start[bead], bead_start[bead + 1]):
+            chosen[total] = bead_points[k]
+            total += 1
+    chosen = chosen[argsort_spread(chosen)]
+    fresh = np.ones(total, dtype=np.bool_)
+    for k in range(1, total):  # windows overlap
+        fresh[k] = chosen[k] > chosen[k - 1]
+    chosen = chosen[fresh]
+    if tolerance == 0.0:
+        tolerance = derive_tolerance(np.median(rms[beads]))
+    parts = split_at_supports(points, chosen)
+    rows = np.empty((len(parts), ROW))
+    own = np.empty(len(chosen), dtype=np.int64)
+    start = np.zeros(len(parts) + 1, dtype=np.int64)
+    strides = np.empty(len(parts), dtype=np.int64)
+    num = 0
+    for part in parts:
+        row, kept, stride, _ = fit_row(
+            points, part, MAX_POINTS, tolerance, tolerance, math.nan, draws
+        )
+        if is_curve(row):
+            # a track of one conductor may have beads that lie over two of them
+            tight = derive_tolerance(math.hypot(row[RMSE], row[LATERAL_RMSE]))
+            row[TOLERANCE] = min(tight, tolerance)
+            put(row, rows[num])
+            strides[num] = stride
+            start[num + 1] = start[num] + len(kept)
+            put(kept, own[start[num] :])
+            num += 1
+    return rows[:num], own[: start[num]], start[: num + 1], strides[:num]

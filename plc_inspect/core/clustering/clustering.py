@@ -1,0 +1,164 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Two-stage clustering: across the line in each window, then along the line."""
+
+from dataclasses import dataclass
+
+from numba import njit
+import numpy as np
+
+from plc_inspect.config import ClusteringSettings
+from plc_inspect.core.clustering.segments import Beads, find_beads
+from plc_inspect.core.extraction.alignment import AlignmentResult
+from plc_inspect.core.numerics.disjoint_sets import find_root
+from plc_inspect.core.numerics.near_pairs import find_pairs
+from plc_inspect.core.numerics.plan_index import PlanIndex
+from plc_inspect.results import Float64, Int32
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ClusteringResult:
+    """Beads, and the tracks that they join to."""
+
+    beads: Beads
+    track: Int32
+    """(B,) track of each bead, -1 none; numbered by first bead."""
+    num_tracks: int
+    num_clusters: int
+    """Clusters of the first stage, before the tests of a bead."""
+    eps: float
+    min_points: int
+
+
+def cluster(
+    points: Float64,
+    index: PlanIndex,
+    seeds: Float64,
+    alignment: AlignmentResult,
+    settings: ClusteringSettings,
+) -> ClusteringResult:
+    """
+    Separate conductors across the line, window by window, and join them along it.
+
+    First stage: in the regularised frame of a window (x along, y across, z up) the rise along
+    the line is taken out, so every conductor is a dot in the orthogonal plane, and DBSCAN with
+    ``eps`` and ``min_points`` finds the dots.  ``min_points`` holds where a window is well
+    sampled and is lowered with the sampling.  A cluster too thick for one conductor is divided
+    with a smaller eps.  Second stage: beads of different windows are joined where each, extended
+    to half way, meets the other; the sag cancels there because both deviate by the same amount.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    index : PlanIndex
+        Of the high points.
+    seeds : (M, 3) float64
+        Positions of the candidates [m].
+    alignment : AlignmentResult
+        Windows and their azimuths.
+    settings : ClusteringSettings
+        Settings of this stage.
+
+    Returns
+    -------
+    ClusteringResult
+
+    """
+    beads, num_clusters = find_beads(points, index, seeds, alignment, settings)
+    track = _join(beads, settings)
+    return ClusteringResult(
+        beads=beads,
+        track=track,
+        num_tracks=int(track.max(initial=-1)) + 1,
+        num_clusters=num_clusters,
+        eps=settings.eps,
+        min_points=settings.min_points,
+    )
+
+
+def _join(beads: Beads, settings: ClusteringSettings) -> Int32:
+    """Second stage: tracks of beads that continue one another."""
+    num = len(beads)
+    if num == 0:
+        return np.zeros(0, dtype=np.int32)
+    i, j = find_pairs(beads.center, settings.max_gap).T
+    apart = beads.center[j] - beads.center[i]
+    ui, uj = beads.direction[i], beads.direction[j].copy()
+    flip = np.einsum('ij,ij->i', ui, uj) < 0
+    uj[flip] *= -1
+    along_i = np.einsum('ij,ij->i', apart, ui)
+    along_j = np.einsum('ij,ij->i', apart, uj)
+    # both axes at the plane half way between the centres
+    meet_i = ui * (along_i / 2)[:, None]
+    meet_j = apart - uj * (along_j / 2)[:, None]
+    offset = meet_j - meet_i
+    mean = ui + uj
+    mean /= np.linalg.norm(mean, axis=1, keepdims=True)
+    offset -= mean * np.einsum('ij,ij->i', offset, mean)[:, None]
+    miss = np.linalg.norm(offset, axis=1)
+    length = np.abs(along_i)
+    tolerance = settings.join_tolerance + 0.004 * length
+    turn = np.abs(ui[:, 0] * uj[:, 1] - ui[:, 1] * uj[:, 0])
+    bend = np.abs(ui[:, 2] - uj[:, 2])
+    good = (miss <= tolerance) & (turn <= 0.04) & (bend <= 0.04 + length / 200.0)
+    good &= np.linalg.norm(apart, axis=1) <= np.maximum(length * 1.05, length + 0.3)
+    good &= beads.window[i] != beads.window[j]
+    i, j, miss = i[good], j[good], miss[good]
+    # mutual best between any two windows
+    best = _mutual_best(i, j, miss, beads.window)
+    i, j = i[best], j[best]
+    order = np.lexsort((j, i, np.round(miss[best] + 0.02 * length[good][best], 6)))
+    label = _link(i[order], j[order], beads.window)
+    _, first, track = np.unique(label, return_index=True, return_inverse=True)
+    return np.argsort(np.argsort(first))[track].astype(np.int32)
+
+
+def _mutual_best(i: Int32, j: Int32, miss: Float64, window: Int32) -> np.ndarray:
+    """Pairs in which each bead is the other's nearest among those of its window."""
+    keep = np.ones(len(i), dtype=bool)
+    for own, other in ((i, j), (j, i)):
+        order = np.lexsort((miss, window[other], own))
+        first = np.ones(len(order), dtype=bool)
+        a, b = own[order], window[other][order]
+        first[1:] = (a[1:] != a[:-1]) | (b[1:] != b[:-1])
+        is_first = np.zeros(len(order), dtype=bool)
+        is_first[order] = first
+        keep &= is_first
+    return keep
+
+
+@njit(cache=True, nogil=True)
+def _link(first, second, window):  # type: ignore[no-untyped-def]
+    """
+    Join beads along the links, best first, but never two of one window.
+
+    Two beads of one window are two conductors, however well a third seems to continue both.
+    """
+    num = len(window)
+    parent = np.arange(num)
+    following = np.full(num, -1, dtype=np.int64)
+    last = np.arange(num)
+    seen = np.full(window.max() + 1, -1, dtype=np.int64)
+    for link in range(len(first)):
+        a, b = find_root(parent, first[link]), find_root(parent, second[link])
+        if a == b:
+            continue
+        item = a
+        while item >= 0:
+            seen[window[item]] = link
+            item = following[item]
+        item = b
+        clash = False
+        while item >= 0 and not clash:
+            clash = seen[window[item]] == link
+            item = following[item]
+        if clash:
+            continue
+        parent[b] = a
+        following[last[a]] = b
+        last[a] = last[b]
+    for item in range(num):
+        parent[item] = find_root(parent, item)
+    return parent

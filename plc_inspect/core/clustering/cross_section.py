@@ -1,0 +1,131 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The cross-section of a window: the points near its candidates, along, across and up."""
+
+import math
+
+from numba import njit
+import numpy as np
+
+from plc_inspect.core.clustering.clusterers import LEAST_NEIGHBORS
+from plc_inspect.core.extraction.alignment import AlignmentResult
+from plc_inspect.core.numerics.plan_index import gather_strip, PlanIndex
+from plc_inspect.results import Float64, Int32
+
+GRID = 0.5
+"""Edge of the cells of the cross-section that the candidates open [m]."""
+MAX_WINDOW_POINTS = 1200
+"""More points in a window than this are thinned; a wire needs far fewer."""
+
+
+@njit(cache=True, nogil=True)
+def gather_window(  # type: ignore[no-untyped-def]
+    points, start, order, origin, cell, rows, columns, seeds, own, center, azimuth, rise, half
+):
+    """
+    Return the points of one window, with the rise along the line taken out.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    start, order, origin, cell, rows, columns
+        PlanIndex of the points.
+    seeds : (M, 3) float64
+        Positions of all candidates [m].
+    own : (S,) int32
+        Candidates of the window.
+    center : (3,) float64
+        Centre of the window [m].
+    azimuth, rise, half : float
+        Direction [rad], slope along it, and half the length of the window [m].
+
+    Returns
+    -------
+    chosen : (n,) int32
+        Points within a metre across the line of a candidate.
+    x, y, w : (n,) float64
+        Along, across, and up above the rising axis [m].
+
+    """
+    cx, cy, cz = center[0], center[1], center[2]
+    ca, sa = math.cos(azimuth), math.sin(azimuth)
+    # the cross-section that the seeds occupy, dilated by a metre
+    seed_y, seed_w = np.empty(len(own)), np.empty(len(own))
+    for k in range(len(own)):
+        dx, dy = seeds[own[k], 0] - cx, seeds[own[k], 1] - cy
+        seed_y[k] = -sa * dx + ca * dy
+        seed_w[k] = seeds[own[k], 2] - cz - rise * (ca * dx + sa * dy)
+    low_y, high_y = seed_y.min(), seed_y.max()
+    low_w, high_w = seed_w.min(), seed_w.max()
+    ny = int((high_y - low_y) / GRID) + 7
+    nw = int((high_w - low_w) / GRID) + 7
+    allowed = np.zeros((ny, nw), dtype=np.bool_)
+    for k in range(len(own)):
+        iy, iw = int((seed_y[k] - low_y) / GRID) + 3, int((seed_w[k] - low_w) / GRID) + 3
+        allowed[iy - 2 : iy + 3, iw - 2 : iw + 3] = True
+    reach = max(abs(low_y), abs(high_y)) + 1.5
+    near = gather_strip(
+        start, order, origin, cell, rows, columns,
+        cx - half * ca, cy - half * sa, cx + half * ca, cy + half * sa, reach,
+    )
+    chosen = np.empty(len(near), dtype=np.int32)
+    along, across, up = np.empty(len(near)), np.empty(len(near)), np.empty(len(near))
+    n = 0
+    for i in near:
+        dx, dy = points[i, 0] - cx, points[i, 1] - cy
+        x = ca * dx + sa * dy
+        if abs(x) > half:
+            continue
+        y = -sa * dx + ca * dy
+        w = points[i, 2] - cz - rise * x
+        iy, iw = int((y - low_y) / GRID + 3), int((w - low_w) / GRID + 3)
+        if 0 <= iy < ny and 0 <= iw < nw and allowed[iy, iw]:
+            chosen[n], along[n], across[n], up[n] = i, x, y, w
+            n += 1
+    return chosen[:n], along[:n], across[:n], up[:n]
+
+
+def gather_points(
+    points: Float64, index: PlanIndex, seeds: Float64, alignment: AlignmentResult, window: int
+) -> tuple[Int32, Float64, Float64, Float64]:
+    """Return what `gather_window` does for one window of an alignment."""
+    start, stop = alignment.seed_start[window : window + 2]
+    found: tuple[Int32, Float64, Float64, Float64] = gather_window(
+        points, index.start, index.order, index.origin, index.cell_size, *index.shape, seeds,
+        alignment.seeds[start:stop], alignment.center[window], alignment.azimuth[window],
+        alignment.slope[window], alignment.half_length,
+    )
+    return found
+
+
+@njit(cache=True, nogil=True)
+def thin_window(chosen, x, y, w):  # type: ignore[no-untyped-def]
+    """Return at most MAX_WINDOW_POINTS of a window's points, every k-th."""
+    step = max((len(chosen) + MAX_WINDOW_POINTS - 1) // MAX_WINDOW_POINTS, 1)
+    return chosen[::step].copy(), x[::step].copy(), y[::step].copy(), w[::step].copy()
+
+
+@njit(cache=True, nogil=True)
+def count_needed(y, w, eps, min_points):  # type: ignore[no-untyped-def]
+    """
+    Return the core threshold at the sampling of a window: a fifth of its fullest place.
+
+    Parameters
+    ----------
+    y, w : (n,) float64
+        Points across and up [m], at most MAX_WINDOW_POINTS.
+    eps : float
+        Edge of a place [m].
+    min_points : int
+        Threshold of a window that is fully sampled.
+
+    """
+    counts = np.zeros((256, 256), dtype=np.int16)
+    fullest = 0
+    for k in range(len(y)):
+        i, j = math.floor(y[k] / eps) & 255, math.floor(w[k] / eps) & 255
+        counts[i, j] += 1
+        fullest = max(fullest, counts[i, j])
+    return min(max(fullest // 5, LEAST_NEIGHBORS), min_points)

@@ -1,0 +1,145 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The attempts on one window: all of it first, then finer what was too thick."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from numba import njit
+import numpy as np
+
+from plc_inspect.config import ClusteringSettings
+from plc_inspect.core.clustering.clusterers import cluster_plane
+from plc_inspect.core.clustering.segment_fit import judge_clusters, LEAST_POINTS
+from plc_inspect.results import Bool, Float64, Int64
+
+NUM_EPS = 3
+"""Attempts that cluster: with eps, and what is too thick with half and a quarter of it."""
+
+WindowState = tuple[Int64, Int64, Bool, Float64]
+"""As from `open_window`."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Attempt:
+    """One attempt, before its clusters are judged."""
+
+    number: int
+    """From 0; NUM_EPS is the one that takes as a bundle what was not divided."""
+    chosen: Int64
+    """(m,) points of the window that it clusters."""
+    label: Int64
+    """(m,) their clusters, -1 noise."""
+    limit: float
+    """Greatest rms of a bead [m]."""
+
+
+@njit(cache=True, nogil=True)
+def open_window(num):  # type: ignore[no-untyped-def]
+    """
+    Return the state of the attempts on a window of n points before the first one.
+
+    Returns
+    -------
+    owner, first_label : (n,) int64
+        Bead of each point and its cluster of the first attempt, -1 none.
+    too_thick : (n,) bool
+        Points that the next attempt clusters.
+    fits : (n // 4 + 1, 8) float64
+        Room for `judge_clusters`.
+
+    """
+    return (
+        np.full(num, -1, dtype=np.int64), np.full(num, -1, dtype=np.int64),
+        np.ones(num, dtype=np.bool_), np.empty((num // LEAST_POINTS + 1, 8)),
+    )
+
+
+@njit(cache=True, nogil=True)
+def choose_points(  # type: ignore[no-untyped-def]
+    attempt, owner, too_thick, first_label, max_thickness
+):
+    """
+    Return the points of one attempt on a window.
+
+    The attempts before the last one take what was too thick so far, to be clustered finer; the
+    last takes as one what no attempt divided, which may be a bundle.
+
+    Parameters
+    ----------
+    attempt : int
+        From 0 to NUM_EPS.
+    owner, too_thick, first_label
+        State of `open_window`, as the attempts before left it.
+    max_thickness : float
+        Greatest rms of one conductor [m].
+
+    Returns
+    -------
+    chosen : (m,) int64
+        Points; fewer than LEAST_POINTS end the attempts.
+    label : int64
+        (m,) clusters in the last attempt; before it (0,), they are to be found.
+    limit : float
+        Greatest rms of a bead in this attempt [m].
+
+    """
+    if attempt < NUM_EPS:
+        chosen = np.flatnonzero(too_thick)
+        return chosen, chosen[:0].copy(), max_thickness
+    chosen = np.flatnonzero((owner < 0) & (first_label >= 0))
+    label = first_label[chosen]
+    divided = np.zeros(first_label.max() + 2, dtype=np.bool_)
+    for k in range(len(owner)):
+        if owner[k] >= 0 and first_label[k] >= 0:
+            divided[first_label[k]] = True
+    label[divided[label]] = -1
+    return chosen, label, 2.0 * max_thickness
+
+
+def attempt_window(
+    places: tuple[Float64, Float64, Float64], state: WindowState, needed: int, half: float,
+    settings: ClusteringSettings,
+) -> Iterator[Attempt]:
+    """
+    Make all attempts on a window, with any clusterer; the kernels of `beads` do the same.
+
+    Parameters
+    ----------
+    places : tuple of (n,) float64
+        Points along, across and up [m].
+    state : tuple
+        Of `open_window`; when all attempts are made it holds what was found.
+    needed : int
+        Points of a core neighbourhood.
+    half : float
+        Half the length of the window [m].
+    settings : ClusteringSettings
+        Settings of the stage.
+
+    Yields
+    ------
+    Attempt
+
+    """
+    x, y, w = places
+    owner, first_label, too_thick, fits = state
+    found = 0
+    for number in range(NUM_EPS + 1):
+        chosen, label, limit = choose_points(
+            number, owner, too_thick, first_label, settings.max_thickness
+        )
+        if len(chosen) < LEAST_POINTS:
+            return
+        if number < NUM_EPS:
+            label = cluster_plane(
+                settings.method, y[chosen], w[chosen], settings.eps, needed, number
+            )
+        if number == 0:
+            first_label[:] = label
+        yield Attempt(number=number, chosen=chosen, label=label, limit=limit)
+        found = judge_clusters(
+            x, y, w, chosen, label, limit, half, settings.max_crowding, owner, too_thick, fits,
+            found,
+        )

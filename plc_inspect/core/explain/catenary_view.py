@@ -1,0 +1,219 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What catenary, supports and corridor saw of one point: curves near it and their evidence."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from plc_inspect.config import Settings
+from plc_inspect.core.catenary.conductors import find_curves
+from plc_inspect.core.catenary.curve import Curve
+from plc_inspect.core.catenary.growing import measure_company, profile_curve
+from plc_inspect.core.catenary.validation import Evidence, list_evidence
+from plc_inspect.core.explain.checks import chain, Check, Finding, Proposal, propose
+from plc_inspect.core.trace import Trace
+from plc_inspect.results import Decision, Float64
+
+NEAR = 2.0
+"""Curves are told of within this distance of a point [m]."""
+COMPANY = 'other things all along it'
+FIGURES = {
+    'min_length': ('length', 'm'),
+    'min_points': ('points', ''),
+    'min_coverage': ('share of metres with points', ''),
+    'min_significance': ('curvature in its standard deviations', ''),
+    'max_constant': ('catenary constant', 'm'),
+    'max_sag_ratio': ('sag as a share of the length', ''),
+    'max_crowding': ('share with points close about it', ''),
+    'max_company': ('share with other things within 0.8 m', ''),
+}
+"""Name and unit of what each limit of `CatenarySettings` is for."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CurveView:
+    """A curve as the evidence found it, and what became of it."""
+
+    curve: Curve
+    evidence: tuple[Evidence, ...]
+    believed: bool
+    """It is a conductor of the result."""
+
+    @property
+    def fate(self) -> str:
+        """What became of it."""
+        against = [item.objection for item in self.evidence if not item.kept]
+        if self.believed:
+            return 'conductor'
+        return ', '.join(against) or 'dropped beside others'
+
+
+class Curves:
+    """All curves that the evidence was asked about in one run."""
+
+    def __init__(self, trace: Trace, settings: Settings) -> None:
+        """Find them again, as the run did."""
+        self.trace, self.settings = trace, settings
+        cloud, limits = trace.cloud, settings.catenary
+        found = find_curves(
+            cloud.points, cloud.index, trace.clustering, limits, np.random.default_rng(0)
+        )
+        believed = {_key(curve) for curve in trace.conductors.curves}
+        profiles = [
+            profile_curve(cloud.points, cloud.index, curve, curve.low, curve.high)
+            for curve in found
+        ]
+        wire = np.zeros(len(cloud.points), dtype=bool)
+        for curve, profile in zip(found, profiles, strict=True):
+            if _key(curve) in believed:
+                wire[profile.chosen] = True
+        views = []
+        for curve, profile in zip(found, profiles, strict=True):
+            own = wire.copy()
+            own[profile.chosen] = True
+            company = measure_company(cloud.points, cloud.index, curve, profile, own)
+            if _key(curve) in believed:  # other conductors do not crowd it
+                profile = profile_curve(
+                    cloud.points, cloud.index, curve, curve.low, curve.high, ignore=wire
+                )
+            evidence = (*list_evidence(curve, profile, limits), Evidence(
+                setting='max_company', value=company, limit=limits.max_company, is_least=False,
+                objection=COMPANY,
+            ))
+            views.append(
+                CurveView(curve=curve, evidence=evidence, believed=_key(curve) in believed)
+            )
+        self.views = tuple(views)
+
+    def find_near(self, position: Float64) -> list[tuple[float, CurveView]]:
+        """Return distance and curve of what passes within NEAR of a point, the nearest first."""
+        result = []
+        for view in self.views:
+            distance = measure_distance(view.curve, position)
+            if distance <= NEAR:
+                result.append((distance, view))
+        return sorted(result, key=lambda item: item[0])
+
+    def tell(self, position: Float64, decision: Decision) -> Finding:
+        """Return the curves near a point with their evidence."""
+        near = self.find_near(position)
+        if not near:
+            note = f'no curve passes within {NEAR:g} m'
+            return Finding(stage='catenary', outcome='not asked', notes=(note,))
+        checks: list[Check] = []
+        notes = []
+        for number, (distance, view) in enumerate(near[:2]):
+            name = f'curve {number + 1}'
+            checks.append(Check(
+                name=f'{name}: distance', value=distance, limit=view.curve.tolerance,
+                is_least=False, setting='catenary.tolerance', unit='m',
+            ))
+            checks += list_checks(view, f'{name}: ')
+            notes.append(f'{name}: {view.fate}')
+        outcome = 'kept' if decision == Decision.WIRE else 'dropped'
+        return Finding(
+            stage='catenary', outcome=outcome, checks=tuple(checks), notes=tuple(notes)
+        )
+
+    def believe(self, position: Float64) -> Iterator[Proposal]:
+        """Yield what would have made a conductor of a curve at a point."""
+        for distance, view in self.find_near(position):
+            if view.believed and distance > view.curve.tolerance:
+                yield from propose(
+                    self.settings, 'catenary.tolerance', distance, False, 'distance', distance
+                )
+            elif distance <= 2 * view.curve.tolerance:
+                yield from self.admit(view)
+
+    def doubt(self, position: Float64) -> Iterator[Proposal]:
+        """Yield what would have made the curve at a point no conductor."""
+        for _, view in self.find_near(position)[:1]:
+            for item in view.evidence:
+                if item.kept and view.believed:
+                    yield from self.turn(item, away=True)
+
+    def admit(self, view: CurveView) -> Iterator[Proposal]:
+        """Yield all limits at which nothing speaks against a curve, if they can be had."""
+        against = [item for item in view.evidence if not item.kept]
+        moves = [move for item in against for move in self.turn(item)]
+        if moves and len(moves) == len(against):
+            yield chain(moves)
+
+    def turn(self, item: Evidence, *, away: bool = False) -> Iterator[Proposal]:
+        """Yield the limit at which one figure passes, or just fails."""
+        if item.scale <= 0.0:
+            return
+        value = item.value / item.scale
+        needed = value
+        if item.scale != 1.0:  # the limit is multiplied: leave room for the last bits
+            needed *= 1 - 1e-9 if item.is_least != away else 1 + 1e-9
+        yield from propose(
+            self.settings, f'catenary.{item.setting}', needed, item.is_least,
+            FIGURES[item.setting][0], value, away=away,
+        )
+
+
+def list_checks(view: CurveView, prefix: str = '') -> Iterator[Check]:
+    """Yield the evidence of a curve, in the measure of the settings."""
+    for item in view.evidence:
+        name, unit = FIGURES[item.setting]
+        scale = item.scale if item.scale > 0.0 else math.nan
+        yield Check(
+            name=f'{prefix}{name}', value=item.value / scale, limit=item.limit / scale,
+            is_least=item.is_least, setting=f'catenary.{item.setting}', unit=unit,
+        )
+
+
+def measure_distance(curve: Curve, position: Float64) -> float:
+    """Return the distance of a point to a curve between its ends [m]."""
+    x, y = curve.local(position[np.newaxis])
+    at = np.clip(x, curve.low, curve.high)
+    height, slope = curve.fit.height(at), curve.fit.slope(at)
+    above = (position[2] - height) / np.hypot(1.0, slope)
+    return float(np.sqrt((x - at) ** 2 + y**2 + above**2)[0])
+
+
+def tell_span(trace: Trace, index: int, decision: Decision) -> Finding:
+    """Return the span or support that a point belongs to."""
+    result = trace.result
+    if decision == Decision.SUPPORT:
+        note = 'it stands within the structure of a support'
+        return Finding(stage='supports', outcome='kept', notes=(note,))
+    if decision != Decision.WIRE:
+        return Finding(stage='supports', outcome='not asked')
+    line, span = int(result.line_id[index]), int(result.span_id[index])
+    check = Check(name='distance to the final curve', value=float(result.residual[index]),
+                  unit='m')
+    return Finding(
+        stage='supports', outcome='kept', checks=(check,),
+        notes=(f'line {line}, span {span}',),
+    )
+
+
+def tell_corridor(trace: Trace, index: int) -> Finding:
+    """Return how far the nearest conductor is from a point, against the search radius."""
+    corridor = trace.corridor
+    at = int(np.searchsorted(corridor.near, index))
+    if at >= len(corridor.near) or int(corridor.near[at]) != index:
+        far = 'no conductor was found' if not len(trace.models) else (
+            'beyond the search radius of every span'
+        )
+        return Finding(stage='corridor', outcome='dropped', notes=(far,))
+    number = int(corridor.near_span[at])
+    check = Check(
+        name='distance to the nearest conductor', value=float(corridor.near_distance[at]),
+        limit=float(corridor.radius[number]), is_least=False, setting='corridor.radius', unit='m',
+    )
+    span = trace.models[number].span
+    return Finding(
+        stage='corridor', outcome='kept' if check.kept else 'dropped', checks=(check,),
+        notes=(f'of line {span.line_id}, span {span.span_id}',),
+    )
+
+
+def _key(curve: Curve) -> tuple[float, ...]:
+    return (*curve.origin.tolist(), curve.azimuth, curve.low, curve.high, *curve.fit.shape)

@@ -1,0 +1,259 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What the windows of the clustering saw of one point."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+
+from plc_inspect.config import ClusteringSettings, Settings
+from plc_inspect.core.clustering.clusterers import count_neighbors
+from plc_inspect.core.clustering.cross_section import (
+    count_needed,
+    gather_points,
+    MAX_WINDOW_POINTS,
+    thin_window,
+)
+from plc_inspect.core.clustering.refinement import attempt_window, NUM_EPS, open_window
+from plc_inspect.core.clustering.segment_fit import (
+    fit_trimmed,
+    LEAST_POINTS,
+    measure_crowding,
+    measure_filling,
+    MIN_FILLING,
+)
+from plc_inspect.core.clustering.segments import find_beads
+from plc_inspect.core.explain.checks import apply, Check, Finding, Proposal, propose, rank
+from plc_inspect.core.explain.extraction_view import Place
+from plc_inspect.core.extraction.alignment import AlignmentResult
+from plc_inspect.results import Bool, Float64, Int32, Int64
+
+MOST_WINDOWS = 4
+MOST_TRIALS = 12
+"""Windows that are told of, and proposals that are tried on them."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClusterView:
+    """One attempt at the cluster that a point belongs to, in one window."""
+
+    window: int
+    outcome: str
+    """'bead', or why it is none."""
+    neighbors: int
+    """Points within eps across the line, the point included; with RNN-DBSCAN its reverse ones."""
+    needed: int
+    """Points of a core neighbourhood in this window; 0: the clusterer knows none."""
+    eps: float
+    size: int = 0
+    length: float = math.nan
+    filling: float = math.nan
+    rms: float = math.nan
+    limit: float = math.nan
+    """Of the rms in this attempt."""
+    crowding: float = math.nan
+    is_own: bool = True
+    """It is of the point itself, else of the nearest that was not thinned out."""
+
+
+class Windows:
+    """The windows that hold one point, and how its clusters fared in them."""
+
+    def __init__(self, place: Place) -> None:
+        """Take the place of the point."""
+        trace, self.place = place.trace, place
+        self.settings: Settings = place.settings
+        self.cloud, self.alignment = trace.cloud, trace.alignment
+        self.index = self.cloud.index_high()
+        self.seeds = trace.inliers.position
+        self.beads = _beads_of(trace.clustering.beads.points, place.slot)
+        """Entries of the point in the points of beads."""
+        near = self._list_near()
+        self.numbers = near[: MOST_WINDOWS]
+        """Windows that reach over the point, the nearest first."""
+        self.num_near = len(near)
+        self.views = [view for window in self.numbers for view in self._look(window)]
+
+    def tell(self) -> Finding:
+        """Return how the clusters of the point fared."""
+        if not self.num_near and not len(self.beads):
+            return Finding(stage='clustering', outcome='not asked', notes=(
+                f'no window within {self.alignment.half_length:g} m along a line',))
+        limits = self.settings.clustering
+        checks: list[Check] = []
+        notes = [f'{self.num_near} windows reach over it, {len(self.beads)} beads hold it']
+        for view in self.views:
+            name = f'window {view.window}, eps {view.eps:g} m'
+            if limits.method != 'dbscan':
+                name = f'window {view.window}, k {view.needed}'
+            if view.limit > limits.max_thickness:
+                name = f'window {view.window}, undivided'
+            if view.needed:
+                kind = 'points within eps' if limits.method == 'dbscan' else 'reverse neighbours'
+                checks.append(Check(
+                    name=f'{name}: {kind}', value=view.neighbors, limit=view.needed,
+                    setting='clustering.min_points',
+                ))
+            if view.size:
+                checks += [
+                    Check(name=f'{name}: points of the cluster', value=view.size,
+                          limit=LEAST_POINTS),
+                    Check(name=f'{name}: length', value=view.length,
+                          limit=0.5 * self.alignment.half_length, unit='m',
+                          setting='alignment.half_length'),
+                    Check(name=f'{name}: share of metres filled', value=view.filling,
+                          limit=MIN_FILLING),
+                    Check(name=f'{name}: thickness (rms)', value=view.rms, limit=view.limit,
+                          is_least=False, unit='m', setting='clustering.max_thickness'),
+                    Check(name=f'{name}: crowding', value=view.crowding,
+                          limit=limits.max_crowding, is_least=False,
+                          setting='clustering.max_crowding'),
+                ]
+            notes.append(f'{name}: {view.outcome}')
+        checks = [item for item in checks if not math.isnan(item.value)]
+        outcome = 'kept' if len(self.beads) else 'dropped'
+        return Finding(
+            stage='clustering', outcome=outcome, checks=tuple(checks), notes=tuple(notes)
+        )
+
+    def join(self) -> Iterator[Proposal]:
+        """Yield what would have put the point into a bead, tried on its windows."""
+        found: list[Proposal] = []
+        for view in self.views:
+            if view.is_own:
+                found += self._propose(view)
+        for item in rank(found)[:MOST_TRIALS]:
+            if self._is_in_bead(apply([item], self.settings).clustering):
+                yield item
+
+    def _propose(self, view: ClusterView) -> Iterator[Proposal]:
+        settings, figure = self.settings, f'window {view.window}'
+        if view.neighbors < view.needed:
+            yield from propose(
+                settings, 'clustering.min_points', max(view.neighbors, 4), True,
+                f'{figure}: neighbours', view.neighbors,
+            )
+            for share in (1.25, 1.5, 2.0, 3.0) if settings.clustering.method == 'dbscan' else ():
+                yield from propose(
+                    settings, 'clustering.eps', settings.clustering.eps * share, False,
+                    f'{figure}: points within eps', view.neighbors,
+                )
+        if view.rms > view.limit:
+            for share in (0.5, 1.0):  # what is not divided may be twice as thick
+                yield from propose(
+                    settings, 'clustering.max_thickness', view.rms * share, False,
+                    f'{figure}: thickness', view.rms,
+                )
+        if view.crowding > settings.clustering.max_crowding:
+            yield from propose(
+                settings, 'clustering.max_crowding', view.crowding, False,
+                f'{figure}: crowding', view.crowding,
+            )
+
+    def _list_near(self) -> list[int]:
+        alignment = self.alignment
+        offset = self.place.position - alignment.center
+        ca, sa = np.cos(alignment.azimuth), np.sin(alignment.azimuth)
+        along = ca * offset[:, 0] + sa * offset[:, 1]
+        inside = np.abs(along) <= alignment.half_length
+        distance = np.linalg.norm(offset, axis=1)
+        near = np.flatnonzero(inside & (distance <= 60.0))
+        order = near[np.argsort(distance[near], kind='stable')].tolist()
+        return [window for window in order if self._select(window)[2] >= 0]
+
+    def _select(self, window: int) -> tuple[Int32, tuple[Float64, Float64, Float64], int]:
+        """Return the points of a window, x, y, w of them, and which the point is, -1 none."""
+        chosen, x, y, w = gather_points(
+            self.cloud.points, self.index, self.seeds, self.alignment, window
+        )
+        found = np.flatnonzero(chosen == self.place.slot)
+        return chosen, (x, y, w), int(found[0]) if len(found) else -1
+
+    def _look(self, window: int) -> Iterator[ClusterView]:
+        """Follow the point's cluster through the attempts of a window."""
+        limits, half = self.settings.clustering, self.alignment.half_length
+        every, (x, y, w), own = self._select(window)
+        at = np.array([x[own], y[own], w[own]])
+        chosen, x, y, w = thin_window(every, x, y, w)
+        is_own = bool((chosen == self.place.slot).any())
+        if not is_own:
+            yield ClusterView(
+                window=window, neighbors=0, needed=0, eps=limits.eps, is_own=False,
+                outcome=f'thinned out, as the window holds more than {MAX_WINDOW_POINTS}'
+                        ' points; what follows is of the nearest that was kept',
+            )
+        own = int(np.argmin(np.linalg.norm(np.column_stack((x, y, w)) - at, axis=1)))
+        needed = int(count_needed(y, w, limits.eps, limits.min_points))
+        for attempt in attempt_window((x, y, w), open_window(len(x)), needed, half, limits):
+            rows, label = attempt.chosen, attempt.label
+            place = np.flatnonzero(rows == own)
+            if not len(place):
+                continue
+            # the last attempt takes the clusters of the first
+            fineness = attempt.number if attempt.number < NUM_EPS else 0
+            neighbors = count_neighbors(
+                limits.method, y[rows], w[rows], int(place[0]), limits.eps, needed, fineness
+            )
+            view = ClusterView(
+                window=window, neighbors=neighbors[0], needed=neighbors[1], is_own=is_own,
+                outcome='noise across the line', eps=limits.eps / 2**fineness,
+            )
+            number = label[place[0]]
+            if number >= 0:
+                member = np.zeros(len(x), dtype=bool)
+                member[rows[label == number]] = True
+                view = self._judge(view, (x, y, w), member, own, attempt.limit, half)
+            if number >= 0 or attempt.number < NUM_EPS:
+                yield view
+
+    def _judge(
+        self, view: ClusterView, places: tuple[Float64, Float64, Float64], member: Bool, own: int,
+        limit: float, half: float,
+    ) -> ClusterView:
+        """Put the figures of the point's cluster into its view."""
+        x, y, w = places
+        limits, crowding = self.settings.clustering, math.nan
+        mx, my, mw, ky, kw, rms, low, high = fit_trimmed(x, y, w, member)
+        size, length = int(member.sum()), float(high - low)
+        filling = float(measure_filling(x, member, low, high)) if size >= LEAST_POINTS else 0.0
+        if size < LEAST_POINTS:
+            outcome = 'too few points'
+        elif length < 0.5 * half:
+            outcome = 'too short'
+        elif filling < MIN_FILLING:
+            outcome = 'with gaps'
+        elif rms > limit:
+            outcome = 'too thick'
+        else:
+            crowding = float(measure_crowding(x, y, w, mx, my, mw, ky, kw, rms, low, high))
+            outcome = 'crowded' if crowding > limits.max_crowding else 'bead'
+        if outcome == 'bead' and not member[own]:
+            outcome = 'trimmed off a bead'
+        return replace(
+            view, outcome=outcome, size=size, length=length, filling=filling, rms=float(rms),
+            limit=limit, crowding=crowding,
+        )
+
+    def _is_in_bead(self, limits: ClusteringSettings) -> bool:
+        for window in self.numbers:
+            start = self.alignment.seed_start
+            one: AlignmentResult = replace(
+                self.alignment,
+                center=self.alignment.center[window : window + 1],
+                azimuth=self.alignment.azimuth[window : window + 1],
+                slope=self.alignment.slope[window : window + 1],
+                seed_start=(start[window : window + 2] - start[window]).astype(np.int32),
+                seeds=self.alignment.seeds[start[window] : start[window + 1]],
+            )
+            beads, _ = find_beads(self.cloud.points, self.index, self.seeds, one, limits)
+            if (beads.points == self.place.slot).any():
+                return True
+        return False
+
+
+def _beads_of(points: np.ndarray, slot: int) -> Int64:
+    result: Int64 = np.flatnonzero(points == slot) if slot >= 0 else np.zeros(0, dtype=np.int64)
+    return result

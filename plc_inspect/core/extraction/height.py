@@ -1,0 +1,219 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""High elevation extraction: height above local ground, and its histogram."""
+
+from dataclasses import dataclass
+import math
+
+from numba import njit, prange
+import numpy as np
+
+from plc_inspect.config import HeightSettings
+from plc_inspect.core.extraction.ground_surface import measure_surface, Surface
+from plc_inspect.core.numerics.plan_index import clamp
+from plc_inspect.results import Bool, Float32, Float64, Int64
+
+MAX_PEAK = 1.0
+"""The peak of the histogram is the ground within this of the surface; shrubs are higher [m]."""
+
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HeightResult:
+    """Heights of N points above local ground, and which of them are high."""
+
+    height: Float32
+    """(N,) height above local ground [m]; NaN where no ground is known or not finite."""
+    high: Bool
+    """(N,) True for points to be searched for wires."""
+    num_not_finite: int
+    threshold: float
+    """Least height of a high point [m]."""
+    histogram: Int64
+    """(num_bins,) points per bin of height."""
+    edges: Float64
+    """(num_bins + 1,) bin edges [m]."""
+    ground: Float32
+    """(rows, columns) ground height at cell centres, y by x [m]; NaN where none is known."""
+    ground_seen: Bool
+    """(rows, columns) whether ground was seen in the cell, not filled in."""
+    origin: Float64
+    """(2,) x, y of the lower corner of the grid [m]."""
+    cell_size: float
+
+
+def extract_high(
+    points: Float64,
+    settings: HeightSettings,
+    airborne: Bool | None = None,
+    surface: Surface | None = None,
+) -> HeightResult:
+    """
+    Find the points that stand high above the ground below them.
+
+    The lowest point of each cell makes a surface; a slope-limited lower envelope of it, freed of
+    stray low points, is the ground.  The histogram of heights above it has its peak at the
+    ground; points more than ``beta`` above that peak are high (paper, High Elevation
+    Extraction).  Points under which no ground is known are kept.  Time and memory are linear in
+    N and in the covered area.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Map frame [m]; not-finite rows are counted and never high.
+    settings : HeightSettings
+        Settings of this stage.
+    airborne : (N,) bool or None
+        Points that cannot be ground.
+    surface : Surface or None
+        That of these points, where it is known already.
+
+    Returns
+    -------
+    HeightResult
+
+    """
+    if surface is None:
+        surface = measure_surface(points, settings, airborne)
+    height, extremes = surface.height, surface.extremes
+    if surface.num_finite == 0:
+        return _without_ground(surface, np.zeros(len(points), dtype=bool), math.inf, settings)
+    if extremes[0] > extremes[1]:  # no ground known anywhere
+        known = np.asarray(np.isfinite(points).all(axis=1))
+        return _without_ground(surface, known, -math.inf, settings)
+    top = max(float(extremes[1]), settings.beta)
+    bottom = max(float(extremes[0]), -top)
+    edges = np.linspace(bottom, top, settings.num_bins + 1)
+    histogram = _histogram(height, bottom, top, settings.num_bins).sum(axis=0)
+    peak = _ground_peak(histogram, edges, settings.beta)
+    threshold = peak + settings.beta
+    return HeightResult(
+        height=height,
+        high=_is_high(points, height, threshold),
+        num_not_finite=len(points) - surface.num_finite,
+        threshold=threshold,
+        histogram=histogram,
+        edges=edges,
+        ground=surface.ground,
+        ground_seen=surface.ground_seen,
+        origin=surface.origin,
+        cell_size=surface.cell_size,
+    )
+
+
+def ground_at(
+    result: HeightResult, positions: Float64, max_gap: float = math.inf
+) -> Float64:
+    """
+    Return the height of the ground at plan positions.
+
+    Parameters
+    ----------
+    result : HeightResult
+        Of the cloud.
+    positions : (K, 2) float64
+        Plan positions [m]; outside the cloud the nearest place in it counts.
+    max_gap : float
+        Farther than this from where ground was seen it is unknown [m].
+
+    Returns
+    -------
+    (K,) float64
+        Height of the ground [m], NaN where unknown.
+
+    """
+    height: Float64 = _ground_at(
+        result.ground, result.ground_seen, result.origin, result.cell_size,
+        np.ascontiguousarray(positions, dtype=np.float64), max_gap,
+    )
+    return height
+
+
+@njit(cache=True, nogil=True)
+def _ground_at(ground, seen, origin, size, positions, max_gap):  # type: ignore[no-untyped-def]
+    result = np.full(len(positions), np.nan)
+    last_row, last_column = ground.shape[0] - 1, ground.shape[1] - 1
+    for k in range(len(positions)):
+        x = (positions[k, 0] - origin[0]) / size - 0.5
+        y = (positions[k, 1] - origin[1]) / size - 0.5
+        if not (math.isfinite(x) and math.isfinite(y)):
+            continue
+        x, y = clamp(x, float(last_column)), clamp(y, float(last_row))
+        if not _is_seen_near(seen, int(np.rint(y)), int(np.rint(x)), max_gap / size):
+            continue
+        left, lower = min(int(x), max(last_column - 1, 0)), min(int(y), max(last_row - 1, 0))
+        right, upper = min(left + 1, last_column), min(lower + 1, last_row)
+        x, y = x - left, y - lower
+        below = ground[lower, left] * (1.0 - x) + ground[lower, right] * x
+        above = ground[upper, left] * (1.0 - x) + ground[upper, right] * x
+        result[k] = below * (1.0 - y) + above * y
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _is_seen_near(seen, row, column, reach):  # type: ignore[no-untyped-def]
+    """Tell whether ground was seen within ``reach`` cells of one."""
+    if seen[row, column] or reach == math.inf:
+        return True
+    num = int(reach)
+    for i in range(max(row - num, 0), min(row + num + 1, seen.shape[0])):
+        for j in range(max(column - num, 0), min(column + num + 1, seen.shape[1])):
+            if seen[i, j] and (i - row) ** 2 + (j - column) ** 2 <= reach * reach:
+                return True
+    return False
+
+
+def _without_ground(
+    surface: Surface, high: Bool, threshold: float, settings: HeightSettings
+) -> HeightResult:
+    return HeightResult(
+        height=surface.height,
+        high=high,
+        num_not_finite=len(surface.height) - surface.num_finite,
+        threshold=threshold,
+        histogram=np.zeros(settings.num_bins, dtype=np.int64),
+        edges=np.linspace(0.0, 1.0, settings.num_bins + 1),
+        ground=surface.ground,
+        ground_seen=surface.ground_seen,
+        origin=surface.origin,
+        cell_size=surface.cell_size,
+    )
+
+
+def _ground_peak(histogram: Int64, edges: Float64, beta: float) -> float:
+    """Height of the fullest bin next to the ground surface; 0 where there is none."""
+    centers = (edges[:-1] + edges[1:]) / 2
+    near = np.abs(centers) < min(MAX_PEAK, beta / 2)
+    if not near.any() or histogram[near].max() == 0:
+        return 0.0
+    return float(centers[near][np.argmax(histogram[near])])
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _histogram(height, bottom, top, num_bins):  # type: ignore[no-untyped-def]
+    num_parts = 8
+    counts = np.zeros((num_parts, num_bins), dtype=np.int64)
+    scale = num_bins / (top - bottom)
+    num = len(height)
+    for part in prange(num_parts):
+        for i in range(part * num // num_parts, (part + 1) * num // num_parts):
+            if bottom <= height[i] <= top:
+                counts[part, min(int((height[i] - bottom) * scale), num_bins - 1)] += 1
+    return counts
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _is_high(points, height, threshold):  # type: ignore[no-untyped-def]
+    result = np.empty(len(points), dtype=np.bool_)
+    for i in prange(len(points)):
+        if np.isnan(height[i]):
+            finite = (
+                np.isfinite(points[i, 0])
+                and np.isfinite(points[i, 1])
+                and np.isfinite(points[i, 2])
+            )
+            result[i] = finite
+        else:
+            result[i] = height[i] >= threshold
+    return result

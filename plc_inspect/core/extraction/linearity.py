@@ -1,0 +1,349 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Likeness features of voxel neighbourhoods, and the oriented candidates among them."""
+
+from dataclasses import dataclass
+import math
+
+from numba import njit, prange
+import numpy as np
+
+from plc_inspect.config import LinearitySettings
+from plc_inspect.core.extraction.occupancy import drop_bulk
+from plc_inspect.core.numerics.eigen import principal_axis_of
+from plc_inspect.core.numerics.voxels import (
+    add_shifted,
+    build_voxels,
+    coarsen,
+    find_slot,
+    pack,
+    Voxels,
+)
+from plc_inspect.results import Float64, Int64
+
+SAME_WAY = 0.97
+"""Cosine between directions that are about the same."""
+NUM_BINS = 20
+"""Bins of the histogram of linear likeness."""
+NUM_SUMS, NUM_FEATURES = 10, 6
+"""Figures of a block, and what is derived from them."""
+BLOCK = 256
+"""Voxels whose features are derived together."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Likeness:
+    """Features of the 3 x 3 x 3 block about each of M voxels (paper Eqs. 1 to 3)."""
+
+    count: Int64
+    """(M,) points in the block."""
+    linear: Float64
+    """(M,) (l1 - l2) / l1."""
+    planar: Float64
+    """(M,) (l2 - l3) / l1."""
+    spherical: Float64
+    """(M,) l3 / l1."""
+    direction: Float64
+    """(M, 3) unit eigenvector v1, with x > 0 or, at x = 0, y > 0."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LinearityResult:
+    """Oriented candidates of all scales: places where points lie along a line."""
+
+    position: Float64
+    """(M, 3) centroid of the candidate's voxel [m]."""
+    direction: Float64
+    """(M, 3) unit vector along the line."""
+    size: Float64
+    """(M,) edge of the neighbourhood [m]."""
+    linear: Float64
+    """(M,) linear likeness."""
+    count: Int64
+    """(M,) points of the neighbourhood."""
+    sizes: tuple[float, ...]
+    """Edges of all neighbourhoods that were looked at [m]."""
+    num_voxels: tuple[int, ...]
+    """Occupied voxels at each of them."""
+    num_bulk: int = 0
+    """Points that were dropped first, as inside of bulky things."""
+    histogram: tuple[int, ...] = ()
+    """Neighbourhoods with enough points by linear likeness, in equal bins from 0 to 1."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Scales:
+    """The neighbourhoods of the high points, before any threshold."""
+
+    levels: tuple[tuple[Voxels, Likeness], ...]
+    """Voxels and the features of the block about each, from fine to coarse."""
+    num_bulk: int
+    """Points that were dropped first, as inside of bulky things."""
+
+
+def measure_scales(
+    points: Float64, chosen: Int64, origin: Float64, settings: LinearitySettings
+) -> Scales:
+    """
+    Measure the likeness of neighbourhoods of several sizes.
+
+    ``threshold``, ``max_inclination_deg`` and ``min_neighbors`` are not used.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Map frame [m].
+    chosen : (K,) int64
+        Indices of the high points.
+    origin : (3,) float64
+        Not above any chosen point [m].
+    settings : LinearitySettings
+        Settings of this stage.
+
+    Returns
+    -------
+    Scales
+
+    """
+    sparse = drop_bulk(points, chosen, origin, settings.max_occupied)
+    voxels = build_voxels(points, sparse, origin, settings.voxel_size)
+    levels = [(voxels, measure_likeness(voxels))]
+    for _ in range(settings.num_scales - 1):
+        voxels = coarsen(voxels)
+        levels.append((voxels, measure_likeness(voxels)))
+    return Scales(levels=tuple(levels), num_bulk=len(chosen) - len(sparse))
+
+
+def find_candidates(
+    points: Float64,
+    chosen: Int64,
+    origin: Float64,
+    settings: LinearitySettings,
+    scales: Scales | None = None,
+) -> LinearityResult:
+    """
+    Find voxels whose neighbourhood is linear and near horizontal, at several scales.
+
+    A voxel is a candidate where the block about it holds ``min_neighbors`` points or more, has a
+    linear likeness of ``threshold`` or more and a first eigenvector within
+    ``max_inclination_deg`` of the horizontal.  Moments of coarse scales are sums of those of
+    fine ones, so the points are visited once.  A coarse voxel that has a part which is linear
+    the same way is left out: the finer one says it already.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Map frame [m].
+    chosen : (K,) int64
+        Indices of the high points.
+    origin : (3,) float64
+        Not above any chosen point [m].
+    settings : LinearitySettings
+        Settings of this stage.
+    scales : Scales or None
+        Those of these points, where they are known already.
+
+    Returns
+    -------
+    LinearityResult
+
+    """
+    if scales is None:
+        scales = measure_scales(points, chosen, origin, settings)
+    limit = math.sin(math.radians(settings.max_inclination_deg))
+    parts = []
+    sizes, nums = [], []
+    histogram = np.zeros(NUM_BINS + 1, dtype=np.int64)
+    linear = np.zeros(0, dtype=bool)
+    finer, before = None, None
+    for voxels, likeness in scales.levels:
+        enough = likeness.count >= settings.min_neighbors
+        histogram += np.bincount(
+            (likeness.linear[enough] * NUM_BINS).astype(np.int64), minlength=NUM_BINS + 1
+        )
+        linear_before, linear = linear, (
+            enough
+            & (likeness.linear >= settings.threshold)
+            & (np.abs(likeness.direction[:, 2]) <= limit)
+        )
+        good = np.flatnonzero(linear)
+        if finer is not None and before is not None:
+            good = good[
+                ~_has_finer(
+                    voxels.index[good], likeness.direction[good],
+                    finer.table_key, finer.table_slot, linear_before, before.direction,
+                )
+            ]
+        sizes.append(3 * voxels.size)
+        nums.append(len(voxels))
+        parts.append(
+            (
+                voxels.centroids(good),
+                likeness.direction[good],
+                np.full(len(good), 3 * voxels.size),
+                likeness.linear[good],
+                likeness.count[good],
+            )
+        )
+        finer, before = voxels, likeness
+    position, direction, edge, likely, count = (
+        np.concatenate(part) for part in zip(*parts, strict=True)
+    )
+    return LinearityResult(
+        position=position,
+        direction=direction,
+        size=edge,
+        linear=likely,
+        count=count,
+        sizes=tuple(sizes),
+        num_voxels=tuple(nums),
+        num_bulk=scales.num_bulk,
+        histogram=(*histogram[:-2].tolist(), int(histogram[-2:].sum())),
+    )
+
+
+def anchor(points: Float64, chosen: Int64, settings: LinearitySettings) -> Float64:
+    """
+    Return the origin of the voxels: below all chosen points, at a multiple of the coarsest edge.
+
+    So a map that grows keeps its voxels where they are.
+
+    """
+    if not len(chosen):
+        return np.zeros(3)
+    edge = settings.voxel_size * 2 ** (settings.num_scales - 1)
+    origin: Float64 = (np.floor(find_lowest(points, chosen) / edge) - 1.0) * edge
+    return origin
+
+
+def measure_likeness(voxels: Voxels) -> Likeness:
+    """
+    Return the likeness features of the block of 27 voxels about each voxel.
+
+    The covariance of a block is exact: the moments of its voxels are added, no point is
+    visited.  Voxels are taken in the order of their keys, so that the nine columns of the block
+    are found by pointers that only move on.  O(M).
+
+    """
+    count, linear, planar, spherical, direction = _measure(
+        voxels.key, voxels.moments, voxels.size
+    )
+    return Likeness(
+        count=count,
+        linear=linear,
+        planar=planar,
+        spherical=spherical,
+        direction=direction,
+    )
+
+
+@njit(cache=True, nogil=True)
+def _has_finer(  # type: ignore[no-untyped-def]
+    index, direction, table_key, table_slot, linear, finer_direction
+):
+    """Tell which voxels have an eighth that is linear in about the same direction."""
+    result = np.zeros(len(index), dtype=np.bool_)
+    for k in range(len(index)):
+        for part in range(8):
+            slot = find_slot(
+                table_key,
+                table_slot,
+                pack(
+                    2 * index[k, 0] + (part >> 2),
+                    2 * index[k, 1] + ((part >> 1) & 1),
+                    2 * index[k, 2] + (part & 1),
+                ),
+            )
+            if slot >= 0 and linear[slot]:
+                cosine = 0.0
+                for axis in range(3):
+                    cosine += direction[k, axis] * finer_direction[slot, axis]
+                if abs(cosine) >= SAME_WAY:
+                    result[k] = True
+                    break
+    return result
+
+
+@njit(cache=True, nogil=True)
+def find_lowest(points, chosen):  # type: ignore[no-untyped-def]
+    """Return the (3,) least coordinates of the chosen points."""
+    low = np.full(3, np.inf)
+    for i in chosen:
+        for k in range(3):
+            low[k] = min(low[k], points[i, k])
+    return low
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _measure(keys, moments, size):  # type: ignore[no-untyped-def]
+    num = len(keys)
+    count = np.empty(num, dtype=np.int64)
+    linear = np.empty(num)
+    planar = np.empty(num)
+    spherical = np.empty(num)
+    direction = np.empty((num, 3))
+    num_parts = 16
+    for part in prange(num_parts):
+        first, last = part * num // num_parts, (part + 1) * num // num_parts
+        if first == last:
+            continue
+        step = np.empty(9, dtype=np.int64)
+        at = np.empty(9, dtype=np.int64)
+        for column in range(9):
+            step[column] = ((column // 3 - 1) << 40) + ((column % 3 - 1) << 20) - 1
+            at[column] = np.searchsorted(keys, keys[first] + step[column])
+        sheet = np.ones((NUM_SUMS + NUM_FEATURES, BLOCK))
+        total = np.empty(NUM_SUMS)
+        for start in range(first, last, BLOCK):
+            stop = min(start + BLOCK, last)
+            for i in range(start, stop):
+                _add_block(keys, moments, size, i, step, at, total)
+                sheet[:NUM_SUMS, i - start] = total
+            _derive_features(sheet.ravel())
+            features = sheet[NUM_SUMS:]
+            for i in range(start, stop):
+                k = i - start
+                count[i] = int(sheet[0, k])
+                linear[i], planar[i], spherical[i] = features[0, k], features[1, k], features[2, k]
+                for axis in range(3):
+                    direction[i, axis] = features[3 + axis, k]
+    return count, linear, planar, spherical, direction
+
+
+@njit(cache=True, nogil=True)
+def _add_block(keys, moments, size, i, step, at, total):  # type: ignore[no-untyped-def]
+    """Add up the moments of the block about a voxel, with pointers into its nine columns."""
+    total[:] = 0.0
+    for column in range(9):
+        low = keys[i] + step[column]
+        k = at[column]
+        while k < len(keys) and keys[k] < low:
+            k += 1
+        at[column] = k
+        while k < len(keys) and keys[k] <= low + 2:
+            add_shifted(
+                total, moments[k], (column // 3 - 1) * size, (column % 3 - 1) * size,
+                (keys[k] - low - 1) * size,
+            )
+            k += 1
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _derive_features(flat):  # type: ignore[no-untyped-def]
+    """
+    Fill the rows of features of a sheet from those of sums, by vectors.
+
+    ``flat`` is the sheet as ((NUM_SUMS + NUM_FEATURES) * BLOCK,) float64: rows of count, sums [m]
+    and products [m2] of points, then of linear, planar and spherical likeness and direction.
+    """
+    for k in range(BLOCK):
+        l1, l2, l3, vx, vy, vz = principal_axis_of(flat, k, BLOCK)
+        scale = 1.0 / l1 if l1 > 0.0 else 0.0
+        own = k + NUM_SUMS * BLOCK
+        flat[own] = (l1 - l2) * scale
+        flat[own + BLOCK] = (l2 - l3) * scale
+        flat[own + 2 * BLOCK] = l3 * scale
+        flat[own + 3 * BLOCK] = vx
+        flat[own + 4 * BLOCK] = vy
+        flat[own + 5 * BLOCK] = vz

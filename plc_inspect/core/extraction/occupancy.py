@@ -1,0 +1,182 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Bulky things, most of them vegetation, told by how full the space about a point is."""
+
+from numba import njit, prange
+import numpy as np
+
+from plc_inspect.core.numerics.arrays import find_true
+from plc_inspect.core.numerics.voxels import add_key, find_slot, grow_table, NUM_PARTS, pack
+from plc_inspect.results import Float64, Int64
+
+BULK_CELL = 1.0
+"""Edge of the cells whose occupied neighbours tell bulky things [m]."""
+NUM_LAST = 8
+"""Columns of a square of this many by as many are kept at hand."""
+
+
+def drop_bulk(
+    points: Float64, chosen: Int64, origin: Float64, max_occupied: int
+) -> Int64:
+    """
+    Drop the points inside bulky things, most of vegetation, before anything dear is done.
+
+    A point stays where at most ``max_occupied`` of the 27 cells of a metre about its own hold
+    points: a line fills 3 to 9, a row of conductors up to 14, a crown most of them.  What stands
+    in a crown is found again from the model.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    chosen : (K,) int64
+        Finite points not below origin.
+    origin : (3,) float64
+        Coordinates [m].
+    max_occupied : int
+        See its class.
+
+    Returns
+    -------
+    (L,) int64, in the order of ``chosen``
+
+    """
+    if not len(chosen):
+        return chosen
+    column_of, level, key, filled, table_key, table_slot = _fill_columns(
+        points, chosen, origin, BULK_CELL
+    )
+    sparse = _find_sparse(key, filled, table_key, table_slot, max_occupied)
+    return chosen[find_true(_pick_bits(sparse, column_of, level))]
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _fill_columns(points, chosen, origin, size):  # type: ignore[no-untyped-def]
+    """
+    Mark occupied cells as bits of columns 64 cells tall.
+
+    Returned are the column of each point and its level in it, the key and bits of each column,
+    and the table that finds a column by its key.
+    """
+    num = len(chosen)
+    column_of = np.empty(num, dtype=np.int32)
+    level = np.empty(num, dtype=np.uint8)
+    keys = [np.empty(0, dtype=np.int64) for _ in range(NUM_PARTS)]
+    bits = [np.empty(0, dtype=np.uint64) for _ in range(NUM_PARTS)]
+    for part in prange(NUM_PARTS):
+        first, last = part * num // NUM_PARTS, (part + 1) * num // NUM_PARTS
+        keys[part], bits[part] = _fill_part(
+            points, chosen[first:last], origin, size, column_of[first:last], level[first:last]
+        )
+    # columns that several parts have points in become one
+    total = 0
+    for part in range(NUM_PARTS):
+        total += len(keys[part])
+    capacity = 16
+    while capacity < 2 * total + 2:
+        capacity *= 2
+    table_key = np.full(capacity, -1, dtype=np.int64)
+    table_slot = np.empty(capacity, dtype=np.int32)
+    key = np.empty(total, dtype=np.int64)
+    filled = np.zeros(total, dtype=np.uint64)
+    slots = np.empty(total, dtype=np.int32)
+    start = np.zeros(NUM_PARTS + 1, dtype=np.int64)
+    used = 0
+    for part in range(NUM_PARTS):
+        start[part + 1] = start[part] + len(keys[part])
+        for k in range(len(keys[part])):
+            slot = find_slot(table_key, table_slot, keys[part][k])
+            if slot < 0:
+                slot = np.int32(used)
+                add_key(table_key, table_slot, keys[part][k], slot)
+                key[used] = keys[part][k]
+                used += 1
+            filled[slot] |= bits[part][k]
+            slots[start[part] + k] = slot
+    for part in prange(NUM_PARTS):
+        for k in range(part * num // NUM_PARTS, (part + 1) * num // NUM_PARTS):
+            column_of[k] = slots[start[part] + column_of[k]]
+    return column_of, level, key[:used], filled[:used], table_key, table_slot
+
+
+@njit(cache=True, nogil=True)
+def _fill_part(points, chosen, origin, size, column_of, level):  # type: ignore[no-untyped-def]
+    """Return key and bits of the columns of some points; their columns and levels are set."""
+    key = np.empty(1 << 11, dtype=np.int64)
+    filled = np.zeros(1 << 11, dtype=np.uint64)
+    table_key = np.full(1 << 12, -1, dtype=np.int64)
+    table_slot = np.empty(1 << 12, dtype=np.int32)
+    used = 0
+    # neighbours come one after the other: most columns are among those last met nearby
+    last_key = np.full(NUM_LAST * NUM_LAST, -1, dtype=np.int64)
+    last_slot = np.empty(NUM_LAST * NUM_LAST, dtype=np.int32)
+    for k in range(len(chosen)):
+        i = chosen[k]
+        x = int((points[i, 0] - origin[0]) / size)
+        y = int((points[i, 1] - origin[1]) / size)
+        high = int((points[i, 2] - origin[2]) / size)
+        here = pack(x, y, high >> 6)
+        last = (x & (NUM_LAST - 1)) * NUM_LAST + (y & (NUM_LAST - 1))
+        if last_key[last] != here:
+            slot = find_slot(table_key, table_slot, here)
+            if slot < 0:
+                if used == len(key):
+                    key = np.concatenate((key, np.empty(used, dtype=np.int64)))
+                    filled = np.concatenate((filled, np.zeros(used, dtype=np.uint64)))
+                    table_key, table_slot = grow_table(table_key, table_slot)
+                slot = np.int32(used)
+                add_key(table_key, table_slot, here, slot)
+                key[used] = here
+                used += 1
+            last_key[last], last_slot[last] = here, slot
+        slot = last_slot[last]
+        column_of[k] = slot
+        level[k] = high & 63
+        filled[slot] |= np.uint64(1) << np.uint64(high & 63)
+    return key[:used], filled[:used]
+
+
+@njit(cache=True, nogil=True, inline='always')
+def _look(table_key, table_slot, filled, key):  # type: ignore[no-untyped-def]
+    """Bits of the column with a key, none where there is no such column."""
+    slot = find_slot(table_key, table_slot, key)
+    return filled[slot] if slot >= 0 else np.uint64(0)
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _find_sparse(key, filled, table_key, table_slot, max_occupied):  # type: ignore[no-untyped-def]
+    """Bits of the cells with at most ``max_occupied`` occupied ones among the 27 about them."""
+    result = np.zeros(len(key), dtype=np.uint64)
+    one, top = np.uint64(1), np.uint64(63)
+    for i in prange(len(key)):
+        count = np.zeros(64, dtype=np.uint64)
+        x, y, block = key[i] >> 40, (key[i] >> 20) & 0xFFFFF, key[i] & 0xFFFFF
+        for column in range(9):
+            u, v = x + column // 3 - 1, y + column % 3 - 1
+            if u < 0 or v < 0:
+                continue
+            here = _look(table_key, table_slot, filled, pack(u, v, block))
+            below = here << one
+            if block > 0:
+                below |= _look(table_key, table_slot, filled, pack(u, v, block - 1)) >> top
+            above = here >> one
+            above |= _look(table_key, table_slot, filled, pack(u, v, block + 1)) << top
+            for high in range(64):
+                shift = np.uint64(high)
+                if (filled[i] >> shift) & one:
+                    count[high] += ((here >> shift) & one) + ((below >> shift) & one)
+                    count[high] += (above >> shift) & one
+        for high in range(64):
+            shift = np.uint64(high)
+            if (filled[i] >> shift) & one and count[high] <= max_occupied:
+                result[i] |= one << shift
+    return result
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _pick_bits(bits, column_of, level):  # type: ignore[no-untyped-def]
+    result = np.empty(len(column_of), dtype=np.bool_)
+    for k in prange(len(column_of)):
+        result[k] = (bits[column_of[k]] >> np.uint64(level[k])) & np.uint64(1)
+    return result

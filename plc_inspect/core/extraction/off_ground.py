@@ -1,0 +1,142 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The points off the ground, in order of plan cells: the cloud that wires are looked for in."""
+
+from dataclasses import dataclass, replace
+
+from numba import njit, prange
+import numpy as np
+
+from plc_inspect.core.extraction.height import HeightResult
+from plc_inspect.core.numerics.arrays import find_true
+from plc_inspect.core.numerics.plan_index import build_plan_index, PlanIndex
+from plc_inspect.results import Bool, Float32, Float64, Int32, Int64
+
+CELL = 2.0
+"""Edge of the plan cells [m]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class OffGround:
+    """
+    The K points off the ground of a cloud of N.
+
+    Neighbours in space are neighbours in memory here, so that searches along conductors read few
+    places, and what is counted point by point is counted over K.
+    """
+
+    points: Float64
+    """(K, 3) [m]"""
+    place: Int32
+    """(K,) which points of the cloud these are."""
+    num_total: int
+    """N."""
+    high: Int64
+    """Those that are to be searched for wires, ascending."""
+    height: HeightResult
+    """With ``height`` and ``high`` of these points."""
+    index: PlanIndex
+    """Of these points."""
+
+    def index_high(self) -> PlanIndex:
+        """Return the index of the high points alone, by the same cells."""
+        return replace(
+            self.index,
+            start=_count_before(self.high, self.index.start),
+            order=self.high.astype(np.int32),
+        )
+
+    def scatter(self, values: np.ndarray, elsewhere: float) -> np.ndarray:
+        """
+        Return a figure of all points from (K,) figures of these.
+
+        Returns
+        -------
+        (N,) array of the same dtype, ``elsewhere`` for points on the ground
+
+        """
+        result = np.empty(self.num_total, dtype=values.dtype)
+        _scatter(values, self.place, values.dtype.type(elsewhere), result)
+        return result
+
+
+def gather_off_ground(points: Float64, height: HeightResult, least: float) -> OffGround:
+    """
+    Copy the points off the ground, sorted by plan cell; O(N).
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Map frame [m].
+    height : HeightResult
+        Of these points.
+    least : float
+        Points this high above the ground are off it, and all that are high [m].
+
+    Returns
+    -------
+    OffGround
+
+    """
+    off = find_true(_are_off(height.height, height.high, least))
+    index = build_plan_index(points, off, CELL)
+    own, own_height, is_high = _take(points, height.height, height.high, index.order)
+    return OffGround(
+        points=own,
+        place=index.order,
+        num_total=len(points),
+        high=find_true(is_high),
+        height=replace(height, height=own_height, high=is_high),
+        index=replace(index, order=np.arange(len(own), dtype=np.int32)),
+    )
+
+
+def _take(
+    points: Float64, height: Float32, high: Bool, chosen: Int32
+) -> tuple[Float64, Float32, Bool]:
+    """Return some of the points, in the order asked for, with their heights."""
+    # made here and not in the kernel, as numpy asks for large pages of memory
+    num = len(chosen)
+    rows = np.empty((num, 3)), np.empty(num, dtype=np.float32), np.empty(num, dtype=np.bool_)
+    _copy(points, height, high, chosen, *rows)
+    return rows
+
+
+@njit(cache=True, nogil=True)
+def _count_before(numbers, limits):  # type: ignore[no-untyped-def]
+    """How many of the ascending numbers are below each of the ascending limits."""
+    result = np.empty(len(limits), dtype=np.int32)
+    count = 0
+    for k in range(len(limits)):
+        while count < len(numbers) and numbers[count] < limits[k]:
+            count += 1
+        result[k] = count
+    return result
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _are_off(height, high, least):  # type: ignore[no-untyped-def]
+    """Tell the points off the ground."""
+    result = np.empty(len(height), dtype=np.bool_)
+    for i in prange(len(height)):
+        result[i] = high[i] | (height[i] >= least)
+    return result
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _copy(points, height, high, chosen, own, own_height, is_high):  # type: ignore[no-untyped-def]
+    for k in prange(len(chosen)):
+        i = chosen[k]
+        own[k, 0], own[k, 1], own[k, 2] = points[i, 0], points[i, 1], points[i, 2]
+        own_height[k], is_high[k] = height[i], high[i]
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _scatter(values, place, elsewhere, result):  # type: ignore[no-untyped-def]
+    for i in prange(len(result)):
+        result[i] = elsewhere
+    for k in prange(len(values)):
+        value = values[k]
+        if value != elsewhere and (value == value or elsewhere == elsewhere):  # NaN is no news
+            result[place[k]] = value

@@ -1,0 +1,355 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Hazards of the conductors themselves: too low, too near to one another, sagging too much."""
+
+from collections.abc import Sequence
+import math
+import statistics
+from typing import Any
+
+import numpy as np
+
+from plc_inspect.config import HazardSettings
+from plc_inspect.core.hazards.clearance_rules import Limit, RuleSet
+from plc_inspect.core.hazards.encroachments import describe_hazard
+from plc_inspect.core.spans.span_model import SpanModel
+from plc_inspect.results import Bool, Float64, HazardKind, Int32, Severity, Support
+
+CROSSING_ANGLE_DEG = 5.0
+"""Conductors that meet in plan at a smaller angle run along each other."""
+ONE_PLACE = 15.0
+"""Conductors that cross this near to each other are one crossing [m]."""
+AT_SUPPORT = 5.0
+"""Spans that meet this near to the ends of both hang on one support [m]."""
+LEAST_EXCESS = 0.15
+"""A sag beyond its peers by less than this is tolerated [m]."""
+LEAST_SIGMA = 0.01
+"""Standard deviation of the sag of the peers, at least [m]."""
+SURE = 3.0
+"""Standard deviations from which a difference between conductors is none of chance."""
+GROUND_SIGMA = 0.05
+"""Standard deviation of the height of the ground under a place [m]."""
+SAG_NOTE = (
+    'compared with the other conductors of the span, which are taken to be as warm: ice, a '
+    'slipped clamp and broken strands look alike'
+)
+
+Records = list[dict[str, Any]]
+
+
+def find_low_conductors(
+    models: Sequence[SpanModel],
+    ground_below: Sequence[Float64],
+    supports: Sequence[Support],
+    rules: RuleSet,
+) -> Records:
+    """
+    Find the spans that hang too low over the ground: one hazard a span, at its lowest place.
+
+    Parameters
+    ----------
+    models : sequence of SpanModel
+        Spans with their curves.
+    ground_below : sequence
+        For each model (S, 2): distance from its start and height above ground [m].
+    supports : sequence of Support
+        Towers and poles.
+    rules : RuleSet
+        What is asked for.
+
+    Returns
+    -------
+    list of dict
+        Values of Hazard without its number.
+
+    """
+    worst: dict[int, dict[str, Any]] = {}
+    for limit in rules.find('ground'):
+        for model, stations in zip(models, ground_below, strict=True):
+            if not len(stations):
+                continue
+            at = int(np.argmin(stations[:, 1]))
+            along, clearance = (float(value) for value in stations[at])
+            severity = limit.judge(clearance)
+            known = worst.get(model.span.span_id)
+            if severity is None or (known and known['clearance'] <= clearance):
+                continue
+            worst[model.span.span_id] = _low(
+                model, stations, along, clearance, severity, limit, supports, rules
+            )
+    return list(worst.values())
+
+
+def _low(
+    model: SpanModel, stations: Float64, along: float, clearance: float, severity: Severity,
+    limit: Limit, supports: Sequence[Support], rules: RuleSet,
+) -> dict[str, Any]:
+    direction = 1.0 if model.end_x > model.start_x else -1.0
+    x = model.start_x + direction * along
+    below = stations[:, 1] < limit.reach
+    run = model.curve.position(model.start_x + direction * stations[below, 0])
+    run[:, 2] -= stations[below, 1]
+    return describe_hazard(
+        model, x, supports, rules, limit,
+        kind=HazardKind.GROUND,
+        severity=severity,
+        position=model.curve.position(np.array(x))[0] - np.array([0.0, 0.0, clearance]),
+        clearance=clearance,
+        horizontal=0.0,
+        vertical=clearance,
+        sigma=math.hypot(model.sigma(x), GROUND_SIGMA),
+        num_points=int(below.sum()),
+        extent=np.stack([run.min(axis=0), run.max(axis=0)]),
+    )
+
+
+def find_crossings(
+    models: Sequence[SpanModel], supports: Sequence[Support], rules: RuleSet
+) -> Records:
+    """
+    Find places where one line crosses another too near to it.
+
+    Conductors that cross at one place are one hazard, at its least distance; the position is on
+    the lower conductor.
+
+    Parameters
+    ----------
+    models : sequence of SpanModel
+        Spans with their curves.
+    supports : sequence of Support
+        Towers and poles.
+    rules : RuleSet
+        What is asked for.
+
+    Returns
+    -------
+    list of dict
+        Values of Hazard without its number.
+
+    """
+    limits = rules.find('line')
+    if not limits:
+        return []
+    limit = limits[0]
+    worst: dict[tuple[int, int], dict[str, Any]] = {}
+    start, end, span_id = _ends(models)
+    for i, first in enumerate(models):
+        crossed = _cross(start[i], end[i], start[:i], end[:i]) & (span_id[:i] != span_id[i])
+        for second in (models[k] for k in np.flatnonzero(crossed).tolist()):
+            upper, lower, x, other_x, clearance = _approach(first, second)
+            severity = limit.judge(clearance)
+            if severity is None:
+                continue
+            key = (upper.span.span_id, lower.span.span_id)
+            if key in worst and worst[key]['clearance'] <= clearance:
+                continue
+            above = upper.curve.position(np.array(x))[0]
+            below = lower.curve.position(np.array(other_x))[0]
+            worst[key] = describe_hazard(
+                upper, x, supports, rules, limit,
+                kind=HazardKind.CROSSING,
+                severity=severity,
+                position=below,
+                clearance=clearance,
+                horizontal=math.dist(above[:2], below[:2]),
+                vertical=float(above[2] - below[2]),
+                sigma=math.hypot(upper.sigma(x), lower.sigma(other_x)),
+                num_points=0,
+                extent=np.stack([below, below]),
+                other_line_id=lower.span.line_id,
+            )
+    kept: Records = []
+    for item in sorted(worst.values(), key=lambda item: float(item['clearance'])):
+        if all(math.dist(item['position'], other['position']) > ONE_PLACE for other in kept):
+            kept.append(item)
+    return kept
+
+
+def _ends(models: Sequence[SpanModel]) -> tuple[Float64, Float64, Int32]:
+    """(C, 2) start and end in plan, and number, of the span of each model."""
+    return (
+        np.array([model.span.start[:2] for model in models]).reshape(-1, 2),
+        np.array([model.span.end[:2] for model in models]).reshape(-1, 2),
+        np.array([model.span.span_id for model in models], dtype=np.int32),
+    )
+
+
+def _cross(start: Float64, end: Float64, others: Float64, other_ends: Float64) -> Bool:
+    """Tell which others a span crosses in plan, within the ends and not at a support of both."""
+    (rx, ry), (sx, sy), (wx, wy) = end - start, (other_ends - others).T, (others - start).T
+    area = rx * sy - ry * sx
+    length, lengths = math.hypot(rx, ry), np.hypot(sx, sy)
+    steep = np.abs(area) >= math.sin(math.radians(CROSSING_ANGLE_DEG)) * length * lengths
+    steep &= area != 0.0
+    area = np.where(steep, area, 1.0)
+    t, u = (wx * sy - wy * sx) / area, (wx * ry - wy * rx) / area
+    inside = (t > 0.0) & (t < 1.0) & (u > 0.0) & (u < 1.0)
+    away = np.maximum(np.minimum(t, 1.0 - t) * length, np.minimum(u, 1.0 - u) * lengths)
+    result: Bool = steep & inside & (away > AT_SUPPORT)
+    return result
+
+
+def _approach(
+    first: SpanModel, second: SpanModel
+) -> tuple[SpanModel, SpanModel, float, float, float]:
+    """Upper and lower span, x of the nearest places on both, and their distance."""
+    low, high = first.start_x, first.end_x
+    for _ in range(4):
+        x = np.linspace(low, high, 81)
+        at = first.curve.position(x)
+        other, horizontal, vertical = second.part(at)
+        best = int(np.argmin(np.hypot(horizontal, vertical)))
+        low, high = x[max(best - 1, 0)], x[min(best + 1, 80)]
+    distance = float(np.hypot(horizontal, vertical)[best])
+    pair = (first, second, float(x[best]), float(other[best]))
+    if vertical[best] > 0:
+        pair = (second, first, pair[3], pair[2])
+    return *pair, distance
+
+
+def find_interference(
+    models: Sequence[SpanModel],
+    supports: Sequence[Support],
+    rules: RuleSet,
+    settings: HazardSettings,
+) -> Records:
+    """
+    Find conductors of a span that come much nearer in it than where they are held.
+
+    Parameters
+    ----------
+    models : sequence of SpanModel
+        Spans with their curves.
+    supports : sequence of Support
+        Towers and poles.
+    rules : RuleSet
+        What is asked for.
+    settings : HazardSettings
+        Thresholds.
+
+    Returns
+    -------
+    list of dict
+        Values of Hazard without its number.
+
+    """
+    result = []
+    for i, first in enumerate(models):
+        for second in models[:i]:
+            if first.span.span_id != second.span.span_id:
+                continue
+            x = np.linspace(first.start_x, first.end_x, 41)
+            at = first.curve.position(x)
+            other_x, across = second.curve.local(at)
+            low, high = second.low, second.high
+            inside = (other_x >= low) & (other_x <= high)
+            if inside.sum() < 10:
+                continue
+            gap = at[:, 2] - second.curve.fit.height(other_x)
+            apart = np.where(inside, np.hypot(across, gap), np.inf)
+            held = [apart[k] for k in (np.flatnonzero(inside)[0], np.flatnonzero(inside)[-1])]
+            required = settings.interference_ratio * float(min(held))
+            worst = int(np.argmin(apart))
+            if apart[worst] >= required:
+                continue
+            sigma = math.hypot(first.sigma(float(x[worst])), second.sigma(float(other_x[worst])))
+            if min(held) - apart[worst] <= SURE * sigma:
+                continue
+            result.append(describe_hazard(
+                first, float(x[worst]), supports, rules, _own_limit(required),
+                kind=HazardKind.INTERFERENCE,
+                severity=Severity.WARNING,
+                position=at[worst],
+                clearance=float(apart[worst]),
+                horizontal=abs(float(across[worst])),
+                vertical=float(gap[worst]),
+                sigma=sigma,
+                num_points=0,
+                extent=np.stack([at[worst], at[worst]]),
+                other_line_id=second.span.line_id,
+                **_own_rule('distance to the next conductor'),
+            ))
+    return result
+
+
+def find_abnormal_sag(
+    models: Sequence[SpanModel],
+    supports: Sequence[Support],
+    rules: RuleSet,
+    settings: HazardSettings,
+) -> Records:
+    """
+    Find conductors that sag much more than the others of their span.
+
+    Sags are compared as the sag over the square of the length, and only where two others have at
+    least 0.7 of the length.  Where the others differ among themselves, as cables of different
+    kinds on one row of poles do, nothing is abnormal.
+
+    Parameters
+    ----------
+    models : sequence of SpanModel
+        Spans with their curves.
+    supports : sequence of Support
+        Towers and poles.
+    rules : RuleSet
+        What is asked for.
+    settings : HazardSettings
+        Thresholds.
+
+    Returns
+    -------
+    list of dict
+        Values of Hazard without its number; the clearance is the excess of sag.
+
+    """
+    result = []
+    for model in models:
+        peers = [
+            other.span.sag / max(other.span.length, 1.0) ** 2
+            for other in models
+            if other.span.span_id == model.span.span_id and other is not model
+            and other.span.length > 0.7 * model.span.length
+        ]
+        if len(peers) < 2:
+            continue
+        middle = statistics.median(peers)
+        usual = middle * model.span.length**2
+        excess = model.span.sag - usual
+        tolerated = max(settings.sag_deviation * usual, LEAST_EXCESS)
+        if excess <= tolerated:
+            continue
+        spread = 1.4826 * statistics.median(abs(peer - middle) for peer in peers)
+        sigma = math.hypot(model.span.sigma['sag'], LEAST_SIGMA, spread * model.span.length**2)
+        if excess <= SURE * sigma:
+            continue
+        lowest = model.span.lowest
+        x, _ = model.curve.local_place(lowest)
+        result.append(describe_hazard(
+            model, x, supports, rules, _own_limit(tolerated),
+            kind=HazardKind.SAG,
+            severity=Severity.WARNING,
+            position=lowest.copy(),
+            clearance=excess,
+            horizontal=0.0,
+            vertical=excess,
+            sigma=sigma,
+            num_points=model.span.num_points,
+            extent=np.stack([lowest, lowest]),
+            **_own_rule('sag against the other conductors'),
+            note=SAG_NOTE,
+        ))
+    return result
+
+
+def _own_limit(required: float) -> Limit:
+    return Limit(feature='line', distance=required, tiers=((Severity.WARNING, required),))
+
+
+def _own_rule(title: str) -> dict[str, str]:
+    """Name the rule of a check that comes from the settings, whatever rule set is used."""
+    return {
+        'rule': title,
+        'edition': 'plc_inspect 0.1',
+        'source': 'settings of section hazards; no authority',
+    }

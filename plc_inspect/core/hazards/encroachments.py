@@ -1,0 +1,341 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Hazards by vegetation and structures near a conductor: one object, one hazard."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+from typing import Any
+
+from numba import njit
+import numpy as np
+
+from plc_inspect.config import HazardSettings
+from plc_inspect.core.hazards.clearance_rules import Limit, RuleSet
+from plc_inspect.core.hazards.trees import segment_trees
+from plc_inspect.core.numerics.disjoint_sets import unite
+from plc_inspect.core.numerics.near_pairs import find_pairs
+from plc_inspect.core.spans.span_model import find_kind, find_support, SpanModel
+from plc_inspect.results import (
+    Bool,
+    Float64,
+    HazardKind,
+    Int64,
+    Severity,
+    Support,
+)
+
+MINOR_SHARE = 0.25
+"""Foliage on a roof, or something flat in a crown, is a hazard of its own from this share."""
+LEAFY, FLAT = 0.15, 0.5
+"""An object with this share of surfaces or less is foliage, with that or more a structure [1]."""
+ROOM = {'pole': 1.5, 'tower': 5.0}
+"""What lies wholly within this of a support along the line may be part of it [m]."""
+THIN_ROOM = 0.75
+"""The same at an end whose support was not seen, or not recognised [m]."""
+TREE_MARGIN = 8.0
+"""What stands within this of offending points in plan tells which trees they belong to [m]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Surroundings:
+    """Points near the conductors, off the ground, neither wire nor support."""
+
+    points: Float64
+    """(K, 3) [m]."""
+    height: Float64
+    """(K,) above local ground [m]."""
+    distance: Float64
+    """(K,) to the nearest span [m]."""
+    owner: Int64
+    """(K,) which of the models that is."""
+    surface: Bool
+    """(K,) points of roofs and walls rather than of foliage."""
+
+    def take(self, chosen: Int64 | Bool) -> 'Surroundings':
+        """Return some of the points."""
+        return Surroundings(
+            points=self.points[chosen],
+            height=self.height[chosen],
+            distance=self.distance[chosen],
+            owner=self.owner[chosen],
+            surface=self.surface[chosen],
+        )
+
+
+def group_points(points: Float64, reach: float) -> Int64:
+    """Label of the connected group of each point, links up to ``reach``; O(N log N)."""
+    if not len(points):
+        return np.zeros(0, dtype=np.int64)
+    cell = np.floor(points / (reach / 4)).astype(np.int64)
+    x, y, z = (cell - cell.min(axis=0)).T
+    number = (x * (y.max() + 1) + y) * (z.max() + 1) + z
+    _, first, inverse = np.unique(number, return_index=True, return_inverse=True)
+    result: Int64 = unite(find_pairs(points[first], reach), len(first))[inverse]
+    return result
+
+
+def find_encroachments(
+    around: Surroundings,
+    models: Sequence[SpanModel],
+    supports: Sequence[Support],
+    rules: RuleSet,
+    settings: HazardSettings,
+) -> tuple[list[dict[str, Any]], Bool]:
+    """
+    Find trees and structures that are nearer to a conductor than a rule allows.
+
+    Offending points that hang together are taken tree by tree; a tree counts once, at its worst
+    point, whatever number of conductors it is near to.
+
+    Parameters
+    ----------
+    around : sequence
+        Surroundings.
+    models : sequence of SpanModel
+        Spans with their curves.
+    supports : sequence of Support
+        Towers and poles.
+    rules : RuleSet
+        What is asked for.
+    settings : HazardSettings
+        Growth, least number of points and distance that links points.
+
+    Returns
+    -------
+    hazards : list of dict
+        Values of Hazard without its number.
+    explained : (K,) bool
+        Points that are near enough to offend, but belong to a support.
+
+    """
+    limits = {
+        HazardKind.VEGETATION: rules.find('vegetation'),
+        HazardKind.STRUCTURE: rules.find('building'),
+    }
+    offends = np.zeros(len(around.points), dtype=bool)
+    for kind, asked in limits.items():
+        if asked:
+            own = _find_near(around, asked, around.surface == (kind == HazardKind.STRUCTURE))
+            _, score = _score(around.take(own), models, asked)
+            offends[own] |= np.isfinite(score)
+    explained = np.zeros(len(offends), dtype=bool)
+    if not offends.any():
+        return [], explained
+    tree = _find_trees(around, offends)
+    bad = np.flatnonzero(offends)
+    near = around.take(bad)
+    cluster = group_points(near.points, settings.group_distance)
+    lone = np.bincount(cluster)[cluster] < settings.min_points
+    held = (np.bincount(cluster, weights=~_are_held(near, models, supports)) == 0)[cluster]
+    explained[bad[held]] = True
+    lone |= held
+    tallest = _measure_trees(around, tree, models, supports)
+    known = tree >= 0
+    flat = np.bincount(tree[known], weights=around.surface[known]) / np.bincount(tree[known])
+    result = []
+    for own in _split(np.where(lone, -1, tree[bad])):
+        share = float(flat[tree[bad[own[0]]]])
+        for kind, chosen in _split_kinds(near.surface[own], share, settings.min_points):
+            record = _describe(
+                near.take(own[chosen]), models, supports, kind, limits[kind], rules, settings
+            )
+            if record is not None:
+                result.append(record | {'height': float(tallest[tree[bad[own[0]]]])})
+    return result, explained
+
+
+def is_held(points: Float64, model: SpanModel, supports: Sequence[Support]) -> Bool:
+    """
+    Tell the points so near to an end of a span along it that its support explains them.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Positions [m].
+    model : SpanModel
+        The span.
+    supports : sequence of Support
+        Towers and poles; where none is known something thin holds the end.
+
+    Returns
+    -------
+    (N,) bool
+
+    """
+    result = np.zeros(len(points), dtype=bool)
+    x, _ = model.curve.local(points)
+    for place, end in ((model.start_x, model.span.start), (model.end_x, model.span.end)):
+        result |= np.abs(x - place) <= ROOM.get(find_kind(model.span, end, supports), THIN_ROOM)
+    return result
+
+
+def _are_held(
+    near: Surroundings, models: Sequence[SpanModel], supports: Sequence[Support]
+) -> Bool:
+    result = np.zeros(len(near.points), dtype=bool)
+    for number in np.unique(near.owner).tolist():
+        mine = np.flatnonzero(near.owner == number)
+        result[mine] = is_held(near.points[mine], models[number], supports)
+    return result
+
+
+def _measure_trees(
+    around: Surroundings, tree: Int64, models: Sequence[SpanModel], supports: Sequence[Support]
+) -> Float64:
+    """Return the height of each tree, without the support that it may stand at."""
+    own = np.flatnonzero(tree >= 0)
+    held = _are_held(around.take(own), models, supports)
+    whole = np.bincount(tree[own], weights=~held) == 0
+    own = own[~held | whole[tree[own]]]
+    tallest = np.full(int(tree.max()) + 1, -np.inf)
+    np.maximum.at(tallest, tree[own], around.height[own])
+    return tallest
+
+
+def _split(label: Int64) -> list[Int64]:
+    """Return the indices of each label from 0, ascending within and between labels."""
+    order = np.argsort(label, kind='stable')
+    order = order[label[order] >= 0]
+    parts = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
+    return [part for part in parts if len(part)]
+
+
+def _split_kinds(
+    surface: Bool, share: float, min_points: int
+) -> list[tuple[HazardKind, Bool]]:
+    """Foliage and surfaces of one object, or all as what most of the whole object is."""
+    everything = np.ones(len(surface), dtype=bool)
+    if len(surface) < min_points:
+        return []
+    if not LEAFY < share < FLAT:
+        return [(HazardKind.STRUCTURE if share >= FLAT else HazardKind.VEGETATION, everything)]
+    parts = [(HazardKind.VEGETATION, ~surface), (HazardKind.STRUCTURE, surface)]
+    if min(int(part.sum()) for _, part in parts) >= max(min_points, MINOR_SHARE * len(surface)):
+        return parts
+    return [(HazardKind.STRUCTURE if surface.mean() > 0.5 else HazardKind.VEGETATION, everything)]
+
+
+def _find_trees(around: Surroundings, offends: Bool) -> Int64:
+    """Tree of each point about the offending ones, -1 of those far from them."""
+    near = np.flatnonzero(_stand_near(around.points, offends, TREE_MARGIN))
+    tree = np.full(len(around.points), -1, dtype=np.int64)
+    tree[near] = segment_trees(around.points[near], around.height[near])
+    return tree
+
+
+@njit(cache=True, nogil=True)
+def _stand_near(points, offends, margin):  # type: ignore[no-untyped-def]
+    """Tell the points in the plan cells of offending points, and in those about them."""
+    x0, y0 = points[:, 0].min(), points[:, 1].min()
+    columns = int((points[:, 0].max() - x0) / margin) + 3
+    rows = int((points[:, 1].max() - y0) / margin) + 3
+    wanted = np.zeros((columns, rows), dtype=np.bool_)
+    for i in range(len(points)):
+        if not offends[i]:
+            continue
+        column, row = int((points[i, 0] - x0) / margin), int((points[i, 1] - y0) / margin)
+        wanted[column : column + 3, row : row + 3] = True
+    result = np.empty(len(points), dtype=np.bool_)
+    for i in range(len(points)):
+        column, row = int((points[i, 0] - x0) / margin), int((points[i, 1] - y0) / margin)
+        result[i] = wanted[column + 1, row + 1]
+    return result
+
+
+def _find_near(around: Surroundings, limits: Sequence[Limit], chosen: Bool) -> Int64:
+    """Return which of the chosen points may break a limit."""
+    if all(item.measure == 'distance' for item in limits):
+        chosen = chosen & (around.distance < max(item.reach for item in limits))
+    return np.flatnonzero(chosen)
+
+
+def _score(
+    near: Surroundings, models: Sequence[SpanModel], limits: Sequence[Limit]
+) -> tuple[Int64, Float64]:
+    """Return the limit of each point that it comes nearest to breaking, and by what share."""
+    num = len(near.points)
+    which, best = np.full(num, -1, dtype=np.int64), np.full(num, np.inf)
+    horizontal, vertical = np.zeros(num), np.zeros(num)
+    if not all(item.measure == 'distance' and item.where == 'any' for item in limits):
+        for number in np.unique(near.owner).tolist():
+            mine = np.flatnonzero(near.owner == number)
+            _, horizontal[mine], vertical[mine] = models[number].part(near.points[mine])
+    values = {
+        'distance': near.distance, 'horizontal': horizontal, 'vertical': np.abs(vertical),
+    }
+    under = (vertical > 0) & (vertical >= horizontal)
+    places = {'any': np.ones(num, dtype=bool), 'under': under, 'beside': ~under}
+    for number, item in enumerate(limits):
+        value = values[item.measure]
+        share = value / max(item.distance, 1e-9)
+        better = places[item.where] & (value < item.reach) & (share < best)
+        best[better] = share[better]
+        which[better] = number
+    return which, best
+
+
+def _describe(
+    near: Surroundings,
+    models: Sequence[SpanModel],
+    supports: Sequence[Support],
+    kind: HazardKind,
+    limits: Sequence[Limit],
+    rules: RuleSet,
+    settings: HazardSettings,
+) -> dict[str, Any] | None:
+    which, share = _score(near, models, limits)
+    offends = np.isfinite(share)
+    if offends.sum() < settings.min_points:
+        return None
+    near, which, share = near.take(offends), which[offends], share[offends]
+    worst = int(np.argmin(share))
+    model, limit = models[int(near.owner[worst])], limits[int(which[worst])]
+    position = near.points[worst]
+    x, horizontal, vertical = (float(value[0]) for value in model.part(position[None, :]))
+    clearance = float(near.distance[worst])
+    value = {'distance': clearance, 'horizontal': horizontal, 'vertical': abs(vertical)}
+    severity = limit.judge(value[limit.measure])
+    years = math.nan
+    if kind == HazardKind.VEGETATION and settings.growth > 0:
+        years = max(value[limit.measure] - limit.tiers[0][1], 0.0) / settings.growth
+    return describe_hazard(
+        model, x, supports, rules, limit,
+        kind=kind,
+        severity=severity or Severity.NOTICE,
+        position=position.copy(),
+        clearance=clearance,
+        horizontal=horizontal,
+        vertical=vertical,
+        num_points=len(near.points),
+        extent=np.stack([near.points.min(axis=0), near.points.max(axis=0)]),
+        years=years,
+    )
+
+
+def describe_hazard(
+    model: SpanModel,
+    x: float,
+    supports: Sequence[Support],
+    rules: RuleSet,
+    limit: Limit,
+    **values: Any,
+) -> dict[str, Any]:
+    """Return the values of a Hazard: those given, those of the place, and those of the rule."""
+    along = float(model.along(np.array(x)))
+    support, distance = find_support(model.span, along, supports)
+    return {
+        'line_id': model.span.line_id,
+        'span_id': model.span.span_id,
+        'required': limit.distance,
+        'sigma': model.sigma(x),
+        'along_span': along,
+        'support_id': support,
+        'from_support': distance,
+        'rule': rules.title,
+        'edition': rules.edition,
+        'source': limit.source or rules.source,
+        'voltage': rules.voltage,
+        'note': limit.note,
+    } | values

@@ -1,0 +1,172 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Falling trees: those that would come too near to a conductor."""
+
+from collections.abc import Sequence
+import math
+from typing import Any
+
+from numba import njit, prange
+import numpy as np
+
+from plc_inspect.config import HazardSettings
+from plc_inspect.core.catenary.nearest_span import find_near, span_table
+from plc_inspect.core.hazards.clearance_rules import RuleSet
+from plc_inspect.core.hazards.encroachments import describe_hazard, is_held
+from plc_inspect.core.hazards.trees import segment_trees
+from plc_inspect.core.spans.span_model import SpanModel
+from plc_inspect.results import Bool, Float32, Float64, HazardKind, Int32, Int64, Support
+
+FALL_REACH = 50.0
+"""Trees farther from all conductors than this are not looked at [m]."""
+TREE_HEIGHT = 2.0
+"""Lower things do not fall on conductors [m]."""
+TREE_SIGMA = 0.15
+"""Standard deviation of the height of a tree above its foot [m]."""
+
+
+def find_fallible(
+    points: Float64,
+    height: Float32,
+    models: Sequence[SpanModel],
+    line_id: Int32 | None = None,
+    support: Bool | None = None,
+) -> Int64:
+    """
+    Find the points that may belong to a tree which could fall on a conductor.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Positions [m].
+    height : (N,) float32
+        Above local ground [m].
+    models : sequence of SpanModel
+        Spans with their curves.
+    line_id : (N,) int32
+        Conductor of each point, -1 none; these do not fall.
+    support : (N,) bool
+        Points of towers and poles, which do not either.
+
+    Returns
+    -------
+    (K,) int64, ascending indices
+
+    """
+    if not models:
+        return np.zeros(0, dtype=np.int64)
+    free = _choose_free(
+        points, height,
+        np.zeros(0, dtype=np.int32) if line_id is None else line_id,
+        np.zeros(0, dtype=bool) if support is None else support,
+    )
+    found, _, _ = find_near(points, _tabulate(models), FALL_REACH)
+    return found[free[found]]
+
+
+def find_falling_trees(
+    points: Float64,
+    height: Float64,
+    surface: Bool,
+    models: Sequence[SpanModel],
+    supports: Sequence[Support],
+    rules: RuleSet,
+    settings: HazardSettings,
+    known: Sequence[dict[str, Any]],
+) -> list[dict[str, Any]]:
+    """
+    Find trees that come too near to a conductor when they fall.
+
+    A tree of height h whose foot is at the distance s from the conductor reaches to s - h of it.
+
+    Parameters
+    ----------
+    points : (K, 3) float64
+        Off the ground, neither wire nor support [m].
+    height : (K,) float64
+        Above local ground [m].
+    surface : (K,) bool
+        Points of roofs and walls.
+    models, supports, rules, settings
+        As in `encroachments.find_encroachments`.
+    known : sequence
+        Hazards found before; their trees are left out.
+
+    Returns
+    -------
+    list of dict
+        Values of Hazard; position and height are those of the tree's top.
+
+    """
+    limits = rules.find('fall_in')
+    if not limits or not len(points) or not models:
+        return []
+    limit = limits[0]
+    tree = segment_trees(points, height)
+    size = np.bincount(tree)
+    flat = np.bincount(tree, weights=surface.astype(np.float64))
+    top = np.full(len(size), -1, dtype=np.int64)
+    order = np.argsort(height, kind='stable')
+    top[tree[order]] = order
+    feet = points[top].copy()
+    feet[:, 2] -= height[top]
+    found, distance, owner = find_near(feet, _tabulate(models), FALL_REACH + 60.0)
+    taken = _trees_at(points, tree, [item['position'] for item in known
+                                     if item['kind'] == HazardKind.VEGETATION])
+    result = []
+    for number, reach, span in zip(found.tolist(), distance.tolist(), owner.tolist(), strict=True):
+        tall = float(height[top[number]])
+        clearance = reach - tall
+        severity = limit.judge(clearance)
+        solid = flat[number] > 0.5 * size[number] or size[number] < settings.min_points
+        if severity is None or solid or number in taken:
+            continue
+        model, own = models[span], points[tree == number]
+        if is_held(own, model, supports).all():
+            continue
+        x, horizontal, vertical = (
+            float(value[0]) for value in model.part(feet[number : number + 1])
+        )
+        result.append(describe_hazard(
+            model, x, supports, rules, limit,
+            kind=HazardKind.FALL_IN,
+            severity=severity,
+            position=points[top[number]].copy(),
+            clearance=clearance,
+            horizontal=horizontal,
+            vertical=vertical,
+            sigma=math.hypot(model.sigma(x), TREE_SIGMA),
+            num_points=len(own),
+            extent=np.stack([own.min(axis=0), own.max(axis=0)]),
+            height=tall,
+            note='horizontal and vertical are from the foot, which is taken to be under the top',
+        ))
+    return result
+
+
+def _trees_at(points: Float64, tree: Int64, places: Sequence[Float64]) -> set[int]:
+    """Return the trees that the points nearest to some places belong to."""
+    if not places:
+        return set()
+    # Only some rules ask for it, and loading the module takes longer than a tick.
+    from scipy.spatial import cKDTree
+
+    _, nearest = cKDTree(points).query(np.array(places))
+    return set(tree[nearest].tolist())
+
+
+def _tabulate(models: Sequence[SpanModel]) -> Float64:
+    ends = np.sort(np.array([[item.start_x, item.end_x] for item in models]), axis=1)
+    return span_table([item.curve for item in models], ends[:, 0], ends[:, 1])
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _choose_free(points, height, line_id, support):  # type: ignore[no-untyped-def]
+    """Points that may belong to a tree: finite, off the ground, neither wire nor support."""
+    result = np.zeros(len(points), dtype=np.bool_)
+    for i in prange(len(points)):
+        if height[i] > TREE_HEIGHT and np.isfinite(points[i, 0] + points[i, 1] + points[i, 2]):
+            held = (len(line_id) and line_id[i] >= 0) or (len(support) and support[i])
+            result[i] = not held
+    return result

@@ -1,0 +1,49 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Surfaces: which points belong to roofs and walls rather than to foliage."""
+
+import numpy as np
+
+from plc_inspect.core.extraction.linearity import find_lowest, measure_likeness
+from plc_inspect.core.numerics.arrays import take_rows
+from plc_inspect.core.numerics.plan_index import build_plan_index
+from plc_inspect.core.numerics.voxels import build_voxels, find_voxels
+from plc_inspect.results import Bool, Float64
+
+PLANAR = 0.45
+"""Planar likeness from which a neighbourhood is a surface, not foliage."""
+SPHERICAL = 0.08
+"""And its spherical likeness is not beyond this."""
+MIN_POINTS = 5
+"""And it holds this many points."""
+SIZE = 0.5
+"""Edge of the voxels; a neighbourhood is 27 of them [m]."""
+
+
+def is_surface(points: Float64) -> Bool:
+    """
+    Tell points of roofs and walls from foliage by the planar likeness about them.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Finite positions [m].
+
+    Returns
+    -------
+    (N,) bool
+
+    """
+    if not len(points):
+        return np.zeros(0, dtype=bool)
+    everything = np.arange(len(points))
+    order = build_plan_index(points, everything, 4 * SIZE).order
+    own = take_rows(points, order)  # neighbours in space are neighbours in memory
+    voxels = build_voxels(own, everything, find_lowest(own, everything) - 2.0, SIZE)
+    likeness = measure_likeness(voxels)
+    flat = likeness.count >= MIN_POINTS
+    flat &= (likeness.planar >= PLANAR) & (likeness.spherical <= SPHERICAL)
+    result = np.empty(len(points), dtype=bool)
+    result[order] = flat[find_voxels(own, everything, voxels)]
+    return result

@@ -1,0 +1,99 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Single trees in a canopy: peaks that stand out from the crowns around them."""
+
+from numba import njit
+import numpy as np
+
+from plc_inspect.core.numerics.disjoint_sets import find_root
+from plc_inspect.results import Float64, Int64
+
+CELL = 0.5
+"""Edge of the plan cells whose highest points make the canopy [m]."""
+REACH = 2
+"""Cells this far apart touch, so that thin sampling does not tear crowns apart."""
+LEAST_DEPTH = 1.0
+"""Shallower dips do not part two trees [m]."""
+DEPTH_RATIO = 0.15
+"""Nor do dips that are shallower than this share of the lower tree's height."""
+
+
+def segment_trees(points: Float64, height: Float64) -> Int64:
+    """
+    Tell the trees of a canopy apart.
+
+    The highest points of plan cells make a surface.  From the top downwards each cell joins the
+    highest crown it touches; where two crowns meet they are one tree unless the dip between them
+    is deep enough.  O(N log N).
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Positions [m].
+    height : (N,) float64
+        Above local ground [m].
+
+    Returns
+    -------
+    (N,) int64
+        Number of the tree of each point, from 0, in order of the trees' heights.
+
+    """
+    if not len(points):
+        return np.zeros(0, dtype=np.int64)
+    column, row = (
+        ((along - along.min()) / CELL).astype(np.int64) + REACH for along in points.T[:2]
+    )
+    columns = int(column.max()) + 1 + REACH
+    keys, cell = np.unique(row * columns + column, return_inverse=True)
+    level = np.full(len(keys), -np.inf)
+    np.maximum.at(level, cell, height)
+    order = np.lexsort((keys, -level))
+    root = _climb(keys, level, order, columns, REACH, LEAST_DEPTH, DEPTH_RATIO)
+    peaks = order[root[order] == order]
+    number = np.empty(len(keys), dtype=np.int64)
+    number[peaks] = np.arange(len(peaks))
+    result: Int64 = number[root[cell]]
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _climb(keys, level, order, columns, reach, depth, ratio):  # type: ignore[no-untyped-def]
+    """Peak that each cell belongs to, by merging from the top down."""
+    num = len(keys)
+    parent = np.full(num, -1, dtype=np.int64)
+    roots = np.empty((2 * reach + 1) ** 2, dtype=np.int64)
+    for cell in order:
+        found = 0
+        best = -1
+        for step in range(-reach, reach + 1):
+            first = keys[cell] + step * columns - reach
+            at = np.searchsorted(keys, first)
+            while at < num and keys[at] <= first + 2 * reach:
+                if parent[at] >= 0:
+                    if best < 0 or level[at] > level[best]:
+                        best = at
+                    roots[found] = find_root(parent, at)
+                    found += 1
+                at += 1
+        if best < 0:
+            parent[cell] = cell
+            continue
+        own = find_root(parent, best)
+        for k in range(found):
+            other = find_root(parent, roots[k])
+            own = find_root(parent, own)
+            if other == own:
+                continue
+            lower = min(level[other], level[own])
+            if lower - level[cell] < max(depth, ratio * lower):
+                if level[other] > level[own]:
+                    parent[own] = other
+                    own = other
+                else:
+                    parent[other] = own
+        parent[cell] = own
+    for cell in range(num):
+        parent[cell] = find_root(parent, cell)
+    return parent

@@ -1,0 +1,358 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+What the worker of the node does: windows of the map in, the state of the inspection out.
+
+One thread owns a session; the states that it hands out do not change afterwards.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+import time
+
+import numpy as np
+
+from plc_inspect.config import Settings
+from plc_inspect.core.live.window import CLOSE, CLOSE_DISTANCE, sample_span, Window
+from plc_inspect.core.pipeline import Pipeline
+from plc_inspect.core.tracking.hazard_tracking import (
+    HazardBook,
+    HazardNews,
+    leave_out_ends,
+    SupportBook,
+)
+from plc_inspect.core.tracking.span_registry import SpanRegistry, TrackedSpan
+from plc_inspect.results import (
+    Bool,
+    Decision,
+    Float32,
+    Float64,
+    Hazard,
+    InspectionResult,
+    Int32,
+    SpanKey,
+    StageReport,
+    Support,
+    UInt8,
+)
+
+CORRIDOR_REACH = 150.0
+"""Corridor points this near to the vehicle are kept for the messages [m]."""
+FINISHED_DISTANCE = 150.0
+"""A span farther from the vehicle than this, with nothing new in it, is finished [m]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CorridorPoints:
+    """Points of the corridor about the vehicle."""
+
+    points: Float64
+    """(K, 3) map frame [m]."""
+    classification: UInt8
+    """(K,) PointClass."""
+    clearance: Float32
+    """(K,) distance to the nearest conductor [m]."""
+    line_id: Int32
+    """(K,) nearest conductor."""
+    span_id: Int32
+    """(K,) nearest span."""
+
+    def select(self, chosen: Bool) -> 'CorridorPoints':
+        """Return some of the points."""
+        return CorridorPoints(
+            points=self.points[chosen],
+            classification=self.classification[chosen],
+            clearance=self.clearance[chosen],
+            line_id=self.line_id[chosen],
+            span_id=self.span_id[chosen],
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LiveState:
+    """Everything that is known after a tick."""
+
+    spans: tuple[TrackedSpan, ...] = ()
+    """Ordered by line_id, then span_id; those with numbers below 0 are not confirmed yet."""
+    supports: tuple[Support, ...] = ()
+    hazards: tuple[Hazard, ...] = ()
+    corridor: CorridorPoints
+    news: HazardNews = field(default_factory=HazardNews)
+    stages: tuple[StageReport, ...] = ()
+    num_points: int = 0
+    """Points of the window."""
+    num_merges: int = 0
+    """Lines that proved to be part of an older one, since the start."""
+    sequence: int = 0
+    """Newest insertion of the map that is in."""
+    seconds: float = 0.0
+    """Wall time of the tick."""
+
+    @property
+    def confirmed(self) -> tuple[TrackedSpan, ...]:
+        """Spans that may be told of."""
+        return tuple(item for item in self.spans if item.confirmed)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Tick:
+    """What came of one window."""
+
+    state: LiveState
+    labels: UInt8
+    """(N,) label of each point of the window, for the map."""
+
+
+class Session:
+    """The pipeline, tick after tick, and what is known from it."""
+
+    def __init__(self) -> None:
+        self._registry = SpanRegistry()
+        self._hazards = HazardBook()
+        self._supports = SupportBook()
+        self._corridor = _no_corridor()
+
+    def clear(self) -> None:
+        """Forget all that is known; numbers go on."""
+        self._registry.clear()
+        self._hazards.clear()
+        self._supports.clear()
+        self._corridor = _no_corridor()
+
+    @property
+    def state(self) -> LiveState:
+        """What is known, without anything about a tick."""
+        return LiveState(
+            spans=self._registry.spans,
+            supports=self._supports.supports,
+            hazards=self._hazards.hazards,
+            corridor=self._corridor,
+        )
+
+    def tick(self, window: Window, settings: Settings, vehicle: Float64 | None) -> Tick:
+        """
+        Run the pipeline over a window and put in what it found.
+
+        Parameters
+        ----------
+        window : Window
+            Part of the map.
+        settings : Settings
+            For the pipeline.
+        vehicle : Float64 or None
+            (2+,) where the vehicle is [m].
+
+        Returns
+        -------
+        Tick
+
+        """
+        started = time.perf_counter()
+        result = Pipeline(settings).run(window.points)
+        numbered = self._registry.update(result, window.points, window.spans)
+        self._finish_spans(window, vehicle)
+        keys = {item.key for item in self._registry.spans if item.confirmed}
+        told = {old: new for old, new in numbered.items() if new in keys}
+        news = self._hazards.update(
+            leave_out_ends(result.hazards, result.spans, result.supports), told, window.spans,
+            window.holds,
+        )
+        news = replace(news, cleared=news.cleared + self._hazards.keep(keys))
+        self._supports.update(result.supports, told, window.holds)
+        self._keep_corridor(result, window, numbered, vehicle)
+        return Tick(
+            state=self._describe(news, result, window.sequence, started),
+            labels=label_points(result),
+        )
+
+    def conclude(
+        self, points: Float64, settings: Settings, sequence: int, *, complete: bool
+    ) -> tuple[LiveState, InspectionResult]:
+        """
+        Run the pipeline over the whole map; what is known is replaced by what it finds.
+
+        Parameters
+        ----------
+        points : Float64
+            (N, 3) all voxels of the map [m].
+        settings : Settings
+            For the pipeline.
+        sequence : int
+            Newest insertion of the map that is in.
+        complete : bool
+            Nothing was evicted from the map.  Otherwise finished spans that can no longer be
+            seen, with their supports and hazards, are kept.
+
+        Returns
+        -------
+        tuple[LiveState, InspectionResult]
+            The state, and the result with the lasting numbers and the spans that were kept.
+
+        """
+        started = time.perf_counter()
+        result = Pipeline(settings).run(points)
+        known = [item.key for item in self._registry.spans]
+        numbered = self._registry.update(
+            result, points, known, final=True, complete=complete
+        )
+        fresh = set(numbered.values())
+        holds = _hold_all if complete else _hold_none
+        news = self._hazards.update(result.hazards, numbered, fresh, holds, final=complete)
+        keys = {item.key for item in self._registry.spans}
+        news = replace(news, cleared=news.cleared + self._hazards.keep(keys))
+        self._supports.update(result.supports, numbered, holds, final=complete)
+        state = self._describe(news, result, sequence, started)
+        final = replace(
+            renumber(result, numbered),
+            spans=tuple(item.span for item in state.confirmed),
+            supports=state.supports,
+            hazards=state.hazards,
+        )
+        return state, final
+
+    def _describe(
+        self, news: HazardNews, result: InspectionResult, sequence: int, started: float
+    ) -> LiveState:
+        return LiveState(
+            spans=self._registry.spans,
+            supports=self._supports.supports,
+            hazards=self._hazards.hazards,
+            corridor=self._corridor,
+            news=news,
+            stages=result.stages,
+            num_points=result.num_points,
+            num_merges=self._registry.num_merges,
+            sequence=sequence,
+            seconds=time.perf_counter() - started,
+        )
+
+    def _finish_spans(self, window: Window, vehicle: Float64 | None) -> None:
+        if vehicle is None:
+            return
+        behind = []
+        for item in self._registry.spans:
+            if item.finished or item.key in window.spans:
+                continue
+            apart = sample_span(item.span, 20.0) - vehicle[:2]
+            if float(np.hypot(apart[:, 0], apart[:, 1]).min()) > FINISHED_DISTANCE:
+                behind.append(item.key)
+        self._registry.finish(behind)
+
+    def _keep_corridor(
+        self,
+        result: InspectionResult,
+        window: Window,
+        numbered: Mapping[SpanKey, SpanKey],
+        vehicle: Float64 | None,
+    ) -> None:
+        """Replace the corridor where everything was seen; forget what is far from the vehicle."""
+        kept = self._corridor
+        stays = ~window.holds(kept.points)
+        if vehicle is not None:
+            apart = np.hypot(*(kept.points[:, :2] - vehicle[:2]).T)
+            stays &= apart <= CORRIDOR_REACH
+        kept = kept.select(stays)
+        held = window.holds(window.points[result.corridor])
+        chosen = result.corridor[held]
+        line_id, span_id = map_numbers(
+            result.corridor_line_id[held], result.corridor_span_id[held], numbered
+        )
+        new = CorridorPoints(
+            points=window.points[chosen],
+            classification=result.classification[chosen],
+            clearance=result.clearance[chosen],
+            line_id=line_id,
+            span_id=span_id,
+        ).select(line_id >= 0)
+        self._corridor = CorridorPoints(
+            points=np.concatenate((kept.points, new.points)),
+            classification=np.concatenate((kept.classification, new.classification)),
+            clearance=np.concatenate((kept.clearance, new.clearance)),
+            line_id=np.concatenate((kept.line_id, new.line_id)),
+            span_id=np.concatenate((kept.span_id, new.span_id)),
+        )
+
+
+def label_points(result: InspectionResult) -> UInt8:
+    """Return the (N,) labels that the map keeps: Decision, or CLOSE to a conductor."""
+    close = result.clearance <= CLOSE_DISTANCE
+    close &= (result.decision != Decision.WIRE) & (result.decision != Decision.SUPPORT)
+    close &= result.decision != Decision.GROUND
+    return np.where(close, CLOSE, result.decision).astype(np.uint8)
+
+
+def map_numbers(
+    line_id: Int32, span_id: Int32, numbered: Mapping[SpanKey, SpanKey]
+) -> tuple[Int32, Int32]:
+    """
+    Translate (N,) numbers of lines and spans.
+
+    Parameters
+    ----------
+    line_id, span_id : Int32
+        (N,) numbers, -1 none.
+    numbered : mapping
+        Old to new numbers of spans.
+
+    Returns
+    -------
+    tuple[Int32, Int32]
+        (N,) new numbers, -1 where ``numbered`` says nothing.
+
+    """
+    width = int(max((key[1] for key in numbered), default=0)) + 2
+    tall = int(max((key[0] for key in numbered), default=0)) + 2
+    table = np.full((tall, width, 2), -1, dtype=np.int32)
+    for (line, span), new in numbered.items():
+        table[line, span] = new
+    bad = (line_id < 0) | (span_id < 0) | (line_id >= tall - 1) | (span_id >= width - 1)
+    both = table[np.where(bad, tall - 1, line_id), np.where(bad, width - 1, span_id)]
+    return both[:, 0], both[:, 1]
+
+
+def renumber(result: InspectionResult, numbered: Mapping[SpanKey, SpanKey]) -> InspectionResult:
+    """
+    Return a result whose points carry other numbers of lines and spans.
+
+    Parameters
+    ----------
+    result : InspectionResult
+        With numbers of its own.
+    numbered : mapping
+        Its numbers of spans to the new ones.
+
+    Returns
+    -------
+    InspectionResult
+        Spans, supports and hazards are those of ``result``.
+
+    """
+    line_id, span_id = map_numbers(result.line_id, result.span_id, numbered)
+    near_line, near_span = map_numbers(
+        result.corridor_line_id, result.corridor_span_id, numbered
+    )
+    others = result.line_id[result.corridor] < 0
+    span_id[result.corridor[others]] = near_span[others]
+    return replace(
+        result, line_id=line_id, span_id=span_id,
+        corridor_line_id=near_line, corridor_span_id=near_span,
+    )
+
+
+def _hold_all(points: Float64) -> Bool:
+    return np.ones(len(points), dtype=np.bool_)
+
+
+def _hold_none(points: Float64) -> Bool:
+    return np.zeros(len(points), dtype=np.bool_)
+
+
+def _no_corridor() -> CorridorPoints:
+    return CorridorPoints(
+        points=np.empty((0, 3)),
+        classification=np.empty(0, dtype=np.uint8),
+        clearance=np.empty(0, dtype=np.float32),
+        line_id=np.empty(0, dtype=np.int32),
+        span_id=np.empty(0, dtype=np.int32),
+    )

@@ -1,0 +1,93 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Makes the kernels ready before the first scan: loads them, or compiles them the first time."""
+
+import numpy as np
+
+from plc_inspect.config import MapSettings, Settings
+from plc_inspect.core.live.session import Session
+from plc_inspect.core.live.window import copy_window, WindowPlanner
+from plc_inspect.core.mapping.accumulator import Accumulator
+from plc_inspect.core.numerics.assignment import assign
+from plc_inspect.results import Float64
+
+
+def make_sample() -> Float64:
+    """Return (N, 3) points of three conductors over two spans, poles, a tree and the ground."""
+    rng = np.random.default_rng(0)
+    along = np.arange(0.0, 120.0, 0.15)
+    inside = along % 60.0 - 30.0
+    parts = [
+        np.column_stack((along, np.full(len(along), side), 9.0 + inside**2 / 900.0))
+        for side in (-1.2, 0.0, 1.2)
+    ]
+    for x in (0.0, 60.0, 120.0):
+        up = np.arange(0.0, 10.5, 0.1)
+        parts.append(np.column_stack((np.full(len(up), x), np.zeros(len(up)), up)))
+    x, y = (item.ravel() for item in np.mgrid[-5.0:125.0:0.7, -15.0:15.0:0.7])
+    parts.append(np.column_stack((x, y, np.zeros(len(x)))))
+    parts.append(np.array([30.0, 4.0, 5.0]) + rng.normal(0.0, 1.2, (600, 3)))
+    points: Float64 = np.concatenate(parts)
+    return points + rng.normal(0.0, 0.01, points.shape)
+
+
+def make_rarities() -> Float64:
+    """
+    Return (N, 3) points of what few lines have [m].
+
+    A tap from the second pole of the sample, and two conductors that end in the air, of one of
+    which a piece was not seen.
+    """
+    along = np.arange(20.0, 118.0, 0.15)
+    parts = [
+        np.column_stack((x, np.full(len(x), side), 8.0 + (x - 69.0) ** 2 / 900.0))
+        for side, x in ((-13.0, along), (-14.0, along[np.abs(along - 67.5) > 7.5]))
+    ]
+    tap = np.arange(0.3, 7.0, 0.1)
+    parts.append(np.column_stack((60.0 + 0.3 * tap, tap, 9.6 - 0.12 * tap + 0.004 * tap**2)))
+    points: Float64 = np.concatenate(parts)
+    return points
+
+
+def warm_up_intake() -> None:
+    """Run what the scans' and the odometry's callbacks run, on made-up data."""
+    accumulator = Accumulator(Settings(map=MapSettings(max_voxels=20_000)))
+    points = make_sample()[::2].astype(np.float32)
+    times = np.linspace(-0.1, 0.0, len(points))
+    for number in range(4):
+        stamp = 1_000_000_000 + 100_000_000 * number
+        accumulator.add_pose(stamp, (0.1 * number, 0.0, 20.0), (0.0, 0.0, 0.0, 1.0), now=0.0)
+        accumulator.add_scan(stamp, points, times, now=0.0)
+    voxels = accumulator.map
+    plan = WindowPlanner(4.0).plan(voxels, (), None)
+    if plan is not None:
+        window = next(item for item in copy_window(voxels, plan) if item is not None)
+        window.holds(window.points)
+        voxels.label(window.slots, window.points, np.zeros(len(window.slots), dtype=np.uint8))
+    voxels.drop(0, np.zeros(256, dtype=np.bool_))
+
+
+def warm_up_pipeline(settings: Settings, *, rare: bool = False) -> int:
+    """
+    Run the pipeline on a made-up line.
+
+    Parameters
+    ----------
+    settings : Settings
+        For the pipeline.
+    rare : bool
+        Add what few lines have, so that it meets every kernel, and load what is seldom asked.
+
+    Returns
+    -------
+    int
+        Spans found; with the default settings there are six, with what is rare eleven.
+
+    """
+    points = make_sample()
+    if rare:
+        assign(np.zeros((2, 2)), 1.0)  # two that want the same
+        points = np.concatenate((points, make_rarities()))
+    _, result = Session().conclude(points, settings, 0, complete=True)
+    return len(result.spans)

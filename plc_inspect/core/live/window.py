@@ -1,0 +1,352 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The part of the map that one tick of the node looks at.
+
+A plan cell is fresh when enough of it is new and something stands high in it.  Fresh cells are
+taken whole, but for a sample of ground and foliage that earlier ticks saw far from conductors.
+Of their neighbours, and of the spans that run through them along their whole length, everything
+is taken that was ever linear, with a sample of the ground and of wires: so a span is always
+fitted along its whole length.  Of the spans next to those the part near the joint is taken.  The
+cost follows what is new, not the length of the flight.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+import itertools
+import math
+
+from numba import njit
+import numpy as np
+
+from plc_inspect.core.mapping.cell_index import CellIndex
+from plc_inspect.core.mapping.voxel_map import VoxelMap
+from plc_inspect.results import Bool, Decision, Float64, Int32, Int64, Span, SpanKey, UInt8
+
+NEAR = 50.0
+"""Cells this near to the vehicle are looked at while they grow, others when they are quiet [m]."""
+GROWTH = 0.1
+"""Share of new voxels that makes a cell near the vehicle fresh."""
+QUIET = 30
+"""A cell without a new voxel for so many scans is looked at once more."""
+STUB = 60.0
+"""Of a neighbouring span, the part this near to the joint is taken [m]."""
+SIDE = 8.0
+"""Points this far to the side of a span are taken with it [m]."""
+SPACING = 5.0
+"""Spans are sampled this densely to find their cells [m]."""
+JOINT = 5.0
+"""Spans of one line whose ends are this near are neighbours [m]."""
+MOST_CONDUCTORS = 100
+"""Conductors of a cell that are counted; labels hold numbers up to 255."""
+CHUNK = 20_000
+"""Voxels copied in one step."""
+
+_RING = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)], dtype=np.int64)
+_TURN = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
+_AROUND = SIDE * np.vstack(([[0.0, 0.0]], np.column_stack((np.cos(_TURN), np.sin(_TURN)))))
+
+CLOSE = 100
+"""Label of a voxel that is no wire but close to one; other labels are Decision, 0 is unseen."""
+CLOSE_DISTANCE = 8.0
+"""What is this near to a conductor may be a hazard and is never thinned out [m]."""
+
+WHOLE: UInt8 = np.ones(256, dtype=np.uint8)
+"""Labels taken from fresh cells: everything, of ground and foliage far from wires a sample."""
+WHOLE[[Decision.GROUND, Decision.TOO_LOW, Decision.NOT_LINEAR]] = 1 + 4
+
+THIN: UInt8 = np.zeros(256, dtype=np.uint8)
+"""Labels taken from the other cells: what is new or was ever linear, and a little ground."""
+THIN[Decision.GROUND] = 1 + 2
+THIN[Decision.SUPPORT] = 1 + 4
+THIN[Decision.WIRE] = 1 + 1  # for each conductor that is known to run through the cell
+THIN[[0, Decision.OUTLIER]] = 1 + 10
+THIN[[Decision.NO_SECTION, Decision.NO_CLUSTER, Decision.NO_CATENARY]] = 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class WindowPlan:
+    """What to copy from the map."""
+
+    fresh: Int64
+    """(C,) cells to be copied whole, because of what is new in them."""
+    thin: Int64
+    """(T,) cells about them and along spans, of which only a part is copied."""
+    conductors: Int64
+    """(T,) known spans through each of these, at least 1."""
+    everything: bool
+    """Copy the whole map, in the order in which its voxels were made."""
+    spans: frozenset[SpanKey]
+    """Known spans that are in the window along their whole length, with both neighbours."""
+    sequence: int
+    """Newest insertion of the map."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Window:
+    """Copies of M voxels; nothing in it changes afterwards."""
+
+    slots: Int64
+    """(M,) slots in the map."""
+    points: Float64
+    """(M, 3) centroids, map frame [m]."""
+    fresh: Int64
+    """(C, 2) places on the grid of cells that are there whole."""
+    cell_size: float
+    """Edge of a plan cell [m]."""
+    spans: frozenset[SpanKey]
+    """Known spans that are there along their whole length, with both neighbours."""
+    sequence: int
+    """Newest insertion of the map."""
+
+    def holds(self, points: Float64) -> Bool:
+        """Return which of (N, 2+) points lie in fresh cells."""
+        fresh = np.sort(_pack(self.fresh))
+        points = np.ascontiguousarray(points, dtype=np.float64)
+        found: Bool = _find_held(points, self.cell_size, fresh)
+        return found
+
+
+@njit(cache=True, nogil=True)
+def _find_held(points, cell_size, fresh):  # type: ignore[no-untyped-def]
+    """Tell which points lie in cells whose packed places, ascending, are given."""
+    result = np.zeros(len(points), dtype=np.bool_)
+    last, held = np.int64(0), False  # neighbours are often of one cell
+    for k in range(len(points)):
+        row = np.int64(math.floor(points[k, 0] / cell_size))
+        key = (row << 32) + np.int64(math.floor(points[k, 1] / cell_size))
+        if k == 0 or key != last:
+            place = np.searchsorted(fresh, key)
+            last, held = key, bool(place < len(fresh) and fresh[place] == key)
+        result[k] = held
+    return result
+
+
+def sample_span(span: Span, spacing: float) -> Float64:
+    """Return (K, 2) plan points along a span, ends included, at most ``spacing`` apart."""
+    share = np.linspace(0.0, 1.0, max(2, int(np.ceil(span.length / spacing)) + 1))
+    result: Float64 = span.start[:2] + share[:, None] * (span.end[:2] - span.start[:2])
+    return result
+
+
+class WindowPlanner:
+    """
+    Chooses the window of each tick.
+
+    Parameters
+    ----------
+    beta : float
+        A cell with something this far above the lowest place around it is high [m].
+
+    """
+
+    def __init__(self, beta: float) -> None:
+        self._beta = beta
+
+    def plan(
+        self,
+        voxels: VoxelMap,
+        spans: Sequence[Span],
+        vehicle: Float64 | None,
+        *,
+        at_once: bool = False,
+    ) -> WindowPlan | None:
+        """
+        Choose the window and take its fresh cells as seen.
+
+        Parameters
+        ----------
+        voxels : VoxelMap
+            Its cells are settled where they are fresh.
+        spans : sequence of Span
+            Those known so far.
+        vehicle : Float64 or None
+            (2+,) where the vehicle is [m]; None: everywhere near.
+        at_once : bool
+            Take every high cell with anything new in it, however little.
+
+        Returns
+        -------
+        WindowPlan or None
+            None when nothing is new.
+
+        """
+        cells = voxels.cells
+        fresh = self._find_fresh(cells, voxels.sequence, vehicle, at_once)
+        if not len(fresh):
+            return None
+        index = cells.index
+        around = _find_around(cells, index[fresh])
+        core, stubs = _involve(spans, cells, index[around])
+        samples = [sample_span(span, SPACING) for span in core] + stubs
+        along = _concatenate([_cells_of(at, cells) for at in samples])
+        thin = np.setdiff1d(np.union1d(around, along), fresh)
+        passed = _concatenate([np.unique(cells.find(cells.locate(at))) for at in samples])
+        known = np.bincount(passed[passed >= 0], minlength=len(cells))
+        cells.settle(fresh)
+        return WindowPlan(
+            fresh=fresh,
+            thin=thin,
+            conductors=np.maximum(known[thin], 1),
+            everything=False,
+            spans=frozenset(_key(span) for span in core),
+            sequence=voxels.sequence,
+        )
+
+    def _find_fresh(
+        self, cells: CellIndex, sequence: int, vehicle: Float64 | None, at_once: bool
+    ) -> Int64:
+        new = np.flatnonzero(cells.num_new)
+        if not len(new):
+            return new
+        around = cells.find((cells.index[new][:, None, :] + _RING).reshape(-1, 2))
+        low = np.where(around >= 0, cells.low[around], np.inf).reshape(-1, len(_RING))
+        high = cells.high[new] - low.min(axis=1) >= self._beta
+        num_new = cells.num_new[new]
+        due = num_new > GROWTH * (cells.count[new] - num_new)
+        if vehicle is not None:
+            apart = np.linalg.norm(cells.centers[new] - vehicle[:2], axis=1)
+            due &= apart <= NEAR
+        quiet = sequence - cells.touched[new] > QUIET
+        cells.settle(new[quiet & ~high])
+        return new[high & (quiet | due | at_once)]
+
+
+def copy_window(voxels: VoxelMap, plan: WindowPlan) -> Iterator[Window | None]:
+    """
+    Copy a window in steps, so that the owner of the map can do other things between them.
+
+    Parameters
+    ----------
+    voxels : VoxelMap
+        The map that was planned with; it may take scans between steps.
+    plan : WindowPlan
+        What to copy.
+
+    Yields
+    ------
+    Window or None
+        None after each step, at last the window.
+
+    """
+    parts = [voxels.copy_voxels(np.empty(0, dtype=np.int32))]
+    for slots in _list_everything(voxels) if plan.everything else _list_slots(voxels, plan):
+        parts.append(voxels.copy_voxels(slots))
+        yield None
+    index = voxels.cells.index
+    yield Window(
+        slots=np.concatenate([part[0] for part in parts]),
+        points=np.concatenate([part[1] for part in parts]),
+        fresh=index[plan.fresh],
+        cell_size=voxels.cells.cell_size,
+        spans=plan.spans,
+        sequence=plan.sequence,
+    )
+
+
+def plan_everything(voxels: VoxelMap, spans: Sequence[Span]) -> WindowPlan:
+    """Return the plan of a window that is the whole map; nothing is settled."""
+    everything = np.arange(len(voxels.cells))
+    return WindowPlan(
+        fresh=everything,
+        thin=everything[:0],
+        conductors=everything[:0],
+        everything=True,
+        spans=frozenset(_key(span) for span in spans),
+        sequence=voxels.sequence,
+    )
+
+
+def _list_everything(voxels: VoxelMap) -> Iterator[Int32]:
+    start = 0
+    while start < voxels.num_slots:
+        stop = min(start + CHUNK, voxels.num_slots)
+        yield np.arange(start, stop, dtype=np.int32)
+        start = stop
+
+
+def _list_slots(voxels: VoxelMap, plan: WindowPlan) -> Iterator[Int32]:
+    parts = [(plan.fresh, WHOLE)]
+    for number in np.unique(plan.conductors):
+        wanted = THIN.copy()
+        wanted[Decision.WIRE] = 1 + min(int(number), MOST_CONDUCTORS) * (THIN[Decision.WIRE] - 1)
+        parts.append((plan.thin[plan.conductors == number], wanted))
+    for cells, wanted in parts:
+        for group in _split(cells, voxels.cells.count[cells]):
+            yield voxels.collect(group, wanted)
+
+
+def _key(span: Span) -> SpanKey:
+    return span.line_id, span.span_id
+
+
+def _pack(place: Int64) -> Int64:
+    return (place[:, 0] << 32) + place[:, 1]
+
+
+def _split(cells: Int64, count: Int32) -> list[Int64]:
+    """Cut a list of cells where CHUNK voxels are full."""
+    part = np.cumsum(count, dtype=np.int64) // CHUNK
+    return np.split(cells, np.flatnonzero(np.diff(part)) + 1) if len(cells) else [cells]
+
+
+def _find_around(cells: CellIndex, index: Int64) -> Int64:
+    """Return the cells at these places and beside them, ascending."""
+    found = np.unique(cells.find((index[:, None, :] + _RING).reshape(-1, 2)))
+    return found[found >= 0].astype(np.int64)
+
+
+def _concatenate(parts: Sequence[Int64]) -> Int64:
+    return np.concatenate([np.empty(0, dtype=np.int64), *parts])
+
+
+def _cells_of(at: Float64, cells: CellIndex) -> Int64:
+    """Return the cells at (K, 2) plan points and to their sides, ascending."""
+    around = (at[:, None, :] + _AROUND).reshape(-1, 2)
+    found = np.unique(cells.find(np.unique(cells.locate(around), axis=0)))
+    return found[found >= 0].astype(np.int64)
+
+
+def _involve(
+    spans: Sequence[Span], cells: CellIndex, index: Int64
+) -> tuple[list[Span], list[Float64]]:
+    """
+    Find the spans through some cells with those beside them, and the next along the lines.
+
+    Of the latter come only plan points near the joint.
+    """
+    if not spans:
+        return [], []
+    ends = np.array([(span.start, span.end) for span in spans])
+    low, high = index.min(axis=0) * cells.cell_size, (index.max(axis=0) + 1) * cells.cell_size
+    box = ends[:, :, :2].min(axis=1), ends[:, :, :2].max(axis=1)
+    near = ((box[0] <= high) & (box[1] >= low)).all(axis=1)
+    places = _pack(index)
+    touched = {
+        span.span_id for span in itertools.compress(spans, near)
+        if np.isin(_pack(cells.locate(sample_span(span, SPACING))), places).any()
+    }
+    inside = np.array([span.span_id in touched for span in spans])
+    core = list(itertools.compress(spans, inside))
+    by_line: dict[int, list[Span]] = {}
+    for span in core:
+        by_line.setdefault(span.line_id, []).append(span)
+    apart = np.linalg.norm(ends[:, :, None] - ends[inside].reshape(-1, 3), axis=3)
+    beside = ~inside & (apart <= JOINT).any(axis=(1, 2))
+    stubs = []
+    for span in itertools.compress(spans, beside):
+        for other in by_line.get(span.line_id, ()):
+            joint = _meet(span, other)
+            if joint is not None:
+                at = sample_span(span, SPACING)
+                stubs.append(at[np.hypot(*(at - joint).T) <= STUB])
+    return core, stubs
+
+
+def _meet(span: Span, other: Span) -> Float64 | None:
+    """Return the plan position of the end of a span at which another one meets it."""
+    for end in (span.start, span.end):
+        if any(math.dist(end, place) <= JOINT for place in (other.start, other.end)):
+            return end[:2]
+    return None

@@ -1,0 +1,62 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""A span that wind has swung out of the vertical."""
+
+import math
+
+import numpy as np
+
+from plc_inspect.core.loads.sag_tension import height_at, solve_vertex, State
+from plc_inspect.results import Float64, Span
+
+
+class SwungSpan:
+    """
+    A span in the plane that its load pulls it into.
+
+    x runs along it from the start, y out of the plane, z against the load.
+    """
+
+    def __init__(self, span: Span, state: State, side: float = 1.0) -> None:
+        """
+        Hang a span into its plane.
+
+        Parameters
+        ----------
+        span : Span
+            Gives the ends.
+        state : State
+            Gives swing and constant.
+        side : float
+            1 where the wind blows to the left of the span, -1 to the right.
+
+        """
+        chord = span.end - span.start
+        across = np.array([-chord[1], chord[0], 0.0]) / max(float(np.hypot(*chord[:2])), 1e-9)
+        swing = side * state.swing
+        self.up = np.array([0.0, 0.0, math.cos(swing)]) - across * math.sin(swing)
+        self.along = (chord - (chord @ self.up) * self.up) / state.length
+        self.out = np.cross(self.up, self.along)
+        self.start, self.state = span.start, state
+
+    def measure(self, points: Float64) -> tuple[Float64, Float64]:
+        """Return the distances of points (N, 3) to the curve, and their x on it."""
+        state, moved = self.state, points - self.start
+        x0, y, z = moved @ self.along, moved @ self.out, moved @ self.up
+        b = solve_vertex(state.length, state.rise, state.c)
+        x = np.clip(x0, 0.0, state.length)
+        for _ in range(4):
+            gap = height_at(x, state.length, state.rise, state.c) - z
+            slope = np.sinh((x - b) / state.c)
+            first = (x - x0) + gap * slope
+            second = 1.0 + slope**2 + np.maximum(gap * np.cosh((x - b) / state.c) / state.c, -0.5)
+            x = np.clip(x - first / second, 0.0, state.length)
+        gap = height_at(x, state.length, state.rise, state.c) - z
+        return np.sqrt((x - x0) ** 2 + y**2 + gap**2), x
+
+    def position(self, x: Float64) -> Float64:
+        """Return the points (N, 3) of the curve at x (N,)."""
+        z = height_at(x, self.state.length, self.state.rise, self.state.c)
+        result: Float64 = self.start + x[:, None] * self.along + z[:, None] * self.up
+        return result

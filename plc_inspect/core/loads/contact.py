@@ -1,0 +1,105 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Contact: the temperature at which a conductor comes down onto something under it."""
+
+from collections.abc import Sequence
+import math
+
+import numpy as np
+from scipy.optimize import brentq
+
+from plc_inspect.core.loads.load_cases import change_span, group_sections
+from plc_inspect.core.loads.sag_tension import Case, Conductor, height_at
+from plc_inspect.errors import DataError
+from plc_inspect.results import (
+    Float64,
+    HazardKind,
+    InspectionResult,
+    PointClass,
+    Span,
+)
+
+HOTTEST = 120.0
+"""Conductors are not taken to be hotter [degrees Celsius]."""
+ASIDE = 0.25
+"""A point is under a conductor within this of its vertical plane [m]."""
+
+
+def find_contacts(
+    points: Float64, result: InspectionResult, conductor: Conductor, temperature: float
+) -> dict[int, float]:
+    """
+    Find the temperatures at which conductors touch what stands under them.
+
+    Calm air, no ice; sections share their tension as in `whatif.evaluate_cases`.  Only what is
+    below a conductor as surveyed can be touched from above.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        The pipeline's input [m].
+    result : InspectionResult
+        What it found.
+    conductor : Conductor
+        Of all spans.
+    temperature : float
+        Of the conductor when it was surveyed [degrees Celsius].
+
+    Returns
+    -------
+    dict
+        hazard_id of vegetation and structures to the lowest temperature of contact up to HOTTEST
+        [degrees Celsius]; hazards that are not touched are left out.
+
+    """
+    hazards = [item for item in result.hazards
+               if item.kind in (HazardKind.VEGETATION, HazardKind.STRUCTURE)]
+    if not hazards:
+        return {}
+    solid = ~np.isin(result.classification, (PointClass.WIRE, PointClass.TOWER))
+    objects = points[solid & (result.ground_height > 0.0)]
+    sections = {
+        (result.spans[i].line_id, result.spans[i].span_id): [result.spans[k] for k in section]
+        for section in group_sections(result.spans) for i in section
+    }
+    contacts: dict[int, float] = {}
+    for item in hazards:
+        low, high = item.extent
+        own = objects[((objects >= low - 1e-6) & (objects <= high + 1e-6)).all(axis=1)]
+        found = [
+            _heat(own, span, sections[span.line_id, span.span_id], conductor, temperature)
+            for span in result.spans if span.span_id == item.span_id
+        ]
+        if min(found, default=math.inf) <= HOTTEST:
+            contacts[item.hazard_id] = min(found)
+    return contacts
+
+
+def _heat(
+    points: Float64, span: Span, section: Sequence[Span], conductor: Conductor,
+    temperature: float,
+) -> float:
+    """Temperature at which a span comes down to the first of some points; inf if it does not."""
+    unit = (span.end - span.start)[:2] / span.length
+    moved = points - span.start
+    x, y = moved[:, :2] @ unit, moved[:, :2] @ np.array([-unit[1], unit[0]])
+    under = (np.abs(y) <= ASIDE) & (x > 0.0) & (x < span.length)
+    x, z = x[under], moved[under, 2]
+
+    def sink(degrees: float) -> Float64:
+        """How far the conductor is above the points."""
+        case = Case(name='contact', temperature=degrees)
+        state = change_span(span, section, temperature, conductor, case)
+        return height_at(x, state.length, state.rise, state.c) - z
+
+    if temperature >= HOTTEST:
+        return math.inf
+    below = sink(temperature) > 0.0
+    x, z = x[below], z[below]
+    try:
+        if not len(x) or float(sink(HOTTEST).min()) > 0.0:
+            return math.inf
+        return float(brentq(lambda degrees: sink(degrees).min(), temperature, HOTTEST, xtol=0.01))
+    except DataError:  # it hangs too deep for a catenary before it is that hot
+        return math.inf

@@ -1,0 +1,380 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What-if: every span at other temperatures, under ice and in wind, with its clearances."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+import math
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from plc_inspect.core.hazards.clearance_rules import Limit, RuleSet
+from plc_inspect.core.hazards.encroachments import ROOM, THIN_ROOM
+from plc_inspect.core.hazards.surfaces import is_surface
+from plc_inspect.core.loads.blowout import SwungSpan
+from plc_inspect.core.loads.sag_tension import (
+    Case,
+    change_state,
+    Conductor,
+    measure_sag,
+    ruling_span,
+    State,
+)
+from plc_inspect.core.numerics.plan_index import build_plan_index, gather_strip, PlanIndex
+from plc_inspect.core.spans.span_model import find_kind
+from plc_inspect.errors import DataError
+from plc_inspect.results import (
+    Bool,
+    Float64,
+    Hazard,
+    HazardKind,
+    InspectionResult,
+    Int64,
+    PointClass,
+    Severity,
+    Span,
+)
+
+SURVEYED = 'as surveyed'
+JOINT = 5.0
+"""Spans of one line whose ends are this near hang on one support [m]."""
+MAX_TURN_DEG = 3.0
+SAME_TENSION = 0.05
+"""Spans that pull straight at each other with constants this alike share their tension."""
+OFF_GROUND = 0.5
+"""Lower points are ground [m]."""
+GROUND_REACH = 3.0
+"""The ground under a place is known from points this near to it in plan [m]."""
+CELL = 4.0
+BLOCK = 3.0
+"""Edge of the blocks that are structure or vegetation as a whole [m]."""
+MOST_GROUND = 200_000
+"""Ground under a span is known from at most about this many points."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reach:
+    """The nearest thing of one kind."""
+
+    clearance: float
+    """[m], NaN where nothing of this kind is near."""
+    along: float
+    """Horizontal distance from the start of the span [m], NaN unknown."""
+    severity: Severity | None
+    """By the rules, None where they are kept or know no limit."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """One span in one case."""
+
+    case: str
+    sag: float
+    """Greatest distance from chord to curve along the load [m]."""
+    c: float
+    tension: float
+    """Horizontal tension [N]."""
+    swing: float
+    """Blow-out angle [rad]."""
+    vegetation: Reach
+    building: Reach
+    ground: Reach
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SpanOutcomes:
+    """One span in all cases; the first outcome is as surveyed."""
+
+    line_id: int
+    span_id: int
+    ruling_span: float
+    """Span that stands for its section [m]; its own length where it is taken alone."""
+    outcomes: tuple[Outcome, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class WhatIf:
+    """All spans in all cases."""
+
+    conductor: Conductor
+    temperature: float
+    """Taken for that of the conductor when it was surveyed [degrees Celsius]."""
+    cases: tuple[Case, ...]
+    spans: tuple[SpanOutcomes, ...]
+    hazards: dict[int, tuple[float, ...]]
+    """Clearance [m] of the object of each vegetation and structure hazard, as surveyed and in
+    each case, by hazard_id."""
+    contacts: dict[int, float] = field(default_factory=dict)
+    """Temperature at which a conductor touches it, by hazard_id, where one does."""
+
+
+def evaluate_cases(
+    points: Float64,
+    result: InspectionResult,
+    conductor: Conductor,
+    temperature: float,
+    cases: Sequence[Case],
+    rules: RuleSet,
+    min_points: int,
+) -> WhatIf:
+    """
+    Re-sag every span for each case and measure its clearances anew.
+
+    Spans that pull straight at each other with nearly the same constant are one section and
+    share their tension by the ruling span; others are taken alone.  Ends stay where they are:
+    insulators do not swing, supports do not bend.  Wind is tried from both sides.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        The pipeline's input [m].
+    result : InspectionResult
+        What it found.
+    conductor : Conductor
+        Of all spans.
+    temperature : float
+        Of the conductor when it was surveyed; it is not measured but taken from the user.
+    cases : sequence of Case
+        What to look at.
+    rules : RuleSet
+        Distances to judge by.
+    min_points : int
+        Fewer points are no object.
+
+    Returns
+    -------
+    WhatIf
+
+    Raises
+    ------
+    DataError
+        A case has no state, or two cases have one name.
+
+    """
+    names = [SURVEYED, *(case.name for case in cases)]
+    if len(set(names)) != len(names):
+        raise DataError(f'cases need names of their own, got {", ".join(names[1:])}')
+    height = result.ground_height
+    finite = np.isfinite(points).all(axis=1)
+    solid = finite & (height > OFF_GROUND) & ~np.isin(
+        result.classification, (PointClass.WIRE, PointClass.TOWER)
+    )
+    chosen = np.flatnonzero(solid)
+    objects = build_plan_index(points, chosen, CELL)
+    ground = build_plan_index(points, np.flatnonzero(finite & np.isfinite(height)), CELL)
+    kinds = (HazardKind.VEGETATION, HazardKind.STRUCTURE)
+    moved = {
+        item.hazard_id: [math.inf] * len(names) for item in result.hazards if item.kind in kinds
+    }
+    rows = []
+    for section in group_sections(result.spans):
+        ruling = ruling_span([result.spans[i].length for i in section])
+        for i in section:
+            span = result.spans[i]
+            states = [_surveyed(span, conductor)] + [
+                change_span(span, [result.spans[k] for k in section], temperature, conductor,
+                            case)
+                for case in cases
+            ]
+            reach = rules.reach('vegetation', 'building') + 2.0
+            reach += max(item.sag * math.sin(item.swing) for item in states)
+            near = _gather(objects, span, reach)
+            near = near[~_is_held(points[near], span, result)]
+            around = points[near]
+            surface = _smooth(around, is_surface(around))
+            floor = _gather(ground, span, reach + GROUND_REACH)
+            floor = floor[:: 1 + len(floor) // MOST_GROUND]
+            below = points[floor].copy()
+            below[:, 2] -= height[floor]
+            own = [item for item in result.hazards if item.hazard_id in moved and
+                   item.span_id == span.span_id]
+            outcomes = []
+            for number, (name, state) in enumerate(zip(names, states, strict=True)):
+                frames = [SwungSpan(span, state, side) for side in
+                          ((1.0, -1.0) if state.swing else (1.0,))]
+                distance, x = _nearest(frames, points[near])
+                outcomes.append(_describe(
+                    name, state, frames, distance, x, surface, below, rules, min_points
+                ))
+                for item in own:
+                    moved[item.hazard_id][number] = min(
+                        moved[item.hazard_id][number], _of_hazard(item, points[near], distance)
+                    )
+            rows.append(SpanOutcomes(line_id=span.line_id, span_id=span.span_id,
+                                     ruling_span=ruling, outcomes=tuple(outcomes)))
+    rows.sort(key=lambda row: (row.line_id, row.span_id))
+    return WhatIf(
+        conductor=conductor, temperature=temperature, cases=tuple(cases), spans=tuple(rows),
+        hazards={key: tuple(value if math.isfinite(value) else math.nan for value in values)
+                 for key, values in moved.items()},
+    )
+
+
+def group_sections(spans: Sequence[Span]) -> list[list[int]]:
+    """
+    Group the spans that share their tension.
+
+    Parameters
+    ----------
+    spans : sequence of Span
+        Of all lines.
+
+    Returns
+    -------
+    list of list of int
+        Indices of the spans of each section, along the line.
+
+    """
+    sections: list[list[int]] = []
+    order = sorted(range(len(spans)), key=lambda i: (spans[i].line_id, spans[i].span_id))
+    for i in order:
+        if sections and _pull_alike(spans[sections[-1][-1]], spans[i]):
+            sections[-1].append(i)
+        else:
+            sections.append([i])
+    return sections
+
+
+def _pull_alike(first: Span, second: Span) -> bool:
+    if first.line_id != second.line_id or first.open_end or second.open_start:
+        return False
+    turn = math.remainder(second.azimuth - first.azimuth, 2 * math.pi)
+    sigma = 3 * math.hypot(first.sigma.get('c', 0.0), second.sigma.get('c', 0.0))
+    return (
+        math.dist(first.end, second.start) <= JOINT
+        and abs(turn) <= math.radians(MAX_TURN_DEG)
+        and abs(first.c - second.c) <= max(SAME_TENSION * first.c, min(sigma, 0.15 * first.c))
+    )
+
+
+def _surveyed(span: Span, conductor: Conductor) -> State:
+    return State(
+        c=span.c, tension=span.c * conductor.weight, load=conductor.weight, swing=0.0,
+        length=span.length, rise=float(span.end[2] - span.start[2]),
+    )
+
+
+def change_span(
+    span: Span, section: Sequence[Span], temperature: float, conductor: Conductor, case: Case
+) -> State:
+    """Return the state of a span in a case: its own, or by the tension of its section."""
+    rise = float(span.end[2] - span.start[2])
+    own = change_state(span.length, rise, span.c, temperature, conductor, case)
+    if len(section) == 1:
+        return own
+    ruling = ruling_span([item.length for item in section])
+    constant = float(np.mean([item.c for item in section]))
+    before = change_state(ruling, 0.0, constant, temperature, conductor,
+                          Case(name=SURVEYED, temperature=temperature))
+    after = change_state(ruling, 0.0, constant, temperature, conductor, case)
+    tension = span.c * conductor.weight * after.tension / before.tension
+    return State(c=tension / own.load, tension=tension, load=own.load, swing=own.swing,
+                 length=own.length, rise=own.rise)
+
+
+def _gather(index: PlanIndex, span: Span, reach: float) -> Int64:
+    near: Int64 = np.sort(gather_strip(
+        index.start, index.order, index.origin, index.cell_size, index.shape[0], index.shape[1],
+        span.start[0], span.start[1], span.end[0], span.end[1], reach,
+    ))
+    return near
+
+
+def _is_held(points: Float64, span: Span, result: InspectionResult) -> Bool:
+    """Tell the points that arms and insulators of a support explain."""
+    held = np.zeros(len(points), dtype=bool)
+    unit = (span.end - span.start)[:2] / max(span.length, 1e-9)
+    along = (points[:, :2] - span.start[:2]) @ unit
+    for end, distance in ((span.start, along), (span.end, span.length - along)):
+        held |= distance <= ROOM.get(find_kind(span, end, result.supports), THIN_ROOM)
+    return held
+
+
+def _smooth(points: Float64, surface: Bool) -> Bool:
+    """Let the greater part of each block say what it is: crowns have flat patches."""
+    if not len(points):
+        return surface
+    _, block = np.unique(
+        np.floor(points / BLOCK).astype(np.int64), axis=0, return_inverse=True
+    )
+    block = block.ravel()
+    share = np.bincount(block, weights=surface) / np.bincount(block)
+    result: Bool = share[block] > 0.5
+    return result
+
+
+def _nearest(frames: Sequence[SwungSpan], points: Float64) -> tuple[Float64, Float64]:
+    """Least distance of each point to the curve, whichever side the wind comes from."""
+    distance, x = frames[0].measure(points)
+    for frame in frames[1:]:
+        other, at = frame.measure(points)
+        x = np.where(other < distance, at, x)
+        distance = np.minimum(other, distance)
+    return distance, x
+
+
+def _describe(
+    name: str, state: State, frames: Sequence[SwungSpan], distance: Float64, x: Float64,
+    surface: Bool, below: Float64, rules: RuleSet, min_points: int,
+) -> Outcome:
+    return Outcome(
+        case=name,
+        sag=measure_sag(state.length, state.rise, state.c),
+        c=state.c,
+        tension=state.tension,
+        swing=state.swing,
+        vegetation=_reach(distance, x, ~surface, rules.find('vegetation'), min_points, state),
+        building=_reach(distance, x, surface, rules.find('building'), min_points, state),
+        ground=_over_ground(frames, below, rules.find('ground')),
+    )
+
+
+def _reach(
+    distance: Float64, x: Float64, chosen: Bool, limits: Sequence[Limit], min_points: int,
+    state: State,
+) -> Reach:
+    own = np.flatnonzero(chosen)
+    if len(own) < min_points:
+        return Reach(clearance=math.nan, along=math.nan, severity=None)
+    order = own[np.argpartition(distance[own], min_points - 1)[:min_points]]
+    worst = int(order[np.argmax(distance[order])])
+    clearance = float(distance[worst])
+    return Reach(clearance=clearance, along=float(x[worst]), severity=_judge(limits, clearance))
+
+
+def _over_ground(
+    frames: Sequence[SwungSpan], below: Float64, limits: Sequence[Limit]
+) -> Reach:
+    """Least height above the ground; unknown where no ground was seen near."""
+    best = Reach(clearance=math.nan, along=math.nan, severity=None)
+    if not len(below):
+        return best
+    tree = cKDTree(below[:, :2])
+    for frame in frames:
+        x = np.linspace(0.0, frame.state.length, max(int(frame.state.length), 2) + 1)
+        at = frame.position(x)
+        apart, nearest = tree.query(at[:, :2], distance_upper_bound=GROUND_REACH)
+        known = np.isfinite(apart)
+        if not known.any():
+            continue
+        gap = at[known, 2] - below[nearest[known], 2]
+        worst = int(np.argmin(gap))
+        if not gap[worst] >= best.clearance:
+            clearance = float(gap[worst])
+            best = Reach(clearance=clearance, along=float(x[known][worst]),
+                         severity=_judge(limits, clearance))
+    return best
+
+
+def _judge(limits: Sequence[Limit], clearance: float) -> Severity | None:
+    found = [severity for limit in limits if (severity := limit.judge(clearance)) is not None]
+    return max(found, default=None)
+
+
+def _of_hazard(hazard: Hazard, points: Float64, distance: Float64) -> float:
+    """Least distance of the points of a hazard."""
+    low, high = hazard.extent
+    inside = ((points >= low - 1e-6) & (points <= high + 1e-6)).all(axis=1)
+    return float(distance[inside].min(initial=math.inf))

@@ -1,0 +1,351 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+From scans and poses to the map, the same for the node and for a replay.
+
+A scan waits, bounded, until the odometry brackets all its points; then it is deskewed and goes
+into the voxel map whole, or it is dropped whole and counted with the reason.
+"""
+
+from collections import Counter, deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from numba import njit
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from plc_inspect.config import Settings
+from plc_inspect.core.mapping.deskew import deskew, make_transform
+from plc_inspect.core.mapping.pose_buffer import Bracket, PoseBuffer, PoseStatus
+from plc_inspect.core.mapping.scan_clock import ScanClock
+from plc_inspect.core.mapping.scan_counters import Counters, DropReason
+from plc_inspect.core.mapping.voxel_map import VoxelMap
+from plc_inspect.errors import DataError
+from plc_inspect.results import Float32, Float64, Int64
+
+QUEUE_SIZE = 64
+"""Most scans that wait for odometry: 3 s at 20 Hz."""
+
+RESERVED_VOXELS = 8_000_000
+"""Room made at the start, so that no scan pays for growing."""
+
+MAX_TIME_OFFSET = 1.0
+"""Largest believable time of a point relative to its scan's stamp [s]."""
+
+
+_REASON_OF_BRACKET = {
+    Bracket.BEFORE: DropReason.NO_POSE_BEFORE,
+    Bracket.AFTER: DropReason.NO_POSE_AFTER,
+    Bracket.GAP: DropReason.POSE_GAP,
+    Bracket.JUMP: DropReason.POSE_JUMP,
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _WaitingScan:
+    stamp_ns: int
+    xyz: Float32
+    stamps: Int64
+    first: int
+    last: int
+    arrival: float | None
+
+
+class Accumulator:
+    """
+    Builds the map from poses and scans in the order in which they come.
+
+    Owned by one thread.  The frame of the first pose is the map frame; poses and scans of
+    another frame than the first of their kind are rejected and counted.
+
+    Parameters
+    ----------
+    settings : Settings
+        ``input`` and ``map`` are used.
+
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self.poses = PoseBuffer(settings.input)
+        self.map = VoxelMap(settings.map)
+        self.configure(settings)
+        self.map.reserve(RESERVED_VOXELS)
+        self._clock = ScanClock()
+        self._queue: deque[_WaitingScan] = deque()
+        self._counts: Counter[str] = Counter()
+        self._dropped: Counter[DropReason] = Counter()
+        self._frames: tuple[str, str] | None = None
+        self._lidar_frame_id: str | None = None
+        self._last_inserted: int | None = None
+
+    def configure(self, settings: Settings) -> None:
+        """Take other settings for what comes from now on, all but the structural ones."""
+        source = settings.input
+        self._min_range = source.min_range
+        self._max_range = source.max_range
+        self._max_wait = source.max_wait
+        self._T_base_lidar = make_transform(source.lidar_xyz, source.lidar_rpy_deg)
+        self.poses.configure(source)
+        self.map.configure(settings.map)
+
+    @property
+    def last_inserted(self) -> int | None:
+        """Stamp of the scan that went into the map last [ns], None before the first."""
+        return self._last_inserted
+
+    @property
+    def frame_id(self) -> str:
+        """Frame of the odometry and so of the map, '' before the first pose."""
+        return self._frames[0] if self._frames else ''
+
+    @property
+    def lidar_frame_id(self) -> str:
+        """Frame of the scans, '' before the first scan."""
+        return self._lidar_frame_id or ''
+
+    @property
+    def num_waiting(self) -> int:
+        """Scans that wait for odometry."""
+        return len(self._queue)
+
+    def add_pose(
+        self,
+        stamp_ns: int,
+        position: ArrayLike,
+        quaternion: ArrayLike,
+        *,
+        frame_id: str = '',
+        child_frame_id: str = '',
+        now: float | None = None,
+    ) -> bool:
+        """
+        Take one pose of the vehicle, and insert the scans that it completes.
+
+        Parameters
+        ----------
+        stamp_ns : int
+            Time of the pose [ns].
+        position : array_like
+            (3,) base in the map frame [m].
+        quaternion : array_like
+            (4,) x y z w.
+        frame_id, child_frame_id : str
+            Frame of the pose, and of the base.
+        now : float or None
+            Time of arrival by a steady clock or the recording's clock [s].
+
+        Returns
+        -------
+        bool
+            Whether the pose was accepted; if not, the counters say why.
+
+        """
+        frames = (frame_id, child_frame_id)
+        if self._frames is not None and frames != self._frames:
+            self._counts['poses of another frame'] += 1
+            return False
+        status = self.poses.insert(stamp_ns, position, quaternion)
+        if status.accepted:
+            self._frames = frames
+            self._drain()
+        self.expire(now)
+        return status.accepted
+
+    def add_scan(
+        self,
+        stamp_ns: int,
+        xyz: Float32,
+        time: NDArray[np.float64] | None = None,
+        *,
+        frame_id: str = '',
+        num_not_finite: int = 0,
+        now: float | None = None,
+    ) -> None:
+        """
+        Take one scan; it goes into the map once the odometry brackets its points.
+
+        Parameters
+        ----------
+        stamp_ns : int
+            Stamp of the scan [ns].
+        xyz : Float32
+            (N, 3) points in the lidar frame [m].
+        time : NDArray[np.float64] or None
+            (N,) time of each point relative to the stamp [s], of either sign: >= 0 where the
+            stamp is that of the first packet, <= 0 where it is that of the last.  None: all
+            points are taken at the stamp.
+        frame_id : str
+            Frame of the scan.
+        num_not_finite : int
+            Points that were not finite and are not in ``xyz`` any more, to be counted.
+        now : float or None
+            Time of arrival by a steady clock or the recording's clock [s]; without it a scan
+            waits until the queue is full.
+
+        Raises
+        ------
+        DataError
+            The arrays do not belong together, or a time cannot be right; the scan is not
+            counted.
+
+        """
+        points = np.ascontiguousarray(xyz, dtype=np.float32)
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise DataError(f'points must have shape (N, 3), got {points.shape}')
+        times = np.zeros(0) if time is None else np.ascontiguousarray(time, dtype=np.float64)
+        if time is not None and times.shape != (len(points),):
+            raise DataError(f'times of shape {times.shape} for {len(points)} points')
+        kept, stamps, not_finite, near, far, worst = _select(
+            points, times, stamp_ns, self._min_range, self._max_range
+        )
+        if worst > MAX_TIME_OFFSET:
+            raise DataError(
+                f'a point is {worst:g} s away from the stamp of its scan, '
+                f'at most {MAX_TIME_OFFSET:g} s can be right'
+            )
+        self._counts['scans'] += 1
+        if self._lidar_frame_id is None:
+            self._lidar_frame_id = frame_id
+        if frame_id != self._lidar_frame_id:
+            self._dropped[DropReason.WRONG_FRAME] += 1
+            return
+        self._counts['points'] += len(points) + num_not_finite
+        self._counts['not finite'] += not_finite + num_not_finite
+        self._counts['too near'] += near
+        self._counts['too far'] += far
+        self._counts['scans without time'] += time is None
+        self._clock.add(stamp_ns)
+        first, last = (int(stamps.min()), int(stamps.max())) if len(stamps) else (stamp_ns,) * 2
+        if len(self._queue) == QUEUE_SIZE:
+            self._queue.popleft()
+            self._dropped[DropReason.QUEUE_FULL] += 1
+        self._queue.append(_WaitingScan(stamp_ns, kept, stamps, first, last, now))
+        self._drain()
+        self.expire(now)
+
+    def expire(self, now: float | None) -> None:
+        """
+        Drop the scans that have waited longer than ``max_wait``.
+
+        Parameters
+        ----------
+        now : float or None
+            Time by the same clock as at arrival [s]; None: nothing is dropped.
+
+        """
+        if now is None:
+            return
+        for scan in self._take_waiting():
+            if scan.arrival is not None and now - scan.arrival > self._max_wait:
+                self._dropped[DropReason.WAITED_TOO_LONG] += 1
+            else:
+                self._queue.append(scan)
+
+    def finish(self) -> None:
+        """End a recording: scans that still wait will never be bracketed and are dropped."""
+        for _ in self._take_waiting():
+            self._dropped[DropReason.NO_POSE_AFTER] += 1
+
+    def reset(self, *, keep_map: bool = False) -> None:
+        """
+        Forget poses and waiting scans, as after a backward jump of time; counters go on.
+
+        Parameters
+        ----------
+        keep_map : bool
+            Keep the map and the frames.
+
+        """
+        self.poses.clear()
+        self._clock = self._clock.restarted()
+        for _ in self._take_waiting():
+            self._dropped[DropReason.RESET] += 1
+        if not keep_map:
+            self.map.clear()
+            self._frames = self._lidar_frame_id = self._last_inserted = None
+
+    def _take_waiting(self) -> Iterator[_WaitingScan]:
+        """Yield the scans that wait now, each taken out of the queue."""
+        for _ in range(len(self._queue)):
+            yield self._queue.popleft()
+
+    def _drain(self) -> None:
+        """Insert or drop every scan about which the odometry has said all."""
+        newest = self.poses.last_stamp
+        if newest is None or len(self.poses) < 2 or not self._queue:
+            return
+        for scan in self._take_waiting():
+            if scan.last > newest:
+                self._queue.append(scan)
+            else:
+                self._insert(scan)
+
+    def _insert(self, scan: _WaitingScan) -> None:
+        result = deskew(scan.xyz, scan.stamps, self.poses, self._T_base_lidar)
+        if not result.complete:
+            self._dropped[_REASON_OF_BRACKET[Bracket(int(result.bracket.max()))]] += 1
+            return
+        try:
+            insertion = self.map.insert(result.points)
+        except DataError:
+            self._dropped[DropReason.OUT_OF_MAP] += 1
+            return
+        self._last_inserted = scan.stamp_ns
+        self._counts['scans inserted'] += 1
+        self._counts['points inserted'] += insertion.num_points
+        self._counts['map full'] += insertion.num_refused
+
+    def counters(self) -> Counters:
+        """Return what has come in so far and what became of it."""
+        counts, poses = self._counts, self.poses.counts
+        rejected = {s.value: n for s, n in poses.items() if not s.accepted}
+        if counts['poses of another frame']:
+            rejected['another frame'] = counts['poses of another frame']
+        causes = ('not finite', 'too near', 'too far', 'map full')
+        return Counters(
+            num_scans=counts['scans'],
+            num_scans_inserted=counts['scans inserted'],
+            num_scans_waiting=len(self._queue),
+            scans_dropped={reason.value: n for reason, n in self._dropped.items()},
+            num_scans_lost=self._clock.num_lost,
+            num_interruptions=self._clock.num_interruptions,
+            num_scans_without_time=counts['scans without time'],
+            scan_period=self._clock.period,
+            num_points=counts['points'],
+            num_points_inserted=counts['points inserted'],
+            points_dropped={cause: counts[cause] for cause in causes if counts[cause]},
+            num_poses=sum(poses.values()) + counts['poses of another frame'],
+            poses_rejected=rejected,
+            num_pose_gaps=self.poses.num_gaps,
+            num_pose_jumps=self.poses.num_jumps,
+            num_pose_restarts=poses.get(PoseStatus.RESTARTED, 0),
+        )
+
+
+@njit(cache=True, nogil=True)
+def _select(
+    xyz: Float32, times: Float64, stamp_ns: int, min_range: float, max_range: float
+) -> tuple[Float32, Int64, int, int, int, float]:
+    """Keep finite points within the range; also counts of the others and the worst time."""
+    kept = np.empty_like(xyz)
+    stamps = np.empty(len(xyz), dtype=np.int64)
+    count, not_finite, near, far = 0, 0, 0, 0
+    worst = 0.0
+    for i in range(len(xyz)):
+        x, y, z = np.float64(xyz[i, 0]), np.float64(xyz[i, 1]), np.float64(xyz[i, 2])
+        time = times[i] if len(times) else 0.0
+        squared = x * x + y * y + z * z
+        if not (np.isfinite(squared) and np.isfinite(time)):
+            not_finite += 1
+        elif squared < min_range * min_range:
+            near += 1
+        elif squared > max_range * max_range:
+            far += 1
+        else:
+            worst = max(worst, abs(time))
+            kept[count] = xyz[i]
+            stamps[count] = stamp_ns + np.int64(np.rint(time * 1e9))
+            count += 1
+    return kept[:count], stamps[:count], not_finite, near, far, worst

@@ -1,0 +1,274 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Plan cells of the map: which voxels stand in each, and what is new in it.
+
+Each cell heads a linked list of its voxels, so a part of the map is found without looking at the
+rest of it.  Cells are never removed; one that was emptied costs 40 bytes.
+"""
+
+from numba import njit
+import numpy as np
+
+from plc_inspect.core.mapping.cell_lists import collect_slots, drop_slots
+from plc_inspect.core.mapping.voxel_hash import UInt32
+from plc_inspect.core.mapping.voxel_keys import hash_key, KEY_BITS, KEY_HALF_RANGE
+from plc_inspect.results import Bool, Float64, Int32, Int64, UInt8
+
+CELL_SIZE = 10.0
+"""Edge of a plan cell, rounded to whole voxels [m]."""
+
+INITIAL_CELLS = 1 << 12
+_MASK = (1 << KEY_BITS) - 1
+
+
+class CellIndex:
+    """
+    Lists of voxels by plan cell, kept by the map that owns the voxels.
+
+    Parameters
+    ----------
+    voxel_size : float
+        Edge of a voxel [m].
+
+    """
+
+    def __init__(self, voxel_size: float) -> None:
+        self._voxels_per_cell = max(1, round(CELL_SIZE / voxel_size))
+        self._cell_size = self._voxels_per_cell * voxel_size
+        self._voxel_size = voxel_size
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all cells."""
+        self._num = 0
+        self._origin = np.zeros(3, dtype=np.int64)
+        self._table: Int32 = np.zeros(2 * INITIAL_CELLS, dtype=np.int32)
+        self._keys: Int64 = np.zeros(INITIAL_CELLS, dtype=np.int64)
+        self._head: Int32 = np.full(INITIAL_CELLS, -1, dtype=np.int32)
+        self._state: Int32 = np.zeros((INITIAL_CELLS, 5), dtype=np.int32)
+
+    def __len__(self) -> int:
+        """Return the number of cells."""
+        return self._num
+
+    @property
+    def cell_size(self) -> float:
+        """Edge of a cell [m]."""
+        return self._cell_size
+
+    @property
+    def count(self) -> Int32:
+        """(C,) voxels in each cell, a view."""
+        return self._state[: self._num, 0]
+
+    @property
+    def num_new(self) -> Int32:
+        """(C,) voxels made in each cell since ``settle``, a view."""
+        return self._state[: self._num, 1]
+
+    @property
+    def touched(self) -> Int32:
+        """(C,) insertion that last made a voxel in each cell, a view."""
+        return self._state[: self._num, 2]
+
+    @property
+    def low(self) -> Float64:
+        """(C,) bottom of the lowest voxel that each cell ever held [m]."""
+        return (self._state[: self._num, 3] + self._origin[2]) * self._voxel_size
+
+    @property
+    def high(self) -> Float64:
+        """(C,) top of the highest voxel that each cell ever held [m]."""
+        return (self._state[: self._num, 4] + self._origin[2] + 1) * self._voxel_size
+
+    @property
+    def index(self) -> Int64:
+        """(C, 2) place of each cell on the grid of cells."""
+        keys = self._keys[: self._num]
+        return np.column_stack((keys >> 32, (keys & 0xFFFFFFFF) - (1 << 31)))
+
+    @property
+    def centers(self) -> Float64:
+        """(C, 2) middle of each cell in plan [m]."""
+        return np.multiply(self.index + 0.5, self._cell_size, dtype=np.float64)
+
+    def locate(self, xy: Float64) -> Int64:
+        """Return the (N, 2) place on the grid of cells of (N, 2+) points."""
+        return np.floor(xy[:, :2] / self._cell_size).astype(np.int64)
+
+    def find(self, index: Int64) -> Int32:
+        """Return the cell at each of (N, 2) places of the grid, -1 where there is none."""
+        keys = (index[:, 0] << 32) + index[:, 1] + (1 << 31)
+        return _find_cells(keys, self._table, self._keys)
+
+    def settle(self, cells: Int64) -> None:
+        """Take all voxels of these cells as no longer new."""
+        self._state[cells, 1] = 0
+
+    def link(
+        self, slots: Int32, keys: Int64, origin: Int64, sequence: int, following: Int32
+    ) -> None:
+        """
+        Put voxels into the lists of their cells.
+
+        Parameters
+        ----------
+        slots : Int32
+            (N,) slots of the voxels that were just made.
+        keys : Int64
+            Packed keys by slot.
+        origin : Int64
+            (3,) voxel index of the origin of the keys.
+        sequence : int
+            Number of the insertion.
+        following : Int32
+            By slot, the next slot of the same cell, -1 at the end; changed in place.
+
+        """
+        self._origin = origin
+        start = 0
+        while True:
+            self._num, start = _link_slots(
+                slots, start, keys, origin, self._voxels_per_cell, sequence, following,
+                self._num, self._table, self._keys, self._head, self._state,
+            )
+            if start == len(slots):
+                return
+            self._grow()
+
+    def _grow(self) -> None:
+        num = len(self._keys)
+        self._keys = np.concatenate((self._keys, np.zeros(num, dtype=np.int64)))
+        self._head = np.concatenate((self._head, np.full(num, -1, dtype=np.int32)))
+        self._state = np.concatenate((self._state, np.zeros((num, 5), dtype=np.int32)))
+        self._table = np.zeros(4 * num, dtype=np.int32)
+        _fill_cells(self._keys[: self._num], self._table)
+
+    def collect(
+        self, cells: Int64, wanted: UInt8, following: Int32, labels: UInt8, out: Int32
+    ) -> int:
+        """
+        List the voxels of some cells.
+
+        Parameters
+        ----------
+        cells : Int64
+            (K,) cells.
+        wanted : UInt8
+            (256,) for each label 0 to leave out, 1 to take, 1 + k to take k SAMPLE of them, or
+            up to twice as many, where there are more.
+        following, labels : Int32, UInt8
+            Of the map, by slot.
+        out : Int32
+            Slots are written here; as long as the counts of the cells together.
+
+        Returns
+        -------
+        int
+            Number of slots written.
+
+        """
+        return int(
+            collect_slots(cells, wanted, self._head, self._state, following, labels, out)
+        )
+
+    def drop(
+        self,
+        cell: int,
+        kept: Bool,
+        following: Int32,
+        table: UInt32,
+        keys: Int64,
+        counts: UInt32,
+        labels: UInt8,
+        out: Int32,
+    ) -> int:
+        """
+        Remove voxels of one cell from the map.
+
+        Parameters
+        ----------
+        cell : int
+            The cell.
+        kept : Bool
+            (256,) for each label whether the voxel stays.
+        following, table, keys, counts, labels
+            The map's arrays, changed in place.
+        out : Int32
+            Freed slots are written here.
+
+        Returns
+        -------
+        int
+            Number of slots freed.
+
+        """
+        return int(
+            drop_slots(
+                cell, kept, self._head, self._state, following, table, keys, counts, labels, out
+            )
+        )
+
+
+@njit(cache=True, nogil=True)
+def _find(key, table, cell_keys):  # type: ignore[no-untyped-def]
+    mask = len(table) - 1
+    place = hash_key(key) & mask
+    cell = table[place] - 1
+    while cell >= 0 and cell_keys[cell] != key:
+        place = (place + 1) & mask
+        cell = table[place] - 1
+    return cell, place
+
+
+@njit(cache=True, nogil=True)
+def _find_cells(keys, table, cell_keys):  # type: ignore[no-untyped-def]
+    result = np.empty(len(keys), dtype=np.int32)
+    for i in range(len(keys)):
+        result[i] = _find(keys[i], table, cell_keys)[0]
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _fill_cells(keys, table):  # type: ignore[no-untyped-def]
+    for cell in range(len(keys)):
+        _, place = _find(keys[cell], table, keys)
+        table[place] = cell + 1
+
+
+@njit(cache=True, nogil=True)
+def _link_slots(  # type: ignore[no-untyped-def]
+    slots, start, keys, origin, per_cell, sequence, following, num, table, cell_keys, head, state
+):
+    left, front, cell = np.int64(0), np.int64(0), np.int64(-1)
+    for i in range(start, len(slots)):
+        slot = slots[i]
+        key = keys[slot]
+        x = (key >> (2 * KEY_BITS)) - KEY_HALF_RANGE + origin[0]
+        y = ((key >> KEY_BITS) & _MASK) - KEY_HALF_RANGE + origin[1]
+        z = np.int32((key & _MASK) - KEY_HALF_RANGE)
+        if cell < 0 or not (0 <= x - left < per_cell and 0 <= y - front < per_cell):
+            column, row_of = x // per_cell, y // per_cell
+            left, front = column * per_cell, row_of * per_cell
+            cell_key = (column << 32) + row_of + (1 << 31)
+            cell, place = _find(cell_key, table, cell_keys)
+            if cell < 0:
+                if num == len(cell_keys):
+                    return num, i
+                cell = num
+                num += 1
+                cell_keys[cell] = cell_key
+                table[place] = cell + 1
+                state[cell, 3] = z
+                state[cell, 4] = z
+        following[slot] = head[cell]
+        head[cell] = slot
+        row = state[cell]
+        row[0] += 1
+        row[1] += 1
+        row[2] = sequence
+        row[3] = min(row[3], z)
+        row[4] = max(row[4], z)
+    return num, len(slots)

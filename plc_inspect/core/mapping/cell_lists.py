@@ -1,0 +1,109 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Lists of the voxels in the plan cells of the map: following, sampling and shortening them."""
+
+from numba import njit
+import numpy as np
+
+from plc_inspect.core.mapping.voxel_hash import forget_key
+from plc_inspect.core.mapping.voxel_keys import hash_key
+
+SAMPLE = 50
+"""Of a label that is sampled, a multiple of this many voxels is taken from a cell."""
+LANES = 16
+"""Lists that are followed side by side."""
+
+
+@njit(cache=True, nogil=True)
+def collect_slots(  # type: ignore[no-untyped-def]
+    cells, wanted, head, state, following, labels, out
+):
+    """Write the slots of the wanted voxels of some cells, and return how many; see `CellIndex`."""
+    start, slots, label_of = _follow_lists(cells, head, state, following, labels)
+    num = 0
+    count = np.zeros(256, dtype=np.int64)
+    one_in = np.ones(256, dtype=np.int64)
+    for k in range(len(cells)):
+        own = range(start[k], start[k + 1])
+        count[:] = 0
+        for i in own:
+            count[label_of[i]] += 1
+        for label in range(256):
+            if wanted[label] > 1:
+                one_in[label] = max(count[label] // (SAMPLE * (wanted[label] - 1)), 1)
+        for i in own:
+            label = label_of[i]
+            if wanted[label] == 1 or (
+                wanted[label] > 1 and (hash_key(slots[i]) >> 20) % one_in[label] == 0
+            ):
+                out[num] = slots[i]
+                num += 1
+    return num
+
+
+@njit(cache=True, nogil=True)
+def _follow_lists(cells, head, state, following, labels):  # type: ignore[no-untyped-def]
+    """
+    Where the voxels of each of some cells begin in a list, and in it their slots and labels.
+
+    The lists are followed side by side: each step of one waits for memory, those of others not.
+    """
+    start = np.zeros(len(cells) + 1, dtype=np.int64)
+    for k in range(len(cells)):
+        start[k + 1] = start[k] + state[cells[k], 0]
+    slots = np.empty(start[-1], dtype=np.int32)
+    label_of = np.empty(start[-1], dtype=np.uint8)
+    at = np.empty(LANES, dtype=np.int64)
+    place = np.empty(LANES, dtype=np.int64)
+    num, begun = 0, 0
+    while True:
+        while num < LANES and begun < len(cells):
+            at[num], place[num] = head[cells[begun]], start[begun]
+            begun += 1
+            num += at[num] >= 0
+        if num == 0:
+            break
+        lane = 0
+        while lane < num:
+            slot = at[lane]
+            slots[place[lane]], label_of[place[lane]] = slot, labels[slot]
+            place[lane] += 1
+            at[lane] = following[slot]
+            if at[lane] >= 0:
+                lane += 1
+            else:  # the last list takes its lane
+                num -= 1
+                at[lane], place[lane] = at[num], place[num]
+    return start, slots, label_of
+
+
+@njit(cache=True, nogil=True)
+def drop_slots(  # type: ignore[no-untyped-def]
+    cell, kept, head, state, following, table, keys, counts, labels, out
+):
+    """Free the slots of one cell's voxels that are not kept, and return how many these are."""
+    num = 0
+    slot = head[cell]
+    last = np.int32(-1)
+    while slot >= 0:
+        after = following[slot]
+        if kept[labels[slot]]:
+            if last < 0:
+                head[cell] = slot
+            else:
+                following[last] = slot
+            last = slot
+        else:
+            forget_key(keys[slot], table, keys)
+            counts[slot] = 0
+            labels[slot] = 0
+            out[num] = slot
+            num += 1
+        slot = after
+    if last < 0:
+        head[cell] = -1
+    else:
+        following[last] = -1
+    state[cell, 0] -= num
+    return num

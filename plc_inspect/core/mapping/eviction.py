@@ -1,0 +1,100 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What the map forgets when it is nearly full."""
+
+import numpy as np
+
+from plc_inspect.core.mapping.voxel_map import VoxelMap
+from plc_inspect.results import Bool, Decision, Float64, Int64
+
+START = 0.95
+"""Eviction begins when this share of the map's cap is in use."""
+STOP = 0.85
+"""And goes on until no more than this is."""
+BATCH = 30_000
+"""Voxels evicted in one step, about as many as a scan can bring."""
+
+WIRES: Bool = np.zeros(256, dtype=np.bool_)
+"""Labels that stay as long as anything else can go."""
+WIRES[[Decision.WIRE, Decision.SUPPORT]] = True
+NOTHING: Bool = np.zeros(256, dtype=np.bool_)
+
+
+class Evictor:
+    """
+    Removes voxels in steps, those farthest from the vehicle first.
+
+    Ground, vegetation and everything else that is not wire or support goes first; only where
+    that is not enough do wires and supports follow.  What is known of the spans stays in the
+    registry.
+
+    Parameters
+    ----------
+    voxels : VoxelMap
+        Labelled with Decision.
+
+    """
+
+    def __init__(self, voxels: VoxelMap) -> None:
+        self._voxels = voxels
+        self.num_evicted = 0
+        """Voxels removed since the start."""
+        self.clear()
+
+    def clear(self) -> None:
+        """Begin anew, after the map was cleared."""
+        self._order: Int64 = np.empty(0, dtype=np.int64)
+        self._kept: Bool = WIRES
+        self._active = False
+        self._rest: Int64 = np.empty(0, dtype=np.int64)
+
+    def step(self, vehicle: Float64 | None) -> int:
+        """
+        Evict about BATCH voxels if the map is nearly full.
+
+        Parameters
+        ----------
+        vehicle : Float64 or None
+            (2+,) where the vehicle is [m].
+
+        Returns
+        -------
+        int
+            Voxels removed.
+
+        """
+        voxels = self._voxels
+        if not self._active:
+            if len(voxels) < START * voxels.max_voxels:
+                return 0
+            self._begin(vehicle, WIRES)
+        target = STOP * voxels.max_voxels
+        removed = 0
+        while removed < BATCH and len(voxels) > target:
+            if not len(self._order):
+                if self._kept is NOTHING:
+                    break
+                self._begin(vehicle, NOTHING)
+                continue
+            cell, self._order = int(self._order[0]), self._order[1:]
+            removed += voxels.drop(cell, self._kept)
+            self._rest[cell] = voxels.cells.count[cell]
+        self._active = len(voxels) > target and len(self._order) > 0
+        if not self._active:
+            voxels.order_free()
+        self.num_evicted += removed
+        return removed
+
+    def _begin(self, vehicle: Float64 | None, kept: Bool) -> None:
+        """List the cells in which there is something to evict, the farthest first."""
+        cells = self._voxels.cells
+        rest = np.zeros(len(cells), dtype=np.int64)
+        rest[: len(self._rest)] = self._rest
+        self._rest, self._kept, self._active = rest, kept, True
+        todo = np.flatnonzero(cells.count > (rest if kept is WIRES else 0))
+        if vehicle is None:
+            self._order = todo
+            return
+        apart = np.linalg.norm(cells.centers[todo] - vehicle[:2], axis=1)
+        self._order = todo[np.argsort(-apart, kind='stable')]

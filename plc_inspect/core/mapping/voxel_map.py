@@ -1,0 +1,376 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The global map: a hash of voxels that keep the moments of their points, not the points.
+
+A voxel stores its number of points, their mean offset from the voxel's centre, the mean outer
+product of those offsets, a label and the next voxel of its plan cell: 57 bytes with its place in
+the list of free ones, and 8 to 16 bytes of hash table.  Means instead of sums, so that float32
+keeps its precision however often a voxel is hit; sums of any union of voxels follow exactly from
+means and counts.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plc_inspect.config import MapSettings
+from plc_inspect.core.mapping.cell_index import CellIndex
+from plc_inspect.core.mapping.voxel_hash import (
+    accumulate_points,
+    build_table,
+    UInt32,
+)
+from plc_inspect.core.mapping.voxel_keys import (
+    find_centroids,
+    KEY_HALF_RANGE,
+    locate_voxels,
+    order_by_tile,
+)
+from plc_inspect.errors import DataError
+from plc_inspect.results import Bool, Float32, Float64, Int32, Int64, UInt8
+
+INITIAL_CAPACITY = 1 << 16
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Insertion:
+    """What one call of ``VoxelMap.insert`` did."""
+
+    sequence: int
+    """Number of this insertion, counted from 1."""
+    num_points: int
+    """Points that are now part of the map."""
+    num_new: int
+    """Voxels that were touched for the first time."""
+    num_refused: int
+    """Points that would have needed a voxel beyond ``max_voxels`` and were left out."""
+
+
+class VoxelMap:
+    """
+    Voxels of point moments with a hard cap; owned by one thread.
+
+    The voxel grid is fixed to multiples of ``voxel_size``, so that the voxels do not depend on
+    which point came first.  Each insertion gives slots tile by tile, on a tile in the order of
+    first touch: what is looked at together lies together in memory, and the same insertions give
+    the same arrays.
+
+    Parameters
+    ----------
+    settings : MapSettings
+        All of them are used.
+
+    """
+
+    def __init__(self, settings: MapSettings) -> None:
+        self._voxel_size = settings.voxel_size
+        self._max_voxels = settings.max_voxels
+        self._min_points = settings.min_points
+        self._sequence = 0
+        self._num_points = 0
+        self._set_empty(min(INITIAL_CAPACITY, self._max_voxels))
+
+    def _set_empty(self, capacity: int) -> None:
+        self._size = 0
+        self._num_free = 0
+        self._origin: Int64 | None = None
+        self.cells = CellIndex(self._voxel_size)
+        """Plan cells of the voxels."""
+        self._allocate(capacity)
+        self._rehash()
+
+    def _rehash(self) -> None:
+        used = slice(self._size)
+        self._table = build_table(self._keys[used], self._counts[used], self._capacity)
+
+    def _allocate(self, capacity: int) -> None:
+        """Make room for ``capacity`` voxels and carry over those that are there."""
+        old = self._arrays() if self._size else None
+        self._capacity = capacity
+        self._keys: Int64 = np.empty(capacity, dtype=np.int64)
+        self._counts: UInt32 = np.zeros(capacity, dtype=np.uint32)
+        self._moments: Float32 = np.zeros((capacity, 9), dtype=np.float32)
+        self._following: Int32 = np.zeros(capacity, dtype=np.int32)
+        self._labels: UInt8 = np.zeros(capacity, dtype=np.uint8)
+        self._free: Int32 = np.zeros(capacity, dtype=np.int32)
+        if old is not None:
+            for source, target in zip(old, self._all_arrays(), strict=True):
+                target[: self._size] = source
+
+    def _all_arrays(self) -> tuple[NDArray[np.generic], ...]:
+        return (
+            self._keys, self._counts, self._moments, self._following, self._labels, self._free,
+        )
+
+    def _arrays(self) -> tuple[NDArray[np.generic], ...]:
+        return tuple(array[: self._size] for array in self._all_arrays())
+
+    def __len__(self) -> int:
+        """Return the number of occupied voxels."""
+        return self._size - self._num_free
+
+    @property
+    def num_slots(self) -> int:
+        """Slots that were ever in use; some of them may be free."""
+        return self._size
+
+    @property
+    def voxel_size(self) -> float:
+        """Edge of a voxel [m]."""
+        return self._voxel_size
+
+    @property
+    def max_voxels(self) -> int:
+        """Hard cap of occupied voxels."""
+        return self._max_voxels
+
+    @property
+    def num_points(self) -> int:
+        """Points that were ever put in and not refused, removed voxels included."""
+        return self._num_points
+
+    @property
+    def sequence(self) -> int:
+        """Number of the newest insertion, 0 before the first."""
+        return self._sequence
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the voxels in use and of the hash table [bytes]."""
+        return sum(array.nbytes for array in self._arrays()) + self._table.nbytes
+
+    def configure(self, settings: MapSettings) -> None:
+        """Take another ``min_points``; the other settings are structural."""
+        self._min_points = settings.min_points
+
+    def clear(self) -> None:
+        """Forget all voxels; the sequence goes on."""
+        self._set_empty(self._capacity)
+
+    def reserve(self, num_voxels: int) -> None:
+        """
+        Make room ahead, so that no insertion pays for growing.
+
+        Parameters
+        ----------
+        num_voxels : int
+            Voxels to make room for; more than ``max_voxels`` is taken as ``max_voxels``.
+
+        """
+        wanted = min(num_voxels, self._max_voxels)
+        if wanted > self._capacity:
+            self._allocate(wanted)
+            self._rehash()
+
+    @property
+    def memory(self) -> tuple[NDArray[np.generic], ...]:
+        """
+        All that the map has reserved, for who wants it backed by memory ahead.
+
+        The system hands memory out when it is first written, which costs an insertion up to 20 ms
+        now and then.
+        """
+        return *self._all_arrays(), self._table
+
+    def insert(self, points: Float64) -> Insertion:
+        """
+        Add points; either all that fit or, on an error, none.
+
+        Beyond ``max_voxels`` the map does not grow and does not raise: points in voxels that
+        exist are still added, the others are refused and counted.  Cost O(N).
+
+        Parameters
+        ----------
+        points : Float64
+            (N, 3) finite points in the map frame [m].
+
+        Returns
+        -------
+        Insertion
+            What was added and what was refused.
+
+        Raises
+        ------
+        DataError
+            The shape is wrong, or a point is not finite or too far from the first one (2^20
+            voxels along an axis).
+
+        """
+        points = np.ascontiguousarray(points, dtype=np.float64)
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise DataError(f'points must have shape (N, 3), got {points.shape}')
+        if len(points) == 0:
+            return Insertion(
+                sequence=self._sequence, num_points=0, num_new=0, num_refused=0
+            )
+        if not np.isfinite(points[0]).all():
+            raise DataError(f'point 0 is not finite: {points[0].tolist()}')
+        origin = self._origin
+        if origin is None:
+            if np.abs(points[0]).max() / self._voxel_size > 2**52:
+                raise DataError(f'point 0 is out of all bounds: {points[0].tolist()}')
+            origin = np.floor(points[0] / self._voxel_size).astype(np.int64)
+        keys, offsets, bad = locate_voxels(points, origin, self._voxel_size)
+        if bad >= 0:
+            reach = KEY_HALF_RANGE * self._voxel_size
+            raise DataError(
+                f'point {bad} {points[bad].tolist()} is not finite or more than {reach:.0f} m '
+                f'from the first point {(origin * self._voxel_size).tolist()}'
+            )
+        return self._accumulate(keys, offsets, origin)
+
+    def _accumulate(self, keys: Int64, offsets: Float32, origin: Int64) -> Insertion:
+        self._origin = origin
+        self._sequence += 1
+        ordered = order_by_tile(keys)
+        start, num_created, num_refused = 0, 0, 0
+        created: Int32 = np.empty(len(keys), dtype=np.int32)
+        while True:
+            self._size, self._num_free, num_created, start, refused = accumulate_points(
+                keys, offsets, ordered, start, self._size,
+                self._capacity == self._max_voxels,
+                self._free, self._num_free, created, num_created,
+                self._table, self._keys, self._counts, self._moments,
+            )
+            num_refused += refused
+            if start == len(ordered):
+                break
+            self._allocate(min(2 * self._capacity, self._max_voxels))
+            self._rehash()
+        self.cells.link(
+            created[:num_created], self._keys, origin, self._sequence, self._following
+        )
+        num_added = len(keys) - num_refused
+        self._num_points += num_added
+        return Insertion(
+            sequence=self._sequence,
+            num_points=num_added,
+            num_new=num_created,
+            num_refused=num_refused,
+        )
+
+    def _used(self) -> Int64:
+        return np.flatnonzero(self._counts[: self._size])
+
+    def centroids(self) -> Float64:
+        """Return the (M, 3) mean of the points of every voxel [m], by slot."""
+        return self._centroids(self._used())
+
+    def _centroids(self, slots: Int64) -> Float64:
+        if self._origin is None:
+            return np.empty((0, 3))
+        result: Float64 = find_centroids(
+            slots, self._keys, self._moments, self._origin, self._voxel_size
+        )
+        return result
+
+    def counts(self) -> Int64:
+        """Return the (M,) number of points of every voxel, by slot."""
+        return self._counts[self._used()].astype(np.int64)
+
+    def covariances(self) -> Float32:
+        """Return the (M, 6) xx xy xz yy yz zz of every voxel about its centroid [m2], by slot."""
+        moments = self._moments[self._used()].astype(np.float64)
+        x, y, z = moments[:, 0], moments[:, 1], moments[:, 2]
+        products = np.column_stack((x * x, x * y, x * z, y * y, y * z, z * z))
+        result = moments[:, 3:] - products
+        # Rounding may leave a variance of a few 1e-10 m2 below zero.
+        diagonal = [0, 3, 5]
+        result[:, diagonal] = np.maximum(result[:, diagonal], 0.0)
+        return result.astype(np.float32)
+
+    def collect(self, cells: Int64, wanted: UInt8) -> Int32:
+        """
+        List the slots of the voxels in some plan cells.
+
+        The cost is that of the cells' voxels.
+
+        Parameters
+        ----------
+        cells : Int64
+            (K,) cells of ``cells``.
+        wanted : UInt8
+            (256,) for each label 0 to leave out, 1 to take, 1 + k to take k SAMPLE of
+            ``cell_lists``, or up to twice as many, where a cell holds more.
+
+        Returns
+        -------
+        Int32
+            (M,) slots.
+
+        """
+        out: Int32 = np.empty(int(self.cells.count[cells].sum()), dtype=np.int32)
+        num = self.cells.collect(cells, wanted, self._following, self._labels, out)
+        return out[:num]
+
+    def copy_voxels(self, slots: Int32) -> tuple[Int64, Float64]:
+        """
+        Copy the voxels of some slots that have at least ``min_points`` points.
+
+        Parameters
+        ----------
+        slots : Int32
+            (M,) slots.
+
+        Returns
+        -------
+        tuple[Int64, Float64]
+            (K,) their slots and (K, 3) centroids [m].
+
+        """
+        chosen = slots[self._counts[slots] >= max(self._min_points, 1)].astype(np.int64)
+        return chosen, self._centroids(chosen)
+
+    def label(self, slots: Int64, centroids: Float64, labels: UInt8) -> None:
+        """
+        Label voxels that were copied before, where they are still there.
+
+        Parameters
+        ----------
+        slots, centroids : Int64, Float64
+            As from ``copy_voxels`` since the last ``clear``.
+        labels : UInt8
+            (K,) labels, such as PointClass.
+
+        """
+        if self._origin is None or not len(slots):
+            return
+        keys, _, _ = locate_voxels(centroids, self._origin, self._voxel_size)
+        same = (self._keys[slots] == keys) & (self._counts[slots] > 0)
+        self._labels[slots[same]] = labels[same]
+
+    def order_free(self) -> None:
+        """
+        Use the free slots in their order from now on.
+
+        Voxels that are made together then lie together in memory again, as in a map that was
+        never full, and whatever looks at a place reads less of it.
+        """
+        self._free[: self._num_free][::-1].sort()
+
+    def drop(self, cell: int, kept: Bool) -> int:
+        """
+        Remove voxels of one plan cell; their slots are used again.
+
+        Parameters
+        ----------
+        cell : int
+            A cell of ``cells``.
+        kept : Bool
+            (256,) for each label whether its voxels stay.
+
+        Returns
+        -------
+        int
+            Voxels removed.
+
+        """
+        out = self._free[self._num_free :]
+        num = self.cells.drop(
+            cell, kept, self._following, self._table, self._keys, self._counts, self._labels, out
+        )
+        self._num_free += num
+        return num

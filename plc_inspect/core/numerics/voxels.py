@@ -1,0 +1,354 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Sparse voxels that hold the moments of their points."""
+
+from dataclasses import dataclass
+
+from numba import njit, prange
+import numpy as np
+
+from plc_inspect.core.numerics.arrays import put
+from plc_inspect.errors import DataError
+from plc_inspect.results import Float64, Int32, Int64
+
+NUM_PARTS = 4
+"""Runs of points that fill voxels independently; fixed, so results never depend on threads."""
+AXIS_BITS = 20
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Voxels:
+    """M occupied voxels by x, then y, then z."""
+
+    size: float
+    """Edge [m]."""
+    origin: Float64
+    """(3,) corner of the voxel with index 0, 0, 0 [m]."""
+    key: Int64
+    """(M,) the coordinates packed into one number, ascending."""
+    index: Int32
+    """(M, 3) integer coordinates."""
+    moments: Float64
+    """
+    (M, 10) count, sums of x y z, sums of xx xy xz yy yz zz; coordinates from the voxel centre.
+    """
+    table_key: Int64
+    table_slot: Int32
+
+    def __len__(self) -> int:
+        """Return the number of occupied voxels."""
+        return len(self.index)
+
+    @property
+    def counts(self) -> Int64:
+        """(M,) points in each voxel."""
+        return self.moments[:, 0].astype(np.int64)
+
+    def centroids(self, chosen: Int64 | slice = slice(None)) -> Float64:
+        """Return the (K, 3) means of the points of K voxels, of all by default [m]."""
+        center = self.origin + (self.index[chosen] + 0.5) * self.size
+        moments = self.moments[chosen]
+        result: Float64 = center + moments[:, 1:4] / moments[:, :1]
+        return result
+
+
+def build_voxels(points: Float64, chosen: Int64, origin: Float64, size: float) -> Voxels:
+    """
+    Hash the chosen points into voxels; linear in the number of points, fast where sorted.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    chosen : (K,) int64
+        Indices of the points to take, all finite and not below origin.
+    origin : (3,) float64
+        Coordinates [m].
+    size : float
+        Edge of a voxel [m].
+
+    Returns
+    -------
+    Voxels
+
+    Raises
+    ------
+    DataError
+        The extent divided by ``size`` exceeds 2**20 voxels along an axis.
+
+    """
+    if len(chosen):
+        extent = _extent(points, chosen, origin)
+        if extent.max() / size >= (1 << AXIS_BITS) - 2:
+            raise DataError(
+                f'the cloud spans {extent.max():.0f} m, too much for voxels of {size:g} m'
+            )
+    return _sort(size, origin, *_fill_parts(points, chosen, origin, size))
+
+
+def find_voxels(points: Float64, chosen: Int64, voxels: Voxels) -> Int32:
+    """
+    Return the voxel that each chosen point lies in.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    chosen : (K,) int64
+        Indices of points that the voxels were built from.
+    voxels : Voxels
+        Searched.
+
+    Returns
+    -------
+    (K,) int32
+
+    """
+    result: Int32 = _look_up(
+        points, chosen, voxels.origin, voxels.size, voxels.table_key, voxels.table_slot
+    )
+    return result
+
+
+def coarsen(voxels: Voxels) -> Voxels:
+    """Merge 2 x 2 x 2 voxels into one of twice the size; exact, without the points."""
+    keys, moments = _shift_to_parents(voxels.index, voxels.moments, voxels.size)
+    return _sort(voxels.size * 2, voxels.origin, keys, moments)
+
+
+def _sort(size: float, origin: Float64, keys: Int64, moments: Float64) -> Voxels:
+    keys, moments = _unite(keys, moments, np.argsort(keys, kind='stable'))
+    table_key, table_slot = _index_keys(keys)
+    mask = (1 << AXIS_BITS) - 1
+    return Voxels(
+        size=size,
+        origin=origin,
+        key=keys,
+        index=np.stack(
+            [(keys >> (2 * AXIS_BITS)) & mask, (keys >> AXIS_BITS) & mask, keys & mask], axis=1
+        ).astype(np.int32),
+        moments=moments,
+        table_key=table_key,
+        table_slot=table_slot,
+    )
+
+
+@njit(cache=True, nogil=True, inline='always')
+def hash_key(key, mask):  # type: ignore[no-untyped-def]
+    """Spread a key over a table of mask + 1 places, by bits that x, y and z all reach."""
+    value = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
+    return np.int64((value >> np.uint64(32)) & np.uint64(mask))
+
+
+@njit(cache=True, nogil=True, inline='always')
+def find_slot(table_key, table_slot, key):  # type: ignore[no-untyped-def]
+    """Slot of a key, or -1."""
+    mask = len(table_key) - 1
+    place = hash_key(key, mask)
+    while table_key[place] != key:
+        if table_key[place] < 0:
+            return -1
+        place = (place + 1) & mask
+    return table_slot[place]
+
+
+@njit(cache=True, nogil=True, inline='always')
+def pack(ix, iy, iz):  # type: ignore[no-untyped-def]
+    """One key of three voxel coordinates."""
+    return (np.int64(ix) << 40) | (np.int64(iy) << 20) | np.int64(iz)
+
+
+@njit(cache=True, nogil=True)
+def _extent(points, chosen, origin):  # type: ignore[no-untyped-def]
+    extent = np.zeros(3)
+    for i in chosen:
+        for k in range(3):
+            extent[k] = max(extent[k], points[i, k] - origin[k])
+    return extent
+
+
+@njit(cache=True, nogil=True)
+def add_key(table_key, table_slot, key, slot):  # type: ignore[no-untyped-def]
+    """Enter a key that is not in the table yet."""
+    mask = len(table_key) - 1
+    place = hash_key(key, mask)
+    while table_key[place] >= 0:
+        place = (place + 1) & mask
+    table_key[place] = key
+    table_slot[place] = slot
+
+
+@njit(cache=True, nogil=True)
+def grow_table(table_key, table_slot):  # type: ignore[no-untyped-def]
+    """Return a table twice the size with the same entries."""
+    size = len(table_key) * 2
+    new_key = np.full(size, -1, dtype=np.int64)
+    new_slot = np.empty(size, dtype=np.int32)
+    for i in range(len(table_key)):
+        if table_key[i] >= 0:
+            add_key(new_key, new_slot, table_key[i], table_slot[i])
+    return new_key, new_slot
+
+
+@njit(cache=True, nogil=True)
+def _fill_part(points, chosen, origin, size):  # type: ignore[no-untyped-def]
+    capacity = 1 << 12
+    table_key = np.full(capacity * 2, -1, dtype=np.int64)
+    table_slot = np.empty(capacity * 2, dtype=np.int32)
+    keys = np.empty(capacity, dtype=np.int64)
+    moments = np.zeros((capacity, 10))
+    used = 0
+    for i in chosen:
+        x = (points[i, 0] - origin[0]) / size
+        y = (points[i, 1] - origin[1]) / size
+        z = (points[i, 2] - origin[2]) / size
+        ix, iy, iz = int(x), int(y), int(z)
+        key = pack(ix, iy, iz)
+        mask = len(table_key) - 1
+        place = hash_key(key, mask)
+        while table_key[place] != key and table_key[place] >= 0:
+            place = (place + 1) & mask
+        if table_key[place] < 0:
+            if used == capacity:
+                capacity *= 2
+                more_keys = np.empty(capacity, dtype=np.int64)
+                put(keys, more_keys)
+                keys = more_keys
+                more = np.zeros((capacity, 10))
+                put(moments.ravel(), more.ravel())
+                moments = more
+                table_key, table_slot = grow_table(table_key, table_slot)
+                mask = len(table_key) - 1
+                place = hash_key(key, mask)
+                while table_key[place] >= 0:
+                    place = (place + 1) & mask
+            table_key[place] = key
+            table_slot[place] = used
+            keys[used] = key
+            used += 1
+        slot = table_slot[place]
+        x = (x - ix - 0.5) * size
+        y = (y - iy - 0.5) * size
+        z = (z - iz - 0.5) * size
+        add_point(moments[slot], x, y, z)
+    return keys[:used], moments[:used]
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _fill_parts(points, chosen, origin, size):  # type: ignore[no-untyped-def]
+    """Keys and moments of voxels; one that several parts have points in comes several times."""
+    keys = [np.empty(0, dtype=np.int64) for _ in range(NUM_PARTS)]
+    moments = [np.empty((0, 10)) for _ in range(NUM_PARTS)]
+    for part in prange(NUM_PARTS):
+        first, last = part * len(chosen) // NUM_PARTS, (part + 1) * len(chosen) // NUM_PARTS
+        keys[part], moments[part] = _fill_part(points, chosen[first:last], origin, size)
+    start = np.zeros(NUM_PARTS + 1, dtype=np.int64)
+    for part in range(NUM_PARTS):
+        start[part + 1] = start[part] + len(keys[part])
+    all_keys = np.empty(start[NUM_PARTS], dtype=np.int64)
+    all_moments = np.empty((start[NUM_PARTS], 10))
+    for part in prange(NUM_PARTS):
+        put(keys[part], all_keys[start[part] :])
+        put(moments[part].ravel(), all_moments[start[part] :].ravel())
+    return all_keys, all_moments
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _unite(keys, moments, order):  # type: ignore[no-untyped-def]
+    """Put keys into their order, and what comes several times into one."""
+    first = np.empty(len(keys) + 1, dtype=np.int64)
+    used = 0
+    for k in range(len(order)):
+        if k == 0 or keys[order[k]] != keys[order[k - 1]]:
+            first[used] = k
+            used += 1
+    first[used] = len(order)
+    own = np.empty(used, dtype=np.int64)
+    total = np.empty((used, 10))
+    for m in prange(used):
+        own[m] = keys[order[first[m]]]
+        total[m] = 0.0
+        for k in range(first[m], first[m + 1]):
+            for column in range(10):
+                total[m, column] += moments[order[k], column]
+    return own, total
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _look_up(points, chosen, origin, size, table_key, table_slot):  # type: ignore[no-untyped-def]
+    result = np.empty(len(chosen), dtype=np.int32)
+    for k in prange(len(chosen)):
+        i = chosen[k]
+        result[k] = find_slot(
+            table_key,
+            table_slot,
+            pack(
+                int((points[i, 0] - origin[0]) / size),
+                int((points[i, 1] - origin[1]) / size),
+                int((points[i, 2] - origin[2]) / size),
+            ),
+        )
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _index_keys(keys):  # type: ignore[no-untyped-def]
+    size = 16
+    while size < 2 * len(keys) + 2:
+        size *= 2
+    table_key = np.full(size, -1, dtype=np.int64)
+    table_slot = np.empty(size, dtype=np.int32)
+    for slot in range(len(keys)):
+        add_key(table_key, table_slot, keys[slot], slot)
+    return table_key, table_slot
+
+
+@njit(cache=True, nogil=True)
+def add_point(row, x, y, z):  # type: ignore[no-untyped-def]
+    """Add a point at x, y, z [m] to the (10,) count, sums and products of a voxel."""
+    row[0] += 1.0
+    row[1] += x
+    row[2] += y
+    row[3] += z
+    row[4] += x * x
+    row[5] += x * y
+    row[6] += x * z
+    row[7] += y * y
+    row[8] += y * z
+    row[9] += z * z
+
+
+@njit(cache=True, nogil=True)
+def add_shifted(total, row, dx, dy, dz):  # type: ignore[no-untyped-def]
+    """Add to ``total`` the moments ``row`` of points whose centre lies at dx, dy, dz."""
+    n, sx, sy, sz = row[0], row[1], row[2], row[3]
+    total[0] += n
+    total[1] += sx + n * dx
+    total[2] += sy + n * dy
+    total[3] += sz + n * dz
+    total[4] += row[4] + 2 * dx * sx + n * dx * dx
+    total[5] += row[5] + dx * sy + dy * sx + n * dx * dy
+    total[6] += row[6] + dx * sz + dz * sx + n * dx * dz
+    total[7] += row[7] + 2 * dy * sy + n * dy * dy
+    total[8] += row[8] + dy * sz + dz * sy + n * dy * dz
+    total[9] += row[9] + 2 * dz * sz + n * dz * dz
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _shift_to_parents(index, moments, size):  # type: ignore[no-untyped-def]
+    """Keys of the voxels of twice the size, and moments about their centres, of each voxel."""
+    keys = np.empty(len(index), dtype=np.int64)
+    shifted = np.empty((len(index), 10))
+    for i in prange(len(index)):
+        ix, iy, iz = index[i, 0], index[i, 1], index[i, 2]
+        keys[i] = pack(ix >> 1, iy >> 1, iz >> 1)
+        shifted[i] = 0.0
+        add_shifted(
+            shifted[i],
+            moments[i],
+            ((ix & 1) - 0.5) * size,
+            ((iy & 1) - 0.5) * size,
+            ((iz & 1) - 0.5) * size,
+        )
+    return keys, shifted

@@ -1,0 +1,219 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Joints: where the curves of two neighbouring spans of a conductor meet at a support."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+
+from numba import njit, prange
+import numpy as np
+
+from plc_inspect.core.catenary.curve import Curve, pack_curves
+from plc_inspect.core.catenary.curve_row import (
+    COS,
+    height_of,
+    HIGH,
+    LOW,
+    ORIGIN_X,
+    ORIGIN_Y,
+    sigma_of,
+    SIN,
+    slope_of,
+    to_local,
+)
+from plc_inspect.results import Float64, Int64
+
+MAX_TURN = math.radians(65.0)
+"""Sharpest angle of a line at a support."""
+MAX_MISS = 0.5
+"""Greatest distance of the two curves where they are nearest; insulators fill it [m]."""
+MIN_RISE = 0.008
+"""Least kink at a support: half the lengths of both spans over c is more [-]."""
+STRETCH_COST = 0.02
+OVERLAP_COST = 0.1
+"""A metre of extrapolation, or of running on beyond the joint, weighs as this much miss."""
+MAX_OVERLAP = 8.0
+"""How far a curve may run on beyond its support [m]."""
+COARSE_STEP, FINE_STEP = 0.25, 0.02
+"""Steps in which the nearest places of two curves are looked for [m]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Joint:
+    """Two ends of curves that meet at one attachment."""
+
+    curves: tuple[int, int]
+    sides: tuple[int, int]
+    """+1 where the curve's high end meets, -1 its low end."""
+    x: tuple[float, float]
+    """Position of the joint along each of the curves [m]."""
+    position: Float64
+    """(3,) [m]"""
+    direction: float
+    """Azimuth of the line at the joint, half way between both curves, modulo pi [rad]."""
+    kink: float
+    """Sum of the two rises towards the joint."""
+    miss: float
+    """Distance of the curves at the joint [m]."""
+    cost: float
+
+
+def find_joints(curves: Sequence[Curve], max_reach: float) -> tuple[Joint, ...]:
+    """
+    Pair the ends of curves that meet at a support, each end at most once.
+
+    Two ends meet where the extrapolated curves come within ``MAX_MISS`` of each other, both
+    rising towards the place taken together, as conductors hanging from a support do.
+
+    Parameters
+    ----------
+    curves : sequence of Curve
+        Curves, each within one span.
+    max_reach : float
+        Longest extrapolation from either end [m].
+
+    Returns
+    -------
+    tuple of Joint, in order of cost
+
+    """
+    if len(curves) < 2:
+        return ()
+    rows = pack_curves(curves)
+    pairs = _pair_ends(rows, max_reach)
+    met, values = _meet_all(rows, pairs, max_reach)
+    pairs, values = pairs[met], values[met]
+    used: set[tuple[int, int]] = set()
+    chosen = []
+    # the cheapest first, then by curves and sides
+    for k in np.lexsort((*pairs[:, [3, 1, 2, 0]].T, values[:, 4])):
+        first, side, second, other_side = pairs[k].tolist()
+        keys = {(first, side), (second, other_side)}
+        if not keys & used:
+            used |= keys
+            chosen.append(_describe(
+                curves, (first, second), (side, other_side), *values[k].tolist()
+            ))
+    return tuple(chosen)
+
+
+def _pair_ends(rows: Float64, max_reach: float) -> Int64:
+    """
+    Pair the ends that face each other, in plan.
+
+    Returns
+    -------
+    (P, 4) int64
+        Curve and side of one end, curve and side of the other.
+
+    """
+    curve = np.repeat(np.arange(len(rows)), 2)
+    side = np.tile([-1, 1], len(rows))
+    unit = rows[curve][:, [COS, SIN]]
+    x = rows[curve, np.where(side > 0, HIGH, LOW)]
+    position = rows[curve][:, [ORIGIN_X, ORIGIN_Y]] + x[:, None] * unit
+    outward = side[:, None] * unit
+    apart = position[None, :] - position[:, None]
+    distance = np.hypot(apart[:, :, 0], apart[:, :, 1])
+    facing = outward @ outward.T < -math.cos(MAX_TURN)
+    ahead = np.einsum('ijk,ik->ij', apart, outward)
+    across = np.abs(apart[:, :, 0] * outward[:, None, 1] - apart[:, :, 1] * outward[:, None, 0])
+    near = (distance < 2 * max_reach) & (ahead > -2 * MAX_OVERLAP)
+    near &= across < 3.0 + np.abs(ahead) * math.tan(MAX_TURN / 2) + 0.5
+    one, other = np.nonzero(np.triu(near & facing & near.T, 1) & (curve[:, None] != curve))
+    return np.stack([curve[one], side[one], curve[other], side[other]], axis=1)
+
+
+def _describe(
+    curves: Sequence[Curve],
+    numbers: tuple[int, int],
+    sides: tuple[int, int],
+    x: float,
+    other_x: float,
+    miss: float,
+    rise: float,
+    cost: float,
+) -> Joint:
+    """Return the joint of two ends."""
+    first, second = (curves[number] for number in numbers)
+    axis = [
+        sides[1] * turn(second.azimuth) - sides[0] * turn(first.azimuth)
+        for turn in (math.cos, math.sin)
+    ]
+    return Joint(
+        curves=numbers,
+        sides=sides,
+        x=(x, other_x),
+        position=(first.position(x)[0] + second.position(other_x)[0]) / 2,
+        direction=math.atan2(axis[1], axis[0]),
+        kink=rise,
+        miss=miss,
+        cost=cost,
+    )
+
+
+@njit(cache=True, parallel=True, nogil=True, error_model='numpy')
+def _meet_all(rows, pairs, max_reach):  # type: ignore[no-untyped-def]
+    """Which pairs of ends meet, and x of both curves, their distance, the kink and the cost."""
+    met = np.zeros(len(pairs), dtype=np.bool_)
+    values = np.empty((len(pairs), 5))
+    for k in prange(len(pairs)):
+        first, second = rows[pairs[k, 0]], rows[pairs[k, 2]]
+        side, other_side = pairs[k, 1], pairs[k, 3]
+        x, other_x, miss = _approach(
+            first, second, side, other_side,
+            min(max_reach, 0.7 * (first[HIGH] - first[LOW]) + 2.0),
+            min(max_reach, 0.7 * (second[HIGH] - second[LOW]) + 2.0),
+        )
+        if miss > 2 * MAX_MISS:
+            continue
+        slack = 3.0 * max(sigma_of(first, x), sigma_of(second, other_x))
+        if miss > MAX_MISS + min(slack, MAX_MISS):
+            continue
+        rise = side * slope_of(first, x) + other_side * slope_of(second, other_x)
+        beyond = (x - (first[HIGH] if side > 0 else first[LOW])) * side
+        other_beyond = (other_x - (second[HIGH] if other_side > 0 else second[LOW])) * other_side
+        stretch = max(beyond, 0.0) + max(other_beyond, 0.0)
+        overlap = max(-beyond, 0.0) + max(-other_beyond, 0.0)
+        met[k] = rise >= MIN_RISE
+        values[k, 0], values[k, 1], values[k, 2], values[k, 3] = x, other_x, miss, rise
+        values[k, 4] = miss + STRETCH_COST * stretch + OVERLAP_COST * overlap
+    return met, values
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _approach(row, other, side, other_side, reach, other_reach):  # type: ignore[no-untyped-def]
+    """
+    Where two curves, as rows, are nearest about their facing ends.
+
+    Returned are the place along each of them and their distance there [m], inf where neither
+    comes near the end of the other.
+    """
+    end = row[HIGH] if side > 0 else row[LOW]
+    other_end = other[HIGH] if other_side > 0 else other[LOW]
+    back = min(MAX_OVERLAP, (row[HIGH] - row[LOW]) / 2)
+    other_back = min(MAX_OVERLAP, (other[HIGH] - other[LOW]) / 2)
+    best_x, best_other_x, best = end, other_end, np.inf
+    for fine in range(2):
+        if fine == 0:
+            first, step = end - side * back, COARSE_STEP * side
+            num = math.ceil((reach + back) / COARSE_STEP)
+        else:
+            if best == np.inf:
+                break
+            first, step = best_x - COARSE_STEP, FINE_STEP
+            num = math.ceil(2 * COARSE_STEP / FINE_STEP) + 1
+            best = np.inf
+        for k in range(num):
+            x = first + k * step
+            px, py = row[ORIGIN_X] + row[COS] * x, row[ORIGIN_Y] + row[SIN] * x
+            other_x, across = to_local(other, px, py)
+            beyond = (other_x - other_end) * other_side
+            if not -other_back < beyond < other_reach or abs(across) >= best:
+                continue
+            miss = math.hypot(across, height_of(row, x) - height_of(other, other_x))
+            if miss < best:
+                best_x, best_other_x, best = x, other_x, miss
+    return best_x, best_other_x, best

@@ -1,0 +1,320 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Supports, and the spans and lines between them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+
+from numba import njit
+import numpy as np
+
+from plc_inspect.config import SupportSettings
+from plc_inspect.core.catenary.curve import Curve, find_far_apart, fit_curve, pack_curves
+from plc_inspect.core.catenary.curve_row import TOLERANCE
+from plc_inspect.core.catenary.duplicates import mark_course, NUM_STATIONS, SLACK
+from plc_inspect.core.spans.joints import find_joints, Joint
+from plc_inspect.errors import FitError
+from plc_inspect.results import Float64
+
+ADOPTION_MISS = 0.3
+"""A doubtful curve meets a believed one within this [m]."""
+PARALLEL = math.radians(15.0)
+"""Conductors of one span differ by less in azimuth."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Station:
+    """A support as the conductors tell of it."""
+
+    position: Float64
+    """(2,) plan position: the middle of the attachments [m]."""
+    direction: float
+    """Azimuth of the line, modulo pi [rad]."""
+    attachments: Float64
+    """(K, 3) where conductors meet at it [m]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Layout:
+    """Curves cut to their spans, and what they hang between."""
+
+    curves: tuple[Curve, ...]
+    start_x: Float64
+    """(C,) x of the curve at its low end: at the support if known, else the last point [m]."""
+    end_x: Float64
+    """(C,) x of the curve at its high end [m]."""
+    start_station: tuple[int, ...]
+    """Support at the low end of each curve, -1 where the curve is open."""
+    end_station: tuple[int, ...]
+    joints: tuple[Joint, ...]
+    stations: tuple[Station, ...]
+
+
+def find_layout(
+    points: Float64,
+    curves: Sequence[Curve],
+    doubtful: Sequence[Curve],
+    settings: SupportSettings,
+    attempts: int = 4,
+) -> Layout:
+    """
+    Find the supports that curves meet at, and end every curve at its supports.
+
+    Joints of neighbouring conductors that lie side by side are one support.  A conductor that
+    passes a support of its neighbours unbroken is cut there; one that fades out before it is
+    extended to it.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    curves : sequence of Curve
+        Curves, each within one span.
+    doubtful : sequence of Curve
+        Curves that are kept only if they continue one of the others.
+    settings : SupportSettings
+        Settings of this stage.
+    attempts : int
+        How often the layout is made anew after curves were dropped as duplicates.
+
+    Returns
+    -------
+    Layout
+
+    """
+    num_believed = len(curves)
+    curves = _adopt(list(curves), list(doubtful), settings)
+    joints, stations = _drop_weak(find_joints(curves, settings.max_reach), settings)
+    held = {number for joint in joints for number in joint.curves}
+    kept = [c for number, c in enumerate(curves) if number < num_believed or number in held]
+    if len(kept) < len(curves):  # lost the place that they were adopted for to better ones
+        curves = kept
+        joints, stations = _drop_weak(find_joints(curves, settings.max_reach), settings)
+    cut = cut_at_stations(points, curves, stations, settings)
+    if len(cut) != len(curves):
+        curves = cut
+        joints, stations = _drop_weak(find_joints(curves, settings.max_reach), settings)
+    start_x = np.array([curve.low for curve in curves])
+    end_x = np.array([curve.high for curve in curves])
+    start_station = [-1] * len(curves)
+    end_station = [-1] * len(curves)
+    owner = {id(joint): number for number, group in enumerate(stations) for joint in group}
+    for joint in joints:
+        for own, side, x in zip(joint.curves, joint.sides, joint.x, strict=True):
+            if side > 0:
+                end_x[own], end_station[own] = x, owner[id(joint)]
+            else:
+                start_x[own], start_station[own] = x, owner[id(joint)]
+    placed = tuple(_station(group) for group in stations)
+    for number, curve in enumerate(curves):
+        for side, taken, ends in ((1, end_station, end_x), (-1, start_station, start_x)):
+            if taken[number] < 0:
+                other = (start_station if side > 0 else end_station)[number]
+                found = _station_ahead(curve, side, placed, other, settings)
+                if found is not None:
+                    taken[number], ends[number] = found
+    keep = _find_originals(curves, start_x, end_x, settings.max_reach)
+    if len(keep) < len(curves) and attempts > 1:
+        originals = [curves[number] for number in keep]
+        return find_layout(points, originals, (), settings, attempts - 1)
+    return Layout(
+        curves=tuple(curves),
+        start_x=start_x,
+        end_x=end_x,
+        start_station=tuple(start_station),
+        end_station=tuple(end_station),
+        joints=joints,
+        stations=placed,
+    )
+
+
+def _find_originals(
+    curves: Sequence[Curve], start_x: Float64, end_x: Float64, max_reach: float
+) -> list[int]:
+    """Curves that do not lie on a better seen one, now that all reach their supports."""
+    order = np.argsort([-curve.num_points for curve in curves], kind='stable')
+    near = ~find_far_apart(curves, 1.0 + max_reach)
+    kept = _choose_originals(pack_curves(curves), start_x, end_x, near, order)
+    result: list[int] = np.flatnonzero(kept).tolist()
+    return result
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _choose_originals(rows, start_x, end_x, near, order):  # type: ignore[no-untyped-def]
+    kept = np.zeros(len(rows), dtype=np.bool_)
+    for number in order:
+        row = rows[number]
+        on_other = np.zeros(NUM_STATIONS, dtype=np.bool_)
+        for k in range(len(rows)):
+            if kept[k] and near[number, k]:
+                reach = max(row[TOLERANCE], rows[k][TOLERANCE])
+                mark_course(
+                    row, rows[k], start_x[k] - SLACK, end_x[k] + SLACK, reach, on_other
+                )
+        kept[number] = on_other.mean() < 0.5
+    return kept
+
+
+def _adopt(
+    curves: list[Curve], doubtful: list[Curve], settings: SupportSettings
+) -> list[Curve]:
+    """Add the doubtful curves that continue a believed one at a support, best seen first."""
+    waiting = sorted(doubtful, key=lambda curve: (-curve.num_points, *curve.origin))
+    number = 0
+    while number < len(waiting):
+        # those it may meet, and those that these may meet instead
+        near = ~find_far_apart([waiting[number], *curves], 4 * settings.max_reach)[0, 1:]
+        around = [curve for curve, is_near in zip(curves, near, strict=True) if is_near]
+        joints = find_joints([*around, waiting[number]], settings.max_reach)
+        if any(
+            max(joint.curves) == len(around) and joint.miss < ADOPTION_MISS for joint in joints
+        ):
+            curves = [*curves, waiting.pop(number)]
+            number = 0
+        else:
+            number += 1
+    return curves
+
+
+def _drop_weak(
+    joints: Sequence[Joint], settings: SupportSettings
+) -> tuple[tuple[Joint, ...], tuple[tuple[Joint, ...], ...]]:
+    """Drop the joints of a support that stands nearer than min_span to a better proven one."""
+    groups = sorted(
+        group_joints(joints, settings),
+        key=lambda group: (-len(group), sum(joint.cost for joint in group)),
+    )
+    kept: list[tuple[Joint, ...]] = []
+    stations: list[Station] = []
+    for group in groups:
+        own = _station(group)
+        for other in stations:
+            apart = own.position - other.position
+            along = apart[0] * math.cos(other.direction) + apart[1] * math.sin(other.direction)
+            if (
+                abs(along) < settings.min_span
+                and float(np.linalg.norm(apart)) < settings.width
+                and abs(math.sin(own.direction - other.direction)) < math.sin(PARALLEL)
+            ):
+                break
+        else:
+            kept.append(group)
+            stations.append(own)
+    believed = {id(joint) for group in kept for joint in group}
+    return tuple(joint for joint in joints if id(joint) in believed), tuple(kept)
+
+
+def group_joints(
+    joints: Sequence[Joint], settings: SupportSettings
+) -> tuple[tuple[Joint, ...], ...]:
+    """Collect the joints that lie side by side across the line: those of one support."""
+    parent = list(range(len(joints)))
+
+    def root(item: int) -> int:
+        while parent[item] != item:
+            parent[item] = parent[parent[item]]
+            item = parent[item]
+        return item
+
+    for i, first in enumerate(joints):
+        for j in range(i):
+            second = joints[j]
+            if abs(math.sin(first.direction - second.direction)) > math.sin(PARALLEL):
+                continue
+            apart = second.position[:2] - first.position[:2]
+            along = apart[0] * math.cos(first.direction) + apart[1] * math.sin(first.direction)
+            across = apart[1] * math.cos(first.direction) - apart[0] * math.sin(first.direction)
+            if abs(along) <= settings.radius + 0.3 * abs(across) and abs(across) <= settings.width:
+                parent[root(i)] = root(j)
+    groups: dict[int, list[Joint]] = {}
+    for i, joint in enumerate(joints):
+        groups.setdefault(root(i), []).append(joint)
+    return tuple(tuple(group) for group in groups.values())
+
+
+def _station(group: Sequence[Joint]) -> Station:
+    attachments = np.array([joint.position for joint in group])
+    doubled = np.array([2 * joint.direction for joint in group])
+    direction = 0.5 * math.atan2(float(np.sin(doubled).mean()), float(np.cos(doubled).mean()))
+    unit = np.array([math.cos(direction), math.sin(direction)])
+    left = np.array([-unit[1], unit[0]])
+    across = attachments[:, :2] @ left
+    along = attachments[:, :2] @ unit
+    middle = (float(across.min()) + float(across.max())) / 2
+    return Station(
+        position=unit * float(np.median(along)) + left * middle,
+        direction=direction,
+        attachments=attachments,
+    )
+
+
+def cut_at_stations(
+    points: Float64,
+    curves: Sequence[Curve],
+    stations: Sequence[Sequence[Joint]],
+    settings: SupportSettings,
+) -> list[Curve]:
+    """Cut curves that pass unbroken through a support at which their neighbours end."""
+    result = []
+    placed = [_station(group) for group in stations]
+    for curve in curves:
+        parts = [curve]
+        for station in placed:
+            if abs(math.sin(station.direction - curve.azimuth)) > math.sin(PARALLEL):
+                continue
+            x, y = curve.local_place(station.position)
+            margin = settings.min_span / 2
+            if abs(y) > settings.width or not curve.low + margin < x < curve.high - margin:
+                continue
+            height = station.attachments[:, 2]
+            if not height.min() - 6 < float(curve.fit.height(x)) < height.max() + 6:
+                continue
+            parts = [piece for part in parts for piece in _cut(points, part, station.position)]
+        result += parts
+    return result
+
+
+def _cut(points: Float64, curve: Curve, position: Float64) -> list[Curve]:
+    at, _ = curve.local_place(position)
+    if not curve.low < at < curve.high:
+        return [curve]
+    x, _ = curve.local(points[curve.points])
+    pieces = []
+    for part in (curve.points[x < at], curve.points[x >= at]):
+        try:
+            pieces.append(fit_curve(points, part, tolerance=curve.tolerance))
+        except FitError:
+            continue
+    return pieces
+
+
+def _station_ahead(
+    curve: Curve,
+    side: int,
+    stations: Sequence[Station],
+    taken: int,
+    settings: SupportSettings,
+) -> tuple[int, float] | None:
+    """Find the support at which an open end would hang, if its neighbours tell of one."""
+    end = curve.high if side > 0 else curve.low
+    best = None
+    for number, station in enumerate(stations):
+        if number == taken:
+            continue
+        if abs(math.sin(station.direction - curve.azimuth)) > math.sin(math.radians(35.0)):
+            continue
+        x, y = curve.local_place(station.position)
+        ahead = (x - end) * side
+        reach = min(settings.max_reach, 0.5 * curve.length)
+        if abs(y) > settings.width / 2 or not -settings.min_span / 2 < ahead < reach:
+            continue
+        height = station.attachments[:, 2]
+        if not height.min() - 6 < float(curve.fit.height(x)) < height.max() + 6:
+            continue
+        if best is None or abs(ahead) < best[0]:
+            best = (abs(ahead), number, x)
+    return None if best is None else (best[1], best[2])
+
+

@@ -1,0 +1,309 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Taps: short pieces of conductor that branch off at a support, sideways of the line."""
+
+from collections.abc import Iterator, Sequence
+import dataclasses
+import math
+
+import numpy as np
+
+from plc_inspect.config import Settings
+from plc_inspect.core.catenary.curve import Curve, fit_curve
+from plc_inspect.core.catenary.curve_row import derive_tolerance, MIN_TOLERANCE
+from plc_inspect.core.catenary.duplicates import drop_duplicates, is_thick
+from plc_inspect.core.catenary.growing import (
+    extend,
+    measure_company,
+    measure_distances,
+    profile_curve,
+)
+from plc_inspect.core.clustering.clusterers import KERNELS
+from plc_inspect.core.clustering.cross_section import count_needed, thin_window
+from plc_inspect.core.clustering.segment_fit import LEAST_POINTS, SHELL_SHARE
+from plc_inspect.core.clustering.segments import cluster_window
+from plc_inspect.core.extraction.linearity import LinearityResult
+from plc_inspect.core.extraction.off_ground import OffGround
+from plc_inspect.core.numerics.plan_index import build_plan_index, gather_strip
+from plc_inspect.core.spans.span_model import model_span, SpanModel
+from plc_inspect.core.spans.spans import measure_ground_below, SpanResult
+from plc_inspect.errors import FitError
+from plc_inspect.results import Bool, Float64, Int64, Support
+
+REACH = 10.0
+"""Taps are looked for this far from a support [m]."""
+MAX_ARM = 3.0
+"""Supports with conductors farther from their axis are towers of lines that have no taps [m]."""
+AXIS_MISS = 1.5
+"""A tap passes this near to the axis of its support [m]."""
+FIRST_SEEN = 3.0
+"""And is seen from this near to it on [m]."""
+SIDEWAYS = math.radians(25.0)
+"""It leads away from the conductors of the line by more than this."""
+SAME_WAY = math.radians(12.0)
+"""Candidates of one window follow each other in azimuth by less than this."""
+LEAST_SEEDS = 3
+LEAST_LENGTH = 3.5
+"""Shorter pieces are arms and insulators [m]."""
+MIN_COVERAGE = 0.5
+"""Share of its half metres that hold points."""
+LEAST_HEIGHT = 0.4
+"""Taps leave a support above this share of its height."""
+ABOVE = 1.5
+"""And at most this far above its top [m]."""
+MAX_SLOPE = math.tan(math.radians(25.0))
+STEP = 0.5
+"""Steps in which a tap is followed back to its support [m]."""
+
+
+def add_taps(
+    cloud: OffGround, candidates: LinearityResult, spans: SpanResult, settings: Settings
+) -> SpanResult:
+    """
+    Add the conductors that branch off at supports and are too short to be believed elsewhere.
+
+    Service drops and the first metres of a line across the street point at a support from the
+    side.  What does that, hangs free and is as thin as a wire needs no curvature as proof.  Each
+    tap is a line of its own, open at its far end; taps of one support that lead the same way are
+    one span.
+
+    Parameters
+    ----------
+    cloud : OffGround
+        Points off the ground.
+    candidates : LinearityResult
+        Places where points lie along a line.
+    spans : SpanResult
+        Spans and supports so far, with labels of these points; the labels are changed.
+    settings : Settings
+        Settings of all stages.
+
+    Returns
+    -------
+    SpanResult
+
+    """
+    if not spans.models or not spans.supports or not len(candidates.position):
+        return spans
+    places = build_plan_index(candidates.position, np.arange(len(candidates.position)), REACH / 2)
+    models, grounds = list(spans.models), list(spans.ground_below)
+    supports = []
+    line_id = max(model.span.line_id for model in models) + 1
+    span_id = max(model.span.span_id for model in models) + 1
+    for support in spans.supports:
+        lines = []
+        ends = _find_ends(support, spans.models)
+        if not len(ends) or ends[:, 0].max() > MAX_ARM:
+            supports.append(support)
+            continue
+        x, y, _ = support.position
+        near = gather_strip(
+            places.start, places.order, places.origin, places.cell_size, places.shape[0],
+            places.shape[1], x, y, x, y, REACH,
+        )
+        seeds = candidates.position[near], candidates.direction[near]
+        for azimuth, slope, middle in _find_ways(support, ends[:, 1], *seeds):
+            curves = _find_curves(cloud, spans.line_id >= 0, support, azimuth, slope, middle,
+                                  settings)
+            for curve, low in curves:
+                model = _claim(cloud, spans, curve, low, line_id, span_id)
+                if model is not None:
+                    models.append(model)
+                    grounds.append(measure_ground_below(cloud.height, model))
+                    lines.append(line_id)
+                    line_id += 1
+            if models[-1].span.span_id == span_id:
+                span_id += 1
+        supports.append(dataclasses.replace(support, line_ids=(*support.line_ids, *lines)))
+    return dataclasses.replace(
+        spans, models=tuple(models), ground_below=tuple(grounds), supports=tuple(supports),
+        support=spans.support & (spans.line_id < 0),
+    )
+
+
+def _find_ends(support: Support, models: Sequence[SpanModel]) -> Float64:
+    """
+    Return the conductors that end at a support.
+
+    Returns
+    -------
+    (E, 2) float64
+        How far they pass from the axis of the support [m], and the azimuth in which they lead
+        away from it [rad].
+
+    """
+    found = []
+    for model in models:
+        span = model.span
+        if span.line_id not in support.line_ids:
+            continue
+        for end, azimuth, is_open in (
+            (span.start, span.azimuth, span.open_start),
+            (span.end, span.azimuth + math.pi, span.open_end),
+        ):
+            east, north = end[:2] - support.position[:2]
+            if not is_open and math.hypot(east, north) <= REACH:
+                across = north * math.cos(azimuth) - east * math.sin(azimuth)
+                found.append((abs(across), azimuth))
+    return np.array(found).reshape(-1, 2)
+
+
+def _find_ways(
+    support: Support, taken: Float64, position: Float64, direction: Float64
+) -> Iterator[tuple[float, float, float]]:
+    """Yield azimuth, slope and height at the axis of what points at a support from the side."""
+    apart = position - support.position
+    radius = np.hypot(apart[:, 0], apart[:, 1])
+    inward = (direction[:, :2] * apart[:, :2]).sum(axis=1) < 0
+    direction = np.where(inward[:, None], -direction, direction)
+    azimuth = np.arctan2(direction[:, 1], direction[:, 0])
+    run = np.maximum(np.hypot(direction[:, 0], direction[:, 1]), 1e-9)
+    miss = np.abs(apart[:, 0] * direction[:, 1] - apart[:, 1] * direction[:, 0]) / run
+    beside = np.abs(np.angle(np.exp(1j * (azimuth[:, None] - taken)))).min(axis=1) > SIDEWAYS
+    chosen = beside & (radius > 0.5) & (radius <= REACH) & (miss <= AXIS_MISS)
+    chosen &= (apart[:, 2] > LEAST_HEIGHT * support.height) & (
+        apart[:, 2] < support.height + ABOVE
+    )
+    order = np.flatnonzero(chosen)
+    order = order[np.argsort(azimuth[order], kind='stable')]
+    if len(order) < LEAST_SEEDS:
+        return
+    own = azimuth[order]
+    gap = np.diff(own, append=own[0] + 2 * math.pi)
+    order = np.roll(order, -int(np.argmax(gap)) - 1)
+    own = np.unwrap(azimuth[order])
+    for part in np.split(order, np.flatnonzero(np.diff(own) > SAME_WAY) + 1):
+        if len(part) < LEAST_SEEDS:
+            continue
+        way = math.atan2(np.sin(azimuth[part]).mean(), np.cos(azimuth[part]).mean())
+        slope = float(np.median(direction[part, 2] / run[part]))
+        yield way, slope, float(np.median(apart[part, 2] - slope * radius[part]))
+
+
+def _find_curves(
+    cloud: OffGround, wire: Bool, support: Support, azimuth: float, slope: float, middle: float,
+    settings: Settings,
+) -> list[tuple[Curve, float]]:
+    """Return the taps that leave a support one way, and the x at which each begins."""
+    points, limits = cloud.points, settings.catenary
+    unit = np.array([math.cos(azimuth), math.sin(azimuth)])
+    foot, tip = support.position, support.position[:2] + REACH * unit
+    index = cloud.index
+    found = gather_strip(
+        index.start, index.order, index.origin, index.cell_size, index.shape[0], index.shape[1],
+        foot[0], foot[1], tip[0], tip[1], AXIS_MISS,
+    )
+    found = found[~wire[found]]
+    apart = points[found] - foot
+    x, y = apart[:, :2] @ unit, apart[:, :2] @ np.array([-unit[1], unit[0]])
+    w = apart[:, 2] - middle - slope * x
+    inside = (x > 0.5) & (x <= REACH) & (np.abs(y) <= AXIS_MISS + 0.5)
+    inside &= (apart[:, 2] > LEAST_HEIGHT * support.height) & (
+        apart[:, 2] < support.height + ABOVE + 1.0
+    )
+    chosen, x, y, w = thin_window(found[inside], x[inside], y[inside], w[inside])
+    if len(chosen) < LEAST_POINTS:
+        return []
+    clusters = settings.clustering
+    fits, owner, _ = cluster_window(
+        x, y, w, KERNELS['dbscan'], clusters.eps,
+        count_needed(y, w, clusters.eps, clusters.min_points), LEAST_LENGTH,
+        clusters.max_thickness, 1.0,
+    )
+    curves = []
+    for number in range(len(fits)):
+        own = np.sort(chosen[owner == number]).astype(np.int64)
+        try:
+            curve = fit_curve(
+                points, own, tolerance=derive_tolerance(float(fits[number, 5])), azimuth=azimuth
+            )
+        except FitError:
+            continue
+        if not is_thick(curve) and _leaves(curve, support):
+            curves.append(curve)
+    curves = list(drop_duplicates(points, extend(points, index, curves, limits), limits))
+    known, wire = wire, wire.copy()
+    for curve in curves:
+        wire[profile_curve(points, index, curve, curve.low, curve.high).chosen] = True
+    result = []
+    for curve in curves:
+        low = _find_start(cloud, curve, support, wire)
+        if _is_tap(cloud, curve, low, support, known, wire, settings):
+            result.append((curve, low))
+    return result
+
+
+def _find_start(cloud: OffGround, curve: Curve, support: Support, wire: Bool) -> float:
+    """Follow a tap back towards the axis of its support as far as it is thin and free."""
+    at, _ = curve.local_place(support.position)
+    low = max(curve.low, at + FIRST_SEEN)
+    profile = profile_curve(
+        cloud.points, cloud.index, curve, low - STEP * math.ceil((low - at) / STEP), low,
+        step=STEP, ignore=wire,
+    )
+    for core, shell in zip(profile.core[::-1], profile.shell[::-1], strict=True):
+        if shell > SHELL_SHARE * core + 1.0:
+            break
+        low -= STEP
+    return max(low, at)
+
+
+def _leaves(curve: Curve, support: Support) -> bool:
+    """Whether a curve, extrapolated, passes the axis of a support where conductors hang."""
+    x, y = curve.local_place(support.position)
+    above = float(curve.fit.height(x)) - support.position[2]
+    return (
+        abs(y) <= AXIS_MISS
+        and LEAST_HEIGHT * support.height < above < support.height + ABOVE
+        and abs(float(curve.fit.slope((max(curve.low, x) + curve.high) / 2))) <= MAX_SLOPE
+    )
+
+
+def _is_tap(
+    cloud: OffGround, curve: Curve, low: float, support: Support, known: Bool, wire: Bool,
+    settings: Settings,
+) -> bool:
+    """
+    Whether a curve hangs free, is as thin as a wire, and begins at its support.
+
+    ``known`` are points of the line, ``wire`` those of other curves that may be taps as well.
+    """
+    limits = settings.catenary
+    at, _ = curve.local_place(support.position)
+    if (
+        curve.high - low < LEAST_LENGTH
+        or max(low, curve.low) - at > FIRST_SEEN
+        or not _leaves(curve, support)
+    ):
+        return False
+    # a roof can be cut into curves, each of which the others surround: they count as well here
+    rms = max(curve.fit.rmse, curve.lateral_rmse)
+    thin = dataclasses.replace(
+        curve, low=low, tolerance=min(max(2.0 * rms, MIN_TOLERANCE), curve.tolerance)
+    )
+    profile = profile_curve(
+        cloud.points, cloud.index, thin, low, curve.high, step=STEP, ignore=known
+    )
+    return (
+        len(profile.chosen) >= limits.min_points
+        and profile.coverage >= MIN_COVERAGE
+        and profile.crowding <= limits.max_crowding
+        and measure_company(cloud.points, cloud.index, thin, profile, wire) <= limits.max_company
+    )
+
+
+def _claim(
+    cloud: OffGround, spans: SpanResult, curve: Curve, low: float, line_id: int, span_id: int
+) -> SpanModel | None:
+    """Label the points of a tap and describe it."""
+    profile = profile_curve(cloud.points, cloud.index, curve, low, curve.high)
+    own: Int64 = profile.chosen[spans.line_id[profile.chosen] < 0]
+    if len(own) < LEAST_POINTS:
+        return None
+    spans.line_id[own], spans.span_id[own] = line_id, span_id
+    spans.residual[own] = measure_distances(cloud.points, curve, own)
+    return model_span(
+        cloud.points, curve, own, low, curve.high, False, (False, True), line_id, span_id,
+        profile.coverage, (0.0, 0.0),
+    )

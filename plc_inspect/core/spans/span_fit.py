@@ -1,0 +1,233 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The final fit of each span, to all its points."""
+
+from collections.abc import Sequence
+import dataclasses
+import math
+
+from numba import njit
+import numpy as np
+
+from plc_inspect.config import CatenarySettings
+from plc_inspect.core.catenary.catenary import draw_triples
+from plc_inspect.core.catenary.curve import Curve, pack_curves, unpack_curve
+from plc_inspect.core.catenary.curve_row import (
+    AZIMUTH,
+    COS,
+    COVARIANCE,
+    CURVATURE,
+    fit_row,
+    HEIGHT,
+    HIGH,
+    is_curve,
+    LOW,
+    MIDDLE,
+    MIN_TOLERANCE,
+    NUM_POINTS,
+    ORIGIN_X,
+    ORIGIN_Y,
+    SIN,
+    SLOPE,
+    to_local,
+    TOLERANCE,
+)
+from plc_inspect.core.catenary.growing import grid_of, profile_row, STEP
+from plc_inspect.core.numerics.arrays import put
+from plc_inspect.core.numerics.plan_index import PlanIndex
+from plc_inspect.core.numerics.threads import call_each
+from plc_inspect.core.spans.layout import Layout
+from plc_inspect.results import Float32, Float64, Int64
+
+MISFIT_PARTS = 20
+"""Parts of a span whose mean residuals are compared with the noise."""
+MAX_NOISE = 3.0
+"""Residuals beyond this many standard deviations are not the conductor's, or not good."""
+MAX_POINTS = 8_000
+"""Points that the fit of a span uses at most."""
+
+End = tuple[Curve, float, float]
+"""A curve, and the x of its low and high end [m]."""
+
+
+def fit_spans(
+    points: Float64,
+    index: PlanIndex,
+    layout: Layout,
+    settings: CatenarySettings,
+    rng: np.random.Generator,
+) -> list[End]:
+    """
+    Fit each curve to all points between its ends.
+
+    MSAC and least squares give a first fit, and what lies about that the second.  The
+    covariance is enlarged where the residuals of neighbours go together.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    index : PlanIndex
+        Searched.
+    layout : Layout
+        The curves, and x of their ends.
+    settings : CatenarySettings
+        Settings of the fit.
+    rng : numpy.random.Generator
+        For MSAC.
+
+    Returns
+    -------
+    list of (Curve, float, float)
+        For each curve of the layout the final one, and the x of its ends [m].
+
+    """
+    num = len(layout.curves)
+    if not num:
+        return []
+    rows = pack_curves(layout.curves)
+    ends = np.stack([layout.start_x, layout.end_x], axis=1)
+    is_open = np.stack([layout.start_station, layout.end_station], axis=1) < 0
+    draws = draw_triples(num * settings.num_trials, rng).reshape(num, settings.num_trials, 3)
+    grid = grid_of(index)
+    found = call_each(
+        lambda k: _fit(
+            points, grid, rows[k], ends[k], is_open[k], layout.curves[k].points, draws[k]
+        ),
+        num,
+    )
+    finals = []
+    for curve, row, (chosen, stride), (low, high) in zip(
+        layout.curves, rows, found, ends.tolist(), strict=True
+    ):
+        fresh = unpack_curve(row, chosen, stride) if stride else dataclasses.replace(
+            curve, fit=dataclasses.replace(
+                curve.fit, covariance=row[COVARIANCE : COVARIANCE + 9].reshape(3, 3)
+            ),
+        )
+        finals.append((fresh, low, high))
+    return finals
+
+
+def collect_points(
+    points: Float64, index: PlanIndex, finals: Sequence[End], slack: float
+) -> list[tuple[Int64, Float32]]:
+    """
+    Find the points on each curve between its ends, and their distances to it.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    index : PlanIndex
+        Searched.
+    finals : sequence of (Curve, float, float)
+        Curves, and the x of their ends [m].
+    slack : float
+        Points may lie this far beyond the ends [m].
+
+    Returns
+    -------
+    list of (chosen, distance)
+        (K,) int64 ascending, (K,) float32 [m].
+
+    """
+    ends = np.array([(low - slack, high + slack) for _, low, high in finals])
+    rows = pack_curves([curve for curve, _, _ in finals])
+    grid = grid_of(index)
+    return call_each(lambda k: _collect(points, grid, rows[k], ends[k]), len(finals))
+
+
+def measure_coverage(points: Float64, index: PlanIndex, finals: Sequence[End]) -> Float64:
+    """Return the (C,) share of the metres of each curve that hold points of it."""
+    ends = np.array([(low, high) for _, low, high in finals]).reshape(-1, 2)
+    rows = pack_curves([curve for curve, _, _ in finals])
+    grid, nothing = grid_of(index), np.zeros(0, dtype=bool)
+    cores = call_each(
+        lambda k: profile_row(points, grid, rows[k], ends[k, 0], ends[k, 1], STEP, nothing)[0],
+        len(finals),
+    )
+    return np.array([(core > 0).mean() for core in cores])
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _collect(points, grid, row, ends):  # type: ignore[no-untyped-def]
+    _, _, own, distance = profile_row(
+        points, grid, row, ends[0], ends[1], STEP, np.zeros(0, dtype=np.bool_)
+    )
+    return own, distance
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _fit(points, grid, row, ends, is_open, own, draws):  # type: ignore[no-untyped-def]
+    """Fit a row and its ends in place; returned are its points and stride, 0 if not fitted."""
+    stride = 0
+    vertical = np.inf
+    nothing = np.zeros(0, dtype=np.bool_)
+    # plan positions of the ends
+    px, py = row[ORIGIN_X] + row[COS] * ends, row[ORIGIN_Y] + row[SIN] * ends
+    for turn in range(2):  # what lies about the first fit are inliers of the second
+        _, _, chosen, _ = profile_row(points, grid, row, ends[0], ends[1], STEP, nothing)
+        fresh, kept, step, _ = fit_row(
+            points, chosen, MAX_POINTS, row[TOLERANCE], min(row[TOLERANCE], vertical),
+            row[AZIMUTH], draws if turn == 0 else draws[:0],
+        )
+        if not is_curve(fresh) or fresh[NUM_POINTS] < 0.8 * row[NUM_POINTS]:
+            break
+        put(fresh, row)
+        own, stride = kept, step
+        x, residual = _residuals(points, row, own)
+        # the standard deviation, whatever the tails
+        noise = 1.4826 * np.median(np.abs(residual))
+        vertical = max(MAX_NOISE * noise, MIN_TOLERANCE / 2)
+        for side in range(2):
+            ends[side] = to_local(row, px[side], py[side])[0]
+        if is_open[0]:
+            ends[0] = min(ends[0], row[LOW]) if row[LOW] < ends[0] + 1.0 else row[LOW]
+        if is_open[1]:
+            ends[1] = max(ends[1], row[HIGH]) if row[HIGH] > ends[1] - 1.0 else row[HIGH]
+    x, residual = _residuals(points, row, own)
+    misfit = _misfit(x, residual, row[LOW], row[HIGH])
+    for k in range(COVARIANCE, len(row)):
+        row[k] *= misfit
+    return own, stride
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _residuals(points, row, own):  # type: ignore[no-untyped-def]
+    """X of points along a row's curve, and how far they are above it [m]."""
+    x, residual = np.empty(len(own)), np.empty(len(own))
+    k, base, root = row[CURVATURE], math.asinh(row[SLOPE]), math.sqrt(1.0 + row[SLOPE] ** 2)
+    for m in range(len(own)):
+        i = own[m]
+        x[m], _ = to_local(row, points[i, 0], points[i, 1])
+        grown = math.exp(k * (x[m] - row[MIDDLE]) + base)
+        residual[m] = points[i, 2] - row[HEIGHT] - (0.5 * (grown + 1.0 / grown) - root) / k
+    return x, residual
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _misfit(x, residual, low, high):  # type: ignore[no-untyped-def]
+    """
+    Factor by which the scatter of the residuals' local means exceeds that of pure noise.
+
+    Residuals of neighbours go together where poses drift or something hangs on the conductor;
+    least squares alone would then be too sure of itself.  At least 1.
+    """
+    count, total = np.zeros(MISFIT_PARTS), np.zeros(MISFIT_PARTS)
+    variance = 0.0
+    for k in range(len(x)):
+        place = int((x[k] - low) / max(high - low, 1e-9) * MISFIT_PARTS)
+        place = min(max(place, 0), MISFIT_PARTS - 1)
+        count[place] += 1.0
+        total[place] += residual[k]
+        variance += residual[k] * residual[k] / len(x)
+    freedom, between = -3, 0.0
+    for place in range(MISFIT_PARTS):
+        if count[place] > 1.0:
+            freedom += 1
+            between += total[place] ** 2 / count[place]
+    if freedom < 3 or variance <= 0.0:
+        return 1.0
+    return max(between / variance / freedom, 1.0)

@@ -1,0 +1,212 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""A span with its curve, and where along it something is."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from plc_inspect.core.catenary.catenary import fit_quadratic
+from plc_inspect.core.catenary.curve import Curve
+from plc_inspect.core.catenary.nearest_span import span_table
+from plc_inspect.results import Float64, Int64, Span, Support
+
+POINT_SIGMA = 0.03
+"""Standard deviation of one measured point, of the sensor's data sheet [m]."""
+SUPPORT_REACH = 20.0
+"""A span hangs on the nearest support of its line within this of its end in plan [m]."""
+
+NEIGHBOR_REACH = 10.0
+"""A support that is known to carry other lines only may hold an end within this of it [m]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SpanModel:
+    """A span with the curve behind it, in the orientation of its route."""
+
+    span: Span
+    curve: Curve
+    start_x: float
+    """x of the curve at the span's start [m]; greater than end_x where reversed."""
+    end_x: float
+
+    @property
+    def low(self) -> float:
+        """Lesser of both x [m]."""
+        return min(self.start_x, self.end_x)
+
+    @property
+    def high(self) -> float:
+        """Greater of both x [m]."""
+        return max(self.start_x, self.end_x)
+
+    def along(self, x: Float64) -> Float64:
+        """Return the distance from the start of the span at the curve's x [m]."""
+        return np.abs(np.asarray(x) - self.start_x)
+
+    def sigma(self, x: float) -> float:
+        """Return the standard deviation of a distance to the curve at x [m]."""
+        return math.hypot(float(self.curve.prediction_sigma(np.array([x]))[0]), POINT_SIGMA)
+
+    def part(self, points: Float64) -> tuple[Float64, Float64, Float64]:
+        """
+        Split the distances of points to the span.
+
+        Parameters
+        ----------
+        points : (N, 3) float64
+            Positions [m].
+
+        Returns
+        -------
+        x : (N,) float64
+            Foot on the curve, within the span, in the curve's x [m].
+        horizontal : (N,) float64
+            Horizontal distance to it [m].
+        vertical : (N,) float64
+            How far it is above the point [m].
+
+        """
+        x, y = self.curve.local(points)
+        inside = np.clip(x, self.low, self.high)
+        vertical: Float64 = self.curve.fit.height(inside) - points[:, 2]
+        return inside, np.hypot(y, x - inside), vertical
+
+
+def model_span(
+    points: Float64,
+    curve: Curve,
+    own: Int64,
+    low: float,
+    high: float,
+    reverse: bool,
+    is_open: tuple[bool, ...],
+    line: int,
+    span: int,
+    coverage: float,
+    end_sigma: tuple[float, float],
+) -> SpanModel:
+    """
+    Describe a span in the orientation of its route.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    curve : Curve
+        Final curve of the span.
+    own : (K,) int64
+        Points of the conductor.
+    low, high : float
+        x of the curve at its ends [m].
+    reverse : bool
+        The route runs from high to low.
+    is_open : (bool, bool)
+        No support is known at the low, and at the high end.
+    line, span : int
+        Numbers of its line and span.
+    coverage : float
+        Share of its metres with points.
+    end_sigma : (float, float)
+        Standard deviations of the place of both ends along the curve [m].
+
+    Returns
+    -------
+    SpanModel
+
+    """
+    start_x, end_x = (high, low) if reverse else (low, high)
+    sign = -1.0 if reverse else 1.0
+    start, end = curve.position(np.array([start_x, end_x]))
+    sag, sigma_sag = curve.fit.sag(low, high)
+    step = 0.25
+    shares = (
+        (curve.fit.sag(low - step, high)[0] - curve.fit.sag(low + step, high)[0]) / (2 * step),
+        (curve.fit.sag(low, high + step)[0] - curve.fit.sag(low, high - step)[0]) / (2 * step),
+    )
+    sigma_sag = math.hypot(sigma_sag, shares[0] * end_sigma[0], shares[1] * end_sigma[1])
+    sigma_a, sigma_b, sigma_c = curve.fit.parameter_sigma()
+    x, _ = curve.local(points[own])
+    along = (x - start_x) * sign
+    lowest = curve.position(curve.fit.lowest(low, high))[0]
+    a2, a1, a0 = fit_quadratic(along, points[own, 2])
+    open_low, open_high = is_open
+    record = Span(
+        line_id=line,
+        span_id=span,
+        start=start,
+        end=end,
+        azimuth=math.remainder(curve.azimuth + (math.pi if reverse else 0.0), 2 * math.pi),
+        length=high - low,
+        a=curve.fit.a,
+        b=(curve.fit.b - start_x) * sign,
+        c=curve.fit.c,
+        quadratic=(a2, a1, a0),
+        sag=sag,
+        lowest=lowest,
+        open_start=open_high if reverse else open_low,
+        open_end=open_low if reverse else open_high,
+        rmse=curve.fit.rmse,
+        num_points=len(own),
+        coverage=coverage,
+        sigma={'a': sigma_a, 'b': sigma_b, 'c': sigma_c, 'sag': sigma_sag},
+    )
+    return SpanModel(span=record, curve=curve, start_x=start_x, end_x=end_x)
+
+
+def find_support(
+    span: Span, along: float, supports: Sequence[Support]
+) -> tuple[int, float]:
+    """
+    Return the nearer support of a span and the distance from it.
+
+    Parameters
+    ----------
+    span : sequence
+        Span.
+    along : float
+        Horizontal distance from the start of the span [m].
+    supports : sequence of Support
+        Towers and poles.
+
+    Returns
+    -------
+    support_id, from_support
+        -1 and NaN where no support is known at either end.
+
+    """
+    best = (-1, math.nan)
+    for end, is_open, distance in (
+        (span.start, span.open_start, along), (span.end, span.open_end, span.length - along),
+    ):
+        if is_open or not (math.isnan(best[1]) or distance < best[1]):
+            continue
+        near = [
+            (math.dist(item.position[:2], end[:2]), item.support_id)
+            for item in supports if span.line_id in item.line_ids
+        ]
+        if near and min(near)[0] <= SUPPORT_REACH:
+            best = (min(near)[1], max(distance, 0.0))
+    return best
+
+
+def find_kind(span: Span, end: Float64, supports: Sequence[Support]) -> str:
+    """Return the kind of the support that an end (3,) hangs on, 'unseen' if none is known."""
+    near = [
+        (distance, item.support_id, item.kind) for item in supports
+        if (distance := math.dist(item.position[:2], end[:2]))
+        <= (SUPPORT_REACH if span.line_id in item.line_ids else NEIGHBOR_REACH)
+    ]
+    return min(near)[2] if near else 'unseen'
+
+
+def tabulate(models: Sequence[SpanModel]) -> Float64:
+    """Pack the curves of C spans, between their ends, for the kernels; (C, 10), see nearest."""
+    return span_table(
+        [model.curve for model in models],
+        np.array([model.low for model in models]),
+        np.array([model.high for model in models]),
+    )

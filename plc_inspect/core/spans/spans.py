@@ -1,0 +1,164 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Spans, supports and labels of points from the final curves."""
+
+import dataclasses
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from plc_inspect.config import Settings
+from plc_inspect.core.extraction.height import ground_at, HeightResult
+from plc_inspect.core.extraction.off_ground import OffGround
+from plc_inspect.core.spans.attachments import settle_ends
+from plc_inspect.core.spans.layout import Layout
+from plc_inspect.core.spans.route import Route
+from plc_inspect.core.spans.span_fit import collect_points, fit_spans, measure_coverage
+from plc_inspect.core.spans.span_model import model_span, SpanModel
+from plc_inspect.core.spans.supports import place_supports
+from plc_inspect.results import Bool, Float32, Float64, Int32, Int64, Support
+
+END_SLACK = 0.3
+"""Wire points may lie this far beyond the end of a span [m]."""
+MAX_GROUND_GAP = 8.0
+"""No clearance above ground is given farther than this from where ground was seen [m]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SpanResult:
+    """Spans with their curves, supports, and labels of N points."""
+
+    models: tuple[SpanModel, ...]
+    """Ordered by line, then span."""
+    supports: tuple[Support, ...]
+    line_id: Int32
+    """(N,) -1 where no wire."""
+    span_id: Int32
+    """(N,) -1 where no wire."""
+    residual: Float32
+    """(N,) distance to the curve [m], NaN where no wire."""
+    support: Bool
+    """(N,) points of towers and poles."""
+    ground_below: tuple[Float64, ...]
+    """For each model (S, 2): distance from its start and height above ground [m]."""
+    intruders: Int64
+    """Points on a conductor that more likely belong to what surrounds it; no wire, no obstacle."""
+
+
+def build_spans(
+    cloud: OffGround,
+    layout: Layout,
+    route: Route,
+    settings: Settings,
+    rng: np.random.Generator,
+) -> SpanResult:
+    """
+    Fit each span once more to all its points, and say where it hangs.
+
+    Points are collected along the curve between its supports, so those that earlier stages
+    dropped come back; MSAC and least squares then give the final catenary and its covariance.
+
+    Parameters
+    ----------
+    cloud : OffGround
+        Points off the ground.
+    layout, route : Layout, Route
+        The curves, and what they belong to.
+    settings : Settings
+        Settings of this stage.
+    rng : numpy.random.Generator
+        For MSAC.
+
+    Returns
+    -------
+    SpanResult
+        Labels of the points of ``cloud``.
+
+    """
+    points, index = cloud.points, cloud.index
+    num = len(points)
+    line_id = np.full(num, -1, dtype=np.int32)
+    span_id = np.full(num, -1, dtype=np.int32)
+    residual = np.full(num, np.nan, dtype=np.float32)
+    finals = fit_spans(points, index, layout, settings.catenary, rng)
+    layout, finals, end_sigma = settle_ends(layout, finals)
+    collected = []
+    for number, (chosen, distance) in enumerate(collect_points(points, index, finals, END_SLACK)):
+        collected.append(chosen)
+        nearer = ~(distance >= residual[chosen])
+        chosen = chosen[nearer]
+        line_id[chosen] = route.line_id[number]
+        span_id[chosen] = route.span_id[number]
+        residual[chosen] = distance[nearer]
+    wire = line_id >= 0
+    supports, support_mask, closed = place_supports(
+        points, cloud.height, index, wire, layout, route, finals, end_sigma
+    )
+    for (number, side), (beyond, deviation) in closed.items():
+        curve, low, high = finals[number]
+        finals[number] = (curve, low, high + beyond) if side > 0 else (curve, low - beyond, high)
+        end_sigma[number, (side + 1) // 2] = deviation
+    coverage = measure_coverage(points, index, finals)
+    found = []
+    for number, (curve, low, high) in enumerate(finals):
+        own = collected[number]
+        own = own[
+            (line_id[own] == route.line_id[number]) & (span_id[own] == route.span_id[number])
+        ]
+        if len(own) < 3 or high <= low:  # its ends may have been drawn past each other
+            line_id[own], span_id[own], residual[own] = -1, -1, np.nan
+            continue
+        is_open = tuple(
+            station < 0 and (number, side) not in closed
+            for station, side in (
+                (layout.start_station[number], -1),
+                (layout.end_station[number], 1),
+            )
+        )
+        found.append((
+            curve,
+            own,
+            low,
+            high,
+            route.reverse[number],
+            is_open,
+            route.line_id[number],
+            route.span_id[number],
+            float(coverage[number]),
+            (float(end_sigma[number, 0]), float(end_sigma[number, 1])),
+        ))
+    models = [model_span(points, *of_span) for of_span in found]
+    models.sort(key=lambda model: (model.span.line_id, model.span.span_id))
+    return SpanResult(
+        models=tuple(models),
+        supports=supports,
+        line_id=line_id,
+        span_id=span_id,
+        residual=residual,
+        support=support_mask & ~wire,
+        ground_below=tuple(measure_ground_below(cloud.height, model) for model in models),
+        intruders=np.zeros(0, dtype=np.int64),
+    )
+
+
+def spread_spans(spans: SpanResult, cloud: OffGround) -> SpanResult:
+    """Return spans with labels of all N points, from those of the points off the ground."""
+    return dataclasses.replace(
+        spans,
+        line_id=cloud.scatter(spans.line_id, -1),
+        span_id=cloud.scatter(spans.span_id, -1),
+        residual=cloud.scatter(spans.residual, math.nan),
+        support=cloud.scatter(spans.support, False),
+        intruders=cloud.place[spans.intruders].astype(np.int64),
+    )
+
+
+def measure_ground_below(height: HeightResult, model: SpanModel) -> Float64:
+    num = max(int(model.span.length), 2) + 1
+    x = np.linspace(model.start_x, model.end_x, num)
+    at = model.curve.position(x)
+    clearance = at[:, 2] - ground_at(height, at[:, :2], MAX_GROUND_GAP)
+    known = np.isfinite(clearance)
+    return np.stack([model.along(x[known]), clearance[known]], axis=1)

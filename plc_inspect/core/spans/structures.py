@@ -1,0 +1,190 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Structures: what stands where conductors are held."""
+
+from dataclasses import dataclass
+import math
+
+from numba import njit
+import numpy as np
+
+from plc_inspect.core.numerics.arrays import put
+from plc_inspect.core.numerics.plan_index import gather_strip, PlanIndex
+from plc_inspect.results import Bool, Float32, Float64
+
+FILLED = 0.6
+"""Share of the metres from ground to conductor that a structure's points must fill."""
+COLUMN = 0.3
+"""Radius of a pole's column [m]."""
+MAX_BESIDE = 2.0
+"""A pole stands this near to the middle of its conductors; farther off are legs of towers [m]."""
+FREE = 0.35
+LEAST_FREE = 3
+"""A pole stands free in at least this share, and this number, of its metres."""
+MAX_AROUND = 1.25
+"""
+It does where within 3 radii there are at most this many times the points in the column; a crown
+has 8 times as many, a wall or its corner twice as many.
+"""
+CHANCE = 1
+"""Points that the ring may lack by chance."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Structure:
+    """A pole or tower."""
+
+    position: Float64
+    """(2,) plan position of its axis [m]."""
+    top: float
+    """Height of its highest point [m]."""
+    kind: str
+    """'pole' or 'tower'."""
+
+
+def find_structure(
+    points: Float64,
+    height: Float32,
+    index: PlanIndex,
+    wire: Bool,
+    near: Float64,
+    azimuth: float,
+    reach: float,
+    attachment: float,
+    top: float,
+    may_be_tower: bool,
+) -> Structure | None:
+    """
+    Find the pole or tower at a place, if its points reach from the ground to the conductor.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    height : (N,) float32
+        Above local ground [m].
+    index : PlanIndex
+        Of the points off the ground.
+    wire : (N,) bool
+        Points of conductors, which do not count.
+    near : float
+        (2,) plan position to look at [m].
+    azimuth : float
+        Direction of the line [rad].
+    reach : float
+        How far from there its axis may be; across the line at most MAX_BESIDE [m].
+    attachment : float
+        Height of the lowest conductor there above the ground [m].
+    top : float
+        Height of the highest one [m]; a pole reaches up to it.
+    may_be_tower : bool
+        What fills the metres without being a pole is a tower; else nothing is.
+
+    """
+    found = gather_strip(
+        index.start,
+        index.order,
+        index.origin,
+        index.cell_size,
+        index.shape[0],
+        index.shape[1],
+        near[0],
+        near[1],
+        near[0],
+        near[1],
+        reach + COLUMN,
+    )
+    found = found[~wire[found] & (height[found] > 1.0)]
+    apart = points[found, :2] - near
+    inside = np.hypot(apart[:, 0], apart[:, 1]) <= reach + COLUMN
+    found, apart = found[inside], apart[inside]
+    needed = max(int(attachment) - 2, 3)
+    if len(found) < needed:
+        return None
+    level = height[found].astype(np.int64)
+    column = _best_column(apart, level, max(int(top) - 2, 3), azimuth, reach)
+    if column is not None:
+        own = np.hypot(*(apart - column).T) <= COLUMN
+        return Structure(
+            position=near + column, top=float(points[found[own], 2].max()), kind='pole'
+        )
+    filled = len(np.unique(level[(level >= 1) & (level <= needed)])) / needed
+    if filled < FILLED or not may_be_tower:
+        return None
+    body = level >= needed // 3
+    if body.sum() < 5:
+        return None
+    low, high = np.percentile(apart[body], [5, 95], axis=0)
+    return Structure(
+        position=near + (low + high) / 2, top=float(points[found, 2].max()), kind='tower'
+    )
+
+
+def _best_column(
+    apart: Float64, level: np.ndarray, needed: int, azimuth: float, reach: float
+) -> Float64 | None:
+    """Axis of the column that stands free in most levels, if it fills enough of them."""
+    chosen = level <= needed
+    apart, level = apart[chosen], level[chosen]
+    best, filled, free = _freest(apart, level, needed, azimuth, reach)
+    if filled < FILLED * needed or free < max(FREE * needed, LEAST_FREE):
+        return None
+    axis: Float64 = np.median(apart[np.hypot(*(apart - best).T) <= COLUMN], axis=0)
+    return axis
+
+
+@njit(cache=True, nogil=True)
+def _freest(apart, level, needed, azimuth, reach):  # type: ignore[no-untyped-def]
+    """Axis of the column about which the least lies, and in how many metres it is filled, free."""
+    best, best_filled, best_free, most = np.zeros(2), 0, 0, 0.0
+    num = len(apart)
+    # strips across x as wide as a column, so that what is about a place is in nine of them
+    strip, row = np.empty(num, dtype=np.int64), np.empty(num, dtype=np.int64)
+    for k in range(num):
+        strip[k] = math.floor((apart[k, 0] + 2 * reach) / COLUMN)
+        row[k] = math.floor((apart[k, 1] + 2 * reach) / COLUMN)
+    size = math.ceil(4 * reach / COLUMN) + 1
+    order = np.argsort(strip * size + row, kind='mergesort')
+    start = np.searchsorted(strip[order], np.arange(size + 6))
+    inner, outer = np.empty(needed + 1), np.empty(needed + 1)
+    own = np.empty(num, dtype=np.int64)
+    first = 0
+    while first < num:
+        last = first
+        here = strip[order[first]]
+        while last < num and strip[order[last]] == here and row[order[last]] == row[order[first]]:
+            last += 1
+        members = last - first
+        put(order[first:last], own)
+        first = last
+        x = y = 0.0
+        for _ in range(3):  # to the middle of the cell's points, then of those about that
+            x, y = np.median(apart[own[:members], 0]), np.median(apart[own[:members], 1])
+            beside = abs(y * math.cos(azimuth) - x * math.sin(azimuth))
+            members = 0
+            if beside > MAX_BESIDE or math.hypot(x, y) > reach:
+                break
+            inner[:], outer[:] = 0.0, 0.0
+            for place in range(start[max(here - 4, 0)], start[here + 5]):
+                k = order[place]
+                distance = math.hypot(apart[k, 0] - x, apart[k, 1] - y)
+                if distance <= COLUMN:
+                    own[members] = k
+                    members += 1
+                    inner[level[k]] += 1.0
+                elif distance <= 3.0 * COLUMN:
+                    outer[level[k]] += 1.0
+            if members == 0:
+                break
+        if members == 0:
+            continue
+        filled, free, score = 0, 0, 0.0
+        for step in range(1, needed + 1):
+            if inner[step] > 0.0:
+                filled += 1
+                free += outer[step] + CHANCE <= MAX_AROUND * inner[step]
+                score += inner[step] / (inner[step] + outer[step])
+        if score > most:
+            best, best_filled, best_free, most = np.array([x, y]), filled, free, score
+    return best, best_filled, best_free

@@ -1,0 +1,96 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Points that belong to a support: its structure, and what goes on beyond the conductors' ends."""
+
+import math
+
+from numba import njit
+import numpy as np
+
+from plc_inspect.core.numerics.plan_index import gather_strip, PlanIndex
+from plc_inspect.results import Bool, Float64
+
+POLE_SLICE = (0.8, 0.8)
+TOWER_SLICE = (2.0, 2.0)
+"""Half thickness along the line, and reach beyond the attachments across it, of supports [m]."""
+STUB_LENGTH, STUB_RADIUS = 2.5, 0.35
+"""What lies in line beyond the end of a conductor goes on with it: jumpers, the next span [m]."""
+
+
+def mark_structure(
+    points: Float64,
+    index: PlanIndex,
+    place: Float64,
+    azimuth: float,
+    attachments: Float64,
+    is_pole: bool,
+    mask: Bool,
+) -> None:
+    """
+    Mark the points of a structure: a slice across the line as wide as the attachments.
+
+    The slice is thin, so that a tree beside a support reaches out of it and stays a hazard.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    index : PlanIndex
+        Of the points off the ground.
+    place : (2,) float64
+        Where the support stands in plan [m].
+    azimuth : float
+        Direction of the line there [rad].
+    attachments : (K, 3) float64
+        Where conductors end at it [m].
+    is_pole : bool
+        Poles have thinner slices than towers.
+    mask : (N,) bool
+        Points of supports; those found are set.
+
+    """
+    along_arm, beside = POLE_SLICE if is_pole else TOWER_SLICE
+    unit = np.array([math.cos(azimuth), math.sin(azimuth)])
+    left = np.array([-unit[1], unit[0]])
+    half = float(np.abs((attachments[:, :2] - place) @ left).max()) + beside
+    reach = math.hypot(half, along_arm)
+    found = gather_strip(
+        index.start, index.order, index.origin, index.cell_size, index.shape[0], index.shape[1],
+        place[0], place[1], place[0], place[1], reach,
+    )
+    apart = points[found, :2] - place
+    mask[found[(np.abs(apart @ unit) <= along_arm) & (np.abs(apart @ left) <= half)]] = True
+
+
+def mark_stub(
+    points: Float64, index: PlanIndex, end: Float64, outward: Float64, mask: Bool
+) -> None:
+    """
+    Mark what goes on beyond the end of a conductor.
+
+    Parameters
+    ----------
+    points, index, mask
+        As of `mark_structure`.
+    end : (3,) float64
+        End of the conductor [m].
+    outward : (2,) float64
+        Unit vector in plan that leads away from it.
+
+    """
+    tip = end[:2] + STUB_LENGTH * outward
+    found = gather_strip(
+        index.start, index.order, index.origin, index.cell_size, index.shape[0], index.shape[1],
+        end[0], end[1], tip[0], tip[1], STUB_RADIUS,
+    )
+    _mark_stub(points, found, end, outward, mask)
+
+
+@njit(cache=True, nogil=True)
+def _mark_stub(points, found, end, outward, mask):  # type: ignore[no-untyped-def]
+    for i in found:
+        dx, dy, dz = points[i, 0] - end[0], points[i, 1] - end[1], points[i, 2] - end[2]
+        along, across = dx * outward[0] + dy * outward[1], dy * outward[0] - dx * outward[1]
+        if 0.0 < along <= STUB_LENGTH and math.hypot(across, dz) <= STUB_RADIUS:
+            mask[i] = True

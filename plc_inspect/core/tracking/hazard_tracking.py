@@ -1,0 +1,306 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Supports and hazards over ticks: the same one keeps its number for the whole flight."""
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+import math
+
+import numpy as np
+
+from plc_inspect.core.spans.span_model import find_kind
+from plc_inspect.results import Bool, Float64, Hazard, HazardKind, Span, SpanKey, Support
+
+HAZARD_DISTANCE = 2.0
+"""A hazard whose box is this near to that of a known one of its kind is that one [m]."""
+SUPPORT_DISTANCE = 4.0
+"""A support this near to a known one is that one [m]."""
+CONFIRMATIONS = 2
+"""Ticks that must find a hazard before it is raised."""
+END_CONFIRMATIONS = 4
+"""The same near a support, of which more may come to be seen."""
+END = 4.0
+"""What is this near to an unseen end of a span may be conductor or support [m]."""
+MAX_MISSES = 3
+"""Ticks in a row that must miss a hazard, or find it less severe, before it is changed."""
+
+Holds = Callable[[Float64], Bool]
+"""Tells which of (N, 2+) points lie where the tick has seen everything."""
+
+_ONE_PER_SPAN = (HazardKind.GROUND, HazardKind.INTERFERENCE, HazardKind.SAG)
+_OF_SPAN = (HazardKind.INTERFERENCE, HazardKind.SAG)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TrackedHazard:
+    """A hazard with its lasting number."""
+
+    hazard: Hazard
+    hits: int = 1
+    """Ticks that found it."""
+    misses: int = 0
+    """Ticks in a row that should have found it and did not."""
+    softer: int = 0
+    """Ticks in a row that found it less severe."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HazardNews:
+    """What one tick changed."""
+
+    raised: tuple[Hazard, ...] = ()
+    updated: tuple[Hazard, ...] = ()
+    """Those whose severity changed."""
+    cleared: tuple[Hazard, ...] = ()
+
+
+@dataclass(slots=True)
+class HazardBook:
+    """Hazards over ticks; owned by one thread."""
+
+    _known: dict[int, TrackedHazard] = field(default_factory=dict)
+    _next: int = 0
+    _next_provisional: int = -1
+
+    @property
+    def hazards(self) -> tuple[Hazard, ...]:
+        """All hazards that were raised and not cleared, ordered by number."""
+        return tuple(
+            self._known[number].hazard for number in sorted(self._known) if number >= 0
+        )
+
+    def clear(self) -> None:
+        """Forget all hazards; numbers go on."""
+        self._known.clear()
+
+    def update(
+        self,
+        hazards: Sequence[Hazard],
+        numbered: Mapping[SpanKey, SpanKey],
+        expected: Collection[SpanKey],
+        holds: Holds,
+        *,
+        final: bool = False,
+    ) -> HazardNews:
+        """
+        Put in the hazards of one tick.
+
+        A hazard is raised when CONFIRMATIONS ticks that saw its place found it, END_CONFIRMATIONS
+        near a support, and made more severe at once; it is cleared, or made less severe, when
+        MAX_MISSES such ticks agree.
+
+        Parameters
+        ----------
+        hazards : sequence of Hazard
+            With the tick's numbers of lines and spans.
+        numbered : mapping
+            The tick's numbers of spans to the lasting ones; hazards of spans with provisional
+            numbers are left out.
+        expected : collection of SpanKey
+            Spans that the tick saw wholly, by lasting numbers.
+        holds : callable
+            Where the tick saw everything.
+        final : bool
+            Believe the tick at once.
+
+        Returns
+        -------
+        HazardNews
+
+        """
+        found = []
+        for hazard in hazards:
+            key = numbered.get((hazard.line_id, hazard.span_id), (-1, -1))
+            if min(key) >= 0:
+                found.append(replace(hazard, line_id=key[0], span_id=key[1]))
+        raised, updated, cleared = [], [], []
+        taken: set[int] = set()
+        for hazard in found:
+            held = final or _is_expected(hazard, expected, holds)
+            number = self._find(hazard, taken)
+            if number is None:
+                if not held:
+                    continue
+                number = self._take_provisional()
+                own = TrackedHazard(hazard=hazard)
+            else:
+                before = self._known.pop(number)
+                own = _follow(before, hazard, held, final)
+                if number >= 0 and own.hazard.severity != before.hazard.severity:
+                    updated.append(replace(own.hazard, hazard_id=number))
+            enough = END_CONFIRMATIONS if hazard.from_support <= END else CONFIRMATIONS
+            if number < 0 and (final or own.hits >= enough):
+                number, self._next = self._next, self._next + 1
+                raised.append(replace(own.hazard, hazard_id=number))
+            taken.add(number)
+            self._known[number] = replace(own, hazard=replace(own.hazard, hazard_id=number))
+        for number in sorted(set(self._known) - taken):
+            item = self._known[number]
+            if not _is_expected(item.hazard, expected, holds):
+                continue
+            if not final and number >= 0 and item.misses + 1 < MAX_MISSES:
+                self._known[number] = replace(item, misses=item.misses + 1)
+                continue
+            del self._known[number]
+            if number >= 0:
+                cleared.append(item.hazard)
+        return HazardNews(raised=tuple(raised), updated=tuple(updated), cleared=tuple(cleared))
+
+    def keep(self, keys: Collection[SpanKey]) -> tuple[Hazard, ...]:
+        """Clear the hazards of spans that are not among these, and return them."""
+        gone = [
+            number for number, item in self._known.items()
+            if (item.hazard.line_id, item.hazard.span_id) not in keys
+        ]
+        items = [self._known.pop(number) for number in gone]
+        return tuple(item.hazard for item in items if item.hazard.hazard_id >= 0)
+
+    def _take_provisional(self) -> int:
+        self._next_provisional -= 1
+        return self._next_provisional
+
+    def _find(self, hazard: Hazard, taken: Collection[int]) -> int | None:
+        best: tuple[bool, float, int] | None = None
+        for number, item in self._known.items():
+            known = item.hazard
+            if number in taken or known.kind != hazard.kind:
+                continue
+            same = (known.line_id, known.span_id) == (hazard.line_id, hazard.span_id)
+            gap = _gap(known.extent, hazard.extent)
+            if gap <= HAZARD_DISTANCE or (same and hazard.kind in _ONE_PER_SPAN):
+                rank = (not same, gap, number)
+                best = rank if best is None else min(best, rank)
+        return None if best is None else best[2]
+
+
+def _follow(item: TrackedHazard, hazard: Hazard, held: bool, final: bool) -> TrackedHazard:
+    """Return a known hazard as a tick saw it, softened only after several ticks."""
+    known, hits = item.hazard, item.hits + 1
+    if not held:
+        return replace(item, misses=0)
+    if hazard.severity < known.severity and not final and item.softer + 1 < MAX_MISSES:
+        kept = replace(hazard, severity=known.severity)
+        return TrackedHazard(hazard=kept, hits=hits, softer=item.softer + 1)
+    return TrackedHazard(hazard=hazard, hits=hits)
+
+
+def leave_out_ends(
+    hazards: Sequence[Hazard], spans: Sequence[Span], supports: Sequence[Support]
+) -> list[Hazard]:
+    """
+    Leave out what lies by an end whose support is not seen: it is more conductor or the support.
+
+    Parameters
+    ----------
+    hazards, spans, supports : sequence of Hazard, of Span, of Support
+        Of one result.
+
+    Returns
+    -------
+    list[Hazard]
+
+    """
+    inside = {
+        (span.line_id, span.span_id): (
+            END if find_kind(span, span.start, supports) == 'unseen' else -math.inf,
+            span.length - END if find_kind(span, span.end, supports) == 'unseen' else math.inf,
+        )
+        for span in spans
+    }
+    kept = []
+    for hazard in hazards:
+        low, high = inside.get((hazard.line_id, hazard.span_id), (-math.inf, math.inf))
+        if hazard.kind in _OF_SPAN or low <= hazard.along_span <= high:
+            kept.append(hazard)
+    return kept
+
+
+def _is_expected(hazard: Hazard, expected: Collection[SpanKey], holds: Holds) -> bool:
+    if hazard.kind in _OF_SPAN:
+        return (hazard.line_id, hazard.span_id) in expected
+    return bool(holds(hazard.position[None])[0])
+
+
+def _gap(first: Float64, second: Float64) -> float:
+    """Distance between two boxes (2, 3)."""
+    apart = np.maximum(first[0] - second[1], second[0] - first[1])
+    return float(np.linalg.norm(np.maximum(apart, 0.0)))
+
+
+@dataclass(slots=True)
+class SupportBook:
+    """Supports over ticks; owned by one thread."""
+
+    _known: dict[int, Support] = field(default_factory=dict)
+    _misses: dict[int, int] = field(default_factory=dict)
+    _next: int = 0
+
+    @property
+    def supports(self) -> tuple[Support, ...]:
+        """All supports, ordered by number."""
+        return tuple(self._known[number] for number in sorted(self._known))
+
+    def clear(self) -> None:
+        """Forget all supports; numbers go on."""
+        self._known.clear()
+        self._misses.clear()
+
+    def update(
+        self,
+        supports: Sequence[Support],
+        numbered: Mapping[SpanKey, SpanKey],
+        holds: Holds,
+        *,
+        final: bool = False,
+    ) -> None:
+        """
+        Put in the supports of one tick.
+
+        Parameters
+        ----------
+        supports : sequence of Support
+            With the tick's numbers of lines.
+        numbered : mapping
+            The tick's numbers of spans to the lasting ones.
+        holds : callable
+            Where the tick saw everything; known supports elsewhere are left as they are.
+        final : bool
+            Believe the tick at once.
+
+        """
+        lines: dict[int, set[int]] = {}
+        for (line, _), (number, _) in numbered.items():
+            if number >= 0:
+                lines.setdefault(line, set()).add(number)
+        taken: set[int] = set()
+        for support in supports:
+            carried = {number for line in support.line_ids for number in lines.get(line, ())}
+            if not carried:
+                continue
+            found = self._find(support, taken)
+            if found is None:
+                number, self._next = self._next, self._next + 1
+            else:
+                number = found
+            taken.add(number)
+            if found is not None and not final and not holds(support.position[None])[0]:
+                continue
+            self._misses[number] = 0
+            self._known[number] = replace(
+                support, support_id=number, line_ids=tuple(sorted(carried))
+            )
+        for number in sorted(set(self._known) - taken):
+            if not final and not holds(self._known[number].position[None])[0]:
+                continue
+            self._misses[number] += 1
+            if final or self._misses[number] >= MAX_MISSES:
+                del self._known[number], self._misses[number]
+
+    def _find(self, support: Support, taken: Collection[int]) -> int | None:
+        apart = {
+            number: float(np.linalg.norm(known.position[:2] - support.position[:2]))
+            for number, known in self._known.items() if number not in taken
+        }
+        near = min(apart, key=lambda number: (apart[number], number), default=None)
+        return near if near is not None and apart[near] <= SUPPORT_DISTANCE else None

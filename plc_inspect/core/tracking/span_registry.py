@@ -1,0 +1,384 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The spans known so far: the same conductor keeps its numbers for the whole flight.
+
+Each tick's result numbers lines and spans anew.  The registry finds out which of its spans they
+are by where they hang, not by their numbers, and gives new ones the numbers of the lines and
+spans that they continue.
+"""
+
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+import itertools
+import math
+
+from plc_inspect.core.tracking.continuation import continue_lines, find_ends
+from plc_inspect.core.tracking.span_matching import connect, match_spans, may_overlap, Overlap
+from plc_inspect.core.tracking.wire_points import thin_points, WirePoints
+from plc_inspect.results import Float32, Float64, InspectionResult, Span, SpanKey
+
+CONFIRMATIONS = 2
+"""Ticks that must find a span before its numbers are fixed and it is told of."""
+MAX_MISSES = 3
+"""Ticks that may miss a span, or find less of it, before the registry believes them."""
+NOT_LESS = 0.9
+"""A span is updated at once by one that covers this share of it."""
+FINISHED_SPACING = 0.5
+"""Wire points of finished spans are thinned out to this distance [m]."""
+SAME = 0.6
+"""Spans that share this much of both are the same, whatever becomes of those beside them."""
+MAX_WAIT = 6
+"""Ticks that a new line waits to be joined to a known one that ends before it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TrackedSpan:
+    """A span with the numbers of the registry, and its wire points."""
+
+    span: Span
+    points: Float64
+    """(K, 3) wire points, map frame [m]."""
+    residual: Float32
+    """(K,) their distance to the curve [m]."""
+    hits: int = 1
+    """Ticks that found it."""
+    misses: int = 0
+    """Ticks in a row that should have found it and did not."""
+    confirmed: bool = False
+    finished: bool = False
+    """Left behind: kept whatever later ticks say, unless they see as much of it or more."""
+
+    @property
+    def key(self) -> SpanKey:
+        """line_id and span_id."""
+        return self.span.line_id, self.span.span_id
+
+
+class SpanRegistry:
+    """
+    Spans over ticks; owned by one thread.
+
+    Spans that are not confirmed yet have provisional numbers below -1.
+    """
+
+    def __init__(self) -> None:
+        self._spans: dict[SpanKey, TrackedSpan] = {}
+        self._next_line = 0
+        self._next_span = 0
+        self._next_provisional = -2
+        self._agreed: Counter[tuple[str, int, int]] = Counter()
+        self._names: dict[tuple[str, int], int] = {}
+        self.num_merges = 0
+        """Lines that proved to be part of an older one, since the start."""
+
+    @property
+    def spans(self) -> tuple[TrackedSpan, ...]:
+        """All spans, ordered by line_id, then span_id."""
+        return tuple(self._spans[key] for key in sorted(self._spans))
+
+    def clear(self) -> None:
+        """Forget all spans; numbers go on."""
+        self._spans.clear()
+        self._agreed.clear()
+
+    def update(
+        self,
+        result: InspectionResult,
+        points: Float64,
+        expected: Collection[SpanKey],
+        *,
+        final: bool = False,
+        complete: bool = False,
+    ) -> dict[SpanKey, SpanKey]:
+        """
+        Put in what one tick found.
+
+        Parameters
+        ----------
+        result : InspectionResult
+            Of the tick's window.
+        points : Float64
+            (N, 3) the window's points [m].
+        expected : collection of SpanKey
+            Spans of the registry that were in the window along their whole length.
+        final : bool
+            The window is the whole map: believe it at once.
+        complete : bool
+            The whole map holds all that was ever seen: believe it about finished spans too.
+
+        Returns
+        -------
+        dict[SpanKey, SpanKey]
+            Numbers of the result's spans to those of the registry.
+
+        """
+        found = list(result.spans)
+        expected = set(expected)
+        known = self._look_about(found, expected, final)
+        pairs = match_spans(found, [item.span for item in known])
+        if self._merge(found, known, pairs, final):
+            known = self._look_about(found, expected, final)
+            pairs = match_spans(found, [item.span for item in known])
+        keys = self._number(found, known, pairs)
+        wires = WirePoints(result, points)
+        for piece in connect(len(found), len(known), pairs):
+            self._put(piece, found, known, keys, expected, wires, final, complete)
+        self._confirm(final)
+        numbered = {}
+        for span, key in zip(found, keys, strict=True):
+            numbered[span.line_id, span.span_id] = self._renamed(key)
+        return numbered
+
+    def _look_about(
+        self, found: Sequence[Span], expected: Collection[SpanKey], final: bool
+    ) -> list[TrackedSpan]:
+        """Spans that a result may speak of: those about there, those expected, at last all."""
+        spans = self.spans
+        about = may_overlap([item.span for item in spans], found)
+        return [
+            item for item, near in zip(spans, about.tolist(), strict=True)
+            if final or near or item.key in expected
+        ]
+
+    def finish(self, keys: Collection[SpanKey]) -> None:
+        """Freeze spans that were left behind and thin out their points; drop doubtful ones."""
+        for key in keys:
+            item = self._spans[key]
+            if not item.confirmed:
+                del self._spans[key]
+            elif not item.finished:
+                chosen = thin_points(item.points, FINISHED_SPACING)
+                self._spans[key] = replace(
+                    item, finished=True, points=item.points[chosen],
+                    residual=item.residual[chosen],
+                )
+
+    def _merge(
+        self, found: Sequence[Span], known: Sequence[TrackedSpan], pairs: Sequence[Overlap],
+        final: bool,
+    ) -> bool:
+        """Unite lines, and spans, that results call one, if nothing speaks against it."""
+        merged = False
+        for attribute in ('line_id', 'span_id'):
+            groups: dict[int, set[int]] = {}
+            for pair in pairs:
+                number = getattr(known[pair.second].span, attribute)
+                if number >= 0:
+                    groups.setdefault(getattr(found[pair.first], attribute), set()).add(number)
+            for numbers in groups.values():
+                kept, *others = sorted(numbers)
+                for gone in others:
+                    self._agreed[attribute, kept, gone] += 1
+                    if final or self._agreed[attribute, kept, gone] >= CONFIRMATIONS:
+                        united = self._unite(attribute, kept, gone)
+                        self.num_merges += united and attribute == 'line_id'
+                        merged |= united
+        return merged
+
+    def _unite(self, attribute: str, kept: int, gone: int) -> bool:
+        other = 'span_id' if attribute == 'line_id' else 'line_id'
+        places: dict[int, set[int]] = {kept: set(), gone: set()}
+        for item in self._spans.values():
+            number = getattr(item.span, attribute)
+            if number in places:
+                places[number].add(getattr(item.span, other))
+        if not places[gone] or not places[kept] or places[kept] & places[gone]:
+            return False
+        self._rename(attribute, gone, kept)
+        return True
+
+    def _rename(self, attribute: str, old: int, new: int) -> None:
+        for key, item in list(self._spans.items()):
+            if getattr(item.span, attribute) == old:
+                del self._spans[key]
+                line, span = (new, key[1]) if attribute == 'line_id' else (key[0], new)
+                item = replace(item, span=replace(item.span, line_id=line, span_id=span))
+                self._spans[item.key] = item
+        if old < -1:
+            self._names[attribute, old] = new
+
+    def _number(
+        self, found: Sequence[Span], known: Sequence[TrackedSpan], pairs: Sequence[Overlap]
+    ) -> list[SpanKey]:
+        """Give the numbers of the registry to spans of a result, provisional ones to new spans."""
+        self._names.clear()
+        lines = self._number_lines(found, known, pairs)
+        groups = self._number_groups(found, known, pairs)
+        same = {
+            pair.first: known[pair.second].span.span_id for pair in pairs
+            if pair.length >= SAME * max(
+                found[pair.first].length, known[pair.second].span.length
+            )
+        }
+        keys: list[SpanKey] = []
+        for place, (span, line) in enumerate(zip(found, lines, strict=True)):
+            group = same.get(place, -1)
+            key = line, group if group >= 0 else groups[span.span_id]
+            if key in keys:
+                key = line, self._take_provisional()
+            keys.append(key)
+        return keys
+
+    def _number_lines(
+        self, found: Sequence[Span], known: Sequence[TrackedSpan], pairs: Sequence[Overlap]
+    ) -> list[int]:
+        own: dict[int, int] = {}
+        for pair in sorted(pairs, key=lambda item: (item.length, item.second)):
+            number = known[pair.second].span.line_id
+            before = own.get(pair.first, -1)
+            if before < 0 or 0 <= number < before:
+                own[pair.first] = number
+        provisional: dict[int, int] = {}
+        lines = []
+        for place, span in enumerate(found):
+            number = own.get(place, -1)
+            if number < 0:
+                siblings = [
+                    other for other, value in own.items()
+                    if value >= 0 and found[other].line_id == span.line_id
+                ]
+                if siblings:
+                    number = own[min(siblings, key=lambda item: _distance(found[item], span))]
+                elif span.line_id in provisional:
+                    number = provisional[span.line_id]
+                else:
+                    number = number if number < -1 else self._take_provisional()
+                    provisional[span.line_id] = number
+            lines.append(number)
+        return lines
+
+    def _number_groups(
+        self, found: Sequence[Span], known: Sequence[TrackedSpan], pairs: Sequence[Overlap]
+    ) -> dict[int, int]:
+        """Numbers of the result's span_ids: those of the registry that they overlap most."""
+        common: dict[tuple[int, int], float] = {}
+        for pair in pairs:
+            both = found[pair.first].span_id, known[pair.second].span.span_id
+            common[both] = common.get(both, 0.0) + pair.length
+        numbers: dict[int, int] = {}
+        order = sorted(common, key=lambda item: (item[1] < 0, -common[item], item))
+        for group, number in order:
+            if group not in numbers and number not in numbers.values():
+                numbers[group] = number
+        for span in found:
+            if span.span_id not in numbers:
+                numbers[span.span_id] = self._take_provisional()
+        return numbers
+
+    def _take_provisional(self) -> int:
+        self._next_provisional -= 1
+        return self._next_provisional
+
+    def _put(
+        self,
+        piece: tuple[list[int], list[int], list[Overlap]],
+        found: Sequence[Span],
+        known: Sequence[TrackedSpan],
+        keys: Sequence[SpanKey],
+        expected: set[SpanKey],
+        wires: WirePoints,
+        final: bool,
+        complete: bool,
+    ) -> None:
+        """Replace known spans by those found in their place, or keep them."""
+        own, olds, pairs = piece
+        covered = {j: sum(p.length for p in pairs if p.second == j) for j in olds}
+        items = [known[j] for j in olds]
+        less = [
+            item for j, item in zip(olds, items, strict=True)
+            if covered[j] < NOT_LESS * item.span.length
+        ]
+        longer = sum(found[i].length for i in own) >= sum(item.span.length for item in items)
+        if items and not final and not any(item.key in expected for item in items):
+            return
+        stubborn = not complete and any(item.finished for item in less)
+        patient = less and not longer and not final and (
+            max(item.misses for item in less) + 1 < MAX_MISSES
+        )
+        if stubborn or patient:
+            for item in items:
+                misses = item.misses + 1 if item in less else 0
+                if own or item.key in expected:
+                    self._spans[item.key] = replace(
+                        item, misses=misses, hits=item.hits + bool(own)
+                    )
+            return
+        for item in items:
+            del self._spans[item.key]
+        for i in own:
+            matched = [known[p.second] for p in pairs if p.first == i]
+            self._insert(found[i], keys[i], matched, wires)
+
+    def _insert(
+        self, span: Span, key: SpanKey, matched: Sequence[TrackedSpan], wires: WirePoints
+    ) -> None:
+        if key in self._spans:
+            key = key[0], self._take_provisional()
+        for other in sorted({item.span.line_id for item in matched if item.confirmed}):
+            if other != key[0]:
+                self._unite('line_id', key[0], other)
+                self.num_merges += 1
+        points, residual = wires.take(span)
+        numbered = replace(span, line_id=key[0], span_id=key[1])
+        self._spans[key] = TrackedSpan(
+            span=numbered,
+            points=points,
+            residual=residual,
+            hits=1 + max((item.hits for item in matched), default=0),
+            confirmed=any(item.confirmed for item in matched) and min(key) >= 0,
+        )
+
+    def _confirm(self, final: bool) -> None:
+        """Give lasting numbers to spans that were found often enough."""
+        ready = [
+            item for item in self.spans
+            if not item.confirmed and (final or item.hits >= CONFIRMATIONS)
+        ]
+        new = {item.span.line_id for item in ready if item.span.line_id < 0}
+        continued, ahead = self._continue(new)
+        for line in sorted(new, reverse=True):
+            own = [item for item in ready if item.span.line_id == line]
+            if line in continued and self._fits(line, continued[line]):
+                self._rename('line_id', line, continued[line])
+            elif final or line not in ahead or max(item.hits for item in own) >= MAX_WAIT:
+                self._rename('line_id', line, self._next_line)
+                self._next_line += 1
+        groups = {
+            item.span.span_id for item in self.spans
+            if item.span.line_id >= 0 and (final or item.hits >= CONFIRMATIONS)
+        }
+        for group in sorted((number for number in groups if number < 0), reverse=True):
+            self._rename('span_id', group, self._next_span)
+            self._next_span += 1
+        for key, item in list(self._spans.items()):
+            if min(key) >= 0 and not item.confirmed and (final or item.hits >= CONFIRMATIONS):
+                self._spans[key] = replace(item, confirmed=True)
+
+    def _continue(self, new: Collection[int]) -> tuple[Mapping[int, int], frozenset[int]]:
+        """As `continue_lines` of the lines that have lasting numbers and of these."""
+        if not new:
+            return {}, frozenset()
+        spans = [item.span for item in self._spans.values()]
+        return continue_lines(
+            find_ends([span for span in spans if span.line_id >= 0]),
+            find_ends([span for span in spans if span.line_id in new]),
+        )
+
+    def _fits(self, line: int, other: int) -> bool:
+        places = [
+            {item.span.span_id for item in self._spans.values() if item.span.line_id == number}
+            for number in (line, other)
+        ]
+        return not places[0] & places[1]
+
+    def _renamed(self, key: SpanKey) -> SpanKey:
+        line, span = key
+        return self._names.get(('line_id', line), line), self._names.get(('span_id', span), span)
+
+
+def _distance(first: Span, second: Span) -> float:
+    ends = itertools.product((first.start, first.end), (second.start, second.end))
+    return min(math.dist(a, b) for a, b in ends)

@@ -1,0 +1,347 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+How good settings are, told from the result: without labels, or by F1 with labels.
+
+docs/tuning.md states the objective and why it is what it is.
+"""
+
+from collections.abc import Sequence
+import dataclasses
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from plc_inspect.config import HazardSettings, Settings
+from plc_inspect.core.catenary.nearest_span import find_near
+from plc_inspect.core.pipeline import Pipeline
+from plc_inspect.core.spans.span_model import SpanModel, tabulate
+from plc_inspect.core.stage_log import StageMemory
+from plc_inspect.core.tuning.parameters import get_values, INITIAL, measure_distance, put_values
+from plc_inspect.results import Bool, Float64, Int64
+
+RESIDUAL_SCALE = 0.3
+"""A conductor whose points spread this far about its curve counts half [m]."""
+AGAIN_DISTANCE = 0.3
+"""A place of a curve is found again by a curve this near [m]."""
+EXPLAINED_DISTANCE = 1.0
+"""Evidence this near to a curve is explained by it [m]."""
+METRE = 1.0
+"""Edge of the cells that evidence is counted in [m]."""
+NUM_STATIONS = 9
+"""Places of a span at which it is compared with others."""
+TILE = 100.0
+"""Edge of the tiles that the part of a large cloud is chosen by [m]."""
+PRIOR = 0.5
+"""What the distance from the initial values of Table 1 may cost."""
+TIE_BREAK = 0.05
+"""And where labels tell what is right."""
+FOUND_ONCE = 0.75
+"""Worth of a span that is not found again, by that of one that is."""
+LEAST_STABLE = 0.5
+"""A span counts as found where at least this share of it is found again among half the points."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Score:
+    """What one choice of settings is worth, and why; every share is 0 to 1."""
+
+    value: float
+    """To be made as great as possible."""
+    seen: float = 0.0
+    """Share of what looks like a conductor, in metres, that is on a span and has points."""
+    fit: float = 0.0
+    """1 where the points of spans lie on their catenaries."""
+    separation: float = 0.0
+    """1 where conductors are far apart for the spread of their points."""
+    stability: float = 0.0
+    """Share of the spans that is found again among half of the points."""
+    num_spans: int = 0
+    num_stable: int = 0
+    """Spans that are found again."""
+    f1: float = math.nan
+    """Of the wire points; NaN without labels."""
+
+    def explain(self, before: 'Score') -> str:
+        """Return what is different from another score, in words."""
+        parts = [
+            f'{name} {getattr(before, name):.4f} -> {getattr(self, name):.4f}'
+            for name in ('seen', 'fit', 'separation', 'stability', 'f1')
+            if abs(getattr(before, name) - getattr(self, name)) >= 0.0001
+        ]
+        if before.num_spans != self.num_spans:
+            parts.append(f'spans {before.num_spans} -> {self.num_spans}')
+        return ', '.join(parts) or 'as good, and nearer to the initial values of Table 1'
+
+
+NOTHING = Score(value=0.0)
+
+
+class Objective:
+    """The score of settings on one cloud; keeps what several settings have in common."""
+
+    def __init__(
+        self,
+        points: Float64,
+        *,
+        seed: int = 0,
+        truth: tuple[Bool, Bool] | None = None,
+        room: int = 2,
+        base: Settings | None = None,
+    ) -> None:
+        """
+        Take the cloud.
+
+        Parameters
+        ----------
+        points : (N, 3) float64
+            Map frame [m].
+        seed : int
+            Chooses the half of the points that spans must be found again among.
+        truth : tuple of two (N,) bool or None
+            Which points are wire, and which are left out; the score is then F1.
+        room : int
+            Results of each stage that are kept.
+        base : Settings or None
+            Settings apart from the tuned ones, by default those of config.py.
+
+        """
+        self.points = points
+        self.truth = truth
+        half = np.random.default_rng(seed).random(len(points)) < 0.5
+        self._half = points[half]
+        self._memory, self._half_memory = StageMemory(room), StageMemory(room)
+        self._base = base or Settings()
+        self._evidence: Float64 | None = None
+
+    @property
+    def evidence(self) -> Float64:
+        """(E, 3) metres of what looks like a conductor at the initial values of Table 1."""
+        if self._evidence is None:
+            settings = _without_rules(put_values(self._base, INITIAL))
+            self._evidence = gather_evidence(self.points, settings, self._memory)
+        return self._evidence
+
+    def lowest(self, settings: Settings) -> list[float]:
+        """Return the height of the lowest point of each span above ground, a0 [m]."""
+        spans = Pipeline(_without_rules(settings)).find_lines(self.points, self._memory).spans
+        return [
+            float(below[:, 1].min()) if len(below) else math.nan for below in spans.ground_below
+        ]
+
+    def score(self, settings: Settings) -> Score:
+        """Return the score of settings."""
+        return self.look(settings)[0]
+
+    def look(self, settings: Settings) -> tuple[Score, Int64]:
+        """Return the score of settings, and the indices of the wire points, ascending."""
+        settings = _without_rules(settings)
+        pipeline = Pipeline(settings)
+        spans = pipeline.find_lines(self.points, self._memory).spans
+        wire = np.flatnonzero(spans.line_id >= 0)
+        if self.truth is not None:
+            f1 = measure_f1(spans.line_id >= 0, *self.truth)
+            num = len(spans.models)
+            value = _prefer(f1, settings, TIE_BREAK)
+            score = Score(value=value, f1=f1, num_spans=num, num_stable=num)
+            return score, wire
+        if not spans.models:
+            return NOTHING, wire
+        again = pipeline.find_lines(self._half, self._half_memory).spans.models
+        return judge(spans.models, again, self.evidence, settings), wire
+
+
+def is_line(score: Score) -> bool:
+    """Return whether a score is that of a cloud with a line, and not of chance finds."""
+    return score.num_stable > 0 and score.value > 0.0
+
+
+def choose_part(points: Float64, evidence: Float64, most: int) -> Bool | None:
+    """
+    Choose the part of a large cloud to search on: a square about the fullest tile of evidence.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Map frame [m].
+    evidence : (E, 3) float64
+        What looks like a conductor [m].
+    most : int
+        Points that the part may have.
+
+    Returns
+    -------
+    (N,) bool or None
+        None where the cloud is small enough, or shows nothing.
+
+    """
+    if len(points) <= most or not len(evidence):
+        return None
+    tile, count = np.unique(np.floor(evidence[:, :2] / TILE), axis=0, return_counts=True)
+    middle = (tile[np.argmax(count)] + 0.5) * TILE
+    away = np.abs(points[:, :2] - middle).max(axis=1)
+    away[~np.isfinite(points).all(axis=1)] = np.inf
+    chosen: Bool = away < np.partition(away, most)[most]
+    return chosen
+
+
+def judge(
+    models: Sequence[SpanModel],
+    again: Sequence[SpanModel],
+    evidence: Float64,
+    settings: Settings,
+) -> Score:
+    """
+    Return the score of spans without labels.
+
+    Parameters
+    ----------
+    models : sequence of SpanModel
+        Spans found among all points.
+    again : sequence of SpanModel
+        Spans found among half of them.
+    evidence : (E, 3) float64
+        Metres of what looks like a conductor [m].
+    settings : Settings
+        That found them; the distance to the initial values of Table 1 costs up to PRIOR.
+
+    Returns
+    -------
+    Score
+
+    """
+    if not models:
+        return NOTHING
+    length = np.array([model.span.length for model in models])
+    coverage = np.array([model.span.coverage for model in models])
+    spread = np.array([
+        math.hypot(model.curve.fit.rmse, model.curve.lateral_rmse) for model in models
+    ])
+    fit = 1.0 / (1.0 + (spread / RESIDUAL_SCALE) ** 2)
+    gap = measure_gaps(models)
+    separation = np.clip(1.0 - spread / np.maximum(gap, 1e-9), 0.0, 1.0)
+    stability = measure_stability(models, again)
+    explained, _, _ = find_near(evidence, tabulate(models), EXPLAINED_DISTANCE)
+    total = float(length.sum()) + len(evidence) - len(explained)
+    metres = length * coverage
+    num_stable = int((stability >= LEAST_STABLE).sum())
+    again_worth = FOUND_ONCE + (1.0 - FOUND_ONCE) * stability
+    worth = float((metres * fit * separation * again_worth).sum()) / total if num_stable else 0.0
+    weight = metres / max(float(metres.sum()), 1e-9)
+    return Score(
+        value=_prefer(worth, settings, PRIOR),
+        seen=float(metres.sum()) / total,
+        fit=float(weight @ fit),
+        separation=float(weight @ separation),
+        stability=float(weight @ stability),
+        num_spans=len(models),
+        num_stable=num_stable,
+    )
+
+
+def gather_evidence(points: Float64, settings: Settings, memory: StageMemory) -> Float64:
+    """
+    Return metre by metre what looks like a conductor.
+
+    These are the cells in which candidates lie in line with others, before any curve is fitted:
+    conductors, and edges and twigs that happen to be in line.  Wires of few points lie in line in
+    few cells, so each metre of a span that is found with these settings and lies away from all
+    such cells counts as well.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Map frame [m].
+    settings : Settings
+        That tell what is in line, and what is a span.
+    memory : StageMemory
+        Of these points.
+
+    Returns
+    -------
+    (E, 3) float64
+        Mean of the candidates of each cell, and places on spans [m].
+
+    """
+    lines = Pipeline(settings).find_lines(points, memory)
+    places = lines.candidates.position[lines.outliers.keep][lines.alignment.voted]
+    cells = np.zeros((0, 3))
+    if len(places):
+        _, cell = np.unique(np.floor(places / METRE), axis=0, return_inverse=True)
+        cell = cell.reshape(-1)
+        count = np.bincount(cell)
+        cells = np.stack([np.bincount(cell, places[:, k]) / count for k in range(3)], axis=1)
+    on_spans = [
+        model.curve.position(np.arange(min(model.start_x, model.end_x) + METRE / 2,
+                                       max(model.start_x, model.end_x), METRE))
+        for model in lines.spans.models
+    ]
+    if not on_spans:
+        return cells
+    metres = np.concatenate(on_spans)
+    if len(cells):
+        metres = metres[cKDTree(cells).query(metres)[0] > EXPLAINED_DISTANCE]
+    return np.concatenate([cells, metres])
+
+
+def measure_gaps(models: Sequence[SpanModel]) -> Float64:
+    """
+    Return the distance of each span to the nearest other one between the same supports.
+
+    Returns
+    -------
+    (S,) float64
+        Median over places of the span [m]; inf where there is no other.
+
+    """
+    result = np.full(len(models), np.inf)
+    members: dict[int, list[int]] = {}
+    for number, model in enumerate(models):
+        members.setdefault(model.span.span_id, []).append(number)
+    for group in members.values():
+        for number in group:
+            model = models[number]
+            stations = _stations(model)
+            for other in group:
+                if other != number:
+                    curve = models[other].curve
+                    x, y = curve.local(stations)
+                    apart = np.hypot(y, stations[:, 2] - curve.fit.height(x))
+                    result[number] = min(result[number], float(np.median(apart)))
+    return result
+
+
+def measure_stability(models: Sequence[SpanModel], again: Sequence[SpanModel]) -> Float64:
+    """Return the (S,) share of the places of each span that other spans find again."""
+    if not len(models) or not len(again):
+        return np.zeros(len(models))
+    stations = np.concatenate([_stations(model) for model in models])
+    found, _, _ = find_near(stations, tabulate(again), AGAIN_DISTANCE)
+    count = np.bincount(found // NUM_STATIONS, minlength=len(models))
+    return count / NUM_STATIONS
+
+
+def measure_f1(found: Bool, wire: Bool, left_out: Bool) -> float:
+    """Return F1 of (N,) wire points; 0 where neither found nor true ones exist."""
+    keep = ~left_out
+    right = int((found & wire & keep).sum())
+    wrong = int(((found != wire) & keep).sum())
+    return 2 * right / (2 * right + wrong) if right else 0.0
+
+
+def _prefer(worth: float, settings: Settings, prior: float) -> float:
+    """Prefer settings that are nearer to the initial values of Table 1."""
+    return worth * (1.0 - prior * measure_distance(get_values(settings)))
+
+
+def _without_rules(settings: Settings) -> Settings:
+    """Return settings without clearance rules, which no line depends on."""
+    return dataclasses.replace(settings, hazards=HazardSettings())
+
+
+def _stations(model: SpanModel) -> Float64:
+    share = (np.arange(NUM_STATIONS) + 0.5) / NUM_STATIONS
+    return model.curve.position(model.start_x + share * (model.end_x - model.start_x))

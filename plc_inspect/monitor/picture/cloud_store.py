@@ -1,0 +1,140 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What a monitor has of the thinned corridor."""
+
+import numpy as np
+
+from plc_inspect.results import Float32, Float64, UInt8
+from plc_inspect.stream.blocks import (
+    BlockKey,
+    CloudMessage,
+    COARSENESS,
+    find_home,
+    place_cells,
+    SIDE,
+    UInt64,
+)
+
+CellArrays = tuple[Float32, UInt8, Float32, Float32]
+"""(M, 3) centres [m], (M,) PointClass, (M,) clearance [m] and (M,) edge of the cell [m]."""
+
+
+class CloudStore:
+    """Blocks, and the overview where a block is not there yet."""
+
+    def __init__(self) -> None:
+        self._blocks: dict[BlockKey, UInt64] = {}
+        self._overview: dict[BlockKey, UInt64] = {}
+        self._homes: dict[BlockKey, set[BlockKey]] = {}
+        self._changed: set[BlockKey] = set()
+        self._fine = 1.0
+        self.total = 0
+        """Blocks that the node has."""
+
+    def __len__(self) -> int:
+        """Return the number of blocks with cells."""
+        return sum(1 for codes in self._blocks.values() if len(codes))
+
+    @property
+    def num_cells(self) -> int:
+        """Cells of all blocks, the overview not counted."""
+        return sum(map(len, self._blocks.values()))
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self._changed |= set(self._homes) | set(self._overview)
+        self._blocks.clear()
+        self._overview.clear()
+        self._homes.clear()
+        self.total = 0
+
+    def put(self, message: CloudMessage) -> None:
+        """Put in what a message says."""
+        self.total = message.total
+        if message.overview:
+            self._fine = message.voxel / COARSENESS
+            self._overview.update(message.blocks)
+            self._changed |= set(message.blocks)
+            return
+        self._fine = message.voxel
+        for key, codes in message.blocks.items():
+            home = find_home(key)
+            self._blocks[key] = codes
+            self._homes.setdefault(home, set()).add(key)
+            self._changed.add(home)
+
+    def take_changed(self) -> list[BlockKey]:
+        """Return the blocks of the overview in which something changed since the last call."""
+        changed, self._changed = sorted(self._changed), set()
+        return changed
+
+    def list_homes(self) -> list[BlockKey]:
+        """Return all blocks of the overview with something in them."""
+        return sorted(set(self._homes) | set(self._overview))
+
+    def assemble(self, home: BlockKey) -> CellArrays:
+        """Return all cells within a block of the overview."""
+        parts = [
+            self._place(key, self._blocks[key], 1) for key in sorted(self._homes.get(home, ()))
+        ]
+        if home in self._overview:
+            coarse = self._place(home, self._overview[home], COARSENESS)
+            index = np.floor(coarse[0][:, :2] / (SIDE * self._fine)).astype(np.int64)
+            known = self._homes.get(home, set())
+            missing = np.array(
+                [(x, y) not in known for x, y in index.tolist()], dtype=np.bool_
+            )
+            points, kind, clearance, size = coarse
+            parts.append((points[missing], kind[missing], clearance[missing], size[missing]))
+        return _join(parts)
+
+    def assemble_all(self) -> CellArrays:
+        """Return all cells."""
+        return _join([self.assemble(home) for home in self.list_homes()])
+
+    def cut_out(self, start: Float64, end: Float64, width: float) -> CellArrays:
+        """
+        Return the cells beside a segment.
+
+        Parameters
+        ----------
+        start, end : Float64
+            (2+,) ends in plan [m].
+        width : float
+            Largest distance from the segment in plan [m].
+
+        Returns
+        -------
+        CellArrays
+
+        """
+        size = SIDE * COARSENESS * self._fine
+        low = np.minimum(start[:2], end[:2]) - width
+        high = np.maximum(start[:2], end[:2]) + width
+        near = [
+            home for home in self.list_homes()
+            if all(home[k] * size <= high[k] and (home[k] + 1) * size >= low[k] for k in (0, 1))
+        ]
+        points, kind, clearance, edge = _join([self.assemble(home) for home in near])
+        unit = (end - start)[:2] / max(float(np.linalg.norm((end - start)[:2])), 1e-9)
+        apart = points[:, :2] - start[:2]
+        along, across = apart @ unit, apart[:, 1] * unit[0] - apart[:, 0] * unit[1]
+        length = float(np.linalg.norm((end - start)[:2]))
+        chosen = (np.abs(across) <= width) & (along >= 0.0) & (along <= length)
+        return points[chosen], kind[chosen], clearance[chosen], edge[chosen]
+
+    def _place(self, key: BlockKey, codes: UInt64, factor: int) -> CellArrays:
+        points, kind, clearance = place_cells(key, codes, self._fine * factor)
+        size = np.full(len(points), self._fine * factor, dtype=np.float32)
+        return points, kind, clearance, size
+
+
+def _join(parts: list[CellArrays]) -> CellArrays:
+    if not parts:
+        return (
+            np.empty((0, 3), np.float32), np.empty(0, np.uint8), np.empty(0, np.float32),
+            np.empty(0, np.float32),
+        )
+    points, kind, clearance, size = (np.concatenate(item) for item in zip(*parts, strict=True))
+    return points, kind, clearance, size

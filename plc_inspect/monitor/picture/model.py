@@ -1,0 +1,372 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The ground station's knowledge: bytes of the stream in, a picture out; no ROS, no clock of its own.
+
+Whatever happens to the link or to the node, the next keyframe brings everything back.
+"""
+
+from collections import deque
+from dataclasses import replace
+import math
+from typing import Any
+
+from plc_inspect.errors import DataError
+from plc_inspect.monitor.picture.cloud_store import CloudStore
+from plc_inspect.monitor.picture.node_clock import NodeClock
+from plc_inspect.monitor.picture.picture import (
+    Ages,
+    Counts,
+    Event,
+    HazardItem,
+    Link,
+    make_hazard,
+    make_span,
+    make_support,
+    name_severity,
+    Picture,
+    Place,
+    SpanItem,
+    SupportItem,
+)
+from plc_inspect.results import Severity
+from plc_inspect.stream.blocks import read_cloud
+from plc_inspect.stream.summary import (
+    KEYS,
+    read_summary,
+    Status,
+    STATUSES,
+    SummaryMessage,
+    TABLES,
+)
+
+LATE, LOST = 2.5, 6.0
+"""Silence after which the link counts as late, and as lost [s]; the node speaks every second."""
+ALARM_TIME = 30.0
+"""A new critical hazard is an alarm for so long [s]."""
+MOST_EVENTS = 200
+MOST_TRACK = 4000
+TRACK_STEP = 1.0
+"""Places of the track are this far apart [m]."""
+PATIENCE = 5.0
+"""What is missing is asked for at most this often [s]."""
+RATE_WINDOW = 10.0
+
+
+class Monitor:
+    """
+    What is known of one node; for one thread.
+
+    Parameters
+    ----------
+    cloud : bool
+        The thinned corridor is subscribed to.
+
+    """
+
+    def __init__(self, *, cloud: bool = True) -> None:
+        self._listens = cloud
+        self.cloud = CloudStore()
+        self._clock = NodeClock()
+        self._counts = Counts()
+        self._session: int | None = None
+        self._past: set[int] = set()
+        self._sequence = -1
+        self._complete = False
+        self._cloud_session: int | None = None
+        self._cloud_sequence = -1
+        self._link = Link.WAITING
+        self._last = self._last_cloud = math.nan
+        self._behind: float | None = None
+        self._rows: dict[str, dict[tuple[int, ...], Any]] = {name: {} for name in TABLES}
+        self._status = Status()
+        self._texts = ('', *('' for _ in STATUSES))
+        self._track: deque[Place] = deque(maxlen=MOST_TRACK)
+        self._events: deque[Event] = deque(maxlen=MOST_EVENTS)
+        self._raised: dict[int, float] = {}
+        self._wishes: dict[str, float] = {}
+        self._traffic: deque[tuple[float, int]] = deque()
+        self._items: tuple[tuple[SpanItem, ...], tuple[SupportItem, ...],
+                           tuple[HazardItem, ...]] = ((), (), ())
+
+    def take_summary(self, data: bytes, now: float) -> bool:
+        """
+        Take a message of the summary.
+
+        Parameters
+        ----------
+        data : bytes
+            As it came in.
+        now : float
+            Steady time [s].
+
+        Returns
+        -------
+        bool
+            Whether it was of use; what is damaged, old or of another node is counted.
+
+        """
+        self._note_traffic(len(data), now)
+        try:
+            message = read_summary(data)
+        except DataError as error:
+            self._complain(error, now)
+            return False
+        session, sequence = message.frame.session, message.frame.sequence
+        if session != self._session:
+            if session in self._past:
+                self._note_foreign(now)
+                return False
+            self._begin(message, now)
+        elif sequence <= self._sequence:
+            return False
+        missing = sequence - self._sequence - 1 if self._sequence >= 0 else 0
+        if missing and not message.keyframe:
+            self._complete = False
+            self._wishes.setdefault('summary', now)
+        if missing:
+            self._counts = replace(
+                self._counts, lost_summary=self._counts.lost_summary + missing
+            )
+            self._tell(now, 1, f'{missing} messages of the summary were lost')
+        self._end_silence(now)
+        self._sequence, self._last = sequence, now
+        self._clock.hear(message.frame.uptime, now)
+        self._apply(message, now)
+        self._compare_cloud(now)
+        return True
+
+    def take_cloud(self, data: bytes, now: float) -> bool:
+        """Take a message of the thinned corridor; as ``take_summary``."""
+        self._note_traffic(len(data), now)
+        try:
+            message = read_cloud(data)
+        except DataError as error:
+            self._complain(error, now)
+            return False
+        session, sequence = message.frame.session, message.frame.sequence
+        if session in self._past:
+            self._note_foreign(now)
+            return False
+        if session != self._cloud_session:
+            self.cloud.clear()
+            self._cloud_session, self._cloud_sequence = session, sequence - 1
+        if sequence <= self._cloud_sequence:
+            return False
+        missing = sequence - self._cloud_sequence - 1
+        if missing:
+            self._counts = replace(self._counts, lost_cloud=self._counts.lost_cloud + missing)
+            self._tell(now, 1, f'{missing} messages of the corridor were lost: asked for anew')
+            self._wishes.setdefault('cloud', now)
+        self._cloud_sequence, self._last_cloud, self._behind = sequence, now, None
+        self.cloud.put(message)
+        return True
+
+    def take_wishes(self, now: float) -> set[str]:
+        """
+        Return what is to be subscribed to anew, so that the node sends it again.
+
+        Parameters
+        ----------
+        now : float
+            Steady time [s].
+
+        Returns
+        -------
+        set of 'summary' and 'cloud'
+
+        """
+        if self._complete:
+            self._wishes.pop('summary', None)
+        due = {name for name, since in self._wishes.items() if now >= since}
+        if 'summary' in due:
+            # What the node kept comes from its beginning, and begins with a keyframe.
+            self._sequence = -1
+            self._wishes['summary'] = now + PATIENCE
+        if 'cloud' in due:
+            del self._wishes['cloud']
+        return due
+
+    def look(self, now: float) -> Picture:
+        """Return what is known now."""
+        self._watch(now)
+        while self._traffic and now - self._traffic[0][0] > RATE_WINDOW:
+            self._traffic.popleft()
+        kbps = sum(size for _, size in self._traffic) * 8e-3 / RATE_WINDOW
+        spans, supports, hazards = self._items
+        recent = {
+            number: time for number, time in self._raised.items() if now - time <= ALARM_TIME
+        }
+        alarms = [item for item in hazards if item.hazard_id in recent]
+        alarms.sort(key=lambda item: (-recent[item.hazard_id], item.hazard_id))
+        status = self._status
+        return Picture(
+            time=now, link=self._link, session=self._session, complete=self._complete,
+            ages=Ages(
+                link=now - self._last,
+                data=self._clock.measure_age(status.tick_uptime, now),
+                vehicle=self._clock.measure_age(status.vehicle_uptime, now),
+                health=self._clock.measure_age(status.health_uptime, now),
+                cloud=now - self._last_cloud,
+                delay=self._clock.delay,
+            ),
+            counts=replace(self._counts, kbps=kbps), frame_id=self._texts[0],
+            stamp_ns=status.stamp_ns, spans=spans, supports=supports, hazards=hazards,
+            vehicle=status.vehicle, track=tuple(self._track), levels=status.levels,
+            texts=self._texts[1:], health=status.health, cloud_blocks=len(self.cloud),
+            cloud_total=self.cloud.total, cloud_cells=self.cloud.num_cells,
+            events=tuple(self._events), alarms=tuple(alarms),
+        )
+
+    def _begin(self, message: SummaryMessage, now: float) -> None:
+        """Forget the session before, and say so."""
+        session, resets = message.frame.session, message.status.resets
+        if self._session is None:
+            self._tell(now, 0, 'the node is there')
+        else:
+            self._past.add(self._session)
+            same = (session - resets) % (1 << 32) == (self._session - self._status.resets) % (
+                1 << 32
+            )
+            self._counts = replace(self._counts, restarts=self._counts.restarts + 1)
+            self._tell(now, 1, 'the node was told to forget everything: cleared' if same else
+                       'the node was started anew: what it knew before is gone')
+            if not same:
+                self._clock = NodeClock()
+        for rows in self._rows.values():
+            rows.clear()
+        if self._cloud_session != session:
+            self.cloud.clear()
+            self._cloud_session, self._last_cloud, self._behind = None, math.nan, None
+        self._session, self._sequence, self._complete = session, -1, False
+        self._status = Status()
+        self._items = ((), (), ())
+        self._track.clear()
+        self._raised.clear()
+        if not message.keyframe:
+            self._wishes.setdefault('summary', now + 1.0)
+
+    def _apply(self, message: SummaryMessage, now: float) -> None:
+        before = {item.hazard_id: item for item in self._items[2]}
+        for name, rows in self._rows.items():
+            if message.keyframe:
+                rows.clear()
+            for key in message.gone[name]:
+                rows.pop(key, None)
+            table = getattr(message.tables, name)
+            for row in table:
+                rows[_key_of(name, row)] = row
+        old, self._status = self._status, message.status
+        if message.texts is not None:
+            self._texts = message.texts
+        self._complete |= message.keyframe
+        self._rebuild()
+        self._tell_hazards(before, now)
+        self._tell_health(old, now)
+        place = message.status.vehicle
+        if place is not None and (
+            not self._track or math.dist(place, self._track[-1]) >= TRACK_STEP
+        ):
+            self._track.append(place)
+
+    def _compare_cloud(self, now: float) -> None:
+        """Ask for the corridor anew where the node sent more than came, and nothing comes."""
+        known = self._cloud_sequence + 1 if self._cloud_session == self._session else 0
+        if not self._listens or self._status.cloud_sent <= known:
+            self._behind = None
+        elif self._behind is None:
+            self._behind = now
+        elif now - self._behind > PATIENCE:
+            self._behind = None
+            self._wishes.setdefault('cloud', now)
+            self._tell(now, 1, 'the newest messages of the corridor were lost: asked for anew')
+
+    def _rebuild(self) -> None:
+        hazards = [make_hazard(row) for row in self._rows['hazards'].values()]
+        worst: dict[tuple[int, int], int] = {}
+        for item in hazards:
+            key = item.line_id, item.span_id
+            worst[key] = max(worst.get(key, 0), item.severity)
+        spans = [
+            make_span(row, worst.get((key[0], key[1]), 0))
+            for key, row in self._rows['spans'].items()
+        ]
+        supports = [make_support(row) for row in self._rows['supports'].values()]
+        self._items = (
+            tuple(sorted(spans, key=lambda item: (-item.severity, item.key))),
+            tuple(sorted(supports, key=lambda item: item.support_id)),
+            tuple(sorted(hazards, key=lambda item: (-item.severity, item.clearance,
+                                                    item.hazard_id))),
+        )
+
+    def _tell_hazards(self, before: dict[int, HazardItem], now: float) -> None:
+        for item in self._items[2]:
+            old = before.pop(item.hazard_id, None)
+            if old is not None and old.severity == item.severity:
+                continue
+            critical = item.severity >= Severity.CRITICAL
+            if critical:
+                self._raised[item.hazard_id] = now
+            word = 'new' if old is None else f'was {name_severity(old.severity)}, is'
+            self._tell(now, 2 if critical else 0, f'{word} {describe_hazard(item)}')
+        for item in sorted(before.values(), key=lambda item: item.hazard_id):
+            self._raised.pop(item.hazard_id, None)
+            self._tell(now, 0, f'hazard {item.hazard_id} cleared')
+
+    def _tell_health(self, old: Status, now: float) -> None:
+        new = self._status
+        for name, text, was, level in zip(
+            STATUSES, self._texts[1:], old.levels, new.levels, strict=True
+        ):
+            if level != was:
+                word = f'{name}: {text}' if level else f'{name}: good again'
+                self._tell(now, 1 if level else 0, word)
+        back = (old.stamp_ns - new.stamp_ns) * 1e-9
+        if back > 0.0 and new.stamp_ns > 0 and old.stamp_ns > 0:
+            self._tell(now, 1, f'the time of the data went back by {back:.1f} s')
+
+    def _watch(self, now: float) -> None:
+        """Look at how long nothing came in."""
+        if self._link is Link.WAITING:
+            return
+        silence = now - self._last
+        link = Link.LOST if silence > LOST else Link.LATE if silence > LATE else Link.LIVE
+        if link is Link.LOST and self._link is not Link.LOST:
+            self._tell(now, 2, f'link lost: nothing came in for {silence:.0f} s')
+        self._link = link
+
+    def _end_silence(self, now: float) -> None:
+        if self._link is Link.LOST:
+            self._tell(now, 1, f'link is back after {now - self._last:.0f} s')
+        self._link = Link.LIVE
+
+    def _note_traffic(self, size: int, now: float) -> None:
+        self._traffic.append((now, size))
+        self._counts = replace(
+            self._counts, messages=self._counts.messages + 1, bytes=self._counts.bytes + size
+        )
+
+    def _note_foreign(self, now: float) -> None:
+        if not self._counts.foreign:
+            self._tell(now, 1, 'two nodes of this name are there: only the newer one is shown')
+        self._counts = replace(self._counts, foreign=self._counts.foreign + 1)
+
+    def _complain(self, error: DataError, now: float) -> None:
+        self._counts = replace(self._counts, malformed=self._counts.malformed + 1)
+        self._tell(now, 1, f'message not understood: {error}')
+
+    def _tell(self, now: float, level: int, text: str) -> None:
+        self._events.append(Event(time=now, level=level, text=text))
+
+
+def describe_hazard(item: HazardItem) -> str:
+    """Return a hazard in one line."""
+    return (
+        f'{item.severity_name} hazard {item.hazard_id}: {item.kind} {item.clearance:.2f} m '
+        f'(of {item.required:.2f} m), line {item.line_id} span {item.span_id}'
+    )
+
+
+def _key_of(table: str, row: Any) -> tuple[int, ...]:
+    return tuple(int(row[name]) for name in KEYS[table])

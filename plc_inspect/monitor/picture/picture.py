@@ -1,0 +1,244 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What a monitor knows at one moment, for the terminal, the page and scripts alike."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+import enum
+import math
+from typing import Any
+
+import numpy as np
+
+from plc_inspect.results import Float64, HazardKind, Severity
+from plc_inspect.stream.summary import FINISHED, metres, OPEN_END, OPEN_START, SUPPORT_KINDS
+
+Place = tuple[float, float, float]
+
+
+class Link(enum.Enum):
+    """How the link to the node is."""
+
+    WAITING = 'waiting'
+    """Nothing came in yet."""
+    LIVE = 'live'
+    LATE = 'late'
+    """Something is overdue."""
+    LOST = 'lost'
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SpanItem:
+    """One conductor between two supports; lengths in metres."""
+
+    line_id: int
+    span_id: int
+    start: Place
+    end: Place
+    length: float
+    """Horizontal distance from start to end."""
+    a: float
+    b: float
+    c: float
+    """z(x) = a + c cosh((x - b) / c), x from start towards end."""
+    sag: float
+    sigma_sag: float
+    rmse: float
+    coverage: float
+    """Share of the length with points, 0 to 1."""
+    num_points: int
+    ground_clearance: float
+    """Least height above ground, NaN unknown."""
+    open_start: bool
+    open_end: bool
+    finished: bool
+    """The vehicle has left it behind."""
+    severity: int
+    """Of its worst hazard, 0 none."""
+
+    @property
+    def key(self) -> tuple[int, int]:
+        """line_id and span_id."""
+        return self.line_id, self.span_id
+
+    def trace(self, step: float = 5.0) -> Float64:
+        """Return (N, 3) points along the curve, about a step apart [m]."""
+        along = np.linspace(0.0, self.length, max(2, min(64, int(self.length / step))) + 1)
+        start, end = np.array(self.start), np.array(self.end)
+        plan = start[:2] + (along / max(self.length, 1e-9))[:, None] * (end - start)[:2]
+        return np.column_stack((plan, self.a + self.c * np.cosh((along - self.b) / self.c)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SupportItem:
+    """A tower or pole."""
+
+    support_id: int
+    position: Place
+    """Foot [m]."""
+    height: float
+    kind: str
+    num_lines: int
+    lines: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HazardItem:
+    """One place where a clearance rule is broken; lengths in metres, NaN unknown."""
+
+    hazard_id: int
+    line_id: int
+    span_id: int
+    kind: str
+    severity: int
+    position: Place
+    clearance: float
+    required: float
+    horizontal: float
+    vertical: float
+    sigma: float
+    along_span: float
+    from_support: float
+    support_id: int
+    height: float
+    num_points: int
+
+    @property
+    def severity_name(self) -> str:
+        """Notice, warning or critical, in small letters."""
+        return name_severity(self.severity)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Event:
+    """Something that happened, to be told."""
+
+    time: float
+    """Steady time of the monitor [s]."""
+    level: int
+    """0 good to know, 1 warning, 2 alarm."""
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ages:
+    """How old everything is [s], NaN where there is none."""
+
+    link: float
+    """Since anything of the summary came in."""
+    data: float
+    """Since the node made the tables."""
+    vehicle: float
+    health: float
+    cloud: float
+    """Since anything of the thinned corridor came in."""
+    delay: float
+    """How much later than the quickest message the last one came."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Counts:
+    """What came in, and what did not."""
+
+    messages: int = 0
+    bytes: int = 0
+    kbps: float = 0.0
+    """Over the last ten seconds, without what the network adds."""
+    lost_summary: int = 0
+    """Messages that are missing."""
+    lost_cloud: int = 0
+    malformed: int = 0
+    foreign: int = 0
+    """Messages of another node of the same name, not taken."""
+    restarts: int = 0
+    """Times the node came up anew, or was reset."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Picture:
+    """Everything that is known at one moment; it does not change afterwards."""
+
+    time: float
+    """Steady time of the monitor [s]."""
+    link: Link
+    session: int | None
+    complete: bool
+    """Everything that the node tells of is there."""
+    ages: Ages
+    counts: Counts
+    frame_id: str
+    stamp_ns: int
+    """Stamp of the newest scan that is in [ns], 0 none."""
+    spans: tuple[SpanItem, ...]
+    """Worst first, then by line and span."""
+    supports: tuple[SupportItem, ...]
+    hazards: tuple[HazardItem, ...]
+    """Worst first, nearest to the conductor first."""
+    vehicle: Place | None
+    track: tuple[Place, ...]
+    """Where the vehicle was."""
+    levels: tuple[int, ...]
+    texts: tuple[str, ...]
+    health: Mapping[str, float]
+    cloud_blocks: int
+    """Blocks of the thinned corridor that are there."""
+    cloud_total: int
+    """Blocks that the node has."""
+    cloud_cells: int
+    events: tuple[Event, ...]
+    """Oldest first."""
+    alarms: tuple[HazardItem, ...]
+    """Critical hazards that were raised a short while ago, newest first."""
+
+
+def name_severity(severity: int) -> str:
+    """Return the name of a severity in small letters, ``ok`` for none."""
+    return Severity(severity).name.lower() if severity in list(Severity) else 'ok'
+
+
+def make_span(row: Any, severity: int) -> SpanItem:
+    """Turn a row of the summary into a span."""
+    start, end = _read_place(row, 'start_'), _read_place(row, 'end_')
+    flags = int(row['flags'])
+    return SpanItem(
+        line_id=int(row['line_id']), span_id=int(row['span_id']), start=start, end=end,
+        length=math.hypot(end[0] - start[0], end[1] - start[1]),
+        a=float(row['a']), b=float(row['b']), c=float(row['c']), sag=int(row['sag']) * 1e-3,
+        sigma_sag=int(row['sigma_sag']) * 1e-3, rmse=int(row['rmse']) * 1e-3,
+        coverage=int(row['coverage']) / 100.0, num_points=int(row['num_points']),
+        ground_clearance=metres(row['ground_clearance']), open_start=bool(flags & OPEN_START),
+        open_end=bool(flags & OPEN_END), finished=bool(flags & FINISHED), severity=severity,
+    )
+
+
+def make_support(row: Any) -> SupportItem:
+    """Turn a row of the summary into a support."""
+    kind = int(row['kind'])
+    return SupportItem(
+        support_id=int(row['support_id']), position=_read_place(row),
+        height=int(row['height']) * 1e-3,
+        kind=SUPPORT_KINDS[kind] if kind < len(SUPPORT_KINDS) else 'unseen',
+        num_lines=int(row['num_lines']),
+        lines=tuple(line for line in row['lines'].tolist() if line >= 0),
+    )
+
+
+def make_hazard(row: Any) -> HazardItem:
+    """Turn a row of the summary into a hazard."""
+    kind = int(row['kind'])
+    return HazardItem(
+        hazard_id=int(row['hazard_id']), line_id=int(row['line_id']),
+        span_id=int(row['span_id']),
+        kind=HazardKind(kind).name.lower() if kind in list(HazardKind) else f'kind {kind}',
+        severity=int(row['severity']), position=_read_place(row),
+        clearance=metres(row['clearance']), required=metres(row['required']),
+        horizontal=metres(row['horizontal']), vertical=metres(row['vertical']),
+        sigma=metres(row['sigma']), along_span=metres(row['along_span']),
+        from_support=metres(row['from_support']), support_id=int(row['support_id']),
+        height=metres(row['height']), num_points=int(row['num_points']),
+    )
+
+
+def _read_place(row: Any, prefix: str = '') -> Place:
+    return metres(row[f'{prefix}x']), metres(row[f'{prefix}y']), metres(row[f'{prefix}z'])

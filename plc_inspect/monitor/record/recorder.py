@@ -1,0 +1,221 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+What the monitor saw, as an MCAP file for Foxglove, RViz and replays.
+
+The stream is recorded as it came in, and beside it what it says, on the topics that the node has:
+tables, markers, the corridor about the vehicle and diagnostics.
+"""
+
+from pathlib import Path
+import time
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from plc_inspect.colors import OK_COLOR, parse_color, SEVERITY_COLORS
+from plc_inspect.messages.typestore import (
+    CYLINDER,
+    DELETE_ALL,
+    LINE_STRIP,
+    MessageMaker,
+    SPHERE,
+    TEXT,
+)
+from plc_inspect.monitor.picture.cloud_store import CloudStore
+from plc_inspect.monitor.picture.picture import Link, name_severity, Picture
+from plc_inspect.monitor.record.mcap_file import McapFile
+from plc_inspect.offline.export.playback import LAYOUTS
+from plc_inspect.results import HazardKind
+from plc_inspect.stream.summary import HEALTH, STATUSES
+
+FLUSH_PERIOD = 0.8
+"""What came in is safe after this [s]."""
+CORRIDOR_PERIOD = 5.0
+"""Time between two messages of the corridor [s]."""
+REACH = 150.0
+"""Cells this near to the vehicle are in them [m]."""
+_KINDS = {
+    'summary': 'std_msgs/msg/UInt8MultiArray', 'thin_corridor': 'std_msgs/msg/UInt8MultiArray',
+    'catenaries': 'sensor_msgs/msg/PointCloud2', 'hazards': 'sensor_msgs/msg/PointCloud2',
+    'corridor': 'sensor_msgs/msg/PointCloud2', 'markers': 'visualization_msgs/msg/MarkerArray',
+    'vehicle': 'geometry_msgs/msg/PoseStamped',
+    '/diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
+}
+_CODES = {kind.name.lower(): int(kind) for kind in HazardKind}
+
+
+class Recorder:
+    """
+    Records a monitor.
+
+    Parameters
+    ----------
+    path : Path
+        MCAP file to write.
+    node_name : str
+        Name of the node with its namespace.
+    force : bool
+        Replace a file that is there.
+
+    Raises
+    ------
+    ConfigError
+        There is a file already, or it cannot be written.
+
+    """
+
+    def __init__(self, path: Path, node_name: str, *, force: bool = False) -> None:
+        self._file = McapFile(path, force=force)
+        self._name = node_name.rstrip('/')
+        self._maker = MessageMaker()
+        self._flushed = time.monotonic()
+        self._corridor_at = -CORRIDOR_PERIOD
+        self._seen: tuple[object, ...] = ()
+        self._cells = -1
+
+    def __enter__(self) -> 'Recorder':
+        """Return the recorder."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """End the file in order."""
+        self._file.close()
+
+    def take(self, topic: str, data: bytes) -> None:
+        """Record a message of the stream, 'summary' or 'cloud', as it came in."""
+        self._write('summary' if topic == 'summary' else 'thin_corridor',
+                    self._maker.bytes_array(data))
+        self.flush()
+
+    def show(self, picture: Picture, cloud: CloudStore) -> None:
+        """Record what is known, where it is not what was known before."""
+        if picture.link in (Link.LIVE, Link.LATE):
+            self._write_picture(picture)
+            now = time.monotonic()
+            if now - self._corridor_at >= CORRIDOR_PERIOD and picture.cloud_cells != self._cells:
+                self._corridor_at, self._cells = now, picture.cloud_cells
+                self._write('corridor', self._make_corridor(picture, cloud))
+        self.flush()
+
+    def flush(self) -> None:
+        """Make what was taken safe, if it is time."""
+        now = time.monotonic()
+        if now - self._flushed >= FLUSH_PERIOD:
+            self._flushed = now
+            self._file.flush()
+
+    def _write_picture(self, picture: Picture) -> None:
+        maker = self._maker
+        header = maker.header(picture.stamp_ns, picture.frame_id)
+        seen = picture.stamp_ns, picture.spans, picture.supports, picture.hazards
+        if seen != self._seen:
+            self._seen = seen
+            self._write('catenaries', maker.cloud(header, _make_catenaries(picture)))
+            self._write('hazards', maker.cloud(header, _make_hazards(picture)))
+            self._write('markers', self._make_markers(header, picture))
+        if picture.vehicle is not None:
+            self._write('vehicle', maker.make(
+                'geometry_msgs/msg/PoseStamped', header=header, pose=maker.pose(picture.vehicle)
+            ))
+        if picture.health:
+            self._write('/diagnostics', self._make_diagnostics(header, picture))
+
+    def _write(self, topic: str, message: Any) -> None:
+        kind = _KINDS[topic]
+        name = topic if topic.startswith('/') else f'{self._name}/{topic}'
+        channel = self._file.add_channel(name, kind, self._maker.define(kind))
+        self._file.write(channel, time.time_ns(), self._maker.serialize(message, kind))
+
+    def _make_corridor(self, picture: Picture, cloud: CloudStore) -> Any:
+        points, kind, clearance, _ = cloud.assemble_all()
+        if picture.vehicle is not None:
+            near = np.hypot(*(points[:, :2] - np.array(picture.vehicle[:2])).T) <= REACH
+            points, kind, clearance = points[near], kind[near], clearance[near]
+        rows = np.zeros(len(points), dtype=LAYOUTS['corridor'])
+        for axis, name in enumerate('xyz'):
+            rows[name] = points[:, axis]
+        rows['class'], rows['clearance'] = kind, clearance
+        rows['line_id'] = rows['span_id'] = -1
+        return self._maker.cloud(
+            self._maker.header(picture.stamp_ns, picture.frame_id), rows
+        )
+
+    def _make_markers(self, header: Any, picture: Picture) -> Any:
+        mark, here = self._maker.marker, (0.0, 0.0, 0.0)
+        markers = [mark(header, '', 0, SPHERE, here, here, (0.0,) * 3, action=DELETE_ALL)]
+        for number, span in enumerate(picture.spans):
+            markers.append(mark(
+                header, 'catenaries', number, LINE_STRIP, here, (0.12, 0.0, 0.0),
+                _parse_color(name_severity(span.severity)), span.trace(),
+            ))
+        for support in picture.supports:
+            x, y, z = support.position
+            markers.append(mark(
+                header, 'supports', support.support_id, CYLINDER, (x, y, z + support.height / 2),
+                (0.5, 0.5, max(support.height, 0.1)), (0.6, 0.6, 0.65),
+            ))
+        for item in picture.hazards:
+            color = _parse_color(item.severity_name)
+            x, y, z = item.position
+            markers.append(mark(header, 'hazards', item.hazard_id, SPHERE, item.position,
+                                (1.2,) * 3, color))
+            markers.append(mark(
+                header, 'hazard_texts', item.hazard_id, TEXT, (x, y, z + 1.5), (0.0, 0.0, 1.2),
+                (1.0, 1.0, 1.0),
+                text=f'{item.kind} {item.clearance:.2f} m (of {item.required:.2f} m)',
+            ))
+        return self._maker.make('visualization_msgs/msg/MarkerArray', markers=markers)
+
+    def _make_diagnostics(self, header: Any, picture: Picture) -> Any:
+        make = self._maker.make
+        status = [
+            make(
+                'diagnostic_msgs/msg/DiagnosticStatus', level=level, name=f'plc_inspect: {name}',
+                message=text, hardware_id='plc_inspect',
+                values=[
+                    make('diagnostic_msgs/msg/KeyValue', key=key, value=f'{value:g}')
+                    for (owner, key), value in zip(
+                        HEALTH.values(), picture.health.values(), strict=True
+                    ) if owner == name
+                ],
+            )
+            for name, level, text in zip(STATUSES, picture.levels, picture.texts, strict=True)
+        ]
+        return make('diagnostic_msgs/msg/DiagnosticArray', header=header, status=status)
+
+
+def _make_catenaries(picture: Picture) -> Any:
+    rows = np.zeros(len(picture.spans), dtype=LAYOUTS['catenaries'])
+    for row, span in zip(rows, picture.spans, strict=True):
+        for name in ('line_id', 'span_id', 'a', 'b', 'c', 'length', 'sag', 'rmse', 'sigma_sag',
+                     'coverage', 'num_points'):
+            row[name] = getattr(span, name)
+        curve = span.trace(max(span.length / 64.0, 0.1))
+        lowest = curve[int(np.argmin(curve[:, 2]))].tolist()
+        for prefix, place in (('', lowest), ('start_', span.start), ('end_', span.end)):
+            for axis, value in zip('xyz', place, strict=True):
+                row[prefix + axis] = value
+    return rows
+
+
+def _make_hazards(picture: Picture) -> Any:
+    rows = np.zeros(len(picture.hazards), dtype=LAYOUTS['hazards'])
+    for row, item in zip(rows, picture.hazards, strict=True):
+        for axis, value in zip('xyz', item.position, strict=True):
+            row[axis] = value
+        row['id'], row['kind'] = item.hazard_id, _CODES.get(item.kind, 0)
+        for name in ('line_id', 'span_id', 'severity', 'clearance', 'required', 'horizontal',
+                     'vertical', 'sigma', 'along_span', 'num_points'):
+            row[name] = getattr(item, name)
+    return rows
+
+
+def _parse_color(severity: str) -> tuple[float, float, float]:
+    red, green, blue = parse_color(SEVERITY_COLORS.get(severity, OK_COLOR))
+    return red / 255.0, green / 255.0, blue / 255.0

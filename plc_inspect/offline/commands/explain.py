@@ -1,0 +1,226 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The command ``plc_explain``: why a point or a span came out as it did."""
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from plc_inspect.offline.commands.command_line import DONE, Parser, run_command, show_progress
+
+if TYPE_CHECKING:
+    from plc_inspect.config import Settings
+    from plc_inspect.offline.records.inspection import Units
+    from plc_inspect.results import Float64, UInt8
+
+NAME = 'plc_explain'
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Folder:
+    """The points of a results folder and the settings it was made with."""
+
+    points: 'Float64'
+    """(N, 3) in the order of points.laz [m]."""
+    classification: 'UInt8'
+    """(N,) PointClass."""
+    decision: 'UInt8'
+    """(N,) Decision, as it was written."""
+    settings: 'Settings'
+    """Clearance rules are the plain ones: they decide nothing about points."""
+    units: 'Units'
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command and return its exit code."""
+    return run_command(NAME, lambda: _run(argv))
+
+
+def read_folder(folder: Path) -> Folder:
+    """
+    Read what is needed to run the pipeline again.
+
+    Parameters
+    ----------
+    folder : Path
+        As `write_results` wrote it.
+
+    Returns
+    -------
+    Folder
+
+    Raises
+    ------
+    DataError
+        The folder or one of its files is missing or malformed.
+    ConfigError
+        Its settings are not ours.
+
+    """
+    import json
+
+    import numpy as np
+
+    from plc_inspect.config import Settings, update
+    from plc_inspect.errors import DataError
+    from plc_inspect.offline.readers.clouds import read_cloud
+    from plc_inspect.offline.records.inspection import Units
+
+    path = folder / 'run.json'
+    if not path.is_file():
+        raise DataError(f'{folder}: no such results folder' if not folder.is_dir() else
+                        f'{folder} is no results folder: it has no run.json')
+    try:
+        run = json.loads(path.read_text(encoding='utf-8'))
+        horizontal, vertical = map(float, run['input']['metres_per_unit'])
+        mapping = {str(name): dict(item) for name, item in run['settings'].items()}
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        text = ' '.join(str(error).split())
+        raise DataError(f'{path} is not understood: {text}') from error
+    settings = update(update(Settings(), mapping), {'hazards.rules': 'plain'})
+    cloud = read_cloud(folder / 'points.laz')
+    if cloud.las is None or 'decision' not in cloud.las.point_format.extra_dimension_names:
+        raise DataError(f'{folder / "points.laz"} holds no decisions')
+    units = Units(horizontal=horizontal, vertical=vertical)
+    scale = np.array([horizontal, horizontal, vertical])
+    own = np.array([cloud.metres_per_unit[0], *cloud.metres_per_unit])
+    if (scale != own).any():  # the unit was given with --crs, or is unknown to the file
+        cloud.points[:] *= scale / own
+    return Folder(
+        points=cloud.points,
+        classification=np.asarray(cloud.las.classification, dtype=np.uint8),
+        decision=np.asarray(cloud.las['decision'], dtype=np.uint8),
+        settings=settings,
+        units=units,
+    )
+
+
+def _run(argv: Sequence[str] | None) -> int:
+    arguments = _parse(argv)
+    from plc_inspect.errors import ConfigError, DataError
+
+    if not 0.0 < arguments.reach <= 20.0:
+        raise ConfigError(f'--reach must lie in (0, 20] m, got {arguments.reach:g}')
+    if not all(math.isfinite(value) for place in arguments.at for value in place):
+        raise ConfigError('--at must be finite')
+    folder = read_folder(arguments.folder)
+    if not len(folder.points):
+        raise DataError(f'{arguments.folder} holds no points')
+    if arguments.point is not None and not 0 <= arguments.point < len(folder.points):
+        raise DataError(
+            f'there is no point {arguments.point}: {arguments.folder} holds'
+            f' {len(folder.points):,}, from 0'
+        )
+    single = arguments.point is not None or len(arguments.at) == 1
+    text = (_tell_point if single else _tell_stretch)(folder, arguments)
+    print(text)
+    return DONE
+
+
+def _tell_point(folder: Folder, arguments: argparse.Namespace) -> str:
+    import numpy as np
+
+    from plc_inspect.core.explain.point import confirm, explain_point, find_nearest
+    from plc_inspect.core.pipeline import Pipeline
+    from plc_inspect.offline.commands.story import render_point
+    from plc_inspect.results import Decision, PointClass
+
+    points, settings, units = folder.points, folder.settings, folder.units
+    index, lines = arguments.point, []
+    if index is None:
+        index = find_nearest(points, _to_metres(arguments.at, units)[0])
+        away = np.linalg.norm(units.from_metres(points[index]) - np.array(arguments.at[0]))
+        lines.append(f'the nearest point is {away:.2f} {units.name} away')
+    with show_progress(quiet=False) as progress:
+        trace = Pipeline(settings).trace(points, progress)
+        explanation = explain_point(trace, points, settings, index)
+        if not arguments.quick:
+            progress('trying', 0.9)
+            explanation = confirm(explanation, points, settings)
+    x, y, z = units.from_metres(points[index]).tolist()
+    kind = PointClass(int(folder.classification[index])).name.lower()
+    lines.append(f'point {index} at {x:.2f}, {y:.2f}, {z:.2f}, class {kind}')
+    before = int(folder.decision[index])
+    if before != explanation.decision:
+        num = int((folder.decision != trace.result.decision).sum())
+        lines.append(
+            f'in the folder it is {Decision(before).name}: coordinates in points.laz are rounded,'
+            f' and {num:,} of {len(points):,} points come out otherwise'
+        )
+    lines.append(render_point(explanation, settings, not arguments.quick))
+    return '\n'.join(lines)
+
+
+def _tell_stretch(folder: Folder, arguments: argparse.Namespace) -> str:
+    from plc_inspect.core.explain.span import (
+        confirm_stretch,
+        explain_stretch,
+        follow_span,
+        make_course,
+    )
+    from plc_inspect.core.pipeline import Pipeline
+    from plc_inspect.offline.commands.story import render_stretch
+
+    points, settings, units = folder.points, folder.settings, folder.units
+    course = None
+    if arguments.at:
+        course = make_course(_to_metres(arguments.at, units), settings, arguments.reach)
+    with show_progress(quiet=False) as progress:
+        trace = Pipeline(settings).trace(points, progress)
+        if course is None:
+            line, span = arguments.span
+            course = follow_span(trace, line, span, arguments.reach)
+        stretch = explain_stretch(trace, points, settings, course)
+        trials = None
+        if not arguments.quick:
+            progress('trying', 0.9)
+            trials = confirm_stretch(stretch, points, settings)
+    x, y = course.origin / units.horizontal
+    name = 'line {}, span {}'.format(*arguments.span) if arguments.span else 'the stretch'
+    return (
+        f'{name}: {course.length:.1f} m from {x:.2f}, {y:.2f}; what each stage saw within'
+        f' {course.reach:g} m of it\n\n' + render_stretch(stretch, trials, settings, units)
+    )
+
+
+def _to_metres(places: list[list[float]], units: 'Units') -> 'Float64':
+    import numpy as np
+
+    result: Float64 = np.array(places) * [units.horizontal, units.horizontal, units.vertical]
+    return result
+
+
+def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = Parser(
+        prog=NAME, description='Tells why a point or span of a results folder came out as it did.'
+    )
+    parser.add_argument('folder', type=Path, metavar='OUT', help='results folder')
+    parser.add_argument(
+        '--at', type=float, nargs=3, action='append', default=[], metavar=('X', 'Y', 'Z'),
+        help='the point nearest to here; given twice or three times, the stretch through them',
+    )
+    parser.add_argument(
+        '--point', type=int, metavar='INDEX', help='a point of points.laz, counted from 0'
+    )
+    parser.add_argument(
+        '--span', type=int, nargs=2, metavar=('LINE', 'SPAN'), help='a span that was found'
+    )
+    parser.add_argument(
+        '--reach', type=float, default=1.0, metavar='M',
+        help='half the width of a stretch [m] (default 1)',
+    )
+    parser.add_argument(
+        '--quick', action='store_true',
+        help='do not run the pipeline again to see whether other settings do what is said',
+    )
+    arguments = parser.parse_args(argv)
+    given = [arguments.point is not None, bool(arguments.at), arguments.span is not None]
+    if sum(given) != 1:
+        parser.error('give one of --at, --point and --span')
+    if len(arguments.at) > 3:
+        parser.error('--at is given three times at most')
+    return arguments

@@ -1,0 +1,159 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The command ``plc_replay``: the pipeline over a recording, without a ROS graph."""
+
+import argparse
+from collections.abc import Sequence
+import dataclasses
+from dataclasses import asdict
+from pathlib import Path
+import time
+from typing import TYPE_CHECKING
+
+from plc_inspect.offline.commands.command_line import (
+    DONE,
+    make_parser,
+    Progress,
+    run_command,
+    show_progress,
+)
+
+if TYPE_CHECKING:
+    from plc_inspect.config import Settings
+    from plc_inspect.core.hazards.clearance_rules import RuleSet
+    from plc_inspect.offline.records.inspection import Inspection
+
+NAME = 'plc_replay'
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command and return its exit code."""
+    return run_command(NAME, lambda: _run(argv))
+
+
+def replay(
+    path: Path,
+    settings: 'Settings',
+    progress: Progress | None = None,
+    rules: 'RuleSet | None' = None,
+) -> 'Inspection':
+    """
+    Build the map of a recording and run the pipeline over it.
+
+    Parameters
+    ----------
+    path : Path
+        A rosbag2 folder, an MCAP or sqlite3 file, or a ROS 1 bag.
+    settings : Settings
+        All settings; the topics are in ``input``.
+    progress : callable or None
+        Called with the name of the step and its share.
+    rules : RuleSet or None
+        Clearance rules, by default the plain ones of the settings.
+
+    Returns
+    -------
+    The run, ready to be written.  Its points are the centroids of the map's voxels, in the
+    frame of the odometry.
+
+    Raises
+    ------
+    DataError
+        The recording cannot be read or lacks a topic.
+
+    """
+    from plc_inspect.core.pipeline import Pipeline
+    from plc_inspect.offline.commands.request import hash_input
+    from plc_inspect.offline.readers.bag_map import accumulate
+    from plc_inspect.offline.readers.bags import Recording
+    from plc_inspect.offline.records.inspection import Inspection
+
+    tell = progress or (lambda step, share: None)
+    topics = (settings.input.scan_topic, settings.input.odometry_topic)
+    started = time.perf_counter()
+    with Recording(path, *topics) as recording:
+        accumulator = accumulate(recording, settings, lambda share: tell('reading', share))
+        counts = asdict(accumulator.counters())
+        counts['skipped'] = dict(recording.skipped)
+        counts['first_errors'] = dict(recording.first_errors)
+    points = accumulator.map.centroids()
+    points = points[accumulator.map.counts() >= settings.map.min_points]
+    seconds = {'read': time.perf_counter() - started}
+    started = time.perf_counter()
+    result = Pipeline(settings, rules).run(points, progress=tell)
+    seconds['pipeline'] = time.perf_counter() - started
+    return Inspection(
+        result=result,
+        points=points,
+        settings=settings,
+        source=path.absolute().name,
+        command=NAME,
+        frame_id=accumulator.frame_id,
+        rules=rules,
+        checksum=hash_input(path),
+        counts=counts,
+        seconds=seconds,
+    )
+
+
+def describe_losses(inspection: 'Inspection') -> str:
+    """Return what of the recording did not get into the map, '' if all did."""
+    counts = inspection.counts
+    parts = []
+    for title, key in (
+        ('scans dropped', 'scans_dropped'),
+        ('poses rejected', 'poses_rejected'),
+        ('messages skipped', 'skipped'),
+    ):
+        reasons = ', '.join(f'{number} {reason}' for reason, number in counts[key].items())
+        if reasons:
+            parts.append(f'{title}: {reasons}')
+    if counts['num_scans_lost']:
+        parts.append(f'scans missing in the recording: {counts["num_scans_lost"]}')
+    return '\n'.join(parts)
+
+
+def _run(argv: Sequence[str] | None) -> int:
+    arguments = _parse(argv)
+    from plc_inspect.config import update
+    from plc_inspect.offline.commands.request import complete, locate_flight, read_request
+    from plc_inspect.offline.commands.result_table import render_summary
+    from plc_inspect.offline.export.results_folder import check_folder, write_results
+    from plc_inspect.offline.readers.parameter_file import read_settings
+
+    settings = read_settings(arguments.params, arguments.assignments)
+    topics = {
+        'input.scan_topic': arguments.scan_topic,
+        'input.odometry_topic': arguments.odometry_topic,
+    }
+    settings = update(settings, {name: topic for name, topic in topics.items() if topic})
+    request, settings = read_request(arguments, settings)
+    origin = locate_flight(arguments.origin)
+    check_folder(arguments.output, arguments.force)
+    with show_progress(arguments.quiet) as progress:
+        inspection = replay(arguments.bag, settings, progress, request.rules)
+        inspection = complete(dataclasses.replace(inspection, **origin), request)
+        progress('writing', 0.0)
+        write_results(arguments.output, inspection, arguments.force, request.pdf)
+    if not arguments.quiet:
+        losses = describe_losses(inspection)
+        print(render_summary(inspection), *([losses] if losses else []), sep='\n\n')
+        print(f'\nreport: {arguments.output / "report.html"}')
+    return DONE
+
+
+def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = make_parser(NAME, 'Finds power lines and their hazards in a recorded flight.')
+    parser.add_argument(
+        'bag', type=Path, metavar='BAG', help='a rosbag2 folder, .mcap, .db3 or ROS 1 .bag file'
+    )
+    parser.add_argument('--scan-topic', metavar='TOPIC', help='instead of input.scan_topic')
+    parser.add_argument(
+        '--odometry-topic', metavar='TOPIC', help='instead of input.odometry_topic'
+    )
+    parser.add_argument(
+        '--origin', metavar='LAT,LON,ALT',
+        help='WGS 84 place of the origin of the odometry (x east, y north)',
+    )
+    return parser.parse_args(argv)

@@ -1,0 +1,178 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What a command is asked for besides the results themselves: rules, what-if, comparison."""
+
+import argparse
+import dataclasses
+from dataclasses import dataclass
+import hashlib
+import math
+from pathlib import Path
+from typing import Any
+
+from plc_inspect.config import Settings, update
+from plc_inspect.core.hazards.clearance_rules import RuleSet
+from plc_inspect.core.loads.contact import find_contacts
+from plc_inspect.core.loads.load_cases import evaluate_cases
+from plc_inspect.core.loads.sag_tension import Case, Conductor
+from plc_inspect.errors import ConfigError
+from plc_inspect.offline.readers.catalogue import load_conductor, load_rules, parse_case
+from plc_inspect.offline.records.changes import find_changes, read_survey, Survey, to_survey
+from plc_inspect.offline.records.georeference import find_horizontal, make_origin_crs
+from plc_inspect.offline.records.inspection import Inspection
+from plc_inspect.offline.report.browser import find_browser
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Request:
+    """Everything that can be wrong is found before the pipeline runs."""
+
+    rules: RuleSet
+    cases: tuple[Case, ...] = ()
+    conductor: Conductor | None = None
+    temperature: float = 0.0
+    """Of the conductor when surveyed [degrees Celsius]; used with cases only."""
+    baseline: Survey | None = None
+    geo: bool = False
+    """Files for geographic information systems are a must."""
+    pdf: bool = False
+
+
+def read_request(
+    arguments: argparse.Namespace, settings: Settings
+) -> tuple[Request, Settings]:
+    """
+    Read what the arguments of `make_parser` ask for.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        Of the command.
+    settings : Settings
+        From files and assignments; ``--rules`` and ``--voltage`` win over them.
+
+    Returns
+    -------
+    tuple of Request and Settings
+
+    Raises
+    ------
+    ConfigError
+        A rule set, conductor or case is unknown or contradictory, or something is missing.
+    DataError
+        The baseline cannot be read.
+
+    """
+    changes = {'hazards.rules': arguments.rules, 'hazards.voltage': arguments.voltage}
+    settings = update(settings, {name: item for name, item in changes.items() if item is not None})
+    rules = load_rules(settings.hazards)
+    cases = tuple(parse_case(text) for text in arguments.cases)
+    names = [case.name for case in cases]
+    if len(set(names)) < len(names):
+        raise ConfigError(f'cases need names of their own, got {", ".join(names)}')
+    conductor = None
+    if cases:
+        if arguments.conductor is None:
+            raise ConfigError('--case needs --conductor: the change of state depends on it')
+        if arguments.surveyed_at is None:
+            raise ConfigError(
+                '--case needs --surveyed-at: the temperature of a conductor is not measured'
+            )
+        conductor = load_conductor(arguments.conductor, arguments.conductors)
+        Case(name='--surveyed-at', temperature=arguments.surveyed_at)
+    if arguments.pdf:
+        find_browser()
+    return Request(
+        rules=rules, cases=cases, conductor=conductor, temperature=arguments.surveyed_at or 0.0,
+        baseline=read_survey(arguments.baseline) if arguments.baseline else None,
+        geo=arguments.geo, pdf=arguments.pdf,
+    ), settings
+
+
+def complete(inspection: Inspection, request: Request) -> Inspection:
+    """
+    Add what was asked for to a run.
+
+    Parameters
+    ----------
+    inspection : Inspection
+        The run.
+    request : Request
+        What was asked for.
+
+    Returns
+    -------
+    Inspection
+
+    Raises
+    ------
+    ConfigError
+        Files for geographic information systems are a must and the CRS is unknown.
+    DataError
+        A case has no state, or the surveys do not overlap.
+
+    """
+    inspection = dataclasses.replace(inspection, rules=request.rules)
+    if request.geo and find_horizontal(inspection) is None:
+        raise ConfigError(
+            f'{inspection.source} has no projected coordinate reference system: give one'
+            ' (--crs for a cloud, --origin for a flight)'
+        )
+    settings = inspection.settings.hazards
+    if request.cases and request.conductor is not None:
+        what_if = evaluate_cases(
+            inspection.points, inspection.result, request.conductor, request.temperature,
+            request.cases, request.rules, settings.min_points,
+        )
+        contacts = find_contacts(
+            inspection.points, inspection.result, request.conductor, request.temperature
+        )
+        what_if = dataclasses.replace(what_if, contacts=contacts)
+        inspection = dataclasses.replace(inspection, what_if=what_if)
+    if request.baseline is not None:
+        changes = find_changes(request.baseline, to_survey(inspection), settings.sag_deviation)
+        inspection = dataclasses.replace(inspection, changes=changes)
+    return inspection
+
+
+def locate_flight(text: str | None) -> dict[str, Any]:
+    """
+    Read the origin of a flight.
+
+    Parameters
+    ----------
+    text : str or None
+        Latitude, longitude and altitude, as ``59.33,18.07,25``.
+
+    Returns
+    -------
+    dict
+        ``georeference`` and ``altitude`` of Inspection; empty without an origin.
+
+    Raises
+    ------
+    ConfigError
+        Something else was given, or there is no such place.
+
+    """
+    if text is None:
+        return {}
+    try:
+        latitude, longitude, altitude = (float(part) for part in text.split(','))
+    except ValueError:
+        raise ConfigError(f'--origin must be LAT,LON,ALT, got {text!r}') from None
+    if not math.isfinite(altitude):
+        raise ConfigError(f'--origin must have a finite altitude, got {altitude!r}')
+    return {'georeference': make_origin_crs(latitude, longitude), 'altitude': altitude}
+
+
+def hash_input(path: Path) -> str:
+    """Return the SHA-256 of a file, or of all files of a folder in order of their names."""
+    digest = hashlib.sha256()
+    files = sorted(item for item in path.rglob('*') if item.is_file()) if path.is_dir() else [path]
+    for item in files:
+        with item.open('rb') as stream:
+            while block := stream.read(1 << 20):
+                digest.update(block)
+    return digest.hexdigest()

@@ -1,0 +1,191 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The command ``plc_survey``: the pipeline over one cloud."""
+
+import argparse
+from collections.abc import Sequence
+from concurrent.futures import Future
+import importlib
+from pathlib import Path
+from threading import Thread
+import time
+from typing import TYPE_CHECKING
+
+from plc_inspect.offline.commands.allocator import keep_freed_memory
+from plc_inspect.offline.commands.command_line import (
+    DONE,
+    make_parser,
+    Progress,
+    run_command,
+    show_progress,
+)
+
+if TYPE_CHECKING:
+    from plc_inspect.config import Settings
+    from plc_inspect.core.hazards.clearance_rules import RuleSet
+    from plc_inspect.offline.readers.clouds import Cloud
+    from plc_inspect.offline.records.inspection import Inspection
+
+NAME = 'plc_survey'
+LARGE = 10_000_000
+"""A file of more bytes takes longer than what is loaded beside it."""
+FILES = 'plc_inspect.offline.export.files'
+"""Loads all formats."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command and return its exit code."""
+    return run_command(NAME, lambda: _run(argv))
+
+
+def survey(
+    path: Path,
+    settings: 'Settings',
+    crs: str | None = None,
+    progress: Progress | None = None,
+    rules: 'RuleSet | None' = None,
+    reading: 'Future[Cloud] | None' = None,
+) -> 'Inspection':
+    """
+    Run the pipeline over one cloud.
+
+    Parameters
+    ----------
+    path : Path
+        A LAS, LAZ or PCD file.
+    settings : Settings
+        All settings.
+    crs : str or None
+        Coordinate reference system instead of the file's, such as ``EPSG:2992``.
+    progress : callable or None
+        Called with the name of the step and its share.
+    rules : RuleSet or None
+        Clearance rules, by default the plain ones of the settings.
+    reading : Future or None
+        From ``begin_reading``, where that was called before.
+
+    Returns
+    -------
+    The run, ready to be written.
+
+    Raises
+    ------
+    DataError
+        The file cannot be read, or has fewer finite points than ``segment.min_points``.
+    ConfigError
+        The CRS is unknown.
+
+    """
+    from plc_inspect.core.pipeline import Pipeline
+    from plc_inspect.errors import DataError
+    from plc_inspect.offline.commands.request import hash_input
+    from plc_inspect.offline.records.inspection import Inspection, Units
+
+    tell = progress or (lambda step, share: None)
+    started = time.perf_counter()
+    tell('reading', 0.0)
+    reading = reading or begin_reading(path, crs)
+    is_large = path.is_file() and path.stat().st_size > LARGE
+    if is_large:
+        _load(settings)
+    cloud = reading.result()
+    if is_large:  # most of the pipeline runs outside of Python
+        Thread(target=importlib.import_module, args=(FILES,), daemon=True).start()
+    num_points = len(cloud.points)
+    num_finite = num_points - cloud.num_not_finite
+    if num_finite < settings.segment.min_points:
+        raise DataError(
+            f'{path} has {num_finite} finite points of {num_points}, fewer than'
+            f' segment.min_points = {settings.segment.min_points}'
+        )
+    seconds = {'read': time.perf_counter() - started}
+    started = time.perf_counter()
+    result = Pipeline(settings, rules).run(cloud.points, progress=tell)
+    seconds['pipeline'] = time.perf_counter() - started
+    horizontal, vertical = cloud.metres_per_unit
+    return Inspection(
+        result=result,
+        points=cloud.points,
+        settings=settings,
+        source=path.name,
+        command=NAME,
+        crs=cloud.crs,
+        units=Units(horizontal=horizontal, vertical=vertical),
+        las=cloud.las,
+        rules=rules,
+        checksum=hash_input(path),
+        counts={'num_points': num_points, 'num_not_finite': cloud.num_not_finite},
+        seconds=seconds,
+    )
+
+
+def begin_reading(path: Path, crs: str | None = None) -> 'Future[Cloud]':
+    """
+    Begin to read a cloud in a thread of its own.
+
+    Parameters
+    ----------
+    path : Path
+        A LAS, LAZ or PCD file.
+    crs : str or None
+        Coordinate reference system instead of the file's.
+
+    Returns
+    -------
+    Future
+        Of what ``read_cloud`` returns or raises.
+
+    """
+    from plc_inspect.offline.readers.clouds import read_cloud
+
+    reading: Future[Cloud] = Future()
+
+    def read() -> None:
+        try:
+            reading.set_result(read_cloud(path, crs))
+        except BaseException as error:
+            reading.set_exception(error)
+
+    Thread(target=read, daemon=True).start()  # nobody waits for it where a request is wrong
+    return reading
+
+
+def _load(settings: 'Settings') -> None:
+    """Load the kernels."""
+    from plc_inspect.core.live.warm_up import warm_up_pipeline
+
+    warm_up_pipeline(settings)
+
+
+def _run(argv: Sequence[str] | None) -> int:
+    arguments = _parse(argv)
+    keep_freed_memory()
+    reading = begin_reading(arguments.cloud, arguments.crs)
+    from plc_inspect.offline.commands.request import complete, read_request
+    from plc_inspect.offline.commands.result_table import render_summary
+    from plc_inspect.offline.export.results_folder import check_folder, write_results
+    from plc_inspect.offline.readers.parameter_file import read_settings
+
+    settings = read_settings(arguments.params, arguments.assignments)
+    request, settings = read_request(arguments, settings)
+    check_folder(arguments.output, arguments.force)
+    with show_progress(arguments.quiet) as progress:
+        inspection = survey(
+            arguments.cloud, settings, arguments.crs, progress, request.rules, reading
+        )
+        inspection = complete(inspection, request)
+        progress('writing', 0.0)
+        write_results(arguments.output, inspection, arguments.force, request.pdf)
+    if not arguments.quiet:
+        print(f'{render_summary(inspection)}\n\nreport: {arguments.output / "report.html"}')
+    return DONE
+
+
+def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = make_parser(NAME, 'Finds power lines and their hazards in one cloud.')
+    parser.add_argument('cloud', type=Path, metavar='CLOUD', help='a LAS, LAZ or PCD file')
+    parser.add_argument(
+        '--crs', help='coordinate reference system instead of the one in the file, as EPSG:2992'
+    )
+    return parser.parse_args(argv)

@@ -1,0 +1,203 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The files of a results folder."""
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+import csv
+import dataclasses
+import json
+import math
+from pathlib import Path
+import resource
+import sys
+import time
+from typing import Any
+
+import numpy as np
+
+from plc_inspect import __version__
+from plc_inspect.config import to_mapping
+from plc_inspect.offline.export.dxf import write_dxf
+from plc_inspect.offline.export.geo import write_geo
+from plc_inspect.offline.export.playback import write_playback
+from plc_inspect.offline.export.points_file import write_points
+from plc_inspect.offline.records.changes import describe_changes
+from plc_inspect.offline.records.inspection import (
+    describe_hazard,
+    describe_span,
+    describe_support,
+    flatten,
+    Inspection,
+    measure_clearances,
+    Record,
+)
+from plc_inspect.offline.records.load_case_record import describe_what_if
+from plc_inspect.offline.report.report import render_report
+from plc_inspect.results import Decision, PointClass
+
+SPAN_COLUMNS = (
+    'line_id', 'span_id', 'start_x', 'start_y', 'start_z', 'end_x', 'end_y', 'end_z',
+    'azimuth', 'length', 'a', 'b', 'c', 'a2', 'a1', 'a0', 'sag', 'lowest_x', 'lowest_y',
+    'lowest_z', 'open_start', 'open_end', 'rmse', 'num_points', 'coverage', 'sigma_a',
+    'sigma_b', 'sigma_c', 'sigma_sag', 'ground_clearance', 'ground_along',
+    'vegetation_clearance',
+)
+SUPPORT_COLUMNS = (
+    'support_id', 'position_x', 'position_y', 'position_z', 'height', 'kind', 'lines',
+)
+HAZARD_COLUMNS = (
+    'hazard_id', 'line_id', 'span_id', 'kind', 'severity', 'position_x', 'position_y',
+    'position_z', 'clearance', 'required', 'horizontal', 'vertical', 'sigma', 'along_span',
+    'num_points', 'min_x', 'min_y', 'min_z', 'max_x', 'max_y', 'max_z', 'rule', 'edition',
+    'source', 'voltage', 'other_line_id', 'support_id', 'from_support', 'height', 'years', 'note',
+    'text',
+)
+
+
+def write_files(folder: Path, inspection: Inspection) -> None:
+    """Write all files of one run into an empty folder; OSError where one cannot be written."""
+    units, result = inspection.units, inspection.result
+    spans = [describe_span(span, units) for span in result.spans]
+    supports = [describe_support(support, units) for support in result.supports]
+    hazards = [describe_hazard(hazard, units) for hazard in result.hazards]
+    for span, distance in zip(
+        spans, measure_clearances(result, inspection.settings.hazards.min_points).values(),
+        strict=True,
+    ):
+        span['vegetation_clearance'] = None if distance is None else distance / units.horizontal
+    tables = {'spans': spans, 'supports': supports, 'hazards': hazards}
+    for name, records in tables.items():
+        head = {
+            'frame_id': inspection.frame_id,
+            'crs': inspection.crs,
+            'metres_per_unit': [units.horizontal, units.vertical],
+        }
+        _write_json(folder / f'{name}.json', head | {name: records})
+    _write_table(folder / 'spans.csv', SPAN_COLUMNS, spans)
+    _write_table(folder / 'hazards.csv', HAZARD_COLUMNS, hazards)
+    _write_table(folder / 'supports.csv', SUPPORT_COLUMNS, [
+        row | {'lines': ' '.join(map(str, row['lines']))} for row in supports
+    ])
+    if inspection.what_if is not None:
+        _write_json(folder / 'whatif.json', describe_what_if(inspection.what_if, units))
+    if inspection.changes is not None:
+        _write_json(folder / 'changes.json', describe_changes(inspection.changes, units))
+    with ThreadPoolExecutor(1) as beside:  # points are compressed outside of Python
+        report = beside.submit(_write_views, folder, inspection, tables)
+        started = time.perf_counter()
+        num_written = write_points(folder / 'points.laz', inspection)
+        seconds = dict(inspection.seconds) | {'points_file': time.perf_counter() - started}
+        seconds['report'] = report.result()
+    run = dataclasses.replace(inspection, seconds=seconds)
+    _write_json(folder / 'run.json', describe_run(run, num_written))
+
+
+def _write_views(
+    folder: Path, inspection: Inspection, tables: dict[str, list[Record]]
+) -> float:
+    """Write the files for other programs and the report, and return what the report took [s]."""
+    write_geo(folder, inspection, tables)
+    write_dxf(folder / 'catenaries.dxf', inspection, tables)
+    write_playback(folder / 'results.mcap', inspection)
+    started = time.perf_counter()
+    (folder / 'report.html').write_text(render_report(inspection), encoding='utf-8')
+    return time.perf_counter() - started
+
+
+def describe_run(inspection: Inspection, num_written: int) -> Record:
+    """
+    Return what ``run.json`` holds.
+
+    Parameters
+    ----------
+    inspection : Inspection
+        The run.
+    num_written : int
+        Points in ``points.laz``.
+
+    Returns
+    -------
+    A JSON-serialisable mapping; times in seconds, memory in bytes.
+
+    """
+    result = inspection.result
+    return {
+        'version': __version__,
+        'command': inspection.command,
+        'input': {
+            'source': inspection.source,
+            'frame_id': inspection.frame_id,
+            'crs': inspection.crs,
+            'metres_per_unit': [inspection.units.horizontal, inspection.units.vertical],
+            'sha256': inspection.checksum,
+            'counts': dict(inspection.counts),
+        },
+        'num_points': result.num_points,
+        'num_points_written': num_written,
+        'num_lines': result.num_lines,
+        'num_spans': len(result.spans),
+        'num_supports': len(result.supports),
+        'num_hazards': len(result.hazards),
+        'num_corridor_points': len(result.corridor),
+        'classes': {
+            item.name.lower(): int(np.count_nonzero(result.classification == item))
+            for item in PointClass
+        },
+        'decisions': {
+            item.name.lower(): int(np.count_nonzero(result.decision == item))
+            for item in Decision
+        },
+        'stages': [dataclasses.asdict(stage) for stage in result.stages],
+        'settings': to_mapping(inspection.settings),
+        'seconds': dict(inspection.seconds),
+        'peak_memory': measure_peak_memory(),
+    }
+
+
+def measure_peak_memory() -> int:
+    """Return the largest resident memory of this process so far [bytes]."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == 'darwin' else peak * 1024
+
+
+def render_json(value: Any, indent: str = '') -> str:
+    """
+    Return a value as JSON: one key a line, lists of plain values on one line.
+
+    Floats are written by ``repr``, so reading them back gives the same bits; NaN and infinity
+    become null.  Arrays of numpy are lists.
+    """
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    deeper = indent + '  '
+    if isinstance(value, dict) and value:
+        items = (f'{json.dumps(str(k))}: {render_json(v, deeper)}' for k, v in value.items())
+        return '{\n' + ',\n'.join(deeper + item for item in items) + f'\n{indent}}}'
+    if isinstance(value, list | tuple) and any(isinstance(v, dict | list | tuple) for v in value):
+        items = (render_json(v, deeper) for v in value)
+        return '[\n' + ',\n'.join(deeper + item for item in items) + f'\n{indent}]'
+    if isinstance(value, list | tuple):
+        return '[' + ', '.join(render_json(v) for v in value) + ']'
+    if isinstance(value, float) and not math.isfinite(value):
+        return 'null'
+    return json.dumps(value, ensure_ascii=False)
+
+
+def _write_json(path: Path, value: Record) -> None:
+    path.write_text(render_json(value) + '\n', encoding='utf-8')
+
+
+def _write_table(path: Path, columns: Sequence[str], records: Sequence[Record]) -> None:
+    with path.open('w', encoding='utf-8', newline='') as stream:
+        writer = csv.DictWriter(stream, columns, lineterminator='\n')
+        writer.writeheader()
+        for record in records:
+            writer.writerow({key: _cell(value) for key, value in flatten(record).items()})
+
+
+def _cell(value: Any) -> Any:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return float(f'{value:.12g}') if isinstance(value, float) else value

@@ -1,0 +1,175 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""GeoJSON, KML and GeoPackage of a run whose coordinate reference system is known."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+import pyogrio
+import pyproj
+from pyproj.exceptions import ProjError
+import shapely
+
+from plc_inspect.errors import DataError
+from plc_inspect.offline.records.georeference import find_horizontal
+from plc_inspect.offline.records.inspection import flatten, Inspection, Record
+from plc_inspect.offline.records.span_curve import trace_span
+
+STEP = 2.0
+"""Catenaries are drawn with points this far apart [m]."""
+_DATE = '2000-01-01T00:00:00.000Z'
+"""Written for the time of the file, so that the same results give the same bytes."""
+
+Layers = dict[str, tuple[list[Any], list[Record]]]
+"""Name of a layer to its geometries, in the frame of the input, and their attributes."""
+
+
+def write_geo(folder: Path, inspection: Inspection, records: dict[str, list[Record]]) -> bool:
+    """
+    Write spans, supports and hazards for geographic information systems.
+
+    GeoJSON and KML are in longitude and latitude (WGS 84) with heights in metres; the GeoPackage
+    keeps the coordinates of the input.
+
+    Parameters
+    ----------
+    folder : Path
+        Where; files of these names must not exist.
+    inspection : Inspection
+        The run.
+    records : dict
+        'spans', 'supports' and 'hazards' as their JSON files hold them.
+
+    Returns
+    -------
+    bool
+        False where nothing was written because the CRS is unknown.
+
+    Raises
+    ------
+    DataError
+        The coordinates are no places of the CRS.
+
+    """
+    system = find_horizontal(inspection)
+    if system is None:
+        return False
+    pyogrio.set_gdal_config_options({'OGR_CURRENT_DATE': _DATE})
+    layers = _make_layers(inspection, records)
+    try:
+        world = _to_world(layers, system, inspection)
+    except ProjError as error:
+        raise DataError(f'coordinates are no places of {system.name}: {error}') from error
+    plain = system.to_wkt()
+    for name, (shapes, rows) in layers.items():
+        _write(folder / 'results.gpkg', 'GPKG', name, shapes, rows, plain)
+        _write(folder / f'{name}.geojson', 'GeoJSON', name, world[name], rows, 'EPSG:4326',
+               RFC7946='YES', COORDINATE_PRECISION='9')
+    _write_kml(folder / 'results.kml', world, layers)
+    return True
+
+
+def _make_layers(inspection: Inspection, records: dict[str, list[Record]]) -> Layers:
+    units = inspection.units
+    step, ratio = STEP / units.horizontal, units.horizontal / units.vertical
+    points = {
+        name: [shapely.Point(row['position']) for row in records[name]]
+        for name in ('supports', 'hazards')
+    }
+    return {
+        'spans': ([shapely.LineString(trace_span(row, step, ratio)) for row in records['spans']],
+                  [flatten(row) for row in records['spans']]),
+        'supports': (points['supports'], [
+            flatten(row) | {'lines': ' '.join(map(str, row['lines']))}
+            for row in records['supports']
+        ]),
+        'hazards': (points['hazards'], [flatten(row) for row in records['hazards']]),
+    }
+
+
+def _to_world(
+    layers: Layers, system: pyproj.CRS, inspection: Inspection
+) -> dict[str, list[Any]]:
+    """Return the geometries in longitude, latitude and metres."""
+    transformer = pyproj.Transformer.from_crs(system, 'EPSG:4326', always_xy=True)
+    height = inspection.units.vertical
+
+    def move(xyz: NDArray[np.float64]) -> NDArray[np.float64]:
+        x, y = transformer.transform(xyz[:, 0], xyz[:, 1], errcheck=True)
+        return np.column_stack([x, y, xyz[:, 2] * height + inspection.altitude])
+
+    return {
+        name: list(shapely.transform(shapes, move, include_z=True)) if shapes else []
+        for name, (shapes, _) in layers.items()
+    }
+
+
+def _write(
+    path: Path, driver: str, layer: str, shapes: Sequence[Any], rows: Sequence[Record], crs: str,
+    **options: str,
+) -> None:
+    columns = _columns(rows)
+    pyogrio.raw.write(
+        path,
+        geometry=np.array([shapely.to_wkb(shape, output_dimension=3) for shape in shapes],
+                          dtype=object),
+        field_data=list(columns.values()),
+        fields=np.array(list(columns), dtype=object),
+        geometry_type='LineString Z' if layer == 'spans' else 'Point Z',
+        crs=crs, driver=driver, layer=layer, layer_options=options or None,
+    )
+
+
+def _columns(rows: Sequence[Record]) -> dict[str, NDArray[Any]]:
+    """Return the attributes as arrays of one type each; null is NaN."""
+    if not rows:
+        return {}
+    columns: dict[str, NDArray[Any]] = {}
+    for name in rows[0]:
+        values = [row[name] for row in rows]
+        known = [value for value in values if value is not None]
+        if any(isinstance(value, str) for value in known):
+            columns[name] = np.array(values, dtype=object)
+        elif known and all(isinstance(value, bool) for value in known):
+            columns[name] = np.array(values, dtype=bool)
+        elif known and len(known) == len(values) and all(isinstance(v, int) for v in known):
+            columns[name] = np.array(values, dtype=np.int64)
+        else:
+            columns[name] = np.array(
+                [np.nan if value is None else value for value in values], dtype=np.float64
+            )
+    return columns
+
+
+def _write_kml(path: Path, world: dict[str, list[Any]], layers: Layers) -> None:
+    """Write all layers into one, as KML knows no attributes but a name and a description."""
+    shapes, names, texts = [], [], []
+    for layer, (_, rows) in layers.items():
+        for shape, row in zip(world[layer], rows, strict=True):
+            shapes.append(shapely.to_wkb(shape, output_dimension=3))
+            name, text = _describe(layer, row)
+            names.append(name)
+            texts.append(text)
+    pyogrio.raw.write(
+        path, geometry=np.array(shapes, dtype=object),
+        field_data=[np.array(names, dtype=object), np.array(texts, dtype=object)],
+        fields=np.array(['Name', 'Description'], dtype=object), geometry_type='Unknown',
+        crs='EPSG:4326', driver='KML', layer='results',
+        dataset_options={'AltitudeMode': 'absolute'},
+    )
+
+
+def _describe(layer: str, row: Record) -> tuple[str, str]:
+    """Return name and description of one thing."""
+    if layer == 'spans':
+        return (f'line {row["line_id"]}, span {row["span_id"]}',
+                f'length {row["length"]:.1f}, sag {row["sag"]:.2f}')
+    if layer == 'supports':
+        return f'support {row["support_id"]}', f'{row["kind"]}, height {row["height"] or 0:.1f}'
+    return (f'{row["severity"]} {row["kind"]} {row["hazard_id"]}',
+            f'line {row["line_id"]}, span {row["span_id"]}: {row["clearance"]:.2f} measured,'
+            f' {row["required"]:.2f} required by {row["rule"]} ({row["edition"]})')

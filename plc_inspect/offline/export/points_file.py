@@ -1,0 +1,220 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Writes ``points.laz``: every point with its class, conductor, clearance and decision."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import laspy
+import numpy as np
+from numpy.typing import NDArray
+
+from plc_inspect.errors import DataError
+from plc_inspect.offline.records.inspection import Inspection
+from plc_inspect.results import InspectionResult
+
+CHUNK_SIZE = 1_000_000
+EXTRA_DIMENSIONS = (
+    ('line_id', np.int32, 'conductor, -1 none'),
+    ('span_id', np.int32, 'span, -1 none'),
+    ('clearance', np.float32, 'to nearest conductor [m]'),
+    ('decision', np.uint8, 'stage that decided'),
+)
+_MODERN_FORMAT = {0: 6, 1: 6, 2: 7, 3: 7, 4: 9, 5: 10}
+"""Point formats of LAS 1.4 that hold what the old ones hold."""
+_SCAN_ANGLE_STEP = 0.006
+"""Degrees in one unit of ``scan_angle`` (LAS 1.4 R15, table 15)."""
+_LARGEST = 2**31 - 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Head:
+    """Fields that lie alike at the beginning of two kinds of record."""
+
+    names: frozenset[str]
+    size: int
+    """[bytes]"""
+
+
+def write_points(path: Path, inspection: Inspection) -> int:
+    """
+    Write the points of one run as LAZ 1.4, point format 6 or later.
+
+    Points that came from a LAS file are all written, in their order, with all their attributes;
+    the class is replaced, and so are extra dimensions named as ours.  Their coordinates stay on
+    the grid of the input, so not a bit is lost.  Other points are written where they are finite.
+
+    Parameters
+    ----------
+    path : Path
+        A file that does not exist yet.
+    inspection : Inspection
+        The run.
+
+    Returns
+    -------
+    The number of points written.
+
+    Raises
+    ------
+    DataError
+        The result does not belong to the points, or the coordinates span more than LAS can hold.
+
+    """
+    result = inspection.result
+    num_points = len(inspection.points)
+    if result.num_points != num_points:
+        raise DataError(f'a result of {result.num_points} points for {num_points} points')
+    if inspection.las is None:
+        return _write_coordinates(path, inspection)
+    if len(inspection.las.points) != num_points:
+        raise DataError(f'{len(inspection.las.points)} LAS points for {num_points} points')
+    _write_las(path, inspection.las, inspection)
+    return num_points
+
+
+def _write_las(path: Path, las: laspy.LasData, inspection: Inspection) -> None:
+    if las.point_format.id in _MODERN_FORMAT:
+        las = _modernise(las)
+    header = laspy.LasHeader(version='1.4', point_format=las.point_format.id)
+    header.scales, header.offsets = las.header.scales, las.header.offsets
+    for name in (
+        'creation_date', 'file_source_id', 'uuid', 'system_identifier', 'extra_header_bytes',
+    ):
+        setattr(header, name, getattr(las.header, name))
+    header.global_encoding = las.header.global_encoding
+    header.vlrs.extend(vlr for vlr in las.header.vlrs if type(vlr).__name__ != 'ExtraBytesVlr')
+    ours = {name for name, *_ in EXTRA_DIMENSIONS}
+    header.add_extra_dims([
+        laspy.ExtraBytesParams(
+            name=item.name,
+            type=item.dtype,
+            description=item.description,
+            offsets=item.offsets,
+            scales=item.scales,
+            no_data=item.no_data,
+        )
+        for item in las.point_format.extra_dimensions
+        if item.name not in ours
+    ])
+    _finish_header(header, inspection.crs)
+    source = las.points.array
+    kept = [name for name in header.point_format.dtype().names if name in source.dtype.names]
+    kept = [name for name in kept if name not in ours]
+    same = _find_common_head(source.dtype, header.point_format.dtype())
+    rest = [name for name in kept if name not in same.names]
+    with _open(path, header) as writer:
+        for begin in range(0, len(source), CHUNK_SIZE):
+            chunk = slice(begin, begin + CHUNK_SIZE)
+            record = _make_record(header, len(source[chunk]))
+            if same.size:
+                _view_head(record.array, same)[:] = _view_head(source[chunk], same)
+            for name in rest:
+                record.array[name] = source[name][chunk]
+            _put_result(record.array, inspection.result, chunk)
+            writer.write_points(record)
+        if las.evlrs:
+            writer.write_evlrs(las.evlrs)
+
+
+def _write_coordinates(path: Path, inspection: Inspection) -> int:
+    rows = np.flatnonzero(np.isfinite(inspection.points).all(axis=1))
+    header = laspy.LasHeader(version='1.4', point_format=6)
+    points = inspection.units.from_metres(inspection.points[rows])
+    header.offsets, header.scales = _choose_grid(points)
+    header.creation_date = None  # the same points give the same bytes on any day
+    _finish_header(header, inspection.crs)
+    with _open(path, header) as writer:
+        for begin in range(0, len(rows), CHUNK_SIZE):
+            chunk = slice(begin, begin + CHUNK_SIZE)
+            record = _make_record(header, len(rows[chunk]))
+            grid = np.rint((points[chunk] - header.offsets) / header.scales).astype(np.int32)
+            for name, column in zip('XYZ', grid.T, strict=True):
+                record.array[name] = column
+            record['return_number'][:] = 1
+            record['number_of_returns'][:] = 1
+            _put_result(record.array, inspection.result, rows[chunk])
+            writer.write_points(record)
+    return len(rows)
+
+
+def _choose_grid(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the offsets and the scales of a grid that keeps a tenth of a millimetre, or 1 mm."""
+    if not len(points):
+        return np.zeros(3), np.full(3, 1e-3)
+    low = np.floor(points.min(axis=0))
+    extent = float(np.max(points.max(axis=0) - low))
+    for scale in (1e-4, 1e-3):
+        if extent / scale < _LARGEST:
+            return low, np.full(3, scale)
+    raise DataError(f'coordinates span {extent:.6g}, LAS holds {_LARGEST * 1e-3:.6g} at 1 mm')
+
+
+def _modernise(las: laspy.LasData) -> laspy.LasData:
+    """Return the points in the LAS 1.4 format that holds all they hold."""
+    modern = laspy.convert(las, point_format_id=_MODERN_FORMAT[las.point_format.id])
+    degrees = np.asarray(las['scan_angle_rank'], np.float64)
+    modern['scan_angle'] = np.rint(degrees / _SCAN_ANGLE_STEP).astype(np.int16)
+    return modern
+
+
+def _finish_header(header: laspy.LasHeader, crs: str) -> None:
+    """Add what every results file holds: our dimensions, the CRS as WKT, our name."""
+    header.add_extra_dims([
+        laspy.ExtraBytesParams(name=name, type=dtype, description=description)
+        for name, dtype, description in EXTRA_DIMENSIONS
+    ])
+    header.generating_software = 'plc_inspect'
+    if crs:
+        for name in (
+            'WktCoordinateSystemVlr',
+            'GeoKeyDirectoryVlr',
+            'GeoAsciiParamsVlr',
+            'GeoDoubleParamsVlr',
+        ):
+            while header.vlrs.get(name):
+                header.vlrs.extract(name)
+        header.vlrs.append(laspy.vlrs.known.WktCoordinateSystemVlr(crs))
+        header.global_encoding.wkt = True
+
+
+def _open(path: Path, header: laspy.LasHeader) -> laspy.LasWriter:
+    parallel = laspy.LazBackend.LazrsParallel
+    backend = parallel if parallel.is_available() else None
+    return laspy.open(path, mode='w', header=header, do_compress=True, laz_backend=backend)
+
+
+def _make_record(header: laspy.LasHeader, size: int) -> laspy.ScaleAwarePointRecord:
+    return laspy.ScaleAwarePointRecord.zeros(size, header=header)
+
+
+def _find_common_head(first: np.dtype[np.void], second: np.dtype[np.void]) -> _Head:
+    """Return the fields with which the records of two types begin alike."""
+    names, size = [], 0
+    for name in first.names or ():
+        if second.fields is None or first.fields is None:
+            break
+        if name not in second.fields or first.fields[name] != second.fields[name]:
+            break
+        names.append(name)
+        size = first.fields[name][1] + first.fields[name][0].itemsize
+    return _Head(names=frozenset(names), size=size)
+
+
+def _view_head(records: NDArray[np.void], head: _Head) -> NDArray[np.void]:
+    """Return a view of the first bytes of records, which numpy copies at once."""
+    kind = np.dtype({
+        'names': ['head'], 'formats': [f'V{head.size}'], 'offsets': [0],
+        'itemsize': records.dtype.itemsize,
+    })
+    view: NDArray[np.void] = records.view(kind)['head']
+    return view
+
+
+def _put_result(
+    array: NDArray[np.void], result: InspectionResult, rows: slice | NDArray[np.int64]
+) -> None:
+    array['classification'] = result.classification[rows]
+    for name, *_ in EXTRA_DIMENSIONS:
+        array[name] = getattr(result, name)[rows]

@@ -1,0 +1,81 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The map of a whole recording."""
+
+from collections.abc import Callable
+import dataclasses
+
+from plc_inspect.config import Settings
+from plc_inspect.core.mapping.accumulator import Accumulator
+from plc_inspect.errors import DataError
+from plc_inspect.messages.scans import StampedPose
+from plc_inspect.offline.readers.bags import Recording
+
+MAX_VOXELS = 200_000_000
+"""Voxels of a replay's map, about 60 bytes each, taken as they are needed."""
+
+
+def accumulate(
+    recording: Recording,
+    settings: Settings,
+    progress: Callable[[float], None] | None = None,
+) -> Accumulator:
+    """
+    Put all scans of a recording into a map, as the node would have done in flight.
+
+    A scan waits for its odometry by the recording's own clock.  Scans that contradict
+    themselves are counted in ``recording.skipped``, like messages that cannot be read.
+
+    Parameters
+    ----------
+    recording : Recording
+        An open recording.
+    settings : Settings
+        ``input`` and ``map`` are used; ``map.max_voxels`` bounds the node alone, a replay loses
+        nothing to it.
+    progress : callable or None
+        Called with the share that was read, 0 to 1, after each scan and at the end.
+
+    Returns
+    -------
+    Accumulator
+        Finished: no scan waits any more.
+
+    Raises
+    ------
+    DataError
+        The recording is damaged.
+
+    """
+    room = dataclasses.replace(settings.map, max_voxels=MAX_VOXELS)
+    accumulator = Accumulator(dataclasses.replace(settings, map=room))
+    for message in recording:
+        content, now = message.content, message.log_stamp_ns * 1e-9
+        if isinstance(content, StampedPose):
+            accumulator.add_pose(
+                content.stamp_ns,
+                content.position,
+                content.quaternion,
+                frame_id=content.frame_id,
+                child_frame_id=content.child_frame_id,
+                now=now,
+            )
+            continue
+        try:
+            accumulator.add_scan(
+                content.stamp_ns,
+                content.xyz,
+                content.time,
+                frame_id=content.frame_id,
+                num_not_finite=content.num_not_finite,
+                now=now,
+            )
+        except DataError as error:
+            recording.skip('scans: malformed', error)
+        if progress is not None:
+            progress(recording.progress)
+    accumulator.finish()
+    if progress is not None:
+        progress(1.0)
+    return accumulator

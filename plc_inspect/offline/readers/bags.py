@@ -1,0 +1,261 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Recordings of flights: rosbag2 (MCAP, sqlite3) and ROS 1 bags, through rosbags."""
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import get_typestore, Stores
+
+from plc_inspect.errors import DataError
+from plc_inspect.messages.scans import (
+    pose_from_message,
+    scan_from_message,
+    ScanArrays,
+    StampedPose,
+)
+
+SCAN_TYPE = 'sensor_msgs/msg/PointCloud2'
+ODOMETRY_TYPE = 'nav_msgs/msg/Odometry'
+_SUFFIXES = ('.mcap', '.db3', '.bag')
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedMessage:
+    """One message of a recording, converted."""
+
+    log_stamp_ns: int
+    """When it was recorded [ns]."""
+    content: ScanArrays | StampedPose
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RawMessage:
+    """One message of a recording, as ROS 2 serialises it."""
+
+    log_stamp_ns: int
+    """When it was recorded [ns]."""
+    topic: str
+    """With the leading slash."""
+    raw: bytes
+
+
+class Recording:
+    """
+    The scans and poses of one recording, in the order in which they were recorded.
+
+    A context manager; iterating yields ``RecordedMessage`` and may be repeated.
+
+    Parameters
+    ----------
+    path : Path
+        A rosbag2 folder, a lone ``.mcap`` or ``.db3`` file, or a ROS 1 ``.bag``.
+    scan_topic, odometry_topic : str
+        Topic names; a missing leading slash does not matter.
+
+    Raises
+    ------
+    DataError
+        On entering or iterating: the recording is missing, damaged or of an unknown kind, or
+        does not hold the topics with the right types.
+
+    """
+
+    def __init__(self, path: Path | str, scan_topic: str, odometry_topic: str) -> None:
+        self.path = Path(path)
+        self._topics = {_absolute(scan_topic): SCAN_TYPE, _absolute(odometry_topic): ODOMETRY_TYPE}
+        if len(self._topics) != 2:
+            raise DataError(f'scans and odometry cannot share the topic {scan_topic!r}')
+        self._reader: AnyReader | None = None
+        self._connections: list[Any] = []
+        self._num_read = 0
+        self.skipped: Counter[str] = Counter()
+        """Messages that could not be read: reason to count."""
+        self.first_errors: dict[str, str] = {}
+        """The same reasons to the text of the first error."""
+
+    def __enter__(self) -> Self:
+        """Open the recording and find the topics."""
+        source = _find_source(self.path)
+        self._num_read = 0
+        try:
+            store = get_typestore(Stores.ROS2_JAZZY)
+            reader = AnyReader([source], default_typestore=store)
+            reader.open()
+        except Exception as error:  # rosbags lets struct, zstd, sqlite and other errors through
+            raise DataError(f'{self.path} cannot be read: {_in_one_line(error)}') from error
+        self._reader = reader
+        try:
+            self._connections = self._find_connections()
+        except DataError:
+            self.__exit__(None, None, None)
+            raise
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the recording."""
+        reader, self._reader = self._reader, None
+        if reader is not None:
+            reader.close()
+
+    @property
+    def topics(self) -> dict[str, str]:
+        """Every topic of the recording and its type."""
+        return {
+            name: info.msgtype or 'several types'
+            for name, info in sorted(self._open_reader().topics.items())
+        }
+
+    @property
+    def num_messages(self) -> int:
+        """Scans and poses in the recording."""
+        return sum(connection.msgcount for connection in self._connections)
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last message of any topic [s]."""
+        return max(0, self._open_reader().duration) * 1e-9
+
+    @property
+    def progress(self) -> float:
+        """Share of the scans and poses that was read, 0 to 1."""
+        total = self.num_messages
+        return min(1.0, self._num_read / total) if total else 1.0
+
+    def __iter__(self) -> Iterator[RecordedMessage]:
+        """
+        Yield the scans and poses, converted, in the order of recording.
+
+        A message that cannot be read is skipped and counted in ``skipped``, which starts anew
+        with every pass.
+
+        Raises
+        ------
+        DataError
+            The file is damaged.
+
+        """
+        reader = self._open_reader()
+        self.skipped.clear()
+        self.first_errors.clear()
+        for connection, stamp, raw in self._read(reader):
+            content = self._convert(reader, connection, raw)
+            if content is not None:
+                yield RecordedMessage(stamp, content)
+
+    def raw_messages(self) -> Iterator[RawMessage]:
+        """
+        Yield the scans and poses as bytes, in the order of recording.
+
+        Raises
+        ------
+        DataError
+            The file is damaged.
+
+        """
+        reader = self._open_reader()
+        store = get_typestore(Stores.ROS2_JAZZY)
+        for connection, stamp, raw in self._read(reader):
+            if not reader.is2:  # headers of ROS 1 have a field more
+                kind = connection.msgtype
+                raw = bytes(store.serialize_cdr(reader.deserialize(raw, kind), kind))
+            yield RawMessage(stamp, _absolute(connection.topic), bytes(raw))
+
+    def _read(self, reader: AnyReader) -> Iterator[tuple[Any, int, bytes]]:
+        self._num_read = 0
+        messages = iter(reader.messages(self._connections))
+        while True:
+            try:
+                item = next(messages)
+            except StopIteration:
+                return
+            except Exception as error:  # as in __enter__
+                raise DataError(
+                    f'{self.path} is damaged after {self._num_read} of {self.num_messages} '
+                    f'messages: {_in_one_line(error)}'
+                ) from error
+            self._num_read += 1
+            yield item
+
+    def _open_reader(self) -> AnyReader:
+        if self._reader is None:
+            raise DataError(f'{self.path} is not open')
+        return self._reader
+
+    def _find_connections(self) -> list[Any]:
+        reader = self._open_reader()
+        found = []
+        for topic, kind in self._topics.items():
+            matching = [c for c in reader.connections if _absolute(c.topic) == topic]
+            good = [c for c in matching if c.msgtype == kind]
+            if not good:
+                problem = f'has no {topic}'
+                if matching:
+                    problem = f'has {topic} as {matching[0].msgtype}'
+                there = ', '.join(f'{name} ({type_})' for name, type_ in self.topics.items())
+                raise DataError(
+                    f'{self.path} {problem}, wanted {kind}; its topics: {there or "none"}'
+                )
+            found += good
+        return found
+
+    def _convert(
+        self, reader: AnyReader, connection: Any, raw: bytes
+    ) -> ScanArrays | StampedPose | None:
+        try:
+            message = reader.deserialize(raw, connection.msgtype)
+        except Exception as error:  # damaged bytes end in struct, index, unicode or other errors
+            self.skip(f'{connection.topic}: not decodable', error)
+            return None
+        try:
+            if connection.msgtype == SCAN_TYPE:
+                return scan_from_message(message)
+            return pose_from_message(message)
+        except DataError as error:
+            self.skip(f'{connection.topic}: malformed', error)
+            return None
+
+    def skip(self, reason: str, error: BaseException) -> None:
+        """Count a message that cannot be used, and remember the first error of its reason."""
+        self.skipped[reason] += 1
+        self.first_errors.setdefault(reason, _in_one_line(error))
+
+
+def _absolute(topic: str) -> str:
+    return '/' + topic.strip('/')
+
+
+def _in_one_line(error: BaseException) -> str:
+    text = ' '.join(str(error).split())
+    return text or type(error).__name__
+
+
+def _find_source(path: Path) -> Path:
+    """Return what rosbags is to open: the path, or the lone bag file of a bare folder."""
+    if not path.exists():
+        raise DataError(f'{path} does not exist')
+    if path.is_file():
+        if path.suffix not in _SUFFIXES:
+            raise DataError(f'{path} is not a recording: its name must end in .mcap, .db3 or .bag')
+        if path.stat().st_size == 0:
+            raise DataError(f'{path} is empty')
+        return path
+    if (path / 'metadata.yaml').exists():
+        return path
+    files = sorted(file for file in path.iterdir() if file.suffix in _SUFFIXES)
+    if len(files) != 1:
+        raise DataError(
+            f'{path} is not a recording: it has no metadata.yaml and {len(files)} bag files'
+        )
+    return files[0]

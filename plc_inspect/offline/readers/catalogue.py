@@ -1,0 +1,183 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Rule sets and conductors that the package ships or a user gives, and cases from a command."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from plc_inspect.config import HazardSettings
+from plc_inspect.core.hazards.clearance_rules import parse_rules, PLAIN, plain_rules, RuleSet
+from plc_inspect.core.loads.sag_tension import Case, Conductor
+from plc_inspect.errors import ConfigError, DataError
+from plc_inspect.shared_files import find_shared
+
+GRAVITY = 9.80665
+_COLUMNS = ('name', 'diameter', 'mass', 'area', 'modulus', 'expansion', 'source')
+_CASE_KEYS = ('temperature', 'ice', 'wind')
+
+
+def list_rules() -> list[str]:
+    """Return the names of the rule sets that are shipped."""
+    folder = find_shared('rules')
+    return sorted(path.stem for path in folder.glob('*.yaml')) if folder else []
+
+
+def load_rules(settings: HazardSettings) -> RuleSet:
+    """
+    Read the rule set that the settings name.
+
+    Parameters
+    ----------
+    settings : HazardSettings
+        ``rules`` is 'plain', the name of a file in ``config/rules`` without its suffix, or a path
+        that ends in .yaml.
+
+    Returns
+    -------
+    RuleSet
+
+    Raises
+    ------
+    ConfigError
+        There is no such rule set, it cannot be read, or it contradicts itself or the settings.
+
+    """
+    name = settings.rules
+    if name == PLAIN:
+        return plain_rules(settings)
+    if name.endswith(('.yaml', '.yml')):
+        path = Path(name)
+    else:
+        shared = find_shared(f'rules/{name}.yaml')
+        if shared is None or '/' in name:
+            known = ', '.join([PLAIN, *list_rules()])
+            raise ConfigError(f'unknown rule set {name!r}; there are {known}, or a .yaml file')
+        path = shared
+    return parse_rules(_read_yaml(path), settings)
+
+
+def load_conductor(name: str, path: Path | None = None) -> Conductor:
+    """
+    Return a conductor by its name.
+
+    Parameters
+    ----------
+    name : str
+        As in the table; case does not matter.
+    path : Path or None
+        Another table than ``config/conductors.yaml``.
+
+    Returns
+    -------
+    Conductor
+
+    Raises
+    ------
+    ConfigError
+        The table cannot be read, a row of it is wrong, or nothing has this name.
+
+    """
+    path = path or find_shared('conductors.yaml')
+    if path is None:
+        raise ConfigError('config/conductors.yaml is not installed: give --conductors')
+    rows = _read_yaml(path)
+    if not isinstance(rows, list) or not rows:
+        raise ConfigError(f'{path}: expected a list of conductors')
+    table = [_read_conductor(row, f'{path}, row {number + 1}') for number, row in enumerate(rows)]
+    found = [item for item in table if item.name.casefold() == name.strip().casefold()]
+    if not found:
+        known = ', '.join(item.name for item in table)
+        raise ConfigError(f'unknown conductor {name!r}; there are {known}')
+    return found[0]
+
+
+def parse_case(text: str) -> Case:
+    """
+    Read a case such as ``temperature=80`` or ``winter: temperature=-5, ice=0.01, wind=15``.
+
+    Parameters
+    ----------
+    text : str
+        Temperature of the conductor [degrees Celsius], ice [m] and wind [m/s]; a name may stand
+        in front.
+
+    Returns
+    -------
+    Case
+
+    Raises
+    ------
+    ConfigError
+        Something else is given, or a value is no number or beyond reason.
+
+    """
+    head, colon, body = text.partition(':')
+    name, body = (head.strip(), body) if colon else ('', text)
+    values: dict[str, float] = {}
+    for part in body.split(','):
+        key, equals, value = part.partition('=')
+        key = key.strip()
+        if key not in _CASE_KEYS or not equals or key in values:
+            raise ConfigError(
+                f'case {text!r}: expected temperature=C, ice=m, wind=m/s, got {part.strip()!r}'
+            )
+        try:
+            values[key] = float(value)
+        except ValueError:
+            raise ConfigError(f'case {text!r}: {value.strip()!r} is no number') from None
+    if 'temperature' not in values:
+        raise ConfigError(f'case {text!r} has no temperature')
+    title = f'{values["temperature"]:g} C'
+    title += f', {1000 * values["ice"]:g} mm ice' if values.get('ice') else ''
+    title += f', {values["wind"]:g} m/s wind' if values.get('wind') else ''
+    try:
+        return Case(name=name or title, **values)
+    except DataError as error:
+        raise ConfigError(str(error)) from error
+
+
+def _read_yaml(path: Path) -> Any:
+    try:
+        return yaml.safe_load(path.read_text(encoding='utf-8'))
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, 'strerror', None) or 'not text'
+        raise ConfigError(f'{path} cannot be read: {reason}') from error
+    except yaml.YAMLError as error:
+        raise ConfigError(f'{path} is no YAML: {" ".join(str(error).split())[:160]}') from error
+
+
+def _to_float(value: Any) -> Any:
+    """Return the number that YAML 1.1 takes for text, such as 2e-05."""
+    try:
+        return float(value) if isinstance(value, str) else value
+    except ValueError:
+        return value
+
+
+def _read_conductor(row: Any, where: str) -> Conductor:
+    if not isinstance(row, dict):
+        raise ConfigError(f'{where} is no mapping')
+    wrong = sorted(set(map(str, row)) ^ set(_COLUMNS))
+    if wrong:
+        state = 'is unknown' if wrong[0] in row else 'is missing'
+        raise ConfigError(f'{where}: {wrong[0]} {state}')
+    values = {}
+    for key in ('diameter', 'mass', 'area', 'modulus', 'expansion'):
+        value = _to_float(row[key])
+        if isinstance(value, bool) or not isinstance(value, int | float) or not (
+            math.isfinite(value) and value > 0
+        ):
+            raise ConfigError(f'{where}: {key} must be a positive number, got {value!r}')
+        values[key] = float(value)
+    return Conductor(
+        name=str(row['name']),
+        diameter=values['diameter'] * 1e-3,
+        weight=values['mass'] * 1e-3 * GRAVITY,
+        stiffness=values['modulus'] * values['area'],
+        expansion=values['expansion'],
+        source=' '.join(str(row['source']).split()),
+    )

@@ -1,0 +1,232 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Point clouds from files, LAS, LAZ and PCD, in metres."""
+
+from dataclasses import dataclass
+from pathlib import Path
+import struct
+from typing import Any
+
+import laspy
+from numba import njit
+import numpy as np
+import pyproj
+from pyproj.exceptions import CRSError
+
+from plc_inspect.errors import ConfigError, DataError
+from plc_inspect.offline.readers.laz import read_las
+from plc_inspect.offline.readers.pcd import read_pcd
+from plc_inspect.results import Float64, Int32
+
+SUFFIXES = ('.las', '.laz', '.pcd')
+
+_UNIT_CODES = {9001: 1.0, 9002: 0.3048, 9003: 1200.0 / 3937.0}
+"""EPSG codes of units in GeoTIFF keys to metres."""
+
+_HORIZONTAL_UNIT_KEY, _VERTICAL_UNIT_KEY = 3076, 4099
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Cloud:
+    """One cloud in metres, in the order of its file."""
+
+    path: Path
+    points: Float64
+    """(N, 3) coordinates of the file times ``metres_per_unit`` [m]; a point of which any
+    coordinate was not finite is NaN in all three."""
+    num_not_finite: int
+    """Points that are NaN."""
+    crs: str
+    """Coordinate reference system as WKT, '' where neither file nor user names one."""
+    metres_per_unit: tuple[float, float]
+    """Length of the file's horizontal and vertical unit [m]."""
+    las: Any
+    """The laspy.LasData with all attributes, None for a PCD file."""
+
+    def to_file_units(self, points: Float64) -> Float64:
+        """Return (N, 3) points in metres as coordinates of the file."""
+        horizontal, vertical = self.metres_per_unit
+        if horizontal == vertical == 1.0:
+            return points
+        return points / np.array([horizontal, horizontal, vertical])
+
+
+def read_cloud(path: Path | str, crs: str | None = None) -> Cloud:
+    """
+    Read a cloud; coordinates become metres, nothing else changes.
+
+    The unit comes from the CRS: that of the argument, else that of the file, else metres.  A
+    vertical unit that the CRS does not name is taken to be the horizontal one.
+
+    Parameters
+    ----------
+    path : Path or str
+        A .las, .laz or .pcd file.
+    crs : str or None
+        CRS that replaces the file's, as 'EPSG:2992' or WKT.
+
+    Returns
+    -------
+    Cloud
+        The cloud; 0 points are a valid cloud.
+
+    Raises
+    ------
+    DataError
+        The file is missing, truncated, damaged or of an unknown kind, or its CRS is not in a
+        length unit.
+    ConfigError
+        ``crs`` is not a known CRS.
+
+    """
+    path = Path(path)
+    if path.suffix.lower() not in SUFFIXES:
+        raise DataError(f'{path} is not a cloud: its name must end in {", ".join(SUFFIXES)}')
+    if not path.is_file():
+        raise DataError(f'{path} does not exist' if not path.exists() else f'{path} is a folder')
+    given = None if crs is None else _parse_crs(crs)
+    try:
+        if path.suffix.lower() == '.pcd':
+            las, points = None, read_pcd(path)
+        else:
+            las, points = _load_las(path)
+    except OSError as error:
+        raise DataError(f'{path} cannot be read: {error.strerror or error}') from error
+    system, wkt, units = given, '', (1.0, 1.0)
+    if system is not None:
+        wkt, units = _to_wkt(system), _measure_units(system, path)
+    elif las is not None:
+        wkt, units = _find_crs(las.header, path)
+    num_not_finite = _convert(points, *units)
+    return Cloud(
+        path=path,
+        points=points,
+        num_not_finite=num_not_finite,
+        crs=wkt,
+        metres_per_unit=units,
+        las=las,
+    )
+
+
+def _check_header(path: Path) -> None:
+    """Refuse a LAS header of which laspy would believe billions of records."""
+    size = path.stat().st_size
+    with path.open('rb') as file:
+        head = file.read(375)
+    if head[:4] != b'LASF' or len(head) < 227:
+        raise DataError(f'{path} is not a LAS file')
+    header_size, first_point, num_vlrs = struct.unpack_from('<HII', head, 94)
+    records = [('variable length', num_vlrs, header_size, first_point, 54)]
+    if head[25] >= 4 and len(head) == 375:
+        first_evlr, num_evlrs = struct.unpack_from('<QI', head, 235)
+        records.append(('extended', num_evlrs, first_evlr, size, 60))
+    for name, count, start, end, smallest in records:
+        if count and start + count * smallest > end:
+            raise DataError(
+                f'{path} is damaged: no room for {count} {name} records between byte {start} '
+                f'and {end}'
+            )
+    if first_point > size:
+        raise DataError(f'{path} is truncated: points from byte {first_point}, size {size}')
+
+
+def _load_las(path: Path) -> tuple[laspy.LasData, Float64]:
+    _check_header(path)
+    try:
+        las = read_las(path)
+    except OSError:
+        raise
+    except Exception as error:  # laspy lets errors of lazrs, struct and numpy through
+        text = ' '.join(str(error).split()) or type(error).__name__
+        raise DataError(f'{path} cannot be read, is it truncated? {text}') from error
+    expected = las.header.point_count
+    if len(las.points) != expected:
+        raise DataError(
+            f'{path} is truncated: {len(las.points)} points, its header says {expected}'
+        )
+    header = las.header
+    return las, _scale(las.X, las.Y, las.Z, np.array(header.scales), np.array(header.offsets))
+
+
+@njit(cache=True, nogil=True)
+def _scale(x: Int32, y: Int32, z: Int32, scales: Float64, offsets: Float64) -> Float64:
+    points = np.empty((len(x), 3), dtype=np.float64)
+    for i in range(len(x)):
+        points[i, 0] = x[i] * scales[0] + offsets[0]
+        points[i, 1] = y[i] * scales[1] + offsets[1]
+        points[i, 2] = z[i] * scales[2] + offsets[2]
+    return points
+
+
+@njit(cache=True, nogil=True)
+def _convert(points: Float64, horizontal: float, vertical: float) -> int:
+    """Convert to metres in place, make what is not finite NaN, and return how many that are."""
+    not_finite = 0
+    for i in range(len(points)):
+        if np.isfinite(points[i, 0] + points[i, 1] + points[i, 2]):
+            points[i, 0] *= horizontal
+            points[i, 1] *= horizontal
+            points[i, 2] *= vertical
+        else:
+            points[i, :] = np.nan
+            not_finite += 1
+    return not_finite
+
+
+def _parse_crs(text: str) -> pyproj.CRS:
+    try:
+        return pyproj.CRS.from_user_input(text)
+    except CRSError as error:
+        raise ConfigError(f'unknown coordinate reference system {text!r}') from error
+
+
+def _to_wkt(system: pyproj.CRS) -> str:
+    """Return WKT 1, which LAS 1.4 asks for, or WKT 2 where the system needs it."""
+    try:
+        return str(system.to_wkt('WKT1_GDAL'))
+    except CRSError:
+        return str(system.to_wkt())
+
+
+def _find_crs(header: laspy.LasHeader, path: Path) -> tuple[str, tuple[float, float]]:
+    """Return the CRS of a LAS file and its units, '' and metres where there is none."""
+    try:
+        system = header.parse_crs()
+    except CRSError as error:
+        text = ' '.join(str(error).split())[:120]
+        raise DataError(f'{path} has a CRS that is not understood (give one): {text}') from error
+    keys = _read_unit_keys(header)
+    if system is None:
+        horizontal = keys.get(_HORIZONTAL_UNIT_KEY, 1.0)
+        return '', (horizontal, keys.get(_VERTICAL_UNIT_KEY, horizontal))
+    horizontal, vertical = _measure_units(system, path)
+    if len(system.axis_info) < 3:
+        vertical = keys.get(_VERTICAL_UNIT_KEY, vertical)
+    return _to_wkt(system), (horizontal, vertical)
+
+
+def _read_unit_keys(header: laspy.LasHeader) -> dict[int, float]:
+    """Return the GeoTIFF unit keys of a LAS file, in metres."""
+    records = [*header.vlrs, *(header.evlrs or [])]
+    return {
+        key.id: _UNIT_CODES[key.value_offset]
+        for record in records
+        for key in getattr(record, 'geo_keys', ())
+        if key.id in (_HORIZONTAL_UNIT_KEY, _VERTICAL_UNIT_KEY)
+        and key.value_offset in _UNIT_CODES
+    }
+
+
+def _measure_units(system: pyproj.CRS, path: Path) -> tuple[float, float]:
+    """Return metres per horizontal and per vertical unit of a CRS."""
+    if system.is_geographic or system.is_geocentric:
+        raise DataError(
+            f'{path}: coordinates in {system.name} are not lengths east, north and up; '
+            'project the cloud first'
+        )
+    flat = [axis for axis in system.axis_info if axis.direction not in ('up', 'down')]
+    up = [axis for axis in system.axis_info if axis.direction == 'up']
+    horizontal = float(flat[0].unit_conversion_factor) if flat else 1.0
+    vertical = float(up[0].unit_conversion_factor) if up else horizontal
+    return horizontal, vertical

@@ -1,0 +1,240 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Reads and writes settings: parameter files, ``--set`` and the table of the documentation.
+
+``python -m plc_inspect.offline.readers.parameter_file`` writes ``config/plc_inspect.yaml`` and
+``docs/settings.md`` anew from the defaults.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+import textwrap
+from typing import Any
+
+import yaml
+
+from plc_inspect.config import describe, Settings, to_mapping, update
+from plc_inspect.errors import ConfigError
+
+NODE_NAME = 'plc_inspect'
+_NODE_KEYS = ('/**', f'/**/{NODE_NAME}', NODE_NAME, f'/{NODE_NAME}')
+"""Node names of a ROS parameter file that mean us; the later ones win."""
+_NODE_ONLY = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
+"""Parameters that every ROS node has and that are no settings of ours."""
+_YAML_HEAD = '# All settings with their defaults; made by `make settings`.'
+_TABLE_HEAD = """\
+# Settings
+
+All settings of plc_inspect with their defaults. `plc_survey` and `plc_replay` take them as
+`--set height.beta=5` or from a file with `--params`; `plc_node` takes them as ROS parameters.
+A value of 0 where it says "0: from ..." is derived from the data; the derived value is in
+`run.json` and in the report. Structural settings cannot be changed while the node runs.
+`plc_tune` searches those of the paper's Table 1, see [tuning.md](tuning.md).
+
+This page is made by `python -m plc_inspect.offline.readers.parameter_file`.
+"""
+
+
+def read_settings(path: Path | None, assignments: Sequence[str] = ()) -> Settings:
+    """
+    Return the defaults with the values of a parameter file and of assignments put in.
+
+    Parameters
+    ----------
+    path : Path or None
+        A YAML file in the layout of ROS parameters (``/**: ros__parameters: ...``, or our node's
+        name instead of ``/**``), or with the sections at its top level.
+    assignments : sequence of str
+        ``section.name=value``; later ones win.
+
+    Raises
+    ------
+    ConfigError
+        The file cannot be read or is no such file; a setting is unknown or out of range.
+
+    """
+    settings = Settings()
+    if path is not None:
+        try:
+            settings = update(settings, _convert(_read_mapping(path)))
+        except ConfigError as error:
+            text = str(error)
+            raise ConfigError(text if str(path) in text else f'{path}: {text}') from error
+    for assignment in assignments:
+        name, equals, text = assignment.partition('=')
+        if not equals or not name.strip():
+            raise ConfigError(f'--set takes section.name=value, got {assignment!r}')
+        try:
+            value = yaml.safe_load(text)
+        except yaml.YAMLError as error:
+            raise ConfigError(f'--set {assignment}: {text!r} is no value') from error
+        settings = update(settings, _convert({name.strip(): value}))
+    return settings
+
+
+def render_yaml(settings: Settings) -> str:
+    """
+    Return settings as a ROS parameter file, each with its description.
+
+    ``read_settings`` of the text gives the same settings.
+    """
+    values = to_mapping(settings)
+    lines = [_YAML_HEAD, '/**:', '  ros__parameters:']
+    previous = ''
+    for name, _, meta in describe():
+        section, _, key = name.partition('.')
+        if section != previous:
+            lines.append(f'    {section}:')
+            previous = section
+        about = meta['description'] + (f' [{meta["unit"]}]' if meta['unit'] else '')
+        lines += textwrap.wrap(about, 91, initial_indent=' ' * 6 + '# ',
+                               subsequent_indent=' ' * 6 + '# ')
+        lines.append(f'      {key}: {_scalar(values[section][key])}')
+    return '\n'.join(lines) + '\n'
+
+
+def render_parameters(
+    settings: Settings, default: Settings, names: Sequence[str], head: Sequence[str]
+) -> str:
+    """
+    Return a ROS parameter file of some settings and of all that are not the default.
+
+    Parameters
+    ----------
+    settings, default : Settings
+        What to write, and what need not be written.
+    names : sequence of str
+        Settings that are written in any case, as ``height.beta``.
+    head : sequence of str
+        Lines of the comment at the top.
+
+    """
+    values, usual = to_mapping(settings), to_mapping(default)
+    lines = [f'# {line}' for line in head] + ['/**:', '  ros__parameters:']
+    previous = ''
+    for name, _, meta in describe():
+        section, _, key = name.partition('.')
+        value = values[section][key]
+        if name not in names and value == usual[section][key]:
+            continue
+        if section != previous:
+            lines.append(f'    {section}:')
+            previous = section
+        unit = f'  # [{meta["unit"]}]' if meta['unit'] else ''
+        lines.append(f'      {key}: {_scalar(value)}{unit}')
+    return '\n'.join(lines) + '\n'
+
+
+def render_table() -> str:
+    """Return the page of the documentation that lists all settings."""
+    lines = [_TABLE_HEAD]
+    previous = ''
+    for name, default, meta in describe():
+        section, _, key = name.partition('.')
+        if section != previous:
+            lines += [''] * bool(previous) + [
+                f'## {section}',
+                '',
+                '| name | default | unit | range | meaning |',
+                '| --- | --- | --- | --- | --- |',
+            ]
+            previous = section
+        bounds = ', '.join(meta['choices'])
+        if not bounds and isinstance(_first(default), int | float):
+            bounds = f'{meta["low"]:,.10g} to {meta["high"]:,.10g}'
+        about = meta['description'] + ('; structural' if meta['structural'] else '')
+        value = _scalar(list(default) if isinstance(default, tuple) else default)
+        lines.append(f'| `{key}` | {value} | {meta["unit"]} | {bounds} | {about} |')
+    return '\n'.join(lines) + '\n'
+
+
+def main() -> None:
+    """Write ``config/plc_inspect.yaml`` and ``docs/settings.md`` below the working folder."""
+    Path('config/plc_inspect.yaml').write_text(render_yaml(Settings()), encoding='utf-8')
+    Path('docs/settings.md').write_text(render_table(), encoding='utf-8')
+
+
+def _read_mapping(path: Path) -> Mapping[str, Any]:
+    """Return the parameters of a file that are meant for us."""
+    try:
+        content = yaml.safe_load(path.read_text(encoding='utf-8'))
+    except OSError as error:
+        raise ConfigError(f'{path} cannot be read: {error.strerror}') from error
+    except (UnicodeDecodeError, yaml.YAMLError) as error:
+        reason = ' '.join(str(error).split())
+        raise ConfigError(f'{path} is no YAML file: {reason}') from error
+    if content is None:
+        return {}
+    if not isinstance(content, Mapping):
+        raise ConfigError(f'{path} holds a {type(content).__name__}, not settings')
+    nodes = {
+        key: value['ros__parameters']
+        for key, value in content.items()
+        if isinstance(value, Mapping) and 'ros__parameters' in value
+    }
+    if not nodes:
+        return content
+    if not any(key in nodes for key in _NODE_KEYS):
+        raise ConfigError(f'{path} has parameters of {", ".join(map(str, nodes))} only')
+    merged: dict[str, Any] = {}
+    for key in _NODE_KEYS:
+        parameters = nodes.get(key)
+        if parameters is not None and not isinstance(parameters, Mapping):
+            raise ConfigError(f'{path}: ros__parameters of {key} are no mapping')
+        merged.update(_flatten(parameters or {}))
+    return {
+        name: value for name, value in merged.items() if name.partition('.')[0] not in _NODE_ONLY
+    }
+
+
+def _flatten(mapping: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in mapping.items():
+        if isinstance(value, Mapping):
+            flat.update(_flatten(value, f'{prefix}{key}.'))
+        else:
+            flat[f'{prefix}{key}'] = value
+    return flat
+
+
+def _convert(mapping: Mapping[str, Any]) -> dict[str, Any]:
+    """Flatten, and read as floats the numbers that YAML 1.1 takes for text, such as 1e-3."""
+    defaults = {name: _first(default) for name, default, _ in describe()}
+    flat = _flatten(mapping)
+    for name, value in flat.items():
+        if not isinstance(defaults.get(name), float):
+            continue
+        if isinstance(value, list):
+            flat[name] = [_to_float(element) for element in value]
+        else:
+            flat[name] = _to_float(value)
+    return flat
+
+
+def _to_float(value: Any) -> Any:
+    if isinstance(value, str):
+        try:
+            return float(value)
+        except ValueError:
+            return value
+    return value
+
+
+def _first(default: Any) -> Any:
+    return default[0] if isinstance(default, tuple) else default
+
+
+def _scalar(value: Any) -> str:
+    """Return a value as YAML that ROS reads with the same type: floats keep their dot."""
+    if isinstance(value, list):
+        return '[' + ', '.join(_scalar(element) for element in value) + ']'
+    if isinstance(value, float):
+        text = repr(value)
+        return text.replace('e', '.0e') if 'e' in text and '.' not in text else text
+    return yaml.safe_dump(value, default_flow_style=True).splitlines()[0]
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,114 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Which points of a cloud are wire: classes of a labelled cloud, or spans of a truth.json."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from plc_inspect.errors import DataError
+from plc_inspect.offline.readers.laz import read_las
+from plc_inspect.results import Bool, Float64, PointClass
+
+WIRE_DISTANCE = 0.25
+"""A point this near to a true conductor is wire [m]."""
+DOUBT_DISTANCE = 0.5
+"""A point this near to a true conductor may be anything [m]."""
+ATTACHMENT_DISTANCE = 1.5
+"""A point of a wire this near to its end may be wire or insulator [m]."""
+STEP = 0.05
+"""Distance of places along a true conductor [m]."""
+
+
+def read_wire_truth(path: Path, points: Float64) -> tuple[Bool, Bool]:
+    """
+    Read which points are wire.
+
+    Parameters
+    ----------
+    path : Path
+        A labelled LAS or LAZ file of the same points in the same order, a ``truth.json`` of the
+        simulator, or a folder that holds one.
+    points : (N, 3) float64
+        Coordinates [m].
+
+    Returns
+    -------
+    wire, left_out : (N,) bool
+        Points of class 14 or near a true conductor; points of class 0, or of which the truth
+        says nothing certain.
+
+    Raises
+    ------
+    DataError
+        The truth is missing or malformed, or of another number of points.
+
+    """
+    if path.suffix.lower() in ('.las', '.laz'):
+        label = _read_classes(path)
+        if len(label) != len(points):
+            raise DataError(f'{path} has {len(label)} points, the cloud {len(points)}')
+        return label == PointClass.WIRE, label == 0
+    path = path / 'truth.json' if path.is_dir() else path
+    cloud = path.parent / 'map.laz'
+    content = _read_json(path)
+    if content.get('kind') == 'map' and cloud.is_file():
+        return read_wire_truth(cloud, points)
+    try:
+        curves = [_place(row) for row in content['spans']]
+    except (KeyError, TypeError, ValueError) as error:
+        raise DataError(f'{path}: the truth cannot be read: {error!r}') from error
+    return _label(points, curves)
+
+
+def _read_classes(path: Path) -> Any:
+    if not path.is_file():
+        raise DataError(f'{path} does not exist')
+    try:
+        return np.array(read_las(path).classification, dtype=np.uint8)
+    except Exception as error:  # laspy lets errors of its decoders through
+        raise DataError(f'{path} is not a readable LAS file: {error}') from error
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    try:
+        content = json.loads(path.read_text(encoding='utf-8'))
+    except OSError as error:
+        raise DataError(f'{path} cannot be read: {error.strerror}') from error
+    except ValueError as error:
+        raise DataError(f'{path} is no JSON file: {error}') from error
+    if not isinstance(content, dict):
+        raise DataError(f'{path} holds no truth')
+    return content
+
+
+def _place(row: dict[str, Any]) -> Float64:
+    """Return (K, 3) places of one true conductor, from start to end [m]."""
+    start, end = np.array(row['start'], float), np.array(row['end'], float)
+    a, b, c = float(row['a']), float(row['b']), float(row['c'])
+    length = float(np.hypot(*(end - start)[:2]))
+    x = np.linspace(0.0, length, max(2, int(length / STEP)))
+    places: Float64 = start + (x / max(length, 1e-9))[:, None] * (end - start)
+    places[:, 2] = a + c * np.cosh((x - b) / c)
+    return places
+
+
+def _label(points: Float64, curves: list[Float64]) -> tuple[Bool, Bool]:
+    wire = np.zeros(len(points), dtype=np.bool_)
+    left_out: Bool = np.logical_not(np.isfinite(points).all(axis=1))
+    if not curves:
+        return wire, left_out
+    finite = np.flatnonzero(~left_out)
+    distance, _ = cKDTree(np.vstack(curves)).query(
+        points[finite], distance_upper_bound=DOUBT_DISTANCE
+    )
+    near, distance = finite[np.isfinite(distance)], distance[np.isfinite(distance)]
+    ends = np.vstack([curve[[0, -1]] for curve in curves])
+    at_end, _ = cKDTree(ends).query(points[near])
+    wire[near] = distance <= WIRE_DISTANCE
+    left_out[near] = (distance > WIRE_DISTANCE) | (at_end < ATTACHMENT_DISTANCE)
+    return wire, left_out

@@ -1,0 +1,56 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The coordinate reference system of a run: where its coordinates are on the earth."""
+
+import pyproj
+from pyproj.exceptions import CRSError
+
+from plc_inspect.errors import ConfigError
+from plc_inspect.offline.records.inspection import Inspection
+
+
+def make_origin_crs(latitude: float, longitude: float) -> str:
+    """
+    Return the CRS of a flight whose frame has its origin at a known place, as WKT.
+
+    x is east and y north (REP-103): a transverse Mercator about the origin, in metres.
+
+    Parameters
+    ----------
+    latitude, longitude : float
+        Of the origin, WGS 84 [degrees].
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    ConfigError
+        There is no such place.
+
+    """
+    if not (-84.0 <= latitude <= 84.0 and -180.0 <= longitude <= 180.0):
+        raise ConfigError(
+            f'origin {latitude:g}, {longitude:g} must be a latitude within 84 degrees and a'
+            ' longitude within 180'
+        )
+    return str(pyproj.CRS.from_dict({
+        'proj': 'tmerc', 'lat_0': latitude, 'lon_0': longitude, 'k': 1, 'x_0': 0, 'y_0': 0,
+        'datum': 'WGS84', 'units': 'm', 'type': 'crs',
+    }).to_wkt())
+
+
+def find_horizontal(inspection: Inspection) -> pyproj.CRS | None:
+    """Return the horizontal CRS of the coordinates, None where it is unknown."""
+    wkt = inspection.crs or inspection.georeference
+    if not wkt:
+        return None
+    try:
+        system = pyproj.CRS.from_wkt(wkt)
+    except CRSError:
+        return None
+    if system.is_compound:
+        system = system.sub_crs_list[0]
+    return system if system.is_projected else None

@@ -1,0 +1,251 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What the node says of itself: /diagnostics, and the log lines about what was lost."""
+
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+import os
+from pathlib import Path
+import time
+
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+import numpy as np
+
+from plc_inspect.core.live.session import LiveState
+from plc_inspect.core.mapping.scan_counters import Counters
+from plc_inspect.core.mapping.voxel_map import VoxelMap
+from plc_inspect.ros.graph.transport import ADVICE
+
+SILENCE = 2.0
+"""Scans or odometry that pause longer are reported [s]."""
+WINDOW = 4000
+"""Durations of callbacks that the percentiles are taken from."""
+
+
+@dataclass(slots=True)
+class Health:
+    """Counts and times of the node's life; owned by the executor's thread."""
+
+    malformed: Counter[str] = field(default_factory=Counter)
+    """Messages that could not be used, by topic."""
+    num_ticks: int = 0
+    num_postponed: int = 0
+    """Ticks that fell due while another ran, and were taken up after it."""
+    num_failed: int = 0
+    num_clock_jumps: int = 0
+    messages_lost: int = 0
+    """Messages that the middleware says it lost."""
+    last_error: str = ''
+    last_scan: float | None = None
+    """Steady time of the last scan [s]."""
+    last_pose: float | None = None
+    _durations: dict[str, deque[float]] = field(default_factory=dict)
+
+    @contextmanager
+    def measure(self, name: str) -> Iterator[None]:
+        """Take the wall time of a callback."""
+        started = time.perf_counter()
+        try:
+            yield
+        finally:
+            own = self._durations.setdefault(name, deque(maxlen=WINDOW))
+            own.append(time.perf_counter() - started)
+
+    def percentiles(self) -> dict[str, tuple[float, float, float]]:
+        """Return median, p99 and greatest time of each callback [s]."""
+        result = {}
+        for name, own in sorted(self._durations.items()):
+            middle, high = np.percentile(own, [50, 99])
+            result[name] = float(middle), float(high), float(max(own))
+        return result
+
+    def all_durations(self) -> list[float]:
+        """Return the durations of all callbacks that are remembered [s]."""
+        return [value for own in self._durations.values() for value in own]
+
+
+class LossReporter:
+    """
+    Says what was lost since it was last asked, so that each loss is logged once and counted.
+
+    Parameters
+    ----------
+    say : callable
+        Takes a line of text.
+
+    """
+
+    def __init__(self, say: Callable[[str], object]) -> None:
+        self._say = say
+        self._before: dict[str, int] = {}
+
+    def report(self, counters: Counters) -> bool:
+        """Log what was lost since the last call; return whether anything was."""
+        now = dict(_losses(counters))
+        news = {
+            name: count - self._before.get(name, 0)
+            for name, count in now.items() if count > self._before.get(name, 0)
+        }
+        self._before = now
+        for name, count in news.items():
+            advice = f'; {ADVICE}' if name == _LOST else ''
+            self._say(f'{count} {name} ({now[name]} so far){advice}')
+        return bool(news)
+
+
+_LOST = 'scans lost on the way, seen from their stamps'
+
+
+def _losses(counters: Counters) -> Iterator[tuple[str, int]]:
+    for reason, count in counters.scans_dropped.items():
+        yield f'scans dropped: {reason}', count
+    for reason, count in counters.poses_rejected.items():
+        yield f'poses rejected: {reason}', count
+    yield _LOST, counters.num_scans_lost
+    yield 'interruptions of the scans', counters.num_interruptions
+    yield 'gaps in the odometry', counters.num_pose_gaps
+    yield 'jumps of the odometry', counters.num_pose_jumps
+    yield 'restarts of the odometry, whose time went back', counters.num_pose_restarts
+    yield 'scans without times of their points', counters.num_scans_without_time
+    if 'map full' in counters.points_dropped:
+        yield 'points refused, map full', counters.points_dropped['map full']
+
+
+def describe_input(
+    counters: Counters, health: Health, now: float, lossy: bool
+) -> DiagnosticStatus:
+    """
+    Describe scans and odometry.
+
+    Parameters
+    ----------
+    counters : Counters
+        Of the accumulator.
+    health : Health
+        Of the node.
+    now : float
+        Steady time [s].
+    lossy : bool
+        Something was lost since the last report.
+
+    Returns
+    -------
+    DiagnosticStatus
+
+    """
+    ages = {
+        name: None if last is None else now - last
+        for name, last in (('scan', health.last_scan), ('odometry', health.last_pose))
+    }
+    missing = [name for name, age in ages.items() if age is None or age > SILENCE]
+    level, text = DiagnosticStatus.OK, 'scans and odometry come in'
+    if missing:
+        level, text = DiagnosticStatus.ERROR, f'no {" and no ".join(missing)}'
+    elif lossy:
+        level, text = DiagnosticStatus.WARN, 'something was lost'
+        if counters.num_scans_lost:
+            text = f'{counters.num_scans_lost} scans lost so far; {ADVICE}'
+    period = counters.scan_period
+    values: dict[str, object] = {
+        'scan rate [Hz]': 'unknown' if not period else round(1.0 / period, 2),
+        'scans': counters.num_scans,
+        'scans inserted': counters.num_scans_inserted,
+        'scans waiting': counters.num_scans_waiting,
+        'scans lost': counters.num_scans_lost,
+        'scans dropped': sum(counters.scans_dropped.values()),
+        'interruptions': counters.num_interruptions,
+        'poses': counters.num_poses,
+        'poses rejected': sum(counters.poses_rejected.values()),
+        'pose gaps': counters.num_pose_gaps,
+        'pose jumps': counters.num_pose_jumps,
+        'pose restarts': counters.num_pose_restarts,
+        'messages lost by the middleware': health.messages_lost,
+        'messages malformed': sum(health.malformed.values()),
+        'clock jumps': health.num_clock_jumps,
+    }
+    for name, age in ages.items():
+        values[f'age of the last {name} [s]'] = 'none yet' if age is None else round(age, 2)
+    for reason, count in counters.scans_dropped.items():
+        values[f'scans dropped: {reason}'] = count
+    for reason, count in counters.poses_rejected.items():
+        values[f'poses rejected: {reason}'] = count
+    return _make_status('input', level, text, values)
+
+
+def describe_map(voxels: VoxelMap, num_evicted: int, refused: int) -> DiagnosticStatus:
+    """Describe the size of the map and of the process."""
+    share = len(voxels) / voxels.max_voxels
+    level, text = DiagnosticStatus.OK, f'{share:.0%} of the map in use'
+    if refused:
+        level, text = DiagnosticStatus.WARN, f'map full: {refused} points were refused'
+    values: dict[str, object] = {
+        'voxels': len(voxels),
+        'voxels at most': voxels.max_voxels,
+        'voxels evicted': num_evicted,
+        'points refused': refused,
+        'map memory [MB]': round(voxels.nbytes / 1e6, 1),
+        'resident memory [MB]': round(measure_memory() / 1e6, 1),
+    }
+    return _make_status('map', level, text, values)
+
+
+def describe_segmentation(
+    state: LiveState | None, health: Health, busy: bool
+) -> DiagnosticStatus:
+    """Describe the ticks and the times of callbacks."""
+    level, text = DiagnosticStatus.OK, 'no tick yet'
+    values: dict[str, object] = {
+        'ticks': health.num_ticks,
+        'ticks postponed': health.num_postponed,
+        'ticks failed': health.num_failed,
+        'busy': busy,
+    }
+    if state is not None:
+        lines = len({item.span.line_id for item in state.confirmed})
+        text = f'{lines} lines, {len(state.confirmed)} spans, {len(state.hazards)} hazards'
+        values |= {
+            'lines': lines,
+            'spans': len(state.confirmed),
+            'supports': len(state.supports),
+            'hazards': len(state.hazards),
+            'lines merged': state.num_merges,
+            'last tick [ms]': round(state.seconds * 1e3, 1),
+            'last tick voxels': state.num_points,
+        }
+        for stage in state.stages:
+            values[f'stage {stage.name} [ms]'] = round(stage.seconds * 1e3, 1)
+    if health.last_error:
+        level, text = DiagnosticStatus.WARN, f'{text}; last error: {health.last_error}'
+    values['last error'] = health.last_error or 'none'
+    for name, (middle, high, most) in health.percentiles().items():
+        values[f'callback {name} [ms]: median, p99, greatest'] = (
+            f'{middle * 1e3:.2f}, {high * 1e3:.2f}, {most * 1e3:.2f}'
+        )
+    durations = health.all_durations()
+    if durations:
+        values['callbacks p99 [ms]'] = round(float(np.percentile(durations, 99)) * 1e3, 2)
+    return _make_status('segmentation', level, text, values)
+
+
+def measure_memory() -> int:
+    """Return the resident memory of this process [bytes]."""
+    try:
+        pages = int(Path('/proc/self/statm').read_text(encoding='ascii').split()[1])
+    except (OSError, ValueError, IndexError):
+        return 0
+    return pages * os.sysconf('SC_PAGE_SIZE')
+
+
+def _make_status(
+    name: str, level: bytes, text: str, values: Mapping[str, object]
+) -> DiagnosticStatus:
+    return DiagnosticStatus(
+        level=level,
+        name=f'plc_inspect: {name}',
+        message=text,
+        hardware_id='plc_inspect',
+        values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+    )

@@ -1,0 +1,387 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The onboard node.
+
+The executor's thread owns the poses, the scans that wait and the map; it copies what a tick
+needs in small steps, so that callbacks are never kept waiting.  One worker thread runs the
+pipeline over the copy and builds the messages, which the executor's thread then sends.
+"""
+
+from collections.abc import Callable, Iterator
+from functools import partial
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.clock import Clock, JumpThreshold, TimeJump
+from rclpy.clock_type import ClockType
+from rclpy.duration import Duration
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.task import Future
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Header
+from std_srvs.srv import Trigger
+
+from plc_inspect.config import Settings
+from plc_inspect.core.live.session import LiveState, Session
+from plc_inspect.core.live.warm_up import warm_up_intake
+from plc_inspect.core.live.window import (
+    copy_window,
+    plan_everything,
+    Window,
+    WindowPlan,
+    WindowPlanner,
+)
+from plc_inspect.ros.graph.qos import DIAGNOSTICS, ODOMETRY, overridable, SCANS, watched
+from plc_inspect.ros.node.diagnostics import (
+    describe_input,
+    describe_map,
+    describe_segmentation,
+    Health,
+)
+from plc_inspect.ros.node.intake import Complaints, Intake
+from plc_inspect.ros.node.jobs import choose_folder, Done, prepare, run_save, run_tick, Snapshot
+from plc_inspect.ros.node.parameters import Parameters
+from plc_inspect.ros.node.publishing import make_bundle, ResultPublishers
+from plc_inspect.ros.node.teller import summarize, Teller
+from plc_inspect.ros.node.thin_link import Stream
+from plc_inspect.ros.node.worker import Worker
+
+NODE_NAME = 'plc_inspect'
+STOP_TIMEOUT = 60.0
+"""Longest wait for the running job at the end [s]."""
+
+
+class InspectNode(Node):
+    """
+    Scans and odometry in, conductors and hazards out.
+
+    Parameters
+    ----------
+    **options
+        Of rclpy's Node, such as ``context`` and ``parameter_overrides``.
+
+    Raises
+    ------
+    ConfigError
+        A parameter is unknown, of the wrong type or out of range.
+
+    """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(NODE_NAME, **options)
+        try:
+            self._set_up()
+        except BaseException:
+            self.destroy_node()
+            raise
+
+    def _set_up(self) -> None:
+        self._live_parameters = Parameters(self, self._configure)
+        settings = self.settings
+        warm_up_intake()
+        self._health = Health()
+        self._intake = Intake(settings, self._health, self.get_logger().warning)
+        self._planner = WindowPlanner(settings.height.beta)
+        self._session = Session()
+        self._state: LiveState | None = None
+        self._copy: tuple[Iterator[Window | None], str] | None = None
+        self._job = ''
+        self._wants_tick = self._rest_is_due = False
+        self._tick_waiters: list[Future] = []
+        self._save_waiters: list[Future] = []
+        self._complaints = Complaints(self.get_logger().warning)
+        self._teller = Teller(self.get_logger().info)
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._stream = Stream(
+            self, lambda: self.settings.stream, lambda: self._intake.vehicle, self._guard
+        )
+        self._results = ResultPublishers(self, self._stream)
+        self._diagnostics = self.create_publisher(
+            DiagnosticArray, '/diagnostics', DIAGNOSTICS, **watched(self, 'diagnostics')
+        )
+        self._advance_guard = self.create_guard_condition(self._guard('step', self._advance))
+        self._worker = Worker(self._advance_guard.trigger)
+        self._subscribe(settings)
+        # A service that waits would keep all callbacks of its group from running.
+        patient = ReentrantCallbackGroup()
+        for name, callback in (('segment', self._on_segment), ('save', self._on_save)):
+            self.create_service(Trigger, f'~/{name}', callback, callback_group=patient)
+        self.create_service(Trigger, '~/reset', self._on_reset)
+        self._timer = self.create_timer(
+            settings.segment.period, self._guard('timer', self._on_timer), clock=self._steady
+        )
+        self.create_timer(1.0, self._guard('diagnostics', self._on_second), clock=self._steady)
+        self._jump_handle = self.get_clock().create_jump_callback(
+            JumpThreshold(
+                min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False
+            ),
+            post_callback=self._on_clock_jump,
+        )
+        self._submit('start', partial(prepare, settings))
+
+    def _subscribe(self, settings: Settings) -> None:
+        events = SubscriptionEventCallbacks(message_lost=self._on_message_lost)
+        self.create_subscription(
+            PointCloud2, settings.input.scan_topic,
+            self._guard('scan', self._intake.take_scan), event_callbacks=events,
+            **overridable(SCANS),
+        )
+        self.create_subscription(
+            Odometry, settings.input.odometry_topic,
+            self._guard('odometry', self._intake.take_odometry), **overridable(ODOMETRY),
+        )
+
+    @property
+    def settings(self) -> Settings:
+        """The settings that hold now."""
+        return self._live_parameters.settings
+
+    @property
+    def health(self) -> Health:
+        """Counts and times."""
+        return self._health
+
+    @property
+    def state(self) -> LiveState | None:
+        """What was published last, None before the first tick."""
+        return self._state
+
+    @property
+    def intake(self) -> Intake:
+        """Poses, waiting scans and the map; for the executor's thread only."""
+        return self._intake
+
+    def _guard(self, name: str, callback: Callable[..., None]) -> Callable[..., None]:
+        """Time a callback, and keep the node alive if it fails."""
+
+        def run(*arguments: Any) -> None:
+            with self._health.measure(name):
+                try:
+                    callback(*arguments)
+                except Exception as error:
+                    self._fail(name, error)
+
+        # The executor looks at the number of parameters of a subscription's callback.
+        if name in ('scan', 'odometry'):
+            return lambda message: run(message)
+        return lambda: run()
+
+    def _fail(self, where: str, error: Exception) -> None:
+        self._health.last_error = f'{where}: {type(error).__name__}: {error}'
+        self._complaints.complain(where, f'failed in {self._health.last_error}')
+
+    def _on_message_lost(self, event: Any) -> None:
+        self._health.messages_lost += event.total_count_change
+
+    def _on_clock_jump(self, jump: TimeJump) -> None:
+        seconds = jump.delta.nanoseconds * 1e-9
+        self._health.num_clock_jumps += 1
+        self._intake.accumulator.reset(keep_map=True)
+        self.get_logger().warning(
+            f'time jumped by {seconds:.3f} s: poses and waiting scans were reset, the map was '
+            'kept; call ~/reset to forget it too'
+        )
+
+    def _configure(self, settings: Settings) -> None:
+        """Put changed settings to work, all at once."""
+        self._intake.accumulator.configure(settings)
+        self._planner = WindowPlanner(settings.height.beta)
+        self._timer.timer_period_ns = round(settings.segment.period * 1e9)
+        self._timer.reset()
+
+    def _on_timer(self) -> None:
+        if self._wants_tick:
+            self._health.num_postponed += 1
+        self._wants_tick = True
+        self._advance_guard.trigger()
+
+    def _on_second(self) -> None:
+        now = time.monotonic()
+        lossy = self._intake.report_losses()
+        counters = self._intake.accumulator.counters()
+        status = [
+            describe_input(counters, self._health, now, lossy),
+            describe_map(
+                self._intake.accumulator.map, self._intake.evictor.num_evicted,
+                counters.points_dropped.get('map full', 0),
+            ),
+            describe_segmentation(self._state, self._health, self._worker.busy),
+        ]
+        header = Header(stamp=self.get_clock().now().to_msg())
+        self._diagnostics.publish(DiagnosticArray(header=header, status=status))
+        self._stream.tell_health(status)
+
+    async def _on_segment(
+        self, request: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        response.success, response.message = await self._request(self._tick_waiters)
+        return response
+
+    async def _on_save(
+        self, request: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        response.success, response.message = await self._request(self._save_waiters)
+        return response
+
+    def _request(self, waiters: list[Future]) -> Future:
+        future = Future(executor=self.executor)
+        waiters.append(future)
+        self._advance_guard.trigger()
+        return future
+
+    def _answer(self, waiters: list[Future], success: bool, text: str) -> None:
+        """Answer everyone who waits, and forget them."""
+        for future in waiters:
+            future.set_result((success, text))
+        if waiters:
+            waiters.clear()
+            self._advance_guard.trigger()
+
+    def _on_reset(
+        self, request: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        self._intake.reset()
+        self._session = Session()
+        self._copy = None
+        if self._job in ('tick', 'save'):
+            self._job = 'discarded'
+        self._state = None
+        self._teller.clear()
+        self._answer(self._tick_waiters, False, 'the node was reset')
+        self._answer(self._save_waiters, False, 'the node was reset')
+        now = self.get_clock().now().nanoseconds
+        self._stream.forget()
+        self._results.publish(make_bundle(self._session.state, '', now, self.settings.stream))
+        self.get_logger().info('reset: map, lines and hazards are forgotten')
+        response.success, response.message = True, 'map, lines and hazards are forgotten'
+        return response
+
+    def _submit(self, job: str, work: Callable[[], Any]) -> None:
+        self._job = job
+        self._worker.submit(work)
+
+    def _advance(self) -> None:
+        """Take up what the worker finished; give it what is due; copy a little for it."""
+        outcome = self._worker.take()
+        if outcome is not None:
+            job, self._job = self._job, ''
+            self._finish(job, outcome.value, outcome.error)
+        if self._copy is not None:
+            self._step_copy()
+        elif not self._worker.busy:
+            self._begin()
+
+    def _begin(self) -> None:
+        """Start a save or a tick, if one is wanted, else what there is time for now."""
+        voxels = self._intake.accumulator.map
+        spans = [item.span for item in self._state.spans] if self._state else []
+        plan: WindowPlan | None
+        if self._save_waiters:
+            if not len(voxels):
+                self._answer(self._save_waiters, False, 'nothing to save: the map is empty')
+                return
+            plan, job = plan_everything(voxels, spans), 'save'
+        elif self._wants_tick or self._tick_waiters:
+            asked = bool(self._tick_waiters)
+            plan = self._planner.plan(voxels, spans, self._intake.vehicle, at_once=asked)
+            job = 'tick'
+            self._wants_tick = False
+            if plan is None:
+                self._answer(self._tick_waiters, True, 'nothing is new since the last tick')
+                return
+        else:
+            if self._rest_is_due:
+                self._rest_is_due = False
+                self._submit('rest', partial(prepare, self.settings, rare=True))
+            return
+        self._copy = copy_window(voxels, plan), job
+        self._advance_guard.trigger()
+
+    def _step_copy(self) -> None:
+        if self._copy is None:
+            return
+        copy, job = self._copy
+        window = next(copy)
+        if window is None:
+            self._advance_guard.trigger()
+            return
+        self._copy = None
+        snapshot = self._describe(window)
+        if job == 'save':
+            folder = choose_folder(self.settings, self._intake.first_stamp or 0)
+            self._submit(job, partial(run_save, self._session, snapshot, folder))
+        else:
+            self._submit(job, partial(run_tick, self._session, snapshot))
+
+    def _describe(self, window: Window) -> Snapshot:
+        return Snapshot(
+            window=window,
+            settings=self.settings,
+            frame_id=self._intake.accumulator.frame_id,
+            stamp_ns=self._intake.accumulator.last_inserted or 0,
+            vehicle=self._intake.vehicle,
+            complete=self._intake.evictor.num_evicted == 0,
+            counts=self._intake.describe(),
+        )
+
+    def _finish(self, job: str, done: Done | None, error: Exception | None) -> None:
+        """Publish what the worker found, or say what went wrong."""
+        if job == 'discarded':
+            return
+        if job == 'start':
+            self._intake.take_memory()
+            self._rest_is_due = True
+        if error is not None:
+            self._health.num_failed += job == 'tick'
+            self._fail(job, error)
+            if job in ('tick', 'save'):
+                waiters = self._save_waiters if job == 'save' else self._tick_waiters
+                self._answer(waiters, False, str(error))
+            return
+        if done is None:
+            if job == 'start':
+                self.get_logger().info('ready')
+            return
+        self._intake.accumulator.map.label(done.slots, done.points, done.labels)
+        self._state = done.state
+        self._results.publish(done.bundle)
+        self._teller.tell(done.state)
+        if job == 'save':
+            text = f'saved to {done.folder}' if done.folder else f'not saved: {done.problem}'
+            self.get_logger().info(text)
+            self._answer(self._save_waiters, done.folder is not None, text)
+        else:
+            self._health.num_ticks += 1
+            self._answer(self._tick_waiters, True, summarize(done.state))
+
+    def close(self, *, save: bool = True) -> None:
+        """
+        Stop the worker, let its job end, and write the results; call once, after spinning.
+
+        Parameters
+        ----------
+        save : bool
+            Write the results folder if anything came in.
+
+        """
+        self._intake.leave_memory()
+        stopped = self._worker.stop(STOP_TIMEOUT)
+        log = self.get_logger()
+        if not stopped:
+            log.error(f'the running job did not end within {STOP_TIMEOUT:g} s; nothing saved')
+            return
+        voxels = self._intake.accumulator.map
+        if not save or not len(voxels):
+            log.info('nothing to save' if save else 'not saved')
+            return
+        plan = plan_everything(voxels, [])
+        window = next(item for item in copy_window(voxels, plan) if item is not None)
+        folder = choose_folder(self.settings, self._intake.first_stamp or 0)
+        done = run_save(self._session, self._describe(window), folder)
+        log.info(f'saved to {done.folder}' if done.folder else f'not saved: {done.problem}')

@@ -1,0 +1,158 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What comes in: scans and odometry into the map, counted, complained of, bounded."""
+
+from collections.abc import Callable
+from dataclasses import asdict
+from threading import Event, Thread
+import time
+from typing import Any
+
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import PointCloud2
+
+from plc_inspect.config import Settings
+from plc_inspect.core.mapping.accumulator import Accumulator
+from plc_inspect.core.mapping.eviction import Evictor
+from plc_inspect.errors import DataError
+from plc_inspect.messages.scans import pose_from_message, scan_from_message
+from plc_inspect.results import Float64
+from plc_inspect.ros.node.diagnostics import Health, LossReporter
+from plc_inspect.ros.node.system_memory import take_memory
+
+THROTTLE = 5.0
+"""The same complaint is logged at most this often [s]."""
+
+
+class Complaints:
+    """
+    Warnings, the same one not too often.
+
+    Parameters
+    ----------
+    say : callable
+        Takes a line of text.
+
+    """
+
+    def __init__(self, say: Callable[[str], object]) -> None:
+        self._say = say
+        self._last: dict[str, float] = {}
+
+    def complain(self, topic: str, text: str) -> None:
+        """Log a warning unless one of the same topic was logged within THROTTLE."""
+        now = time.monotonic()
+        if now - self._last.get(topic, -THROTTLE) >= THROTTLE:
+            self._last[topic] = now
+            self._say(text)
+
+    def forget(self) -> None:
+        """Log the next complaint of every topic."""
+        self._last.clear()
+
+
+class Intake:
+    """
+    Poses, waiting scans and the map, for the executor's thread only.
+
+    Parameters
+    ----------
+    settings : Settings
+        At the start.
+    health : Health
+        Counts go there.
+    warn : callable
+        Takes a line of text for the log.
+
+    """
+
+    def __init__(
+        self, settings: Settings, health: Health, warn: Callable[[str], object]
+    ) -> None:
+        self.accumulator = Accumulator(settings)
+        self.evictor = Evictor(self.accumulator.map)
+        self.vehicle: Float64 | None = None
+        """(3,) where the vehicle is [m], None before the first pose."""
+        self.first_stamp: int | None = None
+        """Stamp of the first scan [ns]."""
+        self._health = health
+        self._complaints = Complaints(warn)
+        self._losses = LossReporter(warn)
+        self._taker: Thread | None = None
+        self._stop_taking = Event()
+
+    def take_memory(self) -> None:
+        """
+        Take the map's memory in a thread, so that no scan waits for it in flight.
+
+        Call it when all is loaded: a machine that has to find half a gigabyte anew takes a second,
+        in which all else that needs memory, as loading does, becomes slow.
+        """
+        self.leave_memory()
+        self._stop_taking = Event()
+        self._taker = Thread(
+            target=take_memory, args=(self.accumulator.map.memory, self._stop_taking),
+            name='plc_memory', daemon=True,
+        )
+        self._taker.start()
+
+    def leave_memory(self) -> None:
+        """Stop taking memory; it takes a few milliseconds."""
+        self._stop_taking.set()
+        if self._taker is not None:
+            self._taker.join()
+            self._taker = None
+
+    def take_scan(self, message: PointCloud2) -> None:
+        """Put a scan in, or count it as malformed."""
+        now = time.monotonic()
+        self._health.last_scan = now
+        try:
+            scan = scan_from_message(message)
+            self.accumulator.add_scan(
+                scan.stamp_ns, scan.xyz, scan.time, frame_id=scan.frame_id,
+                num_not_finite=scan.num_not_finite, now=now,
+            )
+        except DataError as error:
+            self._health.malformed['scan'] += 1
+            count = self._health.malformed['scan']
+            self._complaints.complain(
+                'scan', f'scan dropped, malformed: {error} ({count} so far)'
+            )
+            return
+        if self.first_stamp is None:
+            self.first_stamp = scan.stamp_ns
+        self.evictor.step(self.vehicle)
+
+    def take_odometry(self, message: Odometry) -> None:
+        """Put a pose in; what is rejected is counted by the accumulator."""
+        now = time.monotonic()
+        self._health.last_pose = now
+        pose = pose_from_message(message)
+        accepted = self.accumulator.add_pose(
+            pose.stamp_ns, pose.position, pose.quaternion, frame_id=pose.frame_id,
+            child_frame_id=pose.child_frame_id, now=now,
+        )
+        if accepted:
+            self.vehicle = pose.position
+
+    def report_losses(self) -> bool:
+        """Log what was lost since the last call; return whether anything was."""
+        self.accumulator.expire(time.monotonic())
+        return self._losses.report(self.accumulator.counters())
+
+    def describe(self) -> dict[str, Any]:
+        """Return what came in so far, JSON-serialisable, as in the results of a replay."""
+        return asdict(self.accumulator.counters()) | {
+            'skipped': dict(self._health.malformed), 'first_errors': {},
+            'num_voxels_evicted': self.evictor.num_evicted,
+        }
+
+    def reset(self) -> None:
+        """Forget the map and all that waits; counters go on."""
+        self._complaints.forget()
+        self.accumulator.reset()
+        self.take_memory()
+        self.evictor.clear()
+        self.first_stamp = None

@@ -1,0 +1,94 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The command ``plc_node``: the onboard node."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+import os
+import signal
+import sys
+
+from plc_inspect.errors import PlcInspectError
+from plc_inspect.ros.graph.ending import was_cut_short
+from plc_inspect.ros.graph.transport import prepare_transport
+
+NAME = 'plc_node'
+DONE, DEFECT, BAD_INPUT = 0, 1, 2
+
+SWITCH_INTERVAL = 0.0005
+"""How long the worker may hold Python's lock while a callback waits for it [s]."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the node until it is interrupted; return the exit code."""
+    prepare_transport()
+    import rclpy
+    from rclpy.executors import SingleThreadedExecutor
+
+    from plc_inspect.ros.node.inspect_node import InspectNode
+
+    arguments = list(sys.argv if argv is None else [NAME, *argv])
+    if {'-h', '--help'} & set(arguments):
+        print(f'usage: {NAME} [--ros-args -p NAME:=VALUE --params-file FILE -r FROM:=TO ...]\n\n'
+              'Finds power lines in scans and odometry, in flight. docs/settings.md lists the\n'
+              'parameters, docs/interfaces.md the topics and services.')
+        return DONE
+    sys.setswitchinterval(SWITCH_INTERVAL)
+    try:
+        with _hold_tongue():
+            rclpy.init(args=arguments)
+    except Exception as error:  # rclpy has an exception for each kind of bad argument
+        return _complain(error)
+    try:
+        rest = rclpy.utilities.remove_ros_args(arguments)[1:]
+        if rest:
+            return _complain(f'unknown argument {rest[0]!r} (see {NAME} --help)')
+        node = InspectNode()
+    except PlcInspectError as error:
+        rclpy.utilities.try_shutdown()
+        return _complain(error)
+    except Exception as error:
+        if not was_cut_short(error):
+            raise
+        return DONE
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    try:
+        executor.spin()
+    except KeyboardInterrupt:
+        pass
+    except Exception as error:
+        if not was_cut_short(error):
+            raise
+    finally:
+        # A second signal must not cut off the saving of the results.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        node.close()
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.utilities.try_shutdown()
+    return DONE
+
+
+@contextmanager
+def _hold_tongue() -> Iterator[None]:
+    """Keep the ROS client library from writing to stderr; what it says is in the exception."""
+    kept = os.dup(2)
+    try:
+        with open(os.devnull, 'wb') as nothing:
+            os.dup2(nothing.fileno(), 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+
+
+def _complain(error: object) -> int:
+    print(f'{NAME}: {" ".join(str(error).split())}', file=sys.stderr)
+    return BAD_INPUT
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,51 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Log lines about what was found."""
+
+from collections.abc import Callable
+
+from plc_inspect.core.live.session import LiveState
+
+
+class Teller:
+    """
+    Tells of new lines and of what became of hazards.
+
+    Parameters
+    ----------
+    say : callable
+        Takes a line of text.
+
+    """
+
+    def __init__(self, say: Callable[[str], object]) -> None:
+        self._say = say
+        self._told: set[int] = set()
+
+    def clear(self) -> None:
+        """Forget what was told, after a reset."""
+        self._told.clear()
+
+    def tell(self, state: LiveState) -> None:
+        """Log what is new in a state."""
+        lines = {item.span.line_id for item in state.confirmed}
+        for line in sorted(lines - self._told):
+            self._say(f'line {line} found')
+        self._told |= lines
+        for title, hazards in (
+            ('raised', state.news.raised), ('updated', state.news.updated),
+            ('cleared', state.news.cleared),
+        ):
+            for hazard in hazards:
+                self._say(
+                    f'hazard {hazard.hazard_id} {title}: {hazard.severity.name.lower()}, '
+                    f'{hazard.kind.name.lower()} {hazard.clearance:.2f} m, '
+                    f'line {hazard.line_id} span {hazard.span_id}'
+                )
+
+
+def summarize(state: LiveState) -> str:
+    """Return a state in one line."""
+    lines = {item.span.line_id for item in state.confirmed}
+    return f'{len(lines)} lines, {len(state.confirmed)} spans, {len(state.hazards)} hazards'

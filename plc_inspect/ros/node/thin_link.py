@@ -1,0 +1,267 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The stream for thin links: a latched summary, and the thinned corridor within a budget.
+
+Described in docs/monitor.md.  The worker makes the news; all else is the executor's thread's.
+"""
+
+import array
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+import math
+import secrets
+import time
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.event_handler import PublisherEventCallbacks, QoSPublisherMatchedInfo
+from rclpy.node import Node
+from std_msgs.msg import UInt8MultiArray
+
+from plc_inspect.config import StreamSettings
+from plc_inspect.core.live.session import CORRIDOR_REACH, LiveState
+from plc_inspect.results import Float64
+from plc_inspect.ros.graph.qos import overridable, SUMMARY, THIN_CORRIDOR, watched
+from plc_inspect.stream.blocks import (
+    BlockKey,
+    Cells,
+    COARSENESS,
+    pack_blocks,
+    thin_points,
+    UInt64,
+)
+from plc_inspect.stream.budget import Budget
+from plc_inspect.stream.frame import CLOUD, Frame, pack_frame
+from plc_inspect.stream.summary import (
+    HEALTH,
+    make_tables,
+    Status,
+    STATUSES,
+    SummaryTables,
+    SummaryWriter,
+)
+from plc_inspect.stream.thin_map import ThinMap
+
+PERIOD = 0.25
+"""Time between two looks at what the budget allows [s]."""
+SETTLE = 0.3
+"""A listener that is new has found the node too after this [s]; what is sent before is lost."""
+PULSE = 0.9
+"""The summary says at least this often that the node lives [s]."""
+KEYFRAME_EVERY = 20
+"""Messages from one keyframe to the next; fewer than the history of the topic holds."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class News:
+    """What one tick has to tell."""
+
+    tables: SummaryTables
+    cells: Cells | None
+    """The thinned corridor, None where none is wanted."""
+    frame_id: str
+    stamp_ns: int
+    """Stamp of the newest scan that is in [ns]."""
+
+
+def make_news(state: LiveState, frame_id: str, stamp_ns: int, settings: StreamSettings) -> News:
+    """
+    Put a state into rows and cells; in the worker's thread.
+
+    Parameters
+    ----------
+    state : LiveState
+        What is known.
+    frame_id : str
+        Frame of the odometry.
+    stamp_ns : int
+        Stamp of the newest scan that is in [ns].
+    settings : StreamSettings
+        How the corridor is thinned.
+
+    Returns
+    -------
+    News
+
+    """
+    corridor = state.corridor
+    cells = None
+    if settings.max_kbps > 0.0:
+        cells = thin_points(
+            corridor.points, corridor.classification, corridor.clearance, settings.voxel_size
+        )
+    spans = [(item.span, item.finished) for item in state.confirmed]
+    return News(
+        tables=make_tables(spans, state.supports, state.hazards), cells=cells,
+        frame_id=frame_id, stamp_ns=stamp_ns,
+    )
+
+
+class Stream:
+    """
+    Publishes the summary and the thinned corridor.
+
+    Parameters
+    ----------
+    node : Node
+        Owns the publishers and the timer.
+    settings : callable
+        Returns the settings that hold now.
+    vehicle : callable
+        Returns (3,) where the vehicle is [m], or None.
+    guard : callable
+        Wraps a callback under a name, so that its failure does not end the node.
+
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        settings: Callable[[], StreamSettings],
+        vehicle: Callable[[], Float64 | None],
+        guard: Callable[[str, Callable[..., None]], Callable[..., None]],
+    ) -> None:
+        self._settings = settings
+        self._find_vehicle = vehicle
+        self._started = time.monotonic()
+        self._session = secrets.randbits(32)
+        self._status = Status()
+        self._texts = ['', *('' for _ in STATUSES)]
+        self._tables = SummaryTables()
+        self._vehicle: Float64 | None = None
+        self._told = -math.inf
+        self._listened = self._blank = False
+        self._arrived: float | None = None
+        self._begin()
+        self._summary = node.create_publisher(
+            UInt8MultiArray, '~/summary', **overridable(SUMMARY), **watched(node, 'summary')
+        )
+        self._corridor = node.create_publisher(
+            UInt8MultiArray, '~/thin_corridor', **overridable(THIN_CORRIDOR),
+            event_callbacks=PublisherEventCallbacks(
+                matched=self._on_match, use_default_callbacks=False
+            ),
+        )
+        node.create_timer(
+            PERIOD, guard('stream', self._step), clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
+
+    def _begin(self) -> None:
+        """Begin a session, in which nothing was told yet."""
+        settings = self._settings()
+        self._writer = SummaryWriter(self._session)
+        self._until_keyframe = 0
+        self._map = ThinMap(settings.voxel_size, CORRIDOR_REACH)
+        self._budget = Budget(settings.max_kbps * 125.0)
+        self._sequence = 0
+
+    def forget(self) -> None:
+        """Begin anew after a reset of the node: a session of its own, so nothing is mixed up."""
+        self._session = (self._session + 1) % (1 << 32)
+        self._status = replace(self._status, resets=self._status.resets + 1, cloud_sent=0)
+        self._blank = True
+        self._begin()
+
+    def publish(self, news: News) -> None:
+        """Tell what a tick found."""
+        now = self._now()
+        self._tables = news.tables
+        self._texts[0] = news.frame_id or self._texts[0]
+        stamp_ns = 0 if self._blank else news.stamp_ns
+        self._blank = False
+        self._status = replace(self._status, stamp_ns=stamp_ns, tick_uptime=now)
+        if news.cells is not None:
+            self._map.update(news.cells, self._find_vehicle(), now)
+        self._tell(now)
+
+    def tell_health(self, report: Sequence[DiagnosticStatus]) -> None:
+        """Take the node's diagnostics up, and see to it that the summary tells of them."""
+        now = self._now()
+        found = {status.name.rpartition(' ')[2]: status for status in report}
+        values = {
+            name: {item.key: item.value for item in status.values}
+            for name, status in found.items()
+        }
+        self._texts[1:] = [found[name].message for name in STATUSES]
+        self._status = replace(
+            self._status,
+            health_uptime=now,
+            levels=tuple(int.from_bytes(found[name].level, 'little') for name in STATUSES),
+            health={name: _read_number(values, *place) for name, place in HEALTH.items()},
+        )
+        if now - self._told >= PULSE:
+            self._tell(now)
+
+    def _now(self) -> float:
+        return time.monotonic() - self._started
+
+    def _tell(self, now: float) -> None:
+        vehicle = self._find_vehicle()
+        if vehicle is not None and vehicle is not self._vehicle:
+            self._vehicle = vehicle
+            x, y, z = vehicle.tolist()
+            self._status = replace(self._status, vehicle=(x, y, z), vehicle_uptime=now)
+        keyframe = self._until_keyframe <= 0
+        data = self._writer.write(
+            self._tables, self._status, self._texts, now, keyframe=keyframe
+        )
+        self._until_keyframe = KEYFRAME_EVERY - 1 if keyframe else self._until_keyframe - 1
+        self._told = now
+        self._budget.spend(len(data))
+        self._summary.publish(_wrap(data))
+
+    def _on_match(self, info: QoSPublisherMatchedInfo) -> None:
+        # Who leaves and comes at once does not change the count of those that are there.
+        if info.total_count_change > 0:
+            self._arrived = self._now()
+
+    def _step(self) -> None:
+        """Send as much of the corridor as the budget allows."""
+        self._budget.rate = self._settings().max_kbps * 125.0
+        if not self._corridor.get_subscription_count() or not self._budget.rate:
+            if self._listened:
+                self._map.forget_listeners()
+            self._listened = False
+            return
+        self._listened = True
+        now = self._now()
+        if self._arrived is not None and now - self._arrived >= SETTLE:
+            self._arrived = None
+            self._map.refresh(now)
+        while self._budget.balance > 0.0:
+            voxel = self._map.voxel
+            if overview := self._map.take_overview():
+                self._send(overview, now, overview=True, voxel=voxel * COARSENESS)
+            elif blocks := self._map.take(now):
+                self._send(blocks, now, overview=False, voxel=voxel)
+            else:
+                return
+
+    def _send(
+        self, blocks: Mapping[BlockKey, UInt64], now: float, *, overview: bool, voxel: float
+    ) -> None:
+        data = pack_frame(Frame(
+            kind=CLOUD, flags=0, session=self._session,
+            sequence=self._sequence, uptime=now,
+            body=pack_blocks(blocks, overview=overview, voxel=voxel, total=len(self._map)),
+        ))
+        self._sequence += 1
+        self._status = replace(self._status, cloud_sent=self._sequence)
+        self._budget.spend(len(data))
+        self._corridor.publish(_wrap(data))
+
+
+def _wrap(data: bytes) -> UInt8MultiArray:
+    message = UInt8MultiArray()
+    message.data = array.array('B', data)
+    return message
+
+
+def _read_number(values: Mapping[str, Mapping[str, str]], status: str, key: str) -> float:
+    try:
+        return float(values[status][key])
+    except (KeyError, ValueError):
+        return math.nan

@@ -1,0 +1,303 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Command line ``plc_evaluate``: scores of a results folder against the truth."""
+
+import argparse
+from collections.abc import Sequence
+import json
+from pathlib import Path
+import sys
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from plc_inspect.errors import DataError, PlcInspectError
+from plc_inspect.results import PointClass
+from plc_inspect.sim.evaluation.estimate import FoundHazard, read_survey, Survey
+from plc_inspect.sim.evaluation.matching import (
+    match_places,
+    match_spans,
+    measure_sag_error,
+    SpanMatches,
+    SUPPORT_DISTANCE,
+)
+from plc_inspect.sim.evaluation.reference import read_truth, TrueHazard, Truth
+from plc_inspect.sim.evaluation.scores import (
+    Counts,
+    Errors,
+    format_table,
+    Scores,
+    to_mapping,
+    WireScores,
+)
+
+Float64 = NDArray[np.float64]
+Bool = NDArray[np.bool_]
+
+MIN_SEEN = 0.6
+"""A conductor-span must be found if it was seen over this share of its length."""
+WIRE_DISTANCE = 0.25
+"""Without labels, a point this near to a true conductor is wire [m]."""
+DOUBT_DISTANCE = 0.5
+"""Without labels, a point this near to a true conductor may be anything [m]."""
+ATTACHMENT_DISTANCE = 1.5
+"""Without labels, a point this near to an attachment may be wire or insulator [m]."""
+HAZARD_DISTANCE = 1.5
+"""A reported hazard lies within this of the box of the true one [m]."""
+
+
+def evaluate(survey: Survey, truth: Truth) -> Scores:
+    """
+    Score what was found against what was there.
+
+    Parameters
+    ----------
+    survey : Survey
+        From `read_survey` or `from_result`.
+    truth : Truth
+        From `read_truth` or `parse_truth`, in the same frame and unit.
+
+    Returns
+    -------
+    Scores
+
+    Raises
+    ------
+    DataError
+        The truth holds labels for another number of points.
+
+    """
+    num_lines = len({item.curve.line_id for item in survey.spans})
+    wire = _score_wire(survey, truth)
+    if truth.only_labels:
+        return Scores(
+            name=truth.name, wire=wire, num_spans=len(survey.spans), num_lines=num_lines,
+            only_labels=True,
+        )
+    matches = match_spans(truth, survey)
+    supports, support_errors = _score_supports(survey, truth)
+    hazards, repeated, other_kind, hazard_errors = _score_hazards(survey, truth, matches)
+    return Scores(
+        name=truth.name, wire=wire, spans=_count_spans(survey, truth, matches),
+        num_spans=len(survey.spans), num_lines=num_lines,
+        lateral_rmse=Errors(values=tuple(m.comparison.lateral_rms for m in matches.matches)),
+        vertical_rmse=Errors(values=tuple(m.comparison.vertical_rms for m in matches.matches)),
+        sag=Errors(values=tuple(
+            measure_sag_error(truth.spans[m.truth], survey.spans[m.found])
+            for m in matches.matches
+        )),
+        clearance=_score_clearance(survey, truth, matches), supports=supports,
+        support_position=support_errors, hazards=hazards, hazards_repeated=repeated,
+        hazards_of_other_kind=other_kind, hazard_clearance=hazard_errors,
+    )
+
+
+def _score_wire(survey: Survey, truth: Truth) -> WireScores | None:
+    found = survey.classification == PointClass.WIRE
+    if truth.labels is not None:
+        if len(truth.labels) != len(found):
+            raise DataError(
+                f'the results hold {len(found)} points, the labelled cloud {len(truth.labels)}'
+            )
+        return _count_wire(found, truth.labels == PointClass.WIRE, truth.labels == 0)
+    wire, doubt = _label_points(survey.points, truth)
+    return _count_wire(found, wire, doubt)
+
+
+def _count_wire(found: Bool, wire: Bool, left_out: Bool) -> WireScores:
+    keep = ~left_out
+    return WireScores(
+        true_positives=int((found & wire & keep).sum()),
+        false_positives=int((found & ~wire & keep).sum()),
+        false_negatives=int((~found & wire & keep).sum()), left_out=int(left_out.sum()),
+    )
+
+
+def _label_points(points: Float64, truth: Truth) -> tuple[Bool, Bool]:
+    """Return which points are wire, and which may be anything, by their distance."""
+    wire = np.zeros(len(points), dtype=np.bool_)
+    doubt: Bool = np.logical_not(np.isfinite(points).all(axis=1))
+    if not truth.spans or not len(points):
+        return wire, doubt
+    step = 0.05
+    curves = np.vstack([
+        item.curve.locate(np.linspace(0, length, max(2, int(length / step))))
+        for item in truth.spans for length in (item.curve.length,)
+    ])
+    ends = np.vstack([[item.curve.start, item.curve.end] for item in truth.spans])
+    finite = np.flatnonzero(~doubt)
+    distance, _ = cKDTree(curves).query(points[finite], distance_upper_bound=DOUBT_DISTANCE)
+    near = finite[np.isfinite(distance)]
+    distance = distance[np.isfinite(distance)]
+    at_end, _ = cKDTree(ends).query(points[near])
+    wire[near] = distance <= WIRE_DISTANCE
+    doubt[near] = (distance > WIRE_DISTANCE) | (at_end < ATTACHMENT_DISTANCE)
+    for hazard in truth.hazards:
+        if hazard.clearance < DOUBT_DISTANCE:
+            inside = (points[near] >= hazard.extent[0] - 0.3).all(axis=1)
+            inside &= (points[near] <= hazard.extent[1] + 0.3).all(axis=1)
+            doubt[near[inside]] = True
+    return wire, doubt
+
+
+def _count_spans(survey: Survey, truth: Truth, matches: SpanMatches) -> Counts:
+    required = {
+        i for i, item in enumerate(truth.spans)
+        if item.seen >= MIN_SEEN and i not in matches.excused
+    }
+    found = {match.truth for match in matches.matches}
+    return Counts(
+        required=len(required), required_found=len(required & found), found=len(found),
+        false=len(matches.false),
+        missed=tuple(
+            f'line {truth.spans[i].curve.line_id} span {truth.spans[i].curve.span_id},'
+            f' seen over {truth.spans[i].seen:.0%}' for i in sorted(required - found)
+        ),
+        false_names=tuple(
+            f'line {curve.line_id} span {curve.span_id}, {curve.length:.1f} m long at'
+            f' {_place(curve.start)}'
+            for curve in (survey.spans[j].curve for j in matches.false)
+        ),
+    )
+
+
+def _place(position: Float64) -> str:
+    return f'({position[0]:.1f}, {position[1]:.1f}, {position[2]:.1f})'
+
+
+def _score_clearance(survey: Survey, truth: Truth, matches: SpanMatches) -> Errors:
+    """
+    Compare the distances from conductors to the nearest vegetation.
+
+    Only conductors whose nearest object in truth is vegetation within the corridor that the
+    results cover: the results tell vegetation from roofs by shape alone.
+    """
+    near = (survey.classification == PointClass.VEGETATION) & np.isfinite(survey.clearance)
+    points = survey.points[near]
+    if not len(points):
+        return Errors()
+    tree, reach = cKDTree(points), float(survey.clearance[near].max())
+    errors = []
+    for match in matches.matches:
+        item = truth.spans[match.truth]
+        expected = item.min_vegetation_distance
+        if expected is None or expected > reach - 0.5 or (
+            item.min_structure_distance is not None and item.min_structure_distance < expected
+        ):
+            continue
+        curve = survey.spans[match.found].curve
+        num = max(2, int(curve.length / 0.05))
+        distance, _ = tree.query(curve.locate(np.linspace(0.0, curve.length, num)))
+        errors.append(abs(float(distance.min()) - expected))
+    return Errors(values=tuple(errors))
+
+
+def _score_supports(survey: Survey, truth: Truth) -> tuple[Counts, Errors]:
+    pairs = match_places(truth.supports, survey.supports, SUPPORT_DISTANCE)
+    found, used = {i for i, _ in pairs}, {j for _, j in pairs}
+    required = set(np.flatnonzero(truth.support_seen).tolist())
+    counts = Counts(
+        required=len(required), required_found=len(required & found), found=len(found),
+        false=len(survey.supports) - len(used),
+        missed=tuple(f'at {_place(truth.supports[i])}' for i in sorted(required - found)),
+        false_names=tuple(
+            f'at {_place(place)}' for j, place in enumerate(survey.supports) if j not in used
+        ),
+    )
+    return counts, Errors(values=tuple(
+        float(np.hypot(*(truth.supports[i] - survey.supports[j])[:2])) for i, j in pairs
+    ))
+
+
+def _score_hazards(
+    survey: Survey, truth: Truth, matches: SpanMatches,
+) -> tuple[Counts, int, int, Errors]:
+    """Match reports with true hazards: several reports may tell of one true hazard."""
+    names = {}
+    for match in matches.matches:
+        curve, other = survey.spans[match.found].curve, truth.spans[match.truth].curve
+        names[curve.line_id, curve.span_id] = (other.line_id, other.span_id)
+    reports: dict[int, list[FoundHazard]] = {}
+    repeated = other_kind = 0
+    false = []
+    for report in survey.hazards:
+        conductor = names.get((report.line_id, report.span_id))
+        near = [
+            (_measure_gap(report, item), i) for i, item in enumerate(truth.hazards)
+            if conductor is None or not item.conductors or _is_of(item, conductor)
+        ]
+        near = sorted((gap, i) for gap, i in near if gap <= HAZARD_DISTANCE)
+        same = [i for _, i in near if truth.hazards[i].kind == report.kind]
+        if same:
+            known = reports.setdefault(same[0], [])
+            repeated += any(
+                (item.line_id, item.span_id) == (report.line_id, report.span_id)
+                for item in known
+            )
+            known.append(report)
+        elif near:
+            other_kind += 1
+        else:
+            false.append(report)
+    required = {i for i, item in enumerate(truth.hazards) if item.required}
+    counts = Counts(
+        required=len(required), required_found=len(required & set(reports)), found=len(reports),
+        false=len(false),
+        missed=tuple(
+            f'{item.kind} {item.clearance:.2f} m at {_place(item.position)}'
+            for i, item in enumerate(truth.hazards) if i in required and i not in reports
+        ),
+        false_names=tuple(
+            f'{item.kind} {item.clearance:.2f} m at {_place(item.position)}' for item in false
+        ),
+    )
+    return counts, repeated, other_kind, Errors(values=tuple(
+        abs(min(item.clearance for item in known) - truth.hazards[i].clearance)
+        for i, known in sorted(reports.items())
+    ))
+
+
+def _is_of(item: TrueHazard, conductor: tuple[int, int]) -> bool:
+    """Return whether a hazard is near this conductor; a neighbour in the same span will do."""
+    return any(span_id == conductor[1] for _, span_id in item.conductors)
+
+
+def _measure_gap(report: FoundHazard, item: TrueHazard) -> float:
+    """Return the distance from a report to the box of a true hazard."""
+    outside = np.maximum(item.extent[0] - report.position, report.position - item.extent[1])
+    return float(np.linalg.norm(np.maximum(outside, 0.0)))
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Return the parser of ``plc_evaluate``."""
+    parser = argparse.ArgumentParser(
+        prog='plc_evaluate', description='Score a results folder against the truth.',
+    )
+    parser.add_argument('results', metavar='OUT', type=Path, help='results folder')
+    parser.add_argument(
+        'truth', metavar='TRUTH', type=Path,
+        help='truth.json, a folder that holds one, or a labelled LAS or LAZ file',
+    )
+    parser.add_argument('--json', action='store_true', help='print JSON instead of a table')
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run ``plc_evaluate``; return 0 done, 2 bad usage or unreadable input."""
+    arguments = build_parser().parse_args(argv)
+    try:
+        scores = evaluate(read_survey(arguments.results), read_truth(arguments.truth))
+    except (PlcInspectError, OSError) as error:
+        print(f'plc_evaluate: {" ".join(str(error).split())}', file=sys.stderr)
+        return 2
+    if arguments.json:
+        print(json.dumps(to_mapping(scores), indent=1))
+    else:
+        print(format_table(scores))
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,185 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Which estimate belongs to which truth: one-to-one assignments."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from plc_inspect.sim.evaluation.curves import compare, Comparison, Curve
+from plc_inspect.sim.evaluation.estimate import FoundSpan, Survey
+from plc_inspect.sim.evaluation.reference import TrueSpan, Truth
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+TOLERANCE = 0.3
+"""An estimate lies within this of its conductor, laterally and vertically (RMS) [m]."""
+MIN_COMMON = 0.5
+"""An estimate covers at least this share of the stretch that was seen."""
+SUPPORT_DISTANCE = 5.0
+"""A found support lies within this of the true one in plan [m]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SpanMatch:
+    """An estimated span with the conductor that it is."""
+
+    truth: int
+    found: int
+    comparison: Comparison
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SpanMatches:
+    """The assignment of all spans."""
+
+    matches: tuple[SpanMatch, ...]
+    missed: tuple[int, ...]
+    """Indices of the conductors that no estimate is."""
+    excused: tuple[int, ...]
+    """Indices of the sub-conductors whose bundle was found as one line."""
+    false: tuple[int, ...]
+    """Indices of the estimates that are no conductor, or a second time the same."""
+
+
+def assign(cost: Float64) -> list[tuple[int, int]]:
+    """
+    Return the pairs of a one-to-one assignment: as many as possible, then the cheapest.
+
+    Parameters
+    ----------
+    cost : ndarray
+        (T, F) float64, inf where a pair is impossible.
+
+    Returns
+    -------
+    list of tuple of int
+
+    """
+    if not cost.size:
+        return []
+    possible = np.isfinite(cost)
+    ceiling = 1.0 + float(cost[possible].max(initial=0.0)) * (min(cost.shape) + 1)
+    rows, columns = linear_sum_assignment(np.where(possible, cost, 2 * ceiling))
+    return [
+        (int(row), int(column)) for row, column in zip(rows, columns, strict=True)
+        if possible[row, column]
+    ]
+
+
+def match_spans(truth: Truth, survey: Survey) -> SpanMatches:
+    """
+    Assign estimated spans to conductors, one to one.
+
+    An estimate can be a conductor if over the common length it lies within `TOLERANCE` of it,
+    laterally and vertically (RMS), and no farther than half the distance to the conductor's
+    nearest neighbour; and if it covers `MIN_COMMON` of the stretch that was seen.  A bundle that
+    was found as one line excuses its other sub-conductors.
+    """
+    spans, found = truth.spans, survey.spans
+    reach = np.array([_measure_reach(item, spans) for item in spans])
+    cost = np.full((len(spans), len(found)), np.inf)
+    comparisons = {}
+    for i, item in enumerate(spans):
+        for j, other in enumerate(found):
+            if not _may_touch(item.curve, other.curve):
+                continue
+            result = compare(item.curve, other.curve, item.stretch)
+            lateral, vertical = result.lateral_rms, result.vertical_rms
+            if (
+                result.common >= MIN_COMMON and max(lateral, vertical) <= TOLERANCE
+                and np.hypot(lateral, vertical) <= reach[i]
+            ):
+                cost[i, j] = np.hypot(lateral, vertical)
+                comparisons[i, j] = result
+    pairs = assign(cost)
+    taken = {i for i, _ in pairs}
+    bundles = {
+        (spans[i].bundle_id, spans[i].curve.span_id) for i in taken if spans[i].bundle_id >= 0
+    }
+    excused = tuple(
+        i for i, item in enumerate(spans)
+        if i not in taken and (item.bundle_id, item.curve.span_id) in bundles
+    )
+    used = {j for _, j in pairs}
+    return SpanMatches(
+        matches=tuple(
+            SpanMatch(truth=i, found=j, comparison=_refine(truth, survey, i, j, comparisons[i, j],
+                                                           set(excused)))
+            for i, j in pairs
+        ),
+        missed=tuple(i for i in range(len(spans)) if i not in taken and i not in excused),
+        excused=excused, false=tuple(j for j in range(len(found)) if j not in used),
+    )
+
+
+def _refine(
+    truth: Truth, survey: Survey, i: int, j: int, comparison: Comparison, excused: set[int],
+) -> Comparison:
+    """Compare a bundle that was found as one line with its middle where that is nearer."""
+    item = truth.spans[i]
+    partners = [
+        k for k in excused
+        if (truth.spans[k].bundle_id, truth.spans[k].curve.span_id)
+        == (item.bundle_id, item.curve.span_id)
+    ]
+    if item.bundle_id < 0 or not partners:
+        return comparison
+    group = [item.curve, *(truth.spans[k].curve for k in partners)]
+    middle = Curve(
+        line_id=item.curve.line_id, span_id=item.curve.span_id,
+        start=np.mean([curve.start for curve in group], axis=0),
+        end=np.mean([curve.end for curve in group], axis=0),
+        a=float(np.mean([curve.a for curve in group])), b=item.curve.b, c=item.curve.c,
+    )
+    other = compare(middle, survey.spans[j].curve, item.stretch)
+    return other if other.lateral_rms < comparison.lateral_rms else comparison
+
+
+def _measure_reach(item: TrueSpan, spans: tuple[TrueSpan, ...]) -> float:
+    """Return half the distance to the nearest other conductor, at most sqrt(2) TOLERANCE."""
+    reach = np.sqrt(2.0) * TOLERANCE
+    for other in spans:
+        if other is item or not _may_touch(item.curve, other.curve):
+            continue
+        same_bundle = item.bundle_id >= 0 and item.bundle_id == other.bundle_id
+        if same_bundle or item.curve.span_id != other.curve.span_id:
+            continue
+        result = compare(item.curve, other.curve, (0.0, item.curve.length))
+        if result.common >= MIN_COMMON:
+            reach = min(reach, 0.5 * float(np.hypot(result.lateral_rms, result.vertical_rms)))
+    return float(reach)
+
+
+def _may_touch(first: Curve, second: Curve, margin: float = 2.0) -> bool:
+    """Return whether the plan boxes of two curves overlap."""
+    low = np.maximum(np.minimum(first.start, first.end), np.minimum(second.start, second.end))
+    high = np.minimum(np.maximum(first.start, first.end), np.maximum(second.start, second.end))
+    return bool((low[:2] - margin <= high[:2] + margin).all())
+
+
+def match_places(truth: Float64, found: Float64, limit: float) -> list[tuple[int, int]]:
+    """Assign found to true places (K, 3) that lie within ``limit`` [m] in plan, one to one."""
+    gap = np.hypot(
+        truth[:, None, 0] - found[None, :, 0], truth[:, None, 1] - found[None, :, 1],
+    )
+    return assign(np.where(gap <= limit, gap, np.inf))
+
+
+def measure_sag_error(item: TrueSpan, other: FoundSpan) -> float:
+    """
+    Return how much the estimate's sag differs from the true one [m].
+
+    Where the estimate is open-ended, the truth is the sag of that part of the true curve.
+    """
+    if not other.open_ended:
+        return abs(other.sag - item.sag)
+    x, _ = item.curve.project(np.vstack([other.curve.start[:2], other.curve.end[:2]]))
+    low, high = max(0.0, float(x.min())), min(item.curve.length, float(x.max()))
+    if high - low < 1.0:
+        return abs(other.sag - item.sag)
+    return abs(other.sag - item.curve.measure_sag(low, high))

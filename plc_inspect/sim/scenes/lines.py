@@ -1,0 +1,258 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Power lines of the simulated scenes: styles, supports and strings of conductors."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plc_inspect.sim.scenes.conductors import hang, solve_constant
+from plc_inspect.sim.scenes.scene import Label, Post, SceneBuilder
+
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LineStyle:
+    """How a line is built."""
+
+    phases: tuple[tuple[float, float], ...]
+    """Lateral offset to the left and height above the foot of each phase attachment [m]."""
+    earth_wires: tuple[tuple[float, float], ...] = ()
+    support: str = 'pole'
+    """'pole', 'portal' (two columns and a beam) or 'lattice' (one body with arms)."""
+    insulator: float = 0.2
+    """Length of the insulators [m]; they hang on towers and stand on poles."""
+    radius: float = 0.006
+    """Radius of a phase conductor [m]."""
+    earth_radius: float = 0.007
+    sag_ratio: tuple[float, float] = (0.015, 0.025)
+    """Smallest and greatest sag of a span as a share of its length."""
+    bundle: float = 0.0
+    """Distance between the two conductors of a phase [m], 0 for one."""
+
+
+HIGH_VOLTAGE = LineStyle(
+    phases=((-9.0, 21.0), (0.0, 21.0), (9.0, 21.0)), earth_wires=((-5.5, 28.5), (5.5, 28.5)),
+    support='portal', insulator=2.5, radius=0.0145, sag_ratio=(0.024, 0.034),
+)
+DOUBLE_CIRCUIT = LineStyle(
+    phases=((-6.0, 20.0), (-7.5, 26.0), (-5.5, 32.0), (6.0, 20.0), (7.5, 26.0), (5.5, 32.0)),
+    earth_wires=((0.0, 40.0),), support='lattice', insulator=2.0, radius=0.0145,
+    sag_ratio=(0.024, 0.03),
+)
+BUNDLES = LineStyle(
+    phases=((-8.0, 22.0), (0.0, 22.0), (8.0, 22.0)), earth_wires=((-5.0, 29.0), (5.0, 29.0)),
+    support='portal', insulator=2.5, radius=0.0145, sag_ratio=(0.025, 0.03), bundle=0.4,
+)
+MEDIUM_VOLTAGE = LineStyle(
+    phases=((-1.2, 10.5), (0.0, 10.5), (1.2, 10.5)), radius=0.0075, sag_ratio=(0.016, 0.022),
+)
+LOW_VOLTAGE = LineStyle(
+    phases=((-0.6, 8.0), (-0.2, 8.0), (0.2, 8.0), (0.6, 8.0)), insulator=0.12, radius=0.005,
+    sag_ratio=(0.01, 0.018),
+)
+RACK = LineStyle(
+    phases=((0.3, 8.4), (0.3, 8.0), (0.3, 7.6), (0.3, 7.2)), insulator=0.12, radius=0.005,
+    sag_ratio=(0.01, 0.018),
+)
+
+
+def add_line(builder: SceneBuilder, style: LineStyle, route: Float64) -> None:
+    """
+    Add a line with a support at each vertex of its route.
+
+    Line and span ids go on where the builder's last line ended.  All conductors of a span have
+    one catenary constant, drawn from the style's range of sag.
+
+    Parameters
+    ----------
+    builder : SceneBuilder
+        Takes the parts.
+    style : LineStyle
+        How the line is built.
+    route : ndarray
+        (K, 2) float64 feet of the supports [m].
+
+    """
+    first_line = 1 + max((item.line_id for item in builder.conductors), default=-1)
+    first_span = 1 + max((item.span_id for item in builder.conductors), default=-1)
+    strings = _list_strings(style)
+    line_ids = tuple(range(first_line, first_line + len(strings)))
+    attachments = []
+    for i, foot in enumerate(route):
+        before = route[i] - route[i - 1] if i else route[1] - route[0]
+        after = route[i + 1] - route[i] if i + 1 < len(route) else before
+        ahead = before / np.hypot(*before) + after / np.hypot(*after)
+        ahead /= np.hypot(*ahead)
+        left = np.array([-ahead[1], ahead[0], 0.0])
+        base = np.array([foot[0], foot[1], builder.ground(foot)])
+        attachments.append([base + y * left + [0.0, 0.0, z] for y, z, _, _ in strings])
+        height = _add_support(builder, style, base, left)
+        builder.posts.append(Post(
+            position=base, height=height, line_ids=line_ids,
+            kind='pole' if style.support == 'pole' else 'tower',
+        ))
+    for i in range(len(route) - 1):
+        length = float(np.hypot(*(route[i + 1] - route[i])))
+        c = solve_constant(length, builder.rng.uniform(*style.sag_ratio) * length)
+        for k, (_, _, radius, bundle) in enumerate(strings):
+            builder.conductors.append(hang(
+                attachments[i][k], attachments[i + 1][k], 1.0, c=c, radius=radius,
+                line_id=first_line + k, span_id=first_span + i,
+                bundle_id=-1 if bundle < 0 else first_line + bundle,
+            ))
+
+
+def add_drop(
+    builder: SceneBuilder, start: Float64, end: Float64, *, sag_ratio: float = 0.012,
+    radius: float = 0.008,
+) -> None:
+    """
+    Add one conductor from a support that stands to a house or out of the survey.
+
+    It is a line and a span of its own.
+
+    Parameters
+    ----------
+    builder : SceneBuilder
+        Takes the conductor.
+    start, end : ndarray
+        (3,) float64 attachments [m].
+    sag_ratio : float
+        Sag as a share of the length.
+    radius : float
+        Of the conductor [m].
+
+    """
+    length = float(np.hypot(*(end - start)[:2]))
+    builder.conductors.append(hang(
+        start, end, 1.0, c=solve_constant(length, sag_ratio * length), radius=radius,
+        line_id=1 + max((item.line_id for item in builder.conductors), default=-1),
+        span_id=1 + max((item.span_id for item in builder.conductors), default=-1),
+        bundle_id=-1,
+    ))
+
+
+def _list_strings(style: LineStyle) -> list[tuple[float, float, float, int]]:
+    """Return lateral offset, height, radius and bundle of each conductor."""
+    shifts = (-0.5 * style.bundle, 0.5 * style.bundle) if style.bundle else (0.0,)
+    strings = [
+        (y + shift, z, style.radius, index if style.bundle else -1)
+        for index, (y, z) in enumerate(style.phases) for shift in shifts
+    ]
+    return strings + [(y, z, style.earth_radius, -1) for y, z in style.earth_wires]
+
+
+def _add_support(builder: SceneBuilder, style: LineStyle, base: Float64, left: Float64) -> float:
+    if style.support == 'pole':
+        return _add_pole(builder, style, base, left)
+    ahead = np.array([left[1], -left[0], 0.0])
+    if style.support == 'portal':
+        return _add_portal(builder, style, base, left, ahead)
+    return _add_lattice(builder, style, base, left, ahead)
+
+
+def _add_pole(builder: SceneBuilder, style: LineStyle, base: Float64, left: Float64) -> float:
+    up = np.array([0.0, 0.0, 1.0])
+    offsets = sorted({y for y, _ in style.phases})
+    levels = sorted({z for _, z in style.phases})
+    upright = len(offsets) == 1
+    top = levels[-1] + (0.3 if upright else -style.insulator - 0.02)
+    builder.add_strut(base, base + top * up, 0.13, Label.TOWER)
+    for z in levels:
+        if upright:
+            arm = base + z * up
+            builder.add_strut(arm, arm + offsets[0] * left, 0.03, Label.TOWER)
+            continue
+        arm = base + (z - style.insulator) * up
+        reach = max(abs(y) for y in offsets) + 0.1
+        builder.add_strut(arm - reach * left, arm + reach * left, 0.05, Label.TOWER)
+        for y in offsets:
+            foot = arm + y * left
+            builder.add_strut(foot, foot + (style.insulator - 0.02) * up, 0.04, Label.TOWER)
+    return max(top, levels[-1])
+
+
+def _add_column(
+    builder: SceneBuilder, foot: Float64, top: Float64, widths: tuple[float, float],
+    left: Float64, ahead: Float64, panel: float, radius: float,
+) -> None:
+    """Add four legs with cross-bracing; widths at foot and top [m]."""
+    height = float(np.linalg.norm(top - foot))
+    num = max(2, math.ceil(height / panel))
+    corners = [(1, 1), (1, -1), (-1, -1), (-1, 1)]
+    rings = []
+    for i in range(num + 1):
+        share = 1 - (1 - i / num) ** 1.0
+        half = 0.5 * (widths[0] + share * (widths[1] - widths[0]))
+        centre = foot + share * (top - foot)
+        rings.append([centre + half * (u * left + v * ahead) for u, v in corners])
+    for low, high in pairwise(rings):
+        for k in range(4):
+            n = (k + 1) % 4
+            builder.add_strut(low[k], high[k], radius, Label.TOWER)
+            builder.add_strut(low[k], high[n], 0.6 * radius, Label.TOWER)
+            builder.add_strut(high[k], high[n], 0.6 * radius, Label.TOWER)
+
+
+def _add_strings(builder: SceneBuilder, style: LineStyle, base: Float64, left: Float64) -> None:
+    """Add the hanging insulators of a tower and the yokes of its bundles."""
+    up = np.array([0.0, 0.0, 1.0])
+    for y, z in style.phases:
+        low = base + y * left + (z + 0.05) * up
+        builder.add_strut(low, low + style.insulator * up, 0.1, Label.TOWER)
+        half = 0.5 * style.bundle
+        if half:
+            builder.add_strut(low - half * left, low + half * left, 0.03, Label.TOWER)
+
+
+def _add_portal(
+    builder: SceneBuilder, style: LineStyle, base: Float64, left: Float64, ahead: Float64,
+) -> float:
+    up = np.array([0.0, 0.0, 1.0])
+    beam = max(z for _, z in style.phases) + style.insulator
+    reach = max(abs(y) for y, _ in style.phases) + 0.8
+    peak = max(z for _, z in style.earth_wires)
+    for y, _ in style.earth_wires:
+        foot = base + y * left
+        foot[2] = builder.ground(foot[:2])
+        top = base + y * left + beam * up
+        _add_column(builder, foot, top, (1.4, 0.9), left, ahead, 1.8, 0.06)
+        _add_column(builder, top, base + y * left + (peak - 0.1) * up, (0.9, 0.15), left, ahead,
+                    1.5, 0.04)
+    _add_column(builder, base - reach * left + (beam + 0.5) * up,
+                base + reach * left + (beam + 0.5) * up, (0.9, 0.9), up, ahead, 1.8, 0.05)
+    _add_strings(builder, style, base, left)
+    return peak
+
+
+def _add_lattice(
+    builder: SceneBuilder, style: LineStyle, base: Float64, left: Float64, ahead: Float64,
+) -> float:
+    up = np.array([0.0, 0.0, 1.0])
+    lowest = min(z for _, z in style.phases)
+    peak = max(z for _, z in (*style.phases, *style.earth_wires))
+    waist = base + (lowest - 1.0) * up
+    _add_column(builder, base, waist, (0.2 * peak, 2.2), left, ahead, 4.0, 0.1)
+    _add_column(builder, waist, base + (peak - 3.0) * up, (2.2, 1.2), left, ahead, 2.0, 0.08)
+    _add_column(builder, base + (peak - 3.0) * up, base + (peak - 0.1) * up, (1.2, 0.2), left,
+                ahead, 1.5, 0.05)
+    for y, z in style.phases:
+        tip = base + y * left + (z + style.insulator + 0.05) * up
+        root = base + math.copysign(0.7, y) * left + (z + style.insulator + 0.05) * up
+        for v in (-0.7, 0.7):
+            builder.add_strut(root + v * ahead, tip, 0.05, Label.TOWER)
+            builder.add_strut(root + v * ahead + 1.6 * up, tip, 0.05, Label.TOWER)
+        for share in (0.3, 0.6):
+            low = root + share * (tip - root)
+            for v in (-0.7, 0.7):
+                side = v * (1 - share) * ahead
+                builder.add_strut(low + side, low + side + 1.6 * (1 - share) * up, 0.03,
+                                  Label.TOWER)
+    _add_strings(builder, style, base, left)
+    return peak

@@ -1,0 +1,72 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Labelled clouds on disk, as LAS 1.4."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import laspy
+import numpy as np
+from numpy.typing import NDArray
+
+from plc_inspect.errors import DataError
+from plc_inspect.offline.readers.laz import read_las
+from plc_inspect.sim.surveys.airborne import LabelledCloud
+
+Float64 = NDArray[np.float64]
+UInt8 = NDArray[np.uint8]
+
+
+def write_cloud(
+    path: Path, cloud: LabelledCloud, origin: Sequence[float] = (0.0, 0.0, 0.0),
+) -> None:
+    """
+    Write a labelled cloud.
+
+    Parameters
+    ----------
+    path : Path
+        Ends in .las or .laz.
+    cloud : LabelledCloud
+        What to write.
+    origin : sequence of float
+        Added to the coordinates [m]; they are kept to the millimetre.
+
+    """
+    header = laspy.LasHeader(point_format=6, version='1.4')
+    header.scales = np.full(3, 0.001)
+    header.offsets = np.floor(np.asarray(origin, dtype=np.float64))
+    header.add_extra_dims([
+        laspy.ExtraBytesParams('line_id', np.int32, 'conductor, -1 none'),
+        laspy.ExtraBytesParams('span_id', np.int32, 'span, -1 none'),
+    ])
+    las = laspy.LasData(header)
+    for axis, name in enumerate('xyz'):
+        setattr(las, name, cloud.points[:, axis] + origin[axis])
+    las.classification = cloud.label
+    las['line_id'], las['span_id'] = cloud.line_id, cloud.span_id
+    las.write(str(path))
+
+
+def read_labels(path: Path) -> UInt8:
+    """
+    Read the ASPRS classes of a LAS or LAZ file.
+
+    Returns
+    -------
+    ndarray
+        (N,) uint8 in file order.
+
+    Raises
+    ------
+    DataError
+        The file is missing or cannot be read.
+
+    """
+    if not path.is_file():
+        raise DataError(f'{path}: no such file')
+    try:
+        return np.array(read_las(path).classification, dtype=np.uint8)
+    except Exception as error:  # laspy lets errors of its decoders through
+        raise DataError(f'{path}: not a readable LAS file: {error}') from error

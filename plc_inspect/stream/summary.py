@@ -1,0 +1,365 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The summary: spans, supports, hazards, vehicle and health in a few hundred bytes a second.
+
+A keyframe holds everything; the messages between two keyframes hold the rows that changed and the
+numbers of those that are gone.  Lengths are whole millimetres.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+import math
+import struct
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plc_inspect.errors import DataError
+from plc_inspect.results import Float64, Hazard, Span, Support
+from plc_inspect.stream.frame import (
+    BodyReader,
+    Frame,
+    pack_frame,
+    put_rows,
+    put_text,
+    SUMMARY,
+    unpack_frame,
+)
+
+KEYFRAME = 1
+"""Flag of a message that holds everything."""
+MOST_LINES = 16
+"""Lines of a support that are named; the number of all of them is told too."""
+NO_LENGTH = -(1 << 31)
+"""A length that is not known."""
+_XYZ = [('x', '<i4'), ('y', '<i4'), ('z', '<i4')]
+SPANS = np.dtype([
+    ('line_id', '<i4'), ('span_id', '<i4'),
+    *((f'{end}_{axis}', '<i4') for end in ('start', 'end') for axis in 'xyz'),
+    ('a', '<f4'), ('b', '<f4'), ('c', '<f4'), ('sag', '<u4'), ('rmse', '<u2'),
+    ('sigma_sag', '<u2'), ('coverage', 'u1'), ('num_points', '<u4'), ('flags', 'u1'),
+    ('ground_clearance', '<i4'),
+])
+SUPPORTS = np.dtype([
+    ('support_id', '<i4'), *_XYZ, ('height', '<u4'), ('kind', 'u1'), ('num_lines', 'u1'),
+    ('lines', '<i2', (MOST_LINES,)),
+])
+HAZARDS = np.dtype([
+    ('hazard_id', '<i4'), ('line_id', '<i4'), ('span_id', '<i4'), ('kind', 'u1'),
+    ('severity', 'u1'), *_XYZ,
+    *((name, '<i4') for name in ('clearance', 'required', 'horizontal', 'vertical', 'sigma',
+                                 'along_span', 'from_support', 'height')),
+    ('support_id', '<i4'), ('num_points', '<u4'),
+])
+TABLES = {'spans': SPANS, 'supports': SUPPORTS, 'hazards': HAZARDS}
+KEYS = {
+    'spans': ('line_id', 'span_id'), 'supports': ('support_id',), 'hazards': ('hazard_id',),
+}
+OPEN_START, OPEN_END, FINISHED = 1, 2, 4
+SUPPORT_KINDS = ('unseen', 'tower', 'pole')
+STATUSES = ('input', 'map', 'segmentation')
+HEALTH = {
+    'scan_rate': ('input', 'scan rate [Hz]'),
+    'scans': ('input', 'scans'),
+    'scans_inserted': ('input', 'scans inserted'),
+    'scans_lost': ('input', 'scans lost'),
+    'scans_dropped': ('input', 'scans dropped'),
+    'pose_gaps': ('input', 'pose gaps'),
+    'pose_jumps': ('input', 'pose jumps'),
+    'malformed': ('input', 'messages malformed'),
+    'clock_jumps': ('input', 'clock jumps'),
+    'scan_age': ('input', 'age of the last scan [s]'),
+    'odometry_age': ('input', 'age of the last odometry [s]'),
+    'voxels': ('map', 'voxels'),
+    'max_voxels': ('map', 'voxels at most'),
+    'voxels_evicted': ('map', 'voxels evicted'),
+    'memory_mb': ('map', 'resident memory [MB]'),
+    'ticks': ('segmentation', 'ticks'),
+    'ticks_postponed': ('segmentation', 'ticks postponed'),
+    'ticks_failed': ('segmentation', 'ticks failed'),
+    'tick_ms': ('segmentation', 'last tick [ms]'),
+    'callback_ms': ('segmentation', 'callbacks p99 [ms]'),
+}
+"""Numbers of health, each with its status and key in /diagnostics; NaN where there is none."""
+_FIXED = struct.Struct(f'<qIIHIiiiI{len(STATUSES)}B{len(HEALTH)}f')
+_NEVER = 0xFFFFFFFF
+
+RowKey = tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SummaryTables:
+    """Rows of everything that is known."""
+
+    spans: NDArray[Any] = field(default_factory=lambda: np.empty(0, SPANS))
+    supports: NDArray[Any] = field(default_factory=lambda: np.empty(0, SUPPORTS))
+    hazards: NDArray[Any] = field(default_factory=lambda: np.empty(0, HAZARDS))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Status:
+    """How the node is, and where the vehicle is."""
+
+    stamp_ns: int = 0
+    """Stamp of the newest scan that is in the tables [ns], 0 none."""
+    tick_uptime: float = math.nan
+    """Steady time of the node when the tables were made [s], NaN never."""
+    vehicle_uptime: float = math.nan
+    """Steady time of the node when the position came in [s], NaN never."""
+    resets: int = 0
+    """How often the node was told to forget everything."""
+    cloud_sent: int = 0
+    """Messages of the thinned corridor that the session sent so far."""
+    vehicle: tuple[float, float, float] | None = None
+    """Position in the frame of the tables [m]."""
+    health_uptime: float = math.nan
+    """Steady time of the node when the health was taken [s], NaN never."""
+    levels: tuple[int, ...] = (0,) * len(STATUSES)
+    """Of STATUSES: 0 good, 1 warning, 2 error."""
+    health: Mapping[str, float] = field(default_factory=dict)
+    """Numbers by the names of HEALTH."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SummaryMessage:
+    """What one message says."""
+
+    frame: Frame
+    status: Status
+    tables: SummaryTables
+    """Rows that are new or changed; of a keyframe, all."""
+    gone: Mapping[str, tuple[RowKey, ...]]
+    """Keys of rows that are no more, by table."""
+    texts: tuple[str, ...] | None
+    """Frame of the coordinates, then a text for each of STATUSES; None: as before."""
+
+    @property
+    def keyframe(self) -> bool:
+        """Whether it holds everything."""
+        return bool(self.frame.flags & KEYFRAME)
+
+
+def make_tables(
+    spans: Sequence[tuple[Span, bool]], supports: Sequence[Support], hazards: Sequence[Hazard]
+) -> SummaryTables:
+    """
+    Put results into rows.
+
+    Parameters
+    ----------
+    spans : sequence of tuple
+        Spans, and whether each was left behind.
+    supports : sequence of Support
+        With their lasting numbers.
+    hazards : sequence of Hazard
+        With their lasting numbers.
+
+    Returns
+    -------
+    SummaryTables
+
+    """
+    tables = SummaryTables(
+        spans=np.zeros(len(spans), SPANS), supports=np.zeros(len(supports), SUPPORTS),
+        hazards=np.zeros(len(hazards), HAZARDS),
+    )
+    for row, (span, finished) in zip(tables.spans, spans, strict=True):
+        for name in ('line_id', 'span_id', 'a', 'b', 'c', 'num_points'):
+            row[name] = getattr(span, name)
+        _put_place(row, span.start, 'start_')
+        _put_place(row, span.end, 'end_')
+        row['sag'] = max(0, _millimetres(span.sag))
+        for name, value in (('rmse', span.rmse), ('sigma_sag', span.sigma['sag'])):
+            row[name] = min(max(0, _millimetres(value)), 0xFFFF)
+        row['coverage'] = round(100 * min(max(span.coverage, 0.0), 1.0))
+        row['flags'] = (
+            OPEN_START * span.open_start | OPEN_END * span.open_end | FINISHED * finished
+        )
+        row['ground_clearance'] = _millimetres(span.ground_clearance)
+    for row, support in zip(tables.supports, supports, strict=True):
+        row['support_id'] = support.support_id
+        _put_place(row, support.position)
+        row['height'] = max(0, _millimetres(support.height))
+        row['kind'] = SUPPORT_KINDS.index(support.kind) if support.kind in SUPPORT_KINDS else 0
+        row['num_lines'] = min(len(support.line_ids), 0xFF)
+        row['lines'] = -1
+        row['lines'][:len(support.line_ids)] = support.line_ids[:MOST_LINES]
+    for row, hazard in zip(tables.hazards, hazards, strict=True):
+        for name in ('hazard_id', 'line_id', 'span_id', 'kind', 'severity', 'support_id',
+                     'num_points'):
+            row[name] = getattr(hazard, name)
+        _put_place(row, hazard.position)
+        for name in ('clearance', 'required', 'horizontal', 'vertical', 'sigma', 'along_span',
+                     'from_support', 'height'):
+            row[name] = _millimetres(getattr(hazard, name))
+    return tables
+
+
+def metres(value: int) -> float:
+    """Return a length of a row in metres, NaN where it is not known."""
+    return math.nan if value == NO_LENGTH else int(value) * 1e-3
+
+
+class SummaryWriter:
+    """
+    Turns what is known into messages; keeps what was told last.
+
+    Parameters
+    ----------
+    session : int
+        Random number of this run of the node, 0 to 2**32 - 1.
+
+    """
+
+    def __init__(self, session: int) -> None:
+        self._session = session
+        self._sequence = 0
+        self._told: dict[str, dict[RowKey, bytes]] = {name: {} for name in TABLES}
+        self._texts: tuple[str, ...] = ()
+
+    def write(
+        self, tables: SummaryTables, status: Status, texts: Sequence[str], uptime: float, *,
+        keyframe: bool,
+    ) -> bytes:
+        """
+        Return the next message.
+
+        Parameters
+        ----------
+        tables : SummaryTables
+            All that is known now.
+        status : Status
+            Now.
+        texts : sequence of str
+            Frame of the coordinates, then a text for each of STATUSES.
+        uptime : float
+            Steady time of the node [s].
+        keyframe : bool
+            Tell everything, not only what changed.
+
+        Returns
+        -------
+        bytes
+
+        """
+        body = [_pack_status(status)]
+        for name in TABLES:
+            rows = getattr(tables, name)
+            now = dict(zip(_keys_of(name, rows), map(bytes, _cells(rows)), strict=True))
+            before = {} if keyframe else self._told[name]
+            changed = [key not in before or before[key] != data for key, data in now.items()]
+            gone = sorted(set(before) - set(now))
+            body.append(put_rows(rows[np.array(changed, dtype=np.bool_)]))
+            body.append(put_rows(_pack_keys(name, gone)))
+            self._told[name] = now
+        told = tuple(texts)
+        if keyframe or told != self._texts:
+            body.append(bytes([len(told)]))
+            body += map(put_text, told)
+        else:
+            body.append(b'\0')
+        self._texts = told
+        frame = Frame(
+            kind=SUMMARY, flags=KEYFRAME if keyframe else 0, session=self._session,
+            sequence=self._sequence, uptime=uptime, body=b''.join(body),
+        )
+        self._sequence += 1
+        return pack_frame(frame)
+
+
+def read_summary(data: bytes) -> SummaryMessage:
+    """
+    Read a message of the summary.
+
+    Parameters
+    ----------
+    data : bytes
+        As SummaryWriter gave them.
+
+    Returns
+    -------
+    SummaryMessage
+
+    Raises
+    ------
+    DataError
+        It is no such message, or damaged.
+
+    """
+    frame = unpack_frame(data, SUMMARY)
+    reader = BodyReader(frame.body)
+    status = _read_status(reader)
+    rows, gone = {}, {}
+    for name, dtype in TABLES.items():
+        rows[name] = reader.take_rows(dtype)
+        gone[name] = tuple(_keys_of(name, reader.take_rows(_key_dtype(name))))
+    (count,) = reader.take(1)
+    texts = tuple(reader.take_text() for _ in range(count)) if count else None
+    reader.finish()
+    if texts is not None and len(texts) != 1 + len(STATUSES):
+        raise DataError(f'summary with {len(texts)} texts, not {1 + len(STATUSES)}')
+    return SummaryMessage(
+        frame=frame, status=status, tables=SummaryTables(**rows), gone=gone, texts=texts
+    )
+
+
+def _millimetres(value: float) -> int:
+    if not math.isfinite(value):
+        return NO_LENGTH
+    return max(1 - (1 << 31), min(round(value * 1e3), (1 << 31) - 1))
+
+
+def _put_place(row: Any, place: Float64, prefix: str = '') -> None:
+    for axis, value in zip('xyz', place.tolist(), strict=True):
+        row[prefix + axis] = _millimetres(value)
+
+
+def _cells(rows: NDArray[Any]) -> NDArray[np.void]:
+    return np.ascontiguousarray(rows).view(f'V{rows.dtype.itemsize}')
+
+
+def _key_dtype(table: str) -> np.dtype[Any]:
+    return np.dtype([(name, '<i4') for name in KEYS[table]])
+
+
+def _keys_of(table: str, rows: NDArray[Any]) -> list[RowKey]:
+    return list(zip(*(rows[name].tolist() for name in KEYS[table]), strict=True))
+
+
+def _pack_keys(table: str, keys: Sequence[RowKey]) -> NDArray[Any]:
+    return np.array(list(keys), dtype=_key_dtype(table))
+
+
+def _pack_status(status: Status) -> bytes:
+    place = (math.nan,) * 3 if status.vehicle is None else status.vehicle
+    return _FIXED.pack(
+        status.stamp_ns, _pack_time(status.tick_uptime), _pack_time(status.vehicle_uptime),
+        status.resets & 0xFFFF, status.cloud_sent, *map(_millimetres, place),
+        _pack_time(status.health_uptime),
+        *status.levels, *(status.health.get(name, math.nan) for name in HEALTH),
+    )
+
+
+def _read_status(reader: BodyReader) -> Status:
+    values = reader.take_struct(_FIXED)
+    stamp_ns, tick, vehicle, resets, cloud_sent, *place = values[:8]
+    return Status(
+        stamp_ns=stamp_ns, tick_uptime=_read_time(tick), vehicle_uptime=_read_time(vehicle),
+        resets=resets, cloud_sent=cloud_sent, health_uptime=_read_time(values[8]),
+        vehicle=None if NO_LENGTH in place else (
+            metres(place[0]), metres(place[1]), metres(place[2])
+        ),
+        levels=values[9:9 + len(STATUSES)],
+        health=dict(zip(HEALTH, values[9 + len(STATUSES):], strict=True)),
+    )
+
+
+def _pack_time(seconds: float) -> int:
+    return _NEVER if math.isnan(seconds) else min(round(seconds * 1e3), _NEVER - 1)
+
+
+def _read_time(milliseconds: int) -> float:
+    return math.nan if milliseconds == _NEVER else milliseconds * 1e-3

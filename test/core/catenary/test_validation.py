@@ -1,0 +1,100 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+import dataclasses
+
+import numpy as np
+import pytest
+from toys import make_curve, make_ground, make_index, make_wire
+
+from plc_inspect.config import CatenarySettings
+from plc_inspect.core.catenary.growing import profile_curve
+from plc_inspect.core.catenary.validation import find_objection, list_evidence, UNPROVEN
+from plc_inspect.errors import ConfigError
+
+SETTINGS = CatenarySettings()
+
+
+def judge(wire, others=(), settings=SETTINGS, tolerance=0.1):
+    points = np.vstack([wire, *others])
+    curve = make_curve(points, np.arange(len(wire)), tolerance)
+    profile = profile_curve(points, make_index(points), curve, curve.low, curve.high)
+    return find_objection(curve, profile, settings)
+
+
+def make(length=80.0, **changes):
+    return make_wire((0.0, 0.0, 12.0), (length, 0.0, 12.0), **{'c': 700.0, **changes})
+
+
+@pytest.mark.parametrize(('length', 'c'), [(40.0, 300.0), (80.0, 700.0), (300.0, 1500.0)])
+def test_there_is_nothing_against_a_conductor(length, c):
+    assert judge(make(length, c=c)) == ''
+
+
+def test_a_short_piece_is_no_span():
+    assert judge(make(11.0, c=50.0)) == 'too short'
+    assert judge(make(11.0, c=100.0), settings=CatenarySettings(min_length=5.0)) == ''
+
+
+def test_few_points_are_no_span():
+    assert judge(make(80.0, per_metre=0.13)) == 'too few points'
+
+
+def test_points_in_few_places_are_no_span():
+    wire = make(100.0, parts=((0.0, 0.1), (0.9, 1.0)), per_metre=30.0)
+    assert judge(wire) == 'seen in too few places'
+
+
+def test_a_straight_edge_has_no_proven_curvature():
+    assert judge(make(60.0, c=1e5)) == UNPROVEN
+
+
+def test_a_curvature_that_is_proven_but_too_small_is_no_conductor():
+    wire = make(300.0, c=12_000.0, per_metre=30.0, noise=0.01)
+    assert judge(wire) == 'straighter than a conductor'
+    settings = dataclasses.replace(SETTINGS, max_constant=20_000.0)
+    assert judge(wire, settings=settings) == ''
+
+
+def test_an_arc_is_deeper_than_a_conductor():
+    assert judge(make(60.0, c=60.0)) == 'deeper than a conductor'
+
+
+def test_a_line_on_a_sheet_is_not_free():
+    wire = make(80.0)
+    sheet = make_wire((0.0, 0.0, 12.0), (80.0, 0.0, 12.0), c=700.0, per_metre=400.0)
+    sheet[:, 1] = np.random.default_rng(0).uniform(-2, 2, len(sheet))
+    assert judge(wire, [sheet]) == 'not free in the air'
+
+
+def test_trees_at_a_third_of_the_span_are_no_objection():
+    wire = make(80.0)
+    crown = make_ground((30, -2), (55, 2), 60.0) + np.array([0, 0, 11.0])
+    assert judge(wire, [crown]) == ''
+
+
+def test_evidence_says_how_near_each_limit_is():
+    curve = make_curve(make(80.0), np.arange(640))
+    points = make(80.0)
+    profile = profile_curve(points, make_index(points), curve, curve.low, curve.high)
+    evidence = {item.setting: item for item in list_evidence(curve, profile, SETTINGS)}
+    assert all(item.kept for item in evidence.values())
+    assert evidence['min_length'].value == curve.length
+    assert evidence['max_sag_ratio'].limit == pytest.approx(0.08 * curve.length)
+    for name, limit in (
+        ('min_length', 80.1), ('min_points', 700), ('max_sag_ratio', 0.01),
+        ('max_constant', 600.0), ('min_significance', 999.0),
+    ):
+        changed = dataclasses.replace(SETTINGS, **{name: limit})
+        fails = [item.setting for item in list_evidence(curve, profile, changed) if not item.kept]
+        assert fails == [name]
+        assert find_objection(curve, profile, changed) == evidence[name].objection
+
+
+@pytest.mark.parametrize('change', [
+    {'tolerance': -1.0}, {'num_trials': 7}, {'min_points': 3}, {'min_coverage': 1.1},
+    {'max_sag_ratio': 0.0}, {'max_company': -0.1}, {'min_points': 12.0},
+])
+def test_bad_settings(change):
+    with pytest.raises(ConfigError, match=next(iter(change))):
+        CatenarySettings(**change)

@@ -1,0 +1,258 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Explanations are true: the setting that is named, moved as told, changes the outcome."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from toys import make_line_cloud, make_tree, make_wire
+
+from plc_inspect.config import LinearitySettings, SegmentSettings, Settings, update
+from plc_inspect.core.explain.checks import propose, rank
+from plc_inspect.core.explain.clustering_view import Windows
+from plc_inspect.core.explain.extraction_view import Place
+from plc_inspect.core.explain.point import confirm, explain_point, find_nearest
+from plc_inspect.core.extraction.linearity import anchor
+from plc_inspect.core.extraction.occupancy import drop_bulk
+from plc_inspect.core.pipeline import Pipeline
+from plc_inspect.errors import DataError
+from plc_inspect.results import Decision
+
+SETTINGS = Settings()
+ORDER = (
+    'height', 'linearity', 'outliers', 'alignment', 'clustering', 'catenary', 'supports',
+    'corridor',
+)
+
+
+def make_rod(start, end, radius=0.02, num=200, seed=0):
+    """Make a straight rod of points."""
+    rng = np.random.default_rng(seed)
+    share = np.sort(rng.random(num))[:, None]
+    rod = np.array(start, float) + share * np.subtract(end, start)
+    return rod + rng.normal(0.0, radius, (num, 3))
+
+
+def make_things():
+    """Make one thing for each stage to drop, beside a line of three conductors."""
+    return {
+        'bush': make_tree(20.0, -12.0, 3.5, 0.5),
+        'tree': make_tree(60.0, -12.0, 12.0),
+        'stay': make_rod((30, 12, 7), (38, 12, 12), num=300, seed=1),
+        'rack': np.vstack([
+            make_rod((100, y, z), (112, y, z), num=160, seed=9 * z + y)
+            for y in (10, 11, 12) for z in (8, 9, 10)
+        ]),
+        'stick': make_rod((190, -14, 9), (191.2, -14, 9), num=60, seed=2),
+        'pipe': make_rod((120, -12, 9), (150, -12, 9), radius=0.3, num=2500, seed=4),
+        'arc': make_wire((150, 13, 9), (161, 13, 9), c=50, per_metre=20, seed=5),
+    }
+
+
+@pytest.fixture(scope='module')
+def cloud():
+    """Return the points and the names of the things that they belong to."""
+    things = make_things()
+    points, label = make_line_cloud(more=things.values(), half_width=20.0)
+    names = np.where(label == 14, 'line', 'rest').astype('U8')
+    names[label == 1] = np.repeat(list(things), [len(item) for item in things.values()])
+    return points, names
+
+
+@pytest.fixture(scope='module')
+def trace(cloud):
+    """Run the pipeline once."""
+    return Pipeline().trace(cloud[0])
+
+
+def decide(points, index, moves):
+    """Return the decision on a point in a run with some settings at other values."""
+    return Decision(Pipeline(update(SETTINGS, moves)).run(points).decision[index])
+
+
+def pick(cloud, trace, name, decision):
+    """Return three points of a thing that were decided so."""
+    rows = np.flatnonzero((cloud[1] == name) & (trace.result.decision == decision))
+    assert len(rows), f'no {decision.name} in {name}'
+    return rows[[0, len(rows) // 2, -1]].tolist()
+
+
+@pytest.mark.parametrize(('name', 'decision', 'setting'), [
+    ('bush', Decision.TOO_LOW, 'height.beta'),
+    ('rack', Decision.NOT_LINEAR, 'linearity.max_occupied'),
+    ('pipe', Decision.NOT_LINEAR, 'linearity.threshold'),
+    ('stay', Decision.NOT_LINEAR, 'linearity.max_inclination_deg'),
+    ('tree', Decision.OUTLIER, 'outliers.sigma'),
+    ('stick', Decision.NO_SECTION, 'alignment.min_votes'),
+    ('pipe', Decision.NO_CLUSTER, 'clustering.max_thickness'),
+    ('arc', Decision.NO_CATENARY, 'catenary.min_length'),
+    ('line', Decision.WIRE, 'catenary.'),
+])
+def test_the_named_setting_moved_as_told_changes_the_outcome(
+    cloud, trace, name, decision, setting
+):
+    points = cloud[0]
+    tried = 0
+    for index in pick(cloud, trace, name, decision):
+        explanation = explain_point(trace, points, SETTINGS, index)
+        assert explanation.decision == decision
+        for proposal in explanation.proposals[:1]:
+            after = decide(points, index, proposal.moves)
+            if decision == Decision.WIRE:
+                assert after != Decision.WIRE
+            else:
+                assert after > decision, proposal
+            tried += proposal.setting.startswith(setting)
+    assert tried
+
+
+@pytest.mark.parametrize(('name', 'decision', 'step'), [
+    ('bush', Decision.TOO_LOW, 0.02), ('tree', Decision.OUTLIER, -0.02),
+    ('stick', Decision.NO_SECTION, 1),
+])
+def test_a_little_less_than_told_is_not_enough(cloud, trace, name, decision, step):
+    index = pick(cloud, trace, name, decision)[1]
+    proposal = explain_point(trace, cloud[0], SETTINGS, index).proposals[0]
+    assert decide(cloud[0], index, {proposal.setting: proposal.after + step}) == decision
+
+
+def test_two_settings_are_named_where_one_is_not_enough(cloud, trace):
+    told = 0
+    rows = np.flatnonzero((cloud[1] == 'tree') & (trace.result.decision == Decision.NOT_LINEAR))
+    for index in rows[::250].tolist():
+        for proposal in explain_point(trace, cloud[0], SETTINGS, index).proposals[:1]:
+            assert decide(cloud[0], index, proposal.moves) > Decision.NOT_LINEAR
+            for name, value in proposal.moves.items():
+                if proposal.also:
+                    assert decide(cloud[0], index, {name: value}) == Decision.NOT_LINEAR
+            told += proposal.also is not None
+    assert told
+
+
+def test_confirmed_changes_are_those_of_a_run_of_their_own(cloud, trace):
+    rng = np.random.default_rng(3)
+    confirmed = 0
+    for decision in (Decision.NOT_LINEAR, Decision.NO_CLUSTER, Decision.WIRE):
+        rows = np.flatnonzero(trace.result.decision == decision)
+        for index in rng.choice(rows, 3).tolist():
+            told = confirm(explain_point(trace, cloud[0], SETTINGS, index), cloud[0], SETTINGS)
+            assert len(told.trials) <= len(told.proposals)
+            if told.change is not None:
+                confirmed += 1
+                after = decide(cloud[0], index, told.change.proposal.moves)
+                assert after == told.change.decision != decision
+    assert confirmed >= 3
+
+
+def test_stages_are_told_in_order_up_to_the_one_that_decided(cloud, trace):
+    for decision in np.unique(trace.result.decision).tolist():
+        rows = np.flatnonzero(trace.result.decision == decision)
+        told = explain_point(trace, cloud[0], SETTINGS, int(rows[len(rows) // 2]))
+        assert tuple(finding.stage for finding in told.findings) == ORDER
+        outcomes = {finding.stage: finding.outcome for finding in told.findings}
+        if Decision.TOO_LOW <= decision <= Decision.NO_CLUSTER:
+            assert outcomes[told.stage] == 'dropped'
+            before = ORDER[: ORDER.index(told.stage)]
+            assert {outcomes[stage] for stage in before} <= {'kept'}
+        if decision == Decision.WIRE:
+            assert outcomes['catenary'] == outcomes['supports'] == 'kept'
+
+
+def test_a_trace_holds_the_result_of_a_run_and_changes_nothing(cloud, trace):
+    points = cloud[0].copy()
+    result = Pipeline().run(points)
+    for name in ('decision', 'line_id', 'span_id', 'residual', 'clearance', 'classification'):
+        np.testing.assert_array_equal(getattr(result, name), getattr(trace.result, name), name)
+    for index in (0, len(points) - 1):
+        explain_point(trace, points, SETTINGS, index)
+    np.testing.assert_array_equal(points, cloud[0])
+
+
+def test_occupied_cells_are_those_of_the_stage(cloud, trace):
+    held = trace.cloud
+    limits = SETTINGS.linearity
+    origin = anchor(held.points, held.high, limits)
+    kept = set(drop_bulk(held.points, held.high, origin, limits.max_occupied).tolist())
+    for slot in held.high[::150].tolist():
+        place = Place(trace, SETTINGS, held.points[slot], int(held.place[slot]))
+        assert place.searched
+        assert (place.occupied <= limits.max_occupied) == (slot in kept)
+
+
+def test_windows_are_seen_as_the_stage_saw_them(cloud, trace):
+    held = trace.cloud
+    inside = np.isin(held.place, np.flatnonzero(np.isin(cloud[1], ('line', 'pipe', 'arc'))))
+    for slot in np.flatnonzero(inside)[::90].tolist():
+        windows = Windows(Place(trace, SETTINGS, held.points[slot], int(held.place[slot])))
+        beads = sum(view.outcome == 'bead' and view.is_own for view in windows.views)
+        if windows.num_near <= len(windows.numbers):
+            assert beads == len(windows.beads)
+
+
+def test_ground_and_what_is_not_finite_have_no_setting(cloud):
+    points = cloud[0].copy()
+    points[7] = np.nan
+    trace = Pipeline().trace(points)
+    for index, decision in ((7, Decision.NOT_FINITE), (8, Decision.GROUND)):
+        told = explain_point(trace, points, SETTINGS, index)
+        assert (told.decision, told.stage, told.proposals) == (decision, 'height', ())
+    assert find_nearest(points, points[8] + 0.001) == 8
+
+
+@pytest.mark.parametrize('index', [-1, 2])
+def test_points_that_do_not_exist(index):
+    points = np.zeros((2, 3))
+    with pytest.raises(DataError, match='there is no point'):
+        explain_point(Pipeline().trace(points), points, SETTINGS, index)
+    with pytest.raises(DataError, match='finite'):
+        find_nearest(np.full((2, 3), np.nan), np.zeros(3))
+
+
+def test_a_cloud_too_small_to_be_searched():
+    points = np.vstack([make_rod((0, 0, 9), (9, 0, 9), num=20), np.zeros((3, 3))])
+    settings = Settings(segment=SegmentSettings(min_points=30))
+    trace = Pipeline(settings).trace(points)
+    told = explain_point(trace, points, settings, 0)
+    assert told.decision == Decision.TOO_LOW
+    assert any('segment.min_points' in note for note in told.findings[0].notes)
+    told = confirm(told, points, settings)
+    assert (told.change.proposal.setting, told.change.proposal.after) == (
+        'segment.min_points', 23)
+
+
+@pytest.mark.parametrize(('setting', 'needed', 'is_least', 'away', 'expected'), [
+    ('linearity.threshold', 0.71239, True, False, 0.712),
+    ('linearity.threshold', 0.3, True, False, None),
+    ('linearity.max_inclination_deg', 31.01, False, False, 31.1),
+    ('linearity.max_occupied', 17, False, False, 17),
+    ('alignment.min_votes', 3, True, False, 3),
+    ('catenary.min_points', 240, True, True, 241),
+    ('catenary.max_crowding', 0.25, False, True, 0.249),
+    ('catenary.max_constant', 12345.6, False, False, 12400.0),
+    ('catenary.max_company', 0.0, False, True, None),
+    ('height.beta', np.inf, True, False, None),
+])
+def test_values_are_rounded_to_the_side_that_does_it(setting, needed, is_least, away, expected):
+    found = list(propose(SETTINGS, setting, needed, is_least, 'x', needed, away=away))
+    assert [item.after for item in found] == ([] if expected is None else [expected])
+
+
+def test_smaller_moves_come_first():
+    items = [
+        *propose(SETTINGS, 'height.beta', 2.0, True, 'x', 2.0),
+        *propose(SETTINGS, 'height.beta', 3.0, True, 'x', 3.0),
+        *propose(SETTINGS, 'height.beta', 2.0, True, 'x', 2.0),
+    ]
+    assert [item.after for item in rank(items)] == [3.0, 2.0]
+
+
+def test_a_setting_that_was_moved_before_is_told_as_it_is(cloud):
+    settings = dataclasses.replace(SETTINGS, linearity=LinearitySettings(threshold=1.0))
+    trace = Pipeline(settings).trace(cloud[0])
+    index = int(np.flatnonzero(cloud[1] == 'line')[300])
+    told = confirm(explain_point(trace, cloud[0], settings, index), cloud[0], settings)
+    assert told.decision == Decision.NOT_LINEAR
+    assert (told.change.proposal.setting, told.change.proposal.before) == (
+        'linearity.threshold', 1.0)

@@ -1,0 +1,50 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+import numpy as np
+import pytest
+
+from plc_inspect.core.extraction.ground_filter import _fill, _is_areal, AREAL_REACH, AREAL_SHARE
+
+SHAPES = [(1, 1), (1, 5), (6, 1), (7, 8), (15, 16), (16, 33), (40, 31)]
+
+
+@pytest.mark.parametrize('shape', SHAPES)
+@pytest.mark.parametrize('share', [0.0, 0.15, 0.25, 1.0])
+def test_ground_has_ground_about_it(shape, share):
+    seen = np.random.default_rng(1).uniform(size=shape) < share
+    expected = np.empty(shape, dtype=bool)
+    reach = AREAL_REACH
+    for row in range(shape[0]):
+        for column in range(shape[1]):
+            about = seen[
+                max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1
+            ]
+            least = AREAL_SHARE * max(about.size, (2 * reach + 1) ** 2 / 2)
+            expected[row, column] = about.sum() >= least - 1e-4
+    np.testing.assert_array_equal(_is_areal(seen), expected)
+
+
+@pytest.mark.parametrize('shape', SHAPES)
+def test_what_is_known_stays_and_all_else_is_filled_from_it(shape):
+    rng = np.random.default_rng(2)
+    values = rng.uniform(10.0, 20.0, shape).astype(np.float32)
+    known = rng.uniform(size=shape) < 0.2
+    known[-1, -1] = True
+    filled = _fill(np.where(known, values, np.float32(np.nan)))
+    assert filled.dtype == np.float32
+    np.testing.assert_array_equal(filled[known], values[known])
+    assert filled.min() >= values[known].min() - 1e-5
+    assert filled.max() <= values[known].max() + 1e-5
+
+
+def test_a_hole_in_a_slope_is_filled_by_the_slope():
+    slope = np.add.outer(np.arange(64.0), 0.5 * np.arange(64.0)).astype(np.float32)
+    hole = slope.copy()
+    hole[20:28, 30:38] = np.nan
+    assert np.abs(_fill(hole) - slope).max() < 3.0
+    assert np.abs(_fill(hole) - slope).mean() < 0.02
+
+
+def test_nothing_known_stays_unknown():
+    assert np.isnan(_fill(np.full((5, 4), np.nan, dtype=np.float32))).all()

@@ -1,0 +1,145 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Objects near conductors: what a support explains, and what an object is as a whole."""
+
+import dataclasses
+
+from factories import make_span
+import numpy as np
+import pytest
+from toys import make_curve, make_tree, make_wire
+
+from plc_inspect.config import HazardSettings
+from plc_inspect.core.hazards.clearance_rules import plain_rules
+from plc_inspect.core.hazards.encroachments import find_encroachments, is_held, Surroundings
+from plc_inspect.core.hazards.falling_trees import find_falling_trees
+from plc_inspect.core.hazards.trees import segment_trees
+from plc_inspect.core.spans.span_model import SpanModel
+from plc_inspect.results import HazardKind, Support
+
+SETTINGS = HazardSettings(fall_distance=2.0)
+RULES = plain_rules(SETTINGS)
+START, END = (0.0, 0.0, 12.0), (100.0, 0.0, 12.0)
+
+
+def make_model(backwards=False):
+    start, end = (END, START) if backwards else (START, END)
+    curve = make_curve(make_wire(start, end, 800.0, noise=0.0, per_metre=20.0))
+    x = curve.local(np.array([start, end]))[0]
+    return SpanModel(span=make_span(0, 0, start, end, 800.0), curve=curve,
+                     start_x=float(x[0]), end_x=float(x[1]))
+
+
+def make_supports(kind):
+    if kind is None:
+        return ()
+    return tuple(
+        Support(support_id=k, position=np.array([x, 0.0, 0.0]), height=12.0, kind=kind,
+                line_ids=(0,))
+        for k, x in enumerate((0.0, 100.0))
+    )
+
+
+def search(points, surface=None, supports=()):
+    """Find encroachments among points near one span over flat ground at 0."""
+    model = make_model()
+    x, horizontal, vertical = model.part(points)
+    around = Surroundings(
+        points=points, height=points[:, 2].copy(), distance=np.hypot(horizontal, vertical),
+        owner=np.zeros(len(points), dtype=np.int64),
+        surface=np.zeros(len(points), dtype=bool) if surface is None else surface,
+    )
+    assert x.shape == (len(points),)
+    return find_encroachments(around, [model], supports, RULES, SETTINGS)
+
+
+def make_column(x, y=0.0, top=11.0, num=60):
+    """Points of a thin pole."""
+    rng = np.random.default_rng(4)
+    return np.column_stack([x + rng.normal(0, 0.05, num), y + rng.normal(0, 0.05, num),
+                            np.linspace(1.0, top, num)])
+
+
+@pytest.mark.parametrize('backwards', [False, True])
+@pytest.mark.parametrize(('kind', 'room'), [
+    ('pole', 1.5), ('tower', 5.0), ('unseen', 0.75), (None, 0.75),
+])
+def test_supports_explain_what_is_near_them_along_the_line_on_both_sides(kind, room, backwards):
+    places = np.array([-room - 0.1, -room + 0.1, 0.0, room - 0.1, room + 0.1, 50.0,
+                       100.0 - room - 0.1, 100.0 - room + 0.1, 100.0 + room + 0.1])
+    points = np.column_stack([places, np.full(9, 0.5), np.full(9, 11.0)])
+    before = points.copy()
+    held = is_held(points, make_model(backwards), make_supports(kind))
+    assert held.tolist() == [False, True, True, True, False, False, False, True, False]
+    np.testing.assert_array_equal(points, before)
+    assert is_held(points[:0], make_model(), make_supports(kind)).shape == (0,)
+
+
+@pytest.mark.parametrize(('aside', 'held'), [(6.0, True), (15.0, False)])
+def test_a_support_of_other_lines_explains_only_what_is_near_it(aside, held):
+    others = tuple(
+        dataclasses.replace(item, line_ids=(7,), position=np.add(item.position, [0.0, aside, 0.0]))
+        for item in make_supports('tower')
+    )
+    assert is_held(np.array([[4.0, 0.0, 11.0]]), make_model(), others).tolist() == [held]
+
+
+@pytest.mark.parametrize('kind', ['pole', 'tower', 'unseen', None])
+def test_the_pole_that_holds_an_end_is_no_hazard(kind):
+    records, explained = search(make_column(0.1), supports=make_supports(kind))
+    assert records == []
+    assert explained.sum() >= 10
+
+
+@pytest.mark.parametrize('x', [-3.0, 50.0])
+def test_a_thin_tree_elsewhere_is_one_and_so_is_one_behind_the_last_pole(x):
+    (record,), explained = search(make_column(x), supports=make_supports('pole'))
+    assert record['kind'] == HazardKind.VEGETATION
+    assert record['position'][0] == pytest.approx(x, abs=0.3)
+    assert not explained.any()
+
+
+def test_a_tree_at_a_tower_is_not_as_tall_as_the_tower():
+    tower = make_column(4.7, y=0.5, top=25.0, num=200)
+    tree = make_tree(4.7, 0.5, 10.0, bottom=2.0)
+    assert segment_trees(np.vstack([tower, tree]), np.hstack([tower[:, 2], tree[:, 2]])).max() == 0
+    records, _ = search(np.vstack([tower, tree]), supports=make_supports('tower'))
+    assert records
+    assert all(record['height'] < 12.5 for record in records)
+
+
+@pytest.mark.parametrize(('share', 'kinds'), [
+    (0.05, {HazardKind.VEGETATION}), (0.8, {HazardKind.STRUCTURE}),
+    (0.35, {HazardKind.VEGETATION, HazardKind.STRUCTURE}),
+])
+def test_most_of_the_whole_object_says_what_it_is(share, kinds):
+    points = make_tree(50.0, 0.0, 10.0, bottom=2.0)
+    flat = np.random.default_rng(0).random(len(points)) < share
+    records, _ = search(points, flat)
+    assert {record['kind'] for record in records} == kinds
+    assert len(records) == len(kinds)
+
+
+def test_a_flat_part_that_happens_to_offend_does_not_make_a_tree_a_structure():
+    points = make_tree(50.0, 0.0, 9.0, bottom=2.0)
+    flat = points[:, 2] > 8.6
+    assert 0.0 < flat.mean() < 0.15
+    records, _ = search(points, flat)
+    assert [record['kind'] for record in records] == [HazardKind.VEGETATION]
+
+
+def test_nothing_near_gives_nothing():
+    records, explained = search(np.zeros((0, 3)))
+    assert records == []
+    assert explained.shape == (0,)
+
+
+@pytest.mark.parametrize(('x', 'falls'), [(0.0, False), (50.0, True)])
+def test_what_holds_a_conductor_does_not_fall_on_it(x, falls):
+    points = make_column(x, y=3.0, top=20.0)
+    records = find_falling_trees(
+        points, points[:, 2].copy(), np.zeros(len(points), dtype=bool), [make_model()],
+        make_supports('tower'), RULES, SETTINGS, [],
+    )
+    assert [record['kind'] for record in records] == [HazardKind.FALL_IN] * falls

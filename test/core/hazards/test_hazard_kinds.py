@@ -1,0 +1,325 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Hazards by rule on spans made by formula: every kind found, none raised on the safe side."""
+
+import dataclasses
+import math
+
+from factories import make_span
+import numpy as np
+import pytest
+from toys import make_curve, make_tree, make_wire
+
+from plc_inspect.config import HazardSettings
+from plc_inspect.core.catenary.nearest_span import find_near, span_table
+from plc_inspect.core.hazards.clearance_rules import parse_rules
+from plc_inspect.core.hazards.hazards import add_ground_clearance, find_hazards
+from plc_inspect.core.spans.span_model import find_support, SpanModel
+from plc_inspect.errors import ConfigError
+from plc_inspect.results import HazardKind, Severity, Support
+
+HEIGHT = 12.0
+
+
+def make_model(line_id, span_id, start, end, c=800.0, seed=0):
+    """Fit a curve to a noisy wire, and make the span of both ends."""
+    curve = make_curve(make_wire(start, end, c, 10.0, 0.02, seed))
+    x, _ = curve.local(np.array([start, end], float))
+    span = make_span(line_id, span_id, start, end, c, open_start=False, open_end=False)
+    span = dataclasses.replace(
+        span, sigma={'a': 0.01, 'b': 0.01, 'c': 1.0, 'sag': 0.01}, sag=curve.fit.sag(*sorted(x))[0]
+    )
+    return SpanModel(span=span, curve=curve, start_x=float(x[0]), end_x=float(x[1]))
+
+
+def make_supports(kind='pole', lines=(0, 1, 2)):
+    return tuple(
+        Support(support_id=10 + number, position=np.array([x, 0.0, 0.0]), height=HEIGHT,
+                kind=kind, line_ids=lines)
+        for number, x in enumerate((0.0, 100.0))
+    )
+
+
+def three_lines():
+    return [make_model(i, 0, (0, y, HEIGHT), (100, y, HEIGHT), seed=i)
+            for i, y in enumerate((-2.0, 0.0, 2.0))]
+
+
+def search(points, models, settings=None, rules=None, supports=(), ground=None, reach=20.0):
+    """Run find_hazards as the pipeline does, with flat ground at 0."""
+    settings = settings or HazardSettings()
+    points = np.asarray(points, float).reshape(-1, 3)
+    ends = np.array([sorted((item.start_x, item.end_x)) for item in models]).reshape(-1, 2)
+    if models:
+        near, distance, owner = find_near(
+            points, span_table([item.curve for item in models], ends[:, 0], ends[:, 1]), reach
+        )
+    else:
+        near, distance, owner = np.zeros(0, int), np.zeros(0), np.zeros(0, int)
+    ground = ground or [np.zeros((0, 2))] * len(models)
+    found, surface = find_hazards(
+        points, near, distance.astype(float), owner.astype(np.int64), models, ground, settings,
+        rules=rules, height=points[:, 2].astype(np.float32), supports=supports,
+    )
+    assert len(surface) == len(near)
+    return found
+
+
+def height_at(model, x):
+    return float(model.curve.fit.height(model.curve.local(np.array([[x, 0.0]]))[0])[0])
+
+
+def tree_beside(model, x, clearance, side=1.0, seed=5):
+    """Make a crown whose nearest points are at ``clearance`` beside the conductor."""
+    y = model.span.start[1] + side * (clearance + 1.5)
+    z = height_at(model, x)
+    crown = make_tree(x, y, z + 2.0, z - 2.0, radius=1.5, num=2500, seed=seed)
+    below = make_tree(x, y, z - 1.0, 0.5, radius=1.0, num=1500, seed=seed + 1)
+    return np.vstack([crown, below])
+
+
+def test_one_tree_is_one_hazard_with_its_place_and_size():
+    models = three_lines()
+    tree = tree_beside(models[2], 30.0, 1.5)
+    (hazard,) = search(tree, models, supports=make_supports())
+    gap = np.linalg.norm(tree - [30.0, 2.0, height_at(models[2], 30.0)], axis=1).min()
+    assert hazard.kind == HazardKind.VEGETATION
+    assert (hazard.line_id, hazard.span_id) == (2, 0)
+    assert hazard.severity == Severity.CRITICAL
+    assert hazard.clearance == pytest.approx(gap, abs=0.1)
+    assert hazard.clearance == pytest.approx(math.hypot(hazard.horizontal, hazard.vertical),
+                                             abs=0.02)
+    assert hazard.required == 4.0
+    assert 0.02 < hazard.sigma < 0.1
+    assert hazard.along_span == pytest.approx(hazard.position[0], abs=0.2)
+    assert (hazard.support_id, hazard.from_support) == (10, pytest.approx(hazard.along_span))
+    assert hazard.height == pytest.approx(tree[:, 2].max())
+    assert (hazard.extent[0] >= tree.min(axis=0)).all()
+    assert hazard.voltage == 'unknown'
+    assert math.isnan(hazard.years)
+
+
+def test_far_end_counts_from_the_nearer_support_and_reversed_spans_too():
+    models = [make_model(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))]
+    back = [make_model(0, 0, (100, 0, HEIGHT), (0, 0, HEIGHT))]
+    tree = tree_beside(models[0], 80.0, 1.0)
+    for own, along in ((models, 80.0), (back, 20.0)):
+        (hazard,) = search(tree, own, supports=make_supports())
+        assert hazard.along_span == pytest.approx(along, abs=1.5)
+        assert hazard.support_id == 11
+        assert hazard.from_support == pytest.approx(20.0, abs=1.5)
+
+
+def test_trees_side_by_side_are_a_hazard_each():
+    models = three_lines()
+    trees = [tree_beside(models[2], x, 1.0, seed=int(x)) for x in (30.0, 34.5, 60.0)]
+    found = search(np.vstack(trees), models)
+    assert [round(item.along_span / 2) * 2 for item in found] == [30, 34, 60]
+
+
+def test_a_crown_near_two_conductors_is_one_hazard():
+    models = three_lines()
+    z = height_at(models[0], 50.0)
+    crown = make_tree(50.0, 0.0, z - 1.0, z - 5.0, radius=3.5, num=4000)
+    found = search(crown, models)
+    assert len(found) == 1
+    assert found[0].vertical > 0
+
+
+@pytest.mark.parametrize(('clearance', 'severity'), [
+    (1.85, Severity.CRITICAL), (2.15, Severity.WARNING), (3.85, Severity.WARNING), (4.15, None),
+])
+def test_limits_hold_within_two_sigma(clearance, severity):
+    models = [make_model(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))]
+    rng = np.random.default_rng(1)
+    z = height_at(models[0], 40.0)
+    wall = np.column_stack([rng.uniform(39, 41, 400), np.full(400, clearance),
+                            rng.uniform(z - 0.05, z + 0.05, 400)])
+    found = search(wall + rng.normal(0, 0.02, wall.shape), models)
+    assert [item.severity for item in found] == ([severity] if severity else [])
+
+
+def test_too_few_points_are_no_hazard():
+    models = three_lines()
+    z = height_at(models[1], 50.0)
+    lone = np.array([[50.0, 0.0, z - 2.0], [70.0, 0.0, z - 2.0], [50.3, 0.0, z - 2.0]])
+    assert search(lone, models) == ()
+    assert len(search(lone, models, HazardSettings(min_points=2))) == 1
+
+
+def test_no_points_no_models():
+    assert search(np.zeros((0, 3)), three_lines()) == ()
+    assert search(np.ones((5, 3)), []) == ()
+
+
+@pytest.mark.parametrize(('kind', 'room'), [('pole', 1.5), ('tower', 5.0)])
+def test_arms_of_a_support_are_no_hazard_but_a_tree_at_it_is(kind, room):
+    models = [make_model(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))]
+    rng = np.random.default_rng(2)
+    arm = rng.uniform((0.0, 0.8, 11.0), (0.8 * room, 1.4, 11.5), (60, 3))
+    assert search(arm, models, supports=make_supports(kind)) == ()
+    assert len(search(arm, models)) == 1
+    bush = rng.uniform((0.0, 0.8, 11.0), (2.0 * room, 1.4, 11.5), (300, 3))
+    assert len(search(bush, models, supports=make_supports(kind))) == 1
+
+
+def test_roofs_are_structures():
+    models = [make_model(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))]
+    rng = np.random.default_rng(2)
+    z = height_at(models[0], 50.0) - 2.5
+    roof = np.column_stack([rng.uniform(45, 55, 6000), rng.uniform(-4, 4, 6000), np.full(6000, z)])
+    (hazard,) = search(roof, models)
+    assert hazard.kind == HazardKind.STRUCTURE
+    assert hazard.clearance == pytest.approx(2.5, abs=0.05)
+    assert hazard.vertical == pytest.approx(2.5, abs=0.05)
+
+
+def test_years_to_the_critical_distance():
+    models = [make_model(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))]
+    tree = tree_beside(models[0], 40.0, 3.0)
+    (hazard,) = search(tree, models, HazardSettings(growth=0.5))
+    assert hazard.years == pytest.approx((hazard.clearance - 2.0) / 0.5)
+    (hazard,) = search(tree_beside(models[0], 40.0, 1.0), models, HazardSettings(growth=0.5))
+    assert hazard.years == 0.0
+
+
+def test_rules_travel_in_the_hazard():
+    models = [make_model(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))]
+    settings = HazardSettings(rules='nerc', voltage=230.0, elevation=0.0)
+    rules = parse_rules({
+        'name': 'nerc', 'title': 'MVCD', 'edition': 'FAC', 'source': 'table 2',
+        'tiers': {'critical': 1.0, 'warning': 2.5, 'notice': 6.25},
+        'limits': [{'feature': 'vegetation', 'kv': 230, 'distance': 1.2, 'note': 'no work'}],
+    }, settings)
+    for clearance, severity in (
+        (1.0, Severity.CRITICAL), (2.0, Severity.WARNING), (5.0, Severity.NOTICE),
+    ):
+        (hazard,) = search(tree_beside(models[0], 40.0, clearance), models, settings, rules)
+        assert hazard.severity == severity
+        assert hazard.required == pytest.approx(1.2)
+        assert (hazard.rule, hazard.edition, hazard.source) == ('MVCD', 'FAC', 'table 2')
+        assert (hazard.voltage, hazard.note) == ('230 kV', 'no work')
+    with pytest.raises(ConfigError, match=r"hazards.rules is 'nerc', but"):
+        search(np.zeros((0, 3)), models, settings)
+
+
+def test_under_and_beside_have_their_own_distances_and_horizontal_is_horizontal():
+    models = [make_model(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))]
+    settings = HazardSettings()
+    rules = parse_rules({
+        'name': 'x', 'title': 'x', 'edition': '1', 'source': 'x', 'limits': [
+            {'feature': 'vegetation', 'where': 'under', 'distance': 3.0},
+            {'feature': 'vegetation', 'where': 'beside', 'distance': 1.0},
+        ],
+    }, settings)
+    z = height_at(models[0], 50.0)
+    blob = np.random.default_rng(0).normal(0.0, 0.15, (200, 3))
+    (under,) = search(blob + np.array([50.0, 0.0, z - 2.5]), models, settings, rules)
+    assert under.required == 3.0
+    assert search(blob + np.array([50.0, 2.5, z]), models, settings, rules) == ()
+    level = parse_rules({
+        'name': 'x', 'title': 'x', 'edition': '1', 'source': 'x', 'limits': [
+            {'feature': 'vegetation', 'measure': 'horizontal', 'distance': 3.0},
+        ],
+    }, settings)
+    (deep,) = search(blob + np.array([50.0, 2.0, z - 8.0]), models, settings, level)
+    assert deep.horizontal < 2.0
+    assert deep.clearance > 7.0
+    assert search(blob + np.array([50.0, 4.0, z - 1.0]), models, settings, level) == ()
+
+
+@pytest.mark.parametrize(('foot', 'falls'), [(9.0, True), (13.5, True), (14.8, False)])
+def test_falling_trees(foot, falls):
+    models = [make_model(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT), c=5000.0)]
+    tall = 18.0
+    cone = make_tree(50.0, foot, tall, 0.2, radius=1.2, num=3000)
+    cone = np.vstack([cone, [50.0, foot, tall]])
+    settings = HazardSettings(fall_distance=0.5)
+    found = [item for item in search(cone, models, settings)
+             if item.kind == HazardKind.FALL_IN]
+    assert len(found) == falls
+    z = height_at(models[0], 50.0)
+    for item in found:
+        assert item.clearance == pytest.approx(math.hypot(foot, z) - tall, abs=0.05)
+        assert item.height == pytest.approx(tall, abs=0.05)
+    assert not any(item.kind == HazardKind.FALL_IN for item in search(cone, models))
+
+
+def test_a_tree_that_is_a_hazard_where_it_stands_is_not_told_twice():
+    models = [make_model(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))]
+    found = search(tree_beside(models[0], 40.0, 1.0), models, HazardSettings(fall_distance=1.0))
+    assert [item.kind for item in found] == [HazardKind.VEGETATION]
+
+
+def test_ground_is_told_once_a_span_at_its_lowest_place():
+    models = three_lines()
+    ground = [np.array([[10.0, 9.0], [50.0, 4.0 + k], [90.0, 9.0]]) for k in (0.3, 0.1, 0.2)]
+    (hazard,) = search(np.zeros((0, 3)), models, supports=make_supports(), ground=ground)
+    assert hazard.kind == HazardKind.GROUND
+    assert hazard.line_id == 1
+    assert hazard.clearance == hazard.vertical == pytest.approx(4.1)
+    assert hazard.position[0] == pytest.approx(50.0, abs=0.1)
+    spans = add_ground_clearance(models, ground)
+    assert [span.ground_clearance for span in spans] == pytest.approx([4.3, 4.1, 4.2])
+    assert [span.ground_along for span in spans] == [50.0] * 3
+    unknown = add_ground_clearance(models, [np.zeros((0, 2))] * 3)
+    assert all(math.isnan(span.ground_clearance) for span in unknown)
+
+
+@pytest.mark.parametrize(('gap', 'is_found'), [(1.8, True), (2.2, False)])
+def test_crossing_lines(gap, is_found):
+    upper = make_model(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))
+    z = height_at(upper, 50.0)
+    sag = 30.0**2 / 8 / 4000.0
+    lower = make_model(1, 5, (50, -15, z - gap + sag), (50, 15, z - gap + sag), c=4000.0)
+    found = [item for item in search(np.zeros((0, 3)), [upper, lower])
+             if item.kind == HazardKind.CROSSING]
+    assert len(found) == is_found
+    for item in found:
+        assert (item.line_id, item.other_line_id) == (0, 1)
+        assert item.clearance == pytest.approx(gap, abs=0.05)
+        assert item.vertical > 0
+        assert item.position == pytest.approx([50.0, 0.0, z - gap], abs=0.1)
+
+
+def test_spans_that_meet_at_a_support_do_not_cross():
+    first = make_model(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))
+    second = make_model(0, 1, (99.0, -0.4, HEIGHT), (180, 30, HEIGHT))
+    assert search(np.zeros((0, 3)), [first, second]) == ()
+
+
+@pytest.mark.parametrize(('deeper', 'is_found'), [(0.6, True), (0.1, False)])
+def test_conductors_that_come_near_in_the_span(deeper, is_found):
+    upper = make_model(0, 0, (0, 0, HEIGHT + 1.0), (100, 0, HEIGHT + 1.0),
+                       c=100.0**2 / 8 / (1.6 + deeper))
+    lower = make_model(1, 0, (0, 0, HEIGHT), (100, 0, HEIGHT), c=100.0**2 / 8 / 1.6)
+    found = [item for item in search(np.zeros((0, 3)), [lower, upper])
+             if item.kind == HazardKind.INTERFERENCE]
+    assert len(found) == is_found
+    for item in found:
+        assert item.clearance == pytest.approx(1.0 - deeper, abs=0.05)
+        assert {item.line_id, item.other_line_id} == {0, 1}
+        assert item.required == pytest.approx(0.5, abs=0.05)
+
+
+@pytest.mark.parametrize(('share', 'is_found'), [(1.4, True), (1.15, False)])
+def test_sag_beyond_the_other_conductors(share, is_found):
+    models = [
+        make_model(i, 0, (0, y, HEIGHT), (100, y, HEIGHT), c=800.0 / (share if i == 1 else 1.0))
+        for i, y in enumerate((-4.0, 0.0, 4.0))
+    ]
+    found = search(np.zeros((0, 3)), models)
+    assert [item.line_id for item in found] == ([1] if is_found else [])
+    for item in found:
+        assert item.kind == HazardKind.SAG
+        assert item.clearance == pytest.approx((share - 1.0) * 100.0**2 / 8 / 800.0, abs=0.03)
+        assert 'ice' in item.note
+
+
+def test_nearest_support_needs_a_closed_end_and_a_support_of_the_line():
+    span = make_span(0, 0, (0, 0, 10), (100, 0, 10), open_start=False, open_end=True)
+    assert find_support(span, 30.0, make_supports()) == (10, 30.0)
+    assert find_support(span, 90.0, make_supports()) == (10, 90.0)
+    assert find_support(span, 30.0, make_supports(lines=(7,)))[0] == -1
+    assert find_support(span, 30.0, ())[0] == -1

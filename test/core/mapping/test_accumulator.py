@@ -1,0 +1,288 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+import re
+
+import numpy as np
+import pytest
+
+from plc_inspect.config import InputSettings, MapSettings, Settings
+from plc_inspect.core.mapping.accumulator import Accumulator, DropReason, QUEUE_SIZE
+from plc_inspect.errors import DataError
+
+MS = 1_000_000
+START = 1_700_000_000_000_000_000
+UPRIGHT = (0.0, 0.0, 0.0, 1.0)
+SPEED = 20.0
+
+
+def make_accumulator(max_voxels=100_000, voxel_size=0.1, **settings):
+    return Accumulator(
+        Settings(
+            input=InputSettings(**settings),
+            map=MapSettings(max_voxels=max_voxels, voxel_size=voxel_size),
+        )
+    )
+
+
+def add_poses(accumulator, start_ms, stop_ms, step_ms=10, now=None, **frames):
+    """Fly along x at SPEED."""
+    for ms in range(start_ms, stop_ms + 1, step_ms):
+        position = (SPEED * ms * 1e-3, 0, 0)
+        accumulator.add_pose(START + ms * MS, position, UPRIGHT, now=now, **frames)
+
+
+def look_at(targets, seconds):
+    """Return what a lidar moving along x at SPEED sees of targets at given times."""
+    seen = np.array(targets, dtype=np.float64)
+    seen[:, 0] -= SPEED * np.asarray(seconds)
+    return seen.astype(np.float32)
+
+
+def add_plain_scan(accumulator, ms, num_points=3, **options):
+    xyz = np.tile(np.array([[10, 0, 0]], np.float32), (num_points, 1))
+    accumulator.add_scan(START + ms * MS, xyz, np.zeros(num_points), **options)
+
+
+@pytest.mark.parametrize('stamp_ms', [100, 200])
+def test_stamps_of_first_and_of_last_packet(stamp_ms):
+    # Measured from 100 to 200 ms, whatever the header says: a wall across stays one wall.
+    accumulator = make_accumulator()
+    seconds = np.linspace(0.1, 0.2, 50)
+    targets = np.column_stack((np.full(50, 30.05), np.linspace(0, 20, 50), np.full(50, 5.05)))
+    add_poses(accumulator, 0, 300)
+    accumulator.add_scan(
+        START + stamp_ms * MS, look_at(targets, seconds), seconds - stamp_ms * 1e-3
+    )
+    assert accumulator.counters().num_scans_inserted == 1
+    centroids = accumulator.map.centroids()
+    assert accumulator.map.counts().sum() == 50
+    np.testing.assert_allclose(centroids[:, 0], 30.05, atol=1e-5)
+
+
+def test_without_times_the_stamp_serves_and_is_counted():
+    accumulator = make_accumulator()
+    add_poses(accumulator, 0, 300)
+    accumulator.add_scan(START + 100 * MS, np.array([[10, 0, 0]], np.float32))
+    np.testing.assert_allclose(accumulator.map.centroids(), [[12, 0, 0]], atol=1e-6)
+    assert accumulator.counters().num_scans_without_time == 1
+
+
+def test_scan_waits_until_the_odometry_brackets_its_last_point():
+    accumulator = make_accumulator()
+    add_poses(accumulator, 0, 140)
+    times = np.array([0.0, 0.05])
+    accumulator.add_scan(START + 100 * MS, np.full((2, 3), 5, np.float32), times)
+    add_poses(accumulator, 145, 149, 4)
+    assert (accumulator.num_waiting, len(accumulator.map)) == (1, 0)
+    add_poses(accumulator, 150, 150)
+    assert (accumulator.num_waiting, accumulator.counters().num_scans_inserted) == (0, 1)
+
+
+def test_a_scan_from_the_future_does_not_hold_up_the_others():
+    accumulator = make_accumulator()
+    add_poses(accumulator, 0, 100)
+    add_plain_scan(accumulator, 10_000)
+    add_plain_scan(accumulator, 50)
+    counters = accumulator.counters()
+    assert (counters.num_scans_inserted, counters.num_scans_waiting) == (1, 1)
+
+
+@pytest.mark.parametrize(
+    ('ms', 'reason'),
+    [(-1, DropReason.NO_POSE_BEFORE), (400, DropReason.POSE_GAP), (1005, DropReason.POSE_JUMP)],
+)
+def test_scan_without_a_good_pose_is_dropped_with_the_reason(ms, reason):
+    accumulator = make_accumulator()
+    add_poses(accumulator, 0, 300)
+    add_poses(accumulator, 600, 1000)
+    accumulator.add_pose(START + 1010 * MS, (500, 0, 0), UPRIGHT)
+    add_plain_scan(accumulator, ms)
+    counters = accumulator.counters()
+    assert counters.scans_dropped == {reason.value: 1}
+    assert (counters.num_scans_inserted, len(accumulator.map)) == (0, 0)
+    assert (counters.num_pose_gaps, counters.num_pose_jumps) == (1, 1)
+
+
+def test_end_of_recording_drops_what_waits():
+    accumulator = make_accumulator()
+    add_poses(accumulator, 0, 100)
+    add_plain_scan(accumulator, 150)
+    accumulator.finish()
+    counters = accumulator.counters()
+    assert counters.scans_dropped == {DropReason.NO_POSE_AFTER.value: 1}
+    assert counters.num_scans_waiting == 0
+
+
+def test_waiting_is_bounded_in_time_by_the_clock_that_is_given():
+    accumulator = make_accumulator(max_wait=0.5)
+    add_plain_scan(accumulator, 50, now=100.0)
+    add_plain_scan(accumulator, 60, now=100.3)
+    accumulator.expire(100.5)
+    assert accumulator.num_waiting == 2
+    accumulator.expire(100.6)
+    assert accumulator.num_waiting == 1
+    add_poses(accumulator, 0, 100, now=100.7)
+    counters = accumulator.counters()
+    assert counters.scans_dropped == {DropReason.WAITED_TOO_LONG.value: 1}
+    assert counters.num_scans_inserted == 1
+
+
+def test_waiting_is_bounded_in_number_and_the_newest_stay():
+    accumulator = make_accumulator()
+    for i in range(QUEUE_SIZE + 5):
+        add_plain_scan(accumulator, 10 * i)
+    assert accumulator.num_waiting == QUEUE_SIZE
+    add_poses(accumulator, 0, 1000)
+    counters = accumulator.counters()
+    assert counters.scans_dropped == {DropReason.QUEUE_FULL.value: 5}
+    assert counters.num_scans_inserted == QUEUE_SIZE
+
+
+def test_points_are_judged_by_range_and_finiteness():
+    accumulator = make_accumulator(min_range=2.0, max_range=50.0)
+    add_poses(accumulator, 0, 100)
+    nan, inf = np.nan, np.inf
+    xyz = np.array(
+        [[2, 0, 0], [1.99, 0, 0], [0, 50, 0], [0, 0, 50.1], [nan, 0, 9], [9, inf, 0], [9, 0, 0]],
+        np.float32,
+    )
+    times = np.zeros(7)
+    times[6] = nan
+    accumulator.add_scan(START + 50 * MS, xyz, times, num_not_finite=4)
+    counters = accumulator.counters()
+    assert counters.points_dropped == {'not finite': 7, 'too near': 1, 'too far': 1}
+    assert (counters.num_points, counters.num_points_inserted) == (11, 2)
+
+
+def test_scan_without_a_believable_point_is_no_error():
+    accumulator = make_accumulator()
+    add_poses(accumulator, 0, 100)
+    accumulator.add_scan(START + 50 * MS, np.empty((0, 3), np.float32), np.empty(0))
+    accumulator.add_scan(START + 60 * MS, np.zeros((5, 3), np.float32), np.zeros(5))
+    assert accumulator.counters().num_scans_inserted == 2
+    assert len(accumulator.map) == 0
+
+
+@pytest.mark.parametrize('time', [1.5, -1.5, 1e9])
+def test_impossible_times_are_an_error_with_the_number(time):
+    accumulator = make_accumulator()
+    with pytest.raises(DataError, match=re.escape(f'{abs(time):g} s away')):
+        accumulator.add_scan(START, np.full((2, 3), 9, np.float32), np.array([0.0, time]))
+    assert accumulator.counters().num_scans == 0
+
+
+def test_arrays_that_do_not_belong_together():
+    accumulator = make_accumulator()
+    with pytest.raises(DataError, match='3 points'):
+        accumulator.add_scan(START, np.zeros((3, 3), np.float32), np.zeros(2))
+    with pytest.raises(DataError, match=r'\(3, 2\)'):
+        accumulator.add_scan(START, np.zeros((3, 2), np.float32))
+
+
+def test_other_frames_are_rejected():
+    accumulator = make_accumulator()
+    add_poses(accumulator, 0, 100, frame_id='odom', child_frame_id='base')
+    add_poses(accumulator, 110, 110, frame_id='map', child_frame_id='base')
+    add_plain_scan(accumulator, 50, frame_id='velodyne')
+    add_plain_scan(accumulator, 60, frame_id='camera')
+    counters = accumulator.counters()
+    assert (accumulator.frame_id, accumulator.lidar_frame_id) == ('odom', 'velodyne')
+    assert counters.poses_rejected == {'another frame': 1}
+    assert counters.scans_dropped == {DropReason.WRONG_FRAME.value: 1}
+
+
+def test_a_bad_pose_does_not_choose_the_frame():
+    accumulator = make_accumulator()
+    accumulator.add_pose(START, (np.nan, 0, 0), UPRIGHT, frame_id='wrong')
+    add_poses(accumulator, 0, 10, frame_id='odom')
+    assert accumulator.frame_id == 'odom'
+    assert accumulator.counters().poses_rejected == {'not finite': 1}
+
+
+def test_extrinsic_is_applied():
+    accumulator = make_accumulator(lidar_xyz=(0.0, 0.0, -0.5), lidar_rpy_deg=(180.0, 0.0, 0.0))
+    for ms in (0, 10):
+        accumulator.add_pose(START + ms * MS, (0, 0, 100), UPRIGHT)
+    accumulator.add_scan(START + 5 * MS, np.array([[10, 2, 3]], np.float32), np.zeros(1))
+    np.testing.assert_allclose(accumulator.map.centroids(), [[10, -2, 96.5]], atol=1e-6)
+
+
+def test_full_map_refuses_points_and_says_so():
+    accumulator = make_accumulator(max_voxels=1000)
+    add_poses(accumulator, 0, 100)
+    xyz = np.column_stack((np.full(1200, 10.0), np.arange(1200) * 0.05, np.zeros(1200)))
+    xyz[:, 1] -= 30
+    xyz[:, 2] = np.arange(1200) % 7
+    accumulator.add_scan(START + 50 * MS, xyz.astype(np.float32), np.zeros(1200))
+    counters = accumulator.counters()
+    assert len(accumulator.map) == 1000
+    assert counters.points_dropped['map full'] == 1200 - counters.num_points_inserted > 0
+
+
+def test_odometry_that_leaves_the_map_drops_the_scan():
+    accumulator = make_accumulator()
+    add_poses(accumulator, 0, 100)
+    add_plain_scan(accumulator, 50)
+    for ms in (200, 210):
+        accumulator.add_pose(START + ms * MS, (9e5, 0, 0), UPRIGHT)
+    add_plain_scan(accumulator, 205)
+    assert accumulator.counters().scans_dropped == {DropReason.OUT_OF_MAP.value: 1}
+    assert len(accumulator.map) == 1
+
+
+def test_lost_scans_are_seen_in_the_stamps():
+    accumulator = make_accumulator()
+    for ms in [*range(0, 1000, 100), 1300]:
+        add_plain_scan(accumulator, ms)
+    counters = accumulator.counters()
+    assert counters.num_scans_lost == 3
+    assert counters.scan_period == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize('keep_map', [True, False])
+def test_reset_after_a_jump_back_in_time(keep_map):
+    accumulator = make_accumulator()
+    add_poses(accumulator, 0, 1000, frame_id='odom')
+    add_plain_scan(accumulator, 500)
+    add_plain_scan(accumulator, 1500)
+    accumulator.reset(keep_map=keep_map)
+    assert len(accumulator.map) == keep_map
+    assert accumulator.frame_id == ('odom' if keep_map else '')
+    add_poses(accumulator, 0, 100, frame_id='odom')
+    add_plain_scan(accumulator, 50)
+    counters = accumulator.counters()
+    assert counters.scans_dropped == {DropReason.RESET.value: 1}
+    assert counters.num_scans_inserted == 2
+
+
+def test_every_scan_is_accounted_for():
+    rng = np.random.default_rng(0)
+    accumulator = make_accumulator()
+    events = [(ms, 'scan') for ms in range(0, 20_000, 100)]
+    events += [(ms + rng.integers(0, 60), ms) for ms in range(1000, 18_000, 20) if ms % 3000 > 500]
+    for arrival, kind in sorted(events, key=lambda event: event[0]):
+        if kind == 'scan':
+            add_plain_scan(accumulator, arrival, now=arrival * 1e-3)
+        else:
+            add_poses(accumulator, kind, kind, now=arrival * 1e-3)
+    accumulator.finish()
+    counters = accumulator.counters()
+    assert counters.num_scans == 200
+    assert counters.num_scans_inserted + sum(counters.scans_dropped.values()) == 200
+    assert set(counters.scans_dropped) == {
+        DropReason.NO_POSE_BEFORE.value, DropReason.POSE_GAP.value,
+        DropReason.WAITED_TOO_LONG.value, DropReason.NO_POSE_AFTER.value,
+    }
+    assert counters.num_scans_inserted > 100
+
+
+def test_input_is_unchanged():
+    accumulator = make_accumulator()
+    add_poses(accumulator, 0, 100)
+    xyz = np.random.default_rng(1).uniform(-9, 9, (100, 3)).astype(np.float32)
+    times = np.linspace(0, 0.04, 100)
+    copies = xyz.copy(), times.copy()
+    accumulator.add_scan(START, xyz, times)
+    np.testing.assert_array_equal(xyz, copies[0])
+    np.testing.assert_array_equal(times, copies[1])

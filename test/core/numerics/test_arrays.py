@@ -1,0 +1,31 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+import numpy as np
+import pytest
+
+from plc_inspect.core.numerics.arrays import find_true, put, take_rows
+
+
+@pytest.mark.parametrize('num', [0, 1, 15, 16, 17, 10_001])
+@pytest.mark.parametrize('share', [0.0, 0.3, 1.0])
+def test_it_finds_what_numpy_finds(num, share):
+    mask = np.random.default_rng(num).random(num) < share
+    found = find_true(mask)
+    assert found.dtype == np.int64
+    np.testing.assert_array_equal(found, np.flatnonzero(mask))
+
+
+@pytest.mark.parametrize('dtype', [np.int32, np.int64])
+def test_it_takes_what_numpy_takes(dtype):
+    points = np.random.default_rng(0).normal(size=(500, 3))
+    chosen = np.random.default_rng(1).integers(0, 500, 200).astype(dtype)
+    np.testing.assert_array_equal(take_rows(points, chosen), points[chosen])
+    assert take_rows(points, chosen[:0]).shape == (0, 3)
+
+
+def test_it_puts_values_in_the_first_places():
+    target = np.arange(5.0)
+    put(np.array([7.0, 8.0]), target[1:])
+    put(np.empty(0), target)
+    assert target.tolist() == [0.0, 7.0, 8.0, 3.0, 4.0]

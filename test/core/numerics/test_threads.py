@@ -1,0 +1,50 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+import threading
+import time
+
+from numba import set_num_threads
+import pytest
+
+from plc_inspect.core.numerics import threads as threads_module
+from plc_inspect.core.numerics.threads import call_each
+
+
+@pytest.fixture(params=[1, 2])
+def threads(request):
+    set_num_threads(request.param)
+    yield request.param
+    set_num_threads(2)
+
+
+@pytest.mark.parametrize('least', [0.0, 60.0])
+@pytest.mark.parametrize('num', [0, 1, 2, 50])
+def test_results_are_in_order(num, least, threads, monkeypatch):
+    monkeypatch.setattr(threads_module, 'LEAST_WORK', least)
+    assert call_each(lambda k: k * k, num) == [k * k for k in range(num)]
+
+
+def test_work_is_shared(threads):
+    names = call_each(lambda k: (time.sleep(0.01), threading.get_ident())[1], 20)
+    assert len(set(names)) == threads
+
+
+def test_the_first_error_is_raised_and_no_more_calls_begin(threads):
+    begun = []
+
+    def fail(number):
+        begun.append(number)
+        time.sleep(0.01)
+        if number in (2, 3):
+            raise ValueError(str(number))
+
+    with pytest.raises(ValueError, match='2'):
+        call_each(fail, 100)
+    assert len(begun) < 10
+
+
+def test_short_work_stays_in_the_thread_that_asks(threads, monkeypatch):
+    monkeypatch.setattr(threads_module, 'LEAST_WORK', 60.0)
+    names = call_each(lambda k: (time.sleep(0.001), threading.get_ident())[1], 20)
+    assert set(names) == {threading.get_ident()}

@@ -1,0 +1,98 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+import numpy as np
+import pytest
+from toys import make_curve, make_route, make_wire, turn
+
+from plc_inspect.core.spans.joints import find_joints
+
+
+def find(supports, max_reach=40.0, **changes):
+    points, curves = make_route(supports, **changes)
+    return points, curves, find_joints(curves, max_reach)
+
+
+def test_two_spans_of_one_conductor_meet_at_their_support():
+    _, curves, joints = find([(0, 0), (90, 0), (170, 0)], offsets=(0.0,))
+    assert len(joints) == 1
+    joint = joints[0]
+    assert joint.curves == (0, 1)
+    assert joint.sides == (1, -1)
+    np.testing.assert_allclose(joint.position, [90.0, 0.0, 15.0], atol=0.1)
+    # slopes at the support: half of each length over c
+    assert joint.kink == pytest.approx((90 + 80) / 2 / 800, rel=0.1)
+    assert joint.miss < 0.05
+    for number, x in zip(joint.curves, joint.x, strict=True):
+        np.testing.assert_allclose(curves[number].position(x)[0], joint.position, atol=0.1)
+
+
+@pytest.mark.parametrize('angle', [-50, -20, 12, 30, 55])
+def test_each_conductor_meets_its_own_where_the_line_turns(angle):
+    bend = 80 * np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])
+    _, _, joints = find([(0, 0), (90, 0), (90 + bend[0], bend[1])])
+    assert sorted(joint.curves for joint in joints) == [(0, 3), (1, 4), (2, 5)]
+    for joint in joints:
+        assert np.linalg.norm(joint.position[:2] - [90.0, 0.0]) < 4.0
+        assert joint.position[2] == pytest.approx(15.0, abs=0.1)
+
+
+def test_each_end_meets_once():
+    _, _, joints = find([(0, 0), (90, 0), (170, 0), (260, 10)], offsets=(0.0, 0.4, 0.8, 1.2))
+    ends = [end for joint in joints
+            for end in zip(joint.curves, joint.sides, strict=True)]
+    assert len(ends) == len(set(ends)) == 16
+    assert all(joint.curves[1] == joint.curves[0] + 4 for joint in joints)
+    assert [joint.cost for joint in joints] == sorted(joint.cost for joint in joints)
+
+
+def test_a_conductor_that_fades_out_is_extended_to_its_support():
+    supports = [(0, 0), (100, 0), (200, 0)]
+    _, _, joints = find(supports, offsets=(0.0,), parts=((0.12, 0.88),))
+    assert len(joints) == 1
+    np.testing.assert_allclose(joints[0].position, [100.0, 0.0, 15.0], atol=0.5)
+    assert find(supports, 5.0, offsets=(0.0,), parts=((0.12, 0.88),))[2] == ()
+
+
+def test_curves_beside_or_above_each_other_do_not_meet():
+    for shift in ([0.0, 2.0, 0.0], [0.0, 0.0, 3.0]):
+        wires = [
+            make_wire((0.0, 0.0, 15.0), (90.0, 0.0, 15.0)),
+            make_wire((90.0, 0.0, 15.0), (170.0, 0.0, 15.0), seed=1) + np.array(shift),
+        ]
+        points = np.vstack(wires)
+        curves = [make_curve(points, np.arange(720)), make_curve(points, np.arange(720, 1360))]
+        assert find_joints(curves, 40.0) == ()
+
+
+def test_parts_of_one_span_do_not_meet():
+    wire = make_wire((0.0, 0.0, 15.0), (100.0, 0.0, 15.0))
+    first = np.flatnonzero(wire[:, 0] < 50.0)
+    curves = [make_curve(wire, first), make_curve(wire, np.setdiff1d(np.arange(800), first))]
+    assert find_joints(curves, 40.0) == ()
+
+
+@pytest.mark.parametrize('degrees', [45, 90, -100])
+def test_yaw_and_translation(degrees):
+    points, _ = make_route([(0, 0), (90, 0), (160, 40)], offsets=(0.0,))
+    moved = turn(points, np.radians(degrees), (5e5, 6.6e6, 20.0))
+    curves = [make_curve(moved, np.arange(720)), make_curve(moved, np.arange(720, len(moved)))]
+    joints = find_joints(curves, 40.0)
+    assert len(joints) == 1
+    place = turn(np.array([[90.0, 0.0, 15.0]]), np.radians(degrees), (5e5, 6.6e6, 20.0))
+    np.testing.assert_allclose(joints[0].position, place[0], atol=0.1)
+
+
+def test_the_order_of_curves_changes_only_their_numbers():
+    points, curves = make_route([(0, 0), (90, 0), (170, 20)])
+    one = find_joints(curves, 40.0)
+    other = find_joints(curves[::-1], 40.0)
+    assert {joint.curves for joint in one} == {
+        tuple(sorted(5 - number for number in joint.curves)) for joint in other
+    }
+    assert len(points)
+
+
+def test_few_curves():
+    assert find_joints([], 40.0) == ()
+    assert find_joints(make_route([(0, 0), (90, 0)], offsets=(0.0,))[1], 40.0) == ()

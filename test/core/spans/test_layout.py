@@ -1,0 +1,138 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+import numpy as np
+import pytest
+from toys import make_curve, make_route, make_wire
+
+from plc_inspect.config import SupportSettings
+from plc_inspect.core.spans.layout import cut_at_stations, find_layout, group_joints
+from plc_inspect.errors import ConfigError
+
+SETTINGS = SupportSettings()
+
+
+def lay_out(supports, doubtful=(), settings=SETTINGS, **changes):
+    points, curves = make_route(supports, **changes)
+    return find_layout(points, curves, doubtful, settings)
+
+
+def test_spans_end_at_the_supports_between_them():
+    layout = lay_out([(0, 0), (90, 0), (170, 0)])
+    assert len(layout.stations) == 1
+    station = layout.stations[0]
+    np.testing.assert_allclose(station.position, [90.0, 0.0], atol=0.2)
+    assert np.sin(station.direction) == pytest.approx(0.0, abs=0.01)
+    assert sorted(station.attachments[:, 1].round().tolist()) == [-3.0, 0.0, 3.0]
+    assert len(layout.curves) == 6
+    for number, curve in enumerate(layout.curves):
+        known = {layout.start_station[number], layout.end_station[number]}
+        assert known == {-1, 0}
+        at = curve.position([layout.start_x[number], layout.end_x[number]])[:, 0]
+        assert min(abs(at - 90.0)) < 0.3
+        assert layout.start_x[number] < layout.end_x[number]
+
+
+def test_a_line_that_turns_has_a_support_at_each_turn():
+    layout = lay_out([(0, 0), (90, 0), (160, 40), (250, 50)])
+    places = np.array(sorted(station.position.tolist() for station in layout.stations))
+    np.testing.assert_allclose(places, [[90, 0], [160, 40]], atol=0.5)
+
+
+def test_a_conductor_that_passes_unbroken_is_cut_where_its_neighbours_end():
+    points, curves = make_route([(0, 0), (60, 0), (120, 0)], offsets=(-3.0, 3.0), c=600.0)
+    # an earth wire so taut that both its spans were taken for one
+    earth = make_wire((0.0, 0.0, 17.0), (120.0, 0.0, 17.0), c=6000.0, seed=9)
+    points = np.vstack([points, earth])
+    passing = make_curve(points, np.arange(len(points) - len(earth), len(points)))
+    layout = find_layout(points, [*curves, passing], (), SETTINGS)
+    own = [number for number, curve in enumerate(layout.curves)
+           if curve.position(curve.mean_x)[0, 2] > 16.0]
+    assert len(own) == 2
+    for number in own:
+        assert {layout.start_station[number], layout.end_station[number]} == {-1, 0}
+    # the same as a function
+    stations = group_joints(layout.joints, SETTINGS)
+    assert len(cut_at_stations(points, [passing], stations, SETTINGS)) == 2
+
+
+def test_a_conductor_that_fades_out_hangs_at_the_support_of_its_neighbours():
+    points, curves = make_route([(0, 0), (90, 0), (170, 0)], offsets=(-3.0, 3.0))
+    short = make_wire((0.0, 0.0, 15.0), (90.0, 0.0, 15.0), parts=((0.0, 0.8),), seed=7)
+    points = np.vstack([points, short])
+    fading = make_curve(points, np.arange(len(points) - len(short), len(points)))
+    layout = find_layout(points, [*curves, fading], (), SETTINGS)
+    number = len(layout.curves) - 1
+    assert {layout.start_station[number], layout.end_station[number]} == {-1, 0}
+    at = layout.curves[number].position([layout.start_x[number], layout.end_x[number]])
+    assert at[:, 0].max() == pytest.approx(90.0, abs=0.5)
+
+
+def test_a_doubtful_curve_is_adopted_if_it_continues_another():
+    points, curves = make_route([(0, 0), (90, 0), (114, 0)], offsets=(0.0,))
+    believed, doubtful = curves
+    far = make_wire((0.0, 60.0, 15.0), (24.0, 60.0, 15.0), seed=3)
+    points = np.vstack([points, far])
+    alone = make_curve(points, np.arange(len(points) - len(far), len(points)))
+    layout = find_layout(points, [believed], [doubtful, alone], SETTINGS)
+    assert len(layout.curves) == 2
+    assert len(layout.stations) == 1
+    assert len(find_layout(points, [believed], [alone], SETTINGS).curves) == 1
+
+
+def test_of_two_doubtful_curves_the_better_seen_continues():
+    points, curves = make_route([(0, 0), (90, 0), (150, 0)], offsets=(0.0,))
+    believed, wire = curves
+    # a twig beyond the support that the wire hangs from, as if the line went on there
+    twig = make_wire((110.0, 0.1, 15.3), (126.0, 0.1, 15.3), per_metre=1.0, seed=4)
+    points = np.vstack([points, twig])
+    other = make_curve(points, np.arange(len(points) - len(twig), len(points)))
+    for doubtful in ([wire, other], [other, wire]):
+        layout = find_layout(points, [believed], doubtful, SETTINGS)
+        assert sorted(curve.num_points for curve in layout.curves) == sorted(
+            [believed.num_points, wire.num_points]
+        )
+
+
+def test_joints_of_two_lines_far_apart_are_two_supports():
+    points, curves = make_route([(0, 0), (90, 0), (170, 0)], offsets=(0.0, 50.0))
+    layout = find_layout(points, curves, (), SETTINGS)
+    assert len(layout.stations) == 2
+
+
+def test_a_curve_that_lies_on_a_better_one_is_dropped():
+    points, curves = make_route([(0, 0), (90, 0), (170, 0)])
+    again = make_curve(points, curves[0].points[::2])
+    layout = find_layout(points, [*curves, again], (), SETTINGS)
+    assert len(layout.curves) == 6
+
+
+def test_the_order_of_curves_does_not_matter():
+    points, curves = make_route([(0, 0), (90, 0), (160, 40)])
+    one = find_layout(points, curves, (), SETTINGS)
+    other = find_layout(points, curves[::-1], (), SETTINGS)
+    np.testing.assert_allclose(
+        one.stations[0].position, other.stations[0].position, atol=0.02
+    )
+    lengths = [np.sort(layout.end_x - layout.start_x) for layout in (one, other)]
+    np.testing.assert_allclose(lengths[0], lengths[1], atol=0.02)
+
+
+def test_few_curves():
+    empty = find_layout(np.zeros((0, 3)), [], (), SETTINGS)
+    assert empty.curves == empty.stations == empty.joints == ()
+    assert empty.start_x.shape == empty.end_x.shape == (0,)
+    points, curves = make_route([(0, 0), (90, 0)], offsets=(0.0,))
+    one = find_layout(points, curves, (), SETTINGS)
+    assert one.start_station == one.end_station == (-1,)
+    assert one.start_x[0] == curves[0].low
+    assert one.end_x[0] == curves[0].high
+    assert group_joints((), SETTINGS) == ()
+
+
+@pytest.mark.parametrize('change', [
+    {'radius': 0.0}, {'width': 200.0}, {'min_span': 1.0}, {'max_reach': 0.0},
+])
+def test_bad_settings(change):
+    with pytest.raises(ConfigError, match=next(iter(change))):
+        SupportSettings(**change)

@@ -1,0 +1,230 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Supports and hazards keep their numbers, and change only when several ticks agree."""
+
+import numpy as np
+import pytest
+from spans import make_hazard, make_span, make_support
+
+from plc_inspect.core.tracking.hazard_tracking import (
+    CONFIRMATIONS,
+    END,
+    END_CONFIRMATIONS,
+    HazardBook,
+    leave_out_ends,
+    MAX_MISSES,
+    SupportBook,
+)
+from plc_inspect.results import HazardKind, Severity
+
+NUMBERED = {(0, 0): (0, 0), (1, 0): (1, 0), (5, 5): (-3, -3)}
+
+
+def everywhere(points):
+    return np.ones(len(points), dtype=np.bool_)
+
+
+def nowhere(points):
+    return np.zeros(len(points), dtype=np.bool_)
+
+
+def tick(book, *hazards, holds=everywhere, expected=((0, 0), (1, 0)), **options):
+    return book.update(hazards, NUMBERED, set(expected), holds, **options)
+
+
+def raise_hazard(book, hazard):
+    for _ in range(CONFIRMATIONS):
+        news = tick(book, hazard)
+    assert [item.hazard_id for item in news.raised] == [book.hazards[-1].hazard_id]
+
+
+def test_nothing():
+    book = HazardBook()
+    news = tick(book)
+    assert (news.raised, news.updated, news.cleared, book.hazards) == ((), (), (), ())
+
+
+def test_life_of_a_hazard():
+    book = HazardBook()
+    first = make_hazard((10, 0, 5))
+    assert tick(book, first).raised == ()
+    assert book.hazards == ()
+    news = tick(book, first)
+    assert [item.hazard_id for item in news.raised] == [0]
+    for _ in range(5):  # it stands, and follows its place
+        news = tick(book, make_hazard((10.4, 0, 5), clearance=2.9))
+        assert (news.raised, news.updated, news.cleared) == ((), (), ())
+    assert book.hazards[0].clearance == 2.9
+    for _ in range(MAX_MISSES - 1):
+        assert tick(book).cleared == ()
+    news = tick(book)
+    assert [item.hazard_id for item in news.cleared] == [0]
+    assert book.hazards == ()
+    raise_hazard(book, first)
+    assert book.hazards[0].hazard_id == 1  # a number is never given twice
+
+
+def test_flicker_is_not_raised_and_not_cleared():
+    book = HazardBook()
+    for _ in range(6):
+        assert tick(book, make_hazard((10, 0, 5))).raised == ()
+        tick(book)
+    raise_hazard(book, make_hazard((10, 0, 5)))
+    for _ in range(6):
+        for _ in range(MAX_MISSES - 1):
+            assert tick(book).cleared == ()
+        tick(book, make_hazard((10, 0, 5)))
+    assert len(book.hazards) == 1
+
+
+def test_worse_at_once_better_only_in_the_end():
+    book = HazardBook()
+    raise_hazard(book, make_hazard((10, 0, 5)))
+    news = tick(book, make_hazard((10, 0, 5), severity=Severity.CRITICAL, clearance=1.0))
+    assert [item.severity for item in news.updated] == [Severity.CRITICAL]
+    for _ in range(MAX_MISSES - 1):
+        news = tick(book, make_hazard((10, 0, 5)))
+        assert news.updated == ()
+        assert book.hazards[0].severity == Severity.CRITICAL
+        assert book.hazards[0].clearance == 3.0
+    news = tick(book, make_hazard((10, 0, 5)))
+    assert [item.severity for item in news.updated] == [Severity.WARNING]
+    assert book.hazards[0].hazard_id == 0
+
+
+def test_what_the_tick_did_not_see_stays():
+    book = HazardBook()
+    raise_hazard(book, make_hazard((10, 0, 5)))
+    for _ in range(10):
+        assert tick(book, holds=nowhere).cleared == ()
+        tick(book, make_hazard((10, 0, 5), clearance=0.1), holds=nowhere)
+    assert book.hazards[0].clearance == 3.0
+    for _ in range(5):
+        assert tick(book, make_hazard((50, 0, 5)), holds=nowhere).raised == ()
+
+
+@pytest.mark.parametrize(('other', 'same'), [
+    (make_hazard((12.9, 0, 5)), True),  # boxes are 1.9 m apart
+    (make_hazard((13.2, 0, 5)), False),
+    (make_hazard((10, 0, 5), line_id=1), True),  # the nearest conductor changed
+    (make_hazard((10, 0, 5), kind=HazardKind.STRUCTURE), False),
+])
+def test_which_hazard_is_the_same(other, same):
+    book = HazardBook()
+    raise_hazard(book, make_hazard((10, 0, 5)))
+    for _ in range(CONFIRMATIONS):
+        tick(book, other)
+    found = {item.hazard_id: item for item in book.hazards}
+    assert (set(found) == {0}) == same
+    if same:
+        np.testing.assert_array_equal(found[0].position, other.position)
+    assert sorted({0, 1}) == sorted({0, 1} | set(found))
+
+
+def test_ground_is_one_hazard_a_span_wherever_its_lowest_place_is():
+    book = HazardBook()
+    raise_hazard(book, make_hazard((10, 0, 5), kind=HazardKind.GROUND))
+    tick(book, make_hazard((45, 0, 5), kind=HazardKind.GROUND))
+    assert [item.hazard_id for item in book.hazards] == [0]
+    assert book.hazards[0].position[0] == 45.0
+
+
+def test_two_that_are_near_keep_apart():
+    book = HazardBook()
+    pair = [make_hazard((10, 0, 5)), make_hazard((12.5, 0, 5))]
+    for _ in range(CONFIRMATIONS):
+        tick(book, *pair)
+    assert [item.position[0] for item in book.hazards] == [10.0, 12.5]
+    for _ in range(4):
+        tick(book, *reversed(pair))
+    assert [(item.hazard_id, item.position[0]) for item in book.hazards] == [(0, 10.0), (1, 12.5)]
+
+
+def test_spans_without_lasting_numbers_have_no_hazards():
+    book = HazardBook()
+    for _ in range(4):
+        tick(book, make_hazard((10, 0, 5), line_id=5, span_id=5))
+        tick(book, make_hazard((10, 0, 5), line_id=8, span_id=8))
+    assert book.hazards == ()
+
+
+def test_numbers_of_lines_are_translated():
+    book = HazardBook()
+    for _ in range(CONFIRMATIONS):
+        book.update([make_hazard((1, 0, 5), 7, 8)], {(7, 8): (2, 3)}, set(), everywhere)
+    assert (book.hazards[0].line_id, book.hazards[0].span_id) == (2, 3)
+    assert [item.hazard_id for item in book.keep({(0, 0)})] == [0]
+    assert book.hazards == ()
+
+
+def test_near_a_support_more_ticks_must_agree():
+    book = HazardBook()
+    near = make_hazard((10, 0, 5), from_support=1.0)
+    for _ in range(END_CONFIRMATIONS - 1):
+        assert tick(book, near).raised == ()
+    assert [item.hazard_id for item in tick(book, near).raised] == [0]
+    assert tick(book, make_hazard((50, 0, 5), from_support=1.0), final=True).raised
+
+
+def test_the_final_word():
+    book = HazardBook()
+    raise_hazard(book, make_hazard((10, 0, 5)))
+    news = tick(book, make_hazard((50, 0, 5)), final=True)
+    assert [item.hazard_id for item in news.raised] == [1]
+    assert [item.hazard_id for item in news.cleared] == [0]
+
+
+def test_what_lies_by_an_unseen_end_may_be_conductor_or_support():
+    span = make_span((0, 0, 10), (50, 0, 10), is_open=(False, True))
+    pole = make_support((0, 0, 0), kind='pole')
+    places = (END / 2, 25.0, 50 - END / 2)
+    hazards = [make_hazard((x, 0, 9), along_span=x) for x in places]
+    ground = make_hazard((49, 0, 9), along_span=49.0, kind=HazardKind.SAG)
+    kept = leave_out_ends([*hazards, ground], [span], [pole])
+    assert [item.along_span for item in kept] == [places[0], places[1], 49.0]
+    kept = leave_out_ends(hazards, [span], [])
+    assert [item.along_span for item in kept] == [25.0]
+    assert leave_out_ends([], [], []) == []
+
+
+def support_tick(book, *supports, holds=everywhere, **options):
+    book.update(supports, NUMBERED, holds, **options)
+
+
+def test_life_of_a_support():
+    book = SupportBook()
+    support_tick(book, make_support((0, 0, 0)), make_support((60, 0, 0), (0, 1)))
+    assert [(item.support_id, item.line_ids) for item in book.supports] == [(0, (0,)), (1, (0, 1))]
+    for _ in range(5):
+        support_tick(book, make_support((61, 0.5, 0), (1, 0)), make_support((0.3, 0, 0)))
+    assert [item.support_id for item in book.supports] == [0, 1]
+    assert book.supports[1].position[0] == 61.0
+    for _ in range(10):
+        support_tick(book, holds=nowhere)
+    assert len(book.supports) == 2
+    for _ in range(MAX_MISSES - 1):
+        support_tick(book, make_support((0, 0, 0)))
+    assert len(book.supports) == 2
+    support_tick(book, make_support((0, 0, 0)))
+    assert [item.support_id for item in book.supports] == [0]
+
+
+def test_supports_elsewhere_are_left_as_they_are_known():
+    book = SupportBook()
+    support_tick(book, make_support((0, 0, 0), kind='tower'))
+    support_tick(book, make_support((1, 0, 0), kind='unseen'), holds=nowhere)
+    assert book.supports[0].kind == 'tower'
+    support_tick(book, make_support((1, 0, 0), kind='pole'))
+    assert book.supports[0].kind == 'pole'
+
+
+def test_supports_without_known_lines_are_left_out():
+    book = SupportBook()
+    support_tick(book, make_support((0, 0, 0), (5,)), make_support((9, 0, 0), (8,)))
+    assert book.supports == ()
+    support_tick(book, make_support((0, 0, 0), (0, 5)))
+    assert book.supports[0].line_ids == (0,)
+    book.clear()
+    support_tick(book, make_support((0, 0, 0)), final=True)
+    assert book.supports[0].support_id == 1

@@ -1,0 +1,242 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+from array import array
+from pathlib import Path
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+
+from plc_inspect.errors import DataError
+from plc_inspect.messages.scans import pose_from_message, scan_from_message
+
+REAL = Path(__file__).parents[3] / 'shared' / 'data' / 'real'
+CODES = {'i1': 1, 'u1': 2, 'i2': 3, 'u2': 4, 'i4': 5, 'u4': 6, 'f4': 7, 'f8': 8}
+DRIVER = {'x': (0, 'f4'), 'y': (4, 'f4'), 'z': (8, 'f4'), 'intensity': (12, 'f4'),
+          'ring': (16, 'u2'), 'time': (18, 'f4')}
+
+
+def make_points(num_points, seed=0):
+    rng = np.random.default_rng(seed)
+    xyz = rng.normal(0, 10, (num_points, 3)).astype(np.float32)
+    return {
+        'x': xyz[:, 0], 'y': xyz[:, 1], 'z': xyz[:, 2],
+        'intensity': rng.random(num_points),
+        'ring': np.arange(num_points) % 16,
+        'time': -rng.random(num_points) * 0.1,
+    }
+
+
+def make_cloud(columns, layout=None, point_step=22, height=1, row_padding=0, bigendian=False):
+    layout = layout or DRIVER
+    num_points = len(columns['x'])
+    width = num_points // height
+    order = '>' if bigendian else '<'
+    dtype = np.dtype({
+        'names': list(layout),
+        'formats': [order + kind for _, kind in layout.values()],
+        'offsets': [offset for offset, _ in layout.values()],
+        'itemsize': point_step,
+    })
+    points = np.zeros(num_points, dtype)
+    for name in layout:
+        points[name] = columns[name]
+    rows = np.frombuffer(points.tobytes(), np.uint8).reshape(height, width * point_step)
+    rows = np.pad(rows, ((0, 0), (0, row_padding)), constant_values=0xAB)
+    return SimpleNamespace(
+        header=make_header(),
+        height=height,
+        width=width,
+        fields=[
+            SimpleNamespace(name=name, offset=offset, datatype=CODES[kind], count=1)
+            for name, (offset, kind) in layout.items()
+        ],
+        is_bigendian=bigendian,
+        point_step=point_step,
+        row_step=width * point_step + row_padding,
+        data=array('B', rows.tobytes()),
+        is_dense=False,
+    )
+
+
+def make_header():
+    stamp = SimpleNamespace(sec=1_700_000_000, nanosec=123_456_789)
+    return SimpleNamespace(stamp=stamp, frame_id='velodyne')
+
+
+def check(scan, columns, num_points):
+    assert scan.xyz.shape == (num_points, 3)
+    assert (scan.xyz.dtype, scan.xyz.flags.c_contiguous) == (np.float32, True)
+    for axis, name in enumerate('xyz'):
+        np.testing.assert_array_equal(scan.xyz[:, axis], columns[name].astype(np.float32))
+
+
+@pytest.mark.parametrize('bigendian', [False, True])
+@pytest.mark.parametrize('height', [1, 16])
+@pytest.mark.parametrize('row_padding', [0, 7])
+@pytest.mark.parametrize('kind', [bytes, array, np.ndarray])
+def test_layouts(bigendian, height, row_padding, kind):
+    columns = make_points(160)
+    message = make_cloud(columns, height=height, row_padding=row_padding, bigendian=bigendian)
+    if kind is bytes:
+        message.data = message.data.tobytes()
+    elif kind is np.ndarray:
+        message.data = np.array(message.data, np.uint8)
+    scan = scan_from_message(message)
+    check(scan, columns, 160)
+    assert (scan.stamp_ns, scan.frame_id) == (1_700_000_000_123_456_789, 'velodyne')
+    assert scan.ring.tolist() == columns['ring'].tolist()
+    np.testing.assert_array_equal(scan.time, columns['time'].astype(np.float32))
+    assert scan.num_not_finite == 0
+
+
+def test_padded_double_precision_fields_in_another_order():
+    layout = {'z': (0, 'f8'), 'x': (16, 'f8'), 'y': (8, 'f8')}
+    columns = make_points(20)
+    scan = scan_from_message(make_cloud(columns, layout, point_step=40))
+    check(scan, columns, 20)
+    assert scan.time is None
+    assert scan.ring is None
+
+
+def test_points_that_are_not_finite_go_with_their_times_and_rings():
+    columns = make_points(64)
+    columns['x'] = columns['x'].copy()
+    columns['x'][[3, 40]] = np.nan, np.inf
+    scan = scan_from_message(make_cloud(columns, height=4))
+    kept = np.delete(np.arange(64), [3, 40])
+    check(scan, {name: column[kept] for name, column in columns.items()}, 62)
+    assert scan.ring.tolist() == columns['ring'][kept].tolist()
+    np.testing.assert_array_equal(scan.time, columns['time'][kept].astype(np.float32))
+    assert scan.num_not_finite == 2
+
+
+def test_zero_points():
+    scan = scan_from_message(make_cloud(make_points(0)))
+    assert (scan.xyz.shape, scan.xyz.dtype) == ((0, 3), np.float32)
+    assert scan.num_not_finite == 0
+
+
+def test_one_point():
+    columns = make_points(1)
+    check(scan_from_message(make_cloud(columns)), columns, 1)
+
+
+@pytest.mark.parametrize(
+    ('changes', 'message'),
+    [
+        ({'row_step': 219}, 'row_step 219 is too small for 10 points of 22'),
+        ({'row_step': 230}, '1 rows of 230 bytes holds 220 bytes'),
+        ({'point_step': 0}, 'points of 0 bytes'),
+        ({'point_step': 10, 'row_step': 220}, "'z' ends at byte 12 of points of 10"),
+        ({'data': b'123'}, 'holds 3 bytes, not 220'),
+        ({'width': 0}, '0 x 1 points holds 220 bytes'),
+        ({'height': 2}, 'not 440'),
+    ],
+)
+def test_sizes_that_contradict_one_another(changes, message):
+    cloud = make_cloud(make_points(10))
+    vars(cloud).update(changes)
+    with pytest.raises(DataError, match=message):
+        scan_from_message(cloud)
+
+
+def test_missing_field_and_wrong_types():
+    cloud = make_cloud(make_points(4))
+    del cloud.fields[1]
+    with pytest.raises(DataError, match=r"no field 'y', only x, z, intensity"):
+        scan_from_message(cloud)
+    cloud = make_cloud(make_points(4), {**DRIVER, 'z': (8, 'i4')})
+    with pytest.raises(DataError, match="'z' is int32"):
+        scan_from_message(cloud)
+    cloud = make_cloud(make_points(4))
+    cloud.fields[0].datatype = 9
+    with pytest.raises(DataError, match="'x' has datatype 9"):
+        scan_from_message(cloud)
+    cloud.fields[0].datatype, cloud.fields[0].count = 7, 3
+    with pytest.raises(DataError, match='count 3'):
+        scan_from_message(cloud)
+
+
+@pytest.mark.parametrize(
+    ('name', 'kind', 'raw'),
+    [
+        ('t', 'u4', 50_000_000),
+        ('time', 'f8', 0.05),
+        ('timestamp', 'f8', 1_700_000_000.173456789),
+        ('timestamp', 'f8', 1_700_000_000_173_456_789.0),
+        ('offset_time', 'u4', 50_000_000),
+    ],
+)
+def test_times_of_other_drivers(name, kind, raw):
+    layout = {'x': (0, 'f4'), 'y': (4, 'f4'), 'z': (8, 'f4'), name: (16, kind)}
+    columns = make_points(3) | {name: np.full(3, raw)}
+    scan = scan_from_message(make_cloud(columns, layout, point_step=24))
+    np.testing.assert_allclose(scan.time, 0.05, rtol=0, atol=1e-6)
+
+
+def test_absolute_time_in_float32_is_an_error():
+    columns = make_points(3) | {'time': np.full(3, 1.7e9)}
+    with pytest.raises(DataError, match=r'float32 and holds 1\.7e\+09'):
+        scan_from_message(make_cloud(columns))
+
+
+def test_message_is_unchanged():
+    message = make_cloud(make_points(50))
+    before = message.data.tobytes()
+    scan_from_message(message).xyz[:] = 0
+    assert message.data.tobytes() == before
+
+
+def test_pose():
+    message = SimpleNamespace(
+        header=make_header(),
+        child_frame_id='base_link',
+        pose=SimpleNamespace(
+            pose=SimpleNamespace(
+                position=SimpleNamespace(x=1, y=2, z=3),
+                orientation=SimpleNamespace(x=0.0, y=0.6, z=0.0, w=0.8),
+            )
+        ),
+    )
+    pose = pose_from_message(message)
+    assert (pose.stamp_ns, pose.frame_id) == (1_700_000_000_123_456_789, 'velodyne')
+    assert pose.child_frame_id == 'base_link'
+    assert pose.position.tolist() == [1, 2, 3]
+    assert pose.quaternion.tolist() == [0, 0.6, 0, 0.8]
+
+
+@pytest.mark.parametrize(
+    ('name', 'num_not_finite'), [('vlp16_indoor', 0), ('vlp16_indoor_organized', 14_179)]
+)
+def test_real_scans(name, num_not_finite):
+    if not (REAL / name).exists():
+        pytest.skip(f'real data {name} is not there')
+    with AnyReader([REAL / name]) as reader:
+        scans = [
+            scan_from_message(reader.deserialize(raw, connection.msgtype))
+            for connection, _, raw in reader.messages()
+            if connection.topic == '/velodyne_points'
+        ]
+    assert len(scans) == 4
+    for scan in scans:
+        assert 14_500 < len(scan.xyz) < 15_000
+        assert set(range(1, 16)) <= set(scan.ring.tolist()) <= set(range(16))
+        assert -0.1 < scan.time.min() < -0.09
+        assert abs(scan.time.max()) < 0.001
+        assert np.abs(scan.xyz).max() < 30
+        assert scan.num_not_finite == pytest.approx(num_not_finite, rel=0.01)
+
+
+def test_nothing_of_ros_is_imported():
+    code = (
+        'import sys, plc_inspect.messages.scans; '
+        'sys.exit(any(name.split(".")[0] in ("rclpy", "sensor_msgs", "rosbags") '
+        'for name in sys.modules))'
+    )
+    done = subprocess.run([sys.executable, '-c', code], cwd=Path(__file__).parents[2], check=False)
+    assert done.returncode == 0

@@ -1,0 +1,291 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The monitor's knowledge, message by message, with every way a link or a node can fail."""
+
+import numpy as np
+import pytest
+from stream_pieces import make_rows, NO_TABLES, Source
+
+from plc_inspect.monitor.picture.model import ALARM_TIME, LATE, LOST, Monitor, PATIENCE
+from plc_inspect.monitor.picture.node_clock import NodeClock
+from plc_inspect.monitor.picture.picture import Link
+
+
+def tell(picture):
+    """Return the texts of all events."""
+    return [event.text for event in picture.events]
+
+
+@pytest.fixture
+def source():
+    """Return the stream of a node."""
+    return Source()
+
+
+@pytest.fixture
+def monitor(source):
+    """Return a monitor that has had a keyframe at time 100."""
+    monitor = Monitor()
+    assert monitor.take_summary(source.summary(5.0, keyframe=True), 100.0)
+    return monitor
+
+
+def test_before_anything_came_in():
+    picture = Monitor().look(3.0)
+    assert picture.link is Link.WAITING
+    assert not picture.complete
+    assert picture.spans == picture.hazards == picture.supports == ()
+    assert np.isnan([picture.ages.link, picture.ages.data, picture.ages.vehicle]).all()
+
+
+def test_a_keyframe_is_a_full_picture(monitor, source):
+    picture = monitor.look(100.2)
+    assert (picture.link, picture.complete) == (Link.LIVE, True)
+    assert len(picture.spans) == 6
+    assert [item.severity_name for item in picture.hazards] == ['critical', 'warning', 'notice']
+    hazard, row = picture.hazards[0], source.tables.hazards[0]
+    assert hazard.clearance == pytest.approx(1.234, abs=1e-9)
+    assert hazard.position == tuple(int(row[axis]) * 1e-3 for axis in 'xyz')
+    span = next(item for item in picture.spans if item.key == (0, 0))
+    assert span.severity == 3
+    assert span.sag == int(source.tables.spans['sag'][0]) * 1e-3
+    assert span.trace()[0] == pytest.approx(span.start, abs=0.01)
+    assert span.trace()[-1] == pytest.approx(span.end, abs=0.01)
+    assert picture.ages.data == pytest.approx(0.2)
+    assert picture.vehicle == (15.0, 2.0, 30.0)
+    assert picture.frame_id == 'odom'
+
+
+def test_changes_are_put_in(monitor, source):
+    rows = make_rows(5, 1)
+    rows.spans['sag'][0] += 100
+    monitor.take_summary(source.summary(6.0, tables=rows), 101.0)
+    picture = monitor.look(101.0)
+    assert len(picture.spans) == 5
+    assert [item.hazard_id for item in picture.hazards] == [0]
+    assert 'hazard 1 cleared' in tell(picture)
+    assert picture.complete
+
+
+def test_old_data_never_look_new(monitor, source):
+    # What waited on the way is as old as it is, though it came in just now.
+    assert monitor.look(107.0).link is Link.LOST
+    monitor.take_summary(source.summary(6.0), 109.0)
+    picture = monitor.look(109.0)
+    assert picture.link is Link.LIVE
+    assert picture.ages.link == 0.0
+    assert picture.ages.data == pytest.approx(8.0, abs=0.01)
+    assert picture.ages.delay == pytest.approx(8.0, abs=0.01)
+    monitor.take_summary(source.summary(14.0, tick_uptime=6.0), 109.1)
+    picture = monitor.look(109.1)
+    assert picture.ages.data == pytest.approx(8.1, abs=0.01)
+    assert picture.ages.health == pytest.approx(0.1, abs=0.01)
+
+
+def test_what_the_node_kept_for_those_who_come_late_is_old_too():
+    source, monitor = Source(), Monitor()
+    kept = [source.summary(10.0 + k, keyframe=not k, tick_uptime=9.0) for k in range(8)]
+    for data in kept:
+        monitor.take_summary(data, 50.0)
+    picture = monitor.look(50.0)
+    assert picture.ages.data == pytest.approx(8.0)
+    assert picture.complete
+    assert picture.counts.lost_summary == 0
+
+
+def test_a_silent_link_is_told(monitor, source):
+    assert monitor.look(100.0 + LATE - 0.1).link is Link.LIVE
+    assert monitor.look(100.0 + LATE + 0.1).link is Link.LATE
+    picture = monitor.look(100.0 + LOST + 0.1)
+    assert picture.link is Link.LOST
+    assert picture.events[-1].level == 2
+    assert monitor.look(120.0).events == picture.events
+    monitor.take_summary(source.summary(25.0), 120.0)
+    picture = monitor.look(120.0)
+    assert picture.link is Link.LIVE
+    assert tell(picture)[-1] == 'link is back after 20 s'
+
+
+def test_lost_messages_make_it_incomplete_until_a_keyframe(monitor, source):
+    rows = make_rows(6, 2)
+    source.summary(6.0, tables=rows)
+    source.summary(7.0)
+    monitor.take_summary(source.summary(8.0), 103.0)
+    picture = monitor.look(103.0)
+    assert not picture.complete
+    assert picture.counts.lost_summary == 2
+    assert len(picture.hazards) == 3  # the message that took one back is lost
+    assert monitor.take_wishes(103.0) == {'summary'}
+    assert monitor.take_wishes(103.1) == set()
+    monitor.take_summary(source.summary(9.0, keyframe=True), 104.0)
+    picture = monitor.look(104.0)
+    assert picture.complete
+    assert len(picture.hazards) == 2
+    assert monitor.take_wishes(103.0 + 2 * PATIENCE) == set()
+
+
+def test_what_is_sent_again_on_request_completes_it(monitor, source):
+    kept = [source.summary(6.0, keyframe=True, tables=make_rows(6, 1))]
+    kept += [source.summary(7.0 + k) for k in range(3)]
+    monitor.take_summary(kept[-1], 104.0)
+    assert not monitor.look(104.0).complete
+    assert monitor.take_wishes(104.0) == {'summary'}
+    for data in kept:
+        monitor.take_summary(data, 104.2)
+    picture = monitor.look(104.2)
+    assert picture.complete
+    assert len(picture.hazards) == 1
+
+
+def test_a_message_twice_or_late_changes_nothing(monitor, source):
+    first, second = source.summary(6.0), source.summary(7.0, tables=make_rows(3, 0))
+    assert monitor.take_summary(first, 101.0)
+    assert monitor.take_summary(second, 102.0)
+    assert not monitor.take_summary(first, 103.0)
+    assert not monitor.take_summary(second, 103.0)
+    picture = monitor.look(103.0)
+    assert len(picture.spans) == 3
+    assert picture.ages.link == 1.0
+
+
+def test_damaged_messages_are_counted_and_survived(monitor, source):
+    good = source.summary(6.0)
+    for bad in (b'', good[:-5], good[:25] + b'\x00' * 9 + good[34:], source.cloud(6.0)):
+        assert not monitor.take_summary(bad, 101.0)
+    assert not monitor.take_cloud(good, 101.0)
+    assert monitor.take_summary(good, 101.5)
+    picture = monitor.look(101.5)
+    assert picture.counts.malformed == 5
+    assert picture.complete
+
+
+def test_a_node_that_was_started_anew_clears_everything(monitor):
+    monitor.take_cloud(Source().cloud(5.0), 100.1)
+    other = Source(session=999)
+    monitor.take_summary(other.summary(0.5, keyframe=True, tables=NO_TABLES), 130.0)
+    picture = monitor.look(130.0)
+    assert picture.spans == picture.hazards == ()
+    assert picture.cloud_cells == 0
+    assert picture.counts.restarts == 1
+    assert 'the node was started anew: what it knew before is gone' in tell(picture)
+    assert picture.ages.data == pytest.approx(0.0)
+    assert picture.track == ((10.5, 2.0, 30.0),)
+
+
+def test_a_reset_is_told_from_a_restart(monitor):
+    after = Source(session=8, resets=1)
+    monitor.take_summary(after.summary(9.0, keyframe=True, tables=NO_TABLES), 104.0)
+    picture = monitor.look(104.0)
+    assert 'the node was told to forget everything: cleared' in tell(picture)
+    assert picture.spans == ()
+    assert picture.ages.data == pytest.approx(0.0, abs=0.01)
+
+
+def test_of_two_nodes_only_the_newer_is_shown(monitor, source):
+    other = Source(session=999)
+    monitor.take_summary(other.summary(1.0, keyframe=True, tables=NO_TABLES), 101.0)
+    assert not monitor.take_summary(source.summary(6.0), 101.5)
+    assert not monitor.take_cloud(source.cloud(6.0), 101.5)
+    picture = monitor.look(102.0)
+    assert picture.spans == ()
+    assert picture.counts.foreign == 2
+    assert any('two nodes' in text for text in tell(picture))
+
+
+def test_new_critical_hazards_are_alarms_for_a_while(monitor, source):
+    assert [item.hazard_id for item in monitor.look(101.0).alarms] == [0]
+    assert monitor.look(100.0 + ALARM_TIME + 1).alarms == ()
+    rows = make_rows(6, 4)  # number 3 is critical
+    rows.hazards['severity'][1] = 3
+    monitor.take_summary(source.summary(50.0, tables=rows), 145.0)
+    picture = monitor.look(145.0)
+    assert [item.hazard_id for item in picture.alarms] == [1, 3]
+    assert any(text.startswith('was warning, is critical hazard 1') for text in tell(picture))
+    monitor.take_summary(source.summary(51.0, tables=make_rows(6, 3)), 146.0)
+    assert 3 not in [item.hazard_id for item in monitor.look(146.0).alarms]
+
+
+def test_health_and_time_that_jumps_are_told(monitor, source):
+    monitor.take_summary(source.summary(6.0, levels=(2, 0, 0), stamp_ns=900_000_000_000), 101.0)
+    texts = tell(monitor.look(101.0))
+    assert 'input: scans and odometry come in' in texts
+    assert 'the time of the data went back by 105.0 s' in texts
+    monitor.take_summary(source.summary(7.0), 102.0)
+    assert tell(monitor.look(102.0))[-1] == 'input: good again'
+
+
+def test_the_corridor_is_put_together():
+    monitor, source = Monitor(), Source()
+    monitor.take_cloud(source.cloud(1.0, [[1.0, 1.0, 1.0], [41.0, 1.0, 1.0]], overview=True,
+                                    voxel=4.0, total=2), 10.0)
+    points, _, _, size = monitor.cloud.assemble_all()
+    assert points.tolist() == [[2.0, 2.0, 2.0], [42.0, 2.0, 2.0]]
+    assert size.tolist() == [4.0, 4.0]
+    monitor.take_cloud(source.cloud(2.0, [[1.2, 1.2, 1.2]], total=2), 11.0)
+    points, _, _, size = monitor.cloud.assemble_all()
+    assert sorted(points[:, 0].tolist()) == [1.25, 42.0]
+    assert monitor.cloud.take_changed() == [(0, 0)]
+    picture = monitor.look(11.5)
+    assert (picture.cloud_blocks, picture.cloud_total, picture.cloud_cells) == (1, 2, 1)
+    assert picture.ages.cloud == 0.5
+    beside = monitor.cloud.cut_out(np.array([0.0, 0.0]), np.array([20.0, 0.0]), 3.0)
+    assert beside[0].tolist() == [[1.25, 1.25, 1.25]]
+    assert len(monitor.cloud.cut_out(np.array([0.0, 9.0]), np.array([9.0, 9.0]), 3.0)[0]) == 0
+
+
+def test_a_gap_in_the_corridor_is_told_and_asked_for():
+    monitor, source = Monitor(), Source()
+    monitor.take_cloud(source.cloud(1.0), 10.0)
+    source.cloud(2.0)
+    monitor.take_cloud(source.cloud(3.0, [[30.0, 0.0, 0.0]]), 12.0)
+    assert monitor.take_wishes(12.0) == {'cloud'}
+    assert monitor.take_wishes(12.1) == set()
+    assert monitor.look(12.0).counts.lost_cloud == 1
+    assert monitor.look(12.0).cloud_blocks == 2
+
+
+@pytest.mark.parametrize('cloud', [True, False])
+def test_a_corridor_that_never_came_is_asked_for(cloud):
+    monitor, source = Monitor(cloud=cloud), Source()
+    for second in range(int(PATIENCE) + 3):
+        monitor.take_summary(source.summary(second, keyframe=True, cloud_sent=2), 10.0 + second)
+        asked = monitor.take_wishes(10.0 + second)
+        assert asked == ({'cloud'} if cloud and second == int(PATIENCE) + 1 else set())
+    source.sequence = 2
+    monitor.take_cloud(source.cloud(20.0), 30.0)
+    for second in range(20, 30):
+        monitor.take_summary(source.summary(second, keyframe=True, cloud_sent=3), 10.0 + second)
+        assert not monitor.take_wishes(10.0 + second)
+
+
+def test_everything_is_bounded(monitor, source):
+    for k in range(400):
+        rows = make_rows(2, k % 4)
+        monitor.take_summary(source.summary(6.0 + k, tables=rows, vehicle=(10.0 * k, 0.0, 0.0)),
+                             101.0 + k)
+    picture = monitor.look(500.0)
+    assert len(picture.events) == 200
+    assert len(picture.track) == 401
+    assert picture.counts.kbps < 20.0
+
+
+def test_the_nodes_clock_is_that_of_the_quickest_message():
+    clock = NodeClock()
+    assert np.isnan(clock.measure_age(0.0, 10.0))
+    clock.hear(100.0, 10.5)
+    assert clock.measure_age(100.0, 11.5) == pytest.approx(1.0)
+    clock.hear(101.0, 11.1)  # 0.4 s quicker than the first
+    assert clock.measure_age(101.0, 11.1) == pytest.approx(0.0)
+    assert clock.measure_age(100.0, 11.1) == pytest.approx(1.0)
+    clock.hear(102.0, 14.1)
+    assert clock.delay == pytest.approx(2.0, abs=0.01)
+
+
+def test_a_clock_that_runs_apart_is_followed():
+    for rate in (1 - 5e-5, 1 + 5e-5):
+        clock = NodeClock()
+        for k in range(5000):
+            clock.hear(100.0 + k * rate, 10.0 + k)
+        assert clock.delay < 0.01
+        assert clock.measure_age(100.0 + 4999 * rate, 5010.0) == pytest.approx(1.0, abs=0.01)

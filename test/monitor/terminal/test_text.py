@@ -1,0 +1,224 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The terminal in a pseudo-terminal, narrow and wide, fed over the ROS graph; no node needed."""
+
+import array
+import fcntl
+import os
+from pathlib import Path
+import pty
+import select
+import signal
+import struct
+import subprocess
+import sys
+import termios
+import threading
+import time
+
+import pyte
+import pytest
+import rclpy
+from rclpy.context import Context
+from rig import isolate, take_domain
+from std_msgs.msg import UInt8MultiArray
+from stream_pieces import make_rows, NO_TABLES, Source
+
+from plc_inspect.ros.graph.qos import SUMMARY
+
+ROOT = Path(__file__).parents[3]
+COMMAND = [sys.executable, '-m', 'plc_inspect.monitor.command']
+
+
+class Radio:
+    """Publishes a stream as a node would, twice a second, until it is told to be silent."""
+
+    def __init__(self, domain):
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = rclpy.create_node('plc_inspect', context=self.context)
+        self.publisher = self.node.create_publisher(
+            UInt8MultiArray, '/plc_inspect/summary', SUMMARY
+        )
+        self.source, self.silent, self.ended = Source(), False, False
+        self.began = time.monotonic()
+        self.rows = make_rows(40, 30)
+        self.keyframe = True
+        self.thread = threading.Thread(target=self.run)
+        self.thread.start()
+
+    def run(self):
+        while not self.ended:
+            if not self.silent:
+                data = self.source.summary(
+                    time.monotonic() - self.began, keyframe=self.keyframe, tables=self.rows
+                )
+                self.keyframe = False
+                self.publisher.publish(UInt8MultiArray(data=array.array('B', data)))
+            time.sleep(0.3)
+
+    def restart(self):
+        """Be another node that knows nothing yet."""
+        self.source, self.rows, self.keyframe = Source(session=4242), NO_TABLES, True
+        self.began = time.monotonic()
+        self.silent = False
+
+    def close(self):
+        self.ended = True
+        self.thread.join()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+
+class Terminal:
+    """A command in a pseudo-terminal, and what stands on its screen."""
+
+    def __init__(self, domain, columns, lines, *arguments):
+        self.pid, self.file = pty.fork()
+        if not self.pid:
+            environment = os.environ | {'ROS_DOMAIN_ID': str(domain), 'TERM': 'xterm-256color'}
+            for name in ('COLUMNS', 'LINES'):
+                environment.pop(name, None)
+            os.chdir(ROOT)
+            os.execvpe(COMMAND[0], [*COMMAND, *arguments], environment)
+        self.screen = pyte.Screen(columns, lines)
+        self.stream = pyte.ByteStream(self.screen)
+        self.resize(columns, lines)
+
+    def resize(self, columns, lines):
+        fcntl.ioctl(self.file, termios.TIOCSWINSZ, struct.pack('HHHH', lines, columns, 0, 0))
+        self.screen.resize(lines, columns)
+
+    def read(self, seconds):
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0:
+            if select.select([self.file], [], [], left)[0]:
+                self.stream.feed(os.read(self.file, 65_536))
+
+    def text(self):
+        return '\n'.join(self.screen.display)
+
+    def wait(self, condition, deadline=30.0):
+        end = time.monotonic() + deadline
+        while time.monotonic() < end:
+            self.read(0.1)
+            if condition(self.text()):
+                return self.text()
+        raise AssertionError(self.text())
+
+    def close(self):
+        os.kill(self.pid, signal.SIGINT)
+        end = time.monotonic() + 15.0
+        while time.monotonic() < end:
+            try:
+                self.read(0.1)
+            except OSError:
+                break
+        return os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
+
+
+@pytest.fixture(scope='module')
+def domain():
+    """Return the domain of this module's graph."""
+    isolate()
+    return take_domain()
+
+
+@pytest.fixture(scope='module')
+def radio(domain):
+    """Return a stream on the graph."""
+    radio = Radio(domain)
+    yield radio
+    radio.close()
+
+
+def look_at(text, columns, lines):
+    """Check what every size must show; return the rows."""
+    rows = text.split('\n')
+    assert len(rows) == lines
+    assert all(len(row) == columns for row in rows)
+    assert ' LIVE ' in rows[0]
+    assert '/plc_inspect' in rows[0]
+    assert 'data 0.' in rows[0]
+    assert 'ALARM critical hazard' in rows[1]
+    for title in ('health, ', 'hazards: 30', 'spans: 40', 'events'):
+        assert title in text
+    assert 'scan rate' in text
+    assert '10.0 Hz' in text
+    assert 'scans lost  4' in text
+    assert all(row[0] + row[-1] in ('╭╮', '││', '╰╯') for row in rows[2:])
+    return rows
+
+
+def test_narrow_wide_lost_and_back(domain, radio):
+    terminal = Terminal(domain, 80, 24)
+    try:
+        # the whole screen: the last row of the last panel is drawn last
+        text = terminal.wait(lambda text: 'hazards: 30' in text and text[-80] == '╰')
+        rows = look_at(text, 80, 24)
+        first = next(row for row in rows if row.startswith('│ critical'))
+        assert first.split()[1:8] == ['critical', 'vegetation', '0', '0', '0', '1.23', '2.00']
+        assert not any('…' in row[10:-1] for row in rows[2:9])
+
+        terminal.resize(150, 50)
+        text = terminal.wait(lambda text: 'delay' in text and text[-150] == '╰')
+        rows = look_at(text, 150, 50)
+        assert any('hazards: 30' in row and 'spans: 40' in row for row in rows)
+        assert 'restarts 0' in rows[0]
+        assert sum('vegetation' in row for row in rows) > 20
+
+        terminal.resize(40, 10)
+        terminal.wait(lambda text: '60 x 20 are needed' in ' '.join(text.split()))
+        terminal.resize(80, 24)
+
+        radio.silent = True
+        text = terminal.wait(lambda text: 'LINK LOST' in text)
+        assert 'everything below is OLD' in text
+        assert 'hazards: 30' in text  # still there, with its age
+
+        radio.restart()
+        text = terminal.wait(lambda text: ' LIVE ' in text and 'spans: 0' in text)
+        assert 'the node was started anew' in text
+        assert 'ALARM' not in text
+    finally:
+        code = terminal.close()
+    assert code == 130
+
+
+def run(domain, *arguments, timeout=60):
+    return subprocess.run(
+        [*COMMAND, *arguments], cwd=ROOT, capture_output=True, text=True, timeout=timeout,
+        env=os.environ | {'ROS_DOMAIN_ID': str(domain)}, check=False,
+    )
+
+
+def test_once_prints_a_snapshot(domain, radio):
+    radio.source, radio.rows, radio.keyframe = Source(session=77), make_rows(6, 3), True
+    time.sleep(0.5)
+    done = run(domain, '--once')
+    assert done.returncode == 0, done.stderr
+    assert 'LIVE' in done.stdout
+    assert 'hazards: 3' in done.stdout
+    assert 'spans: 6' in done.stdout
+    assert '\x1b' not in done.stdout
+
+
+@pytest.mark.parametrize(('arguments', 'text'), [
+    (['--once', '--wait', '0.3', '--node', '/nobody'], 'no summary of /nobody within 0.3 s'),
+    (['--web', '--host', '0.0.0.0'], 'others can reach 0.0.0.0: give a --token'),
+    (['--web', '--token', 'short'], 'a token needs at least 8 characters, this has 5'),
+    (['--web', '--port', '99999'], '99999 is no port'),
+    (['--record', '/nowhere/x.mcap', '--json'], '/nowhere/x.mcap: No such file'),
+    (['--period', '0', '--json'], '0 is not a positive number'),
+    (['--node', 'bad name', '--json'], 'bad name'),
+    ([], 'standard output is no terminal: use --once or --json'),
+    (['--ros-args', '--nonsense'], '--nonsense'),
+])
+def test_bad_usage_is_one_line(domain, arguments, text):
+    done = run(domain, *arguments)
+    assert done.returncode == 2, done.stderr
+    assert done.stderr.startswith('plc_monitor: ')
+    assert text in done.stderr
+    assert done.stderr.count('\n') == 1
+    assert done.stdout == ''

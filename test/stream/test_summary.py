@@ -1,0 +1,121 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The summary: everything in a keyframe, changes between, whole millimetres."""
+
+import dataclasses
+import math
+
+from factories import make_span
+from hypothesis import given, settings, strategies
+import numpy as np
+import pytest
+from stream_pieces import make_hazards, make_rows, NO_TABLES, Source, TEXTS
+
+from plc_inspect.errors import DataError
+from plc_inspect.results import Support
+from plc_inspect.stream.frame import Frame, pack_frame, SUMMARY
+from plc_inspect.stream.summary import (
+    make_tables,
+    metres,
+    read_summary,
+    Status,
+    SummaryWriter,
+)
+
+
+def test_a_keyframe_holds_everything():
+    source = Source()
+    message = read_summary(source.summary(5.0, keyframe=True))
+    assert message.keyframe
+    for name in ('spans', 'supports', 'hazards'):
+        np.testing.assert_array_equal(
+            getattr(message.tables, name), getattr(source.tables, name)
+        )
+    assert message.texts == TEXTS
+    assert message.status.vehicle == (15.0, 2.0, 30.0)
+    assert message.status.stamp_ns == 1_005_000_000_000
+    assert message.status.health['scans_lost'] == 4.0
+    assert math.isnan(message.status.health['tick_ms'])
+
+
+def test_lengths_are_kept_to_the_millimetre():
+    span = make_span(2, 5, (1000.1234, -5.0, 15.0), (1119.9876, 0.0, 16.0))
+    (row,) = make_tables([(span, True)], [], []).spans
+    assert (row['line_id'], row['span_id'], row['flags']) == (2, 5, 4)
+    assert row['start_x'] == 1_000_123
+    assert row['sag'] == round(span.sag * 1000)
+    assert row['a'] == np.float32(span.a)
+    assert math.isnan(metres(row['ground_clearance']))
+    for hazard, row in zip(make_hazards(), make_rows().hazards, strict=True):
+        assert metres(row['clearance']) == pytest.approx(hazard.clearance, abs=5e-4)
+        assert math.isnan(metres(row['height'])) == math.isnan(hazard.height)
+
+
+def test_what_cannot_be_told_is_bounded():
+    support = Support(support_id=3, position=np.array([1e9, 0.0, -1.0]), height=20.0,
+                      kind='tower', line_ids=tuple(range(40)))
+    (row,) = make_tables([], [support], []).supports
+    assert row['num_lines'] == 40
+    assert row['lines'].tolist() == list(range(16))
+    assert row['x'] == 2**31 - 1
+    (row,) = make_tables([], [dataclasses.replace(support, line_ids=(2,))], []).supports
+    assert row['lines'].tolist() == [2] + [-1] * 15
+
+
+def test_only_what_changed_is_told():
+    source = Source()
+    source.summary(1.0, keyframe=True)
+    same = source.summary(2.0)
+    assert len(same) < 130
+    message = read_summary(same)
+    assert (message.keyframe, message.texts) == (False, None)
+    assert sum(len(getattr(message.tables, name)) for name in message.gone) == 0
+    rows = make_rows(5, 4)
+    rows.spans['sag'][1] += 10
+    message = read_summary(source.summary(3.0, tables=rows))
+    assert message.tables.spans['sag'].tolist() == [rows.spans['sag'][1]]
+    assert message.tables.hazards['hazard_id'].tolist() == [3]
+    assert message.gone == {'spans': ((2, 1),), 'supports': (), 'hazards': ()}
+
+
+def test_nothing_known_is_told_too():
+    writer = SummaryWriter(1)
+    message = read_summary(writer.write(NO_TABLES, Status(), TEXTS, 0.0, keyframe=True))
+    assert message.status == dataclasses.replace(
+        Status(), health=message.status.health, tick_uptime=message.status.tick_uptime,
+        vehicle_uptime=message.status.vehicle_uptime,
+        health_uptime=message.status.health_uptime,
+    )
+    assert message.status.vehicle is None
+    assert len(message.tables.spans) == 0
+
+
+def test_a_body_of_another_layout_is_refused():
+    good = Source().summary(1.0, keyframe=True)
+    body = read_summary(good).frame.body
+    for bad in (body[:-1], body + b'x', body[:50], b''):
+        frame = Frame(kind=SUMMARY, flags=1, session=1, sequence=0, uptime=0.0, body=bad)
+        with pytest.raises(DataError):
+            read_summary(pack_frame(frame))
+
+
+@settings(max_examples=8, deadline=None)
+@given(strategies.lists(strategies.tuples(
+    strategies.integers(0, 8), strategies.integers(0, 6), strategies.booleans()
+), min_size=1, max_size=12))
+def test_changes_add_up_to_what_is_known(steps):
+    writer, known = SummaryWriter(1), {}
+    for number, (num_spans, num_hazards, keyframe) in enumerate(steps):
+        tables = make_rows(num_spans, num_hazards)
+        tables.spans['sag'] += number % 3
+        message = read_summary(writer.write(
+            tables, Status(), TEXTS, 0.0, keyframe=keyframe or not number
+        ))
+        if message.keyframe:
+            known.clear()
+        for key in message.gone['spans']:
+            del known[key]
+        for row in message.tables.spans:
+            known[row['line_id'], row['span_id']] = row.tobytes()
+        assert known == {(row['line_id'], row['span_id']): row.tobytes() for row in tables.spans}
