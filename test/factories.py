@@ -6,6 +6,10 @@
 import numpy as np
 
 from plc_inspect.config import Settings
+from plc_inspect.core.catenary.nearest_span import find_near
+from plc_inspect.core.hazards.encroachments import Nearby
+from plc_inspect.core.spans.span_model import tabulate
+from plc_inspect.core.spans.spans import SpanResult
 from plc_inspect.offline.records.inspection import Inspection
 from plc_inspect.results import (
     Decision,
@@ -195,3 +199,25 @@ def _assemble(origin, spans, parts, changes):
         'command': 'plc_survey',
     }
     return Inspection(**(values | changes))
+
+
+def find_nearby(points, models, reach):
+    """Return the points within reach of some spans, whatever they are."""
+    if not models:
+        return Nearby(index=np.zeros(0, int), distance=np.zeros(0), span=np.zeros(0, int))
+    near, distance, owner = find_near(points, tabulate(models), np.full(len(models), reach))
+    return Nearby(index=near, distance=distance.astype(float), span=owner.astype(np.int64))
+
+
+def make_span_result(models, num_points, supports=(), ground=None):
+    """Return spans among points none of which is wire or support."""
+    return SpanResult(
+        models=tuple(models),
+        supports=tuple(supports),
+        line_id=np.full(num_points, -1, dtype=np.int32),
+        span_id=np.full(num_points, -1, dtype=np.int32),
+        residual=np.full(num_points, np.nan, dtype=np.float32),
+        support=np.zeros(num_points, dtype=bool),
+        ground_below=tuple(ground or [np.zeros((0, 2))] * len(models)),
+        intruders=np.zeros(0, dtype=np.int64),
+    )

@@ -10,10 +10,11 @@ from numba import njit, prange
 import numpy as np
 
 from plc_inspect.config import CorridorSettings
-from plc_inspect.core.catenary.curve import Curve, pack_curves
+from plc_inspect.core.catenary.curve import pack_curves
 from plc_inspect.core.catenary.curve_row import height_of, to_local
-from plc_inspect.core.catenary.nearest_span import find_near, span_table
+from plc_inspect.core.catenary.nearest_span import find_near
 from plc_inspect.core.numerics.arrays import find_true, take_found, take_rows
+from plc_inspect.core.spans.span_model import SpanModel, tabulate
 from plc_inspect.results import Bool, Float32, Float64, Int32, Int64
 
 MIN_RADIUS = 0.6
@@ -55,9 +56,7 @@ def extract_corridor(
     points: Float64,
     height: Float32,
     wire: Bool,
-    curves: Sequence[Curve],
-    start_x: Float64,
-    end_x: Float64,
+    models: Sequence[SpanModel],
     settings: CorridorSettings,
     least_reach: float = 0.0,
 ) -> CorridorResult:
@@ -78,8 +77,8 @@ def extract_corridor(
         Above local ground [m].
     wire : (N,) bool
         Points of conductors.
-    curves, start_x, end_x : sequence of Curve, (C,) float64, (C,) float64
-        Curves and the x of their ends [m].
+    models : sequence of SpanModel
+        C spans with their curves.
     settings : CorridorSettings
         Settings of this stage.
     least_reach : float
@@ -90,7 +89,7 @@ def extract_corridor(
     CorridorResult
 
     """
-    num = len(curves)
+    num = len(models)
     if num == 0 or len(points) == 0:
         return CorridorResult(
             points=np.zeros(0, dtype=np.int64),
@@ -102,7 +101,7 @@ def extract_corridor(
             near_distance=np.zeros(0, dtype=np.float32),
             near_span=np.zeros(0, dtype=np.int32),
         )
-    table = span_table(curves, start_x, end_x)
+    table = tabulate(models)
     radius = np.full(num, float(settings.radius or settings.max_radius))
     complex_case = np.zeros(num, dtype=bool)
     if settings.radius == 0.0:
@@ -111,11 +110,11 @@ def extract_corridor(
         at, above = take_rows(points, probes), height[probes]
         found, _, span = find_near(at, table, radius)
         lowest = np.array([
-            curve.fit.height(curve.fit.lowest(float(low), float(high)))
-            for curve, low, high in zip(curves, start_x, end_x, strict=True)
+            model.curve.fit.height(model.curve.fit.lowest(model.low, model.high))
+            for model in models
         ])
         ground, overhead, fall = _look_around(
-            at, above, found, span, pack_curves(curves), lowest
+            at, above, found, span, pack_curves([model.curve for model in models]), lowest
         )
         radius, complex_case = _choose_radii(lowest - ground, overhead, fall, settings)
     found, distance, span = find_near(points, table, np.maximum(radius, least_reach))

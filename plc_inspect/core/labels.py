@@ -10,11 +10,8 @@ from numba import njit, prange
 import numpy as np
 
 from plc_inspect.core.corridor import CorridorResult
-from plc_inspect.core.extraction.alignment import AlignmentResult
-from plc_inspect.core.extraction.height import HeightResult
-from plc_inspect.core.extraction.linearity import LinearityResult
-from plc_inspect.core.extraction.off_ground import OffGround
-from plc_inspect.core.extraction.outliers import OutlierResult
+from plc_inspect.core.hazards.encroachments import Nearby
+from plc_inspect.core.line_finder import FoundLines
 from plc_inspect.core.numerics.arrays import find_true, take_found
 from plc_inspect.core.numerics.voxels import hash_key, pack
 from plc_inspect.core.spans.span_model import SpanModel
@@ -23,9 +20,7 @@ from plc_inspect.results import (
     Bool,
     Decision,
     Float32,
-    Float64,
     Int32,
-    Int64,
     PointClass,
     UInt8,
 )
@@ -69,7 +64,7 @@ class Labels:
 
 def choose_surroundings(
     height: Float32, spans: SpanResult, corridor: CorridorResult
-) -> tuple[Int64, Float64, Int64]:
+) -> Nearby:
     """
     Find which points near the conductors are surroundings.
 
@@ -84,13 +79,9 @@ def choose_surroundings(
 
     Returns
     -------
-    near : (K,) int64
-        Indices of those of the J points that are off the ground, neither wire nor support, and
-        not on a conductor; ascending.
-    distance : (K,) float64
-        To the nearest span [m].
-    span : (K,) int64
-        Which span that is.
+    Nearby
+        Those of the J points that are off the ground, neither wire nor support, and not on a
+        conductor.
 
     """
     around = find_true(_are_around(corridor.near, height, spans.line_id, spans.support))
@@ -100,21 +91,12 @@ def choose_surroundings(
     if len(spans.intruders):
         free = ~np.isin(near, spans.intruders)
         near, distance, span = near[free], distance[free], span[free]
-    return near, distance.astype(np.float64), span.astype(np.int64)
+    return Nearby(
+        index=near, distance=distance.astype(np.float64), span=span.astype(np.int64)
+    )
 
 
-def label(
-    height: HeightResult,
-    cloud: OffGround,
-    candidates: LinearityResult,
-    outliers: OutlierResult,
-    alignment: AlignmentResult,
-    in_beads: Int32,
-    spans: SpanResult,
-    corridor: CorridorResult,
-    near: Int64,
-    foliage: Bool,
-) -> Labels:
+def label(lines: FoundLines, corridor: CorridorResult, nearby: Nearby, foliage: Bool) -> Labels:
     """
     Say what each point is and which stage settled it.
 
@@ -123,12 +105,12 @@ def label(
 
     Parameters
     ----------
-    height, cloud, candidates, outliers, alignment, spans, corridor
-        What the stages found.
-    in_beads : (B,) int32
-        Indices of the points of beads among those of ``cloud``.
-    near : (J,) int64
-        Indices of the surroundings.
+    lines : FoundLines
+        What the stages up to the supports found.
+    corridor : CorridorResult
+        What is near the conductors.
+    nearby : Nearby
+        J surroundings of the conductors.
     foliage : (J,) bool
         Which of them are vegetation.
 
@@ -137,6 +119,9 @@ def label(
     Labels
 
     """
+    height, cloud, candidates, spans = lines.height, lines.cloud, lines.candidates, lines.spans
+    outliers, alignment, near = lines.outliers, lines.alignment, nearby.index
+    in_beads = lines.clustering.beads.points
     state = np.full(len(candidates.position), Decision.OUTLIER, dtype=np.uint8)
     state[np.flatnonzero(outliers.keep)] = np.where(
         alignment.voted, Decision.NO_CLUSTER, Decision.NO_SECTION

@@ -3,21 +3,21 @@
 
 """The pipeline: from one cloud to conductors, corridor and hazards."""
 
-from dataclasses import fields
-
 import numpy as np
 
 from plc_inspect.config import Settings
-from plc_inspect.core.corridor import extract_corridor
-from plc_inspect.core.hazards.clearance_rules import describe_rules, RuleSet
+from plc_inspect.core.corridor import CorridorResult, extract_corridor
+from plc_inspect.core.hazards.clearance_rules import RuleSet
+from plc_inspect.core.hazards.encroachments import Nearby
 from plc_inspect.core.hazards.hazards import add_ground_clearance, choose_rules, find_hazards
-from plc_inspect.core.labels import choose_surroundings, label
-from plc_inspect.core.line_finder import FoundLines, Progress, STAGES, Tracing
+from plc_inspect.core.labels import choose_surroundings, label, Labels
+from plc_inspect.core.line_finder import find_lines, FoundLines
 from plc_inspect.core.spans.point_claims import FREE_RADIUS
-from plc_inspect.core.stage_log import StageMemory
+from plc_inspect.core.stage_log import Progress, StageLog, StageMemory
+from plc_inspect.core.stage_reports import report_corridor, report_hazards
 from plc_inspect.core.trace import Trace
 from plc_inspect.errors import DataError
-from plc_inspect.results import Float64, InspectionResult
+from plc_inspect.results import Float64, Hazard, InspectionResult
 
 
 class Pipeline:
@@ -60,7 +60,53 @@ class Pipeline:
 
     def trace(self, points: Float64, progress: Progress | None = None) -> Trace:
         """Do what `run` does, and return what each stage found as well."""
-        return _Run(_check(points), self.settings, self.rules, progress).run()
+        points, log = _check(points), StageLog(progress)
+        lines = find_lines(points, self.settings, log)
+        height, spans = lines.height.height, lines.spans
+
+        # Eq. 9: what is near the conductors, at least as far as a rule or a stray reaches.
+        least_reach = max(self.rules.reach('vegetation', 'building'), FREE_RADIUS)
+        corridor = log.run(
+            None,
+            lambda: extract_corridor(
+                points, height, spans.line_id >= 0, spans.models, self.settings.corridor,
+                least_reach,
+            ),
+            lambda result: report_corridor(result, len(points)),
+        )
+
+        # Hazards, and with them what the points about the conductors are.
+        nearby = choose_surroundings(height, spans, corridor)
+        hazards, labels = log.run(
+            None,
+            lambda: self._judge(points, lines, corridor, nearby),
+            lambda result: report_hazards(result[0], len(nearby.index), self.rules),
+        )
+        result = InspectionResult(
+            spans=add_ground_clearance(spans.models, spans.ground_below),
+            supports=spans.supports,
+            hazards=hazards,
+            line_id=spans.line_id,
+            span_id=labels.span_id,
+            residual=spans.residual,
+            clearance=labels.clearance,
+            classification=labels.classification,
+            decision=labels.decision,
+            ground_height=height,
+            corridor=corridor.points,
+            corridor_line_id=labels.corridor_line_id,
+            corridor_span_id=labels.corridor_span_id,
+            stages=tuple(log.reports),
+        )
+        return Trace(lines=lines, corridor=corridor, result=result)
+
+    def _judge(
+        self, points: Float64, lines: FoundLines, corridor: CorridorResult, nearby: Nearby
+    ) -> tuple[tuple[Hazard, ...], Labels]:
+        hazards, foliage = find_hazards(
+            points, lines.height.height, nearby, lines.spans, self.settings.hazards, self.rules
+        )
+        return hazards, label(lines, corridor, nearby, foliage)
 
     def find_lines(self, points: Float64, memory: StageMemory | None = None) -> FoundLines:
         """
@@ -84,7 +130,7 @@ class Pipeline:
             ``points`` is not an (N, 3) array, or its extent is beyond what voxels can number.
 
         """
-        return _Run(_check(points), self.settings, self.rules, None, memory).find_lines()
+        return find_lines(_check(points), self.settings, StageLog(memory=memory))
 
 
 def _check(points: Float64) -> Float64:
@@ -93,76 +139,3 @@ def _check(points: Float64) -> Float64:
         raise DataError(f'points must have the shape (N, 3), got {points.shape}')
     own = np.ascontiguousarray(points, dtype=np.float64)
     return own if own.flags.writeable else own.copy()  # else numba would compile all anew
-
-
-class _Run(Tracing):
-    """One pass of a cloud through all stages."""
-
-    def run(self) -> Trace:
-        """Run all stages."""
-        if self.progress is not None:
-            self.progress(STAGES[0], 0.0)
-        return self._finish(self.find_lines())
-
-    def _finish(self, lines: FoundLines) -> Trace:
-        points, height, spans = self.points, lines.height, lines.spans
-        corridor = extract_corridor(
-            points,
-            height.height,
-            spans.line_id >= 0,
-            [model.curve for model in spans.models],
-            np.array([model.low for model in spans.models]),
-            np.array([model.high for model in spans.models]),
-            self.settings.corridor,
-            least_reach=max(self.rules.reach('vegetation', 'building'), FREE_RADIUS),
-        )
-        self.report(
-            len(points),
-            len(corridor.points),
-            {'beyond the search radius': len(points) - len(corridor.points)},
-            radius=[round(float(value), 2) for value in corridor.radius],
-            complex_case=[bool(value) for value in corridor.complex_case],
-        )
-        near, distance, owner = choose_surroundings(height.height, spans, corridor)
-        hazards, foliage = find_hazards(
-            points,
-            near,
-            distance,
-            owner,
-            spans.models,
-            spans.ground_below,
-            self.settings.hazards,
-            rules=self.rules,
-            height=height.height,
-            supports=spans.supports,
-            line_id=spans.line_id,
-            support=spans.support,
-        )
-        labels = label(
-            height, lines.cloud, lines.candidates, lines.outliers, lines.alignment,
-            lines.clustering.beads.points, spans, corridor, near, foliage,
-        )
-        self.report(
-            len(near),
-            len(hazards),
-            {},
-            **describe_rules(self.rules),
-        )
-        result = InspectionResult(
-            spans=add_ground_clearance(spans.models, spans.ground_below),
-            supports=spans.supports,
-            hazards=hazards,
-            line_id=spans.line_id,
-            span_id=labels.span_id,
-            residual=spans.residual,
-            clearance=labels.clearance,
-            classification=labels.classification,
-            decision=labels.decision,
-            ground_height=height.height,
-            corridor=corridor.points,
-            corridor_line_id=labels.corridor_line_id,
-            corridor_span_id=labels.corridor_span_id,
-            stages=tuple(self.stages),
-        )
-        found = {item.name: getattr(lines, item.name) for item in fields(lines)}
-        return Trace(result=result, corridor=corridor, **found)

@@ -12,13 +12,14 @@ from plc_inspect.results import InspectionResult
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Trace(FoundLines):
+class Trace:
     """The result of one run, and what the stages gave each other on the way."""
 
-    result: InspectionResult
+    lines: FoundLines
     corridor: CorridorResult
+    result: InspectionResult
 
     @property
     def models(self) -> tuple[SpanModel, ...]:
         """Spans with their curves, in the order of those of the result."""
-        return self.spans.models
+        return self.lines.spans.models

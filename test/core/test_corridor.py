@@ -11,6 +11,7 @@ from toys import hang, make_curve, make_wire, turn
 from plc_inspect.config import CorridorSettings
 from plc_inspect.core.catenary.nearest_span import find_near, span_table
 from plc_inspect.core.corridor import extract_corridor
+from plc_inspect.core.spans.span_model import SpanModel
 from plc_inspect.errors import ConfigError
 
 
@@ -42,11 +43,16 @@ def extract(points, curves, height=None, wire=None, **changes):
     points = np.asarray(points, float).reshape(-1, 3)
     height = points[:, 2].astype(np.float32) if height is None else height
     wire = np.zeros(len(points), dtype=bool) if wire is None else wire
-    low = np.array([curve.low for curve in curves])
-    high = np.array([curve.high for curve in curves])
     return extract_corridor(
-        points, height, wire, curves, low, high, CorridorSettings(**changes)
+        points, height, wire, make_models(curves), CorridorSettings(**changes)
     )
+
+
+def make_models(curves):
+    """Return a span along the whole of each curve."""
+    return [
+        SpanModel(span=None, curve=curve, start_x=curve.low, end_x=curve.high) for curve in curves
+    ]
 
 
 @pytest.mark.parametrize(('yaw', 'shift'), [
@@ -164,8 +170,8 @@ def test_rules_may_search_farther_than_the_radius():
     curve = make_curves()[0]
     points = curve.position(curve.mean_x) + np.array([[0.0, 0.4, 0.0], [0.0, 3.0, 0.0]])
     result = extract_corridor(
-        points, points[:, 2].astype(np.float32), np.zeros(2, dtype=bool), [curve],
-        np.array([curve.low]), np.array([curve.high]), CorridorSettings(radius=0.6), 4.0,
+        points, points[:, 2].astype(np.float32), np.zeros(2, dtype=bool),
+        make_models([curve]), CorridorSettings(radius=0.6), 4.0,
     )
     assert result.points.tolist() == [0]
     assert result.near.tolist() == [0, 1]

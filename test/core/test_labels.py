@@ -29,8 +29,9 @@ def test_surroundings_are_off_the_ground_and_belong_to_no_line(num):
     around = ~(height[near] < GROUND_BAND) & (spans.line_id[near] < 0) & ~spans.support[near]
     around &= ~np.isin(near, spans.intruders)
     found = choose_surroundings(height, spans, corridor)
+    fields = found.index, found.distance, found.span
     for own, expected in zip(
-        found, (near, corridor.near_distance, corridor.near_span), strict=True
+        fields, (near, corridor.near_distance, corridor.near_span), strict=True
     ):
         np.testing.assert_array_equal(own, expected[around])
-    assert [own.dtype for own in found] == [np.int64, np.float64, np.int64]
+    assert [own.dtype for own in fields] == [np.int64, np.float64, np.int64]

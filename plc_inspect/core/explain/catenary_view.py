@@ -58,11 +58,11 @@ class Curves:
     def __init__(self, trace: Trace, settings: Settings) -> None:
         """Find them again, as the run did."""
         self.trace, self.settings = trace, settings
-        cloud, limits = trace.cloud, settings.catenary
+        cloud, limits = trace.lines.cloud, settings.catenary
         found = find_curves(
-            cloud.points, cloud.index, trace.clustering, limits, np.random.default_rng(0)
+            cloud.points, cloud.index, trace.lines.clustering, limits, np.random.default_rng(0)
         )
-        believed = {_key(curve) for curve in trace.conductors.curves}
+        believed = {_key(curve) for curve in trace.lines.conductors.curves}
         profiles = [
             profile_curve(cloud.points, cloud.index, curve, curve.low, curve.high)
             for curve in found

@@ -66,10 +66,10 @@ class Windows:
         """Take the place of the point."""
         trace, self.place = place.trace, place
         self.settings: Settings = place.settings
-        self.cloud, self.alignment = trace.cloud, trace.alignment
+        self.cloud, self.alignment = trace.lines.cloud, trace.lines.alignment
         self.index = self.cloud.index_high()
-        self.seeds = trace.inliers.position
-        self.beads = _beads_of(trace.clustering.beads.points, place.slot)
+        self.seeds = trace.lines.inliers.position
+        self.beads = _beads_of(trace.lines.clustering.beads.points, place.slot)
         """Entries of the point in the points of beads."""
         near = self._list_near()
         self.numbers = near[: MOST_WINDOWS]

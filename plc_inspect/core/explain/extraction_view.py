@@ -68,13 +68,13 @@ class Place:
         self.trace, self.settings, self.index = trace, settings, index
         self.position = position
         self.decision = Decision(int(trace.result.decision[index]))
-        found = np.flatnonzero(trace.cloud.place == index)
+        found = np.flatnonzero(trace.lines.cloud.place == index)
         self.slot = int(found[0]) if len(found) else -1
-        high = trace.cloud.high
+        high = trace.lines.cloud.high
         at = int(np.searchsorted(high, self.slot))
         self.searched = self.slot >= 0 and at < len(high) and int(high[at]) == self.slot
         """The point was among those that wires are looked for in."""
-        self.here = self.holds(trace.candidates.position)
+        self.here = self.holds(trace.lines.candidates.position)
         """(M,) candidates of its cell."""
 
     def holds(self, positions: Float64) -> Bool:
@@ -85,7 +85,7 @@ class Place:
     def tell_height(self) -> Finding:
         """Return the height of the point against the threshold."""
         height = float(self.trace.result.ground_height[self.index])
-        threshold = self.trace.height.threshold
+        threshold = self.trace.lines.height.threshold
         if self.decision == Decision.NOT_FINITE:
             return Finding(stage='height', outcome='dropped', notes=('not finite',))
         checks, notes = [], ['no ground is known below, so it counts as high']
@@ -109,12 +109,12 @@ class Place:
         """Yield what would have made the point one to be looked at."""
         trace, height = self.trace, float(self.trace.result.ground_height[self.index])
         if not self._is_high():
-            peak = trace.height.threshold - self.settings.height.beta
+            peak = trace.lines.height.threshold - self.settings.height.beta
             yield from propose(
                 self.settings, 'height.beta', height - peak, True, 'height above ground', height
             )
-        elif not len(trace.cloud.high):
-            num = trace.result.num_points - trace.height.num_not_finite
+        elif not len(trace.lines.cloud.high):
+            num = trace.result.num_points - trace.lines.height.num_not_finite
             yield from propose(
                 self.settings, 'segment.min_points', num, True, 'points of the cloud', num
             )
@@ -175,7 +175,7 @@ class Place:
         found = self._distances()
         if not len(found):
             return Finding(stage='outliers', outcome='not asked')
-        result = self.trace.outliers
+        result = self.trace.lines.outliers
         check = Check(
             name='mean distance to others', value=float(found.min()), limit=result.threshold,
             is_least=False, setting='outliers.sigma', unit='m',
@@ -189,7 +189,7 @@ class Place:
 
     def gather(self) -> Iterator[Proposal]:
         """Yield what would have kept a candidate of the cell from being an outlier."""
-        found, result = self._distances(), self.trace.outliers
+        found, result = self._distances(), self.trace.lines.outliers
         if len(found) and result.sigma > 0.0:
             nearest = float(found.min())
             needed = (nearest - result.mean) / result.sigma
@@ -223,7 +223,7 @@ class Place:
     @property
     def occupied(self) -> int:
         """Occupied cells among the 27 of a metre about the point."""
-        cloud = self.trace.cloud
+        cloud = self.trace.lines.cloud
         origin = anchor(cloud.points, cloud.high, self.settings.linearity)
         cells = np.floor((cloud.points[cloud.high] - origin) / BULK_CELL)
         own = np.floor((self.position - origin) / BULK_CELL)
@@ -231,11 +231,11 @@ class Place:
         return len(np.unique(near, axis=0))
 
     def _is_high(self) -> bool:
-        return bool(self.trace.height.high[self.index])
+        return bool(self.trace.lines.height.high[self.index])
 
     def _say_unused(self) -> str:
         trace = self.trace
-        if len(trace.cloud.high) == 0:
+        if len(trace.lines.cloud.high) == 0:
             return 'the cloud has fewer points than segment.min_points; nothing was looked for'
         return 'the ground was estimated anew after the conductors were found'
 
@@ -254,7 +254,7 @@ class Place:
 
     def _measure(self, limits: LinearitySettings) -> list[Neighborhood]:
         """Return the blocks about all voxels of the cell, and about that of the point."""
-        cloud: OffGround = self.trace.cloud
+        cloud: OffGround = self.trace.lines.cloud
         origin = anchor(cloud.points, cloud.high, limits)
         sparse = drop_bulk(cloud.points, cloud.high, origin, limits.max_occupied)
         voxels = build_voxels(cloud.points, sparse, origin, limits.voxel_size)
@@ -266,7 +266,7 @@ class Place:
             here = self.holds(centroids)
             index = np.floor((self.position - origin) / voxels.size).astype(np.int64)
             own = (voxels.index == index).all(axis=1)
-            known = self.trace.candidates.position[self.here]
+            known = self.trace.lines.candidates.position[self.here]
             for slot in np.flatnonzero(here | own).tolist():
                 up = min(abs(float(likeness.direction[slot, 2])), 1.0)
                 result.append(Neighborhood(
@@ -313,14 +313,14 @@ class Place:
                     yield opened + moves
 
     def _has_candidate(self, limits: LinearitySettings) -> bool:
-        cloud = self.trace.cloud
+        cloud = self.trace.lines.cloud
         origin = anchor(cloud.points, cloud.high, limits)
         found = find_candidates(cloud.points, cloud.high, origin, limits)
         return bool(self.holds(found.position).any())
 
     def _distances(self) -> Float64:
         """Return the mean distances to others of the candidates in the cell [m]."""
-        positions, num = self.trace.candidates.position, self.settings.outliers.num_neighbors
+        positions, num = self.trace.lines.candidates.position, self.settings.outliers.num_neighbors
         if not self.here.any() or len(positions) <= num:
             return np.zeros(int(self.here.sum()))
         distance, _ = cKDTree(positions).query(positions[self.here], k=num + 1)
@@ -328,7 +328,7 @@ class Place:
         return result
 
     def _votes(self) -> np.ndarray:
-        return self.trace.alignment.votes[self.here[self.trace.outliers.keep]]
+        return self.trace.lines.alignment.votes[self.here[self.trace.lines.outliers.keep]]
 
 
 def _fails(item: Neighborhood, limits: LinearitySettings) -> list[tuple[float, str]]:

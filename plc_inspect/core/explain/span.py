@@ -155,16 +155,16 @@ def explain_stretch(
     """
     num = min(max(round(course.length / PART), 1), MOST_PARTS)
     edges = np.linspace(0.0, course.length, num + 1)
-    result, cloud = trace.result, trace.cloud
+    result, cloud = trace.result, trace.lines.cloud
     along, inside = course.locate(points)
-    kept = trace.outliers.keep
+    kept = trace.lines.outliers.keep
     seen = {
         'points': points[inside],
-        'high': points[inside & trace.height.high],
-        'candidates': trace.candidates.position,
-        'inliers': trace.candidates.position[kept],
-        'in line': trace.inliers.position[trace.alignment.voted],
-        'in beads': cloud.points[np.unique(trace.clustering.beads.points)],
+        'high': points[inside & trace.lines.height.high],
+        'candidates': trace.lines.candidates.position,
+        'inliers': trace.lines.candidates.position[kept],
+        'in line': trace.lines.inliers.position[trace.lines.alignment.voted],
+        'in beads': cloud.points[np.unique(trace.lines.clustering.beads.points)],
         'wire': points[inside & (result.line_id >= 0)],
     }
     counts = {name: _count(course, positions, edges) for name, positions in seen.items()}
@@ -249,7 +249,7 @@ def _pick_examples(
     trace: Trace, along: Float64, inside: Bool, course: Course
 ) -> tuple[int, ...]:
     """Return points of the most common decision, at the middle and both quarters."""
-    rows = np.flatnonzero(inside & trace.height.high & (trace.result.line_id < 0))
+    rows = np.flatnonzero(inside & trace.lines.height.high & (trace.result.line_id < 0))
     if not len(rows):
         rows = np.flatnonzero(inside & (trace.result.line_id < 0))
     if not len(rows):

@@ -3,7 +3,7 @@
 
 """Likeness features of voxel neighbourhoods, and the oriented candidates among them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 from numba import njit, prange
@@ -20,7 +20,7 @@ from plc_inspect.core.numerics.voxels import (
     pack,
     Voxels,
 )
-from plc_inspect.results import Float64, Int64
+from plc_inspect.results import Bool, Float64, Int64
 
 SAME_WAY = 0.97
 """Cosine between directions that are about the same."""
@@ -70,6 +70,17 @@ class LinearityResult:
     """Points that were dropped first, as inside of bulky things."""
     histogram: tuple[int, ...] = ()
     """Neighbourhoods with enough points by linear likeness, in equal bins from 0 to 1."""
+
+    def select(self, keep: Bool) -> 'LinearityResult':
+        """Return some of the candidates, (M,) True for those that stay."""
+        return replace(
+            self,
+            position=self.position[keep],
+            direction=self.direction[keep],
+            size=self.size[keep],
+            linear=self.linear[keep],
+            count=self.count[keep],
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -69,22 +69,22 @@ def find_low_conductors(
         for model, stations in zip(models, ground_below, strict=True):
             if not len(stations):
                 continue
-            at = int(np.argmin(stations[:, 1]))
-            along, clearance = (float(value) for value in stations[at])
+            clearance = float(stations[:, 1].min())
             severity = limit.judge(clearance)
             known = worst.get(model.span.span_id)
             if severity is None or (known and known['clearance'] <= clearance):
                 continue
-            worst[model.span.span_id] = _low(
-                model, stations, along, clearance, severity, limit, supports, rules
+            worst[model.span.span_id] = _describe_low(
+                model, stations, severity, limit, supports, rules
             )
     return list(worst.values())
 
 
-def _low(
-    model: SpanModel, stations: Float64, along: float, clearance: float, severity: Severity,
-    limit: Limit, supports: Sequence[Support], rules: RuleSet,
+def _describe_low(
+    model: SpanModel, stations: Float64, severity: Severity, limit: Limit,
+    supports: Sequence[Support], rules: RuleSet,
 ) -> dict[str, Any]:
+    along, clearance = stations[int(np.argmin(stations[:, 1]))].tolist()
     direction = 1.0 if model.end_x > model.start_x else -1.0
     x = model.start_x + direction * along
     below = stations[:, 1] < limit.reach

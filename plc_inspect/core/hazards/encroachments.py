@@ -39,6 +39,18 @@ TREE_MARGIN = 8.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Nearby:
+    """Points near a conductor: off the ground, neither wire nor support, and not on one."""
+
+    index: Int64
+    """(K,) which of the N points these are, ascending."""
+    distance: Float64
+    """(K,) distance to the nearest span [m]."""
+    span: Int64
+    """(K,) which span that is."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Surroundings:
     """Points near the conductors, off the ground, neither wire nor support."""
 

@@ -4,6 +4,7 @@
 """Falling trees: those that would come too near to a conductor."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 import math
 from typing import Any
 
@@ -16,7 +17,8 @@ from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.hazards.encroachments import describe_hazard, is_held
 from plc_inspect.core.hazards.trees import segment_trees
 from plc_inspect.core.spans.span_model import SpanModel
-from plc_inspect.results import Bool, Float32, Float64, HazardKind, Int32, Int64, Support
+from plc_inspect.core.spans.spans import SpanResult
+from plc_inspect.results import Bool, Float32, Float64, HazardKind, Int64, Support
 
 FALL_REACH = 50.0
 """Trees farther from all conductors than this are not looked at [m]."""
@@ -26,13 +28,19 @@ TREE_SIGMA = 0.15
 """Standard deviation of the height of a tree above its foot [m]."""
 
 
-def find_fallible(
-    points: Float64,
-    height: Float32,
-    models: Sequence[SpanModel],
-    line_id: Int32 | None = None,
-    support: Bool | None = None,
-) -> Int64:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Fallible:
+    """K points that may belong to trees which could fall on a conductor."""
+
+    points: Float64
+    """(K, 3) off the ground, neither wire nor support [m]."""
+    height: Float64
+    """(K,) above local ground [m]."""
+    surface: Bool
+    """(K,) points of roofs and walls."""
+
+
+def find_fallible(points: Float64, height: Float32, spans: SpanResult) -> Int64:
     """
     Find the points that may belong to a tree which could fall on a conductor.
 
@@ -42,33 +50,24 @@ def find_fallible(
         Positions [m].
     height : (N,) float32
         Above local ground [m].
-    models : sequence of SpanModel
-        Spans with their curves.
-    line_id : (N,) int32
-        Conductor of each point, -1 none; these do not fall.
-    support : (N,) bool
-        Points of towers and poles, which do not either.
+    spans : SpanResult
+        Spans with their curves; points of conductors and supports do not fall.
 
     Returns
     -------
     (K,) int64, ascending indices
 
     """
+    models = spans.models
     if not models:
         return np.zeros(0, dtype=np.int64)
-    free = _choose_free(
-        points, height,
-        np.zeros(0, dtype=np.int32) if line_id is None else line_id,
-        np.zeros(0, dtype=bool) if support is None else support,
-    )
+    free = _choose_free(points, height, spans.line_id, spans.support)
     found, _, _ = find_near(points, _tabulate(models), FALL_REACH)
     return found[free[found]]
 
 
 def find_falling_trees(
-    points: Float64,
-    height: Float64,
-    surface: Bool,
+    fallible: Fallible,
     models: Sequence[SpanModel],
     supports: Sequence[Support],
     rules: RuleSet,
@@ -82,12 +81,8 @@ def find_falling_trees(
 
     Parameters
     ----------
-    points : (K, 3) float64
-        Off the ground, neither wire nor support [m].
-    height : (K,) float64
-        Above local ground [m].
-    surface : (K,) bool
-        Points of roofs and walls.
+    fallible : Fallible
+        Points of trees, and what may be such.
     models, supports, rules, settings
         As in `encroachments.find_encroachments`.
     known : sequence
@@ -99,6 +94,7 @@ def find_falling_trees(
         Values of Hazard; position and height are those of the tree's top.
 
     """
+    points, height, surface = fallible.points, fallible.height, fallible.surface
     limits = rules.find('fall_in')
     if not limits or not len(points) or not models:
         return []
@@ -167,6 +163,5 @@ def _choose_free(points, height, line_id, support):  # type: ignore[no-untyped-d
     result = np.zeros(len(points), dtype=np.bool_)
     for i in prange(len(points)):
         if height[i] > TREE_HEIGHT and np.isfinite(points[i, 0] + points[i, 1] + points[i, 2]):
-            held = (len(line_id) and line_id[i] >= 0) or (len(support) and support[i])
-            result[i] = not held
+            result[i] = line_id[i] < 0 and not support[i]
     return result

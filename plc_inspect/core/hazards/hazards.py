@@ -16,13 +16,14 @@ from plc_inspect.core.hazards.conductor_hazards import (
     find_interference,
     find_low_conductors,
 )
-from plc_inspect.core.hazards.encroachments import find_encroachments, Surroundings
-from plc_inspect.core.hazards.falling_trees import find_fallible, find_falling_trees
+from plc_inspect.core.hazards.encroachments import find_encroachments, Nearby, Surroundings
+from plc_inspect.core.hazards.falling_trees import Fallible, find_fallible, find_falling_trees
 from plc_inspect.core.hazards.surfaces import is_surface
 from plc_inspect.core.numerics.arrays import take_rows
-from plc_inspect.core.spans.span_model import SpanModel as SpanModel
+from plc_inspect.core.spans.span_model import SpanModel
+from plc_inspect.core.spans.spans import SpanResult
 from plc_inspect.errors import ConfigError
-from plc_inspect.results import Bool, Float32, Float64, Hazard, Int32, Int64, Span, Support
+from plc_inspect.results import Bool, Float32, Float64, Hazard, Span
 
 
 def choose_rules(settings: HazardSettings, rules: RuleSet | None = None) -> RuleSet:
@@ -44,18 +45,11 @@ def choose_rules(settings: HazardSettings, rules: RuleSet | None = None) -> Rule
 
 def find_hazards(
     points: Float64,
-    near: Int64,
-    distance: Float64,
-    owner: Int64,
-    models: Sequence[SpanModel],
-    ground_below: Sequence[Float64],
+    height: Float32 | None,
+    nearby: Nearby,
+    spans: SpanResult,
     settings: HazardSettings,
-    *,
     rules: RuleSet | None = None,
-    height: Float32 | None = None,
-    supports: Sequence[Support] = (),
-    line_id: Int32 | None = None,
-    support: Bool | None = None,
 ) -> tuple[tuple[Hazard, ...], Bool]:
     """
     Find the places where a rule is broken.
@@ -64,34 +58,25 @@ def find_hazards(
     ----------
     points : (N, 3) float64
         Positions [m].
-    near : (K,)
-        Indices of points near a conductor, off the ground, neither wire nor support.
-    distance : (K,)
-        Distance to the nearest span [m].
-    owner : (K,)
-        Which of the models that is.
-    models : sequence of SpanModel
-        Spans with their curves.
-    ground_below : for each model the (S, 2) stations: distance from its start and height of the
-        conductor above ground [m]; empty where the ground is not known
+    height : (N,) float32 or None
+        Above local ground [m]; without it trees are as tall as they reach above the lowest
+        point, and none is taken to fall.
+    nearby : Nearby
+        K surroundings of the conductors.
+    spans : SpanResult
+        Spans with their curves, supports, and labels of the points.
     settings : HazardSettings
         Thresholds.
-    rules : RuleSet
-        What is asked for.
-    height : (N,) height above local ground [m]; without it trees are as tall as they reach above
-        the lowest point, and none is taken to fall
-    supports : sequence of Support
-        Towers and poles.
-    line_id : (N,) int32
-        Conductor of each point, -1 none; these do not fall.
-    support : (N,) bool
-        Points of towers and poles, which do not either.
+    rules : RuleSet or None
+        What is asked for; by default the plain rules of the settings.
 
     Returns
     -------
-    hazards : tuple of Hazard, numbered in order of span, line and place
-    foliage : (K,) bool, points that are neither of surfaces, such as roofs and walls, nor of what
-        holds the conductors
+    hazards : tuple of Hazard
+        Numbered in order of span, line and place.
+    foliage : (K,) bool
+        Points that are neither of surfaces, such as roofs and walls, nor of what holds the
+        conductors.
 
     Raises
     ------
@@ -100,24 +85,26 @@ def find_hazards(
 
     """
     rules = choose_rules(settings, rules)
-    own = take_rows(points, near)
+    models, supports = spans.models, spans.supports
+    own = take_rows(points, nearby.index)
     surface = is_surface(own)
     around = Surroundings(
         points=own,
-        height=_heights(own, None if height is None else height[near]),
-        distance=distance,
-        owner=owner,
+        height=_heights(own, None if height is None else height[nearby.index]),
+        distance=nearby.distance,
+        owner=nearby.span,
         surface=surface,
     )
     found, explained = find_encroachments(around, models, supports, rules, settings)
     if height is not None and rules.find('fall_in'):
-        wide = find_fallible(points, height, models, line_id, support)
+        wide = find_fallible(points, height, spans)
         trees = take_rows(points, wide)
-        found += find_falling_trees(
-            trees, np.asarray(height[wide], dtype=np.float64), is_surface(trees),
-            models, supports, rules, settings, found,
+        fallible = Fallible(
+            points=trees, height=np.asarray(height[wide], dtype=np.float64),
+            surface=is_surface(trees),
         )
-    found += find_low_conductors(models, ground_below, supports, rules)
+        found += find_falling_trees(fallible, models, supports, rules, settings, found)
+    found += find_low_conductors(models, spans.ground_below, supports, rules)
     found += find_crossings(models, supports, rules)
     found += find_interference(models, supports, rules, settings)
     found += find_abnormal_sag(models, supports, rules, settings)

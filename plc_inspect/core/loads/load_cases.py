@@ -195,8 +195,9 @@ def evaluate_cases(
                 frames = [SwungSpan(span, state, side) for side in
                           ((1.0, -1.0) if state.swing else (1.0,))]
                 distance, x = _nearest(frames, points[near])
+                nearest = _Nearest(distance=distance, x=x, surface=surface)
                 outcomes.append(_describe(
-                    name, state, frames, distance, x, surface, below, rules, min_points
+                    name, state, frames, nearest, below, rules, min_points
                 ))
                 for item in own:
                     moved[item.hazard_id][number] = min(
@@ -315,26 +316,39 @@ def _nearest(frames: Sequence[SwungSpan], points: Float64) -> tuple[Float64, Flo
     return distance, x
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Nearest:
+    """Where the conductor of one load case is nearest to each of K points."""
+
+    distance: Float64
+    """(K,) [m]"""
+    x: Float64
+    """(K,) distance along the span [m]."""
+    surface: Bool
+    """(K,) points of roofs and walls."""
+
+
 def _describe(
-    name: str, state: State, frames: Sequence[SwungSpan], distance: Float64, x: Float64,
-    surface: Bool, below: Float64, rules: RuleSet, min_points: int,
+    name: str, state: State, frames: Sequence[SwungSpan], around: _Nearest, below: Float64,
+    rules: RuleSet, min_points: int,
 ) -> Outcome:
+    trees, buildings = rules.find('vegetation'), rules.find('building')
     return Outcome(
         case=name,
         sag=measure_sag(state.length, state.rise, state.c),
         c=state.c,
         tension=state.tension,
         swing=state.swing,
-        vegetation=_reach(distance, x, ~surface, rules.find('vegetation'), min_points, state),
-        building=_reach(distance, x, surface, rules.find('building'), min_points, state),
+        vegetation=_reach(around, ~around.surface, trees, min_points),
+        building=_reach(around, around.surface, buildings, min_points),
         ground=_over_ground(frames, below, rules.find('ground')),
     )
 
 
 def _reach(
-    distance: Float64, x: Float64, chosen: Bool, limits: Sequence[Limit], min_points: int,
-    state: State,
+    around: _Nearest, chosen: Bool, limits: Sequence[Limit], min_points: int
 ) -> Reach:
+    distance, x = around.distance, around.x
     own = np.flatnonzero(chosen)
     if len(own) < min_points:
         return Reach(clearance=math.nan, along=math.nan, severity=None)

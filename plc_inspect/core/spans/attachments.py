@@ -23,7 +23,7 @@ from plc_inspect.core.catenary.curve_row import (
 )
 from plc_inspect.core.spans.joints import Joint
 from plc_inspect.core.spans.layout import Layout
-from plc_inspect.core.spans.span_fit import End
+from plc_inspect.core.spans.span_fit import CutCurve, pack_ends
 from plc_inspect.core.spans.supports import END_SCATTER
 from plc_inspect.results import Float64
 
@@ -35,8 +35,8 @@ NUM_STEPS = 4
 
 
 def settle_ends(
-    layout: Layout, finals: Sequence[End]
-) -> tuple[Layout, list[End], Float64]:
+    layout: Layout, finals: Sequence[CutCurve]
+) -> tuple[Layout, list[CutCurve], Float64]:
     """
     Say where the final curves end at their supports.
 
@@ -51,24 +51,24 @@ def settle_ends(
     ----------
     layout : Layout
         Joints and supports.
-    finals : sequence of (Curve, float, float)
-        For each curve of the layout the final one, and the x of its ends [m].
+    finals : sequence of CutCurve
+        For each curve of the layout the final one.
 
     Returns
     -------
     layout : Layout
         With its supports where the mean crossings are.
-    finals : list of (Curve, float, float)
+    finals : list of CutCurve
         With settled ends.
     sigma : (C, 2) float64
         Standard deviation of the place of the low and the high end along the curve [m], 0 where
         it is not at a support.
 
     """
-    ends = np.array([(low, high) for _, low, high in finals]).reshape(-1, 2)
+    ends = pack_ends(finals)
     sigma = np.zeros_like(ends)
     stations = np.array([layout.start_station, layout.end_station]).T.reshape(-1, 2)
-    rows = pack_curves([curve for curve, _, _ in finals])
+    rows = pack_curves([cut.curve for cut in finals])
     moved = []
     for number, station in enumerate(layout.stations):
         unit = np.array([math.cos(station.direction), math.sin(station.direction)])
@@ -86,26 +86,26 @@ def settle_ends(
             for curve, side in zip(joint.curves, joint.sides, strict=True):
                 place[curve, (side + 1) // 2] = float(value), float(deviation)
         for (curve, side), (value, deviation) in place.items():
-            azimuth = finals[curve][0].azimuth
+            azimuth = finals[curve].curve.azimuth
             rate = unit @ (math.cos(azimuth), math.sin(azimuth))
-            to_station = (station.position - finals[curve][0].origin) @ unit
+            to_station = (station.position - finals[curve].curve.origin) @ unit
             ends[curve, side] = (to_station + value) / rate
             sigma[curve, side] = deviation / abs(rate)
         moved.append(dataclasses.replace(station, position=station.position + mean * unit))
     settled_finals = [
-        (curve, float(low), float(high))
-        for (curve, _, _), (low, high) in zip(finals, ends, strict=True)
+        CutCurve(curve=cut.curve, low=low, high=high)
+        for cut, (low, high) in zip(finals, ends.tolist(), strict=True)
     ]
     return dataclasses.replace(layout, stations=tuple(moved)), settled_finals, sigma
 
 
-def _cross(rows: Float64, finals: Sequence[End], joint: Joint) -> tuple[Float64, float]:
+def _cross(rows: Float64, finals: Sequence[CutCurve], joint: Joint) -> tuple[Float64, float]:
     """Plan position where two final curves are nearest, and its deviation along the first [m]."""
     first, second = joint.curves
-    curve = finals[first][0]
+    curve = finals[first].curve
     start, _ = curve.local_place(joint.position)
     x, sigma = _find_crossing(
-        rows[first], rows[second], start, curve.azimuth - finals[second][0].azimuth
+        rows[first], rows[second], start, curve.azimuth - finals[second].curve.azimuth
     )
     return curve.position(x)[0, :2], sigma
 

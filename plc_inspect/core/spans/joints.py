@@ -93,9 +93,7 @@ def find_joints(curves: Sequence[Curve], max_reach: float) -> tuple[Joint, ...]:
         keys = {(first, side), (second, other_side)}
         if not keys & used:
             used |= keys
-            chosen.append(_describe(
-                curves, (first, second), (side, other_side), *values[k].tolist()
-            ))
+            chosen.append(_describe(curves, (first, second), (side, other_side), values[k]))
     return tuple(chosen)
 
 
@@ -130,13 +128,10 @@ def _describe(
     curves: Sequence[Curve],
     numbers: tuple[int, int],
     sides: tuple[int, int],
-    x: float,
-    other_x: float,
-    miss: float,
-    rise: float,
-    cost: float,
+    values: Float64,
 ) -> Joint:
-    """Return the joint of two ends."""
+    """Return the joint of two ends from x of both, their distance, the kink and the cost."""
+    x, other_x, miss, rise, cost = values.tolist()
     first, second = (curves[number] for number in numbers)
     axis = [
         sides[1] * turn(second.azimuth) - sides[0] * turn(first.azimuth)

@@ -14,7 +14,7 @@ from plc_inspect.core.catenary.nearest_span import find_near
 from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.core.spans.crowding import find_intruders
 from plc_inspect.core.spans.span_model import tabulate
-from plc_inspect.core.spans.spans import SpanResult
+from plc_inspect.core.spans.spans import copy_labels, SpanResult
 
 FREE_LENGTH = 2.0
 """Length of the parts of a span that are free of other things or not [m]."""
@@ -44,12 +44,12 @@ def settle_strays(cloud: OffGround, spans: SpanResult) -> SpanResult:
     Returns
     -------
     SpanResult
-        With labels, residuals and numbers of points brought up to date; the arrays are those
-        given.
+        With labels, residuals and numbers of points brought up to date.
 
     """
     if not spans.models:
         return spans
+    spans = copy_labels(spans)
     near, distance, nearest = find_near(cloud.points, tabulate(spans.models), FREE_RADIUS)
     order = np.argsort(nearest, kind='stable')
     near, distance = near[order], distance[order]

@@ -26,8 +26,9 @@ from plc_inspect.core.clustering.segments import cluster_window
 from plc_inspect.core.extraction.linearity import LinearityResult
 from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.core.numerics.plan_index import build_plan_index, gather_strip
-from plc_inspect.core.spans.span_model import model_span, SpanModel
-from plc_inspect.core.spans.spans import measure_ground_below, SpanResult
+from plc_inspect.core.spans.span_fit import CutCurve
+from plc_inspect.core.spans.span_model import FittedSpan, model_span, SpanModel
+from plc_inspect.core.spans.spans import copy_labels, measure_ground_below, SpanResult
 from plc_inspect.errors import FitError
 from plc_inspect.results import Bool, Float64, Int64, Support
 
@@ -75,7 +76,7 @@ def add_taps(
     candidates : LinearityResult
         Places where points lie along a line.
     spans : SpanResult
-        Spans and supports so far, with labels of these points; the labels are changed.
+        Spans and supports so far, with labels of these points.
     settings : Settings
         Settings of all stages.
 
@@ -86,6 +87,7 @@ def add_taps(
     """
     if not spans.models or not spans.supports or not len(candidates.position):
         return spans
+    spans = copy_labels(spans)
     places = build_plan_index(candidates.position, np.arange(len(candidates.position)), REACH / 2)
     models, grounds = list(spans.models), list(spans.ground_below)
     supports = []
@@ -303,7 +305,13 @@ def _claim(
         return None
     spans.line_id[own], spans.span_id[own] = line_id, span_id
     spans.residual[own] = measure_distances(cloud.points, curve, own)
-    return model_span(
-        cloud.points, curve, own, low, curve.high, False, (False, True), line_id, span_id,
-        profile.coverage, (0.0, 0.0),
-    )
+    return model_span(cloud.points, FittedSpan(
+        cut=CutCurve(curve=curve, low=low, high=curve.high),
+        points=own,
+        reverse=False,
+        is_open=(False, True),
+        line_id=line_id,
+        span_id=span_id,
+        coverage=profile.coverage,
+        end_sigma=(0.0, 0.0),
+    ))

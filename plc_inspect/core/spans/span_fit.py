@@ -5,6 +5,7 @@
 
 from collections.abc import Sequence
 import dataclasses
+from dataclasses import dataclass
 import math
 
 from numba import njit
@@ -47,8 +48,21 @@ MAX_NOISE = 3.0
 MAX_POINTS = 8_000
 """Points that the fit of a span uses at most."""
 
-End = tuple[Curve, float, float]
-"""A curve, and the x of its low and high end [m]."""
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CutCurve:
+    """A curve, cut where its span ends."""
+
+    curve: Curve
+    low: float
+    """x of its low end [m]."""
+    high: float
+    """x of its high end [m]."""
+
+
+def pack_ends(cuts: Sequence[CutCurve]) -> Float64:
+    """Return the (C, 2) x of the low and the high end of each curve [m]."""
+    return np.array([(cut.low, cut.high) for cut in cuts]).reshape(-1, 2)
 
 
 def fit_spans(
@@ -57,7 +71,7 @@ def fit_spans(
     layout: Layout,
     settings: CatenarySettings,
     rng: np.random.Generator,
-) -> list[End]:
+) -> list[CutCurve]:
     """
     Fit each curve to all points between its ends.
 
@@ -79,8 +93,8 @@ def fit_spans(
 
     Returns
     -------
-    list of (Curve, float, float)
-        For each curve of the layout the final one, and the x of its ends [m].
+    list of CutCurve
+        For each curve of the layout the final one.
 
     """
     num = len(layout.curves)
@@ -106,12 +120,12 @@ def fit_spans(
                 curve.fit, covariance=row[COVARIANCE : COVARIANCE + 9].reshape(3, 3)
             ),
         )
-        finals.append((fresh, low, high))
+        finals.append(CutCurve(curve=fresh, low=low, high=high))
     return finals
 
 
 def collect_points(
-    points: Float64, index: PlanIndex, finals: Sequence[End], slack: float
+    points: Float64, index: PlanIndex, finals: Sequence[CutCurve], slack: float
 ) -> list[tuple[Int64, Float32]]:
     """
     Find the points on each curve between its ends, and their distances to it.
@@ -122,8 +136,8 @@ def collect_points(
         Coordinates [m].
     index : PlanIndex
         Searched.
-    finals : sequence of (Curve, float, float)
-        Curves, and the x of their ends [m].
+    finals : sequence of CutCurve
+        Curves of the spans.
     slack : float
         Points may lie this far beyond the ends [m].
 
@@ -133,16 +147,16 @@ def collect_points(
         (K,) int64 ascending, (K,) float32 [m].
 
     """
-    ends = np.array([(low - slack, high + slack) for _, low, high in finals])
-    rows = pack_curves([curve for curve, _, _ in finals])
+    ends = pack_ends(finals) + np.array([-slack, slack])
+    rows = pack_curves([cut.curve for cut in finals])
     grid = grid_of(index)
     return call_each(lambda k: _collect(points, grid, rows[k], ends[k]), len(finals))
 
 
-def measure_coverage(points: Float64, index: PlanIndex, finals: Sequence[End]) -> Float64:
+def measure_coverage(points: Float64, index: PlanIndex, finals: Sequence[CutCurve]) -> Float64:
     """Return the (C,) share of the metres of each curve that hold points of it."""
-    ends = np.array([(low, high) for _, low, high in finals]).reshape(-1, 2)
-    rows = pack_curves([curve for curve, _, _ in finals])
+    ends = pack_ends(finals)
+    rows = pack_curves([cut.curve for cut in finals])
     grid, nothing = grid_of(index), np.zeros(0, dtype=bool)
     cores = call_each(
         lambda k: profile_row(points, grid, rows[k], ends[k, 0], ends[k, 1], STEP, nothing)[0],

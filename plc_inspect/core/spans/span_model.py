@@ -12,6 +12,7 @@ import numpy as np
 from plc_inspect.core.catenary.catenary import fit_quadratic
 from plc_inspect.core.catenary.curve import Curve
 from plc_inspect.core.catenary.nearest_span import span_table
+from plc_inspect.core.spans.span_fit import CutCurve
 from plc_inspect.results import Float64, Int64, Span, Support
 
 POINT_SIGMA = 0.03
@@ -76,19 +77,27 @@ class SpanModel:
         return inside, np.hypot(y, x - inside), vertical
 
 
-def model_span(
-    points: Float64,
-    curve: Curve,
-    own: Int64,
-    low: float,
-    high: float,
-    reverse: bool,
-    is_open: tuple[bool, ...],
-    line: int,
-    span: int,
-    coverage: float,
-    end_sigma: tuple[float, float],
-) -> SpanModel:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FittedSpan:
+    """A span that was fitted, before it is described in the orientation of its route."""
+
+    cut: CutCurve
+    """Its final curve, and where that ends."""
+    points: Int64
+    """(K,) points of the conductor."""
+    reverse: bool
+    """The route runs from the high to the low end."""
+    is_open: tuple[bool, bool]
+    """No support is known at the low, and at the high end."""
+    line_id: int
+    span_id: int
+    coverage: float
+    """Share of its metres with points."""
+    end_sigma: tuple[float, float]
+    """Standard deviations of the place of both ends along the curve [m]."""
+
+
+def model_span(points: Float64, fitted: FittedSpan) -> SpanModel:
     """
     Describe a span in the orientation of its route.
 
@@ -96,28 +105,16 @@ def model_span(
     ----------
     points : (N, 3) float64
         Coordinates [m].
-    curve : Curve
-        Final curve of the span.
-    own : (K,) int64
-        Points of the conductor.
-    low, high : float
-        x of the curve at its ends [m].
-    reverse : bool
-        The route runs from high to low.
-    is_open : (bool, bool)
-        No support is known at the low, and at the high end.
-    line, span : int
-        Numbers of its line and span.
-    coverage : float
-        Share of its metres with points.
-    end_sigma : (float, float)
-        Standard deviations of the place of both ends along the curve [m].
+    fitted : FittedSpan
+        Curve, ends and points.
 
     Returns
     -------
     SpanModel
 
     """
+    curve, low, high = fitted.cut.curve, fitted.cut.low, fitted.cut.high
+    own, reverse, end_sigma = fitted.points, fitted.reverse, fitted.end_sigma
     start_x, end_x = (high, low) if reverse else (low, high)
     sign = -1.0 if reverse else 1.0
     start, end = curve.position(np.array([start_x, end_x]))
@@ -133,10 +130,10 @@ def model_span(
     along = (x - start_x) * sign
     lowest = curve.position(curve.fit.lowest(low, high))[0]
     a2, a1, a0 = fit_quadratic(along, points[own, 2])
-    open_low, open_high = is_open
+    open_low, open_high = fitted.is_open
     record = Span(
-        line_id=line,
-        span_id=span,
+        line_id=fitted.line_id,
+        span_id=fitted.span_id,
         start=start,
         end=end,
         azimuth=math.remainder(curve.azimuth + (math.pi if reverse else 0.0), 2 * math.pi),
@@ -151,7 +148,7 @@ def model_span(
         open_end=open_low if reverse else open_high,
         rmse=curve.fit.rmse,
         num_points=len(own),
-        coverage=coverage,
+        coverage=fitted.coverage,
         sigma={'a': sigma_a, 'b': sigma_b, 'c': sigma_c, 'sag': sigma_sag},
     )
     return SpanModel(span=record, curve=curve, start_x=start_x, end_x=end_x)

@@ -16,7 +16,7 @@ from plc_inspect.core.spans.attachments import settle_ends
 from plc_inspect.core.spans.layout import Layout
 from plc_inspect.core.spans.route import Route
 from plc_inspect.core.spans.span_fit import collect_points, fit_spans, measure_coverage
-from plc_inspect.core.spans.span_model import model_span, SpanModel
+from plc_inspect.core.spans.span_model import FittedSpan, model_span, SpanModel
 from plc_inspect.core.spans.supports import place_supports
 from plc_inspect.results import Bool, Float32, Float64, Int32, Int64, Support
 
@@ -94,42 +94,39 @@ def build_spans(
         residual[chosen] = distance[nearer]
     wire = line_id >= 0
     supports, support_mask, closed = place_supports(
-        points, cloud.height, index, wire, layout, route, finals, end_sigma
+        cloud, wire, layout, route, finals, end_sigma
     )
     for (number, side), (beyond, deviation) in closed.items():
-        curve, low, high = finals[number]
-        finals[number] = (curve, low, high + beyond) if side > 0 else (curve, low - beyond, high)
+        cut = finals[number]
+        finals[number] = (
+            dataclasses.replace(cut, high=cut.high + beyond) if side > 0
+            else dataclasses.replace(cut, low=cut.low - beyond)
+        )
         end_sigma[number, (side + 1) // 2] = deviation
     coverage = measure_coverage(points, index, finals)
     found = []
-    for number, (curve, low, high) in enumerate(finals):
+    for number, cut in enumerate(finals):
         own = collected[number]
         own = own[
             (line_id[own] == route.line_id[number]) & (span_id[own] == route.span_id[number])
         ]
-        if len(own) < 3 or high <= low:  # its ends may have been drawn past each other
+        if len(own) < 3 or cut.high <= cut.low:  # its ends may have been drawn past each other
             line_id[own], span_id[own], residual[own] = -1, -1, np.nan
             continue
-        is_open = tuple(
-            station < 0 and (number, side) not in closed
-            for station, side in (
-                (layout.start_station[number], -1),
-                (layout.end_station[number], 1),
-            )
-        )
-        found.append((
-            curve,
-            own,
-            low,
-            high,
-            route.reverse[number],
-            is_open,
-            route.line_id[number],
-            route.span_id[number],
-            float(coverage[number]),
-            (float(end_sigma[number, 0]), float(end_sigma[number, 1])),
+        found.append(FittedSpan(
+            cut=cut,
+            points=own,
+            reverse=route.reverse[number],
+            is_open=(
+                layout.start_station[number] < 0 and (number, -1) not in closed,
+                layout.end_station[number] < 0 and (number, 1) not in closed,
+            ),
+            line_id=route.line_id[number],
+            span_id=route.span_id[number],
+            coverage=float(coverage[number]),
+            end_sigma=(float(end_sigma[number, 0]), float(end_sigma[number, 1])),
         ))
-    models = [model_span(points, *of_span) for of_span in found]
+    models = [model_span(points, fitted) for fitted in found]
     models.sort(key=lambda model: (model.span.line_id, model.span.span_id))
     return SpanResult(
         models=tuple(models),
@@ -140,6 +137,14 @@ def build_spans(
         support=support_mask & ~wire,
         ground_below=tuple(measure_ground_below(cloud.height, model) for model in models),
         intruders=np.zeros(0, dtype=np.int64),
+    )
+
+
+def copy_labels(spans: SpanResult) -> SpanResult:
+    """Return spans whose labels may be changed without changing those given."""
+    return dataclasses.replace(
+        spans, line_id=spans.line_id.copy(), span_id=spans.span_id.copy(),
+        residual=spans.residual.copy(),
     )
 
 

@@ -43,17 +43,26 @@ class Structure:
     """'pole' or 'tower'."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Stand:
+    """A place at which conductors end and something may hold them."""
+
+    near: Float64
+    """(2,) plan position to look at [m]."""
+    azimuth: float
+    """Direction of the line [rad]."""
+    reach: float
+    """How far from there the axis may be; across the line at most MAX_BESIDE [m]."""
+    attachment: float
+    """Height of the lowest conductor there above the ground [m]."""
+    top: float
+    """Height of the highest one [m]; a pole reaches up to it."""
+    may_be_tower: bool
+    """What fills the metres without being a pole is a tower; else nothing is."""
+
+
 def find_structure(
-    points: Float64,
-    height: Float32,
-    index: PlanIndex,
-    wire: Bool,
-    near: Float64,
-    azimuth: float,
-    reach: float,
-    attachment: float,
-    top: float,
-    may_be_tower: bool,
+    points: Float64, height: Float32, index: PlanIndex, wire: Bool, stand: Stand
 ) -> Structure | None:
     """
     Find the pole or tower at a place, if its points reach from the ground to the conductor.
@@ -68,20 +77,15 @@ def find_structure(
         Of the points off the ground.
     wire : (N,) bool
         Points of conductors, which do not count.
-    near : float
-        (2,) plan position to look at [m].
-    azimuth : float
-        Direction of the line [rad].
-    reach : float
-        How far from there its axis may be; across the line at most MAX_BESIDE [m].
-    attachment : float
-        Height of the lowest conductor there above the ground [m].
-    top : float
-        Height of the highest one [m]; a pole reaches up to it.
-    may_be_tower : bool
-        What fills the metres without being a pole is a tower; else nothing is.
+    stand : Stand
+        Where to look.
+
+    Returns
+    -------
+    Structure or None
 
     """
+    near, reach = stand.near, stand.reach
     found = gather_strip(
         index.start,
         index.order,
@@ -99,18 +103,20 @@ def find_structure(
     apart = points[found, :2] - near
     inside = np.hypot(apart[:, 0], apart[:, 1]) <= reach + COLUMN
     found, apart = found[inside], apart[inside]
-    needed = max(int(attachment) - 2, 3)
+    needed = max(int(stand.attachment) - 2, 3)
     if len(found) < needed:
         return None
     level = height[found].astype(np.int64)
-    column = _best_column(apart, level, max(int(top) - 2, 3), azimuth, reach)
+    column = _best_column(
+        apart, level, max(int(stand.top) - 2, 3), stand.azimuth, reach
+    )
     if column is not None:
         own = np.hypot(*(apart - column).T) <= COLUMN
         return Structure(
             position=near + column, top=float(points[found[own], 2].max()), kind='pole'
         )
     filled = len(np.unique(level[(level >= 1) & (level <= needed)])) / needed
-    if filled < FILLED or not may_be_tower:
+    if filled < FILLED or not stand.may_be_tower:
         return None
     body = level >= needed // 3
     if body.sum() < 5:

@@ -4,18 +4,21 @@
 """Placement of supports: where they stand, and which points are theirs."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 import math
+from typing import Any
 
 from numba import njit
 import numpy as np
 
-from plc_inspect.core.catenary.curve import Curve
-from plc_inspect.core.extraction.height import ground_at, HeightResult
-from plc_inspect.core.numerics.plan_index import gather_strip, PlanIndex
+from plc_inspect.core.extraction.height import ground_at
+from plc_inspect.core.extraction.off_ground import OffGround
+from plc_inspect.core.numerics.plan_index import gather_strip
 from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.core.spans.layout import Layout
 from plc_inspect.core.spans.route import Route, SIDE_BY_SIDE
-from plc_inspect.core.spans.structures import COLUMN, find_structure, Structure
+from plc_inspect.core.spans.span_fit import CutCurve
+from plc_inspect.core.spans.structures import COLUMN, find_structure, Stand, Structure
 from plc_inspect.core.spans.support_points import mark_structure, mark_stub
 from plc_inspect.results import Bool, Float64, Support
 
@@ -39,18 +42,61 @@ BEYOND = 5.0
 SAME_PLACE, SAME_HEIGHT = 1.0, 3.0
 """Supports this near in plan and in height are one [m]."""
 
-Standing = tuple[Float64, list[tuple[int, int, Float64]], Structure | None]
-"""Plan position of a support, the ends that it holds, and what was found there."""
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SpanEnd:
+    """One end of the curve of a span."""
+
+    number: int
+    """Which curve."""
+    side: int
+    """-1 its low, 1 its high end."""
+    place: Float64
+    """(3,) where it is [m]."""
+    azimuth: float
+    """Of the curve [rad]."""
+
+    @property
+    def outward(self) -> Float64:
+        """(2,) plan direction in which the conductor would go on."""
+        return self.side * np.array([math.cos(self.azimuth), math.sin(self.azimuth)])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Standing:
+    """A place where conductors end together."""
+
+    position: Float64
+    """(2,) plan position [m]."""
+    ends: list[SpanEnd]
+    structure: Structure | None = None
+    """What was found there."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Placed:
+    """A support before it has its number."""
+
+    span_ids: tuple[int, int]
+    """Least and greatest span that ends there."""
+    line_ids: tuple[int, ...]
+    position: Float64
+    """(3,) foot [m]."""
+    height: float
+    kind: str
+
+    @property
+    def order(self) -> tuple[Any, ...]:
+        """Along the route, then by line and place."""
+        return sum(self.span_ids), self.line_ids, *self.position
 
 
 def place_supports(
-    points: Float64,
-    height: HeightResult,
-    index: PlanIndex,
+    cloud: OffGround,
     wire: Bool,
     layout: Layout,
     route: Route,
-    finals: Sequence[tuple[Curve, float, float]],
+    finals: Sequence[CutCurve],
     end_sigma: Float64,
 ) -> tuple[tuple[Support, ...], Bool, dict[tuple[int, int], tuple[float, float]]]:
     """
@@ -58,18 +104,14 @@ def place_supports(
 
     Parameters
     ----------
-    points : (N, 3) float64
-        Points off the ground [m].
-    height : HeightResult
-        Of these points.
-    index : PlanIndex
-        Searched.
+    cloud : OffGround
+        N points off the ground.
     wire : (N,) bool
         Points of conductors.
     layout, route : Layout, Route
         C curves, and what they belong to.
-    finals : sequence of (Curve, float, float)
-        For each curve of the layout the final one, and the x of its ends [m].
+    finals : sequence of CutCurve
+        For each curve of the layout the final one.
     end_sigma : (C, 2) float64
         Standard deviation of the place of the low and the high end along the curve [m], 0 where
         it is not at a station.
@@ -84,111 +126,106 @@ def place_supports(
         far beyond its end so far it hangs, and the standard deviation of that [m].
 
     """
-    mask = np.zeros(len(points), dtype=bool)
-    found = []
+    mask = np.zeros(len(cloud.points), dtype=bool)
     closed: dict[tuple[int, int], tuple[float, float]] = {}
     ends = [
-        (number, side, curve.position(high if side > 0 else low)[0])
-        for number, (curve, low, high) in enumerate(finals)
-        for side in (-1, 1)
+        SpanEnd(
+            number=number, side=side, azimuth=cut.curve.azimuth,
+            place=cut.curve.position(cut.high if side > 0 else cut.low)[0],
+        )
+        for number, cut in enumerate(finals) for side in (-1, 1)
     ]
+
+    # Ends at one station hang together; open ends do where they lie side by side.
     stations = [layout.start_station, layout.end_station]
+    at = [int(stations[(end.side + 1) // 2][end.number]) for end in ends]
+    found = []
     for station, record in enumerate(layout.stations):
-        members = [end for end in ends if stations[(end[1] + 1) // 2][end[0]] == station]
-        if not members:
+        members = [end for end, own in zip(ends, at, strict=True) if own == station]
+        if members:
+            found.append(Standing(position=record.position, ends=members))
+    opened = [end for end, own in zip(ends, at, strict=True) if own < 0]
+    for members in _group_ends(opened):
+        position = np.mean([end.place[:2] for end in members], axis=0)
+        found.append(Standing(position=position, ends=members))
+
+    # What stands there decides whether it is a support, and where the conductors end.
+    structures = call_each(lambda k: _find_structure(cloud, wire, found[k]), len(found))
+    standing = [
+        replace(item, structure=structure)
+        for item, structure in zip(found, structures, strict=True)
+    ]
+    placed = []
+    for item in _unite(standing):
+        is_open = [stations[(end.side + 1) // 2][end.number] < 0 for end in item.ends]
+        if all(is_open) and not _is_held_up(cloud, wire, item):
             continue
-        found.append((record.position, members))
-    opened = [end for end in ends if stations[(end[1] + 1) // 2][end[0]] < 0]
-    for members in _group_ends(opened, finals):
-        found.append((np.mean([end[2][:2] for end in members], axis=0), members))
-    supports = []
-    structures = call_each(
-        lambda k: _find_structure(points, height, index, wire, *found[k], finals), len(found)
-    )
-    standing = [(*place, item) for place, item in zip(found, structures, strict=True)]
-    for position, members, structure in _unite(standing):
-        is_open = [stations[(side + 1) // 2][number] < 0 for number, side, _ in members]
-        attachments = np.array([end[2] for end in members])
-        is_pole = structure is not None and structure.kind == 'pole'
-        held = len(members) > 1 and (
-            structure is not None
-            or _are_held(points, height, index, wire, members, finals)
-        )
-        if all(is_open) and not is_pole and not held:
-            continue
-        if structure is not None and is_pole:
-            closed |= _reach_pole(members, structure, finals, end_sigma)
+        if item.structure is not None and item.structure.kind == 'pole':
+            closed |= _reach_pole(item.ends, item.structure, finals, end_sigma)
         else:
-            own = [end for end, mine in zip(members, is_open, strict=True) if mine]
+            own = [end for end, mine in zip(item.ends, is_open, strict=True) if mine]
             closed |= _reach_support(own, finals)
-        azimuth = _mean_azimuth(members, finals)
-        place = _settle(position, structure, azimuth)
-        foot = float(ground_at(height, place[None, :])[0])
-        top = float(attachments[:, 2].max())
-        if structure is not None:
-            top = max(top, structure.top)
-        mark_structure(
-            points,
-            index,
-            place,
-            azimuth,
-            attachments,
-            structure.kind == 'pole' if structure is not None else len(members) < 3,
-            mask,
-        )
-        for end in members:
-            mark_stub(points, index, end[2], _outward(end, finals), mask)
-        if not math.isfinite(foot):
-            foot = float(attachments[:, 2].min())
-        supports.append(
-            (
-                min(route.span_id[end[0]] for end in members),
-                max(route.span_id[end[0]] for end in members),
-                tuple(sorted({route.line_id[end[0]] for end in members})),
-                np.array([place[0], place[1], foot]),
-                top - foot,
-                structure.kind if structure is not None else 'unseen',
-            )
-        )
-    supports.sort(key=lambda item: (item[0] + item[1], item[2], *item[3]))
-    return (
-        tuple(
-            Support(support_id=number, position=place, height=tall, kind=kind, line_ids=lines)
-            for number, (_, _, lines, place, tall, kind) in enumerate(supports)
-        ),
-        mask,
-        closed,
+        placed.append(_place(cloud, item, route, mask))
+    placed.sort(key=lambda support: support.order)
+    supports = tuple(
+        Support(support_id=number, position=support.position, height=support.height,
+                kind=support.kind, line_ids=support.line_ids)
+        for number, support in enumerate(placed)
+    )
+    return supports, mask, closed
+
+
+def _is_held_up(cloud: OffGround, wire: Bool, item: Standing) -> bool:
+    """Tell whether open ends are at a support and did not just leave the cloud."""
+    if item.structure is not None and item.structure.kind == 'pole':
+        return True
+    return len(item.ends) > 1 and (
+        item.structure is not None or _are_held(cloud, wire, item.ends)
     )
 
 
-def _find_structure(
-    points: Float64,
-    height: HeightResult,
-    index: PlanIndex,
-    wire: Bool,
-    position: Float64,
-    members: Sequence[tuple[int, int, Float64]],
-    finals: Sequence[tuple[Curve, float, float]],
-) -> Structure | None:
+def _place(cloud: OffGround, item: Standing, route: Route, mask: Bool) -> _Placed:
+    """Describe one support, and mark its points in the mask."""
+    azimuth, structure = _mean_azimuth(item.ends), item.structure
+    attachments = np.array([end.place for end in item.ends])
+    place = _settle(item.position, structure, azimuth)
+    foot = float(ground_at(cloud.height, place[None, :])[0])
+    top = float(attachments[:, 2].max())
+    is_pole = len(item.ends) < 3
+    if structure is not None:
+        top, is_pole = max(top, structure.top), structure.kind == 'pole'
+    mark_structure(cloud.points, cloud.index, place, azimuth, attachments, is_pole, mask)
+    for end in item.ends:
+        mark_stub(cloud.points, cloud.index, end.place, end.outward, mask)
+    if not math.isfinite(foot):
+        foot = float(attachments[:, 2].min())
+    span_ids = [route.span_id[end.number] for end in item.ends]
+    return _Placed(
+        span_ids=(min(span_ids), max(span_ids)),
+        line_ids=tuple(sorted({route.line_id[end.number] for end in item.ends})),
+        position=np.array([place[0], place[1], foot]),
+        height=top - foot,
+        kind=structure.kind if structure is not None else 'unseen',
+    )
+
+
+def _find_structure(cloud: OffGround, wire: Bool, item: Standing) -> Structure | None:
     """Find what stands at the ends of conductors and reaches up to them."""
-    base = float(ground_at(height, position[None, :])[0])
+    base = float(ground_at(cloud.height, item.position[None, :])[0])
     if not math.isfinite(base):
         return None
-    attachment = np.array([end[2][2] for end in members])
-    azimuth = _mean_azimuth(members, finals)
-    across = [end[2][:2] @ (-math.sin(azimuth), math.cos(azimuth)) for end in members]
-    structure = find_structure(
-        points,
-        height.height,
-        index,
-        wire,
-        position,
-        azimuth,
-        2.5 if len(members) < 3 else 4.0,
-        float(attachment.min()) - base,
-        float(attachment.max()) - base,
-        len(members) < 3 or float(np.ptp(across)) > MIN_TOWER,
-    )
+    attachment = np.array([end.place[2] for end in item.ends])
+    azimuth = _mean_azimuth(item.ends)
+    across = [end.place[:2] @ (-math.sin(azimuth), math.cos(azimuth)) for end in item.ends]
+    few = len(item.ends) < 3
+    structure = find_structure(cloud.points, cloud.height.height, cloud.index, wire, Stand(
+        near=item.position,
+        azimuth=azimuth,
+        reach=2.5 if few else 4.0,
+        attachment=float(attachment.min()) - base,
+        top=float(attachment.max()) - base,
+        may_be_tower=few or float(np.ptp(across)) > MIN_TOWER,
+    ))
     if structure is not None and structure.top < float(attachment.min()) - MAX_BELOW:
         return None  # a tree below does not hold them
     return structure
@@ -200,8 +237,10 @@ def _unite(standing: Sequence[Standing]) -> list[Standing]:
     for item in standing:
         for number, other in enumerate(united):
             if _is_same(other, item):
-                structure = item[2] if other[2] is None else other[2]
-                united[number] = (other[0], other[1] + item[1], structure)
+                united[number] = replace(
+                    other, ends=other.ends + item.ends,
+                    structure=item.structure if other.structure is None else other.structure,
+                )
                 break
         else:
             united.append(item)
@@ -210,29 +249,25 @@ def _unite(standing: Sequence[Standing]) -> list[Standing]:
 
 def _is_same(first: Standing, second: Standing) -> bool:
     poles = [
-        item.position for _, _, item in (first, second)
-        if item is not None and item.kind == 'pole'
+        item.structure.position for item in (first, second)
+        if item.structure is not None and item.structure.kind == 'pole'
     ]
     if len(poles) == 2:
         return math.dist(*poles) <= COLUMN
-    heights = [[end[2][2] for end in members] for _, members, _ in (first, second)]
+    heights = [[end.place[2] for end in item.ends] for item in (first, second)]
     return (
-        math.dist(first[0], second[0]) <= SAME_PLACE
+        math.dist(first.position, second.position) <= SAME_PLACE
         and max(map(min, heights)) - min(map(max, heights)) <= SAME_HEIGHT
     )
 
 
-def _group_ends(
-    ends: Sequence[tuple[int, int, Float64]],
-    finals: Sequence[tuple[Curve, float, float]],
-) -> list[list[tuple[int, int, Float64]]]:
+def _group_ends(ends: Sequence[SpanEnd]) -> list[list[SpanEnd]]:
     """Open ends that lie side by side across their line."""
-    groups: list[list[tuple[int, int, Float64]]] = []
+    groups: list[list[SpanEnd]] = []
     for end in ends:
-        azimuth = finals[end[0]][0].azimuth
-        unit = np.array([math.cos(azimuth), math.sin(azimuth)])
+        unit = end.side * end.outward
         for group in groups:
-            apart = np.array([other[2][:2] - end[2][:2] for other in group])
+            apart = np.array([other.place[:2] - end.place[:2] for other in group])
             if (
                 np.abs(apart @ unit).max() <= TERMINAL_SPREAD
                 and np.linalg.norm(apart, axis=1).min() <= SIDE_BY_SIDE
@@ -245,26 +280,23 @@ def _group_ends(
 
 
 def _reach_pole(
-    members: Sequence[tuple[int, int, Float64]],
-    pole: Structure,
-    finals: Sequence[tuple[Curve, float, float]],
-    end_sigma: Float64,
+    ends: Sequence[SpanEnd], pole: Structure, finals: Sequence[CutCurve], end_sigma: Float64
 ) -> dict[tuple[int, int], tuple[float, float]]:
     """How far beyond, or before, their ends so far conductors hang that end at a pole."""
     closed = {}
-    for number, side, end in members:
-        beyond = float((pole.position - end[:2]) @ _outward((number, side, end), finals))
-        _, low, high = finals[number]
-        beyond = max(beyond, (low - high) / 4)  # a pole farther inside is not where it ends
-        own = float(end_sigma[number, (side + 1) // 2])  # of the meeting of curves, 0 if none
+    for end in ends:
+        beyond = float((pole.position - end.place[:2]) @ end.outward)
+        cut = finals[end.number]
+        # a pole farther inside is not where it ends
+        beyond = max(beyond, (cut.low - cut.high) / 4)
+        own = float(end_sigma[end.number, (end.side + 1) // 2])  # of the meeting of curves
         share = own**2 / (own**2 + ARM_SCATTER**2) if own > 0.0 else 1.0
-        closed[number, side] = share * beyond, math.sqrt(share) * ARM_SCATTER
+        closed[end.number, end.side] = share * beyond, math.sqrt(share) * ARM_SCATTER
     return closed
 
 
 def _reach_support(
-    members: Sequence[tuple[int, int, Float64]],
-    finals: Sequence[tuple[Curve, float, float]],
+    ends: Sequence[SpanEnd], finals: Sequence[CutCurve]
 ) -> dict[tuple[int, int], tuple[float, float]]:
     """
     How far beyond their last points conductors hang that end side by side.
@@ -273,30 +305,26 @@ def _reach_support(
     that leave it the same way tells most.
     """
     closed = {}
-    for group in _group_ways(members, finals):
-        units = np.array([_outward(end, finals) for end in group])
+    for group in _group_ways(ends):
+        units = np.array([end.outward for end in group])
         outward = units.mean(axis=0)
         outward /= np.linalg.norm(outward)
-        along = np.array([end[2][:2] for end in group]) @ outward
-        curves = [finals[number][0] for number, _, _ in group]
+        along = np.array([end.place[:2] for end in group]) @ outward
+        curves = [finals[end.number].curve for end in group]
         spacing = np.mean([curve.length / max(curve.num_points, 1) for curve in curves])
         gap = float(spacing) / len(group)
         beyond = (along.max() + gap - along) / (units @ outward)
-        for (number, side, _), more in zip(group, beyond, strict=True):
-            closed[number, side] = float(more), math.hypot(gap, ARM_SCATTER)
+        for end, more in zip(group, beyond, strict=True):
+            closed[end.number, end.side] = float(more), math.hypot(gap, ARM_SCATTER)
     return closed
 
 
-def _group_ways(
-    members: Sequence[tuple[int, int, Float64]],
-    finals: Sequence[tuple[Curve, float, float]],
-) -> list[list[tuple[int, int, Float64]]]:
+def _group_ways(ends: Sequence[SpanEnd]) -> list[list[SpanEnd]]:
     """Group the ends of one support by the way they point."""
-    groups: list[list[tuple[int, int, Float64]]] = []
-    for end in members:
-        unit = _outward(end, finals)
+    groups: list[list[SpanEnd]] = []
+    for end in ends:
         for group in groups:
-            if float(unit @ _outward(group[0], finals)) >= math.cos(SAME_WAY):
+            if float(end.outward @ group[0].outward) >= math.cos(SAME_WAY):
                 group.append(end)
                 break
         else:
@@ -304,39 +332,25 @@ def _group_ways(
     return groups
 
 
-def _outward(
-    end: tuple[int, int, Float64], finals: Sequence[tuple[Curve, float, float]]
-) -> Float64:
-    """Return the (2,) plan direction in which a conductor would go on beyond an end."""
-    azimuth = finals[end[0]][0].azimuth
-    return end[1] * np.array([math.cos(azimuth), math.sin(azimuth)])
-
-
-def _are_held(
-    points: Float64,
-    height: HeightResult,
-    index: PlanIndex,
-    wire: Bool,
-    members: Sequence[tuple[int, int, Float64]],
-    finals: Sequence[tuple[Curve, float, float]],
-) -> bool:
+def _are_held(cloud: OffGround, wire: Bool, ends: Sequence[SpanEnd]) -> bool:
     """Tell conductors that end at arms or insulators from those that leave the cloud."""
-    held = 0
-    for number, side, end in members:
-        ahead = (end[:2] + BEYOND * _outward((number, side, end), finals))[None, :]
+    held, index, height = 0, cloud.index, cloud.height
+    for end in ends:
+        ahead = (end.place[:2] + BEYOND * end.outward)[None, :]
         if not math.isfinite(float(ground_at(height, ahead, max_gap=BEYOND)[0])):
             return False
+        x, y = end.place[:2]
         found = gather_strip(
             index.start, index.order, index.origin, index.cell_size, index.shape[0],
-            index.shape[1], end[0], end[1], end[0], end[1], HOLD_RADIUS,
+            index.shape[1], x, y, x, y, HOLD_RADIUS,
         )
-        held += _count_around(points, wire, found, end) >= HOLD_POINTS
+        held += _count_around(cloud.points, wire, found, end.place) >= HOLD_POINTS
     low = height.origin
     high = low + height.cell_size * np.array(height.ground.shape[::-1])
     inside = all(
-        ((end[:2] > low + BEYOND) & (end[:2] < high - BEYOND)).all() for _, _, end in members
+        ((end.place[:2] > low + BEYOND) & (end.place[:2] < high - BEYOND)).all() for end in ends
     )
-    return inside and 2 * held >= len(members)
+    return inside and 2 * held >= len(ends)
 
 
 @njit(cache=True, nogil=True)
@@ -350,12 +364,10 @@ def _count_around(points, wire, found, end):  # type: ignore[no-untyped-def]
     return count
 
 
-def _mean_azimuth(
-    members: Sequence[tuple[int, int, Float64]],
-    finals: Sequence[tuple[Curve, float, float]],
-) -> float:
+def _mean_azimuth(ends: Sequence[SpanEnd]) -> float:
     """Azimuth of the line at a support, half way between both sides of an angle."""
-    doubled = np.array([2 * finals[number][0].azimuth for number, _, _ in members])
+    azimuth = np.array([end.azimuth for end in ends])
+    doubled = 2 * azimuth
     return 0.5 * math.atan2(float(np.sin(doubled).sum()), float(np.cos(doubled).sum()))
 
 

@@ -171,7 +171,7 @@ def test_a_trace_holds_the_result_of_a_run_and_changes_nothing(cloud, trace):
 
 
 def test_occupied_cells_are_those_of_the_stage(cloud, trace):
-    held = trace.cloud
+    held = trace.lines.cloud
     limits = SETTINGS.linearity
     origin = anchor(held.points, held.high, limits)
     kept = set(drop_bulk(held.points, held.high, origin, limits.max_occupied).tolist())
@@ -182,7 +182,7 @@ def test_occupied_cells_are_those_of_the_stage(cloud, trace):
 
 
 def test_windows_are_seen_as_the_stage_saw_them(cloud, trace):
-    held = trace.cloud
+    held = trace.lines.cloud
     inside = np.isin(held.place, np.flatnonzero(np.isin(cloud[1], ('line', 'pipe', 'arc'))))
     for slot in np.flatnonzero(inside)[::90].tolist():
         windows = Windows(Place(trace, SETTINGS, held.points[slot], int(held.place[slot])))

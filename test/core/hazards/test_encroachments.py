@@ -13,7 +13,7 @@ from toys import make_curve, make_tree, make_wire
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.hazards.clearance_rules import plain_rules
 from plc_inspect.core.hazards.encroachments import find_encroachments, is_held, Surroundings
-from plc_inspect.core.hazards.falling_trees import find_falling_trees
+from plc_inspect.core.hazards.falling_trees import Fallible, find_falling_trees
 from plc_inspect.core.hazards.trees import segment_trees
 from plc_inspect.core.spans.span_model import SpanModel
 from plc_inspect.results import HazardKind, Support
@@ -138,8 +138,10 @@ def test_nothing_near_gives_nothing():
 @pytest.mark.parametrize(('x', 'falls'), [(0.0, False), (50.0, True)])
 def test_what_holds_a_conductor_does_not_fall_on_it(x, falls):
     points = make_column(x, y=3.0, top=20.0)
+    fallible = Fallible(
+        points=points, height=points[:, 2].copy(), surface=np.zeros(len(points), dtype=bool)
+    )
     records = find_falling_trees(
-        points, points[:, 2].copy(), np.zeros(len(points), dtype=bool), [make_model()],
-        make_supports('tower'), RULES, SETTINGS, [],
+        fallible, [make_model()], make_supports('tower'), RULES, SETTINGS, []
     )
     assert [record['kind'] for record in records] == [HazardKind.FALL_IN] * falls

@@ -6,13 +6,12 @@
 import dataclasses
 import math
 
-from factories import make_span
+from factories import find_nearby, make_span, make_span_result
 import numpy as np
 import pytest
 from toys import make_curve, make_tree, make_wire
 
 from plc_inspect.config import HazardSettings
-from plc_inspect.core.catenary.nearest_span import find_near, span_table
 from plc_inspect.core.hazards.clearance_rules import parse_rules
 from plc_inspect.core.hazards.hazards import add_ground_clearance, find_hazards
 from plc_inspect.core.spans.span_model import find_support, SpanModel
@@ -50,19 +49,12 @@ def search(points, models, settings=None, rules=None, supports=(), ground=None, 
     """Run find_hazards as the pipeline does, with flat ground at 0."""
     settings = settings or HazardSettings()
     points = np.asarray(points, float).reshape(-1, 3)
-    ends = np.array([sorted((item.start_x, item.end_x)) for item in models]).reshape(-1, 2)
-    if models:
-        near, distance, owner = find_near(
-            points, span_table([item.curve for item in models], ends[:, 0], ends[:, 1]), reach
-        )
-    else:
-        near, distance, owner = np.zeros(0, int), np.zeros(0), np.zeros(0, int)
-    ground = ground or [np.zeros((0, 2))] * len(models)
+    nearby = find_nearby(points, models, reach)
+    spans = make_span_result(models, len(points), supports=supports, ground=ground)
     found, surface = find_hazards(
-        points, near, distance.astype(float), owner.astype(np.int64), models, ground, settings,
-        rules=rules, height=points[:, 2].astype(np.float32), supports=supports,
+        points, points[:, 2].astype(np.float32), nearby, spans, settings, rules
     )
-    assert len(surface) == len(near)
+    assert len(surface) == len(nearby.index)
     return found
 
 

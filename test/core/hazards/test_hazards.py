@@ -1,14 +1,13 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-from factories import make_span
+from factories import find_nearby, make_span, make_span_result
 import numpy as np
 import pytest
 from scipy.cluster.hierarchy import fcluster, linkage
 from toys import make_curve, make_tree, make_wire
 
 from plc_inspect.config import HazardSettings
-from plc_inspect.core.catenary.nearest_span import find_near, span_table
 from plc_inspect.core.hazards.encroachments import group_points
 from plc_inspect.core.hazards.hazards import find_hazards
 from plc_inspect.core.hazards.surfaces import is_surface
@@ -30,15 +29,12 @@ def make_model(start, end, line=0, span=0, c=800.0, backwards=False):
 
 def find(points, models, ground=None, **changes):
     points = np.asarray(points, float).reshape(-1, 3)
-    ends = np.sort(np.array([[model.start_x, model.end_x] for model in models]), axis=1)
-    table = span_table([model.curve for model in models], ends[:, 0], ends[:, 1])
-    near, distance, owner = find_near(points, table, np.full(len(models), 20.0))
-    ground = [np.zeros((0, 2))] * len(models) if ground is None else ground
+    nearby = find_nearby(points, models, 20.0)
     hazards, foliage = find_hazards(
-        points, near, distance.astype(float), owner.astype(np.int64), models, ground,
+        points, None, nearby, make_span_result(models, len(points), ground=ground),
         HazardSettings(**changes),
     )
-    assert foliage.shape == near.shape
+    assert foliage.shape == nearby.index.shape
     assert [item.hazard_id for item in hazards] == list(range(len(hazards)))
     return hazards
 

@@ -86,7 +86,7 @@ def test_what_is_given_back_is_no_obstacle_at_no_distance():
     trees = [make_tree(x, 0.0, 15.8, 11.0, 2.5, 12000, seed=int(x)) for x in (30.0, 45.0)]
     points, _ = make_line_cloud(spans=(90.0,), offsets=(0.0,), more=trees)
     trace = Pipeline().trace(points)
-    taken = np.isin(np.arange(len(points)), trace.spans.intruders)
+    taken = np.isin(np.arange(len(points)), trace.lines.spans.intruders)
     assert taken.sum() > 20
     assert (trace.result.line_id[taken] < 0).all()
     assert not (trace.result.classification[taken] == PointClass.VEGETATION).any()

@@ -5,15 +5,18 @@ import numpy as np
 import pytest
 from toys import make_index, make_pole, make_tree, turn
 
-from plc_inspect.core.spans.structures import find_structure
+from plc_inspect.core.spans.structures import find_structure, Stand
 
 
 def find(points, near=(0.0, 0.0), reach=2.5, attachment=15.0, wire=None, **changes):
     wire = np.zeros(len(points), dtype=bool) if wire is None else wire
     azimuth, top = changes.get('azimuth', 0.0), changes.get('top', attachment)
+    stand = Stand(
+        near=np.array(near), azimuth=azimuth, reach=reach, attachment=attachment, top=top,
+        may_be_tower=changes.get('may_be_tower', True),
+    )
     return find_structure(
-        points, points[:, 2].astype(np.float32), make_index(points), wire, np.array(near),
-        azimuth, reach, attachment, top, changes.get('may_be_tower', True),
+        points, points[:, 2].astype(np.float32), make_index(points), wire, stand
     )
 
 

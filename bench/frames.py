@@ -1,0 +1,185 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Real clouds and simulated maps in many frames: what a rigid motion or thinning changes.
+
+Each cloud is turned about the vertical and moved at random, and thinned at random; the worst frame
+and the spread are what count.  Labels are the classes in the file; class 0 is left out.
+"""
+
+import argparse
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+import math
+from pathlib import Path
+import sys
+import time
+
+from common.tables import render_table
+import laspy
+import numpy as np
+from numpy.typing import NDArray
+
+from plc_inspect.config import Settings, update
+from plc_inspect.core.pipeline import Pipeline
+from plc_inspect.results import InspectionResult, PointClass
+
+ROOT = Path(__file__).resolve().parents[1]
+REAL = ROOT.parent / 'shared/data/real'
+US_FOOT = 1200.0 / 3937.0
+FARTHEST = 1000.0
+"""Greatest shift of a frame along each axis [m]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Score:
+    """What one frame of one cloud gave."""
+
+    precision: float
+    recall: float
+    f1: float
+    num_lines: int
+    num_spans: int
+    num_hazards: int
+    num_unique: int
+    """Different pairs of line and span; as many as spans where they are right."""
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Cloud:
+    """A labelled cloud."""
+
+    name: str
+    points: NDArray[np.float64]
+    """(N, 3) [m]"""
+    label: NDArray[np.uint8]
+    """(N,) ASPRS classes, 0 unknown."""
+
+    @property
+    def is_labelled(self) -> bool:
+        """Whether its wires are known."""
+        return bool((self.label == PointClass.WIRE).any())
+
+
+@dataclass(slots=True, kw_only=True)
+class Frames:
+    """All frames of one cloud."""
+
+    name: str
+    scores: list[Score] = field(default_factory=list)
+
+    def values(self, name: str) -> NDArray[np.float64]:
+        """Return one figure of all frames."""
+        return np.array([getattr(score, name) for score in self.scores], dtype=np.float64)
+
+
+def read(path: Path) -> Cloud:
+    """Read a cloud and its classes; coordinates in metres."""
+    las = laspy.read(path)
+    scale = US_FOOT if 'us_feet' in path.stem else 1.0
+    points = np.column_stack([las.x, las.y, las.z]).astype(np.float64) * scale
+    return Cloud(name=path.stem, points=points, label=np.array(las.classification, np.uint8))
+
+
+def move(points: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
+    """Turn points about the vertical through their middle, and move them."""
+    azimuth = rng.uniform(-math.pi, math.pi)
+    cos, sin = math.cos(azimuth), math.sin(azimuth)
+    turn = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    return (points - points.mean(axis=0)) @ turn + rng.uniform(-FARTHEST, FARTHEST, 3)
+
+
+def score(cloud: Cloud, result: InspectionResult, seconds: float) -> Score:
+    """Compare a result with the classes of its cloud."""
+    judged = cloud.label != 0
+    wire, found = (cloud.label == PointClass.WIRE)[judged], (result.line_id >= 0)[judged]
+    hits = int((wire & found).sum())
+    return Score(
+        precision=hits / max(int(found.sum()), 1),
+        recall=hits / max(int(wire.sum()), 1),
+        f1=2 * hits / max(int(wire.sum() + found.sum()), 1),
+        num_lines=result.num_lines,
+        num_spans=len(result.spans),
+        num_hazards=len(result.hazards),
+        num_unique=len({(span.line_id, span.span_id) for span in result.spans}),
+        seconds=seconds,
+    )
+
+
+def run(cloud: Cloud, settings: Settings, shares: Sequence[float], num: int,
+        rng: np.random.Generator) -> Iterator[Score]:
+    """Yield the score of the cloud as it is, and of frames of it with a share of its points."""
+    pipeline = Pipeline(settings)
+    for number in range(num + 1):
+        points, own = cloud.points, cloud
+        if number:
+            share = shares[number % len(shares)]
+            if share < 1.0:
+                kept = rng.random(len(points)) < share
+                points, own = points[kept], Cloud(
+                    name=cloud.name, points=points[kept], label=cloud.label[kept]
+                )
+            points = move(points, rng)
+        started = time.perf_counter()
+        result = pipeline.run(points)
+        yield score(own, result, time.perf_counter() - started)
+
+
+def describe(frames: Frames, is_labelled: bool) -> tuple[str, ...]:
+    """Return the row of one cloud: as it is, then worst, median and range over the frames."""
+    first, moved = frames.scores[0], Frames(name=frames.name, scores=frames.scores[1:])
+    if not moved.scores:
+        moved = frames
+    spans = moved.values('num_spans')
+    row = [frames.name, f'{first.num_spans}', f'{spans.min():.0f} to {spans.max():.0f}']
+    doubled = sum(item.num_unique < item.num_spans for item in frames.scores)
+    row.append(f'{doubled}' if doubled else '')
+    if is_labelled:
+        f1 = moved.values('f1')
+        row += [
+            f'{first.precision:.3f} {first.recall:.3f} {first.f1:.3f}',
+            f'{moved.values("precision").min():.3f}', f'{moved.values("recall").min():.3f}',
+            f'{f1.min():.3f}', f'{np.median(f1):.3f}', f'{f1.max() - f1.min():.3f}',
+        ]
+    else:
+        row += ['', '', '', '', '', '']
+    row.append(f'{np.median(frames.values("seconds")):.2f}')
+    return tuple(row)
+
+
+COLUMNS = ('cloud', 'spans', 'in frames', 'doubled', 'P R F1', 'worst P', 'worst R', 'worst F1',
+           'median', 'range', '[s]')
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the clouds in frames and print a row for each."""
+    parser = argparse.ArgumentParser(description='Clouds in random frames, and thinned.')
+    parser.add_argument('--real', type=Path, default=REAL, metavar='DIR')
+    parser.add_argument('--frames', type=int, default=6, metavar='N')
+    parser.add_argument('--seed', type=int, default=0)
+    parser.add_argument('--thin', type=float, nargs='*', default=[1.0], metavar='SHARE',
+                        help='shares of the points that are kept, one frame after another')
+    parser.add_argument('--only', nargs='*', default=[''], metavar='PART',
+                        help='clouds with one of these in their names')
+    parser.add_argument('--set', nargs='*', default=[], metavar='NAME=VALUE', dest='changes')
+    arguments = parser.parse_args(argv)
+    changes = dict(item.split('=', 1) for item in arguments.changes)
+    settings = update(Settings(), {name: float(value) for name, value in changes.items()})
+    rows = []
+    for path in sorted(arguments.real.glob('*.laz')):
+        if not any(part in path.stem for part in arguments.only):
+            continue
+        cloud, frames = read(path), Frames(name=path.stem)
+        rng = np.random.default_rng([arguments.seed, *path.stem.encode()])
+        for item in run(cloud, settings, arguments.thin, arguments.frames, rng):
+            frames.scores.append(item)
+        rows.append(describe(frames, cloud.is_labelled))
+        print(' | '.join(rows[-1]), flush=True)
+    print(render_table(COLUMNS, rows))
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
