@@ -10,7 +10,8 @@ import pytest
 from toys import make_line_cloud, make_tree, turn
 
 from plc_inspect.config import CorridorSettings, SegmentSettings, Settings
-from plc_inspect.core.pipeline import Pipeline, STAGES
+from plc_inspect.core.pipeline import Pipeline
+from plc_inspect.core.stage_log import STAGES
 from plc_inspect.errors import DataError
 from plc_inspect.results import Decision, PointClass
 

@@ -10,6 +10,7 @@ from toys import make_curve, make_route, make_wire
 from plc_inspect.config import SupportSettings
 from plc_inspect.core.spans.attachments import settle_ends
 from plc_inspect.core.spans.layout import find_layout
+from plc_inspect.core.spans.span_fit import CutCurve
 
 SETTINGS = SupportSettings()
 OFFSETS = (-6.0, -2.0, 2.0, 6.0)
@@ -17,7 +18,10 @@ OFFSETS = (-6.0, -2.0, 2.0, 6.0)
 
 def settle(curves, points):
     layout = find_layout(points, curves, (), SETTINGS)
-    finals = list(zip(layout.curves, layout.start_x, layout.end_x, strict=True))
+    finals = [
+        CutCurve(curve=curve, low=low, high=high)
+        for curve, low, high in zip(layout.curves, layout.start_x, layout.end_x, strict=True)
+    ]
     return layout, *settle_ends(layout, finals)
 
 
@@ -37,7 +41,8 @@ def make_noisy_route(supports, seed):
 def find_errors(layout, finals, sigma, truth):
     """Return how far along the line each end at a support is from it, and the deviation."""
     errors = []
-    for number, (curve, low, high) in enumerate(finals):
+    for number, cut in enumerate(finals):
+        curve, low, high = cut.curve, cut.low, cut.high
         for side, x, station in (
             (0, low, layout.start_station[number]), (1, high, layout.end_station[number]),
         ):
@@ -84,7 +89,8 @@ def test_conductors_that_hang_at_different_places_stay_there():
     curves = [make_curve(points, np.arange(low, high)) for low, high in pairwise(ends)]
     _, settled, finals, sigma = settle(curves, points)
     assert len(settled.stations) == 1
-    for number, (curve, low, high) in enumerate(finals):
+    for number, cut in enumerate(finals):
+        curve, low, high = cut.curve, cut.low, cut.high
         x = curve.position(high if settled.end_station[number] == 0 else low)[0]
         assert x[0] == pytest.approx(100.0 + shifts[round(x[1] / 4.0)], abs=0.06)
     assert sigma.max() < 0.1
@@ -95,7 +101,8 @@ def test_open_ends_stay_and_no_curves_are_no_trouble():
     layout, settled, finals, sigma = settle(curves, points)
     assert settled.stations == ()
     assert (sigma == 0).all()
-    for (_, low, high), start, end in zip(finals, layout.start_x, layout.end_x, strict=True):
+    for cut, start, end in zip(finals, layout.start_x, layout.end_x, strict=True):
+        low, high = cut.low, cut.high
         assert (low, high) == (start, end)
     layout, settled, finals, sigma = settle([], points)
     assert finals == []
