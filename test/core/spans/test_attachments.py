@@ -18,11 +18,15 @@ OFFSETS = (-6.0, -2.0, 2.0, 6.0)
 
 def settle(curves, points):
     layout = find_layout(points, curves, (), SETTINGS)
-    finals = [
+    return layout, *settle_ends(layout, cut(layout))
+
+
+def cut(layout):
+    """Return the curves of a layout with their ends."""
+    return [
         CutCurve(curve=curve, low=low, high=high)
         for curve, low, high in zip(layout.curves, layout.start_x, layout.end_x, strict=True)
     ]
-    return layout, *settle_ends(layout, finals)
 
 
 def make_noisy_route(supports, seed):
@@ -41,8 +45,8 @@ def make_noisy_route(supports, seed):
 def find_errors(layout, finals, sigma, truth):
     """Return how far along the line each end at a support is from it, and the deviation."""
     errors = []
-    for number, cut in enumerate(finals):
-        curve, low, high = cut.curve, cut.low, cut.high
+    for number, final in enumerate(finals):
+        curve, low, high = final.curve, final.low, final.high
         for side, x, station in (
             (0, low, layout.start_station[number]), (1, high, layout.end_station[number]),
         ):
@@ -65,8 +69,7 @@ def test_ends_are_drawn_together_and_nearer_to_the_truth(supports, share):
         points, curves = make_noisy_route(supports, seed)
         truth = [np.add(supports[1], (0.0, offset)) for offset in OFFSETS]
         layout, settled, finals, sigma = settle(curves, points)
-        first = list(zip(layout.curves, layout.start_x, layout.end_x, strict=True))
-        before.append(find_errors(layout, first, sigma, truth))
+        before.append(find_errors(layout, cut(layout), sigma, truth))
         after.append(find_errors(settled, finals, sigma, truth))
     before, after = np.vstack(before), np.vstack(after)
     assert len(after) == 96
@@ -89,8 +92,8 @@ def test_conductors_that_hang_at_different_places_stay_there():
     curves = [make_curve(points, np.arange(low, high)) for low, high in pairwise(ends)]
     _, settled, finals, sigma = settle(curves, points)
     assert len(settled.stations) == 1
-    for number, cut in enumerate(finals):
-        curve, low, high = cut.curve, cut.low, cut.high
+    for number, final in enumerate(finals):
+        curve, low, high = final.curve, final.low, final.high
         x = curve.position(high if settled.end_station[number] == 0 else low)[0]
         assert x[0] == pytest.approx(100.0 + shifts[round(x[1] / 4.0)], abs=0.06)
     assert sigma.max() < 0.1
@@ -101,9 +104,8 @@ def test_open_ends_stay_and_no_curves_are_no_trouble():
     layout, settled, finals, sigma = settle(curves, points)
     assert settled.stations == ()
     assert (sigma == 0).all()
-    for cut, start, end in zip(finals, layout.start_x, layout.end_x, strict=True):
-        low, high = cut.low, cut.high
-        assert (low, high) == (start, end)
+    for final, start, end in zip(finals, layout.start_x, layout.end_x, strict=True):
+        assert (final.low, final.high) == (start, end)
     layout, settled, finals, sigma = settle([], points)
     assert finals == []
     assert sigma.shape == (0, 2)
