@@ -22,7 +22,7 @@ LINK_COLORS = {
 }
 PROFILE_WIDTH = 6.0
 """Cells this near to the conductor in plan are in the profile [m]."""
-_STYLE = """<style>
+STYLE = """<style>
 .plc{font:13px/1.45 system-ui,sans-serif;margin:0 .5em}.plc table{border-collapse:collapse;
 width:100%}.plc td,.plc th{padding:1px 4px;text-align:right;white-space:nowrap}
 .plc td:first-child,.plc th:first-child{text-align:left}.plc th{font-weight:500;opacity:.65}
@@ -39,6 +39,7 @@ border-radius:4px;animation:plc-frozen 0s 3s forwards}
 width:100%!important}
 .plc .scroll{max-height:9em}}
 </style>"""
+"""For all fragments of the page; a browser gets it once."""
 
 
 def draw_bar(picture: Picture) -> str:
@@ -282,4 +283,4 @@ def _age(title: str, count: int | None, age: float) -> str:
 
 
 def _wrap(text: str) -> str:
-    return f'{_STYLE}<div class="plc">{text}</div>'
+    return f'<div class="plc">{text}</div>'

@@ -19,6 +19,7 @@ from plc_inspect.monitor.web.markup import (
     draw_health,
     draw_profile,
     draw_spans,
+    STYLE,
 )
 
 NONE = 'none'
@@ -58,6 +59,7 @@ class Panel:
         gui = client.gui
         upright = client.camera.image_height > client.camera.image_width
         self._lift = np.array([0.0, 0.0, LIFT if upright else 0.0])
+        gui.add_html(STYLE)
         self._bar = gui.add_html('')
         self._follow = gui.add_checkbox('Follow the vehicle', True)
         tabs = gui.add_tab_group()
