@@ -16,7 +16,6 @@ from typing import Any
 
 from plc_inspect.errors import ConfigError, DataError
 from plc_inspect.monitor.picture.picture import Picture
-from plc_inspect.monitor.web.gate import is_loopback
 from plc_inspect.offline.commands.command_line import DONE, parse_with_ros, Parser, run_command
 
 NAME = 'plc_monitor'
@@ -104,6 +103,7 @@ def _show_json(station: Any, period: float) -> int:
 
 
 def _show_page(station: Any, arguments: argparse.Namespace) -> int:
+    from plc_inspect.monitor.web.gate import is_loopback
     from plc_inspect.monitor.web.page import Page
 
     token = _choose_token(arguments)
