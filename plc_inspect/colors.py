@@ -19,6 +19,11 @@ def line_color(line_id: int) -> str:
     return LINE_COLORS[line_id % len(LINE_COLORS)]
 
 
+def severity_color(name: str) -> str:
+    """Return the colour of a severity by its name in small letters; of ``ok`` too."""
+    return OK_COLOR if name == 'ok' else SEVERITY_COLORS[name]
+
+
 def parse_color(color: str) -> tuple[int, int, int]:
     """Return red, green and blue of ``#rrggbb``, 0 to 255."""
     return int(color[1:3], 16), int(color[3:5], 16), int(color[5:7], 16)

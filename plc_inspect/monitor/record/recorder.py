@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from plc_inspect.colors import OK_COLOR, parse_color, SEVERITY_COLORS
+from plc_inspect.colors import parse_color, severity_color
 from plc_inspect.messages.typestore import (
     CYLINDER,
     DELETE_ALL,
@@ -217,5 +217,5 @@ def _make_hazards(picture: Picture) -> Any:
 
 
 def _parse_color(severity: str) -> tuple[float, float, float]:
-    red, green, blue = parse_color(SEVERITY_COLORS.get(severity, OK_COLOR))
+    red, green, blue = parse_color(severity_color(severity))
     return red / 255.0, green / 255.0, blue / 255.0

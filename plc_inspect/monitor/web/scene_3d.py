@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from plc_inspect.colors import parse_color, severity_color
 from plc_inspect.monitor.picture.cloud_store import CloudStore
 from plc_inspect.monitor.picture.picture import HazardItem, name_severity, Picture, SpanItem
-from plc_inspect.monitor.web.markup import COLORS
 from plc_inspect.results import Float32, PointClass, UInt8
 from plc_inspect.stream.blocks import BlockKey
 
@@ -52,12 +52,6 @@ def color_cells(kind: UInt8, clearance: Float32) -> UInt8:
     colors[kind == PointClass.GROUND] *= 0.8
     colors[kind == PointClass.TOWER] = _STRUCTURE
     return np.asarray(np.rint(colors), dtype=np.uint8).reshape(-1, 3)
-
-
-def parse_color(severity: str) -> tuple[int, int, int]:
-    """Return the colour of a severity, 0 to 255."""
-    text = COLORS[severity]
-    return int(text[1:3], 16), int(text[3:5], 16), int(text[5:7], 16)
 
 
 class Scene:
@@ -146,7 +140,7 @@ class Scene:
             curve = span.trace() - self.origin
             pieces = np.stack((curve[:-1], curve[1:]), axis=1)
             segments.append(pieces)
-            color = parse_color(name_severity(span.severity))
+            color = parse_color(severity_color(name_severity(span.severity)))
             colors.append(np.broadcast_to(np.array(color, np.uint8), pieces.shape))
         if not segments:
             return None
@@ -176,9 +170,9 @@ class Scene:
                 continue
             place = tuple(np.array(item.position) - self.origin)
             ball = self._server.scene.add_icosphere(
-                f'/hazards/{number}', radius=1.0, color=parse_color(item.severity_name),
-                subdivisions=2, opacity=0.75, position=place, cast_shadow=False,
-                receive_shadow=False,
+                f'/hazards/{number}', radius=1.0, subdivisions=2,
+                color=parse_color(severity_color(item.severity_name)), opacity=0.75,
+                position=place, cast_shadow=False, receive_shadow=False,
             )
 
             @ball.on_click
