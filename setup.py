@@ -37,7 +37,7 @@ setup(
     maintainer_email='plc_inspect@example.org',
     license='Apache-2.0',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['offline/report/templates/*']},
+    package_data={NAME: ['monitor/web/templates/*', 'offline/report/templates/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),

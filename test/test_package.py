@@ -113,8 +113,19 @@ def test_data_files_exist(metadata):
     for files in placed.values():
         for file in files:
             assert (ROOT / file).is_file(), file
-    for name in ('report.html.j2', 'report.css'):
-        assert (ROOT / 'plc_inspect/offline/report/templates' / name).is_file()
+
+
+def test_templates_are_installed(metadata):
+    package = ROOT / 'plc_inspect'
+    patterns = metadata['package_data']['plc_inspect']
+    installed = {path for pattern in patterns for path in package.glob(pattern)}
+    templates = {path for path in package.rglob('templates/*') if path.is_file()}
+    assert templates == installed
+    assert {path.relative_to(package).as_posix() for path in templates} >= {
+        'offline/report/templates/report.html.j2', 'offline/report/templates/report.css',
+        'monitor/web/templates/bar.html', 'monitor/web/templates/monitor.css',
+        'monitor/web/templates/profile.svg',
+    }
 
 
 def test_all_packages_are_installed(metadata):

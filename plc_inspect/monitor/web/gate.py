@@ -23,6 +23,7 @@ import threading
 from urllib.parse import parse_qs, urlsplit
 
 from plc_inspect.errors import ConfigError
+from plc_inspect.monitor.web.template import render
 
 COOKIE = 'plc_monitor'
 MOST_HEAD, MOST_BODY = 16_384, 4096
@@ -32,13 +33,6 @@ PENALTY = 0.5
 """After a wrong token, the next is looked at no sooner [s]."""
 ONCE = {'host', 'content-length', 'transfer-encoding', 'origin', 'upgrade', 'cookie'}
 """Headers that a request may have once."""
-_FORM = """<!DOCTYPE html><html lang="en"><meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1"><title>plc_monitor</title>
-<style>body{{font:18px sans-serif;margin:15vh auto;max-width:20em;padding:0 1em}}
-input{{font:inherit;width:100%;box-sizing:border-box;margin:.5em 0;padding:.5em}}</style>
-<h1>plc_monitor</h1><p>{0}</p><form method="post" action="/login">
-<input type="password" name="token" aria-label="token" autofocus autocomplete="current-password">
-<input type="submit" value="Open"></form></html>"""
 
 
 def is_loopback(host: str) -> bool:
@@ -204,7 +198,7 @@ class Gate:
         else:
             shown = parse_qs(urlsplit(request.target).query).get('token', [''])[0]
         if not shown:
-            await _answer(writer, HTTPStatus.UNAUTHORIZED, _FORM.format('Token?'), html=True)
+            await _ask_for_token(writer, 'Token?')
             return
         async with self._busy:
             good = hmac.compare_digest(shown.encode(), self._token.encode())
@@ -218,8 +212,7 @@ class Gate:
                 },
             )
         else:
-            await _answer(writer, HTTPStatus.UNAUTHORIZED, _FORM.format('Wrong token.'),
-                          html=True)
+            await _ask_for_token(writer, 'Wrong token.')
 
     async def _forward(
         self, request: Request, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
@@ -252,6 +245,11 @@ async def _pump(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> N
         while data := await reader.read(65_536):
             writer.write(data)
             await writer.drain()
+
+
+async def _ask_for_token(writer: asyncio.StreamWriter, message: str) -> None:
+    text = render('token.html', message=message)
+    await _answer(writer, HTTPStatus.UNAUTHORIZED, text, html=True)
 
 
 async def _answer(

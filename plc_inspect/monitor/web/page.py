@@ -15,8 +15,8 @@ import numpy as np
 from plc_inspect.monitor.picture.cloud_store import CellArrays, CloudStore
 from plc_inspect.monitor.picture.picture import Picture, SpanItem
 from plc_inspect.monitor.web.gate import Gate
-from plc_inspect.monitor.web.markup import PROFILE_WIDTH
 from plc_inspect.monitor.web.panel import Panel
+from plc_inspect.monitor.web.profile import PROFILE_WIDTH
 from plc_inspect.monitor.web.scene_3d import Scene
 
 

@@ -19,7 +19,7 @@ from plc_inspect.monitor.web.markup import (
     draw_health,
     draw_profile,
     draw_spans,
-    STYLE,
+    draw_style,
 )
 
 NONE = 'none'
@@ -59,7 +59,7 @@ class Panel:
         gui = client.gui
         upright = client.camera.image_height > client.camera.image_width
         self._lift = np.array([0.0, 0.0, LIFT if upright else 0.0])
-        gui.add_html(STYLE)
+        gui.add_html(draw_style())
         self._bar = gui.add_html('')
         self._follow = gui.add_checkbox('Follow the vehicle', True)
         tabs = gui.add_tab_group()

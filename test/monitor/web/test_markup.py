@@ -34,7 +34,7 @@ def look(seconds=0.2):
 def cells(text):
     """Return the texts of all cells, row by row."""
     return [re.findall(r'<td>(?:<span[^>]*></span>)?(.*?)</td>', row)
-            for row in re.findall(r'<tr.*?</tr>', text)]
+            for row in re.findall(r'<tr.*?</tr>', text, re.DOTALL)]
 
 
 def test_tables_hold_the_numbers():
@@ -63,6 +63,15 @@ def test_the_bar_says_how_old_everything_is():
     assert draw_bar(look()).count('class="alarm"') == 1
     old = dataclasses.replace(look(), ages=dataclasses.replace(look().ages, data=60.0))
     assert 'live, but nothing new' in draw_bar(old)
+
+
+def test_lists_are_cut_to_what_one_reads():
+    picture = look()
+    (alarm,) = picture.alarms
+    assert draw_bar(dataclasses.replace(picture, alarms=(alarm,) * 9)).count('ALARM') == 2
+    events = tuple(dataclasses.replace(picture.events[0], text=f'event {k};') for k in range(50))
+    text = draw_health(dataclasses.replace(picture, events=events))
+    assert re.findall(r'event (\d+);', text) == [str(k) for k in range(49, 19, -1)]
 
 
 def test_texts_of_the_node_are_not_code():
