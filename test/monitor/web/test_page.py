@@ -44,6 +44,8 @@ clientX: box.left + box.width / 2, clientY: box.top + box.height / 2})) })()"""
 LINK = "document.querySelector('#plc-link')?.dataset.link"
 WIDTH = """(() => { const box = document.querySelector('#plc-hazards').getBoundingClientRect();
 return [box.left, box.right, document.documentElement.scrollWidth] })()"""
+SHEETS = """[...document.querySelectorAll('style')]
+.filter(sheet => sheet.textContent.includes('.plc')).length"""
 
 
 @pytest.fixture(scope='module')
@@ -264,6 +266,7 @@ def test_a_phone_a_profile_a_tap_and_a_frozen_page(browse):
             assert phone.run("document.querySelectorAll('svg[role=img] circle').length") == 1
             panel.choose_hazard(0)
             phone.wait("document.querySelector('#plc-span')?.dataset.span == '0/0'")
+            assert phone.run(SHEETS) == 1
             frozen = "document.querySelector('.frozen').getBoundingClientRect().height"
             assert phone.run(frozen) == 0
         finally:
