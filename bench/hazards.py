@@ -189,12 +189,7 @@ def names_nearest(hazard: Hazard, result: InspectionResult, tolerance: float = 0
     """Return whether a hazard names the nearest conductor, and its distance, by brute force."""
     distances = {}
     for span in result.spans:
-        x = np.arange(0.0, span.length, 0.02)
-        unit = (span.end - span.start)[:2] / span.length
-        curve = np.column_stack([
-            span.start[:2] + x[:, None] * unit,
-            span.a + span.c * np.cosh((x - span.b) / span.c),
-        ])
+        curve = span.positions(np.arange(0.0, span.length, 0.02))
         distance = float(np.linalg.norm(curve - hazard.position, axis=1).min())
         distances[span.line_id, span.span_id] = distance
     own = distances[hazard.line_id, hazard.span_id]

@@ -72,6 +72,29 @@ class Severity(enum.IntEnum):
     CRITICAL = 3
 
 
+def catenary_heights(
+    a: float | Float64, b: float | Float64, c: float | Float64, x: Float64
+) -> Float64:
+    """
+    Return z(x) = a + c cosh((x - b) / c), the heights of a catenary (paper Eq. 6).
+
+    Parameters
+    ----------
+    a, b, c : float or (N,) float64
+        Vertical offset, place of the vertex and catenary constant [m].
+    x : (N,) float64
+        Horizontal distances from the start [m].
+
+    Returns
+    -------
+    (N,) float64
+        z [m].
+
+    """
+    heights: Float64 = a + c * np.cosh((x - b) / c)
+    return heights
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Span:
     """
@@ -114,6 +137,41 @@ class Span:
     """Least height of the curve above ground [m], NaN unknown."""
     ground_along: float = math.nan
     """Horizontal distance from the start to where that is [m], NaN unknown."""
+
+    def heights(self, x: Float64) -> Float64:
+        """
+        Return the heights of the curve.
+
+        Parameters
+        ----------
+        x : (N,) float64
+            Horizontal distances from the start towards the end [m].
+
+        Returns
+        -------
+        (N,) float64
+            z [m].
+
+        """
+        return catenary_heights(self.a, self.b, self.c, x)
+
+    def positions(self, x: Float64) -> Float64:
+        """
+        Return points of the curve.
+
+        Parameters
+        ----------
+        x : (N,) float64
+            Horizontal distances from the start towards the end [m].
+
+        Returns
+        -------
+        (N, 3) float64
+            In the frame of the cloud [m].
+
+        """
+        unit = (self.end - self.start)[:2] / self.length
+        return np.column_stack([self.start[:2] + x[:, None] * unit, self.heights(x)])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

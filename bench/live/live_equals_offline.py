@@ -20,6 +20,7 @@ import tempfile
 import numpy as np
 
 from plc_inspect.offline.commands.replay import main as replay
+from plc_inspect.results import catenary_heights
 
 ROOT = Path(__file__).parents[2]
 LIMIT = 0.02
@@ -37,7 +38,7 @@ def sample(span: dict) -> np.ndarray:
     start, end = np.array(span['start']), np.array(span['end'])
     points = start + share * (end - start)
     x = share[:, 0] * span['length']
-    points[:, 2] = span['a'] + span['c'] * np.cosh((x - span['b']) / span['c'])
+    points[:, 2] = catenary_heights(span['a'], span['b'], span['c'], x)
     return points
 
 

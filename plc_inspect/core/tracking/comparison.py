@@ -168,14 +168,6 @@ def match_spans(before: Sequence[Span], after: Sequence[Span]) -> list[tuple[int
     return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if possible[i, j]]
 
 
-def locate(span: Span, x: Float64) -> Float64:
-    """Return the points (N, 3) of a span at distances x (N,) from its start."""
-    unit = (span.end - span.start)[:2] / span.length
-    return np.column_stack([
-        span.start[:2] + x[:, None] * unit, span.a + span.c * np.cosh((x - span.b) / span.c),
-    ])
-
-
 def _overlay(first: Span, second: Span) -> tuple[float, Float64, Float64] | None:
     """Length of the common stretch, and how far the second span is beside and above the first."""
     unit = (first.end - first.start)[:2] / first.length
@@ -184,11 +176,11 @@ def _overlay(first: Span, second: Span) -> tuple[float, Float64, Float64] | None
     low, high = max(float(low), 0.0), min(float(high), first.length)
     if high - low < MIN_COMMON * min(first.length, second.length):
         return None
-    at = locate(first, np.linspace(low, high, NUM_STATIONS))
+    at = first.positions(np.linspace(low, high, NUM_STATIONS))
     along = (second.end - second.start)[:2] / second.length
     moved = at[:, :2] - second.start[:2]
     x = np.clip(moved @ along, 0.0, second.length)
-    other = locate(second, x)
+    other = second.positions(x)
     lateral = moved @ np.array([-along[1], along[0]])
     return high - low, lateral, other[:, 2] - at[:, 2]
 

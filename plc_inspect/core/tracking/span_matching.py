@@ -40,11 +40,6 @@ class Overlap:
         return self.high - self.low
 
 
-def heights_of(span: Span, along: Float64) -> Float64:
-    """Return the heights of a span's curve at distances from its start [m]."""
-    return span.a + span.c * np.cosh((along - span.b) / span.c)
-
-
 def measure_overlap(first: Span, second: Span) -> tuple[float, float, float] | None:
     """
     Measure where the first span lies along the second, and how far from it.
@@ -73,7 +68,7 @@ def measure_overlap(first: Span, second: Span) -> tuple[float, float, float] | N
     plan = first.start[:2] + share[:, None] * (first.end[:2] - first.start[:2])
     apart = plan - second.start[:2]
     across = apart[:, 1] * unit[0] - apart[:, 0] * unit[1]
-    vertical = heights_of(first, share * first.length) - heights_of(second, at)
+    vertical = first.heights(share * first.length) - second.heights(at)
     return low, high, float(np.median(np.hypot(across, vertical)))
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from plc_inspect.results import Float64, HazardKind, Severity
+from plc_inspect.results import catenary_heights, Float64, HazardKind, Severity
 from plc_inspect.stream.summary import FINISHED, metres, OPEN_END, OPEN_START, SUPPORT_KINDS
 
 Place = tuple[float, float, float]
@@ -67,7 +67,7 @@ class SpanItem:
         along = np.linspace(0.0, self.length, max(2, min(64, int(self.length / step))) + 1)
         start, end = np.array(self.start), np.array(self.end)
         plan = start[:2] + (along / max(self.length, 1e-9))[:, None] * (end - start)[:2]
-        return np.column_stack((plan, self.a + self.c * np.cosh((along - self.b) / self.c)))
+        return np.column_stack((plan, catenary_heights(self.a, self.b, self.c, along)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

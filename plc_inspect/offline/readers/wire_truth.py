@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from plc_inspect.errors import DataError
 from plc_inspect.offline.readers.laz import read_las
-from plc_inspect.results import Bool, Float64, PointClass
+from plc_inspect.results import Bool, catenary_heights, Float64, PointClass
 
 WIRE_DISTANCE = 0.25
 """A point this near to a true conductor is wire [m]."""
@@ -93,7 +93,7 @@ def _place(row: dict[str, Any]) -> Float64:
     length = float(np.hypot(*(end - start)[:2]))
     x = np.linspace(0.0, length, max(2, int(length / STEP)))
     places: Float64 = start + (x / max(length, 1e-9))[:, None] * (end - start)
-    places[:, 2] = a + c * np.cosh((x - b) / c)
+    places[:, 2] = catenary_heights(a, b, c, x)
     return places
 
 

@@ -12,7 +12,7 @@ from plc_inspect.colors import line_color, SEVERITY_COLORS
 from plc_inspect.offline.records.inspection import Record
 from plc_inspect.offline.report.drawing import Plot
 from plc_inspect.offline.report.point_scene import FIRST_STRUCTURE, FIRST_TREE, PALETTE, Scene
-from plc_inspect.results import Float64, Int64, UInt8
+from plc_inspect.results import catenary_heights, Float64, Int64, UInt8
 
 PROFILE_SIZE = (1060, 330)
 _LABEL_ROOM, _NUMBER_ROOM = 60.0, 22.0
@@ -223,7 +223,7 @@ def sample(span: Record, count: int) -> Float64:
     share = np.linspace(0.0, 1.0, count)
     start, end = np.array(span['start']), np.array(span['end'])
     curve = start + share[:, np.newaxis] * (end - start)
-    curve[:, 2] = span['a'] + span['c'] * np.cosh((share * span['length'] - span['b']) / span['c'])
+    curve[:, 2] = catenary_heights(span['a'], span['b'], span['c'], share * span['length'])
     return curve
 
 

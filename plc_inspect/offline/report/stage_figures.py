@@ -70,7 +70,7 @@ def draw_residuals(
         points = points[:: 1 + len(points) // _MOST_POINTS]
         run = np.array([math.cos(span.azimuth), math.sin(span.azimuth)])
         x = (points[:, :2] - span.start[:2]) @ run
-        miss = points[:, 2] - span.a - span.c * np.cosh((x - span.b) / span.c)
+        miss = points[:, 2] - span.heights(x)
         color = np.full(len(x), 1 + span.line_id % len(LINE_COLORS), np.uint8)
         parts.append((x, miss, color))
     if not sum(len(x) for x, _, _ in parts):

@@ -12,7 +12,6 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from plc_inspect.core.live.session import LiveState
-from plc_inspect.core.tracking.span_matching import heights_of
 from plc_inspect.core.tracking.span_registry import TrackedSpan
 from plc_inspect.results import Hazard, Severity, Span, Support
 
@@ -109,7 +108,7 @@ def _draw_span(header: Header, item: TrackedSpan) -> Marker:
 def _trace(span: Span) -> list[Point]:
     along = np.linspace(0.0, span.length, max(2, min(MAX_SEGMENTS, int(span.length / 5.0)) + 1))
     plan = span.start[:2] + (along / span.length)[:, None] * (span.end[:2] - span.start[:2])
-    heights = heights_of(span, along)
+    heights = span.heights(along)
     return [
         Point(x=x, y=y, z=z)
         for (x, y), z in zip(plan.tolist(), heights.tolist(), strict=True)

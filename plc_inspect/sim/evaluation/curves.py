@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plc_inspect.errors import DataError
-from plc_inspect.results import Span
+from plc_inspect.results import catenary_heights, Span
 
 Float64 = NDArray[np.float64]
+FARTHEST = 50.0
+"""A curve is level beyond this distance from its vertex [c]; cosh overflows at 710."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -38,7 +40,8 @@ class Curve:
 
     def heights(self, x: Float64) -> Float64:
         """Return z (N,) [m] at x (N,) [m]; nothing overflows far outside the span."""
-        return self.a + self.c * np.cosh(np.clip((x - self.b) / self.c, -50.0, 50.0))
+        reach = FARTHEST * self.c
+        return catenary_heights(self.a, self.b, self.c, np.clip(x, self.b - reach, self.b + reach))
 
     def locate(self, x: Float64) -> Float64:
         """Return the points (N, 3) [m] at x (N,) [m]."""

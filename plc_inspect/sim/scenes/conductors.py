@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from plc_inspect.errors import DataError
+from plc_inspect.results import catenary_heights
 
 Float64 = NDArray[np.float64]
 
@@ -63,7 +64,7 @@ class Conductor:
 
     def heights(self, x: Float64) -> Float64:
         """Return z (N,) [m] at the horizontal distances x (N,) from start [m]."""
-        return self.a + self.c * np.cosh((np.asarray(x) - self.b) / self.c)
+        return catenary_heights(self.a, self.b, self.c, np.asarray(x))
 
     def locate(self, x: Float64) -> Float64:
         """Return the points (N, 3) [m] at the horizontal distances x (N,) from start [m]."""

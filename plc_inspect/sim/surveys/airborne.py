@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plc_inspect.errors import DataError
+from plc_inspect.results import catenary_heights
 from plc_inspect.sim.scenes.scene import Scene
 from plc_inspect.sim.surveys.ray_kernels import MISS
 from plc_inspect.sim.surveys.raycast import Beam, build_world, cast, label_items
@@ -160,7 +161,7 @@ def _snap(points: Float64, curves: Float64) -> Float64:
     """Return the points (N, 3) moved onto the catenaries (N, 8) at their place along them."""
     x = (points[:, 0] - curves[:, 3]) * curves[:, 5] + (points[:, 1] - curves[:, 4]) * curves[:, 6]
     x = np.clip(x, 0.0, curves[:, 7])
-    z = curves[:, 0] + curves[:, 2] * np.cosh((x - curves[:, 1]) / curves[:, 2])
+    z = catenary_heights(curves[:, 0], curves[:, 1], curves[:, 2], x)
     return np.column_stack([
         curves[:, 3] + x * curves[:, 5], curves[:, 4] + x * curves[:, 6], z,
     ])
