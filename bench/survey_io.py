@@ -56,9 +56,7 @@ def write_file(path: Path, points: np.ndarray) -> None:
     las.gps_time = 2.5e8 + np.cumsum(rng.exponential(3e-6, len(points)))
     las.return_number = np.ones(len(points), dtype=np.uint8)
     las.number_of_returns = rng.choice([1, 2], len(points), p=[0.8, 0.2]).astype(np.uint8)
-    aside = path.with_suffix('.partial.laz')
-    las.write(aside)
-    aside.replace(path)
+    las.write(path)
 
 
 def run_process(environment: dict[str, str], code: str, *arguments: str) -> Process:

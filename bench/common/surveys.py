@@ -32,6 +32,7 @@ from plc_inspect.sim.scenes.catalogue import make_scene
 from plc_inspect.sim.simulate import main as simulate
 from plc_inspect.sim.surveys.airborne import simulate_map
 from plc_inspect.sim.surveys.truth import collect_sightings, make_truth
+from plc_inspect.whole_files import replace_file
 
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
@@ -99,12 +100,11 @@ def make_map(
             scene, collect_sightings(scene, cloud.exact, cloud.label, cloud.conductor),
             kind='map', frame_id='map', bin_size=1.0, noise=NOISE,
         )
-        aside = path.with_suffix('.partial.npz')
-        np.savez(
-            aside, points=cloud.points, label=cloud.label, truth=json.dumps(truth),
-            area=scene.area,
-        )
-        aside.replace(path)
+        with replace_file(path) as aside:
+            np.savez(
+                aside, points=cloud.points, label=cloud.label, truth=json.dumps(truth),
+                area=scene.area,
+            )
     with np.load(path) as content:
         return Survey(
             name=scene_name, points=content['points'], area=float(content['area']),

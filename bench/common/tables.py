@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import math
 from pathlib import Path
 
+from plc_inspect.whole_files import replace_file
+
 MISSED = '**missed**'
 
 
@@ -96,9 +98,8 @@ def replace_section(path: Path, name: str, text: str) -> None:
         new = f'{head}{block}{tail}'
     else:
         new = f'{old.rstrip()}\n\n{block}\n'.lstrip()
-    aside = path.with_name(f'.{path.name}.partial')
-    aside.write_text(new, encoding='utf-8')
-    aside.replace(path)
+    with replace_file(path) as aside:
+        aside.write_text(new, encoding='utf-8')
 
 
 def format_figure(value: float, digits: int = 3) -> str:

@@ -20,7 +20,7 @@ from typing import Any
 
 from plc_inspect.errors import DataError, PlcInspectError
 from plc_inspect.offline.commands.command_line import BAD_INPUT, DONE, INTERRUPTED, Parser
-from plc_inspect.offline.export.results_folder import check_folder
+from plc_inspect.offline.export.results_folder import check_results
 from plc_inspect.offline.readers.bags import Recording
 from plc_inspect.ros.graph.ending import was_cut_short
 from plc_inspect.ros.graph.transport import prepare_transport
@@ -44,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('output', type=Path, metavar='OUT', help='results folder, replaced')
     arguments = parser.parse_args(argv)
     try:
-        check_folder(arguments.output, force=True)
+        check_results(arguments.output, force=True)
         return _run(arguments.bag, arguments.output)
     except PlcInspectError as error:
         print(f'{NAME}: {" ".join(str(error).split())}', file=sys.stderr)

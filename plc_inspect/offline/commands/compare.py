@@ -5,9 +5,7 @@
 
 import argparse
 from collections.abc import Sequence
-import os
 from pathlib import Path
-import tempfile
 from typing import TYPE_CHECKING
 
 from plc_inspect.offline.commands.command_line import DONE, Parser, run_command
@@ -85,18 +83,10 @@ def write_changes(path: Path, changes: 'Changes', units: 'Units') -> None:
     """Write the changes as JSON, whole or not at all."""
     from plc_inspect.offline.export.files import render_json
     from plc_inspect.offline.records.changes import describe_changes
+    from plc_inspect.whole_files import replace_file
 
-    with tempfile.NamedTemporaryFile(
-        'w', encoding='utf-8', dir=path.absolute().parent, prefix=f'.{path.name}.', delete=False
-    ) as stream:
-        aside = Path(stream.name)
-        try:
-            stream.write(render_json(describe_changes(changes, units)) + '\n')
-            stream.flush()
-            os.replace(aside, path)
-        except BaseException:
-            aside.unlink(missing_ok=True)
-            raise
+    with replace_file(path) as aside:
+        aside.write_text(render_json(describe_changes(changes, units)) + '\n', encoding='utf-8')
 
 
 def _run(argv: Sequence[str] | None) -> int:
@@ -111,13 +101,14 @@ def _run(argv: Sequence[str] | None) -> int:
     )
     parser.add_argument('--quiet', action='store_true', help='print errors only')
     arguments: argparse.Namespace = parser.parse_args(argv)
-    from plc_inspect.errors import ConfigError, DataError
+    from plc_inspect.errors import ConfigError
     from plc_inspect.offline.records.changes import find_changes, read_survey
+    from plc_inspect.whole_files import check_file
 
     if not 0.0 < arguments.sag_deviation < 10.0:
         raise ConfigError(f'--sag-deviation must lie in (0, 10), got {arguments.sag_deviation:g}')
-    if arguments.output and arguments.output.exists() and not arguments.force:
-        raise DataError(f'{arguments.output} exists; --force replaces it')
+    if arguments.output:
+        check_file(arguments.output, arguments.force)
     after = read_survey(arguments.after)
     changes = find_changes(read_survey(arguments.before), after, arguments.sag_deviation)
     if arguments.output:

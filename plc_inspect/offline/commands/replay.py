@@ -119,7 +119,7 @@ def _run(argv: Sequence[str] | None) -> int:
     from plc_inspect.config import update
     from plc_inspect.offline.commands.request import complete, locate_flight, read_request
     from plc_inspect.offline.commands.result_table import render_summary
-    from plc_inspect.offline.export.results_folder import check_folder, write_results
+    from plc_inspect.offline.export.results_folder import check_results, write_results
     from plc_inspect.offline.readers.parameter_file import read_settings
 
     settings = read_settings(arguments.params, arguments.assignments)
@@ -130,7 +130,7 @@ def _run(argv: Sequence[str] | None) -> int:
     settings = update(settings, {name: topic for name, topic in topics.items() if topic})
     request, settings = read_request(arguments, settings)
     origin = locate_flight(arguments.origin)
-    check_folder(arguments.output, arguments.force)
+    check_results(arguments.output, arguments.force)
     with show_progress(arguments.quiet) as progress:
         inspection = replay(arguments.bag, settings, progress, request.rules)
         inspection = complete(dataclasses.replace(inspection, **origin), request)

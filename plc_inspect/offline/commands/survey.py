@@ -164,12 +164,12 @@ def _run(argv: Sequence[str] | None) -> int:
     reading = begin_reading(arguments.cloud, arguments.crs)
     from plc_inspect.offline.commands.request import complete, read_request
     from plc_inspect.offline.commands.result_table import render_summary
-    from plc_inspect.offline.export.results_folder import check_folder, write_results
+    from plc_inspect.offline.export.results_folder import check_results, write_results
     from plc_inspect.offline.readers.parameter_file import read_settings
 
     settings = read_settings(arguments.params, arguments.assignments)
     request, settings = read_request(arguments, settings)
-    check_folder(arguments.output, arguments.force)
+    check_results(arguments.output, arguments.force)
     with show_progress(arguments.quiet) as progress:
         inspection = survey(
             arguments.cloud, settings, arguments.crs, progress, request.rules, reading

@@ -5,9 +5,7 @@
 
 import argparse
 from collections.abc import Sequence
-import os
 from pathlib import Path
-import tempfile
 
 from plc_inspect.offline.commands.command_line import (
     DONE,
@@ -25,33 +23,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     return run_command(NAME, lambda: _run(argv))
 
 
-def check_file(path: Path, force: bool) -> None:
-    """Raise DataError unless a parameter file can be written at ``path``."""
-    from plc_inspect.errors import DataError
-
-    if path.is_dir():
-        raise DataError(f'{path} is a folder')
-    if path.exists() and not force:
-        raise DataError(f'{path} exists; --force replaces it')
-    parent = path.absolute().parent
-    if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
-        raise DataError(f'{path} cannot be written: {parent} is no folder that can be written to')
-
-
-def write_file(path: Path, text: str) -> None:
-    """Write a text file, whole or not at all."""
-    handle, name = tempfile.mkstemp(dir=path.absolute().parent, prefix=f'.{path.name}.')
-    aside = Path(name)
-    try:
-        with os.fdopen(handle, 'w', encoding='utf-8') as stream:
-            stream.write(text)
-        aside.chmod(0o644)
-        aside.replace(path)
-    except BaseException:
-        aside.unlink(missing_ok=True)
-        raise
-
-
 def _run(argv: Sequence[str] | None) -> int:
     arguments = _parse(argv)
     from plc_inspect.errors import ConfigError
@@ -65,6 +36,7 @@ def _run(argv: Sequence[str] | None) -> int:
     )
     from plc_inspect.offline.readers.parameter_file import read_settings
     from plc_inspect.offline.readers.wire_truth import read_wire_truth
+    from plc_inspect.whole_files import check_file, replace_file
 
     settings = read_settings(arguments.params, arguments.assignments)
     if arguments.output is None and not arguments.sensitivity:
@@ -87,9 +59,9 @@ def _run(argv: Sequence[str] | None) -> int:
                 print(f'{source}: no power line was found, neither with the settings given nor'
                       f' with any of {tuned.num_evaluations} others; nothing is written')
                 return INTERRUPTED if tuned.interrupted else DONE
-            write_file(
-                arguments.output, render_file(tuned, source, hash_input(arguments.input))
-            )
+            text = render_file(tuned, source, hash_input(arguments.input))
+            with replace_file(arguments.output) as aside:
+                aside.write_text(text, encoding='utf-8')
             parts += [render_tuned(tuned, source), f'written: {arguments.output}']
             settings, interrupted = tuned.settings, tuned.interrupted
         if arguments.sensitivity and not interrupted:

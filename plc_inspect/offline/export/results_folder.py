@@ -3,15 +3,13 @@
 
 """Writes a results folder: whole or not at all."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 import os
 from pathlib import Path
-import tempfile
 
 from plc_inspect.errors import DataError
 from plc_inspect.offline.records.inspection import Inspection
 from plc_inspect.offline.report.browser import print_pdf
+from plc_inspect.whole_files import check_folder, replace_folder
 
 FILES = (
     'run.json',
@@ -39,26 +37,23 @@ OPTIONAL_FILES = (
 )
 """And these where they were asked for or are possible."""
 
-def check_folder(folder: Path, force: bool = False) -> None:
+
+def check_results(folder: Path, force: bool = False) -> None:
     """
     Raise DataError unless a results folder can be written at ``folder``.
 
     An existing folder needs ``force``, and must hold nothing but the files of a results folder:
     nothing else is ever removed.
     """
-    parent = folder.absolute().parent
-    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
-        raise DataError(f'{folder} exists and is not a folder')
+    check_folder(folder, force)
     if folder.exists():
-        if not force:
-            raise DataError(f'{folder} exists; --force replaces it')
         foreign = sorted({item.name for item in folder.iterdir()} - {*FILES, *OPTIONAL_FILES})
         if foreign:
             raise DataError(
                 f'{folder} is not replaced: it holds {len(foreign)} files that are no results,'
                 f' such as {foreign[0]}'
             )
-    ancestor = parent
+    ancestor = folder.absolute().parent
     while not ancestor.exists():
         ancestor = ancestor.parent
     if not ancestor.is_dir() or not os.access(ancestor, os.W_OK | os.X_OK):
@@ -93,33 +88,8 @@ def write_results(
     """
     from plc_inspect.offline.export.files import write_files  # loads all formats
 
-    check_folder(folder, force)
-    try:
-        with _replace_folder(folder) as aside:
-            write_files(aside, inspection)
-            if pdf:
-                print_pdf(aside / 'report.html', aside / 'report.pdf')
-    except OSError as error:
-        reason = error.strerror or type(error).__name__
-        raise DataError(f'{folder} cannot be written: {reason}') from error
-
-
-@contextmanager
-def _replace_folder(folder: Path) -> Iterator[Path]:
-    """Yield an empty folder that takes the place of ``folder`` at the end, if all goes well."""
-    folder = folder.absolute()
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(
-        prefix=f'.{folder.name}.', suffix='.partial', dir=folder.parent
-    ) as room:
-        aside, old = Path(room, 'new'), Path(room, 'old')
-        aside.mkdir()
-        yield aside
-        try:
-            if folder.exists():
-                folder.rename(old)
-            aside.rename(folder)
-        except BaseException:
-            if old.exists() and not folder.exists():
-                old.rename(folder)
-            raise
+    check_results(folder, force)
+    with replace_folder(folder) as aside:
+        write_files(aside, inspection)
+        if pdf:
+            print_pdf(aside / 'report.html', aside / 'report.pdf')

@@ -6,10 +6,9 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-import shutil
-import tempfile
 
 from plc_inspect.errors import DataError
+from plc_inspect.whole_files import check_folder, replace_folder
 
 _SUFFIXES = ('.mcap', '.yaml', '.json', '.laz')
 
@@ -33,29 +32,10 @@ def open_folder(path: Path, force: bool) -> Iterator[Path]:
 
     """
     path = Path(path)
-    if path.is_symlink() or (path.exists() and not path.is_dir()):
-        raise DataError(f'{path} exists and is not a folder')
-    if path.exists() and not force:
-        raise DataError(f'{path} exists; --force replaces it')
+    check_folder(path, force)
     if path.exists():
         foreign = sorted({file.name for file in path.iterdir() if file.suffix not in _SUFFIXES})
         if foreign:
             raise DataError(f'{path} is not replaced: it holds {foreign[0]}, which is no survey')
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        aside = Path(tempfile.mkdtemp(prefix=f'.{path.name}.', dir=path.parent))
-    except OSError as error:
-        raise DataError(f'cannot write {path}: {error.strerror}') from error
-    try:
-        aside.chmod(0o755)
+    with replace_folder(path) as aside:
         yield aside
-        if path.exists():
-            old = aside.with_name(f'{aside.name}.old')
-            path.rename(old)
-            aside.rename(path)
-            shutil.rmtree(old)
-        else:
-            aside.rename(path)
-    except BaseException:
-        shutil.rmtree(aside, ignore_errors=True)
-        raise

@@ -1,0 +1,122 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Folders and files that are there whole or not at all.
+
+They are written beside their place and renamed, so they are never seen half-written; what was
+there before is removed only when the new one is complete.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+import os
+from pathlib import Path
+import tempfile
+
+from plc_inspect.errors import DataError
+
+
+def check_folder(folder: Path, force: bool) -> None:
+    """Raise DataError where a folder cannot take a place: a file is there, or a folder stays."""
+    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
+        raise DataError(f'{folder} exists and is not a folder')
+    if folder.exists() and not force:
+        raise DataError(f'{folder} exists; --force replaces it')
+
+
+def check_file(path: Path, force: bool) -> None:
+    """Raise DataError unless a file can be written at ``path``; one that exists needs force."""
+    if path.is_dir():
+        raise DataError(f'{path} is a folder')
+    if path.exists() and not force:
+        raise DataError(f'{path} exists; --force replaces it')
+    parent = path.absolute().parent
+    if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
+        raise DataError(f'{path} cannot be written: {parent} is no folder that can be written to')
+
+
+@contextmanager
+def replace_folder(folder: Path) -> Iterator[Path]:
+    """
+    Write a folder; missing parents are made.
+
+    Parameters
+    ----------
+    folder : Path
+        The place.
+
+    Yields
+    ------
+    Path
+        An empty folder, which takes the place at the end of the block if all goes well.
+
+    Raises
+    ------
+    DataError
+        It cannot be written.
+
+    """
+    place = folder.absolute()
+    with _name_errors(folder):
+        place.parent.mkdir(parents=True, exist_ok=True)
+        with _make_room(place) as room:
+            aside, old = room / 'new', room / 'old'
+            aside.mkdir()
+            yield aside
+            try:
+                if place.exists():
+                    place.rename(old)
+                aside.rename(place)
+            except BaseException:
+                if old.exists() and not place.exists():
+                    old.rename(place)
+                raise
+
+
+@contextmanager
+def replace_file(path: Path) -> Iterator[Path]:
+    """
+    Write a file into a folder that is there.
+
+    Parameters
+    ----------
+    path : Path
+        The place.
+
+    Yields
+    ------
+    Path
+        A file of the same name to write, which takes the place at the end of the block if all
+        goes well.
+
+    Raises
+    ------
+    DataError
+        It cannot be written.
+
+    """
+    place = path.absolute()
+    with _name_errors(path), _make_room(place) as room:
+        aside = room / place.name
+        yield aside
+        aside.replace(place)
+
+
+@contextmanager
+def _make_room(place: Path) -> Iterator[Path]:
+    """Yield an empty folder beside a place, on the same file system."""
+    with tempfile.TemporaryDirectory(
+        prefix=f'.{place.name}.', suffix='.partial', dir=place.parent
+    ) as room:
+        yield Path(room)
+
+
+@contextmanager
+def _name_errors(path: Path) -> Iterator[None]:
+    """Say of errors of the system what could not be written."""
+    try:
+        yield
+    except OSError as error:
+        reason = error.strerror or type(error).__name__
+        raise DataError(f'{path} cannot be written: {reason}') from error
