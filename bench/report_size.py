@@ -10,7 +10,6 @@ headless Chromium.  The first view is there when the page is laid out and the 3D
 
 import argparse
 from collections.abc import Sequence
-import json
 from pathlib import Path
 import re
 import subprocess
@@ -23,6 +22,7 @@ import numpy as np
 
 from plc_inspect.errors import ConfigError
 from plc_inspect.offline.commands.survey import main as survey
+from plc_inspect.offline.records.results_reader import read_run
 from plc_inspect.offline.report.browser import find_browser, FLAGS
 from plc_inspect.sim.scenes import lines, vegetation
 from plc_inspect.sim.scenes.scene import Scene, SceneBuilder
@@ -99,7 +99,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         num_points = write_laz(cloud, make_line(arguments.spans, 0), arguments.density, 0)
         if survey([str(cloud), '-o', str(out), '--quiet', '--force']):
             return 1
-        run = json.loads((out / 'run.json').read_text(encoding='utf-8'))
+        run = read_run(out)
         page = out / 'report.html'
         checks = [
             at_least('long', 'spans in the report', float(run['num_spans']),

@@ -11,7 +11,6 @@ figures are medians of wall times.  Shows where the time of ``plc_survey`` goes.
 import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
-import json
 import os
 from pathlib import Path
 import shutil
@@ -26,6 +25,8 @@ from common.surveys import make_map, open_cache
 from common.tables import at_most, CHECK_COLUMNS, render_table, replace_section
 import laspy
 import numpy as np
+
+from plc_inspect.offline.records.results_reader import read_run
 
 ROOT = Path(__file__).resolve().parents[1]
 MOST_RATIO = 2.5
@@ -106,7 +107,7 @@ def compare(cloud: Path, room: Path, arguments: argparse.Namespace) -> str:
         ours.append(run_process(
             environment, SURVEY, str(cloud), '-o', str(results), '--quiet', '--force'
         ))
-        steps.append(json.loads((results / 'run.json').read_text(encoding='utf-8'))['seconds'])
+        steps.append(read_run(results)['seconds'])
         print(f'{number + 1} of {arguments.repeats}: laspy {alone[-1].seconds:.1f} s, plc_survey '
               f'{ours[-1].seconds:.1f} s', file=sys.stderr, flush=True)
     sizes = [path.stat().st_size / 1e6 for path in (cloud, results / 'points.laz')]

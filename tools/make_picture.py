@@ -8,7 +8,6 @@ Draws the picture of the README from a results folder.
 """
 
 import argparse
-import json
 from pathlib import Path
 
 import laspy
@@ -16,6 +15,7 @@ import matplotlib as mpl
 from matplotlib import pyplot
 import numpy as np
 
+from plc_inspect.offline.records.results_reader import read_table
 from plc_inspect.offline.report.point_scene import LINE_COLORS, SEVERITY_COLORS
 from plc_inspect.results import PointClass
 
@@ -66,7 +66,7 @@ def draw(folder, path):
     axes.scatter(
         x[wire], y[wire], s=1.5, c=hue[lines[wire] % len(hue)], linewidths=0, rasterized=True
     )
-    for hazard in json.loads((folder / 'hazards.json').read_text(encoding='utf-8'))['hazards']:
+    for hazard in read_table(folder, 'hazards')['hazards']:
         across, up, _ = project(np.array([hazard['position']]), center)
         axes.plot(across, up, 'o', ms=15, mfc='none', mew=2.2,
                   mec=SEVERITY_COLORS[hazard['severity']])

@@ -11,7 +11,6 @@ unless the spans are the same and none is 2 cm or more away.
 
 import argparse
 from collections.abc import Sequence
-import json
 from pathlib import Path
 import subprocess
 import sys
@@ -20,16 +19,12 @@ import tempfile
 import numpy as np
 
 from plc_inspect.offline.commands.replay import main as replay
+from plc_inspect.offline.records.results_reader import read_run, read_table
 from plc_inspect.results import catenary_heights
 
 ROOT = Path(__file__).parents[2]
 LIMIT = 0.02
 """Greatest distance of two catenaries [m]."""
-
-
-def read_spans(folder: Path) -> list[dict]:
-    """Return the spans of a results folder."""
-    return json.loads((folder / 'spans.json').read_text(encoding='utf-8'))['spans']
 
 
 def sample(span: dict) -> np.ndarray:
@@ -72,8 +67,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
         if replay([str(arguments.bag), '-o', str(offline), '--quiet']):
             return 1
-        apart, only_live, only_offline = compare(read_spans(live), read_spans(offline))
-        counts = json.loads((live / 'run.json').read_text(encoding='utf-8'))['input']['counts']
+        apart, only_live, only_offline = compare(
+            *(read_table(folder, 'spans')['spans'] for folder in (live, offline))
+        )
+        counts = read_run(live)['input']['counts']
     print(f'{arguments.bag}: {counts["num_scans_inserted"]} scans live, '
           f'{counts["num_scans_lost"]} lost')
     print(f'conductor-spans: {len(apart)} in both, {only_live} only live, '

@@ -9,7 +9,6 @@ publishes them, and ends both; the node writes the results folder.
 """
 
 from collections.abc import Mapping, Sequence
-import json
 import os
 from pathlib import Path
 import signal
@@ -84,17 +83,14 @@ def _run(bag: Path, output: Path) -> int:
 
 def _print_tables(output: Path) -> None:
     """Print spans and hazards of a results folder."""
-    def read(name: str) -> list[dict[str, Any]]:
-        text = (output / f'{name}.json').read_text(encoding='utf-8')
-        records: list[dict[str, Any]] = json.loads(text)[name]
-        return records
+    from plc_inspect.offline.records.results_reader import read_table
 
     print('line  span  length [m]  sag [m]  rmse [m]  points')
-    for span in read('spans'):
+    for span in read_table(output, 'spans')['spans']:
         print(f'{span["line_id"]:4d}  {span["span_id"]:4d}  {span["length"]:10.2f}  '
               f'{span["sag"]:7.2f}  {span["rmse"]:8.3f}  {span["num_points"]:6d}')
     print('\nhazard  severity  kind        line  span  measured [m]  required [m]')
-    for item in read('hazards'):
+    for item in read_table(output, 'hazards')['hazards']:
         print(f'{item["hazard_id"]:6d}  {item["severity"]:8s}  {item["kind"]:10s}  '
               f'{item["line_id"]:4d}  {item["span_id"]:4d}  {item["clearance"]:12.2f}  '
               f'{item["required"]:12.2f}')

@@ -61,39 +61,26 @@ def read_folder(folder: Path) -> Folder:
         Its settings are not ours.
 
     """
-    import json
-
     import numpy as np
 
     from plc_inspect.config import Settings, update
-    from plc_inspect.errors import DataError
-    from plc_inspect.offline.readers.clouds import read_cloud
-    from plc_inspect.offline.records.inspection import Units
+    from plc_inspect.offline.records.results_reader import (
+        parse_units,
+        read_points,
+        read_run,
+        understanding,
+    )
 
-    path = folder / 'run.json'
-    if not path.is_file():
-        raise DataError(f'{folder}: no such results folder' if not folder.is_dir() else
-                        f'{folder} is no results folder: it has no run.json')
-    try:
-        run = json.loads(path.read_text(encoding='utf-8'))
-        horizontal, vertical = map(float, run['input']['metres_per_unit'])
+    run = read_run(folder)
+    with understanding(folder / 'run.json'):
+        units = parse_units(run['input']['metres_per_unit'])
         mapping = {str(name): dict(item) for name, item in run['settings'].items()}
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        text = ' '.join(str(error).split())
-        raise DataError(f'{path} is not understood: {text}') from error
     settings = update(update(Settings(), mapping), {'hazards.rules': 'plain'})
-    cloud = read_cloud(folder / 'points.laz')
-    if cloud.las is None or 'decision' not in cloud.las.point_format.extra_dimension_names:
-        raise DataError(f'{folder / "points.laz"} holds no decisions')
-    units = Units(horizontal=horizontal, vertical=vertical)
-    scale = np.array([horizontal, horizontal, vertical])
-    own = np.array([cloud.metres_per_unit[0], *cloud.metres_per_unit])
-    if (scale != own).any():  # the unit was given with --crs, or is unknown to the file
-        cloud.points[:] *= scale / own
+    las, points = read_points(folder, 'decision')
     return Folder(
-        points=cloud.points,
-        classification=np.asarray(cloud.las.classification, dtype=np.uint8),
-        decision=np.asarray(cloud.las['decision'], dtype=np.uint8),
+        points=units.to_metres(points),
+        classification=np.asarray(las.classification, dtype=np.uint8),
+        decision=np.asarray(las['decision'], dtype=np.uint8),
         settings=settings,
         units=units,
     )
@@ -132,7 +119,7 @@ def _tell_point(folder: Folder, arguments: argparse.Namespace) -> str:
     points, settings, units = folder.points, folder.settings, folder.units
     index, lines = arguments.point, []
     if index is None:
-        index = find_nearest(points, _to_metres(arguments.at, units)[0])
+        index = find_nearest(points, units.to_metres(np.array(arguments.at))[0])
         away = np.linalg.norm(units.from_metres(points[index]) - np.array(arguments.at[0]))
         lines.append(f'the nearest point is {away:.2f} {units.name} away')
     with show_progress(quiet=False) as progress:
@@ -156,6 +143,8 @@ def _tell_point(folder: Folder, arguments: argparse.Namespace) -> str:
 
 
 def _tell_stretch(folder: Folder, arguments: argparse.Namespace) -> str:
+    import numpy as np
+
     from plc_inspect.core.explain.span import (
         confirm_stretch,
         explain_stretch,
@@ -168,7 +157,7 @@ def _tell_stretch(folder: Folder, arguments: argparse.Namespace) -> str:
     points, settings, units = folder.points, folder.settings, folder.units
     course = None
     if arguments.at:
-        course = make_course(_to_metres(arguments.at, units), settings, arguments.reach)
+        course = make_course(units.to_metres(np.array(arguments.at)), settings, arguments.reach)
     with show_progress(quiet=False) as progress:
         trace = Pipeline(settings).trace(points, progress)
         if course is None:
@@ -185,13 +174,6 @@ def _tell_stretch(folder: Folder, arguments: argparse.Namespace) -> str:
         f'{name}: {course.length:.1f} m from {x:.2f}, {y:.2f}; what each stage saw within'
         f' {course.reach:g} m of it\n\n' + render_stretch(stretch, trials, settings, units)
     )
-
-
-def _to_metres(places: list[list[float]], units: 'Units') -> 'Float64':
-    import numpy as np
-
-    result: Float64 = np.array(places) * [units.horizontal, units.horizontal, units.vertical]
-    return result
 
 
 def _parse(argv: Sequence[str] | None) -> argparse.Namespace:

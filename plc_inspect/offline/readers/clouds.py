@@ -86,13 +86,13 @@ def read_cloud(path: Path | str, crs: str | None = None) -> Cloud:
     if not path.is_file():
         raise DataError(f'{path} does not exist' if not path.exists() else f'{path} is a folder')
     given = None if crs is None else _parse_crs(crs)
-    try:
-        if path.suffix.lower() == '.pcd':
+    if path.suffix.lower() == '.pcd':
+        try:
             las, points = None, read_pcd(path)
-        else:
-            las, points = _load_las(path)
-    except OSError as error:
-        raise DataError(f'{path} cannot be read: {error.strerror or error}') from error
+        except OSError as error:
+            raise _not_read(path, error) from error
+    else:
+        las, points = load_las(path)
     system, wkt, units = given, '', (1.0, 1.0)
     if system is not None:
         wkt, units = _to_wkt(system), _measure_units(system, path)
@@ -107,6 +107,10 @@ def read_cloud(path: Path | str, crs: str | None = None) -> Cloud:
         metres_per_unit=units,
         las=las,
     )
+
+
+def _not_read(path: Path, error: OSError) -> DataError:
+    return DataError(f'{path} cannot be read: {error.strerror or error}')
 
 
 def _check_header(path: Path) -> None:
@@ -131,12 +135,35 @@ def _check_header(path: Path) -> None:
         raise DataError(f'{path} is truncated: points from byte {first_point}, size {size}')
 
 
-def _load_las(path: Path) -> tuple[laspy.LasData, Float64]:
-    _check_header(path)
+def load_las(path: Path) -> tuple[laspy.LasData, Float64]:
+    """
+    Read a LAS or LAZ file as it is.
+
+    Parameters
+    ----------
+    path : Path
+        A file that exists.
+
+    Returns
+    -------
+    laspy.LasData
+        All points with their attributes.
+    (N, 3) float64
+        Their coordinates, in the units of the file.
+
+    Raises
+    ------
+    DataError
+        The file cannot be read, is truncated or damaged.
+
+    """
     try:
+        _check_header(path)
         las = read_las(path)
-    except OSError:
+    except DataError:
         raise
+    except OSError as error:
+        raise _not_read(path, error) from error
     except Exception as error:  # laspy lets errors of lazrs, struct and numpy through
         text = ' '.join(str(error).split()) or type(error).__name__
         raise DataError(f'{path} cannot be read, is it truncated? {text}') from error

@@ -9,6 +9,10 @@ import struct
 from typing import BinaryIO
 
 import laspy
+import numpy as np
+
+from plc_inspect.errors import DataError
+from plc_inspect.results import UInt8
 
 BACKENDS = (laspy.LazBackend.LazrsParallel, laspy.LazBackend.Lazrs)
 """
@@ -40,6 +44,29 @@ def read_las(path: Path) -> laspy.LasData:
         if type(error).__name__ != 'PanicException':  # no module has it to be imported from
             raise
         raise RuntimeError(f'the decoder gave up: {error}') from error
+
+
+def read_classes(path: Path) -> UInt8:
+    """
+    Read the ASPRS classes of a labelled LAS or LAZ file.
+
+    Returns
+    -------
+    (N,) uint8
+        In file order.
+
+    Raises
+    ------
+    DataError
+        The file is missing or cannot be read.
+
+    """
+    if not path.is_file():
+        raise DataError(f'{path} does not exist')
+    try:
+        return np.array(read_las(path).classification, dtype=np.uint8)
+    except Exception as error:  # laspy lets errors of its decoders through
+        raise DataError(f'{path} is not a readable LAS file: {error}') from error
 
 
 def _check_chunks(file: BinaryIO, header: laspy.LasHeader) -> None:

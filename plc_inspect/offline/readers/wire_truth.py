@@ -3,7 +3,6 @@
 
 """Which points of a cloud are wire: classes of a labelled cloud, or spans of a truth.json."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from plc_inspect.errors import DataError
-from plc_inspect.offline.readers.laz import read_las
+from plc_inspect.offline.readers.json_file import read_json
+from plc_inspect.offline.readers.laz import read_classes
 from plc_inspect.results import Bool, catenary_heights, Float64, PointClass
 
 WIRE_DISTANCE = 0.25
@@ -49,13 +49,13 @@ def read_wire_truth(path: Path, points: Float64) -> tuple[Bool, Bool]:
 
     """
     if path.suffix.lower() in ('.las', '.laz'):
-        label = _read_classes(path)
+        label = read_classes(path)
         if len(label) != len(points):
             raise DataError(f'{path} has {len(label)} points, the cloud {len(points)}')
         return label == PointClass.WIRE, label == 0
     path = path / 'truth.json' if path.is_dir() else path
     cloud = path.parent / 'map.laz'
-    content = _read_json(path)
+    content = read_json(path)
     if content.get('kind') == 'map' and cloud.is_file():
         return read_wire_truth(cloud, points)
     try:
@@ -63,27 +63,6 @@ def read_wire_truth(path: Path, points: Float64) -> tuple[Bool, Bool]:
     except (KeyError, TypeError, ValueError) as error:
         raise DataError(f'{path}: the truth cannot be read: {error!r}') from error
     return _label(points, curves)
-
-
-def _read_classes(path: Path) -> Any:
-    if not path.is_file():
-        raise DataError(f'{path} does not exist')
-    try:
-        return np.array(read_las(path).classification, dtype=np.uint8)
-    except Exception as error:  # laspy lets errors of its decoders through
-        raise DataError(f'{path} is not a readable LAS file: {error}') from error
-
-
-def _read_json(path: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(path.read_text(encoding='utf-8'))
-    except OSError as error:
-        raise DataError(f'{path} cannot be read: {error.strerror}') from error
-    except ValueError as error:
-        raise DataError(f'{path} is no JSON file: {error}') from error
-    if not isinstance(content, dict):
-        raise DataError(f'{path} holds no truth')
-    return content
 
 
 def _place(row: dict[str, Any]) -> Float64:

@@ -3,9 +3,7 @@
 
 """An earlier results folder read back, and what changed since."""
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-import json
 import math
 from pathlib import Path
 from typing import Any
@@ -16,7 +14,6 @@ from pyproj.exceptions import CRSError
 
 from plc_inspect.core.tracking.comparison import Change, compare_surveys, Comparison
 from plc_inspect.errors import DataError
-from plc_inspect.offline.readers.laz import read_las
 from plc_inspect.offline.records.inspection import (
     describe_hazard,
     Inspection,
@@ -24,7 +21,15 @@ from plc_inspect.offline.records.inspection import (
     Record,
     Units,
 )
-from plc_inspect.results import Float64, Hazard, HazardKind, Int32, PointClass, Severity, Span
+from plc_inspect.offline.records.results_reader import (
+    parse_hazard,
+    parse_span,
+    parse_units,
+    read_points,
+    read_table,
+    understanding,
+)
+from plc_inspect.results import Float64, Hazard, Int32, PointClass, Span
 
 CANOPY_CELL = 1.0
 """Edge of the plan cells whose highest vegetation is compared [m]."""
@@ -95,26 +100,24 @@ def read_survey(folder: Path) -> Survey:
 
     """
     folder = Path(folder)
-    if not folder.is_dir():
-        raise DataError(f'{folder}: no such results folder')
-    content = {name: _read(folder / f'{name}.json', name) for name in ('spans', 'hazards')}
-    head = content['spans']
-    try:
-        units = Units(**dict(zip(('horizontal', 'vertical'), map(float, head['metres_per_unit']),
-                                 strict=True)))
-        spans = tuple(_parse_span(row, units) for row in head['spans'])
-        hazards = tuple(_parse_hazard(row, units) for row in content['hazards']['hazards'])
+    spans, hazards = (read_table(folder, name) for name in ('spans', 'hazards'))
+    with understanding(folder / 'spans.json'):
+        units = parse_units(spans['metres_per_unit'])
+        crs, frame_id = str(spans['crs']), str(spans['frame_id'])
         vegetation = {
             (row['line_id'], row['span_id']): row['vegetation_clearance'] * units.horizontal
-            for row in head['spans'] if row.get('vegetation_clearance') is not None
+            for row in spans['spans'] if row.get('vegetation_clearance') is not None
         }
-        crs, frame = str(head['crs']), str(head['frame_id'])
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        text = ' '.join(str(error).split())
-        raise DataError(f'{folder} holds results that are not understood: {text}') from error
-    canopy, canopy_span = _read_canopy(folder / 'points.laz', units)
-    return Survey(name=folder.name, crs=crs, frame_id=frame, units=units, spans=spans,
-                  hazards=hazards, vegetation=vegetation, canopy=canopy, canopy_span=canopy_span)
+        found = tuple(parse_span(row, units) for row in spans['spans'])
+    with understanding(folder / 'hazards.json'):
+        raised = tuple(parse_hazard(row, units) for row in hazards['hazards'])
+    las, points = read_points(folder, 'span_id')
+    own = np.asarray(las.classification) == PointClass.VEGETATION
+    return Survey(
+        name=folder.name, crs=crs, frame_id=frame_id, units=units, spans=found, hazards=raised,
+        vegetation=vegetation, canopy=units.to_metres(points[own]),
+        canopy_span=np.asarray(las['span_id'])[own],
+    )
 
 
 def to_survey(inspection: Inspection) -> Survey:
@@ -264,74 +267,6 @@ def _raise(canopy: Float64, span: Int32, low: Float64) -> tuple[Any, Float64, In
     last = np.append(np.diff(key[order]) != 0, True)
     top = order[last]
     return key[top], canopy[top, 2], span[top]
-
-
-def _read(path: Path, name: str) -> Record:
-    try:
-        content = json.loads(path.read_text(encoding='utf-8'))
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, 'strerror', None) or 'not text'
-        raise DataError(f'{path} cannot be read: {reason}') from error
-    except ValueError as error:
-        raise DataError(f'{path} is no JSON: {error}') from error
-    if not isinstance(content, dict) or not isinstance(content.get(name), list):
-        raise DataError(f'{path} holds no {name}')
-    return content
-
-
-def _read_canopy(path: Path, units: Units) -> tuple[Float64, Int32]:
-    try:
-        las = read_las(path)
-        own = np.asarray(las.classification) == PointClass.VEGETATION
-        scale = np.array([units.horizontal, units.horizontal, units.vertical])
-        return np.asarray(las.xyz)[own] * scale, np.asarray(las['span_id'])[own]
-    except Exception as error:  # laspy lets errors of lazrs, struct and numpy through
-        text = ' '.join(str(error).split()) or type(error).__name__
-        raise DataError(f'{path} cannot be read: {text}') from error
-
-
-def _parse_span(row: Record, units: Units) -> Span:
-    scale, number = units.horizontal, _scaler(units.horizontal)
-    a2, a1, a0 = row['quadratic']
-    return Span(
-        line_id=row['line_id'], span_id=row['span_id'], start=_place(row['start'], units),
-        end=_place(row['end'], units), azimuth=number(row['azimuth']) / scale,
-        length=number(row['length']), a=number(row['a']), b=number(row['b']), c=number(row['c']),
-        quadratic=(a2 / scale, a1, a0 * scale), sag=number(row['sag']),
-        lowest=_place(row['lowest'], units), open_start=bool(row['open_start']),
-        open_end=bool(row['open_end']), rmse=number(row['rmse']),
-        num_points=int(row['num_points']), coverage=number(row['coverage']) / scale,
-        sigma={name: number(value) for name, value in row['sigma'].items()},
-        ground_clearance=number(row.get('ground_clearance')),
-        ground_along=number(row.get('ground_along')),
-    )
-
-
-def _parse_hazard(row: Record, units: Units) -> Hazard:
-    number = _scaler(units.horizontal)
-    return Hazard(
-        hazard_id=row['hazard_id'], line_id=row['line_id'], span_id=row['span_id'],
-        kind=HazardKind[row['kind'].upper()], severity=Severity[row['severity'].upper()],
-        position=_place(row['position'], units), clearance=number(row['clearance']),
-        required=number(row['required']), horizontal=number(row['horizontal']),
-        vertical=number(row['vertical']), sigma=number(row['sigma']),
-        along_span=number(row['along_span']), num_points=row['num_points'],
-        extent=np.stack([_place(corner, units) for corner in row['extent']]), rule=row['rule'],
-        edition=row['edition'], source=row['source'], voltage=row.get('voltage', 'unknown'),
-        support_id=row.get('support_id', -1), from_support=number(row.get('from_support')),
-        height=number(row.get('height')) / units.horizontal * units.vertical,
-        note=row.get('note', ''),
-    )
-
-
-def _scaler(scale: float) -> Callable[[float | None], float]:
-    """Return a function that turns a value of a file into metres, null into NaN."""
-    return lambda value: math.nan if value is None else float(value) * scale
-
-
-def _place(values: Sequence[float], units: Units) -> Float64:
-    x, y, z = values
-    return np.array([x * units.horizontal, y * units.horizontal, z * units.vertical])
 
 
 def _is_same(first: str, second: str) -> bool:

@@ -57,6 +57,10 @@ class Units:
         """Return coordinates (..., 3) given in metres in the units of the input, a copy."""
         return points / np.array([self.horizontal, self.horizontal, self.vertical])
 
+    def to_metres(self, points: Float64) -> Float64:
+        """Return coordinates (..., 3) given in the units of the input in metres, a copy."""
+        return points * np.array([self.horizontal, self.horizontal, self.vertical])
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Inspection:

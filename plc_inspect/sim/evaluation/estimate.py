@@ -5,7 +5,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-import json
 import math
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plc_inspect.errors import DataError
-from plc_inspect.offline.readers.laz import read_las
+from plc_inspect.offline.records.results_reader import read_points, read_table
 from plc_inspect.results import InspectionResult
 from plc_inspect.sim.evaluation.curves import Curve, from_span, parse_curve
 
@@ -112,57 +111,30 @@ def read_survey(folder: Path) -> Survey:
 
     """
     folder = Path(folder)
-    if not folder.is_dir():
-        raise DataError(f'{folder}: no such results folder')
-    spans = [
-        FoundSpan(
-            curve=parse_curve(row), sag=_get_number(row, 'sag'),
-            open_ended=bool(row.get('open_start')) or bool(row.get('open_end')),
-        )
-        for row in _read_rows(folder / 'spans.json', 'spans')
-    ]
-    supports = [_get_place(row) for row in _read_rows(folder / 'supports.json', 'supports')]
-    hazards = [
-        FoundHazard(
-            kind=str(row.get('kind')), line_id=int(row.get('line_id', -1)),
-            span_id=int(row.get('span_id', -1)), position=_get_place(row),
-            clearance=_get_number(row, 'clearance'),
-        )
-        for row in _read_rows(folder / 'hazards.json', 'hazards')
-    ]
-    points, classification, clearance = _read_points(folder / 'points.laz')
-    return Survey(
-        spans=tuple(spans), supports=np.array(supports).reshape(-1, 3), hazards=tuple(hazards),
-        points=points, classification=classification, clearance=clearance,
+    spans, supports, hazards = (
+        read_table(folder, name)[name] for name in ('spans', 'supports', 'hazards')
     )
-
-
-def read_json(path: Path) -> dict[str, Any]:
-    """
-    Read a JSON file that holds an object.
-
-    Raises
-    ------
-    DataError
-        It is missing, no JSON, or another kind of value.
-
-    """
-    try:
-        value = json.loads(path.read_text(encoding='utf-8'))
-    except FileNotFoundError:
-        raise DataError(f'{path}: no such file') from None
-    except (OSError, ValueError) as error:
-        raise DataError(f'{path}: not readable JSON: {error}') from error
-    if not isinstance(value, dict):
-        raise DataError(f'{path}: holds a {type(value).__name__}, not an object')
-    return value
-
-
-def _read_rows(path: Path, key: str) -> list[dict[str, Any]]:
-    rows = read_json(path).get(key)
-    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
-        raise DataError(f'{path}: has no list {key!r}')
-    return rows
+    las, points = read_points(folder, 'clearance')
+    return Survey(
+        spans=tuple(
+            FoundSpan(
+                curve=parse_curve(row), sag=_get_number(row, 'sag'),
+                open_ended=bool(row.get('open_start')) or bool(row.get('open_end')),
+            )
+            for row in spans
+        ),
+        supports=np.array([_get_place(row) for row in supports]).reshape(-1, 3),
+        hazards=tuple(
+            FoundHazard(
+                kind=str(row.get('kind')), line_id=int(row.get('line_id', -1)),
+                span_id=int(row.get('span_id', -1)), position=_get_place(row),
+                clearance=_get_number(row, 'clearance'),
+            )
+            for row in hazards
+        ),
+        points=points, classification=np.array(las.classification, dtype=np.uint8),
+        clearance=np.array(las['clearance'], dtype=np.float64),
+    )
 
 
 def _get_number(row: Mapping[str, Any], key: str) -> float:
@@ -176,15 +148,3 @@ def _get_place(row: Mapping[str, Any]) -> Float64:
     except (KeyError, TypeError, ValueError) as error:
         raise DataError(f'a position cannot be read: {error!r}') from error
     return place
-
-
-def _read_points(path: Path) -> tuple[Float64, UInt8, Float64]:
-    if not path.is_file():
-        raise DataError(f'{path}: no such file')
-    try:
-        las = read_las(path)
-        clearance = np.array(las['clearance'], dtype=np.float64)
-        return np.array(las.xyz), np.array(las.classification, dtype=np.uint8), clearance
-    except Exception as error:  # laspy lets errors of its decoders through
-        raise DataError(f'{path}: not a readable points file: {error}') from error
-

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plc_inspect.errors import DataError
+from plc_inspect.offline.readers.json_file import read_json
+from plc_inspect.offline.readers.laz import read_classes
 from plc_inspect.sim.evaluation.curves import Curve, parse_curve
-from plc_inspect.sim.evaluation.estimate import read_json
-from plc_inspect.sim.surveys.labelled_cloud import read_labels
 
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
@@ -92,12 +92,12 @@ def read_truth(path: Path) -> Truth:
         none = np.zeros((0, 3))
         return Truth(
             name=path.name, spans=(), supports=none, support_seen=np.zeros(0, dtype=bool),
-            hazards=(), labels=read_labels(path), only_labels=True,
+            hazards=(), labels=read_classes(path), only_labels=True,
         )
     path = path / 'truth.json' if path.is_dir() else path
     content = read_json(path)
     cloud = path.parent / 'map.laz'
-    labels = read_labels(cloud) if content.get('kind') == 'map' and cloud.is_file() else None
+    labels = read_classes(cloud) if content.get('kind') == 'map' and cloud.is_file() else None
     return parse_truth(content, labels)
 
 

@@ -10,12 +10,9 @@ import laspy
 import numpy as np
 from numpy.typing import NDArray
 
-from plc_inspect.errors import DataError
-from plc_inspect.offline.readers.laz import read_las
 from plc_inspect.sim.surveys.airborne import LabelledCloud
 
 Float64 = NDArray[np.float64]
-UInt8 = NDArray[np.uint8]
 
 
 def write_cloud(
@@ -47,26 +44,3 @@ def write_cloud(
     las.classification = cloud.label
     las['line_id'], las['span_id'] = cloud.line_id, cloud.span_id
     las.write(str(path))
-
-
-def read_labels(path: Path) -> UInt8:
-    """
-    Read the ASPRS classes of a LAS or LAZ file.
-
-    Returns
-    -------
-    ndarray
-        (N,) uint8 in file order.
-
-    Raises
-    ------
-    DataError
-        The file is missing or cannot be read.
-
-    """
-    if not path.is_file():
-        raise DataError(f'{path}: no such file')
-    try:
-        return np.array(read_las(path).classification, dtype=np.uint8)
-    except Exception as error:  # laspy lets errors of its decoders through
-        raise DataError(f'{path}: not a readable LAS file: {error}') from error

@@ -119,10 +119,10 @@ def test_a_span_that_was_missed(room, capsys, places):
     (['good', '--point', '1', '--reach', '0'], '--reach must lie'),
     (['missing', '--point', '1'], 'no such results folder'),
     (['', '--point', '1'], 'no run.json'),
-    (['no_json', '--point', '1'], 'is not understood'),
+    (['no_json', '--point', '1'], 'is no JSON'),
     (['alien', '--point', '1'], 'unknown setting'),
     (['torn', '--point', '1'], 'cannot be read'),
-    (['no_points', '--point', '1'], 'does not exist'),
+    (['no_points', '--point', '1'], 'no points.laz'),
 ])
 def test_what_is_wrong_is_one_line_and_exit_2(room, capsys, arguments, message):
     folder, *rest = arguments
