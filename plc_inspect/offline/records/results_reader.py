@@ -130,6 +130,7 @@ def parse_hazard(row: Record, units: Units) -> Hazard:
         along_span=number(row['along_span']), num_points=row['num_points'],
         extent=np.stack([_place(corner, units) for corner in row['extent']]), rule=row['rule'],
         edition=row['edition'], source=row['source'], voltage=row.get('voltage', 'unknown'),
+        other_line_id=row.get('other_line_id', -1), years=_scaler(1.0)(row.get('years')),
         support_id=row.get('support_id', -1), from_support=number(row.get('from_support')),
         height=number(row.get('height')) / units.horizontal * units.vertical,
         note=row.get('note', ''),

@@ -36,8 +36,8 @@ def make_run(units):
     """Make a run whose hazard has all that a hazard can have."""
     run = make_inspection(units=units, num_ground=200)
     hazard = dataclasses.replace(
-        run.result.hazards[0], kind=HazardKind.CROSSING, voltage='110 kV',
-        support_id=1, from_support=12.5, height=3.25, note='assumed',
+        run.result.hazards[0], kind=HazardKind.CROSSING, voltage='110 kV', other_line_id=2,
+        support_id=1, from_support=12.5, height=3.25, years=4.5, note='assumed',
     )
     result = dataclasses.replace(run.result, hazards=(*run.result.hazards, hazard))
     return dataclasses.replace(run, result=result)
