@@ -43,8 +43,8 @@ class Probe:
         from rosgraph_msgs.msg import Clock
         from sensor_msgs.msg import PointCloud2
 
+        from plc_inspect.messages.rows import read_rows
         from plc_inspect.ros.graph.qos import RESULTS
-        from plc_inspect.ros.node.result_messages import read_rows
 
         self.context = rclpy.context.Context()
         rclpy.init(context=self.context)

@@ -138,6 +138,11 @@ class Span:
     ground_along: float = math.nan
     """Horizontal distance from the start to where that is [m], NaN unknown."""
 
+    @property
+    def sigma_sag(self) -> float:
+        """Standard deviation of the sag [m]."""
+        return self.sigma['sag']
+
     def heights(self, x: Float64) -> Float64:
         """
         Return the heights of the curve.

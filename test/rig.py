@@ -23,10 +23,10 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from plc_inspect.core.live.warm_up import make_sample
+from plc_inspect.messages.rows import read_rows
 from plc_inspect.ros.graph.qos import PLAYER, RESULTS
 from plc_inspect.ros.graph.transport import prepare_transport
 from plc_inspect.ros.node.inspect_node import InspectNode
-from plc_inspect.ros.node.result_messages import read_rows
 
 DEADLINE = 30.0
 """Longest wait of a test for anything [s]."""

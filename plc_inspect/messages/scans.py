@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plc_inspect.errors import DataError
+from plc_inspect.messages.rows import DATATYPES
 from plc_inspect.results import Bool, Float32, Float64
 
-_DATATYPES = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 8: 'f8'}
+_KINDS = {code: kind for kind, code in DATATYPES.items()}
 """Codes of sensor_msgs/PointField to numpy."""
 
 _TIME_FIELDS = ('time', 't', 'timestamp', 'offset_time', 'time_stamp')
@@ -191,11 +192,11 @@ def _view_columns(message: Any, cells: NDArray[np.uint8]) -> dict[str, NDArray[A
     for field in message.fields:
         if field.name not in wanted:
             continue
-        if field.datatype not in _DATATYPES or field.count not in (0, 1):
+        if field.datatype not in _KINDS or field.count not in (0, 1):
             raise DataError(
                 f'field {field.name!r} has datatype {field.datatype} and count {field.count}'
             )
-        dtype = np.dtype(order + _DATATYPES[field.datatype])
+        dtype = np.dtype(order + _KINDS[field.datatype])
         if field.offset + dtype.itemsize > cells.shape[1]:
             raise DataError(
                 f'field {field.name!r} ends at byte {field.offset + dtype.itemsize} '

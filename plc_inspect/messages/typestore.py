@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Messages of common_interfaces without ROS, for the recorder."""
+"""Messages of common_interfaces without ROS, for recordings."""
 
 from typing import Any
 
@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.typesys import get_typestore, Stores
 
-_DATATYPES = {'i1': 1, 'u1': 2, 'i2': 3, 'u2': 4, 'i4': 5, 'u4': 6, 'f4': 7, 'f8': 8}
+from plc_inspect.messages.rows import list_fields
+
 LINE_STRIP, SPHERE, CYLINDER, TEXT = 4, 2, 3, 9
 DELETE_ALL = 3
 
@@ -63,19 +64,19 @@ class MessageMaker:
             data=np.frombuffer(data, dtype=np.uint8),
         )
 
-    def cloud(self, header: Any, rows: NDArray[Any]) -> Any:
-        """Make a PointCloud2 of rows."""
-        places: dict[str, Any] = dict(rows.dtype.fields or {})
+    def cloud(self, header: Any, rows: NDArray[Any], *, is_dense: bool = True) -> Any:
+        """Make a PointCloud2 of (N,) rows, or an organised one of (H, W)."""
+        height, width = rows.shape if rows.ndim == 2 else (1, len(rows))
         fields = [
-            self.make('sensor_msgs/msg/PointField', name=name, count=1, offset=place[1],
-                      datatype=_DATATYPES[place[0].str[1:]])
-            for name, place in places.items()
+            self.make('sensor_msgs/msg/PointField', name=name, count=1, offset=offset,
+                      datatype=datatype)
+            for name, offset, datatype in list_fields(rows.dtype)
         ]
         return self.make(
-            'sensor_msgs/msg/PointCloud2', header=header, height=1, width=len(rows),
+            'sensor_msgs/msg/PointCloud2', header=header, height=height, width=width,
             fields=fields, is_bigendian=False, point_step=rows.dtype.itemsize,
-            row_step=rows.dtype.itemsize * len(rows),
-            data=np.frombuffer(rows.tobytes(), dtype=np.uint8), is_dense=True,
+            row_step=rows.dtype.itemsize * width,
+            data=np.frombuffer(rows.tobytes(), dtype=np.uint8), is_dense=is_dense,
         )
 
     def marker(

@@ -155,8 +155,8 @@ class _Monitor:
         from sensor_msgs.msg import PointCloud2
         from std_srvs.srv import Trigger
 
+        from plc_inspect.messages.rows import read_rows
         from plc_inspect.ros.graph.qos import RESULTS
-        from plc_inspect.ros.node.result_messages import read_rows
 
         rclpy.init()
         self._read = read_rows

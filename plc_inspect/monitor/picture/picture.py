@@ -62,12 +62,23 @@ class SpanItem:
         """line_id and span_id."""
         return self.line_id, self.span_id
 
+    @property
+    def lowest(self) -> Place:
+        """Lowest point of the curve between its ends [m]."""
+        x, y, z = self.positions(np.array([min(max(self.b, 0.0), self.length)]))[0].tolist()
+        return x, y, z
+
+    def positions(self, x: Float64) -> Float64:
+        """Return points (N, 3) of the curve at distances x (N,) from the start [m]."""
+        start, end = np.array(self.start), np.array(self.end)
+        unit = (end - start)[:2] / max(self.length, 1e-9)
+        heights = catenary_heights(self.a, self.b, self.c, x)
+        return np.column_stack((start[:2] + x[:, None] * unit, heights))
+
     def trace(self, step: float = 5.0) -> Float64:
         """Return (N, 3) points along the curve, about a step apart [m]."""
-        along = np.linspace(0.0, self.length, max(2, min(64, int(self.length / step))) + 1)
-        start, end = np.array(self.start), np.array(self.end)
-        plan = start[:2] + (along / max(self.length, 1e-9))[:, None] * (end - start)[:2]
-        return np.column_stack((plan, catenary_heights(self.a, self.b, self.c, along)))
+        num = max(2, min(64, int(self.length / step))) + 1
+        return self.positions(np.linspace(0.0, self.length, num))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

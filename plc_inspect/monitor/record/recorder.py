@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from plc_inspect.colors import parse_color, severity_color
+from plc_inspect.messages.rows import make_catenaries, make_corridor, make_hazards
 from plc_inspect.messages.typestore import (
     CYLINDER,
     DELETE_ALL,
@@ -27,8 +28,6 @@ from plc_inspect.messages.typestore import (
 from plc_inspect.monitor.picture.cloud_store import CloudStore
 from plc_inspect.monitor.picture.picture import Link, name_severity, Picture
 from plc_inspect.monitor.record.mcap_file import McapFile
-from plc_inspect.offline.export.playback import LAYOUTS
-from plc_inspect.results import HazardKind
 from plc_inspect.stream.summary import HEALTH, STATUSES
 
 FLUSH_PERIOD = 0.8
@@ -44,7 +43,6 @@ _KINDS = {
     'vehicle': 'geometry_msgs/msg/PoseStamped',
     '/diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
 }
-_CODES = {kind.name.lower(): int(kind) for kind in HazardKind}
 
 
 class Recorder:
@@ -116,8 +114,8 @@ class Recorder:
         seen = picture.stamp_ns, picture.spans, picture.supports, picture.hazards
         if seen != self._seen:
             self._seen = seen
-            self._write('catenaries', maker.cloud(header, _make_catenaries(picture)))
-            self._write('hazards', maker.cloud(header, _make_hazards(picture)))
+            self._write('catenaries', maker.cloud(header, make_catenaries(picture.spans)))
+            self._write('hazards', maker.cloud(header, make_hazards(picture.hazards)))
             self._write('markers', self._make_markers(header, picture))
         if picture.vehicle is not None:
             self._write('vehicle', maker.make(
@@ -137,11 +135,9 @@ class Recorder:
         if picture.vehicle is not None:
             near = np.hypot(*(points[:, :2] - np.array(picture.vehicle[:2])).T) <= REACH
             points, kind, clearance = points[near], kind[near], clearance[near]
-        rows = np.zeros(len(points), dtype=LAYOUTS['corridor'])
-        for axis, name in enumerate('xyz'):
-            rows[name] = points[:, axis]
-        rows['class'], rows['clearance'] = kind, clearance
-        rows['line_id'] = rows['span_id'] = -1
+        rows = make_corridor(
+            points, classification=kind, clearance=clearance, line_id=-1, span_id=-1
+        )
         return self._maker.cloud(
             self._maker.header(picture.stamp_ns, picture.frame_id), rows
         )
@@ -188,32 +184,6 @@ class Recorder:
             for name, level, text in zip(STATUSES, picture.levels, picture.texts, strict=True)
         ]
         return make('diagnostic_msgs/msg/DiagnosticArray', header=header, status=status)
-
-
-def _make_catenaries(picture: Picture) -> Any:
-    rows = np.zeros(len(picture.spans), dtype=LAYOUTS['catenaries'])
-    for row, span in zip(rows, picture.spans, strict=True):
-        for name in ('line_id', 'span_id', 'a', 'b', 'c', 'length', 'sag', 'rmse', 'sigma_sag',
-                     'coverage', 'num_points'):
-            row[name] = getattr(span, name)
-        curve = span.trace(max(span.length / 64.0, 0.1))
-        lowest = curve[int(np.argmin(curve[:, 2]))].tolist()
-        for prefix, place in (('', lowest), ('start_', span.start), ('end_', span.end)):
-            for axis, value in zip('xyz', place, strict=True):
-                row[prefix + axis] = value
-    return rows
-
-
-def _make_hazards(picture: Picture) -> Any:
-    rows = np.zeros(len(picture.hazards), dtype=LAYOUTS['hazards'])
-    for row, item in zip(rows, picture.hazards, strict=True):
-        for axis, value in zip('xyz', item.position, strict=True):
-            row[axis] = value
-        row['id'], row['kind'] = item.hazard_id, _CODES.get(item.kind, 0)
-        for name in ('line_id', 'span_id', 'severity', 'clearance', 'required', 'horizontal',
-                     'vertical', 'sigma', 'along_span', 'num_points'):
-            row[name] = getattr(item, name)
-    return rows
 
 
 def _parse_color(severity: str) -> tuple[float, float, float]:

@@ -13,14 +13,15 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from plc_inspect.config import StreamSettings
 from plc_inspect.core.live.session import LiveState
-from plc_inspect.ros.graph.qos import overridable, RESULTS, watched
-from plc_inspect.ros.node.markers import add_deletions, make_markers, MarkerKey
-from plc_inspect.ros.node.result_messages import (
+from plc_inspect.messages.rows import (
+    gather_lines,
     make_catenaries,
     make_corridor,
     make_hazards,
-    make_lines,
 )
+from plc_inspect.ros.graph.qos import overridable, RESULTS, watched
+from plc_inspect.ros.node.markers import add_deletions, make_markers, MarkerKey
+from plc_inspect.ros.node.result_messages import make_cloud
 from plc_inspect.ros.node.thin_link import make_news, News, Stream
 
 
@@ -62,13 +63,18 @@ def make_bundle(
     """
     seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
     header = Header(stamp=Time(sec=seconds, nanosec=nanoseconds), frame_id=frame_id)
-    spans = state.confirmed
+    corridor = make_corridor(
+        state.corridor.points, classification=state.corridor.classification,
+        clearance=state.corridor.clearance, line_id=state.corridor.line_id,
+        span_id=state.corridor.span_id,
+    )
+    catenaries = make_catenaries([item.span for item in state.confirmed])
     return Bundle(
         header=header,
-        lines=make_lines(header, spans),
-        corridor=make_corridor(header, state.corridor),
-        catenaries=make_catenaries(header, spans),
-        hazards=make_hazards(header, state.hazards),
+        lines=make_cloud(header, gather_lines(state.confirmed)),
+        corridor=make_cloud(header, corridor),
+        catenaries=make_cloud(header, catenaries),
+        hazards=make_cloud(header, make_hazards(state.hazards)),
         markers=make_markers(header, state),
         news=make_news(state, frame_id, stamp_ns, stream),
     )

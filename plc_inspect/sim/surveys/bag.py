@@ -11,9 +11,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
-from rosbags.typesys import get_typestore, Stores
 
-from plc_inspect.sim.surveys.puck import POINT_DTYPE, Scan
+from plc_inspect.messages.typestore import MessageMaker
+from plc_inspect.sim.surveys.puck import Scan
 from plc_inspect.sim.surveys.trajectory import RATE, rotate, Trajectory
 
 Float64 = NDArray[np.float64]
@@ -22,9 +22,6 @@ EPOCH = 1_767_225_600
 """Time of the trajectory's zero on the clock of the recording [s]."""
 SCAN_TOPIC = '/velodyne_points'
 ODOMETRY_TOPIC = '/odometry'
-_POINT_FIELDS = (
-    ('x', 0, 7), ('y', 4, 7), ('z', 8, 7), ('intensity', 12, 7), ('ring', 16, 4), ('time', 18, 7),
-)
 
 
 class FlightSink(Protocol):
@@ -43,27 +40,16 @@ class FlightWriter:
     def __init__(self, writer: Writer) -> None:
         """Add both topics to the bag."""
         self._writer = writer
-        self._store = get_typestore(Stores.ROS2_JAZZY)
-        self._types = self._store.types
+        self._maker = MessageMaker()
         self._scans = self._connect(SCAN_TOPIC, 'sensor_msgs/msg/PointCloud2')
         self._odometry = self._connect(ODOMETRY_TOPIC, 'nav_msgs/msg/Odometry')
 
     def write_scan(self, scan: Scan) -> None:
         """Write a scan at its stamp."""
         stamp = _to_nanoseconds(scan.stamp)
-        rows, columns = scan.points.shape
-        fields = [
-            self._make('sensor_msgs/msg/PointField', name=name, offset=offset, datatype=kind,
-                       count=1)
-            for name, offset, kind in _POINT_FIELDS
-        ]
-        message = self._make(
-            'sensor_msgs/msg/PointCloud2', header=self._head(stamp, 'velodyne'), height=rows,
-            width=columns, fields=fields, is_bigendian=False, point_step=POINT_DTYPE.itemsize,
-            row_step=columns * POINT_DTYPE.itemsize,
-            data=np.frombuffer(scan.points.tobytes(), dtype=np.uint8), is_dense=rows == 1,
-        )
-        self._write(self._scans, stamp, message)
+        self._write(self._scans, stamp, self._maker.cloud(
+            self._maker.header(stamp, 'velodyne'), scan.points, is_dense=len(scan.points) == 1
+        ))
 
     def write_odometry(self, odometry: Trajectory, index: int) -> None:
         """Write the pose of one node of the odometry's trajectory."""
@@ -75,16 +61,16 @@ class FlightWriter:
         speed = rotation.T @ (odometry.position[after] - odometry.position[before]) / span
         rates = (odometry.rpy[after] - odometry.rpy[before]) / span
         qx, qy, qz, qw = _to_quaternion(rpy)
-        make = self._make
+        make, vector = self._maker.make, self._maker.vector
         stamp = _to_nanoseconds(odometry.start + index / RATE)
         self._write(self._odometry, stamp, make(
-            'nav_msgs/msg/Odometry', header=self._head(stamp, 'odom'),
+            'nav_msgs/msg/Odometry', header=self._maker.header(stamp, 'odom'),
             child_frame_id='base_link',
             pose=make(
                 'geometry_msgs/msg/PoseWithCovariance',
                 pose=make(
                     'geometry_msgs/msg/Pose',
-                    position=self._vector('Point', position),
+                    position=vector('Point', position),
                     orientation=make('geometry_msgs/msg/Quaternion', x=qx, y=qy, z=qz, w=qw),
                 ),
                 covariance=np.diag([0.01, 0.01, 0.01, 1e-6, 1e-6, 1e-6]).ravel(),
@@ -92,31 +78,20 @@ class FlightWriter:
             twist=make(
                 'geometry_msgs/msg/TwistWithCovariance',
                 twist=make(
-                    'geometry_msgs/msg/Twist', linear=self._vector('Vector3', speed),
-                    angular=self._vector('Vector3', rates),
+                    'geometry_msgs/msg/Twist', linear=vector('Vector3', speed),
+                    angular=vector('Vector3', rates),
                 ),
                 covariance=np.zeros(36),
             ),
         ))
 
     def _connect(self, topic: str, kind: str) -> Any:
-        return self._writer.add_connection(topic, kind, typestore=self._store)
-
-    def _make(self, kind: str, **values: Any) -> Any:
-        return self._types[kind](**values)
-
-    def _vector(self, kind: str, value: Float64) -> Any:
-        x, y, z = (float(item) for item in value)
-        return self._make(f'geometry_msgs/msg/{kind}', x=x, y=y, z=z)
-
-    def _head(self, stamp: int, frame_id: str) -> Any:
-        seconds, nanoseconds = divmod(stamp, 1_000_000_000)
-        time = self._make('builtin_interfaces/msg/Time', sec=seconds, nanosec=nanoseconds)
-        return self._make('std_msgs/msg/Header', stamp=time, frame_id=frame_id)
+        return self._writer.add_connection(topic, kind, typestore=self._maker.store)
 
     def _write(self, connection: Any, stamp: int, message: Any) -> None:
-        data = self._store.serialize_cdr(message, connection.msgtype)
-        self._writer.write(connection, stamp, data)
+        self._writer.write(
+            connection, stamp, self._maker.serialize(message, connection.msgtype)
+        )
 
 
 @contextmanager

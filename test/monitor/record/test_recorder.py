@@ -12,17 +12,16 @@ import sys
 import time
 
 from mcap.reader import make_reader, NonSeekingReader
-import numpy as np
 import pytest
 from rosbags.rosbag2 import Reader
 from stream_pieces import make_rows, Source
 
 from plc_inspect.errors import ConfigError
+from plc_inspect.messages.rows import read_rows
 from plc_inspect.monitor.picture.model import Monitor
 from plc_inspect.monitor.record import recorder as recorder_module
 from plc_inspect.monitor.record.mcap_file import McapFile
 from plc_inspect.monitor.record.recorder import Recorder
-from plc_inspect.offline.export.playback import LAYOUTS
 from plc_inspect.stream.summary import read_summary
 
 ROOT = Path(__file__).parents[3]
@@ -40,11 +39,6 @@ while True:
     file.flush()
     print(number, flush=True)
 """
-
-
-def read_rows(message, layout):
-    """Return the rows of a cloud."""
-    return np.frombuffer(bytes(message.data), dtype=LAYOUTS[layout])
 
 
 def record(path, monkeypatch):
@@ -80,7 +74,7 @@ def test_it_holds_the_stream_and_what_it_says(tmp_path, monkeypatch):
         '/plc_inspect/hazards': 3, '/plc_inspect/markers': 3, '/plc_inspect/vehicle': 3,
         '/diagnostics': 3, '/plc_inspect/corridor': 1,
     }
-    spans = read_rows(messages['/plc_inspect/catenaries'][-1], 'catenaries')
+    spans = read_rows(messages['/plc_inspect/catenaries'][-1])
     expected = {(row['line_id'], row['span_id']): row for row in source.tables.spans}
     assert {(row['line_id'], row['span_id']) for row in spans} == set(expected)
     for row in spans:
@@ -88,11 +82,11 @@ def test_it_holds_the_stream_and_what_it_says(tmp_path, monkeypatch):
         assert row['sag'] == pytest.approx(own['sag'] * 1e-3, abs=1e-6)
         assert row['start_x'] == pytest.approx(own['start_x'] * 1e-3, abs=1e-4)
         assert row['z'] <= min(row['start_z'], row['end_z'])
-    hazards = read_rows(messages['/plc_inspect/hazards'][-1], 'hazards')
+    hazards = read_rows(messages['/plc_inspect/hazards'][-1])
     assert sorted(hazards['clearance'].tolist()) == pytest.approx([1.234, 2.234, 3.234], abs=1e-6)
     assert hazards['kind'].tolist() == [1, 1, 1]
     (corridor,) = messages['/plc_inspect/corridor']
-    assert read_rows(corridor, 'corridor')['x'].tolist() == [10.25]
+    assert read_rows(corridor)['x'].tolist() == [10.25]
     assert corridor.header.frame_id == 'odom'
     summary = bytes(messages['/plc_inspect/summary'][1].data)
     assert read_summary(summary).frame.uptime == 6.0

@@ -25,12 +25,12 @@ from sensor_msgs.msg import PointCloud2
 from stream_pieces import make_rows, Source
 
 from plc_inspect.errors import ConfigError
+from plc_inspect.messages.rows import read_rows
 from plc_inspect.monitor.picture.model import Monitor
 from plc_inspect.monitor.web.page import Page
 from plc_inspect.offline.report.browser import find_browser
 from plc_inspect.results import HazardKind
 from plc_inspect.ros.graph.qos import RESULTS
-from plc_inspect.ros.node.result_messages import read_rows
 
 ROOT = Path(__file__).parents[3]
 TABLE = """(() => { const table = document.querySelector('#plc-%s');
