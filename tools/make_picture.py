@@ -15,8 +15,8 @@ import matplotlib as mpl
 from matplotlib import pyplot
 import numpy as np
 
+from plc_inspect.colors import LINE_COLORS, SEVERITY_COLORS
 from plc_inspect.offline.records.results_reader import read_table
-from plc_inspect.offline.report.point_scene import LINE_COLORS, SEVERITY_COLORS
 from plc_inspect.results import PointClass
 
 AZIMUTH_DEG = -115.0

@@ -13,6 +13,7 @@ from plc_inspect.results import Float64, HazardKind
 
 Place = Any
 """Three numbers [m]."""
+ORIGIN = (0.0, 0.0, 0.0)
 
 
 class SpanLike(Protocol):

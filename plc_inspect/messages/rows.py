@@ -9,14 +9,13 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from plc_inspect.messages.items import HazardLike, number_kind, Place, SpanLike
+from plc_inspect.messages.items import HazardLike, number_kind, ORIGIN, Place, SpanLike
 
 if TYPE_CHECKING:
     from plc_inspect.core.tracking.span_registry import TrackedSpan
 
 DATATYPES = {'i1': 1, 'u1': 2, 'i2': 3, 'u2': 4, 'i4': 5, 'u4': 6, 'f4': 7, 'f8': 8}
 """Types of numpy to codes of sensor_msgs/PointField."""
-ORIGIN = (0.0, 0.0, 0.0)
 
 _XYZ = [('x', '<f4'), ('y', '<f4'), ('z', '<f4')]
 _IDS = [('line_id', '<i4'), ('span_id', '<i4')]

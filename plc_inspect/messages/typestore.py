@@ -9,14 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.typesys import get_typestore, Stores
 
+from plc_inspect.messages.items import ORIGIN, Place
+from plc_inspect.messages.markers import Mark, MarkKind
 from plc_inspect.messages.rows import list_fields
 
-LINE_STRIP, SPHERE, CYLINDER, TEXT = 4, 2, 3, 9
 DELETE_ALL = 3
-
-Place = Any
-"""Three numbers."""
-Color = tuple[float, float, float]
 
 
 class MessageMaker:
@@ -79,26 +76,32 @@ class MessageMaker:
             data=np.frombuffer(rows.tobytes(), dtype=np.uint8), is_dense=is_dense,
         )
 
-    def marker(
-        self, header: Any, name: str, number: int, kind: int, place: Place, scale: Place,
-        color: Color, points: Any = (), text: str = '', action: int = 0,
-    ) -> Any:
+    def marker(self, header: Any, mark: Mark, action: int = 0) -> Any:
         """Make a marker."""
         empty = np.zeros(0, dtype=np.uint8)
         still = self.make('builtin_interfaces/msg/Time', sec=0, nanosec=0)
-        red, green, blue = color
+        red, green, blue, alpha = mark.rgba
         return self.make(
-            'visualization_msgs/msg/Marker', header=header, ns=name, id=number, type=kind,
-            action=action, pose=self.pose(place), scale=self.vector('Vector3', scale),
-            color=self.make('std_msgs/msg/ColorRGBA', r=red, g=green, b=blue, a=1.0),
+            'visualization_msgs/msg/Marker', header=header, ns=mark.namespace, id=mark.number,
+            type=int(mark.kind), action=action, pose=self.pose(mark.position),
+            scale=self.vector('Vector3', mark.scale),
+            color=self.make('std_msgs/msg/ColorRGBA', r=red, g=green, b=blue, a=alpha),
             lifetime=self.make('builtin_interfaces/msg/Duration', sec=0, nanosec=0),
-            frame_locked=False, points=[self.vector('Point', point) for point in points],
+            frame_locked=False, points=[self.vector('Point', point) for point in mark.points],
             colors=[], texture_resource='',
             texture=self.make(
                 'sensor_msgs/msg/CompressedImage', format='', data=empty,
                 header=self.make('std_msgs/msg/Header', stamp=still, frame_id=''),
             ),
-            uv_coordinates=[], text=text, mesh_resource='',
+            uv_coordinates=[], text=mark.text, mesh_resource='',
             mesh_file=self.make('visualization_msgs/msg/MeshFile', filename='', data=empty),
             mesh_use_embedded_materials=False,
         )
+
+    def deletion(self, header: Any) -> Any:
+        """Make the marker that deletes all that were there before."""
+        nothing = Mark(
+            namespace='', number=0, kind=MarkKind.SPHERE, position=ORIGIN, scale=ORIGIN,
+            color='#000000',
+        )
+        return self.marker(header, nothing, action=DELETE_ALL)

@@ -15,18 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from plc_inspect.colors import parse_color, severity_color
+from plc_inspect.messages.markers import list_marks
 from plc_inspect.messages.rows import make_catenaries, make_corridor, make_hazards
-from plc_inspect.messages.typestore import (
-    CYLINDER,
-    DELETE_ALL,
-    LINE_STRIP,
-    MessageMaker,
-    SPHERE,
-    TEXT,
-)
+from plc_inspect.messages.typestore import MessageMaker
 from plc_inspect.monitor.picture.cloud_store import CloudStore
-from plc_inspect.monitor.picture.picture import Link, name_severity, Picture
+from plc_inspect.monitor.picture.picture import Link, Picture
 from plc_inspect.monitor.record.mcap_file import McapFile
 from plc_inspect.stream.summary import HEALTH, STATUSES
 
@@ -143,29 +136,9 @@ class Recorder:
         )
 
     def _make_markers(self, header: Any, picture: Picture) -> Any:
-        mark, here = self._maker.marker, (0.0, 0.0, 0.0)
-        markers = [mark(header, '', 0, SPHERE, here, here, (0.0,) * 3, action=DELETE_ALL)]
-        for number, span in enumerate(picture.spans):
-            markers.append(mark(
-                header, 'catenaries', number, LINE_STRIP, here, (0.12, 0.0, 0.0),
-                _parse_color(name_severity(span.severity)), span.trace(),
-            ))
-        for support in picture.supports:
-            x, y, z = support.position
-            markers.append(mark(
-                header, 'supports', support.support_id, CYLINDER, (x, y, z + support.height / 2),
-                (0.5, 0.5, max(support.height, 0.1)), (0.6, 0.6, 0.65),
-            ))
-        for item in picture.hazards:
-            color = _parse_color(item.severity_name)
-            x, y, z = item.position
-            markers.append(mark(header, 'hazards', item.hazard_id, SPHERE, item.position,
-                                (1.2,) * 3, color))
-            markers.append(mark(
-                header, 'hazard_texts', item.hazard_id, TEXT, (x, y, z + 1.5), (0.0, 0.0, 1.2),
-                (1.0, 1.0, 1.0),
-                text=f'{item.kind} {item.clearance:.2f} m (of {item.required:.2f} m)',
-            ))
+        markers = [self._maker.deletion(header)]
+        for mark in list_marks(picture.spans, picture.supports, picture.hazards):
+            markers.append(self._maker.marker(header, mark))
         return self._maker.make('visualization_msgs/msg/MarkerArray', markers=markers)
 
     def _make_diagnostics(self, header: Any, picture: Picture) -> Any:
@@ -184,8 +157,3 @@ class Recorder:
             for name, level, text in zip(STATUSES, picture.levels, picture.texts, strict=True)
         ]
         return make('diagnostic_msgs/msg/DiagnosticArray', header=header, status=status)
-
-
-def _parse_color(severity: str) -> tuple[float, float, float]:
-    red, green, blue = parse_color(severity_color(severity))
-    return red / 255.0, green / 255.0, blue / 255.0

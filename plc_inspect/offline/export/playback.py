@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 
-from plc_inspect.colors import line_color, parse_color, SEVERITY_COLORS
+from plc_inspect.messages.markers import list_marks
 from plc_inspect.messages.rows import make_catenaries, make_corridor, make_hazards, make_lines
-from plc_inspect.messages.typestore import CYLINDER, LINE_STRIP, MessageMaker, SPHERE, TEXT
-from plc_inspect.offline.records.inspection import describe_span, Inspection, Units
-from plc_inspect.offline.records.span_curve import trace_span
-from plc_inspect.results import Float64, Severity
+from plc_inspect.messages.typestore import MessageMaker
+from plc_inspect.offline.records.inspection import Inspection
+from plc_inspect.results import Float64
 
 FILE = 'results.mcap'
 NODE = '/plc_inspect'
@@ -68,7 +67,10 @@ def write_playback(path: Path, inspection: Inspection) -> None:
             ))
             sink.write_rows('catenaries', make_catenaries(result.spans, origin))
             sink.write_rows('hazards', make_hazards(result.hazards, origin))
-            markers = _make_markers(sink, inspection, origin)
+            markers = [
+                sink.maker.marker(sink.header, mark)
+                for mark in list_marks(result.spans, result.supports, result.hazards, origin)
+            ]
             kind = 'visualization_msgs/msg/MarkerArray'
             sink.write('markers', kind, sink.maker.make(kind, markers=markers))
         (found,) = bag.glob('*.mcap')
@@ -116,34 +118,3 @@ class _Sink:
             '/tf_static', 'tf2_msgs/msg/TFMessage',
             make('tf2_msgs/msg/TFMessage', transforms=[stamped]),
         )
-
-
-def _make_markers(sink: _Sink, inspection: Inspection, origin: Float64) -> list[Any]:
-    result, here = inspection.result, (0.0, 0.0, 0.0)
-    markers, lift = [], np.array([0.0, 0.0, 1.5])
-
-    def mark(
-        name: str, number: int, kind: int, place: Any, scale: Any, color: str, points: Any = (),
-        text: str = '',
-    ) -> None:
-        red, green, blue = (value / 255.0 for value in parse_color(color))
-        markers.append(sink.maker.marker(
-            sink.header, name, number, kind, place, scale, (red, green, blue), points, text
-        ))
-
-    for number, span in enumerate(result.spans):
-        curve = trace_span(describe_span(span, Units()), 5.0) - origin
-        mark('catenaries', number, LINE_STRIP, here, (0.12, 0.0, 0.0), line_color(span.line_id),
-             curve)
-    for support in result.supports:
-        foot = support.position - origin + np.array([0.0, 0.0, support.height / 2])
-        mark('supports', support.support_id, CYLINDER, foot,
-             (0.5, 0.5, max(support.height, 0.1)), '#999aa5')
-    for hazard in result.hazards:
-        color = SEVERITY_COLORS[Severity(hazard.severity).name.lower()]
-        place = hazard.position - origin
-        text = f'{hazard.kind.name.lower()} {hazard.clearance:.2f} m (of {hazard.required:.2f} m)'
-        mark('hazards', hazard.hazard_id, SPHERE, place, (1.2,) * 3, color)
-        mark('hazard_texts', hazard.hazard_id, TEXT, place + lift, (0.0, 0.0, 1.2), '#ffffff',
-             text=text)
-    return markers

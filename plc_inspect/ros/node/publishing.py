@@ -13,6 +13,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from plc_inspect.config import StreamSettings
 from plc_inspect.core.live.session import LiveState
+from plc_inspect.messages.markers import list_marks
 from plc_inspect.messages.rows import (
     gather_lines,
     make_catenaries,
@@ -20,7 +21,7 @@ from plc_inspect.messages.rows import (
     make_hazards,
 )
 from plc_inspect.ros.graph.qos import overridable, RESULTS, watched
-from plc_inspect.ros.node.markers import add_deletions, make_markers, MarkerKey
+from plc_inspect.ros.node.markers import add_deletions, make_marker, MarkerKey
 from plc_inspect.ros.node.result_messages import make_cloud
 from plc_inspect.ros.node.thin_link import make_news, News, Stream
 
@@ -68,14 +69,15 @@ def make_bundle(
         clearance=state.corridor.clearance, line_id=state.corridor.line_id,
         span_id=state.corridor.span_id,
     )
-    catenaries = make_catenaries([item.span for item in state.confirmed])
+    spans = [item.span for item in state.confirmed]
+    marks = list_marks(spans, state.supports, state.hazards)
     return Bundle(
         header=header,
         lines=make_cloud(header, gather_lines(state.confirmed)),
         corridor=make_cloud(header, corridor),
-        catenaries=make_cloud(header, catenaries),
+        catenaries=make_cloud(header, make_catenaries(spans)),
         hazards=make_cloud(header, make_hazards(state.hazards)),
-        markers=make_markers(header, state),
+        markers=[make_marker(header, mark) for mark in marks],
         news=make_news(state, frame_id, stamp_ns, stream),
     )
 

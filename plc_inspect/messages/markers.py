@@ -1,0 +1,157 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Markers for RViz and Foxglove: catenaries, supports and hazards, each under a lasting number.
+
+Nothing of ROS is imported here; node, playback and recorder make messages of the same marks.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+import enum
+
+import numpy as np
+
+from plc_inspect.colors import (
+    line_color,
+    OK_COLOR,
+    parse_color,
+    SEVERITY_COLORS,
+    SUPPORT_COLOR,
+    TEXT_COLOR,
+)
+from plc_inspect.messages.items import (
+    HazardLike,
+    name_kind,
+    ORIGIN,
+    Place,
+    SpanLike,
+    SupportLike,
+)
+from plc_inspect.results import Float64, Severity
+
+SPANS_PER_LINE = 100_000
+"""The number of a catenary is line_id times this, plus span_id."""
+MOST_SEGMENTS, SEGMENT = 16, 5.0
+"""A catenary is drawn by so many pieces at most, and by none shorter than this [m]."""
+WIRE_WIDTH = 0.12
+"""Of a catenary [m]."""
+TOWER_WIDTH, POLE_WIDTH = 1.2, 0.35
+"""Of supports [m]."""
+LEAST_HEIGHT = 0.1
+"""RViz does not draw a support that is flat [m]."""
+HAZARD_SIZE, TEXT_LIFT = 1.2, 1.5
+"""Diameter of a hazard's sphere, and how far above its middle the text is [m]."""
+SUPPORT_ALPHA, HAZARD_ALPHA, CRITICAL_ALPHA = 0.9, 0.8, 0.9
+"""What is behind shows through."""
+_HAZARD_COLORS = {
+    int(Severity[name.upper()]): color for name, color in SEVERITY_COLORS.items()
+}
+
+
+class MarkKind(enum.IntEnum):
+    """What is drawn; the codes of visualization_msgs/Marker."""
+
+    SPHERE = 2
+    CYLINDER = 3
+    LINE_STRIP = 4
+    TEXT = 9
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Mark:
+    """One thing that is drawn."""
+
+    namespace: str
+    number: int
+    """Lasts as long as what is drawn."""
+    kind: MarkKind
+    position: Place
+    """(3,) middle, of a text its foot [m]."""
+    scale: Place
+    """(3,) extent [m]; of a line strip x is the width, of a text z the height."""
+    color: str
+    """As ``#rrggbb``."""
+    alpha: float = 1.0
+    """From 0, which cannot be seen, to 1."""
+    points: Float64 = field(default_factory=lambda: np.empty((0, 3)))
+    """(N, 3) of a line strip [m]."""
+    text: str = ''
+
+    @property
+    def rgba(self) -> tuple[float, float, float, float]:
+        """Red, green, blue and alpha, 0 to 1."""
+        red, green, blue = parse_color(self.color)
+        return red / 255.0, green / 255.0, blue / 255.0, self.alpha
+
+
+def list_marks(
+    spans: Sequence[SpanLike], supports: Sequence[SupportLike], hazards: Sequence[HazardLike],
+    origin: Place = ORIGIN,
+) -> list[Mark]:
+    """
+    List what is drawn of results.
+
+    Parameters
+    ----------
+    spans, supports, hazards : sequence
+        Results, or what a monitor knows.
+    origin : (3,) float
+        Of the coordinates of the marks [m].
+
+    Returns
+    -------
+    list of Mark
+        None with the same namespace and number.
+
+    """
+    marks = [_mark_span(span, origin) for span in spans]
+    marks += [_mark_support(support, origin) for support in supports]
+    for hazard in hazards:
+        marks += _mark_hazard(hazard, origin)
+    return marks
+
+
+def _mark_span(span: SpanLike, origin: Place) -> Mark:
+    num_segments = max(1, min(MOST_SEGMENTS, int(span.length / SEGMENT)))
+    curve = span.positions(np.linspace(0.0, span.length, num_segments + 1))
+    return Mark(
+        namespace='catenaries', number=span.line_id * SPANS_PER_LINE + span.span_id,
+        kind=MarkKind.LINE_STRIP, position=ORIGIN, scale=(WIRE_WIDTH, 0.0, 0.0),
+        color=line_color(span.line_id), points=curve - origin,
+    )
+
+
+def _mark_support(support: SupportLike, origin: Place) -> Mark:
+    x, y, z = _move(support.position, origin)
+    height = max(float(support.height), LEAST_HEIGHT)
+    width = TOWER_WIDTH if support.kind == 'tower' else POLE_WIDTH
+    return Mark(
+        namespace='supports', number=support.support_id, kind=MarkKind.CYLINDER,
+        position=(x, y, z + height / 2), scale=(width, width, height), color=SUPPORT_COLOR,
+        alpha=SUPPORT_ALPHA,
+    )
+
+
+def _mark_hazard(hazard: HazardLike, origin: Place) -> list[Mark]:
+    x, y, z = _move(hazard.position, origin)
+    name = name_kind(hazard.kind)
+    return [
+        Mark(
+            namespace='hazards', number=hazard.hazard_id, kind=MarkKind.SPHERE,
+            position=(x, y, z), scale=(HAZARD_SIZE,) * 3,
+            color=_HAZARD_COLORS.get(hazard.severity, OK_COLOR),
+            alpha=CRITICAL_ALPHA if hazard.severity >= Severity.CRITICAL else HAZARD_ALPHA,
+        ),
+        Mark(
+            namespace='hazard_texts', number=hazard.hazard_id, kind=MarkKind.TEXT,
+            position=(x, y, z + TEXT_LIFT), scale=(0.0, 0.0, HAZARD_SIZE), color=TEXT_COLOR,
+            text=f'{name} {hazard.clearance:.2f} m (of {hazard.required:.2f} m)',
+        ),
+    ]
+
+
+def _move(place: Place, origin: Place) -> tuple[float, float, float]:
+    x, y, z = (float(value - shift) for value, shift in zip(place, origin, strict=True))
+    return x, y, z
