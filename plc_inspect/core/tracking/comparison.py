@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
+from plc_inspect.core.numerics.assignment import assign
 from plc_inspect.errors import DataError
 from plc_inspect.results import Float64, Hazard, Span
 
@@ -134,7 +134,7 @@ def compare_surveys(
 
 def match_spans(before: Sequence[Span], after: Sequence[Span]) -> list[tuple[int, int]]:
     """
-    Return the pairs of spans that are the same, one to one, nearest first.
+    Return the pairs of spans that are the same: one to one, at the least distance in all.
 
     Parameters
     ----------
@@ -147,8 +147,6 @@ def match_spans(before: Sequence[Span], after: Sequence[Span]) -> list[tuple[int
         Indices into both.
 
     """
-    if not before or not after:
-        return []
     cost = np.full((len(before), len(after)), np.inf)
     for i, first in enumerate(before):
         for j, second in enumerate(after):
@@ -162,10 +160,7 @@ def match_spans(before: Sequence[Span], after: Sequence[Span]) -> list[tuple[int
             held = _are_held_alike(first, second)
             if held and lateral <= MAX_LATERAL and vertical <= MAX_VERTICAL:
                 cost[i, j] = math.hypot(lateral, vertical)
-    possible = np.isfinite(cost)
-    filled = np.where(possible, cost, 1e6)
-    rows, columns = linear_sum_assignment(filled)
-    return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if possible[i, j]]
+    return assign(cost, math.hypot(MAX_LATERAL, MAX_VERTICAL))
 
 
 def _overlay(first: Span, second: Span) -> tuple[float, Float64, Float64] | None:
@@ -240,12 +235,7 @@ def _match_hazards(
             apart = float(np.linalg.norm(np.maximum(gap, 0.0)))
             if apart <= SAME_PLACE:
                 cost[i, j] = apart + 1e-3 * math.dist(first.position, second.position)
-    pairs = []
-    if cost.size:
-        possible = np.isfinite(cost)
-        rows, columns = linear_sum_assignment(np.where(possible, cost, 1e6))
-        pairs = [(i, j) for i, j in zip(rows.tolist(), columns.tolist(), strict=True)
-                 if possible[i, j]]
+    pairs = assign(cost, float(cost[np.isfinite(cost)].max(initial=0.0)))
     firsts, seconds = {i for i, _ in pairs}, {j for _, j in pairs}
     return (
         tuple((before[i], after[j]) for i, j in pairs),
