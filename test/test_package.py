@@ -106,6 +106,12 @@ def test_commands_exist(metadata):
         assert callable(getattr(importlib.import_module(module), function)), name
 
 
+def test_the_readme_names_every_command(metadata):
+    text = (ROOT / 'README.md').read_text(encoding='utf-8')
+    scripts = {item.split(' = ')[0] for item in metadata['entry_points']['console_scripts']}
+    assert set(re.findall(r'^    (plc_\w+)', text, re.MULTILINE)) == scripts
+
+
 def test_data_files_exist(metadata):
     placed = dict(metadata['data_files'])
     assert placed['share/ament_index/resource_index/packages'] == ['resource/plc_inspect']
@@ -142,7 +148,7 @@ def test_licence_is_apache(manifest):
     assert 'Apache License\n                           Version 2.0' in text
 
 
-@pytest.mark.parametrize('name', ['survey', 'replay', 'explain', 'tune'])
+@pytest.mark.parametrize('name', ['survey', 'replay', 'explain', 'tune', 'compare'])
 def test_help_is_quick_and_complete(name):
     code = f"import sys; from plc_inspect.offline.commands.{name} import main; main(['--help'])"
     done = subprocess.run(

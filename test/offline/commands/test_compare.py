@@ -4,6 +4,8 @@
 """The plc_compare command on folders that were written."""
 
 import json
+from pathlib import Path
+import re
 import shutil
 
 from factories import make_inspection
@@ -11,10 +13,12 @@ import numpy as np
 import pytest
 
 from plc_inspect.errors import DataError
-from plc_inspect.offline.commands.compare import main
+from plc_inspect.offline.commands.compare import main, NAME
 from plc_inspect.offline.export.results_folder import write_results
 from plc_inspect.offline.records.changes import find_changes, read_survey, to_survey
 from plc_inspect.results import PointClass
+
+ROOT = Path(__file__).parents[3]
 
 
 def grow(inspection, by):
@@ -63,6 +67,36 @@ def test_growth_is_measured(folders, tmp_path, capsys):
     assert 'the canopy rose by 0.7' in text
     assert main([str(folders / 'first'), str(folders / 'second'), '-o', str(path)]) == 2
     assert 'exists; --force' in capsys.readouterr().err
+
+
+def list_keys(value):
+    """List the keys of records within records, but for those of hazards as they are."""
+    if isinstance(value, list):
+        return {key for item in value for key in list_keys(item)}
+    if not isinstance(value, dict):
+        return set()
+    return set(value) | {
+        key for name, item in value.items()
+        if name not in ('cleared_hazards', 'hazards_not_seen_again') for key in list_keys(item)
+    }
+
+
+def test_the_document_says_how_it_is_used(folders, tmp_path, monkeypatch, capsys):
+    text = (ROOT / 'docs/results.md').read_text(encoding='utf-8')
+    section = text.partition('## Two surveys compared')[2].partition('## The report')[0]
+    commands = [line.split() for line in section.splitlines() if line.startswith('    ')]
+    assert [command[0] for command in commands] == [NAME] * 2
+    shutil.copytree(folders / 'first', tmp_path / 'spring')
+    shutil.copytree(folders / 'second', tmp_path / 'autumn')
+    monkeypatch.chdir(tmp_path)
+    for command in commands:
+        assert main(command[1:]) == 0
+    assert capsys.readouterr().out.startswith('6 spans in both surveys, 0 lost, 0 added\n')
+    changes = json.loads((tmp_path / 'changes.json').read_text(encoding='utf-8'))
+    known = set(re.findall('`([a-z_]+)`', section))
+    values = [name for name in known if f'{name}_before' in changes['spans'][0]]
+    known |= {f'{name}_{end}' for name in values for end in ('before', 'after', 'change', 'sigma')}
+    assert list_keys(changes) <= known
 
 
 @pytest.mark.parametrize(('other', 'message'), [
