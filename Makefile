@@ -10,7 +10,7 @@ help:
 	@echo 'make install   make .venv with plc_inspect in it'
 	@echo 'make demo      fly the demo flight live: node and player over DDS, then a report'
 	@echo 'make test      linter, types and all tests'
-	@echo 'make settings  write config/plc_inspect.yaml and docs/settings.md from the defaults'
+	@echo 'make settings  write config/plc_inspect.yaml, docs/settings.md, docs/constants.md from the code'
 	@echo 'make picture   draw the picture of README.md from the demo flight'
 	@echo 'make bench     print the table of the paper beside that of plc_inspect'
 	@echo 'make performance  run all benches of the pipeline, write docs/performance.md'
@@ -32,6 +32,7 @@ test: lint
 
 settings: install
 	$(BIN)/python -m plc_inspect.offline.readers.parameter_file
+	$(BIN)/python tools/make_constants.py
 
 picture: demo
 	$(BIN)/python tools/make_picture.py $(DEMO_OUT) docs/images/demo.png
