@@ -7,7 +7,10 @@ from numba import njit, prange
 import numpy as np
 
 NUM_PARTS = 16
-"""Parts of the points that are looked through independently."""
+"""
+Runs of points that kernels process independently.
+Source: numerical: several for each core; no result depends on it.
+"""
 
 
 @njit(cache=True, nogil=True)
@@ -47,7 +50,7 @@ def find_true(mask):  # type: ignore[no-untyped-def]
     result = np.empty(start[NUM_PARTS], dtype=np.int64)
     for part in prange(NUM_PARTS):
         i, place = part * num // NUM_PARTS, start[part]
-        while place < start[part + 1]:  # without a branch that would be hard to predict
+        while place < start[part + 1]:  # no branch on the mask, which is hard to predict
             result[place] = i
             place += mask[i]
             i += 1

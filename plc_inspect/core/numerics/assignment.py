@@ -8,7 +8,10 @@ import numpy as np
 from plc_inspect.results import Float64
 
 FAR = 1e6
-"""Cost of a pair that is none; more than all that are can cost."""
+"""
+Cost of a pair that is not allowed.
+Source: numerical: more than all allowed pairs together, which cost metres.
+"""
 
 
 def assign(cost: Float64, most: float) -> list[tuple[int, int]]:
@@ -34,7 +37,7 @@ def assign(cost: Float64, most: float) -> list[tuple[int, int]]:
     within = cost[np.ix_(rows, columns)]
     within = np.where(within <= most, within, FAR)
     cheapest = within.argmin(axis=1)
-    if len(np.unique(cheapest)) == len(rows):  # nobody wants what another wants
+    if len(np.unique(cheapest)) == len(rows):  # the cheapest columns are all different
         first, second = np.arange(len(rows)), cheapest
     else:
         # It is rare, and loading the module takes longer than a tick: the warm-up does it.

@@ -7,6 +7,22 @@ import math
 
 from numba import njit
 
+ROUNDING = 1e-12
+"""
+Spread of eigenvalues, as a share of their mean, up to which they count as equal.
+Source: numerical: some thousand roundings of a double.
+"""
+LEAST_MEAN = 1e-300
+"""
+Smallest mean eigenvalue for which ROUNDING is relative [m2].
+Source: numerical: ROUNDING times this is above the smallest double, 5e-324.
+"""
+LEAST_SPREAD = 1e-312
+"""
+Spread up to which smaller eigenvalues count as equal [m2].
+Source: derived: ROUNDING times LEAST_MEAN.
+"""
+
 
 @njit(cache=True, nogil=True, inline='always', error_model='numpy')
 def principal_axis(xx, xy, xz, yy, yz, zz):  # type: ignore[no-untyped-def]
@@ -21,7 +37,7 @@ def principal_axis(xx, xy, xz, yy, yz, zz):  # type: ignore[no-untyped-def]
     off = xy * xy + xz * xz + yz * yz
     spread = (xx - mean) ** 2 + (yy - mean) ** 2 + (zz - mean) ** 2 + 2.0 * off
     p = math.sqrt(spread / 6.0)
-    floor = 1e-12 * mean if mean > 1e-300 else 1e-312
+    floor = ROUNDING * mean if mean > LEAST_MEAN else LEAST_SPREAD
     p = p if p > floor else 0.0
     scale = 1.0 / p if p > 0.0 else 0.0
     a, b, c = (xx - mean) * scale, (yy - mean) * scale, (zz - mean) * scale

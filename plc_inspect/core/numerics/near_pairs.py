@@ -10,7 +10,12 @@ from plc_inspect.errors import DataError
 from plc_inspect.results import Float64, Int32
 
 MAX_CELLS = 2.0**62
-"""Cells of the grid that can be numbered."""
+"""Cells of the grid at most.  Source: numerical: their numbers are int64."""
+SLACK = 1e-9
+"""
+Share by which cells are wider than the reach, so that rounding cannot part a pair by a cell more.
+Source: numerical: ten million roundings of a double.
+"""
 
 
 def find_pairs(points: Float64, reach: float) -> Int32:
@@ -37,12 +42,11 @@ def find_pairs(points: Float64, reach: float) -> Int32:
     """
     if len(points) < 2:
         return np.zeros((0, 2), dtype=np.int32)
-    # a little wider than the reach, so that rounding leaves no pair more than one cell apart
-    place = np.floor((points - points.min(axis=0)) / (reach * (1.0 + 1e-9))) + 1.0
-    # with an empty layer all around, a cell that touches another has a number near the other's
+    place = np.floor((points - points.min(axis=0)) / (reach * (1.0 + SLACK))) + 1.0
+    # an empty layer all around keeps the ends of rows and layers from touching
     if np.prod(place.max(axis=0) + 2.0) >= MAX_CELLS:
         extent = np.ptp(points, axis=0).tolist()
-        raise DataError(f'points over {extent} m are too far apart to be paired within {reach} m')
+        raise DataError(f'points over {extent} m lie too far apart to be paired within {reach} m')
     cell = place.astype(np.int64)
     _, rows, layers = cell.max(axis=0) + 2
     key = (cell[:, 0] * rows + cell[:, 1]) * layers + cell[:, 2]

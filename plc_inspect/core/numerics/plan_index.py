@@ -12,7 +12,20 @@ import numpy as np
 from plc_inspect.results import Float64, Int32, Int64
 
 MAX_CELLS = 16_000_000
-"""Bound of the grid; a wider area gets larger cells."""
+"""
+Cells of the grid at most; a wider area gets larger cells.
+Source: numerical: their starts, int32, take 64 MB.
+"""
+HALF_DIAGONAL = 0.7072
+"""
+Half the diagonal of a cell by its edge, rounded up.
+Source: derived: the square root of 1/2.
+"""
+LEVEL = 1e-9
+"""
+A segment that rises less along y crosses no rows [m].
+Source: numerical: far below the resolution of coordinates.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -125,16 +138,17 @@ def gather_strip(  # type: ignore[no-untyped-def]
     row1 = min(int((max(y0, y1) + reach - origin[1]) / cell), rows - 1)
     dx, dy = x1 - x0, y1 - y0
     length = np.sqrt(dx * dx + dy * dy)
-    slack = reach + cell * 0.7072
+    # a cell within reach has its middle within slack
+    slack = reach + cell * HALF_DIAGONAL
     total = 0
-    for fill in range(2):
+    for fill in range(2):  # once to count, once to copy
         if fill == 1:
             found = np.empty(total, dtype=np.int32)
             total = 0
         for row in range(row0, row1 + 1):
             cy = origin[1] + (row + 0.5) * cell
-            # columns whose centres lie within slack of the segment's part near this row
-            if abs(dy) > 1e-9:
+            # part of the segment, as shares of its length, within slack of this row
+            if abs(dy) > LEVEL:
                 t0 = (cy - slack - y0) / dy
                 t1 = (cy + slack - y0) / dy
                 if t0 > t1:
@@ -142,7 +156,7 @@ def gather_strip(  # type: ignore[no-untyped-def]
                 t0, t1 = max(t0, 0.0), min(t1, 1.0)
             else:
                 t0, t1 = 0.0, 1.0
-            if t0 > t1:
+            if t0 > t1:  # the row lies beyond an end
                 if length > 0.0:
                     t0 = 0.0 if abs(cy - y0) < abs(cy - y1) else 1.0
                     t1 = t0

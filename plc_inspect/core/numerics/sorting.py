@@ -7,7 +7,15 @@ from numba import njit
 import numpy as np
 
 MOST_IN_BUCKET = 64
-"""More values than this are not sorted by insertion, which compares all of them in pairs."""
+"""
+Values of a bucket at most; fuller ones call for merge sort.
+Source: numerical: insertion sort is quadratic; time alone depends on it.
+"""
+LEAST_RANGE = 1e-9
+"""
+Values over a smaller range are sorted by merging, in their own unit.
+Source: numerical: keeps the scale of the buckets finite.
+"""
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
@@ -25,7 +33,7 @@ def argsort_spread(values):  # type: ignore[no-untyped-def]
         nothing += 0.0 * values[k]  # NaN where one is not finite
     fullest, scale = MOST_IN_BUCKET + 1, 0.0
     start = np.zeros(n + 1, dtype=np.int64)
-    if 1e-9 < high - low < np.inf and nothing == 0.0:
+    if LEAST_RANGE < high - low < np.inf and nothing == 0.0:
         scale = (n - 1) / (high - low)
         for k in range(n):
             start[int((values[k] - low) * scale) + 1] += 1

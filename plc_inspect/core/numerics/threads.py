@@ -14,7 +14,10 @@ from numba import get_num_threads
 T = TypeVar('T')
 
 LEAST_WORK = 0.003
-"""Time from which another thread is worth its start, and its waits for the GIL [s]."""
+"""
+Least work that is shared among threads, which take time to start and to wait for the GIL [s].
+Source: numerical: time alone depends on it.
+"""
 
 
 def call_each(function: Callable[[int], T], num: int) -> list[T]:
@@ -34,7 +37,7 @@ def call_each(function: Callable[[int], T], num: int) -> list[T]:
     threads = min(get_num_threads(), num - 1)
     if threads < 2 or (time.perf_counter() - started) * (num - 1) < LEAST_WORK:
         return [first, *(function(number) for number in range(1, num))]
-    numbers = iter(range(1, num))  # shared: who is done takes the next
+    numbers = iter(range(1, num))  # shared: a thread that is done takes the next
     results: dict[int, T] = {0: first}
     errors: dict[int, BaseException] = {}
 
@@ -44,7 +47,7 @@ def call_each(function: Callable[[int], T], num: int) -> list[T]:
                 results[number] = function(number)
             except BaseException as error:
                 errors[number] = error
-                deque(numbers, maxlen=0)  # nobody goes on
+                deque(numbers, maxlen=0)  # empty it, so that no thread goes on
 
     with ThreadPoolExecutor(threads - 1) as pool:
         for _ in range(threads - 1):

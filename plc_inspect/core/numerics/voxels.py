@@ -13,8 +13,24 @@ from plc_inspect.errors import DataError
 from plc_inspect.results import Float64, Int32, Int64
 
 NUM_PARTS = 4
-"""Runs of points that fill voxels independently; fixed, so results never depend on threads."""
+"""
+Runs of points that fill voxels independently.
+Source: numerical: fixed, so that results do not depend on the number of threads.
+"""
 AXIS_BITS = 20
+"""
+Bits of a key for each of three coordinates, so 2^20 voxels along an axis.
+Source: numerical: three of them fit into int64.
+"""
+NUM_MOMENTS = 10
+"""Figures of a voxel.  Source: derived: its count, three sums and six products."""
+INITIAL_VOXELS = 1 << 12
+"""
+Voxels that a run of points has room for at first.
+Source: numerical: the room doubles whenever it is full.
+"""
+LEAST_TABLE = 16
+"""Places of a hash table at least.  Source: numerical: a power of two, at least twice the keys."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -136,8 +152,8 @@ def _sort(size: float, origin: Float64, keys: Int64, moments: Float64) -> Voxels
 
 @njit(cache=True, nogil=True, inline='always')
 def hash_key(key, mask):  # type: ignore[no-untyped-def]
-    """Spread a key over a table of mask + 1 places, by bits that x, y and z all reach."""
-    value = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
+    """Spread a key over mask + 1 places, by the bits of the product that all axes affect."""
+    value = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)  # 2^64 over the golden ratio (Knuth)
     return np.int64((value >> np.uint64(32)) & np.uint64(mask))
 
 
@@ -155,8 +171,8 @@ def find_slot(table_key, table_slot, key):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, inline='always')
 def pack(ix, iy, iz):  # type: ignore[no-untyped-def]
-    """One key of three voxel coordinates."""
-    return (np.int64(ix) << 40) | (np.int64(iy) << 20) | np.int64(iz)
+    """Return the key of three voxel coordinates."""
+    return (np.int64(ix) << 2 * AXIS_BITS) | (np.int64(iy) << AXIS_BITS) | np.int64(iz)
 
 
 @njit(cache=True, nogil=True)
@@ -193,11 +209,11 @@ def grow_table(table_key, table_slot):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _fill_part(points, chosen, origin, size):  # type: ignore[no-untyped-def]
-    capacity = 1 << 12
+    capacity = INITIAL_VOXELS
     table_key = np.full(capacity * 2, -1, dtype=np.int64)
     table_slot = np.empty(capacity * 2, dtype=np.int32)
     keys = np.empty(capacity, dtype=np.int64)
-    moments = np.zeros((capacity, 10))
+    moments = np.zeros((capacity, NUM_MOMENTS))
     used = 0
     for i in chosen:
         x = (points[i, 0] - origin[0]) / size
@@ -215,7 +231,7 @@ def _fill_part(points, chosen, origin, size):  # type: ignore[no-untyped-def]
                 more_keys = np.empty(capacity, dtype=np.int64)
                 put(keys, more_keys)
                 keys = more_keys
-                more = np.zeros((capacity, 10))
+                more = np.zeros((capacity, NUM_MOMENTS))
                 put(moments.ravel(), more.ravel())
                 moments = more
                 table_key, table_slot = grow_table(table_key, table_slot)
@@ -239,7 +255,7 @@ def _fill_part(points, chosen, origin, size):  # type: ignore[no-untyped-def]
 def _fill_parts(points, chosen, origin, size):  # type: ignore[no-untyped-def]
     """Keys and moments of voxels; one that several parts have points in comes several times."""
     keys = [np.empty(0, dtype=np.int64) for _ in range(NUM_PARTS)]
-    moments = [np.empty((0, 10)) for _ in range(NUM_PARTS)]
+    moments = [np.empty((0, NUM_MOMENTS)) for _ in range(NUM_PARTS)]
     for part in prange(NUM_PARTS):
         first, last = part * len(chosen) // NUM_PARTS, (part + 1) * len(chosen) // NUM_PARTS
         keys[part], moments[part] = _fill_part(points, chosen[first:last], origin, size)
@@ -247,7 +263,7 @@ def _fill_parts(points, chosen, origin, size):  # type: ignore[no-untyped-def]
     for part in range(NUM_PARTS):
         start[part + 1] = start[part] + len(keys[part])
     all_keys = np.empty(start[NUM_PARTS], dtype=np.int64)
-    all_moments = np.empty((start[NUM_PARTS], 10))
+    all_moments = np.empty((start[NUM_PARTS], NUM_MOMENTS))
     for part in prange(NUM_PARTS):
         put(keys[part], all_keys[start[part] :])
         put(moments[part].ravel(), all_moments[start[part] :].ravel())
@@ -265,12 +281,12 @@ def _unite(keys, moments, order):  # type: ignore[no-untyped-def]
             used += 1
     first[used] = len(order)
     own = np.empty(used, dtype=np.int64)
-    total = np.empty((used, 10))
+    total = np.empty((used, NUM_MOMENTS))
     for m in prange(used):
         own[m] = keys[order[first[m]]]
         total[m] = 0.0
         for k in range(first[m], first[m + 1]):
-            for column in range(10):
+            for column in range(NUM_MOMENTS):
                 total[m, column] += moments[order[k], column]
     return own, total
 
@@ -294,7 +310,7 @@ def _look_up(points, chosen, origin, size, table_key, table_slot):  # type: igno
 
 @njit(cache=True, nogil=True)
 def _index_keys(keys):  # type: ignore[no-untyped-def]
-    size = 16
+    size = LEAST_TABLE
     while size < 2 * len(keys) + 2:
         size *= 2
     table_key = np.full(size, -1, dtype=np.int64)
@@ -339,7 +355,7 @@ def add_shifted(total, row, dx, dy, dz):  # type: ignore[no-untyped-def]
 def _shift_to_parents(index, moments, size):  # type: ignore[no-untyped-def]
     """Keys of the voxels of twice the size, and moments about their centres, of each voxel."""
     keys = np.empty(len(index), dtype=np.int64)
-    shifted = np.empty((len(index), 10))
+    shifted = np.empty((len(index), NUM_MOMENTS))
     for i in prange(len(index)):
         ix, iy, iz = index[i, 0], index[i, 1], index[i, 2]
         keys[i] = pack(ix >> 1, iy >> 1, iz >> 1)
