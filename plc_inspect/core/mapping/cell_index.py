@@ -17,10 +17,19 @@ from plc_inspect.core.mapping.voxel_keys import hash_key, KEY_BITS, KEY_HALF_RAN
 from plc_inspect.results import Bool, Float64, Int32, Int64, UInt8
 
 CELL_SIZE = 10.0
-"""Edge of a plan cell, rounded to whole voxels [m]."""
-
+"""Edge of a plan cell, rounded to whole voxels [m].  Source: judgement; not measured."""
 INITIAL_CELLS = 1 << 12
+"""
+Cells that room is made for at first.
+Source: numerical: the room doubles whenever it is full.
+"""
+HALF_ROWS = 1 << 31
+"""
+Added to the row of a cell, which may be negative, to pack it with the column.
+Source: derived: half of what 32 bits hold.
+"""
 _MASK = (1 << KEY_BITS) - 1
+"""Bits of one coordinate of a voxel's key.  Source: derived: KEY_BITS of them."""
 
 
 class CellIndex:
@@ -87,7 +96,7 @@ class CellIndex:
     def index(self) -> Int64:
         """(C, 2) place of each cell on the grid of cells."""
         keys = self._keys[: self._num]
-        return np.column_stack((keys >> 32, (keys & 0xFFFFFFFF) - (1 << 31)))
+        return np.column_stack((keys >> 32, (keys & 0xFFFFFFFF) - HALF_ROWS))
 
     @property
     def centers(self) -> Float64:
@@ -100,7 +109,7 @@ class CellIndex:
 
     def find(self, index: Int64) -> Int32:
         """Return the cell at each of (N, 2) places of the grid, -1 where there is none."""
-        keys = (index[:, 0] << 32) + index[:, 1] + (1 << 31)
+        keys = (index[:, 0] << 32) + index[:, 1] + HALF_ROWS
         return _find_cells(keys, self._table, self._keys)
 
     def settle(self, cells: Int64) -> None:
@@ -252,7 +261,7 @@ def _link_slots(  # type: ignore[no-untyped-def]
         if cell < 0 or not (0 <= x - left < per_cell and 0 <= y - front < per_cell):
             column, row_of = x // per_cell, y // per_cell
             left, front = column * per_cell, row_of * per_cell
-            cell_key = (column << 32) + row_of + (1 << 31)
+            cell_key = (column << 32) + row_of + HALF_ROWS
             cell, place = _find(cell_key, table, cell_keys)
             if cell < 0:
                 if num == len(cell_keys):

@@ -22,16 +22,27 @@ from plc_inspect.errors import DataError
 from plc_inspect.results import Float64, Int64, UInt8
 
 DEFAULT_CAPACITY = 8192
-"""Poses kept: 80 s at 100 Hz, 8 s at 1 kHz."""
-
+"""
+Poses kept.
+Source: numerical: 80 s at 100 Hz, 8 s at 1 kHz; scans wait for 1 s (input.max_wait).
+"""
 MAX_TURN_RATE = 35.0
-"""Fastest believable turn between two poses, 2000 degrees/s as gyroscopes measure [rad/s]."""
-
+"""
+Fastest believable turn between two poses [rad/s].
+Source: derived: 2000 degrees/s, as far as gyroscopes measure.
+"""
 QUATERNION_TOLERANCE = 0.01
-"""Largest difference of a quaternion's length from 1."""
-
+"""Largest difference of a quaternion's length from 1.  Source: judgement; not measured."""
 RESTART_AFTER = 10
-"""So many poses in a row that agree with one another and not with the buffer restart it."""
+"""
+Poses in a row, ascending in time but earlier than the newest, that restart the buffer.
+Source: judgement; not measured.
+"""
+SMALL_ANGLE = 1e-4
+"""
+Angle between quaternions up to which slerp is linear [rad].
+Source: numerical: the difference goes with its square, 1e-8.
+"""
 
 
 class PoseStatus(enum.Enum):
@@ -307,7 +318,7 @@ def bracket_stamps(
     num_poses = len(pose_stamps)
     upper = np.zeros(len(stamps), dtype=np.int64)
     bracket = np.zeros(len(stamps), dtype=np.uint8)
-    k = 1
+    k = 1  # the last interval found: stamps that are nearly ordered lie in it or in the next
     for i in range(len(stamps)):
         stamp = stamps[i]
         if num_poses == 0 or stamp > pose_stamps[-1]:
@@ -361,7 +372,7 @@ def _interpolate(
         sign = 1.0 if cosine >= 0.0 else -1.0
         angle = math.acos(min(1.0, sign * cosine))
         first, second = 1.0 - share, share
-        if angle > 1e-4:
+        if angle > SMALL_ANGLE:
             first = math.sin((1.0 - share) * angle) / math.sin(angle)
             second = math.sin(share * angle) / math.sin(angle)
         norm = 0.0

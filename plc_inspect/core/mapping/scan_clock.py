@@ -7,13 +7,19 @@ from collections import deque
 from statistics import median
 
 WINDOW = 31
-"""Periods of which the median is taken."""
-
+"""Periods of which the median is taken.  Source: judgement; not measured."""
 MIN_PERIODS = 5
-"""Periods needed before a gap is judged."""
-
+"""Periods needed before a gap is judged.  Source: judgement; not measured."""
 MAX_LOST_TIME = 5.0
-"""A longer pause is an interruption, or a wrong stamp, and not a number of lost scans [s]."""
+"""
+Longest gap that counts as lost scans; longer ones are interruptions, or wrong stamps [s].
+Source: judgement; not measured.
+"""
+GAP = 1.5
+"""
+Steps of more median periods than this are gaps.
+Source: derived: half way between one period and two.
+"""
 
 
 class ScanClock:
@@ -67,7 +73,7 @@ class ScanClock:
         period = self.period
         self._periods.append(step)
         missing = 0
-        if period is not None and step > 1.5 * period:
+        if period is not None and step > GAP * period:
             missing = round(step / period) - 1
         self.num_lost += missing
         return missing

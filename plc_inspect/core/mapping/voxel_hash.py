@@ -17,9 +17,17 @@ from plc_inspect.core.mapping.voxel_keys import hash_key
 from plc_inspect.results import Float32, Int32, Int64
 
 ENTRY_BITS = (1 << 32) - 1
-"""Of a hash, those that an entry can hold."""
+"""Bits of a hash that an entry can hold.  Source: derived: entries are uint32."""
 BLOCK = 64
-"""Points that are looked for together: many wait for memory at a time then."""
+"""
+Points that are looked up together.
+Source: numerical: their reads wait for memory together; time alone depends on it.
+"""
+LEAST_BITS = 4
+"""
+A table has at least 2 to this many places.
+Source: numerical: a power of two, at least twice the keys.
+"""
 
 UInt32 = NDArray[np.uint32]
 
@@ -44,7 +52,7 @@ def build_table(keys: Int64, counts: UInt32, capacity: int) -> UInt32:
         the length is a power of two, at least twice the capacity.
 
     """
-    length = 1 << max(4, (2 * capacity - 1).bit_length())
+    length = 1 << max(LEAST_BITS, (2 * capacity - 1).bit_length())
     table: UInt32 = np.zeros(length, dtype=np.uint32)
     _fill_table(keys, counts, table)
     return table
@@ -179,7 +187,8 @@ def accumulate_points(
         block = min(BLOCK, stop - first)
         for k in range(block):
             hashes[k] = hash_key(keys[order[first + k]])
-        for k in range(block):  # nothing but to wait for all of them at a time
+        # touch the table for all points of the block, so that they wait for memory together
+        for k in range(block):
             entries[k] = table[hashes[k] & mask]
         for k in range(block):
             places[k] = _walk(hashes[k], hashes[k] & mask, table, mask)
@@ -190,7 +199,7 @@ def accumulate_points(
             i = order[first + k]
             key, place, slot = keys[i], places[k], slots[k]
             if slot < 0 or known[k] != key:
-                place = _walk(hashes[k], place, table, mask)  # one of this block may be there
+                place = _walk(hashes[k], place, table, mask)  # a point before may have made it
                 slot = _slot_of(table[place], mask)
                 while slot >= 0 and slot_keys[slot] != key:
                     place = _walk(hashes[k], (place + 1) & mask, table, mask)
@@ -207,7 +216,7 @@ def accumulate_points(
             elif final:
                 refused += 1
                 continue
-            else:
+            else:  # the caller makes room and comes again with the rest
                 block, stop = k, first + k
                 break
             slot_keys[slot] = key

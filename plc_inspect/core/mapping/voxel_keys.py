@@ -13,12 +13,24 @@ import numpy as np
 from plc_inspect.results import Float32, Float64, Int64
 
 KEY_BITS = 21
+"""Bits of a key for each of three indices.  Source: numerical: three of them fit into int64."""
 KEY_HALF_RANGE = 1 << (KEY_BITS - 1)
+"""
+Voxels from the origin of the keys to the end of the map, on both sides of each axis.
+Source: derived: half of what KEY_BITS hold.
+"""
 TILE_BITS = 7
-"""Tiles are columns of 2^7 by 2^7 voxels."""
+"""
+Tiles are columns of 2 to this many voxels in x and in y.
+Source: numerical: 12.8 m at 0.1 m, about a plan cell; time alone depends on it.
+"""
 MOST_TILES = 1 << 18
-"""Points that lie on more tiles than this are not ordered."""
+"""
+Points on more tiles than this are not ordered.
+Source: numerical: their counts take 2 MB; time alone depends on it.
+"""
 _MASK = (1 << KEY_BITS) - 1
+"""Bits of one index in a key.  Source: derived: KEY_BITS of them."""
 
 
 @njit(cache=True, nogil=True)

@@ -33,6 +33,15 @@ from plc_inspect.errors import DataError
 from plc_inspect.results import Bool, Float32, Float64, Int32, Int64, UInt8
 
 INITIAL_CAPACITY = 1 << 16
+"""
+Voxels that room is made for at first.
+Source: numerical: the room doubles whenever it is full.
+"""
+MOST_INDEX = 2**52
+"""
+Greatest voxel index of the first point, in absolute value.
+Source: numerical: beyond, a double cannot tell the middle of a voxel from its edge.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -210,8 +219,8 @@ class VoxelMap:
             raise DataError(f'point 0 is not finite: {points[0].tolist()}')
         origin = self._origin
         if origin is None:
-            if np.abs(points[0]).max() / self._voxel_size > 2**52:
-                raise DataError(f'point 0 is out of all bounds: {points[0].tolist()}')
+            if np.abs(points[0]).max() / self._voxel_size > MOST_INDEX:
+                raise DataError(f'point 0 lies too far out for the map: {points[0].tolist()}')
             origin = np.floor(points[0] / self._voxel_size).astype(np.int64)
         keys, offsets, bad = locate_voxels(points, origin, self._voxel_size)
         if bad >= 0:
