@@ -10,18 +10,49 @@ from numba import njit, prange
 import numpy as np
 
 from plc_inspect.config import AlignmentSettings
-from plc_inspect.core.extraction.linearity import LinearityResult
+from plc_inspect.core.extraction.linearity import LinearityResult, SAME_WAY
 from plc_inspect.core.numerics.eigen import principal_axis_of
-from plc_inspect.core.numerics.plan_index import build_plan_index
+from plc_inspect.core.numerics.plan_index import build_plan_index, HALF_DIAGONAL
+from plc_inspect.core.numerics.voxels import NUM_MOMENTS
 from plc_inspect.results import Bool, Float64, Int32, Int64
 
 VOTE_CELL = 2.0
-"""Edge of the plan cells that others are looked up by [m]."""
+"""
+Edge of the plan cells that candidates are looked up by [m].
+Source: numerical: no candidate depends on it, only time and the order of sums.
+"""
 NUM_BINS = 16
-"""Bins along a candidate's axis that are checked for others in line with it, at most 32."""
-
+"""
+Bins along a candidate's axis in which others in line with it are counted, at most 32.
+Source: judgement; not measured.
+"""
 MIN_SHARE = 0.1
-"""A window with fewer candidates than this share of those of its tile's fullest is dropped."""
+"""
+A window with fewer candidates than this share of its tile's fullest window is dropped.
+Source: judgement; not measured.
+"""
+LINE_RADIUS = 0.3
+"""
+Distance from a candidate's axis up to which others are in line with it, at the candidate [m].
+Source: judgement; not measured.
+"""
+LINE_SPREAD = 0.08
+"""How much LINE_RADIUS grows along the axis [m/m].  Source: judgement; not measured."""
+LEAST_SUPPORT = 3
+"""
+Filled bins from which the others in line give the axis, not the candidate alone.
+Source: judgement; not measured.
+"""
+ACROSS_ROWS = 1e-3
+"""
+Sine of the angle to the rows of cells below which an axis counts as parallel to them.
+Source: numerical: more cells are searched than need be, with the same result.
+"""
+LEAST_RUN = 1e-9
+"""
+Horizontal part of a unit vector, at least, in a divisor.
+Source: numerical: avoids a division by 0.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -89,7 +120,8 @@ def align(candidates: LinearityResult, settings: AlignmentSettings) -> Alignment
     if not len(kept):
         return _no_windows(votes, settings)
     azimuth = np.arctan2(direction[kept, 1], direction[kept, 0])
-    slope = direction[kept, 2] / np.maximum(np.hypot(direction[kept, 0], direction[kept, 1]), 1e-9)
+    run = np.hypot(direction[kept, 0], direction[kept, 1])
+    slope = direction[kept, 2] / np.maximum(run, LEAST_RUN)
     azimuth, slope = _half_turn(azimuth, slope)
     position = candidates.position[kept]
     tile = np.floor(position[:, :2] / settings.tile_size).astype(np.int64)
@@ -217,10 +249,10 @@ def _vote(  # type: ignore[no-untyped-def]
     wx, wy, wz = ways[0], ways[1], ways[2]
     for i in prange(num):
         occupied = np.uint32(0)
-        total = np.zeros(10)
+        total = np.zeros(NUM_MOMENTS)
         ux, uy = direction[i, 0], direction[i, 1]
-        # rows and columns of the cells that the strip along the axis touches
-        slack = 0.3 + 0.08 * reach + 0.7072 * cell
+        # rows of cells that the strip along the axis touches
+        slack = LINE_RADIUS + LINE_SPREAD * reach + HALF_DIAGONAL * cell
         plan = math.sqrt(ux * ux + uy * uy) * reach
         ex, ey = 1.0, 0.0
         if plan > 0.0:
@@ -231,7 +263,8 @@ def _vote(  # type: ignore[no-untyped-def]
         for row in range(first_row, last_row + 1):
             off_row = (row + 0.5) * cell - py
             t0, t1 = -plan, plan
-            if abs(ey) > 1e-3:
+            # the part of the axis near this row
+            if abs(ey) > ACROSS_ROWS:
                 ta, tb = (off_row - slack) / ey, (off_row + slack) / ey
                 t0, t1 = max(t0, min(ta, tb)), min(t1, max(ta, tb))
                 if t0 > t1:
@@ -248,7 +281,7 @@ def _vote(  # type: ignore[no-untyped-def]
             )
         for place in range(NUM_BINS):
             votes[i] += (occupied >> np.uint32(place)) & np.uint32(1)
-        if votes[i] >= 3:
+        if votes[i] >= LEAST_SUPPORT:
             _, _, _, vx, vy, vz = principal_axis_of(total, 0, 1)
             axis[i, 0], axis[i, 1], axis[i, 2] = vx, vy, vz
     return votes, axis
@@ -268,9 +301,9 @@ def _add_in_line(x, y, z, wx, wy, wz, position, way, reach, total):  # type: ign
     for k in range(len(x)):
         dx, dy, dz = x[k] - px, y[k] - py, z[k] - pz
         along = dx * ux + dy * uy + dz * uz
-        off = 0.3 + 0.08 * abs(along)
+        off = LINE_RADIUS + LINE_SPREAD * abs(along)
         cosine = ux * wx[k] + uy * wy[k] + uz * wz[k]
-        counts = (abs(along) < reach) & (abs(cosine) >= 0.97)
+        counts = (abs(along) < reach) & (abs(cosine) >= SAME_WAY)
         counts &= dx * dx + dy * dy + dz * dz - along * along <= off * off
         along = along if counts else 0.0
         place = np.int32((along + reach) * per_bin)

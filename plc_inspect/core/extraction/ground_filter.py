@@ -9,9 +9,56 @@ import numpy as np
 from plc_inspect.results import Bool, Float32
 
 AREAL_REACH = 7
-"""Ground has other ground about it in a square that reaches so many cells."""
+"""
+Cells from the middle to the edge of the square in which a ground cell needs others.
+Source: judgement; not measured.
+"""
 AREAL_SHARE = 0.2
-"""And in this share of its cells."""
+"""Share of that square's cells in which ground must be seen.  Source: judgement; not measured."""
+AREAL_LEAST = 0.5
+"""
+Share of that square's cells that counts as available at least, at the edge of the grid.
+Source: judgement; not measured.
+"""
+SEEN_BAND = 0.3
+"""
+Greatest height of a cell's lowest point above the envelope where it is ground [m].
+Source: judgement; not measured.
+"""
+SEEN_SLOPE = 0.5
+"""
+Share of a cell over which the steepest slope adds to SEEN_BAND.
+Source: judgement; not measured.
+"""
+STRAY_REACH = 8.0
+"""
+Distance within which a low point is compared with others [m].
+Source: judgement; not measured.
+"""
+LEAST_STRAY_REACH = 2
+"""Cells that STRAY_REACH spans at least.  Source: judgement; not measured."""
+STRAY_DEPTH = 1.0
+"""Depth of a stray low point below the others, at least [m].  Source: judgement; not measured."""
+STRAY_SLOPE = 0.5
+"""
+Share of the steepest slope that is added to STRAY_DEPTH with the distance.
+Source: judgement; not measured.
+"""
+LEAST_COMPANY = 4
+"""
+Other cells nearly as low that show a low point to be no stray.
+Source: judgement; not measured.
+"""
+LEAST_OTHERS = 20
+"""
+Other cells with points that are needed to call a low one a stray.
+Source: judgement; not measured.
+"""
+NUM_SWEEPS = 2
+"""
+Passes over the grid, forth and back, that make the envelope.
+Source: judgement; not measured.
+"""
 
 
 def estimate_ground(
@@ -39,7 +86,9 @@ def estimate_ground(
     """
     surface = _drop_stray_lows(lowest, cell, max_slope)
     envelope = _lower_envelope(surface, cell, max_slope)
-    seen = np.isfinite(surface) & (surface <= envelope + 0.3 + 0.5 * cell * max_slope)
+    seen = np.isfinite(surface) & (
+        surface <= envelope + SEEN_BAND + SEEN_SLOPE * cell * max_slope
+    )
     seen &= _is_areal(seen)
     return _fill(np.where(seen, surface, np.float32(np.nan))), seen
 
@@ -71,7 +120,7 @@ def _is_areal(seen):  # type: ignore[no-untyped-def]
             if column >= 0:
                 along[row, column] = count
     result = np.empty((rows, columns), dtype=np.bool_)
-    least = np.float32((2 * AREAL_REACH + 1) ** 2 / 2)
+    least = np.float32((2 * AREAL_REACH + 1) ** 2 * AREAL_LEAST)
     for row in prange(rows):
         first, last = max(row - AREAL_REACH, 0), min(row + AREAL_REACH, rows - 1)
         area = np.zeros(columns, dtype=np.int32)
@@ -130,8 +179,8 @@ def _fill_from(values, coarse):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, parallel=True, nogil=True)
 def _drop_stray_lows(lowest, cell, max_slope):  # type: ignore[no-untyped-def]
-    """Clear cells that lie far below everything within 8 m: multiple returns, noise."""
-    reach = max(2, int(np.ceil(8.0 / cell)))
+    """Clear cells that lie far below nearly all within STRAY_REACH: multiple returns, noise."""
+    reach = max(LEAST_STRAY_REACH, int(np.ceil(STRAY_REACH / cell)))
     rows, columns = lowest.shape
     result = lowest.copy()
     for row in prange(rows):
@@ -153,13 +202,14 @@ def _drop_stray_lows(lowest, cell, max_slope):  # type: ignore[no-untyped-def]
                     if np.isnan(other):
                         continue
                     others += 1
-                    if other < z + 1.0 + max_slope * cell * np.sqrt(dr * dr + dc * dc) * 0.5:
+                    away = np.sqrt(dr * dr + dc * dc)
+                    if other < z + STRAY_DEPTH + max_slope * cell * away * STRAY_SLOPE:
                         supported += 1
-                        if supported >= 4:
+                        if supported >= LEAST_COMPANY:
                             break
-                if supported >= 4:
+                if supported >= LEAST_COMPANY:
                     break
-            if supported < 4 and others >= 20:
+            if supported < LEAST_COMPANY and others >= LEAST_OTHERS:
                 result[row, column] = np.nan
     return result
 
@@ -171,7 +221,7 @@ def _lower_envelope(surface, cell, max_slope):  # type: ignore[no-untyped-def]
     result = np.where(np.isnan(surface), np.float32(np.inf), surface)
     straight = np.float32(max_slope * cell)
     diagonal = np.float32(max_slope * cell * np.sqrt(2.0))
-    for _ in range(2):
+    for _ in range(NUM_SWEEPS):
         for row in range(rows):
             for column in range(columns):
                 value = result[row, column]

@@ -15,8 +15,12 @@ from plc_inspect.core.numerics.plan_index import clamp
 from plc_inspect.results import Bool, Float32, Float64, Int64
 
 MAX_PEAK = 1.0
-"""The peak of the histogram is the ground within this of the surface; shrubs are higher [m]."""
-
+"""
+Distance of the histogram's peak from the ground surface at most; shrubs are higher [m].
+Source: judgement; not measured.
+"""
+PEAK_SHARE = 0.5
+"""The same as a share of beta.  Source: judgement; not measured."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -184,7 +188,7 @@ def _without_ground(
 def _ground_peak(histogram: Int64, edges: Float64, beta: float) -> float:
     """Height of the fullest bin next to the ground surface; 0 where there is none."""
     centers = (edges[:-1] + edges[1:]) / 2
-    near = np.abs(centers) < min(MAX_PEAK, beta / 2)
+    near = np.abs(centers) < min(MAX_PEAK, PEAK_SHARE * beta)
     if not near.any() or histogram[near].max() == 0:
         return 0.0
     return float(centers[near][np.argmax(histogram[near])])

@@ -14,22 +14,33 @@ from plc_inspect.core.extraction.occupancy import drop_bulk
 from plc_inspect.core.numerics.eigen import principal_axis_of
 from plc_inspect.core.numerics.voxels import (
     add_shifted,
+    AXIS_BITS,
     build_voxels,
     coarsen,
     find_slot,
+    NUM_MOMENTS,
     pack,
     Voxels,
 )
 from plc_inspect.results import Bool, Float64, Int64
 
 SAME_WAY = 0.97
-"""Cosine between directions that are about the same."""
+"""
+Least cosine between directions that count as the same, 14 degrees apart.
+Source: judgement; not measured.
+"""
 NUM_BINS = 20
-"""Bins of the histogram of linear likeness."""
-NUM_SUMS, NUM_FEATURES = 10, 6
-"""Figures of a block, and what is derived from them."""
+"""
+Bins of the histogram of linear likeness.
+Source: numerical: for the report; decides nothing.
+"""
+NUM_FEATURES = 6
+"""Features of a block.  Source: derived: three likenesses and three coordinates of a direction."""
 BLOCK = 256
-"""Voxels whose features are derived together."""
+"""
+Voxels whose features are derived together.
+Source: numerical: what they need stays in the cache; time alone depends on it.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -302,17 +313,18 @@ def _measure(keys, moments, size):  # type: ignore[no-untyped-def]
         step = np.empty(9, dtype=np.int64)
         at = np.empty(9, dtype=np.int64)
         for column in range(9):
-            step[column] = ((column // 3 - 1) << 40) + ((column % 3 - 1) << 20) - 1
+            step[column] = ((column // 3 - 1) << 2 * AXIS_BITS) - 1
+            step[column] += (column % 3 - 1) << AXIS_BITS
             at[column] = np.searchsorted(keys, keys[first] + step[column])
-        sheet = np.ones((NUM_SUMS + NUM_FEATURES, BLOCK))
-        total = np.empty(NUM_SUMS)
+        sheet = np.ones((NUM_MOMENTS + NUM_FEATURES, BLOCK))
+        total = np.empty(NUM_MOMENTS)
         for start in range(first, last, BLOCK):
             stop = min(start + BLOCK, last)
             for i in range(start, stop):
                 _add_block(keys, moments, size, i, step, at, total)
-                sheet[:NUM_SUMS, i - start] = total
+                sheet[:NUM_MOMENTS, i - start] = total
             _derive_features(sheet.ravel())
-            features = sheet[NUM_SUMS:]
+            features = sheet[NUM_MOMENTS:]
             for i in range(start, stop):
                 k = i - start
                 count[i] = int(sheet[0, k])
@@ -351,7 +363,7 @@ def _derive_features(flat):  # type: ignore[no-untyped-def]
     for k in range(BLOCK):
         l1, l2, l3, vx, vy, vz = principal_axis_of(flat, k, BLOCK)
         scale = 1.0 / l1 if l1 > 0.0 else 0.0
-        own = k + NUM_SUMS * BLOCK
+        own = k + NUM_MOMENTS * BLOCK
         flat[own] = (l1 - l2) * scale
         flat[own + BLOCK] = (l2 - l3) * scale
         flat[own + 2 * BLOCK] = l3 * scale

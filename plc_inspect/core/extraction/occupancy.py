@@ -7,13 +7,32 @@ from numba import njit, prange
 import numpy as np
 
 from plc_inspect.core.numerics.arrays import find_true
-from plc_inspect.core.numerics.voxels import add_key, find_slot, grow_table, NUM_PARTS, pack
+from plc_inspect.core.numerics.voxels import (
+    add_key,
+    AXIS_BITS,
+    find_slot,
+    grow_table,
+    LEAST_TABLE,
+    NUM_PARTS,
+    pack,
+)
 from plc_inspect.results import Float64, Int64
 
 BULK_CELL = 1.0
-"""Edge of the cells whose occupied neighbours tell bulky things [m]."""
+"""
+Edge of the cells whose occupied neighbours reveal bulky things [m].
+Source: judgement; not measured.
+"""
 NUM_LAST = 8
-"""Columns of a square of this many by as many are kept at hand."""
+"""
+Edge of the square of columns that are kept at hand; a power of two.
+Source: numerical: time alone depends on it.
+"""
+INITIAL_COLUMNS = 1 << 11
+"""
+Columns that a run of points has room for at first.
+Source: numerical: the room doubles whenever it is full.
+"""
 
 
 def drop_bulk(
@@ -73,7 +92,7 @@ def _fill_columns(points, chosen, origin, size):  # type: ignore[no-untyped-def]
     total = 0
     for part in range(NUM_PARTS):
         total += len(keys[part])
-    capacity = 16
+    capacity = LEAST_TABLE
     while capacity < 2 * total + 2:
         capacity *= 2
     table_key = np.full(capacity, -1, dtype=np.int64)
@@ -102,11 +121,11 @@ def _fill_columns(points, chosen, origin, size):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _fill_part(points, chosen, origin, size, column_of, level):  # type: ignore[no-untyped-def]
-    """Return key and bits of the columns of some points; their columns and levels are set."""
-    key = np.empty(1 << 11, dtype=np.int64)
-    filled = np.zeros(1 << 11, dtype=np.uint64)
-    table_key = np.full(1 << 12, -1, dtype=np.int64)
-    table_slot = np.empty(1 << 12, dtype=np.int32)
+    """Set column and level of each point; return key and bits of the columns."""
+    key = np.empty(INITIAL_COLUMNS, dtype=np.int64)
+    filled = np.zeros(INITIAL_COLUMNS, dtype=np.uint64)
+    table_key = np.full(2 * INITIAL_COLUMNS, -1, dtype=np.int64)
+    table_slot = np.empty(2 * INITIAL_COLUMNS, dtype=np.int32)
     used = 0
     # neighbours come one after the other: most columns are among those last met nearby
     last_key = np.full(NUM_LAST * NUM_LAST, -1, dtype=np.int64)
@@ -148,10 +167,10 @@ def _look(table_key, table_slot, filled, key):  # type: ignore[no-untyped-def]
 def _find_sparse(key, filled, table_key, table_slot, max_occupied):  # type: ignore[no-untyped-def]
     """Bits of the cells with at most ``max_occupied`` occupied ones among the 27 about them."""
     result = np.zeros(len(key), dtype=np.uint64)
-    one, top = np.uint64(1), np.uint64(63)
+    one, top, mask = np.uint64(1), np.uint64(63), (1 << AXIS_BITS) - 1
     for i in prange(len(key)):
         count = np.zeros(64, dtype=np.uint64)
-        x, y, block = key[i] >> 40, (key[i] >> 20) & 0xFFFFF, key[i] & 0xFFFFF
+        x, y, block = key[i] >> 2 * AXIS_BITS, (key[i] >> AXIS_BITS) & mask, key[i] & mask
         for column in range(9):
             u, v = x + column // 3 - 1, y + column % 3 - 1
             if u < 0 or v < 0:

@@ -14,7 +14,10 @@ from plc_inspect.core.numerics.plan_index import build_plan_index, PlanIndex
 from plc_inspect.results import Bool, Float32, Float64, Int32, Int64
 
 CELL = 2.0
-"""Edge of the plan cells [m]."""
+"""
+Edge of the plan cells [m].
+Source: numerical: searches are exact; time and the order of points depend on it.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -138,5 +141,5 @@ def _scatter(values, place, elsewhere, result):  # type: ignore[no-untyped-def]
         result[i] = elsewhere
     for k in prange(len(values)):
         value = values[k]
-        if value != elsewhere and (value == value or elsewhere == elsewhere):  # NaN is no news
+        if value != elsewhere and (value == value or elsewhere == elsewhere):  # not NaN over NaN
             result[place[k]] = value
