@@ -16,13 +16,22 @@ from plc_inspect.results import Severity
 PLAIN = 'plain'
 """Name of the rule set that the settings hold."""
 FEATURES = ('vegetation', 'fall_in', 'ground', 'building', 'line', 'water', 'road')
-"""What a limit can be about."""
+"""What a limit may refer to."""
 UNSEEN = {'water': 'water', 'road': 'roads'}
 """Features that coordinates alone cannot tell; their limits are reported as not applied."""
 MEASURES = ('distance', 'horizontal', 'vertical')
 PLACES = ('any', 'under', 'beside')
 FOOT = 0.3048
+"""The international foot [m].  Source: definition of 1959."""
+LEAST_ELEVATION = -500.0
+"""Elevations below this mean that it is unknown [m].  Source: judgement; not measured."""
+SAME_VOLTAGE = 1e-6
+"""
+Relative difference up to which nominal voltages are equal.
+Source: numerical: rounding of decimal figures.
+"""
 _UNITS = {'m': 1.0, 'ft': FOOT}
+"""Units of rule files [m].  Source: derived: see FOOT."""
 _SET_KEYS = {'name', 'title', 'edition', 'source', 'note', 'unit', 'elevations', 'tiers', 'limits'}
 _LIMIT_KEYS = {'feature', 'kv', 'distance', 'measure', 'where', 'tiers', 'source', 'note'}
 
@@ -269,7 +278,7 @@ def _read_distance(
     columns = content.get('elevations')
     if not isinstance(columns, Sequence) or len(columns) != len(value):
         raise ConfigError(f'{where}: {len(value)} distances need as many elevations')
-    if settings.elevation < -500.0:
+    if settings.elevation < LEAST_ELEVATION:
         raise ConfigError(
             f'{where} depends on the elevation above sea level: give hazards.elevation'
         )
@@ -292,7 +301,7 @@ def _holds(kv: Any, voltage: float, where: str) -> bool:
         if low >= high:
             raise ConfigError(f'{where}: kv from {low:g} to {high:g}')
         return low <= voltage < high
-    return math.isclose(_number(kv, f'{where}: kv'), voltage, rel_tol=1e-6)
+    return math.isclose(_number(kv, f'{where}: kv'), voltage, rel_tol=SAME_VOLTAGE)
 
 
 def _check_contradictions(limits: Sequence[Limit], name: str) -> None:

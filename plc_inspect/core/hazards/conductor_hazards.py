@@ -17,19 +17,60 @@ from plc_inspect.core.spans.span_model import SpanModel
 from plc_inspect.results import Bool, Float64, HazardKind, Int32, Severity, Support
 
 CROSSING_ANGLE_DEG = 5.0
-"""Conductors that meet in plan at a smaller angle run along each other."""
+"""
+Conductors that meet in plan at a smaller angle run along each other [degrees].
+Source: judgement; not measured.
+"""
 ONE_PLACE = 15.0
-"""Conductors that cross this near to each other are one crossing [m]."""
+"""
+Distance within which crossings of conductors are one hazard [m].
+Source: judgement; not measured.
+"""
 AT_SUPPORT = 5.0
-"""Spans that meet this near to the ends of both hang on one support [m]."""
+"""
+Spans that meet this close to an end of both hang on one support [m].
+Source: judgement; not measured.
+"""
 LEAST_EXCESS = 0.15
-"""A sag beyond its peers by less than this is tolerated [m]."""
+"""
+Excess of sag over the peers that is tolerated in any case [m].
+Source: judgement; not measured.
+"""
 LEAST_SIGMA = 0.01
-"""Standard deviation of the sag of the peers, at least [m]."""
+"""Standard deviation of the sag of the peers, at least [m].  Source: judgement; not measured."""
 SURE = 3.0
-"""Standard deviations from which a difference between conductors is none of chance."""
+"""
+Standard deviations beyond which a difference between conductors is not chance.
+Source: derived: 0.3 % of normal errors lie beyond.
+"""
 GROUND_SIGMA = 0.05
-"""Standard deviation of the height of the ground under a place [m]."""
+"""
+Standard deviation of the height of the ground below a conductor [m].
+Source: judgement; not measured.
+"""
+LEAST_PEERS = 2
+"""Peers that a sag is compared with at least.  Source: judgement; not measured."""
+PEER_LENGTH = 0.7
+"""A peer is longer than this share of the conductor.  Source: judgement; not measured."""
+SIGMA_OF_MAD = 1.4826
+"""
+Standard deviation by the median absolute deviation.
+Source: derived: 1 / 0.6745, the third quartile of the normal distribution.
+"""
+NUM_STATIONS = 41
+"""
+Places of a span at which its distance to another is measured.
+Source: judgement; not measured.
+"""
+LEAST_STATIONS = 10
+"""Of them, those that must lie beside the other span.  Source: judgement; not measured."""
+NUM_ROUNDS = 4
+"""
+Rounds of the search for the closest approach of two spans.
+Source: numerical: each narrows the range 40 times, to 0.1 mm of 500 m at last.
+"""
+NUM_PROBES = 81
+"""Places of one such round.  Source: numerical: see NUM_ROUNDS."""
 SAG_NOTE = (
     'compared with the other conductors of the span, which are taken to be as warm: ice, a '
     'slipped clamp and broken strands look alike'
@@ -195,12 +236,12 @@ def _approach(
 ) -> tuple[SpanModel, SpanModel, float, float, float]:
     """Upper and lower span, x of the nearest places on both, and their distance."""
     low, high = first.start_x, first.end_x
-    for _ in range(4):
-        x = np.linspace(low, high, 81)
+    for _ in range(NUM_ROUNDS):
+        x = np.linspace(low, high, NUM_PROBES)
         at = first.curve.position(x)
         other, horizontal, vertical = second.part(at)
         best = int(np.argmin(np.hypot(horizontal, vertical)))
-        low, high = x[max(best - 1, 0)], x[min(best + 1, 80)]
+        low, high = x[max(best - 1, 0)], x[min(best + 1, NUM_PROBES - 1)]
     distance = float(np.hypot(horizontal, vertical)[best])
     pair = (first, second, float(x[best]), float(other[best]))
     if vertical[best] > 0:
@@ -239,12 +280,12 @@ def find_interference(
         for second in models[:i]:
             if first.span.span_id != second.span.span_id:
                 continue
-            x = np.linspace(first.start_x, first.end_x, 41)
+            x = np.linspace(first.start_x, first.end_x, NUM_STATIONS)
             at = first.curve.position(x)
             other_x, across = second.curve.local(at)
             low, high = second.low, second.high
             inside = (other_x >= low) & (other_x <= high)
-            if inside.sum() < 10:
+            if inside.sum() < LEAST_STATIONS:
                 continue
             gap = at[:, 2] - second.curve.fit.height(other_x)
             apart = np.where(inside, np.hypot(across, gap), np.inf)
@@ -309,9 +350,9 @@ def find_abnormal_sag(
             other.span.sag / max(other.span.length, 1.0) ** 2
             for other in models
             if other.span.span_id == model.span.span_id and other is not model
-            and other.span.length > 0.7 * model.span.length
+            and other.span.length > PEER_LENGTH * model.span.length
         ]
-        if len(peers) < 2:
+        if len(peers) < LEAST_PEERS:
             continue
         middle = statistics.median(peers)
         usual = middle * model.span.length**2
@@ -319,7 +360,7 @@ def find_abnormal_sag(
         tolerated = max(settings.sag_deviation * usual, LEAST_EXCESS)
         if excess <= tolerated:
             continue
-        spread = 1.4826 * statistics.median(abs(peer - middle) for peer in peers)
+        spread = SIGMA_OF_MAD * statistics.median(abs(peer - middle) for peer in peers)
         sigma = math.hypot(model.span.sigma['sag'], LEAST_SIGMA, spread * model.span.length**2)
         if excess <= SURE * sigma:
             continue

@@ -27,15 +27,50 @@ from plc_inspect.results import (
 )
 
 MINOR_SHARE = 0.25
-"""Foliage on a roof, or something flat in a crown, is a hazard of its own from this share."""
-LEAFY, FLAT = 0.15, 0.5
-"""An object with this share of surfaces or less is foliage, with that or more a structure [1]."""
+"""
+Share of an object from which foliage on a roof, or a flat part of a crown, is a hazard.
+Source: judgement; not measured.
+"""
+LEAFY = 0.15
+"""
+Share of surface points up to which an object is foliage.
+Source: chosen on bench/hazards.py.
+"""
+FLAT = 0.5
+"""
+Share of surface points from which an object is a structure.
+Source: chosen on bench/hazards.py.
+"""
 ROOM = {'pole': 1.5, 'tower': 5.0}
-"""What lies wholly within this of a support along the line may be part of it [m]."""
+"""
+Distance along the line within which an object may be part of a support [m].
+Source: judgement; not measured.
+"""
 THIN_ROOM = 0.75
-"""The same at an end whose support was not seen, or not recognised [m]."""
+"""
+The same at an end whose support was not seen, or not recognised [m].
+Source: chosen on bench/hazards.py.
+"""
 TREE_MARGIN = 8.0
-"""What stands within this of offending points in plan tells which trees they belong to [m]."""
+"""
+Distance in plan around offending points within which trees are divided [m].
+Source: judgement; not measured.
+"""
+MOST_OF = 0.5
+"""
+An object is a structure where more than this share of its offending points is surface.
+Source: derived: the majority.
+"""
+CELLS_PER_REACH = 4
+"""
+Cells to the reach of a link, by which points are thinned before they are grouped.
+Source: judgement; not measured.
+"""
+LEAST_DISTANCE = 1e-9
+"""
+Required distance at least, where a measured one is divided by it [m].
+Source: numerical: avoids a division by 0.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -80,7 +115,7 @@ def group_points(points: Float64, reach: float) -> Int64:
     """Label of the connected group of each point, links up to ``reach``; O(N log N)."""
     if not len(points):
         return np.zeros(0, dtype=np.int64)
-    cell = np.floor(points / (reach / 4)).astype(np.int64)
+    cell = np.floor(points / (reach / CELLS_PER_REACH)).astype(np.int64)
     x, y, z = (cell - cell.min(axis=0)).T
     number = (x * (y.max() + 1) + y) * (z.max() + 1) + z
     _, first, inverse = np.unique(number, return_index=True, return_inverse=True)
@@ -226,7 +261,8 @@ def _split_kinds(
     parts = [(HazardKind.VEGETATION, ~surface), (HazardKind.STRUCTURE, surface)]
     if min(int(part.sum()) for _, part in parts) >= max(min_points, MINOR_SHARE * len(surface)):
         return parts
-    return [(HazardKind.STRUCTURE if surface.mean() > 0.5 else HazardKind.VEGETATION, everything)]
+    is_flat = surface.mean() > MOST_OF
+    return [(HazardKind.STRUCTURE if is_flat else HazardKind.VEGETATION, everything)]
 
 
 def _find_trees(around: Surroundings, offends: Bool) -> Int64:
@@ -281,7 +317,7 @@ def _score(
     places = {'any': np.ones(num, dtype=bool), 'under': under, 'beside': ~under}
     for number, item in enumerate(limits):
         value = values[item.measure]
-        share = value / max(item.distance, 1e-9)
+        share = value / max(item.distance, LEAST_DISTANCE)
         better = places[item.where] & (value < item.reach) & (share < best)
         best[better] = share[better]
         which[better] = number

@@ -21,11 +21,30 @@ from plc_inspect.core.spans.spans import SpanResult
 from plc_inspect.results import Bool, Float32, Float64, HazardKind, Int64, Support
 
 FALL_REACH = 50.0
-"""Trees farther from all conductors than this are not looked at [m]."""
+"""
+Distance from the conductors within which points may be of a tree that falls on one [m].
+Source: judgement; not measured.
+"""
 TREE_HEIGHT = 2.0
-"""Lower things do not fall on conductors [m]."""
+"""
+Height above ground up to which points belong to no tree that can fall on a conductor [m].
+Source: judgement; not measured.
+"""
 TREE_SIGMA = 0.15
-"""Standard deviation of the height of a tree above its foot [m]."""
+"""
+Standard deviation of the height of a tree above its foot [m].
+Source: judgement; not measured.
+"""
+TALLEST = 60.0
+"""
+Added to FALL_REACH for the feet of trees, which lie this far below their tops at most [m].
+Source: judgement; not measured.
+"""
+MOST_FLAT = 0.5
+"""
+What has more than this share of its points on surfaces is no tree.
+Source: derived: the majority.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -107,7 +126,7 @@ def find_falling_trees(
     top[tree[order]] = order
     feet = points[top].copy()
     feet[:, 2] -= height[top]
-    found, distance, owner = find_near(feet, _tabulate(models), FALL_REACH + 60.0)
+    found, distance, owner = find_near(feet, _tabulate(models), FALL_REACH + TALLEST)
     taken = _trees_at(points, tree, [item['position'] for item in known
                                      if item['kind'] == HazardKind.VEGETATION])
     result = []
@@ -115,7 +134,7 @@ def find_falling_trees(
         tall = float(height[top[number]])
         clearance = reach - tall
         severity = limit.judge(clearance)
-        solid = flat[number] > 0.5 * size[number] or size[number] < settings.min_points
+        solid = flat[number] > MOST_FLAT * size[number] or size[number] < settings.min_points
         if severity is None or solid or number in taken:
             continue
         model, own = models[span], points[tree == number]

@@ -12,13 +12,26 @@ from plc_inspect.core.numerics.voxels import build_voxels, find_voxels
 from plc_inspect.results import Bool, Float64
 
 PLANAR = 0.45
-"""Planar likeness from which a neighbourhood is a surface, not foliage."""
+"""
+Planar likeness of a surface at least; below, it is foliage.
+Source: judgement; not measured.
+"""
 SPHERICAL = 0.08
-"""And its spherical likeness is not beyond this."""
+"""Spherical likeness of a surface at most.  Source: judgement; not measured."""
 MIN_POINTS = 5
-"""And it holds this many points."""
+"""Points of a neighbourhood that can be a surface, at least.  Source: judgement; not measured."""
 SIZE = 0.5
-"""Edge of the voxels; a neighbourhood is 27 of them [m]."""
+"""Edge of the voxels, of which a neighbourhood is 27 [m].  Source: judgement; not measured."""
+CELL = 2.0
+"""
+Edge of the plan cells that points are ordered by [m].
+Source: numerical: time and the order of sums depend on it.
+"""
+MARGIN = 2.0
+"""
+Distance from the origin of the voxels to the lowest point [m].
+Source: numerical: any that leaves a voxel free.
+"""
 
 
 def is_surface(points: Float64) -> Bool:
@@ -38,9 +51,9 @@ def is_surface(points: Float64) -> Bool:
     if not len(points):
         return np.zeros(0, dtype=bool)
     everything = np.arange(len(points))
-    order = build_plan_index(points, everything, 4 * SIZE).order
+    order = build_plan_index(points, everything, CELL).order
     own = take_rows(points, order)  # neighbours in space are neighbours in memory
-    voxels = build_voxels(own, everything, find_lowest(own, everything) - 2.0, SIZE)
+    voxels = build_voxels(own, everything, find_lowest(own, everything) - MARGIN, SIZE)
     likeness = measure_likeness(voxels)
     flat = likeness.count >= MIN_POINTS
     flat &= (likeness.planar >= PLANAR) & (likeness.spherical <= SPHERICAL)

@@ -10,13 +10,22 @@ from plc_inspect.core.numerics.disjoint_sets import find_root
 from plc_inspect.results import Float64, Int64
 
 CELL = 0.5
-"""Edge of the plan cells whose highest points make the canopy [m]."""
+"""
+Edge of the plan cells whose highest points make the canopy [m].
+Source: judgement; not measured.
+"""
 REACH = 2
-"""Cells this far apart touch, so that thin sampling does not tear crowns apart."""
+"""
+Cells up to this far apart touch, so that sparse points do not split a crown.
+Source: judgement; not measured.
+"""
 LEAST_DEPTH = 1.0
-"""Shallower dips do not part two trees [m]."""
+"""Depth of a dip that divides two trees, at least [m].  Source: judgement; not measured."""
 DEPTH_RATIO = 0.15
-"""Nor do dips that are shallower than this share of the lower tree's height."""
+"""
+Depth of a dip that divides two trees, at least, as a share of the lower tree's height.
+Source: judgement; not measured.
+"""
 
 
 def segment_trees(points: Float64, height: Float64) -> Int64:
