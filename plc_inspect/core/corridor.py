@@ -18,16 +18,19 @@ from plc_inspect.core.spans.span_model import SpanModel, tabulate
 from plc_inspect.results import Bool, Float32, Float64, Int32, Int64
 
 MIN_RADIUS = 0.6
-"""Least search radius, the initial value of Table 1 [m]."""
+"""Least search radius [m].  Source: paper, Table 1, the initial value of r."""
 MAX_PROBES = 100_000
-"""Points that are enough to choose the radii by."""
+"""Points by which radii are chosen, at most about.  Source: numerical: bounds the time."""
 LEAST_OVERHEAD = 3
 """
-With this many points higher than a span's lowest, and LEAST_FALL above ground, the first case of
-Eq. 9 is used.
+Points above a span's lowest place, and LEAST_FALL above ground, that call for Eq. 9's first case.
+Source: judgement; not measured.
 """
 LEAST_FALL = 2.0
-"""What is lower does not fall onto a conductor [m]."""
+"""
+Height above ground up to which nothing falls onto a conductor [m].
+Source: judgement; not measured.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

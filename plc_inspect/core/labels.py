@@ -13,7 +13,7 @@ from plc_inspect.core.corridor import CorridorResult
 from plc_inspect.core.hazards.encroachments import Nearby
 from plc_inspect.core.line_finder import FoundLines
 from plc_inspect.core.numerics.arrays import find_true, take_found
-from plc_inspect.core.numerics.voxels import hash_key, pack
+from plc_inspect.core.numerics.voxels import hash_key, LEAST_TABLE, pack
 from plc_inspect.core.spans.span_model import SpanModel
 from plc_inspect.core.spans.spans import SpanResult
 from plc_inspect.results import (
@@ -39,9 +39,9 @@ CLASS_WIRE = np.uint8(PointClass.WIRE)
 CLASS_TOWER = np.uint8(PointClass.TOWER)
 CLASS_VEGETATION = np.uint8(PointClass.VEGETATION)
 GROUND_BAND = 0.5
-"""Points this near to the ground surface are ground [m]."""
+"""Height up to which points are ground [m].  Source: judgement; not measured."""
 FAR_BELOW = -2.0
-"""Points farther below it are not [m]."""
+"""Height down to which points are ground [m].  Source: judgement; not measured."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -188,7 +188,7 @@ def _index_states(position, state):  # type: ignore[no-untyped-def]
         for axis in range(3):
             origin[axis] = min(origin[axis], position[k, axis])
     origin = np.floor(origin) - 1.0
-    size = 16
+    size = LEAST_TABLE
     while size < len(position) + 2:
         size *= 2
     keys = np.full(2 * size, -1, dtype=np.int64)
