@@ -7,8 +7,19 @@ import math
 
 import numpy as np
 
-from plc_inspect.core.loads.sag_tension import height_at, solve_vertex, State
+from plc_inspect.core.loads.sag_tension import height_at, LEAST_LENGTH, solve_vertex, State
 from plc_inspect.results import Float64, Span
+
+NUM_STEPS = 4
+"""
+Steps of Newton's method to the nearest place on a curve.
+Source: numerical: each squares the error.
+"""
+LEAST_BEND = -0.5
+"""
+Least curvature term of such a step, so that it does not run away above a curve.
+Source: numerical: keeps the second derivative above 1/2.
+"""
 
 
 class SwungSpan:
@@ -33,7 +44,9 @@ class SwungSpan:
 
         """
         chord = span.end - span.start
-        across = np.array([-chord[1], chord[0], 0.0]) / max(float(np.hypot(*chord[:2])), 1e-9)
+        across = np.array([-chord[1], chord[0], 0.0]) / max(
+            float(np.hypot(*chord[:2])), LEAST_LENGTH
+        )
         swing = side * state.swing
         self.up = np.array([0.0, 0.0, math.cos(swing)]) - across * math.sin(swing)
         self.along = (chord - (chord @ self.up) * self.up) / state.length
@@ -46,11 +59,12 @@ class SwungSpan:
         x0, y, z = moved @ self.along, moved @ self.out, moved @ self.up
         b = solve_vertex(state.length, state.rise, state.c)
         x = np.clip(x0, 0.0, state.length)
-        for _ in range(4):
+        for _ in range(NUM_STEPS):
             gap = height_at(x, state.length, state.rise, state.c) - z
             slope = np.sinh((x - b) / state.c)
             first = (x - x0) + gap * slope
-            second = 1.0 + slope**2 + np.maximum(gap * np.cosh((x - b) / state.c) / state.c, -0.5)
+            bend = np.maximum(gap * np.cosh((x - b) / state.c) / state.c, LEAST_BEND)
+            second = 1.0 + slope**2 + bend
             x = np.clip(x - first / second, 0.0, state.length)
         gap = height_at(x, state.length, state.rise, state.c) - z
         return np.sqrt((x - x0) ** 2 + y**2 + gap**2), x

@@ -9,7 +9,7 @@ import math
 import numpy as np
 from scipy.optimize import brentq
 
-from plc_inspect.core.loads.load_cases import change_span, group_sections
+from plc_inspect.core.loads.load_cases import change_span, group_sections, SLACK
 from plc_inspect.core.loads.sag_tension import Case, Conductor, height_at
 from plc_inspect.errors import DataError
 from plc_inspect.results import (
@@ -21,9 +21,20 @@ from plc_inspect.results import (
 )
 
 HOTTEST = 120.0
-"""Conductors are not taken to be hotter [degrees Celsius]."""
+"""
+Greatest temperature of a conductor that is tried [degrees Celsius].
+Source: judgement; not measured.
+"""
 ASIDE = 0.25
-"""A point is under a conductor within this of its vertical plane [m]."""
+"""
+A point within this distance of a conductor's vertical plane is below it [m].
+Source: judgement; not measured.
+"""
+TOLERANCE = 0.01
+"""
+Tolerance of the temperature of contact [K].
+Source: numerical: far below the error of the surveyed temperature.
+"""
 
 
 def find_contacts(
@@ -66,7 +77,7 @@ def find_contacts(
     contacts: dict[int, float] = {}
     for item in hazards:
         low, high = item.extent
-        own = objects[((objects >= low - 1e-6) & (objects <= high + 1e-6)).all(axis=1)]
+        own = objects[((objects >= low - SLACK) & (objects <= high + SLACK)).all(axis=1)]
         found = [
             _heat(own, span, sections[span.line_id, span.span_id], conductor, temperature)
             for span in result.spans if span.span_id == item.span_id
@@ -100,6 +111,8 @@ def _heat(
     try:
         if not len(x) or float(sink(HOTTEST).min()) > 0.0:
             return math.inf
-        return float(brentq(lambda degrees: sink(degrees).min(), temperature, HOTTEST, xtol=0.01))
-    except DataError:  # it hangs too deep for a catenary before it is that hot
+        return float(brentq(
+            lambda degrees: sink(degrees).min(), temperature, HOTTEST, xtol=TOLERANCE
+        ))
+    except DataError:  # it hangs too deep to be solved for before it is that hot
         return math.inf

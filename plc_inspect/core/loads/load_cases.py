@@ -11,13 +11,15 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from plc_inspect.core.hazards.clearance_rules import Limit, RuleSet
-from plc_inspect.core.hazards.encroachments import ROOM, THIN_ROOM
+from plc_inspect.core.hazards.conductor_hazards import SURE
+from plc_inspect.core.hazards.encroachments import MOST_OF, ROOM, THIN_ROOM
 from plc_inspect.core.hazards.surfaces import is_surface
 from plc_inspect.core.loads.blowout import SwungSpan
 from plc_inspect.core.loads.sag_tension import (
     Case,
     change_state,
     Conductor,
+    LEAST_LENGTH,
     measure_sag,
     ruling_span,
     State,
@@ -39,19 +41,33 @@ from plc_inspect.results import (
 
 SURVEYED = 'as surveyed'
 JOINT = 5.0
-"""Spans of one line whose ends are this near hang on one support [m]."""
+"""Distance of span ends that hang on one support [m].  Source: judgement; not measured."""
 MAX_TURN_DEG = 3.0
+"""Turn of a line up to which spans share tension [degrees].  Source: judgement; not measured."""
 SAME_TENSION = 0.05
-"""Spans that pull straight at each other with constants this alike share their tension."""
+"""Relative difference of c up to which spans share tension.  Source: judgement; not measured."""
+MOST_APART = 0.15
+"""The same where the constants are unsure, at most.  Source: judgement; not measured."""
 OFF_GROUND = 0.5
-"""Lower points are ground [m]."""
+"""Points up to this height are ground [m].  Source: judgement; not measured."""
 GROUND_REACH = 3.0
-"""The ground under a place is known from points this near to it in plan [m]."""
+"""Distance in plan to points that give the ground [m].  Source: judgement; not measured."""
 CELL = 4.0
+"""
+Edge of the plan cells that points are looked up by [m].
+Source: numerical: the search is exact; time alone depends on it.
+"""
 BLOCK = 3.0
-"""Edge of the blocks that are structure or vegetation as a whole [m]."""
+"""Edge of blocks that are structure or vegetation [m].  Source: judgement; not measured."""
 MOST_GROUND = 200_000
-"""Ground under a span is known from at most about this many points."""
+"""Points that give the ground below a span, at most about.  Source: numerical: bounds the time."""
+MARGIN = 2.0
+"""Clearances are reported this far beyond the rules [m].  Source: judgement; not measured."""
+SLACK = 1e-6
+"""
+Margin of the box of a hazard's points [m].
+Source: numerical: rounding of coordinates in files.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -178,7 +194,7 @@ def evaluate_cases(
                             case)
                 for case in cases
             ]
-            reach = rules.reach('vegetation', 'building') + 2.0
+            reach = rules.reach('vegetation', 'building') + MARGIN
             reach += max(item.sag * math.sin(item.swing) for item in states)
             near = _gather(objects, span, reach)
             near = near[~_is_held(points[near], span, result)]
@@ -242,11 +258,12 @@ def _pull_alike(first: Span, second: Span) -> bool:
     if first.line_id != second.line_id or first.open_end or second.open_start:
         return False
     turn = math.remainder(second.azimuth - first.azimuth, 2 * math.pi)
-    sigma = 3 * math.hypot(first.sigma.get('c', 0.0), second.sigma.get('c', 0.0))
+    sigma = SURE * math.hypot(first.sigma.get('c', 0.0), second.sigma.get('c', 0.0))
+    unsure = min(sigma, MOST_APART * first.c)
     return (
         math.dist(first.end, second.start) <= JOINT
         and abs(turn) <= math.radians(MAX_TURN_DEG)
-        and abs(first.c - second.c) <= max(SAME_TENSION * first.c, min(sigma, 0.15 * first.c))
+        and abs(first.c - second.c) <= max(SAME_TENSION * first.c, unsure)
     )
 
 
@@ -286,7 +303,7 @@ def _gather(index: PlanIndex, span: Span, reach: float) -> Int64:
 def _is_held(points: Float64, span: Span, result: InspectionResult) -> Bool:
     """Tell the points that arms and insulators of a support explain."""
     held = np.zeros(len(points), dtype=bool)
-    unit = (span.end - span.start)[:2] / max(span.length, 1e-9)
+    unit = (span.end - span.start)[:2] / max(span.length, LEAST_LENGTH)
     along = (points[:, :2] - span.start[:2]) @ unit
     for end, distance in ((span.start, along), (span.end, span.length - along)):
         held |= distance <= ROOM.get(find_kind(span, end, result.supports), THIN_ROOM)
@@ -302,7 +319,7 @@ def _smooth(points: Float64, surface: Bool) -> Bool:
     )
     block = block.ravel()
     share = np.bincount(block, weights=surface) / np.bincount(block)
-    result: Bool = share[block] > 0.5
+    result: Bool = share[block] > MOST_OF
     return result
 
 
@@ -390,5 +407,5 @@ def _judge(limits: Sequence[Limit], clearance: float) -> Severity | None:
 def _of_hazard(hazard: Hazard, points: Float64, distance: Float64) -> float:
     """Least distance of the points of a hazard."""
     low, high = hazard.extent
-    inside = ((points >= low - 1e-6) & (points <= high + 1e-6)).all(axis=1)
+    inside = ((points >= low - SLACK) & (points <= high + SLACK)).all(axis=1)
     return float(distance[inside].min(initial=math.inf))

@@ -19,13 +19,57 @@ from plc_inspect.errors import DataError
 from plc_inspect.results import Float64
 
 AIR_DENSITY = 1.225
-"""Of dry air at 15 degrees Celsius and sea level [kg/m3]."""
+"""
+Density of dry air at 15 degrees Celsius and sea level [kg/m3].
+Source: International Standard Atmosphere; docs/physics.md.
+"""
 DRAG = 1.0
-"""Drag coefficient of a stranded conductor."""
+"""Drag coefficient of a stranded conductor.  Source: docs/physics.md."""
 ICE_WEIGHT = 6000.0
-"""Weight of ice in a volume, as taken for overhead lines [N/m3]."""
+"""Weight of ice per volume, as used for overhead lines [N/m3].  Source: docs/physics.md."""
 REFERENCE_TEMPERATURE = 15.0
-"""At which a conductor has the length that its strain is measured from."""
+"""
+Temperature at which a conductor has the length that strain refers to [degrees Celsius].
+Source: derived: any does, as it cancels (docs/physics.md).
+"""
+COLDEST = -100.0
+"""Temperature of a conductor at least [degrees Celsius].  Source: judgement; not measured."""
+HOTTEST_CASE = 400.0
+"""Temperature of a conductor at most [degrees Celsius].  Source: judgement; not measured."""
+MOST_ICE = 0.5
+"""Thickness of a coat of ice at most [m].  Source: judgement; not measured."""
+MOST_WIND = 100.0
+"""Speed of the wind at most [m/s].  Source: judgement; not measured."""
+TENSION_TOLERANCE = 1e-9, 1e-14
+"""
+Absolute and relative tolerance of the parabola's tension [N].
+Source: numerical: some rounding.
+"""
+CONSTANT_TOLERANCE = 1e-12, 1e-13
+"""
+Absolute and relative tolerance of the logarithm of the catenary constant.
+Source: numerical: some rounding.
+"""
+LEAST_TENSION = 1e-3
+"""
+Horizontal tension from which the parabola's is searched [N].
+Source: numerical: far below that of any conductor.
+"""
+DEEPEST = 4.0
+"""
+Length of a span by the least catenary constant that is solved for.
+Source: judgement; not measured.
+"""
+FLATTEST = 1e3
+"""
+Greatest catenary constant that is solved for, by the one surveyed or the length of the span.
+Source: numerical: the end of a bracket.
+"""
+LEAST_LENGTH = 1e-9
+"""
+Length of a span in plan at least, where it is divided by [m].
+Source: numerical: avoids a division by 0.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,9 +110,9 @@ class Case:
     def __post_init__(self) -> None:
         """Raise DataError for values that no line meets."""
         for name, low, high, unit in (
-            ('temperature', -100.0, 400.0, 'C'),
-            ('ice', 0.0, 0.5, 'm'),
-            ('wind', 0.0, 100.0, 'm/s'),
+            ('temperature', COLDEST, HOTTEST_CASE, 'C'),
+            ('ice', 0.0, MOST_ICE, 'm'),
+            ('wind', 0.0, MOST_WIND, 'm/s'),
         ):
             value = getattr(self, name)
             if not low <= value <= high:
@@ -183,7 +227,10 @@ def change_parabola(
     known -= conductor.expansion * stiffness * (new_temperature - temperature)
     load = (new_weight * span) ** 2 * stiffness / 24
     high = max(abs(known), 1.0) + load ** (1 / 3) + 1.0
-    return float(brentq(lambda h: h**3 - known * h**2 - load, 1e-3, high, xtol=1e-9, rtol=1e-14))
+    absolute, relative = TENSION_TOLERANCE
+    return float(brentq(
+        lambda h: h**3 - known * h**2 - load, LEAST_TENSION, high, xtol=absolute, rtol=relative
+    ))
 
 
 def change_state(
@@ -240,11 +287,12 @@ def change_state(
         tension = measure_tension(swung, lifted, value, load)
         return measure_length(swung, lifted, value) - free * strain(case.temperature, tension)
 
-    low, high = math.log(swung / 4), math.log(max(c, swung) * 1e3)
+    low, high = math.log(swung / DEEPEST), math.log(max(c, swung) * FLATTEST)
     if excess(low) < 0 or excess(high) > 0:
         raise DataError(
             f'case {case.name}: a span of {length:.1f} m with c = {c:.0f} m has no state with'
             f' conductor {conductor.name}'
         )
-    new = math.exp(float(brentq(excess, low, high, xtol=1e-12, rtol=1e-13)))
+    absolute, relative = CONSTANT_TOLERANCE
+    new = math.exp(float(brentq(excess, low, high, xtol=absolute, rtol=relative)))
     return State(c=new, tension=new * load, load=load, swing=swing, length=swung, rise=lifted)
