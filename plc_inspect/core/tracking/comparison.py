@@ -9,25 +9,55 @@ import math
 
 import numpy as np
 
+from plc_inspect.core.hazards.conductor_hazards import SURE
 from plc_inspect.core.numerics.assignment import assign
 from plc_inspect.errors import DataError
 from plc_inspect.results import Float64, Hazard, Span
 
 MIN_COMMON = 0.5
-"""Spans of two surveys are the same if they share this much of the shorter one."""
+"""
+Share of the shorter span that the same span has in common in two surveys, at least.
+Source: judgement; not measured.
+"""
 MAX_LATERAL = 1.0
-"""And lie within this of each other in plan [m]."""
+"""
+Distance in plan between the same span in two surveys at most, on average [m].
+Source: judgement; not measured.
+"""
 MAX_VERTICAL = 5.0
-"""And within this vertically, on average [m]."""
+"""
+Vertical distance between the same span in two surveys at most, on average [m].
+Source: judgement; not measured.
+"""
 JOINT = 5.0
-"""Ends this near to each other in plan hang on one support [m]."""
+"""
+Ends this close to each other in plan hang on one support [m].
+Source: judgement; not measured.
+"""
 MAX_END = 0.3
-"""Ends that hang on a support in both surveys are within this vertically [m]."""
+"""
+Vertical distance at most of the ends of one span that hang on a support in both surveys [m].
+Source: judgement; not measured.
+"""
 SAME_PLACE = 3.0
-"""Hazards of one kind within this of each other are the same [m]."""
+"""
+Distance between the boxes of the same hazard in two surveys at most [m].
+Source: judgement; not measured.
+"""
 NUM_STATIONS = 41
+"""Places at which two spans are compared.  Source: judgement; not measured."""
 LEAST_CHANGE = 0.15
-"""Changes of sag below this are never called abnormal [m]."""
+"""Change of sag that is tolerated in any case [m].  Source: judgement; not measured."""
+SIGNIFICANT = 2.0
+"""
+Standard deviations beyond which a difference is significant.
+Source: derived: 5 % of normal errors lie beyond.
+"""
+TIE_BREAK = 1e-3
+"""
+Weight of the distance between the places of hazards, by that between their boxes.
+Source: numerical: decides between boxes that overlap.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,8 +76,8 @@ class Change:
 
     @property
     def is_significant(self) -> bool:
-        """Whether the difference is beyond two sigma."""
-        return abs(self.difference) > 2 * self.sigma
+        """Whether the difference exceeds SIGNIFICANT standard deviations."""
+        return abs(self.difference) > SIGNIFICANT * self.sigma
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -217,7 +247,7 @@ def _compare(before: Span, after: Span, sag_deviation: float) -> SpanChange:
         ground=Change(
             before=before.ground_clearance, after=after.ground_clearance, sigma=sigma,
         ),
-        is_abnormal=abs(sag.difference) > tolerated + 3 * sigma,
+        is_abnormal=abs(sag.difference) > tolerated + SURE * sigma,
     )
 
 
@@ -234,7 +264,7 @@ def _match_hazards(
             gap = np.maximum(below, second.extent[0] - first.extent[1])
             apart = float(np.linalg.norm(np.maximum(gap, 0.0)))
             if apart <= SAME_PLACE:
-                cost[i, j] = apart + 1e-3 * math.dist(first.position, second.position)
+                cost[i, j] = apart + TIE_BREAK * math.dist(first.position, second.position)
     pairs = assign(cost, float(cost[np.isfinite(cost)].max(initial=0.0)))
     firsts, seconds = {i for i, _ in pairs}, {j for _, j in pairs}
     return (

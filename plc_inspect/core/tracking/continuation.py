@@ -13,17 +13,35 @@ from plc_inspect.core.numerics.assignment import assign
 from plc_inspect.results import Float64, Span
 
 MEETING = 5.0
-"""Ends of one line this near meet at a support [m]."""
+"""Ends of one line this close meet at a support [m].  Source: judgement; not measured."""
 MAX_GAP = 8.0
-"""A piece that begins this near to the end of a line continues it [m]."""
+"""
+Distance along a line at most from its end to a piece that continues it [m].
+Source: judgement; not measured.
+"""
 MAX_ACROSS = 1.0
+"""Shift of such a piece across the line at most [m].  Source: judgement; not measured."""
 MAX_VERTICAL = 1.5
-"""It may be shifted by this at the support [m]."""
+"""Shift of such a piece in height at most [m].  Source: judgement; not measured."""
 MAX_TURN = math.radians(60.0)
+"""Turn of a line at a support at most [rad].  Source: judgement; not measured."""
 REACH = 80.0
-"""A piece this far ahead of the end of a line may turn out to be part of it [m]."""
+"""
+A piece this far ahead of the end of a line may prove to be part of it [m].
+Source: judgement; not measured.
+"""
 REACH_ACROSS = 3.0
-"""It is shifted by less than this, extrapolated [m]."""
+"""
+Shift of such a piece across the extrapolated line at most [m].
+Source: judgement; not measured.
+"""
+ALONG_WEIGHT = 0.1
+"""Cost of a gap along the line, by that of a shift.  Source: judgement; not measured."""
+LEAST_LENGTH = 1e-6
+"""
+Two directions whose sum is shorter are opposite.
+Source: numerical: rounding of unit vectors.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -96,7 +114,7 @@ def continue_lines(
             if float(-piece.outward @ end.outward) < math.cos(MAX_TURN):
                 continue
             if abs(along) <= MAX_GAP and across <= MAX_ACROSS and vertical <= MAX_VERTICAL:
-                cost[i, j] = across + vertical + 0.1 * abs(along)
+                cost[i, j] = across + vertical + ALONG_WEIGHT * abs(along)
             elif 0 < along <= REACH and across <= REACH_ACROSS:
                 ahead.add(piece.line_id)
     found: dict[int, int] = {}
@@ -109,7 +127,7 @@ def _compare(end: LineEnd, piece: LineEnd) -> tuple[float, float, float]:
     """Offset of a piece's end from a line's, along and across the mean direction, and in z."""
     mean = end.outward - piece.outward
     length = float(np.linalg.norm(mean))
-    mean = mean / length if length > 1e-6 else end.outward
+    mean = mean / length if length > LEAST_LENGTH else end.outward
     apart = piece.position - end.position
     along = float(apart[:2] @ mean)
     across = abs(float(apart[1] * mean[0] - apart[0] * mean[1]))

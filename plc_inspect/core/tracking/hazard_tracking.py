@@ -13,20 +13,32 @@ from plc_inspect.core.spans.span_model import find_kind
 from plc_inspect.results import Bool, Float64, Hazard, HazardKind, Span, SpanKey, Support
 
 HAZARD_DISTANCE = 2.0
-"""A hazard whose box is this near to that of a known one of its kind is that one [m]."""
+"""
+Distance between the boxes of the same hazard in two ticks at most [m].
+Source: judgement; not measured.
+"""
 SUPPORT_DISTANCE = 4.0
-"""A support this near to a known one is that one [m]."""
+"""
+Distance in plan between the same support in two ticks at most [m].
+Source: judgement; not measured.
+"""
 CONFIRMATIONS = 2
-"""Ticks that must find a hazard before it is raised."""
+"""Ticks that must find a hazard before it is raised.  Source: judgement; not measured."""
 END_CONFIRMATIONS = 4
-"""The same near a support, of which more may come to be seen."""
+"""The same near a support, which may not be wholly seen yet.  Source: judgement; not measured."""
 END = 4.0
-"""What is this near to an unseen end of a span may be conductor or support [m]."""
+"""
+Distance along the span from an end whose support is unseen, within which hazards wait [m].
+Source: judgement; not measured.
+"""
 MAX_MISSES = 3
-"""Ticks in a row that must miss a hazard, or find it less severe, before it is changed."""
+"""
+Ticks in a row that must miss a hazard, or find it less severe, before it changes.
+Source: judgement; not measured.
+"""
 
 Holds = Callable[[Float64], Bool]
-"""Tells which of (N, 2+) points lie where the tick has seen everything."""
+"""Tells which of (N, 2+) points lie where the tick saw everything."""
 
 _ONE_PER_SPAN = (HazardKind.GROUND, HazardKind.INTERFERENCE, HazardKind.SAG)
 _OF_SPAN = (HazardKind.INTERFERENCE, HazardKind.SAG)

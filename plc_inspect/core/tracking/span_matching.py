@@ -13,13 +13,24 @@ from plc_inspect.core.numerics.disjoint_sets import unite
 from plc_inspect.results import Bool, Float64, Span
 
 TOLERANCE = 0.5
-"""The same conductor, fitted twice, differs by less than this [m]."""
+"""
+Median distance between two fits of the same conductor at most [m].
+Source: judgement; not measured.
+"""
 MAX_ANGLE = math.radians(8.0)
+"""
+Angle in plan between two fits of the same conductor at most [rad].
+Source: judgement; not measured.
+"""
 MIN_COMMON = 4.0
-"""Shortest common length that is judged [m]."""
+"""Shortest common length that is judged [m].  Source: judgement; not measured."""
 SHARED = 0.3
-"""Two spans that lie on the same part of a third share at least this much of the shorter."""
+"""
+Share of the shorter of two spans that both have in common on a third, to be on one part of it.
+Source: judgement; not measured.
+"""
 NUM_SAMPLES = 9
+"""Places at which two spans are compared.  Source: judgement; not measured."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -21,17 +21,23 @@ from plc_inspect.core.tracking.wire_points import thin_points, WirePoints
 from plc_inspect.results import Float32, Float64, InspectionResult, Span, SpanKey
 
 CONFIRMATIONS = 2
-"""Ticks that must find a span before its numbers are fixed and it is told of."""
+"""Ticks that find a span before it is numbered and published.  Source: judgement; not measured."""
 MAX_MISSES = 3
-"""Ticks that may miss a span, or find less of it, before the registry believes them."""
+"""
+Ticks in a row that must miss a span, or find less of it, before the registry accepts it.
+Source: judgement; not measured.
+"""
 NOT_LESS = 0.9
-"""A span is updated at once by one that covers this share of it."""
+"""Share of a span that another covers to replace it at once.  Source: judgement; not measured."""
 FINISHED_SPACING = 0.5
-"""Wire points of finished spans are thinned out to this distance [m]."""
+"""Spacing of the wire points of finished spans [m].  Source: judgement; not measured."""
 SAME = 0.6
-"""Spans that share this much of both are the same, whatever becomes of those beside them."""
+"""Common share of both from which two spans are the same.  Source: judgement; not measured."""
 MAX_WAIT = 6
-"""Ticks that a new line waits to be joined to a known one that ends before it."""
+"""
+Ticks that a new line waits to be joined to a known one ahead of whose end it lies.
+Source: judgement; not measured.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
