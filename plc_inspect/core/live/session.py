@@ -38,9 +38,20 @@ from plc_inspect.results import (
 )
 
 CORRIDOR_REACH = 150.0
-"""Corridor points this near to the vehicle are kept for the messages [m]."""
+"""
+Distance from the vehicle within which corridor points are kept for messages [m].
+Source: judgement; not measured.
+"""
 FINISHED_DISTANCE = 150.0
-"""A span farther from the vehicle than this, with nothing new in it, is finished [m]."""
+"""
+Distance from the vehicle beyond which a span with nothing new in it is finished [m].
+Source: judgement; not measured.
+"""
+FINISHED_SPACING = 20.0
+"""
+Spacing of the samples that give a span's distance, at most [m].
+Source: judgement; not measured.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -234,7 +245,7 @@ class Session:
         for item in self._registry.spans:
             if item.finished or item.key in window.spans:
                 continue
-            apart = sample_span(item.span, 20.0) - vehicle[:2]
+            apart = sample_span(item.span, FINISHED_SPACING) - vehicle[:2]
             if float(np.hypot(apart[:, 0], apart[:, 1]).min()) > FINISHED_DISTANCE:
                 behind.append(item.key)
         self._registry.finish(behind)

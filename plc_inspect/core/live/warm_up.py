@@ -87,7 +87,7 @@ def warm_up_pipeline(settings: Settings, *, rare: bool = False) -> int:
     """
     points = make_sample()
     if rare:
-        assign(np.zeros((2, 2)), 1.0)  # two that want the same
+        assign(np.zeros((2, 2)), 1.0)  # two rows with the same cheapest column
         points = np.concatenate((points, make_rarities()))
     _, result = Session().conclude(points, settings, 0, complete=True)
     return len(result.spans)

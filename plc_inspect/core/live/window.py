@@ -25,43 +25,79 @@ from plc_inspect.core.mapping.voxel_map import VoxelMap
 from plc_inspect.results import Bool, Decision, Float64, Int32, Int64, Span, SpanKey, UInt8
 
 NEAR = 50.0
-"""Cells this near to the vehicle are looked at while they grow, others when they are quiet [m]."""
+"""
+Distance from the vehicle within which growing cells are fresh; others when quiet [m].
+Source: judgement; not measured.
+"""
 GROWTH = 0.1
-"""Share of new voxels that makes a cell near the vehicle fresh."""
+"""
+Share of new voxels that makes a cell near the vehicle fresh.
+Source: judgement; not measured.
+"""
 QUIET = 30
-"""A cell without a new voxel for so many scans is looked at once more."""
+"""Scans without a new voxel after which a cell is quiet.  Source: judgement; not measured."""
 STUB = 60.0
-"""Of a neighbouring span, the part this near to the joint is taken [m]."""
+"""
+Length that is taken of a neighbouring span, from the joint [m].
+Source: judgement; not measured.
+"""
 SIDE = 8.0
-"""Points this far to the side of a span are taken with it [m]."""
+"""Distance beside a span within which points are taken [m].  Source: judgement; not measured."""
 SPACING = 5.0
-"""Spans are sampled this densely to find their cells [m]."""
+"""
+Spacing of the samples that find a span's cells, at most: half a cell [m].
+Source: judgement; not measured.
+"""
 JOINT = 5.0
-"""Spans of one line whose ends are this near are neighbours [m]."""
+"""Distance of span ends that hang on one support [m].  Source: judgement; not measured."""
 MOST_CONDUCTORS = 100
-"""Conductors of a cell that are counted; labels hold numbers up to 255."""
+"""Conductors counted in a cell.  Source: numerical: multiples of samples are uint8."""
 CHUNK = 20_000
-"""Voxels copied in one step."""
+"""Voxels copied in one step.  Source: numerical: bounds the time of a step."""
+NUM_TURNS = 8
+"""Directions from a sample in which SIDE is looked to.  Source: judgement; not measured."""
+WHOLE_SAMPLES = 4
+"""
+Samples of ground and foliage far from wires in a fresh cell, by SAMPLE of `cell_lists`.
+Source: judgement; not measured.
+"""
+GROUND_SAMPLES = 2
+"""Samples of ground in any other cell.  Source: judgement; not measured."""
+SUPPORT_SAMPLES = 4
+"""Samples of supports in any other cell.  Source: judgement; not measured."""
+WIRE_SAMPLES = 1
+"""
+Samples of wire in any other cell, for each conductor in it.
+Source: judgement; not measured.
+"""
+UNSURE_SAMPLES = 10
+"""Samples of unseen voxels and of outliers in any other cell.  Source: judgement; not measured."""
 
 _RING = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)], dtype=np.int64)
-_TURN = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
+_TURN = np.linspace(0.0, 2.0 * np.pi, NUM_TURNS, endpoint=False)
 _AROUND = SIDE * np.vstack(([[0.0, 0.0]], np.column_stack((np.cos(_TURN), np.sin(_TURN)))))
 
 CLOSE = 100
-"""Label of a voxel that is no wire but close to one; other labels are Decision, 0 is unseen."""
+"""
+Label of a voxel close to a conductor but not of it; other labels are Decision, 0 is unseen.
+Source: numerical: above every Decision.
+"""
 CLOSE_DISTANCE = 8.0
-"""What is this near to a conductor may be a hazard and is never thinned out [m]."""
+"""
+Distance from a conductor within which points, possible hazards, are never sampled [m].
+Source: judgement; not measured.
+"""
 
 WHOLE: UInt8 = np.ones(256, dtype=np.uint8)
-"""Labels taken from fresh cells: everything, of ground and foliage far from wires a sample."""
-WHOLE[[Decision.GROUND, Decision.TOO_LOW, Decision.NOT_LINEAR]] = 1 + 4
+"""Labels taken from fresh cells: all, but samples of ground and foliage far from wires."""
+WHOLE[[Decision.GROUND, Decision.TOO_LOW, Decision.NOT_LINEAR]] = 1 + WHOLE_SAMPLES
 
 THIN: UInt8 = np.zeros(256, dtype=np.uint8)
-"""Labels taken from the other cells: what is new or was ever linear, and a little ground."""
-THIN[Decision.GROUND] = 1 + 2
-THIN[Decision.SUPPORT] = 1 + 4
-THIN[Decision.WIRE] = 1 + 1  # for each conductor that is known to run through the cell
-THIN[[0, Decision.OUTLIER]] = 1 + 10
+"""Labels taken from other cells: what is new or was ever linear, and a little ground."""
+THIN[Decision.GROUND] = 1 + GROUND_SAMPLES
+THIN[Decision.SUPPORT] = 1 + SUPPORT_SAMPLES
+THIN[Decision.WIRE] = 1 + WIRE_SAMPLES
+THIN[[0, Decision.OUTLIER]] = 1 + UNSURE_SAMPLES
 THIN[[Decision.NO_SECTION, Decision.NO_CLUSTER, Decision.NO_CATENARY]] = 1
 
 
