@@ -14,12 +14,22 @@ from plc_inspect.core.catenary.conductors import find_curves
 from plc_inspect.core.catenary.curve import Curve
 from plc_inspect.core.catenary.growing import measure_company, profile_curve
 from plc_inspect.core.catenary.validation import Evidence, list_evidence
-from plc_inspect.core.explain.checks import chain, Check, Finding, Proposal, propose
+from plc_inspect.core.explain.checks import chain, Check, Finding, Proposal, propose, SLACK
 from plc_inspect.core.trace import Trace
 from plc_inspect.results import Decision, Float64
 
 NEAR = 2.0
-"""Curves are told of within this distance of a point [m]."""
+"""
+Distance from a point within which curves are described [m].
+Source: judgement; not measured.
+"""
+MOST_CURVES = 2
+"""Curves near a point that are described.  Source: judgement; not measured."""
+REACH = 2.0
+"""
+Distance from a point, in tolerances of a curve, within which the curve may become its conductor.
+Source: judgement; not measured.
+"""
 COMPANY = 'other things all along it'
 FIGURES = {
     'min_length': ('length', 'm'),
@@ -31,7 +41,7 @@ FIGURES = {
     'max_crowding': ('share with points close about it', ''),
     'max_company': ('share with other things within 0.8 m', ''),
 }
-"""Name and unit of what each limit of `CatenarySettings` is for."""
+"""Name and unit of the figure that each limit of `CatenarySettings` applies to."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -106,7 +116,7 @@ class Curves:
             return Finding(stage='catenary', outcome='not asked', notes=(note,))
         checks: list[Check] = []
         notes = []
-        for number, (distance, view) in enumerate(near[:2]):
+        for number, (distance, view) in enumerate(near[:MOST_CURVES]):
             name = f'curve {number + 1}'
             checks.append(Check(
                 name=f'{name}: distance', value=distance, limit=view.curve.tolerance,
@@ -126,7 +136,7 @@ class Curves:
                 yield from propose(
                     self.settings, 'catenary.tolerance', distance, False, 'distance', distance
                 )
-            elif distance <= 2 * view.curve.tolerance:
+            elif distance <= REACH * view.curve.tolerance:
                 yield from self.admit(view)
 
     def doubt(self, position: Float64) -> Iterator[Proposal]:
@@ -150,7 +160,7 @@ class Curves:
         value = item.value / item.scale
         needed = value
         if item.scale != 1.0:  # the limit is multiplied: leave room for the last bits
-            needed *= 1 - 1e-9 if item.is_least != away else 1 + 1e-9
+            needed *= 1 - SLACK if item.is_least != away else 1 + SLACK
         yield from propose(
             self.settings, f'catenary.{item.setting}', needed, item.is_least,
             FIGURES[item.setting][0], value, away=away,

@@ -10,7 +10,13 @@ import math
 from plc_inspect.config import describe, Settings, update
 
 DIGITS = 3
-"""Significant digits of a proposed value; rounded to the side that still does it."""
+"""Significant digits of a proposed value.  Source: judgement; not measured."""
+DECIMALS = 12
+"""Decimals of a proposed value.  Source: numerical: removes the rounding of a step."""
+LEAST_VALUE = 1e-3
+"""Smaller values of settings cost no more to move.  Source: numerical: bounds a logarithm."""
+SLACK = 1e-9
+"""Share by which a proposed value passes the figure.  Source: numerical: some rounding."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,9 +67,8 @@ class Proposal:
 
     @property
     def cost(self) -> float:
-        """How far settings are moved, as a ratio."""
-        least = 1e-3
-        own = abs(math.log(max(self.after, least) / max(self.before, least)))
+        """How far settings are moved: the sum of logarithms of ratios."""
+        own = abs(math.log(max(self.after, LEAST_VALUE) / max(self.before, LEAST_VALUE)))
         return own + (self.also.cost if self.also else 0.0)
 
     @property
@@ -139,15 +144,15 @@ def _round(value: float, upward: bool, whole: bool) -> float:
     if value == 0.0:
         return 0.0
     step = _unit(value)
-    rounded = round(turn(value / step) * step, 12)
+    rounded = round(turn(value / step) * step, DECIMALS)
     if (rounded < value) if upward else (rounded > value):
-        rounded = round((turn(value / step) + (1 if upward else -1)) * step, 12)
+        rounded = round((turn(value / step) + (1 if upward else -1)) * step, DECIMALS)
     return rounded
 
 
 def _step(value: float, upward: bool, whole: bool) -> float:
     move = (1 if upward else -1) * (1 if whole else _unit(value))
-    return value + move if whole else round(value + move, 12)
+    return value + move if whole else round(value + move, DECIMALS)
 
 
 def _unit(value: float) -> float:

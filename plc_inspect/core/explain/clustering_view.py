@@ -32,8 +32,28 @@ from plc_inspect.core.extraction.alignment import AlignmentResult
 from plc_inspect.results import Bool, Float64, Int32, Int64
 
 MOST_WINDOWS = 4
+"""Windows that are described.  Source: judgement; not measured."""
 MOST_TRIALS = 12
-"""Windows that are told of, and proposals that are tried on them."""
+"""Proposals that are tried on them.  Source: numerical: bounds the time."""
+MOST_DISTANCE = 60.0
+"""
+Distance to the middle of a window that may hold a point, at most [m].
+Source: judgement; not measured.
+"""
+LEAST_PROPOSED = 4
+"""Points of a neighbourhood that may be proposed.  Source: derived: the least in use."""
+LEAST_SHARE = 0.5
+"""
+Share of half_length that a cluster must be long.
+Source: derived: as `segment_fit` judges it.
+"""
+EPS_STEPS = (1.25, 1.5, 2.0, 3.0)
+"""Factors on eps that are tried.  Source: judgement; not measured."""
+THICKNESS_STEPS = (0.5, 1.0)
+"""
+Shares of a cluster's thickness that are tried as limits.
+Source: derived: what is not divided may be twice as thick.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -102,7 +122,7 @@ class Windows:
                     Check(name=f'{name}: points of the cluster', value=view.size,
                           limit=LEAST_POINTS),
                     Check(name=f'{name}: length', value=view.length,
-                          limit=0.5 * self.alignment.half_length, unit='m',
+                          limit=LEAST_SHARE * self.alignment.half_length, unit='m',
                           setting='alignment.half_length'),
                     Check(name=f'{name}: share of metres filled', value=view.filling,
                           limit=MIN_FILLING),
@@ -133,16 +153,17 @@ class Windows:
         settings, figure = self.settings, f'window {view.window}'
         if view.neighbors < view.needed:
             yield from propose(
-                settings, 'clustering.min_points', max(view.neighbors, 4), True,
+                settings, 'clustering.min_points', max(view.neighbors, LEAST_PROPOSED),
+                True,
                 f'{figure}: neighbours', view.neighbors,
             )
-            for share in (1.25, 1.5, 2.0, 3.0) if settings.clustering.method == 'dbscan' else ():
+            for share in EPS_STEPS if settings.clustering.method == 'dbscan' else ():
                 yield from propose(
                     settings, 'clustering.eps', settings.clustering.eps * share, False,
                     f'{figure}: points within eps', view.neighbors,
                 )
         if view.rms > view.limit:
-            for share in (0.5, 1.0):  # what is not divided may be twice as thick
+            for share in THICKNESS_STEPS:
                 yield from propose(
                     settings, 'clustering.max_thickness', view.rms * share, False,
                     f'{figure}: thickness', view.rms,
@@ -160,7 +181,7 @@ class Windows:
         along = ca * offset[:, 0] + sa * offset[:, 1]
         inside = np.abs(along) <= alignment.half_length
         distance = np.linalg.norm(offset, axis=1)
-        near = np.flatnonzero(inside & (distance <= 60.0))
+        near = np.flatnonzero(inside & (distance <= MOST_DISTANCE))
         order = near[np.argsort(distance[near], kind='stable')].tolist()
         return [window for window in order if self._select(window)[2] >= 0]
 
@@ -221,7 +242,7 @@ class Windows:
         filling = float(measure_filling(x, member, low, high)) if size >= LEAST_POINTS else 0.0
         if size < LEAST_POINTS:
             outcome = 'too few points'
-        elif length < 0.5 * half:
+        elif length < LEAST_SHARE * half:
             outcome = 'too short'
         elif filling < MIN_FILLING:
             outcome = 'with gaps'

@@ -11,7 +11,17 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from plc_inspect.config import LinearitySettings, Settings
-from plc_inspect.core.explain.checks import apply, chain, Check, Finding, Proposal, propose, rank
+from plc_inspect.core.explain.checks import (
+    apply,
+    chain,
+    Check,
+    Finding,
+    Proposal,
+    propose,
+    rank,
+    SLACK,
+)
+from plc_inspect.core.extraction.alignment import NUM_BINS
 from plc_inspect.core.extraction.linearity import anchor, find_candidates, measure_likeness
 from plc_inspect.core.extraction.occupancy import BULK_CELL, drop_bulk
 from plc_inspect.core.extraction.off_ground import OffGround
@@ -21,7 +31,9 @@ from plc_inspect.core.trace import Trace
 from plc_inspect.results import Bool, Decision, Float64
 
 MOST_TRIALS = 8
-"""Proposals for linearity that are tried on the cloud."""
+"""Proposals for linearity that are tried on the cloud.  Source: numerical: bounds the time."""
+ALL_CELLS = 27
+"""Cells of a metre around a point, its own included.  Source: derived: 3 x 3 x 3."""
 _FIGURES = {
     'min_neighbors': 'points',
     'threshold': 'linear likeness',
@@ -194,7 +206,7 @@ class Place:
             nearest = float(found.min())
             needed = (nearest - result.mean) / result.sigma
             yield from propose(
-                self.settings, 'outliers.sigma', needed * (1 + 1e-9), False,
+                self.settings, 'outliers.sigma', needed * (1 + SLACK), False,
                 'mean distance to others', nearest,
             )
 
@@ -204,7 +216,7 @@ class Place:
         if not len(votes):
             return Finding(stage='alignment', outcome='not asked')
         check = Check(
-            name='bins of 16 along its axis with others', value=int(votes.max()),
+            name=f'bins of {NUM_BINS} along its axis with others', value=int(votes.max()),
             limit=self.settings.alignment.min_votes, setting='alignment.min_votes',
         )
         return Finding(
@@ -241,7 +253,7 @@ class Place:
 
     def _say_bulky(self) -> list[str]:
         notes = ['inside something bulky, so left out; neighbourhoods are of points about it']
-        whole = replace(self.settings.linearity, max_occupied=27)
+        whole = replace(self.settings.linearity, max_occupied=ALL_CELLS)
         own = [item for item in self._measure(whole) if item.is_here]
         if own:
             best = max(own, key=lambda item: item.linear)
@@ -296,7 +308,7 @@ class Place:
         limits, occupied = self.settings.linearity, self.occupied
         levels = [limits.max_occupied]
         if occupied > limits.max_occupied:
-            levels += range(occupied, 28)
+            levels += range(occupied, ALL_CELLS + 1)
         for level in levels:
             opened = list(propose(
                 self.settings, 'linearity.max_occupied', level, False, 'occupied cells', occupied

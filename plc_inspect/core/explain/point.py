@@ -32,7 +32,7 @@ DECIDED_BY = {
     Decision.SUPPORT: 'supports',
 }
 MOST_RUNS = 4
-"""Proposals that the pipeline is run with until one holds."""
+"""Proposals that the pipeline is run with at most.  Source: numerical: bounds the time."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,7 +12,7 @@ import numpy as np
 from plc_inspect.config import Settings
 from plc_inspect.core.explain.catenary_view import Curves, CurveView
 from plc_inspect.core.explain.checks import apply, Proposal, rank
-from plc_inspect.core.explain.point import explain_point
+from plc_inspect.core.explain.point import explain_point, MOST_RUNS
 from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.core.spans.span_model import SpanModel
@@ -22,11 +22,23 @@ from plc_inspect.results import Bool, Float64
 
 STAGES = ('points', 'high', 'candidates', 'inliers', 'in line', 'in beads', 'wire')
 PART = 10.0
-"""Length of the parts that are looked at one by one [m]."""
+"""Length of the parts of a stretch, about [m].  Source: judgement; not measured."""
 MOST_PARTS = 16
-MOST_RUNS = 4
+"""Parts of a stretch at most.  Source: judgement; not measured."""
 SHARES = (0.5, 0.25, 0.75)
-"""Where along a stretch its examples are taken."""
+"""
+Places of the examples along a stretch, as shares of its length.
+Source: judgement; not measured.
+"""
+LEAST_LENGTH = 1.0
+"""Length of a stretch in plan at least [m].  Source: judgement; not measured."""
+NUM_STATIONS = 41
+"""Places at which a curve is compared with a course.  Source: judgement; not measured."""
+MOST_OF = 0.5
+"""
+Share of a curve along a course, or of wire points that remain, which decides.
+Source: judgement; not measured.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -99,7 +111,7 @@ def make_course(places: Float64, settings: Settings, reach: float) -> Course:
     """
     run = places[-1, :2] - places[0, :2]
     length = float(np.hypot(*run))
-    if length < 1.0:
+    if length < LEAST_LENGTH:
         raise DataError(f'the ends of a stretch must be a metre apart, got {length:.2f} m')
     x = (places[:, :2] - places[0, :2]) @ (run / length)
     if len(places) > 2 and not 0.0 < x[1] < length:
@@ -204,7 +216,8 @@ def confirm_stretch(
         counts = _count(stretch.course, points[result.line_id >= 0], stretch.edges)
         after = sum(counts)
         share = float(np.mean([item > 0 for item in counts]))
-        holds = after < 0.5 * before if stretch.found else share >= least and after > before
+        gone, come = after < MOST_OF * before, share >= least and after > before
+        holds = gone if stretch.found else come
         trials.append(StretchTrial(proposal=proposal, before=before, after=after, holds=holds))
         if holds:
             break
@@ -214,7 +227,7 @@ def confirm_stretch(
 def _follow(model: SpanModel, reach: float) -> Course:
     low, high = model.low, model.high
     curve = model.curve
-    x = np.linspace(low, high, 41)
+    x = np.linspace(low, high, NUM_STATIONS)
     shape = np.polyfit(x - low, curve.fit.height(x), 2)
     return Course(
         origin=curve.position(low)[0, :2], azimuth=curve.azimuth, length=high - low, shape=shape,
@@ -231,14 +244,15 @@ def _count(course: Course, positions: Float64, edges: Float64) -> list[int]:
 def _is_along(course: Course, view: CurveView) -> bool:
     """Tell whether a curve lies in the course with half its length."""
     curve = view.curve
-    _, inside = course.locate(curve.position(np.linspace(curve.low, curve.high, 41)))
-    return bool(inside.mean() >= 0.5)
+    at = curve.position(np.linspace(curve.low, curve.high, NUM_STATIONS))
+    _, inside = course.locate(at)
+    return bool(inside.mean() >= MOST_OF)
 
 
 def _measure_miss(course: Course, view: CurveView) -> float:
     """Return the mean distance of a curve beside and above the course [m]."""
     curve = view.curve
-    at = curve.position(np.linspace(curve.low, curve.high, 41))
+    at = curve.position(np.linspace(curve.low, curve.high, NUM_STATIONS))
     ca, sa = math.cos(course.azimuth), math.sin(course.azimuth)
     dx, dy = at[:, 0] - course.origin[0], at[:, 1] - course.origin[1]
     above = at[:, 2] - np.polyval(course.shape, ca * dx + sa * dy)
