@@ -24,25 +24,46 @@ from plc_inspect.core.tuning.parameters import get_values, INITIAL, measure_dist
 from plc_inspect.results import Bool, Float64, Int64
 
 RESIDUAL_SCALE = 0.3
-"""A conductor whose points spread this far about its curve counts half [m]."""
+"""Spread of points about a curve at which it counts half [m].  Source: judgement; not measured."""
 AGAIN_DISTANCE = 0.3
-"""A place of a curve is found again by a curve this near [m]."""
+"""
+Distance within which a curve finds a place of another again [m].
+Source: judgement; not measured.
+"""
 EXPLAINED_DISTANCE = 1.0
-"""Evidence this near to a curve is explained by it [m]."""
+"""Distance within which a curve explains evidence [m].  Source: judgement; not measured."""
 METRE = 1.0
-"""Edge of the cells that evidence is counted in [m]."""
+"""Edge of the cells that evidence is counted in [m].  Source: derived: lengths are in metres."""
 NUM_STATIONS = 9
-"""Places of a span at which it is compared with others."""
+"""Places at which a span is compared with others.  Source: judgement; not measured."""
 TILE = 100.0
-"""Edge of the tiles that the part of a large cloud is chosen by [m]."""
+"""
+Edge of the tiles by which a part of a large cloud is chosen [m].
+Source: judgement; not measured.
+"""
+HALF = 0.5
+"""Share of the points in which spans must be found again.  Source: judgement; not measured."""
 PRIOR = 0.5
-"""What the distance from the initial values of Table 1 may cost."""
+"""
+Greatest loss by the distance from the initial values of Table 1.
+Source: judgement; not measured.
+"""
 TIE_BREAK = 0.05
-"""And where labels tell what is right."""
+"""The same where labels decide.  Source: judgement; not measured."""
 FOUND_ONCE = 0.75
-"""Worth of a span that is not found again, by that of one that is."""
+"""
+Worth of a span that is not found again, by that of one that is.
+Source: chosen on oakland_part3_an and oakland_part2_ai (docs/tuning.md).
+"""
 LEAST_STABLE = 0.5
-"""A span counts as found where at least this share of it is found again among half the points."""
+"""
+Share of a span that must be found again in half of the points.
+Source: judgement; not measured.
+"""
+TOLD = 1e-4
+"""Differences of figures that are reported, at least.  Source: derived: the last digit shown."""
+LEAST = 1e-9
+"""Distances and lengths that are divided by, at least [m].  Source: numerical: not 0."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,7 +91,7 @@ class Score:
         parts = [
             f'{name} {getattr(before, name):.4f} -> {getattr(self, name):.4f}'
             for name in ('seen', 'fit', 'separation', 'stability', 'f1')
-            if abs(getattr(before, name) - getattr(self, name)) >= 0.0001
+            if abs(getattr(before, name) - getattr(self, name)) >= TOLD
         ]
         if before.num_spans != self.num_spans:
             parts.append(f'spans {before.num_spans} -> {self.num_spans}')
@@ -111,7 +132,7 @@ class Objective:
         """
         self.points = points
         self.truth = truth
-        half = np.random.default_rng(seed).random(len(points)) < 0.5
+        half = np.random.default_rng(seed).random(len(points)) < HALF
         self._half = points[half]
         self._memory, self._half_memory = StageMemory(room), StageMemory(room)
         self._base = base or Settings()
@@ -222,7 +243,7 @@ def judge(
     ])
     fit = 1.0 / (1.0 + (spread / RESIDUAL_SCALE) ** 2)
     gap = measure_gaps(models)
-    separation = np.clip(1.0 - spread / np.maximum(gap, 1e-9), 0.0, 1.0)
+    separation = np.clip(1.0 - spread / np.maximum(gap, LEAST), 0.0, 1.0)
     stability = measure_stability(models, again)
     explained, _, _ = find_near(evidence, tabulate(models), EXPLAINED_DISTANCE)
     total = float(length.sum()) + len(evidence) - len(explained)
@@ -230,7 +251,7 @@ def judge(
     num_stable = int((stability >= LEAST_STABLE).sum())
     again_worth = FOUND_ONCE + (1.0 - FOUND_ONCE) * stability
     worth = float((metres * fit * separation * again_worth).sum()) / total if num_stable else 0.0
-    weight = metres / max(float(metres.sum()), 1e-9)
+    weight = metres / max(float(metres.sum()), LEAST)
     return Score(
         value=_prefer(worth, settings, PRIOR),
         seen=float(metres.sum()) / total,

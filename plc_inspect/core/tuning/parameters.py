@@ -16,7 +16,9 @@ Values = tuple[float, ...]
 """One value for each parameter of SPACE, in its order."""
 
 DIGITS = 3
-"""Significant digits of a tuned value: finer differences mean nothing."""
+"""Significant digits of a tuned value.  Source: judgement; not measured."""
+LEAST = 1e-9
+"""Values whose logarithm is taken, at least.  Source: numerical: avoids that of 0."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,7 +62,7 @@ class Parameter:
         return min(max(value, self.low), self.high)
 
     def _scale(self, value: float) -> float:
-        return math.log(max(value, 1e-9)) if self.is_log else value
+        return math.log(max(value, LEAST)) if self.is_log else value
 
 
 _WHOLE = {name for name, default, _ in describe() if type(default) is int}
@@ -84,7 +86,7 @@ SPACE = (
 """The parameters that decide what is found; stage by stage."""
 
 RADIUS = 'corridor.radius'
-"""The eighth of Table 1: it decides nothing about lines, and its condition gives it."""
+"""The eighth setting of Table 1: no line depends on it, and its condition determines it."""
 
 STAGES = (
     ('height.num_bins', 'height.beta'),

@@ -18,22 +18,41 @@ from plc_inspect.core.tuning.parameters import SPACE, STAGES, to_places, to_valu
 Evaluate = Callable[[Sequence[Values]], Iterable[Score]]
 """Scores of several choices of values, in their order; they may be found in parallel."""
 Tell = Callable[[str], None]
-"""Called with one line for each step that moved something."""
+"""Called with one line for each step that moved a parameter."""
 
 COARSE = 5
-"""Values of each parameter in the coarse grid, from bound to bound."""
+"""
+Values of each parameter in the coarse grid, from bound to bound.
+Source: judgement; not measured.
+"""
 NUM_FINE = 2
-"""Finer grids about the best, each with half the step of the one before."""
+"""
+Finer grids around the best, each with half the step of the one before.
+Source: judgement; not measured.
+"""
 GRID_BUDGET = 200
+"""
+Evaluations of a grid search at most.
+Source: judgement; searches on bench/tuning.py take up to 180 (docs/tuning.md).
+"""
 EVOLUTION_BUDGET = 56
+"""
+Evaluations of an evolution at most.
+Source: judgement; bench/tuning.py recovers all spoiled settings in it (docs/tuning.md).
+"""
 POPULATION = 8
+"""Choices of one generation.  Source: judgement; not measured."""
 SIGMA = 0.25
-"""First standard deviation of the evolution, as a share of the range of each parameter."""
+"""
+First standard deviation of the evolution, as a share of the range of each parameter.
+Source: documentation of `cma`: a quarter of the search domain's width.
+"""
 LEAST_GAIN = 1e-4
-"""Less than this is no better."""
+"""Gain of the score that counts, at least.  Source: judgement; not measured."""
 NUM_SCOUTS = 32
-"""Choices that are tried, a few at a time, where the start finds nothing."""
+"""Choices that are tried where the start finds nothing.  Source: judgement; not measured."""
 SCOUTS_AT_ONCE = 4
+"""Of them, those that are tried together.  Source: judgement; not measured."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -156,7 +175,7 @@ def search_evolution(ledger: Ledger, rng: np.random.Generator, tell: Tell) -> Fo
     try:
         _scout(ledger, tell)
         with warnings.catch_warnings():
-            warnings.simplefilter('ignore')  # of options that say what they should
+            warnings.simplefilter('ignore')  # about options that are meant
             strategy = cma.CMAEvolutionStrategy(
                 to_places(ledger.values), SIGMA,
                 {
@@ -181,7 +200,7 @@ def _scout(ledger: Ledger, tell: Tell) -> None:
     """Where the start finds nothing, try choices spread evenly between all bounds."""
     values, before = ledger.values, ledger.score
     with warnings.catch_warnings():
-        warnings.simplefilter('ignore')  # of numbers that are no power of two
+        warnings.simplefilter('ignore')  # about a number that is no power of two
         places = qmc.Sobol(len(SPACE), scramble=False).random(NUM_SCOUTS + 1)[1:]
     for first in range(0, NUM_SCOUTS, SCOUTS_AT_ONCE):
         if ledger.score.value > 0.0:
