@@ -270,6 +270,7 @@ def _vote(  # type: ignore[no-untyped-def]
                 if t0 > t1:
                     t0 = min(max(off_row / ey, -plan), plan)
                     t1 = t0
+            # the cells of a row are contiguous, and so are their candidates
             left = int((px + min(t0 * ex, t1 * ex) - slack) / cell)
             right = int((px + max(t0 * ex, t1 * ex) + slack) / cell)
             first = start[row * columns + min(max(left, 0), columns)]

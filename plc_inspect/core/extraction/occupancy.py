@@ -83,12 +83,13 @@ def _fill_columns(points, chosen, origin, size):  # type: ignore[no-untyped-def]
     level = np.empty(num, dtype=np.uint8)
     keys = [np.empty(0, dtype=np.int64) for _ in range(NUM_PARTS)]
     bits = [np.empty(0, dtype=np.uint64) for _ in range(NUM_PARTS)]
+    # each run of points fills columns of its own
     for part in prange(NUM_PARTS):
         first, last = part * num // NUM_PARTS, (part + 1) * num // NUM_PARTS
         keys[part], bits[part] = _fill_part(
             points, chosen[first:last], origin, size, column_of[first:last], level[first:last]
         )
-    # columns that several parts have points in become one
+    # unite the columns that several runs have points in: number them by key, join their bits
     total = 0
     for part in range(NUM_PARTS):
         total += len(keys[part])
@@ -113,6 +114,7 @@ def _fill_columns(points, chosen, origin, size):  # type: ignore[no-untyped-def]
                 used += 1
             filled[slot] |= bits[part][k]
             slots[start[part] + k] = slot
+    # from the numbers of a run to those of all
     for part in prange(NUM_PARTS):
         for k in range(part * num // NUM_PARTS, (part + 1) * num // NUM_PARTS):
             column_of[k] = slots[start[part] + column_of[k]]
@@ -127,7 +129,7 @@ def _fill_part(points, chosen, origin, size, column_of, level):  # type: ignore[
     table_key = np.full(2 * INITIAL_COLUMNS, -1, dtype=np.int64)
     table_slot = np.empty(2 * INITIAL_COLUMNS, dtype=np.int32)
     used = 0
-    # neighbours come one after the other: most columns are among those last met nearby
+    # neighbours follow one another: most columns are among the last ones nearby
     last_key = np.full(NUM_LAST * NUM_LAST, -1, dtype=np.int64)
     last_slot = np.empty(NUM_LAST * NUM_LAST, dtype=np.int32)
     for k in range(len(chosen)):

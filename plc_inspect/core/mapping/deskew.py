@@ -136,6 +136,7 @@ def _transform(
         if bracket[i] != 0:
             result[i, :] = np.nan
             continue
+        # what all points between the same two poses share
         k = upper[i]
         if k != current:
             current = k
@@ -143,10 +144,11 @@ def _transform(
             angle = _set_turn(quaternions[k - 1], quaternions[k], axis)
         share = (stamps[i] - pose_stamps[k - 1]) / (pose_stamps[k] - pose_stamps[k - 1])
         x, y, z = np.float64(xyz[i, 0]), np.float64(xyz[i, 1]), np.float64(xyz[i, 2])
+        # from the lidar into the base
         bx = mount[0, 0] * x + mount[0, 1] * y + mount[0, 2] * z + mount[0, 3]
         by = mount[1, 0] * x + mount[1, 1] * y + mount[1, 2] * z + mount[1, 3]
         bz = mount[2, 0] * x + mount[2, 1] * y + mount[2, 2] * z + mount[2, 3]
-        # Rodrigues: turn by share * angle about the axis of the relative rotation.
+        # Rodrigues: turn by share * angle about the axis of the relative rotation
         sine, versine = math.sin(share * angle), 1.0 - math.cos(share * angle)
         cx = axis[1] * bz - axis[2] * by
         cy = axis[2] * bx - axis[0] * bz
@@ -154,6 +156,7 @@ def _transform(
         tx = bx + sine * cx + versine * (axis[1] * cz - axis[2] * cy)
         ty = by + sine * cy + versine * (axis[2] * cx - axis[0] * cz)
         tz = bz + sine * cz + versine * (axis[0] * cy - axis[1] * cx)
+        # into the map, by the pose before and the share of the motion since
         for j in range(3):
             start = positions[k - 1, j]
             result[i, j] = (

@@ -321,6 +321,7 @@ def bracket_stamps(
     k = 1  # the last interval found: stamps that are nearly ordered lie in it or in the next
     for i in range(len(stamps)):
         stamp = stamps[i]
+        # nothing is extrapolated
         if num_poses == 0 or stamp > pose_stamps[-1]:
             bracket[i] = 2
             continue
@@ -330,13 +331,14 @@ def bracket_stamps(
         if num_poses == 1:
             bracket[i] = 2
             continue
+        # the interval that holds the stamp
         if not (pose_stamps[k - 1] <= stamp <= pose_stamps[k]):
             if k + 1 < num_poses and pose_stamps[k] <= stamp <= pose_stamps[k + 1]:
                 k += 1
             else:
                 k = min(max(np.searchsorted(pose_stamps, stamp), 1), num_poses - 1)
         found = k
-        # A stamp that equals a pose belongs to both its intervals: take the good one.
+        # a stamp that equals a pose's lies in two intervals: take the one that is OK
         if intervals[k] != 0:
             if stamp == pose_stamps[k] and k + 1 < num_poses and intervals[k + 1] == 0:
                 found = k + 1

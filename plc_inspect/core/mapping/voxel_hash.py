@@ -190,11 +190,14 @@ def accumulate_points(
         # touch the table for all points of the block, so that they wait for memory together
         for k in range(block):
             entries[k] = table[hashes[k] & mask]
+        # the slot that each key may have, by the hash bits in the table
         for k in range(block):
             places[k] = _walk(hashes[k], hashes[k] & mask, table, mask)
             slots[k] = _slot_of(table[places[k]], mask)
+        # the keys of those slots, again together
         for k in range(block):
             known[k] = slot_keys[max(slots[k], 0)]
+        # compare the keys, and make voxels for those that have none
         for k in range(block):
             i = order[first + k]
             key, place, slot = keys[i], places[k], slots[k]
@@ -207,6 +210,7 @@ def accumulate_points(
             slots[k] = slot
             if slot >= 0:
                 continue
+            # a slot for the new voxel: a free one, the next one, or none
             if num_free > 0:
                 num_free -= 1
                 slot = free[num_free]
@@ -219,12 +223,14 @@ def accumulate_points(
             else:  # the caller makes room and comes again with the rest
                 block, stop = k, first + k
                 break
+            # its first point is in now, so slots[k] stays -1
             slot_keys[slot] = key
             counts[slot] = 1
             _begin(slot, offsets[i], moments)
             table[place] = _make_entry(hashes[k], slot, mask)
             created[num_created] = slot
             num_created += 1
+        # add the points of voxels that were there before
         for k in range(block):
             if slots[k] >= 0:
                 shares[k] = _count_in(slots[k], counts)

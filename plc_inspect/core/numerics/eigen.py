@@ -33,6 +33,7 @@ def principal_axis(xx, xy, xz, yy, yz, zz):  # type: ignore[no-untyped-def]
     vectors; the eigenvector has x > 0 or, at x = 0, y > 0, and is that of x where all directions
     are alike.
     """
+    # A = mean I + p B, with B of trace 0 and of norm sqrt(6): B's eigenvalues are 2 cos(angle)
     mean = (xx + yy + zz) / 3.0
     off = xy * xy + xz * xz + yz * yz
     spread = (xx - mean) ** 2 + (yy - mean) ** 2 + (zz - mean) ** 2 + 2.0 * off
@@ -42,19 +43,22 @@ def principal_axis(xx, xy, xz, yy, yz, zz):  # type: ignore[no-untyped-def]
     scale = 1.0 / p if p > 0.0 else 0.0
     a, b, c = (xx - mean) * scale, (yy - mean) * scale, (zz - mean) * scale
     d, e, f = xy * scale, xz * scale, yz * scale
+    # half the determinant of B is the cosine of three times the angle
     half = (a * (b * c - f * f) - d * (d * c - f * e) + e * (d * f - b * e)) / 2.0
     size = math.fabs(half)
     size = size if size < 1.0 else 1.0
-    # cos(acos(size) / 3) by Newton's method: the eigenvalue that lies apart from the others
+    # cos(acos(size) / 3), half the eigenvalue of B that lies apart: a cubic within 7e-5 of it, and
+    # two steps of Newton on 4 x^3 - 3 x = size, which leave nothing but rounding
     far = 0.866025 + size * (0.165718 + size * (0.009962 * size - 0.041637))
     far -= ((4.0 * far * far - 3.0) * far - size) / (12.0 * far * far - 3.0)
     far -= ((4.0 * far * far - 3.0) * far - size) / (12.0 * far * far - 3.0)
+    # the other two follow from it; the sign of the determinant says on which side it lies
     rest = 3.0 - 3.0 * far * far
     near = 0.5 * (far + math.sqrt(rest if rest > 0.0 else 0.0))
     l1 = mean + 2.0 * p * (far if half >= 0.0 else near)
     l3 = mean - 2.0 * p * (near if half >= 0.0 else far)
     l2 = 3.0 * mean - l1 - l3
-    # v1 spans the null space of A - l1 I: the largest cross product of two of its rows
+    # v1 spans the null space of A - l1 I: cross products of two of its rows
     ax, by, cz = xx - l1, yy - l1, zz - l1
     ux, uy, uz = xy * yz - xz * by, xz * xy - ax * yz, ax * by - xy * xy
     vx, vy, vz = xy * cz - xz * yz, xz * xz - ax * cz, ax * yz - xy * xz
@@ -62,12 +66,14 @@ def principal_axis(xx, xy, xz, yy, yz, zz):  # type: ignore[no-untyped-def]
     nu = ux * ux + uy * uy + uz * uz
     nv = vx * vx + vy * vy + vz * vz
     nw = wx * wx + wy * wy + wz * wz
+    # the longest of them is the least affected by rounding
     larger = nv > nu
     ux, uy, uz = vx if larger else ux, vy if larger else uy, vz if larger else uz
     nu = nv if larger else nu
     larger = nw > nu
     ux, uy, uz = wx if larger else ux, wy if larger else uy, wz if larger else uz
     nu = nw if larger else nu
+    # unit length, and the sign that all callers expect
     known = (nu > 0.0) & (p > 0.0)
     scale = 1.0 / math.sqrt(nu) if known else 0.0
     scale = -scale if (ux < 0.0) | ((ux == 0.0) & (uy < 0.0)) else scale

@@ -134,6 +134,7 @@ def gather_strip(  # type: ignore[no-untyped-def]
 
     A superset of the points in the strip, each once, in row order of the cells.
     """
+    # rows that the strip touches
     row0 = max(int((min(y0, y1) - reach - origin[1]) / cell), 0)
     row1 = min(int((max(y0, y1) + reach - origin[1]) / cell), rows - 1)
     dx, dy = x1 - x0, y1 - y0
@@ -162,10 +163,12 @@ def gather_strip(  # type: ignore[no-untyped-def]
                     t1 = t0
                 else:
                     t0, t1 = 0.0, 0.0
+            # columns whose middles may lie within slack of that part
             xa, xb = x0 + t0 * dx, x0 + t1 * dx
             left = int((min(xa, xb) - slack - origin[0]) / cell)
             right = int((max(xa, xb) + slack - origin[0]) / cell)
             for column in range(max(left, 0), min(right, columns - 1) + 1):
+                # skip cells whose middles do not
                 cx = origin[0] + (column + 0.5) * cell
                 t = ((cx - x0) * dx + (cy - y0) * dy) / (length * length) if length > 0 else 0.0
                 t = min(max(t, 0.0), 1.0)
