@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-From scans and poses to the map, the same for the node and for a replay.
+Puts scans into the map by the poses of the vehicle, for the node and for replays alike.
 
-A scan waits, bounded, until the odometry brackets all its points; then it is deskewed and goes
-into the voxel map whole, or it is dropped whole and counted with the reason.
+A scan waits, bounded, until the odometry brackets all its points; then it is deskewed and inserted
+whole, or dropped whole and counted with the reason.
 """
 
 from collections import Counter, deque
@@ -89,7 +89,7 @@ class Accumulator:
         self._last_inserted: int | None = None
 
     def configure(self, settings: Settings) -> None:
-        """Take other settings for what comes from now on, all but the structural ones."""
+        """Use other settings from now on, except for the structural ones."""
         source = settings.input
         self._min_range = source.min_range
         self._max_range = source.max_range
@@ -252,7 +252,7 @@ class Accumulator:
                 self._queue.append(scan)
 
     def finish(self) -> None:
-        """End a recording: scans that still wait will never be bracketed and are dropped."""
+        """End a recording: drop the scans that wait, which no pose will bracket any more."""
         for _ in self._take_waiting():
             self._dropped[DropReason.NO_POSE_AFTER] += 1
 
@@ -280,7 +280,7 @@ class Accumulator:
             yield self._queue.popleft()
 
     def _drain(self) -> None:
-        """Insert or drop every scan about which the odometry has said all."""
+        """Insert or drop every scan that the odometry has passed."""
         newest = self.poses.last_stamp
         if newest is None or len(self.poses) < 2 or not self._queue:
             return
@@ -306,7 +306,7 @@ class Accumulator:
         self._counts['map full'] += insertion.num_refused
 
     def counters(self) -> Counters:
-        """Return what has come in so far and what became of it."""
+        """Return the counts so far."""
         counts, poses = self._counts, self.poses.counts
         rejected = {s.value: n for s, n in poses.items() if not s.accepted}
         if counts['poses of another frame']:
@@ -336,7 +336,7 @@ class Accumulator:
 def _select(
     xyz: Float32, times: Float64, stamp_ns: int, min_range: float, max_range: float
 ) -> tuple[Float32, Int64, int, int, int, float]:
-    """Keep finite points within the range; also counts of the others and the worst time."""
+    """Keep finite points within range; also count the others, and find the worst time."""
     kept = np.empty_like(xyz)
     stamps = np.empty(len(xyz), dtype=np.int64)
     count, not_finite, near, far = 0, 0, 0, 0

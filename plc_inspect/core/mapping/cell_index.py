@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Plan cells of the map: which voxels stand in each, and what is new in it.
+Plan cells of the map: the voxels of each, and how many of them are new.
 
-Each cell heads a linked list of its voxels, so a part of the map is found without looking at the
-rest of it.  Cells are never removed; one that was emptied costs 40 bytes.
+Each cell heads a linked list of its voxels, so a part of the map is read without the rest.  Cells
+are never removed; an empty one costs 40 bytes.
 """
 
 from numba import njit
@@ -113,14 +113,14 @@ class CellIndex:
         return _find_cells(keys, self._table, self._keys)
 
     def settle(self, cells: Int64) -> None:
-        """Take all voxels of these cells as no longer new."""
+        """Count no voxel of these cells as new any more."""
         self._state[cells, 1] = 0
 
     def link(
         self, slots: Int32, keys: Int64, origin: Int64, sequence: int, following: Int32
     ) -> None:
         """
-        Put voxels into the lists of their cells.
+        Add voxels to the lists of their cells.
 
         Parameters
         ----------

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Lists of the voxels in the plan cells of the map: following, sampling and shortening them."""
+"""Lists of the voxels in the plan cells of the map: follows, samples and shortens them."""
 
 from numba import njit
 import numpy as np
@@ -25,7 +25,7 @@ Source: numerical: their reads wait for memory together; time alone depends on i
 def collect_slots(  # type: ignore[no-untyped-def]
     cells, wanted, head, state, following, labels, out
 ):
-    """Write the slots of the wanted voxels of some cells, and return how many; see `CellIndex`."""
+    """Write the slots of the wanted voxels of cells; return their number.  See `CellIndex`."""
     start, slots, label_of = _follow_lists(cells, head, state, following, labels)
     num = 0
     count = np.zeros(256, dtype=np.int64)
@@ -51,9 +51,9 @@ def collect_slots(  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True)
 def _follow_lists(cells, head, state, following, labels):  # type: ignore[no-untyped-def]
     """
-    Where the voxels of each of some cells begin in a list, and in it their slots and labels.
+    Return slots and labels of the voxels of some cells, and where those of each cell begin.
 
-    The lists are followed side by side: each step of one waits for memory, those of others not.
+    The lists are followed side by side, so that their steps wait for memory together.
     """
     start = np.zeros(len(cells) + 1, dtype=np.int64)
     for k in range(len(cells)):
@@ -88,7 +88,7 @@ def _follow_lists(cells, head, state, following, labels):  # type: ignore[no-unt
 def drop_slots(  # type: ignore[no-untyped-def]
     cell, kept, head, state, following, table, keys, counts, labels, out
 ):
-    """Free the slots of one cell's voxels that are not kept, and return how many these are."""
+    """Free the slots of one cell's voxels that are not kept, and return their number."""
     num = 0
     slot = head[cell]
     last = np.int32(-1)

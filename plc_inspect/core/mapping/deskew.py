@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Motion correction of a scan: every point goes into the map with the pose of its own time.
+Motion correction of a scan: transforms every point by the pose of its own time.
 
-Between two poses the position moves linearly and the rotation turns at a constant rate about
-one axis (slerp), evaluated exactly for every point: nothing is binned in time.
+Between two poses the position moves linearly and the orientation turns at a constant rate about
+one axis (slerp), evaluated exactly for every point, without bins in time.
 """
 
 from dataclasses import dataclass

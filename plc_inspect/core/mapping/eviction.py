@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the map forgets when it is nearly full."""
+"""Eviction: removes voxels from a map that is nearly full."""
 
 import numpy as np
 
@@ -29,9 +29,8 @@ class Evictor:
     """
     Removes voxels in steps, those farthest from the vehicle first.
 
-    Ground, vegetation and everything else that is not wire or support goes first; only where
-    that is not enough do wires and supports follow.  What is known of the spans stays in the
-    registry.
+    Ground, vegetation and all else that is neither wire nor support goes first; wires and supports
+    follow only if that is not enough.  The registry still knows their spans.
 
     Parameters
     ----------
@@ -47,7 +46,7 @@ class Evictor:
         self.clear()
 
     def clear(self) -> None:
-        """Begin anew, after the map was cleared."""
+        """Start over, after the map was cleared."""
         self._order: Int64 = np.empty(0, dtype=np.int64)
         self._kept: Bool = WIRES
         self._active = False
@@ -91,7 +90,7 @@ class Evictor:
         return removed
 
     def _begin(self, vehicle: Float64 | None, kept: Bool) -> None:
-        """List the cells in which there is something to evict, the farthest first."""
+        """List the cells with something to evict, the farthest first."""
         cells = self._voxels.cells
         rest = np.zeros(len(cells), dtype=np.int64)
         rest[: len(self._rest)] = self._rest

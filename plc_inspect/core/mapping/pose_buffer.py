@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Poses of the vehicle over time, bounded, and what may be interpolated between them.
+A bounded buffer of the vehicle's poses, and interpolation between them.
 
 Frames: a pose is ``T_map_base``, the base of the vehicle in the frame of the odometry.  Stamps
 are int64 nanoseconds, quaternions x y z w of unit length.
@@ -46,7 +46,7 @@ Source: numerical: the difference goes with its square, 1e-8.
 
 
 class PoseStatus(enum.Enum):
-    """What became of a pose that was offered to the buffer."""
+    """What the buffer did with a pose."""
 
     ACCEPTED = 'accepted'
     RESTARTED = 'accepted, buffer restarted after stamps went back'
@@ -137,7 +137,7 @@ class PoseBuffer:
         self.clear()
 
     def configure(self, settings: InputSettings) -> None:
-        """Take another ``max_pose_gap`` and ``max_speed`` for the intervals that follow."""
+        """Use another ``max_pose_gap`` and ``max_speed`` for intervals from now on."""
         self._max_gap_ns = round(settings.max_pose_gap * 1e9)
         self._max_speed = settings.max_speed
 

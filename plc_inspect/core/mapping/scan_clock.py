@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Regularity of the scans' stamps: their period, and how many are missing."""
+"""The period of the scans' stamps, and how many scans are missing."""
 
 from collections import deque
 from statistics import median
@@ -26,8 +26,8 @@ class ScanClock:
     """
     Counts the scans that are missing between header stamps.
 
-    A step of more than one and a half median periods is a gap of as many scans as fit into it.
-    Backward steps are ignored.
+    A step of more than GAP median periods lacks as many scans as fit into it.  Backward steps are
+    ignored.
     """
 
     def __init__(self) -> None:
@@ -42,7 +42,7 @@ class ScanClock:
         return median(self._periods) if len(self._periods) >= MIN_PERIODS else None
 
     def restarted(self) -> 'ScanClock':
-        """Return a clock that has seen no stamp and carries on the counts."""
+        """Return a clock that has seen no stamp and continues the counts."""
         clock = ScanClock()
         clock.num_lost = self.num_lost
         clock.num_interruptions = self.num_interruptions

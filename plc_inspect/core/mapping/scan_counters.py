@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What came in, and why some of it did not go into the map."""
+"""Counts of what came in, and of what was dropped, by reason."""
 
 from dataclasses import dataclass
 import enum
@@ -23,7 +23,7 @@ class DropReason(enum.Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Counters:
-    """What has come in and what became of it, since the start."""
+    """Counts since the start."""
 
     num_scans: int
     num_scans_inserted: int
@@ -42,7 +42,7 @@ class Counters:
     """Points received, those that are not finite included."""
     num_points_inserted: int
     points_dropped: dict[str, int]
-    """'not finite', 'too near', 'too far', 'map full' to count; points of dropped scans apart."""
+    """'not finite', 'too near', 'too far', 'map full' to count, without those of dropped scans."""
     num_poses: int
     poses_rejected: dict[str, int]
     """PoseStatus value, or 'another frame', to count."""

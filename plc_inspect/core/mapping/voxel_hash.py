@@ -5,8 +5,8 @@
 Open addressing hash of voxel keys, in numba.
 
 The table holds slot + 1, 0 where free, at a load of at most one half, with linear probing.  Slots
-need fewer bits than an entry has; the others hold those of the key's hash, so that most steps of a
-probe end without a look at the keys, each of which waits for memory.
+need fewer bits than an entry has; the rest hold bits of the key's hash, so that most steps of a
+probe need no look at the keys, which would wait for memory.
 """
 
 from numba import njit
@@ -85,7 +85,7 @@ def _slot_of(entry, mask):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, inline='always')
 def _walk(hashed, place, table, mask):  # type: ignore[no-untyped-def]
-    """Return the first place from one on that is free or may hold a key, by its hash."""
+    """Return the first place from ``place`` on that is free or, by its hash, may hold the key."""
     while table[place] != 0 and (np.int64(table[place]) ^ hashed) & ENTRY_BITS & ~mask != 0:
         place = (place + 1) & mask
     return place
@@ -93,14 +93,14 @@ def _walk(hashed, place, table, mask):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, inline='always')
 def _count_in(slot, counts):  # type: ignore[no-untyped-def]
-    """Count one more point of a voxel, and return its share of all."""
+    """Count one more point of a voxel, and return its share of them."""
     counts[slot] += 1
     return np.float32(1.0) / np.float32(counts[slot])
 
 
 @njit(cache=True, nogil=True, inline='always')
 def _take_in(slot, offset, share, moments):  # type: ignore[no-untyped-def]
-    """Bring the means of one voxel up to date with one more point, of this share of all."""
+    """Update the means of one voxel with one more point, whose share of all is given."""
     x, y, z = offset[0], offset[1], offset[2]
     row = moments[slot]
     row[0] += (x - row[0]) * share
@@ -116,7 +116,7 @@ def _take_in(slot, offset, share, moments):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, inline='always')
 def _begin(slot, offset, moments):  # type: ignore[no-untyped-def]
-    """Set the means of a new voxel, those of its one point."""
+    """Set the means of a new voxel to those of its only point."""
     x, y, z = offset[0], offset[1], offset[2]
     row = moments[slot]
     row[0], row[1], row[2] = x, y, z
@@ -171,7 +171,7 @@ def accumulate_points(
     -------
     tuple[int, int, int, int, int]
         Slots that were ever in use, free slots, voxels made, first place in the order that was
-        not looked at, points refused.
+        not processed, points refused.
 
     """
     mask = len(table) - 1
@@ -244,7 +244,7 @@ def accumulate_points(
 @njit(cache=True, nogil=True)
 def forget_key(key: np.int64, table: UInt32, slot_keys: Int64) -> None:
     """
-    Take a key that is there out of the table, moving back those that had to step aside for it.
+    Remove a key that is in the table, and move back those that had to make way for it.
 
     Parameters
     ----------

@@ -106,7 +106,7 @@ def find_centroids(
 
 @njit(cache=True, nogil=True)
 def hash_key(key: np.int64) -> np.int64:
-    """Return a well-mixed 64-bit number of a key."""
+    """Return 64 well-mixed bits of a key (the last steps of MurmurHash3)."""
     value = np.uint64(key)
     value ^= value >> np.uint64(33)
     value *= np.uint64(0xFF51AFD7ED558CCD)
@@ -119,7 +119,7 @@ def hash_key(key: np.int64) -> np.int64:
 @njit(cache=True, nogil=True)
 def order_by_tile(keys: Int64) -> Int64:
     """
-    Order points by tile, so that voxels near each other are made one after the other.
+    Order points by tile, so that voxels near each other become neighbours in memory.
 
     Parameters
     ----------

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The global map: a hash of voxels that keep the moments of their points, not the points.
+The global map: a hash of voxels that keep the moments of their points instead of the points.
 
 A voxel stores its number of points, their mean offset from the voxel's centre, the mean outer
 product of those offsets, a label and the next voxel of its plan cell: 57 bytes with its place in
@@ -64,8 +64,8 @@ class VoxelMap:
 
     The voxel grid is fixed to multiples of ``voxel_size``, so that the voxels do not depend on
     which point came first.  Each insertion gives slots tile by tile, on a tile in the order of
-    first touch: what is looked at together lies together in memory, and the same insertions give
-    the same arrays.
+    first touch: voxels near each other are neighbours in memory, and the same insertions give the
+    same arrays.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ class VoxelMap:
 
     @property
     def num_points(self) -> int:
-        """Points that were ever put in and not refused, removed voxels included."""
+        """Points that were ever inserted, those of removed voxels included."""
         return self._num_points
 
     @property
@@ -152,7 +152,7 @@ class VoxelMap:
         return sum(array.nbytes for array in self._arrays()) + self._table.nbytes
 
     def configure(self, settings: MapSettings) -> None:
-        """Take another ``min_points``; the other settings are structural."""
+        """Use another ``min_points``; the other settings are structural."""
         self._min_points = settings.min_points
 
     def clear(self) -> None:
@@ -177,10 +177,10 @@ class VoxelMap:
     @property
     def memory(self) -> tuple[NDArray[np.generic], ...]:
         """
-        All that the map has reserved, for who wants it backed by memory ahead.
+        All that the map has reserved, so that a caller can have it backed by memory ahead.
 
-        The system hands memory out when it is first written, which costs an insertion up to 20 ms
-        now and then.
+        The system provides memory when it is first written, which delays some insertions by up to
+        20 ms.
         """
         return *self._all_arrays(), self._table
 
@@ -353,10 +353,10 @@ class VoxelMap:
 
     def order_free(self) -> None:
         """
-        Use the free slots in their order from now on.
+        Use the free slots in ascending order from now on.
 
-        Voxels that are made together then lie together in memory again, as in a map that was
-        never full, and whatever looks at a place reads less of it.
+        Voxels that are made together then lie together in memory, as in a map that was never full,
+        and reading a place reads less memory.
         """
         self._free[: self._num_free][::-1].sort()
 

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Picking of some among many values, and copying them."""
+"""Selects and copies some of many values."""
 
 from numba import njit, prange
 import numpy as np
@@ -18,8 +18,8 @@ def put(values, target):  # type: ignore[no-untyped-def]
     """
     Copy (N,) values to the first places of a target, an array or a view of at least N.
 
-    For kernels, in place of assigning to a slice: that brings in all that numba needs to say that
-    lengths differ, up to a third of the code that is compiled and loaded.  Here nobody looks.
+    For kernels, in place of assigning to a slice, which adds numba's check of the lengths: up to a
+    third of the code that is compiled and loaded.  Here lengths are not checked.
     """
     for k in range(len(values)):
         target[k] = values[k]

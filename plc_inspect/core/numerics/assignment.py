@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Which ends belong together: one to one, at the least cost in all."""
+"""Assigns rows to columns one to one, at the least total cost."""
 
 import numpy as np
 
@@ -16,14 +16,14 @@ Source: numerical: more than all allowed pairs together, which cost metres.
 
 def assign(cost: Float64, most: float) -> list[tuple[int, int]]:
     """
-    Pair rows with columns: as many as can be, then at the least total cost.
+    Pair as many rows with columns as possible, then at the least total cost.
 
     Parameters
     ----------
     cost : (M, N) float64
         Cost of each pair.
     most : float
-        What costs more is no pair; far below FAR.
+        Greatest cost of an allowed pair; far below FAR.
 
     Returns
     -------
@@ -40,7 +40,7 @@ def assign(cost: Float64, most: float) -> list[tuple[int, int]]:
     if len(np.unique(cheapest)) == len(rows):  # the cheapest columns are all different
         first, second = np.arange(len(rows)), cheapest
     else:
-        # It is rare, and loading the module takes longer than a tick: the warm-up does it.
+        # Rarely needed, and its import takes longer than a tick: the warm-up imports it.
         from scipy.optimize import linear_sum_assignment
 
         first, second = linear_sum_assignment(within)

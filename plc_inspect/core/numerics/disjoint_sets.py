@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Disjoint sets: each item leads to another of its set, one of them to itself."""
+"""Disjoint sets: each item points to another of its set, and the root to itself."""
 
 from numba import njit
 import numpy as np
@@ -11,7 +11,7 @@ from plc_inspect.results import Int32, Int64
 
 @njit(cache=True, nogil=True)
 def find_root(parent, item):  # type: ignore[no-untyped-def]
-    """Follow (N,) int leads from an item to the one that leads to itself, and shorten them."""
+    """Return the root of an item's set; (N,) int parents are followed, and halved on the way."""
     while parent[item] != item:
         parent[item] = parent[parent[item]]
         item = parent[item]
@@ -25,9 +25,9 @@ def unite(pairs: Int32, num: int) -> Int64:
     Parameters
     ----------
     pairs : (P, 2) int32
-        Items of one set, from 0.
+        Items that belong to one set, from 0.
     num : int
-        Items; one that is in no pair is a set of its own.
+        Number of items; one without a pair is a set of its own.
 
     Returns
     -------

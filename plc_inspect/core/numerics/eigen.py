@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Eigenvalues of covariances, and the direction of the greatest."""
+"""Eigenvalues and first eigenvector of 3 x 3 covariances, in closed form."""
 
 import math
 
@@ -29,9 +29,9 @@ def principal_axis(xx, xy, xz, yy, yz, zz):  # type: ignore[no-untyped-def]
     """
     Eigenvalues l1 >= l2 >= l3 >= 0 and first eigenvector of a symmetric 3 x 3 matrix.
 
-    Closed form (Smith 1961), without branches and trigonometry, so that loops over many are run by
-    vectors; the eigenvector has x > 0 or, at x = 0, y > 0, and is that of x where all directions
-    are alike.
+    Closed form (Smith 1961), without branches and trigonometry, so that loops over many become
+    vector instructions.  The eigenvector has x > 0 or, at x = 0, y > 0; where all eigenvalues are
+    equal it is that of x.
     """
     # A = mean I + p B, with B of trace 0 and of norm sqrt(6): B's eigenvalues are 2 cos(angle)
     mean = (xx + yy + zz) / 3.0
@@ -90,9 +90,9 @@ def principal_axis(xx, xy, xz, yy, yz, zz):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True, inline='always', error_model='numpy')
 def principal_axis_of(sums, first, step):  # type: ignore[no-untyped-def]
     """
-    `principal_axis` of the covariance [m2] of points.
+    `principal_axis` of the covariance [m2] of points, from their moments.
 
-    Their number, sums and products are ten of ``sums``, from the first on at a fixed step.
+    Ten of ``sums``, from the first on at a fixed step: their number, sums [m] and products [m2].
     """
     n = sums[first]
     mx = sums[first + step] / n

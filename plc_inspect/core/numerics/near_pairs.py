@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Pairs of points that are near one another."""
+"""All pairs of points within a distance of each other."""
 
 from numba import njit
 import numpy as np
@@ -20,7 +20,7 @@ Source: numerical: ten million roundings of a double.
 
 def find_pairs(points: Float64, reach: float) -> Int32:
     """
-    Find all pairs of points within ``reach`` of one another, by looking at cells that touch.
+    Find all pairs of points within ``reach`` of each other, among cells that touch.
 
     Parameters
     ----------

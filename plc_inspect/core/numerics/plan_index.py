@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Index of points by plan cell, for searches along lines."""
+"""Index of points by plan cell, for searches along segments."""
 
 from dataclasses import dataclass
 import math
@@ -79,7 +79,7 @@ def build_plan_index(points: Float64, chosen: Int64, cell_size: float) -> PlanIn
 
 @njit(cache=True, nogil=True, inline='always')
 def clamp(value, most):  # type: ignore[no-untyped-def]
-    """Return a place on an axis of cells, brought into 0 to ``most``; 0 of NaN; no branches."""
+    """Clamp a place on an axis of cells to 0 to ``most``; NaN becomes 0.  No branches."""
     value = value if value > 0.0 else 0.0
     return value if value < most else most
 

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Sorting by buckets, for values that are spread out: two to six times as fast as by merging."""
+"""Bucket sort for values that are spread out, two to six times as fast as merge sort."""
 
 from numba import njit
 import numpy as np
@@ -21,10 +21,10 @@ Source: numerical: keeps the scale of the buckets finite.
 @njit(cache=True, nogil=True, error_model='numpy')
 def argsort_spread(values):  # type: ignore[no-untyped-def]
     """
-    Order of (n,) values, int64 or float64; equal ones keep theirs.
+    Return the indices that sort (n,) int64 or float64 values; equal ones keep their order.
 
-    As many buckets as values, then insertion; where many values fall into one bucket, or some are
-    not finite, merging.  O(n) for values that are spread out evenly, O(n log n) for others.
+    As many buckets as values, then insertion sort; merge sort where many values fall into one
+    bucket or some are not finite.  O(n) for values that are spread out evenly, else O(n log n).
     """
     n = len(values)
     low, high, nothing = np.inf, -np.inf, 0.0

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Calls of kernels side by side, for work that comes in few and large pieces."""
+"""Calls kernels in threads, for work that comes in few and large pieces."""
 
 from collections import deque
 from collections.abc import Callable
@@ -22,13 +22,13 @@ Source: numerical: time alone depends on it.
 
 def call_each(function: Callable[[int], T], num: int) -> list[T]:
     """
-    Return what a function gives for 0 to num - 1, in their order.
+    Call a function with 0 to num - 1, and return the results in this order.
 
-    It is called in as many threads as numba may use, and should spend its time in a kernel that
-    releases the GIL.  The first call tells how long the others will take; where that is next to
-    nothing they follow one by one.  Threads of numba's own were slower, and each kernel that
-    starts them is compiled with all it calls once more.  Where calls fail no more are begun, and
-    the error of the first of them is raised.
+    It runs in as many threads as numba may use, and should spend its time in a kernel that
+    releases the GIL.  The first call predicts the time of the others; below LEAST_WORK they
+    follow one by one.  numba's own threads were slower, and each kernel that starts them is
+    compiled once more with all it calls.  After a failure no call is begun; the first error, by
+    number, is raised.
     """
     if not num:
         return []

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Sparse voxels that hold the moments of their points."""
+"""Sparse voxels with the moments of their points."""
 
 from dataclasses import dataclass
 
@@ -47,7 +47,7 @@ class Voxels:
     """(M, 3) integer coordinates."""
     moments: Float64
     """
-    (M, 10) count, sums of x y z, sums of xx xy xz yy yz zz; coordinates from the voxel centre.
+    (M, 10) count, sums of x y z [m], of xx xy xz yy yz zz [m2], relative to the voxel's centre.
     """
     table_key: Int64
     table_slot: Int32
@@ -105,7 +105,7 @@ def build_voxels(points: Float64, chosen: Int64, origin: Float64, size: float) -
 
 def find_voxels(points: Float64, chosen: Int64, voxels: Voxels) -> Int32:
     """
-    Return the voxel that each chosen point lies in.
+    Find the voxel of each chosen point.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def find_voxels(points: Float64, chosen: Int64, voxels: Voxels) -> Int32:
 
 
 def coarsen(voxels: Voxels) -> Voxels:
-    """Merge 2 x 2 x 2 voxels into one of twice the size; exact, without the points."""
+    """Merge 2 x 2 x 2 voxels into one of twice the size: exact, from the moments alone."""
     keys, moments = _shift_to_parents(voxels.index, voxels.moments, voxels.size)
     return _sort(voxels.size * 2, voxels.origin, keys, moments)
 
@@ -159,7 +159,7 @@ def hash_key(key, mask):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, inline='always')
 def find_slot(table_key, table_slot, key):  # type: ignore[no-untyped-def]
-    """Slot of a key, or -1."""
+    """Return the slot of a key, or -1."""
     mask = len(table_key) - 1
     place = hash_key(key, mask)
     while table_key[place] != key:
@@ -186,7 +186,7 @@ def _extent(points, chosen, origin):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def add_key(table_key, table_slot, key, slot):  # type: ignore[no-untyped-def]
-    """Enter a key that is not in the table yet."""
+    """Insert a key that is not in the table yet."""
     mask = len(table_key) - 1
     place = hash_key(key, mask)
     while table_key[place] >= 0:
@@ -253,7 +253,7 @@ def _fill_part(points, chosen, origin, size):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, parallel=True, nogil=True)
 def _fill_parts(points, chosen, origin, size):  # type: ignore[no-untyped-def]
-    """Keys and moments of voxels; one that several parts have points in comes several times."""
+    """Return keys and moments of voxels; those that several parts share come several times."""
     keys = [np.empty(0, dtype=np.int64) for _ in range(NUM_PARTS)]
     moments = [np.empty((0, NUM_MOMENTS)) for _ in range(NUM_PARTS)]
     for part in prange(NUM_PARTS):
@@ -272,7 +272,7 @@ def _fill_parts(points, chosen, origin, size):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, parallel=True, nogil=True)
 def _unite(keys, moments, order):  # type: ignore[no-untyped-def]
-    """Put keys into their order, and what comes several times into one."""
+    """Sort keys, and add up the moments of those that come several times."""
     first = np.empty(len(keys) + 1, dtype=np.int64)
     used = 0
     for k in range(len(order)):
@@ -353,7 +353,7 @@ def add_shifted(total, row, dx, dy, dz):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, parallel=True, nogil=True)
 def _shift_to_parents(index, moments, size):  # type: ignore[no-untyped-def]
-    """Keys of the voxels of twice the size, and moments about their centres, of each voxel."""
+    """Return for each voxel the key of that of twice the size, and moments about its centre."""
     keys = np.empty(len(index), dtype=np.int64)
     shifted = np.empty((len(index), NUM_MOMENTS))
     for i in prange(len(index)):
