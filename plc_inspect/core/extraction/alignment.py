@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Regularisation: the direction of the line, place by place."""
+"""Regularisation: finds the direction of the line, place by place."""
 
 from dataclasses import dataclass
 import math
@@ -60,7 +60,7 @@ class AlignmentResult:
     """Windows of the cloud in which lines run straight and in one direction."""
 
     voted: Bool
-    """(M,) candidates that enough others lie in line with."""
+    """(M,) candidates with enough others in line with them."""
     votes: Int64
     """(M,) occupied bins along the axis of each candidate, at most NUM_BINS."""
     center: Float64
@@ -81,11 +81,11 @@ def align(candidates: LinearityResult, settings: AlignmentSettings) -> Alignment
     """
     Turn oriented candidates into windows that each have one azimuth.
 
-    A wire is long: candidates with fewer than ``min_votes`` others in line with them, within
-    ``reach``, are dropped.  The azimuth of the rest is that of the positions in line with them,
-    which is far steadier than that of one neighbourhood, and is the angle of the rotation R_z
-    of the paper.  Each plan tile gets one window for each azimuth found in it, so that lines
-    may bend at supports and cross.
+    A wire is long: drops candidates with fewer than ``min_votes`` bins that hold others in line
+    with them, within ``reach``.  The azimuth of the rest is that of the positions in line with
+    them, far steadier than that of one neighbourhood; it is the angle of the paper's rotation
+    R_z.  Each plan tile gets one window for each azimuth found in it, so that lines may bend at
+    supports and cross.
 
     Parameters
     ----------
@@ -191,7 +191,7 @@ def _half_turn(azimuth: Float64, slope: Float64) -> tuple[Float64, Float64]:
 
 
 def _split_azimuths(tile: Int64, azimuth: Float64, gap: float) -> Int64:
-    """Return the group of each item: of equal tile, its sorted azimuths without a wider gap."""
+    """Split the sorted azimuths of each tile at wider gaps; return the group of each item."""
     column, row = (tile - tile.min(axis=0)).T
     number = column * (row.max() + 1) + row
     order = np.argsort(4.0 * number + azimuth)  # they span less than 4
@@ -214,7 +214,7 @@ def _split_azimuths(tile: Int64, azimuth: Float64, gap: float) -> Int64:
 
 
 def _close_numbers(number: Int64) -> Int64:
-    """Return small numbers from 0 renumbered in their order, so that none is missing."""
+    """Renumber small numbers from 0 in their order, so that none is missing."""
     present = np.zeros(int(number.max(initial=-1)) + 1, dtype=np.int64)
     present[number] = 1
     result: Int64 = (np.cumsum(present) - 1)[number]
@@ -222,7 +222,7 @@ def _close_numbers(number: Int64) -> Int64:
 
 
 def _is_sure(tile: Int64, window: Int64) -> Bool:
-    """Tell which items are in a window that is not a few strays beside the main one of a tile."""
+    """Tell the items of windows that hold more than a few strays beside a tile's main one."""
     count = np.bincount(window)
     any_of = np.empty(len(count), dtype=np.int64)
     any_of[window] = np.arange(len(window))
@@ -238,7 +238,7 @@ def _vote(  # type: ignore[no-untyped-def]
     position, direction, places, ways, start, origin, cell, rows, columns, reach
 ):
     """
-    Occupied bins along each candidate's axis, and the axis of what lies in line with it.
+    Count filled bins along each candidate's axis, and find the axis of what lies in line with it.
 
     ``places`` and ``ways`` are x, y and z of position and direction, in order of plan cells.
     """
@@ -291,10 +291,9 @@ def _vote(  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True, fastmath={'reassoc', 'nsz'})
 def _add_in_line(x, y, z, wx, wy, wz, position, way, reach, total):  # type: ignore[no-untyped-def]
     """
-    Add to ``total`` the moments of places that are in line with a candidate; return their bins.
+    Add the moments of places in line with a candidate to ``total``; return their bins as bits.
 
-    Those are bits.  Without branches, and with sums in any order, so that the compiler turns it
-    into vector instructions.
+    Without branches, and with sums in any order, so that the compiler makes vector instructions.
     """
     px, py, pz, ux, uy, uz = position[0], position[1], position[2], way[0], way[1], way[2]
     per_bin, last_bin, occupied = NUM_BINS / (2.0 * reach), np.int32(NUM_BINS - 1), np.uint32(0)

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The ground surface under a cloud, from the lowest points of a grid."""
+"""Estimates the ground surface under a cloud from the lowest points of a grid."""
 
 from numba import njit, prange
 import numpy as np
@@ -104,9 +104,9 @@ def _fill(values: Float32) -> Float32:
 @njit(cache=True, parallel=True, nogil=True)
 def _is_areal(seen):  # type: ignore[no-untyped-def]
     """
-    Tell cells that have seen cells on all sides of them from those in thin lines.
+    Tell cells with seen cells on all sides from those in thin lines.
 
-    A wire-only cloud has lowest points too, but they are no ground.
+    A cloud of wires alone has lowest points too, but they are not ground.
     """
     rows, columns = seen.shape
     along = np.empty((rows, columns), dtype=np.int32)
@@ -137,7 +137,7 @@ def _is_areal(seen):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, parallel=True, nogil=True)
 def _shrink(values):  # type: ignore[no-untyped-def]
-    """Mean of the known ones of each four cells, NaN where none is."""
+    """Return the mean of the known ones of each four cells, NaN where none is known."""
     rows, columns = values.shape
     result = np.empty(((rows + 1) // 2, (columns + 1) // 2), dtype=np.float32)
     for row in prange(result.shape[0]):
@@ -154,7 +154,7 @@ def _shrink(values):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, parallel=True, nogil=True)
 def _fill_from(values, coarse):  # type: ignore[no-untyped-def]
-    """Fill cells that are not finite from a grid of cells twice as wide, by four of them."""
+    """Fill cells that are not finite, bilinearly, from a grid of cells twice as wide."""
     rows, columns = values.shape
     last_row, last_column = coarse.shape[0] - 1, coarse.shape[1] - 1
     one = np.float32(1.0)
@@ -216,7 +216,7 @@ def _drop_stray_lows(lowest, cell, max_slope):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _lower_envelope(surface, cell, max_slope):  # type: ignore[no-untyped-def]
-    """Greatest surface under the given one that is nowhere steeper than max_slope."""
+    """Return the greatest surface below the given one that is nowhere steeper than max_slope."""
     rows, columns = surface.shape
     result = np.where(np.isnan(surface), np.float32(np.inf), surface)
     straight = np.float32(max_slope * cell)

@@ -153,7 +153,7 @@ def bounds(points):  # type: ignore[no-untyped-def]
 # than it is ready to tell apart, and a step from point to point that it knows, hence ``ravel``.
 @njit(cache=True, nogil=True)
 def _find_cells(points, low, per_cell, rows, columns, at, z):  # type: ignore[no-untyped-def]
-    """Put in the cell of each point, and how far it is above ``low``, NaN if it is not finite."""
+    """Set the cell of each point, and its height above ``low``, NaN if it is not finite."""
     flat, x0, y0, z0 = points.ravel(), low[0], low[1], low[2]
     most_x, most_y, wide = columns - 1.0, rows - 1.0, np.uint32(columns)
     for k in range(len(points)):
@@ -191,9 +191,9 @@ def _lowest_points(points, low, per_cell, rows, columns):  # type: ignore[no-unt
 @njit(cache=True, parallel=True, nogil=True)
 def _heights(points, ground, low, cell, height):  # type: ignore[no-untyped-def]
     """
-    Put in the height of each point above the ground; return the least and the greatest.
+    Set the height of each point above the ground; return the least and the greatest.
 
-    The ground between the middles of four cells is interpolated between them.
+    The ground is bilinear between the middles of four cells.
     """
     num_parts = 8
     num = len(points)
@@ -226,9 +226,9 @@ def _heights(points, ground, low, cell, height):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True)
 def _locate(points, low, cell, rows, columns, at, right, up):  # type: ignore[no-untyped-def]
     """
-    Put in the cell of a padded grid that lies left below each point, and the shares beyond it.
+    Set the cell of a padded grid left below each point, and how far the point lies beyond it.
 
-    Shares are of the way to the next middles of cells, NaN where the point is not finite.
+    Distances are shares of the way to the next middles, NaN where the point is not finite.
     """
     flat, per_cell, wide = points.ravel(), 1.0 / cell, np.uint32(columns + 1)
     x0, y0, most_x, most_y = low[0], low[1], columns - 1.0, rows - 1.0
@@ -244,7 +244,7 @@ def _locate(points, low, cell, rows, columns, at, right, up):  # type: ignore[no
 
 @njit(cache=True, nogil=True)
 def _pick_corners(points, padded, at, z, g00, g01, g10, g11):  # type: ignore[no-untyped-def]
-    """Put in z of each point and the ground at the four middles of cells about it."""
+    """Set z of each point and the ground at the middles of the four cells about it."""
     flat, one, wide = padded.ravel(), np.uint32(1), np.uint32(padded.shape[1])
     for k in range(len(points)):
         here = at[k]
@@ -264,7 +264,7 @@ def _interpolate(right, up, z, g00, g01, g10, g11, height):  # type: ignore[no-u
 
 @njit(cache=True, nogil=True)
 def _widen(values, least, most):  # type: ignore[no-untyped-def]
-    """Take values into the LANES least and greatest ones; NaN does not count."""
+    """Update the LANES least and greatest values; NaN does not count."""
     for first in range(0, len(values) - LANES + 1, LANES):
         for lane in range(LANES):
             value = values[first + lane]

@@ -186,7 +186,7 @@ def _without_ground(
 
 
 def _ground_peak(histogram: Int64, edges: Float64, beta: float) -> float:
-    """Height of the fullest bin next to the ground surface; 0 where there is none."""
+    """Return the height of the fullest bin near the ground surface, 0 where there is none."""
     centers = (edges[:-1] + edges[1:]) / 2
     near = np.abs(centers) < min(MAX_PEAK, PEAK_SHARE * beta)
     if not near.any() or histogram[near].max() == 0:

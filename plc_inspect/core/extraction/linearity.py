@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Likeness features of voxel neighbourhoods, and the oriented candidates among them."""
+"""Measures likeness features of voxel neighbourhoods, and finds the linear ones."""
 
 from dataclasses import dataclass, replace
 import math
@@ -74,13 +74,13 @@ class LinearityResult:
     count: Int64
     """(M,) points of the neighbourhood."""
     sizes: tuple[float, ...]
-    """Edges of all neighbourhoods that were looked at [m]."""
+    """Edges of all neighbourhoods that were examined [m]."""
     num_voxels: tuple[int, ...]
     """Occupied voxels at each of them."""
     num_bulk: int = 0
-    """Points that were dropped first, as inside of bulky things."""
+    """Points dropped first, inside bulky things."""
     histogram: tuple[int, ...] = ()
-    """Neighbourhoods with enough points by linear likeness, in equal bins from 0 to 1."""
+    """Neighbourhoods with enough points, by linear likeness in equal bins from 0 to 1."""
 
     def select(self, keep: Bool) -> 'LinearityResult':
         """Return some of the candidates, (M,) True for those that stay."""
@@ -101,7 +101,7 @@ class Scales:
     levels: tuple[tuple[Voxels, Likeness], ...]
     """Voxels and the features of the block about each, from fine to coarse."""
     num_bulk: int
-    """Points that were dropped first, as inside of bulky things."""
+    """Points dropped first, inside bulky things."""
 
 
 def measure_scales(
@@ -149,9 +149,9 @@ def find_candidates(
 
     A voxel is a candidate where the block about it holds ``min_neighbors`` points or more, has a
     linear likeness of ``threshold`` or more and a first eigenvector within
-    ``max_inclination_deg`` of the horizontal.  Moments of coarse scales are sums of those of
-    fine ones, so the points are visited once.  A coarse voxel that has a part which is linear
-    the same way is left out: the finer one says it already.
+    ``max_inclination_deg`` of the horizontal.  Moments of coarse scales are sums of fine ones, so
+    every point is visited once.  A coarse voxel with a part that is linear in the same direction
+    is left out, as the finer one is a candidate already.
 
     Parameters
     ----------
@@ -229,7 +229,7 @@ def anchor(points: Float64, chosen: Int64, settings: LinearitySettings) -> Float
     """
     Return the origin of the voxels: below all chosen points, at a multiple of the coarsest edge.
 
-    So a map that grows keeps its voxels where they are.
+    Voxels so stay where they are while a map grows.
 
     """
     if not len(chosen):
@@ -264,7 +264,7 @@ def measure_likeness(voxels: Voxels) -> Likeness:
 def _has_finer(  # type: ignore[no-untyped-def]
     index, direction, table_key, table_slot, linear, finer_direction
 ):
-    """Tell which voxels have an eighth that is linear in about the same direction."""
+    """Tell which voxels have one of eight parts that is linear in the same direction."""
     result = np.zeros(len(index), dtype=np.bool_)
     for k in range(len(index)):
         for part in range(8):
@@ -336,7 +336,7 @@ def _measure(keys, moments, size):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _add_block(keys, moments, size, i, step, at, total):  # type: ignore[no-untyped-def]
-    """Add up the moments of the block about a voxel, with pointers into its nine columns."""
+    """Add up the moments of the block about a voxel; pointers lead into its nine columns."""
     total[:] = 0.0
     for column in range(9):
         low = keys[i] + step[column]
@@ -357,8 +357,8 @@ def _derive_features(flat):  # type: ignore[no-untyped-def]
     """
     Fill the rows of features of a sheet from those of sums, by vectors.
 
-    ``flat`` is the sheet as ((NUM_SUMS + NUM_FEATURES) * BLOCK,) float64: rows of count, sums [m]
-    and products [m2] of points, then of linear, planar and spherical likeness and direction.
+    ``flat`` is the sheet as ((NUM_MOMENTS + NUM_FEATURES) * BLOCK,) float64: count, sums [m]
+    and products [m2] of points, then linear, planar and spherical likeness, and direction.
     """
     for k in range(BLOCK):
         l1, l2, l3, vx, vy, vz = principal_axis_of(flat, k, BLOCK)

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Bulky things, most of them vegetation, told by how full the space about a point is."""
+"""Drops points inside bulky things, most of them vegetation, by how full the space is."""
 
 from numba import njit, prange
 import numpy as np
@@ -39,11 +39,11 @@ def drop_bulk(
     points: Float64, chosen: Int64, origin: Float64, max_occupied: int
 ) -> Int64:
     """
-    Drop the points inside bulky things, most of vegetation, before anything dear is done.
+    Drop the points inside bulky things, most of them vegetation, before the costly steps.
 
-    A point stays where at most ``max_occupied`` of the 27 cells of a metre about its own hold
-    points: a line fills 3 to 9, a row of conductors up to 14, a crown most of them.  What stands
-    in a crown is found again from the model.
+    A point stays where at most ``max_occupied`` of the 27 cells of a metre about it hold points: a
+    line fills 3 to 9, a row of conductors up to 14, a crown most of them.  A conductor inside a
+    crown is found again from the model.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def drop_bulk(
     origin : (3,) float64
         Coordinates [m].
     max_occupied : int
-        See its class.
+        As in `LinearitySettings`.
 
     Returns
     -------
@@ -160,14 +160,14 @@ def _fill_part(points, chosen, origin, size, column_of, level):  # type: ignore[
 
 @njit(cache=True, nogil=True, inline='always')
 def _look(table_key, table_slot, filled, key):  # type: ignore[no-untyped-def]
-    """Bits of the column with a key, none where there is no such column."""
+    """Return the bits of the column with a key, none where there is no such column."""
     slot = find_slot(table_key, table_slot, key)
     return filled[slot] if slot >= 0 else np.uint64(0)
 
 
 @njit(cache=True, parallel=True, nogil=True)
 def _find_sparse(key, filled, table_key, table_slot, max_occupied):  # type: ignore[no-untyped-def]
-    """Bits of the cells with at most ``max_occupied`` occupied ones among the 27 about them."""
+    """Return the bits of cells with at most ``max_occupied`` occupied ones of 27 about them."""
     result = np.zeros(len(key), dtype=np.uint64)
     one, top, mask = np.uint64(1), np.uint64(63), (1 << AXIS_BITS) - 1
     for i in prange(len(key)):

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The points off the ground, in order of plan cells: the cloud that wires are looked for in."""
+"""The points off the ground in order of plan cells: the cloud that is searched for wires."""
 
 from dataclasses import dataclass, replace
 
@@ -36,7 +36,7 @@ class OffGround:
     num_total: int
     """N."""
     high: Int64
-    """Those that are to be searched for wires, ascending."""
+    """Those to be searched for wires, ascending."""
     height: HeightResult
     """With ``height`` and ``high`` of these points."""
     index: PlanIndex
@@ -98,7 +98,7 @@ def gather_off_ground(points: Float64, height: HeightResult, least: float) -> Of
 def _take(
     points: Float64, height: Float32, high: Bool, chosen: Int32
 ) -> tuple[Float64, Float32, Bool]:
-    """Return some of the points, in the order asked for, with their heights."""
+    """Return some of the points, in the given order, with their heights [m]."""
     # made here and not in the kernel, as numpy asks for large pages of memory
     num = len(chosen)
     rows = np.empty((num, 3)), np.empty(num, dtype=np.float32), np.empty(num, dtype=np.bool_)
@@ -108,7 +108,7 @@ def _take(
 
 @njit(cache=True, nogil=True)
 def _count_before(numbers, limits):  # type: ignore[no-untyped-def]
-    """How many of the ascending numbers are below each of the ascending limits."""
+    """Count the ascending numbers below each of the ascending limits."""
     result = np.empty(len(limits), dtype=np.int32)
     count = 0
     for k in range(len(limits)):

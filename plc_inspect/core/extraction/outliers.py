@@ -22,7 +22,7 @@ Source: numerical: the search is exact; time alone depends on it.
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class OutlierResult:
-    """Which of M positions have neighbours at a usual distance."""
+    """Which of M positions have neighbours at the usual distance."""
 
     keep: Bool
     """(M,) True for inliers."""
@@ -74,8 +74,8 @@ def _measure_averages(places, start, origin, cell, rows, columns, num):  # type:
     """
     Mean distance of each place to its ``num`` nearest others; (3, M) places sorted by plan cell.
 
-    Each looks at a square of cells about its own, and at twice the square where its neighbours
-    may lie farther off than the square's edge.  The cells of a row are next to each other.
+    Each searches a square of cells about its own, and doubles it while neighbours may lie beyond
+    its edge.  The cells of a row are next to each other.
     """
     x, y, z = places[0], places[1], places[2]
     result = np.empty(len(x))
@@ -103,7 +103,7 @@ def _measure_averages(places, start, origin, cell, rows, columns, num):  # type:
 
 @njit(cache=True, nogil=True)
 def _keep_nearest(x, y, z, x0, y0, z0, nearest):  # type: ignore[no-untyped-def]
-    """Put squared distances that are among the least into ``nearest``, which ascends."""
+    """Insert the least squared distances into ``nearest``, which ascends."""
     for m in range(len(x)):
         value = (x[m] - x0) ** 2 + (y[m] - y0) ** 2 + (z[m] - z0) ** 2
         if value < nearest[-1]:
