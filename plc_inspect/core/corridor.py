@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Extraction of the power line corridor (PLC), paper Eq. 9."""
+"""Extracts the power line corridor (PLC), paper Eq. 9."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -42,7 +42,7 @@ class CorridorResult:
     distance: Float32
     """(K,) distance to the nearest span [m]."""
     span: Int32
-    """(K,) which span that is."""
+    """(K,) index of that span."""
     radius: Float64
     """(C,) search radius of each span [m]."""
     complex_case: Bool
@@ -52,7 +52,7 @@ class CorridorResult:
     near_distance: Float32
     """(J,) distance to the nearest span [m]."""
     near_span: Int32
-    """(J,) which span that is."""
+    """(J,) index of that span."""
 
 
 def extract_corridor(
@@ -66,11 +66,11 @@ def extract_corridor(
     """
     Find the points within the search radius of each span, and their distance to it.
 
-    The radius of a span is the first case of Eq. 9 where something near it stands higher than
-    its lowest point: the greatest distance, in the vertical plane or from it, of the points that
-    are higher above ground than they are far from the plane and so could fall onto it.  In open
-    country it is the height of the lowest point above ground.  Distances are to the curve itself,
-    not to its points.  O(N) with a plan grid in place of the paper's Kd-tree.
+    Where something nearby stands higher than the span's lowest point, its radius is the first case
+    of Eq. 9: the greatest distance, within the vertical plane or from it, of the points that are
+    higher above ground than far from the plane and so could fall onto it.  In open country it is
+    the height of the lowest point above ground.  Distances are to the curve, not to its points.
+    O(N), with a plan grid in place of the paper's Kd-tree.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def extract_corridor(
     settings : CorridorSettings
         Settings of this stage.
     least_reach : float
-        Search at least this far, whatever the radius, for clearance rules [m].
+        Search at least this far for clearance rules, whatever the radius [m].
 
     Returns
     -------
@@ -161,12 +161,12 @@ def _choose_radii(
 @njit(cache=True, nogil=True, error_model='numpy')
 def _look_around(points, height, found, span, rows, lowest):  # type: ignore[no-untyped-def]
     """
-    Height of the ground near each span, and what of the points found near it could fall onto it.
+    Measure the ground near each span, and the points that could fall onto it.
 
-    Returned are the median height of the ground, -inf where it is not known; and of the points
-    more than LEAST_FALL above ground, the number of those that stand above the span's lowest
-    point, and the greatest distance, in the vertical plane or from it, of those higher above
-    ground than far from the plane, -inf without any.
+    Returns the median height of the ground, -inf where it is unknown; and of the points more than
+    LEAST_FALL above ground, the number above the span's lowest point, and the greatest distance,
+    within the vertical plane or from it, of those higher above ground than far from the plane,
+    -inf without any.
     """
     num = len(rows)
     count = np.zeros(num, dtype=np.int64)

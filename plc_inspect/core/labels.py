@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Labels: class, decision, clearance and span of each point."""
+"""Labels each point with class, decision, clearance and span."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -66,7 +66,7 @@ def choose_surroundings(
     height: Float32, spans: SpanResult, corridor: CorridorResult
 ) -> Nearby:
     """
-    Find which points near the conductors are surroundings.
+    Find the surroundings: points close to conductors that are objects of their own.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def choose_surroundings(
 
 def label(lines: FoundLines, corridor: CorridorResult, nearby: Nearby, foliage: Bool) -> Labels:
     """
-    Say what each point is and which stage settled it.
+    Tell what each point is and which stage decided it.
 
     A high point that is neither wire nor support shares the fate of the best candidate in its
     cell of a metre.
@@ -182,7 +182,7 @@ def _put_foliage(near, foliage, classification):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _index_states(position, state):  # type: ignore[no-untyped-def]
-    """Hash table of the greatest state of the candidates in each cell of a metre."""
+    """Return a hash table of the greatest state of the candidates in each cell of a metre."""
     origin = np.full(3, np.inf)
     for k in range(len(position)):
         for axis in range(3):
@@ -209,7 +209,7 @@ def _index_states(position, state):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, inline='always')
 def _find_state(x, y, z, keys, values):  # type: ignore[no-untyped-def]
-    """State of the cell that a position from the origin lies in."""
+    """Return the state of the cell of a position, relative to the origin."""
     if not (x >= 0.0 and y >= 0.0 and z >= 0.0):
         return NOT_LINEAR
     key = pack(int(x), int(y), int(z))
@@ -227,10 +227,10 @@ def _settle(  # type: ignore[no-untyped-def]
     height, high, used, line_id, support, decision, classification
 ):
     """
-    Decision and class of each point by its height, wires and supports.
+    Set decision and class of each point by its height, wires and supports.
 
-    Without branches, so that the compiler turns it into vector instructions.  Where high points
-    were looked at at all, they are no part of anything linear, unless `_settle_high` finds more.
+    Without branches, so that the compiler makes vector instructions.  High points that were
+    searched are not linear, unless `_settle_high` finds more.
     """
     for i in prange(len(height)):
         above = height[i]
@@ -248,7 +248,7 @@ def _settle(  # type: ignore[no-untyped-def]
 def _settle_high(  # type: ignore[no-untyped-def]
     points, high, place, line_id, support, origin, keys, values, decision
 ):
-    """Decision of the high points that have candidates in their cells."""
+    """Set the decision of high points with candidates in their cells."""
     for k in prange(len(high)):
         m = high[k]
         state = _find_state(
@@ -271,7 +271,7 @@ def _spread(  # type: ignore[no-untyped-def]
     corridor, distance, owner, line_id, span_id, lines, spans,
     clearance, result, own_line, own_span,
 ):
-    """Clearance and span of each point, line and span of each corridor point."""
+    """Set clearance and span of each point, line and span of each corridor point."""
     for i in prange(len(line_id)):
         clearance[i] = np.nan
         result[i] = span_id[i]

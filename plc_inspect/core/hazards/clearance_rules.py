@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Clearance rules as data: which distance is asked for, by whom, and how severe a breach is."""
+"""Clearance rules as data: which distance is required, by whom, and how severe a breach is."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -38,7 +38,7 @@ _LIMIT_KEYS = {'feature', 'kv', 'distance', 'measure', 'where', 'tiers', 'source
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limit:
-    """One distance that a rule set asks for."""
+    """One distance that a rule set requires."""
 
     feature: str
     """One of FEATURES."""
@@ -65,7 +65,7 @@ class Limit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RuleSet:
-    """The limits that hold for one line, with who asks for them."""
+    """The limits that apply to one line, and who requires them."""
 
     name: str
     title: str
@@ -90,8 +90,8 @@ def plain_rules(settings: HazardSettings) -> RuleSet:
     """
     Return the rule set that the settings hold, which claims no authority.
 
-    Vegetation and structures are critical and warned of at the two distances of the settings;
-    ground, other lines and falling trees are warned of.  A distance of 0 is not looked for.
+    Vegetation and structures are critical, or a warning, below the two distances of the settings;
+    ground, other lines and falling trees are warnings.  A distance of 0 leaves the rule out.
 
     Raises
     ------
@@ -131,21 +131,20 @@ def plain_rules(settings: HazardSettings) -> RuleSet:
 
 def parse_rules(content: Mapping[str, Any], settings: HazardSettings) -> RuleSet:
     """
-    Read a rule set and choose the limits that hold for the line.
+    Read a rule set and choose the limits that apply to the line.
 
     Parameters
     ----------
     content : mapping
         As ``config/rules/*.yaml`` hold it; ``docs/hazards.md`` describes the keys.
     settings : HazardSettings
-        Voltage [kV], 0 where it is unknown, and elevation above sea level [m], below -500 where
-        it is unknown.
+        Voltage [kV], 0 unknown, and elevation above sea level [m], below LEAST_ELEVATION unknown.
 
     Returns
     -------
     RuleSet
-        Distances in metres.  Limits that depend on an unknown voltage, and those of features
-        that coordinates cannot tell, are named in ``not_applied``.
+        Distances in metres.  ``not_applied`` names limits that need an unknown voltage, and those
+        of features that coordinates cannot tell.
 
     Raises
     ------
@@ -293,7 +292,7 @@ def _read_distance(
 
 
 def _holds(kv: Any, voltage: float, where: str) -> bool:
-    """Whether a limit for one nominal voltage, or for a range [low, high), holds."""
+    """Tell whether a limit for one nominal voltage, or for a range [low, high), applies."""
     if isinstance(kv, list):
         if len(kv) != 2:
             raise ConfigError(f'{where}: kv must be one voltage or [low, high]')

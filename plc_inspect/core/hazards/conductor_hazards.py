@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Hazards of the conductors themselves: too low, too near to one another, sagging too much."""
+"""Hazards of the conductors themselves: too low, too close to each other, too much sag."""
 
 from collections.abc import Sequence
 import math
@@ -86,7 +86,7 @@ def find_low_conductors(
     rules: RuleSet,
 ) -> Records:
     """
-    Find the spans that hang too low over the ground: one hazard a span, at its lowest place.
+    Find the spans that hang too low above the ground: one hazard a span, at its lowest place.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def find_low_conductors(
     supports : sequence of Support
         Towers and poles.
     rules : RuleSet
-        What is asked for.
+        Limits that apply.
 
     Returns
     -------
@@ -149,9 +149,9 @@ def find_crossings(
     models: Sequence[SpanModel], supports: Sequence[Support], rules: RuleSet
 ) -> Records:
     """
-    Find places where one line crosses another too near to it.
+    Find the places where one line crosses another too closely.
 
-    Conductors that cross at one place are one hazard, at its least distance; the position is on
+    Conductors that cross at one place are one hazard, at the least distance; its position is on
     the lower conductor.
 
     Parameters
@@ -161,7 +161,7 @@ def find_crossings(
     supports : sequence of Support
         Towers and poles.
     rules : RuleSet
-        What is asked for.
+        Limits that apply.
 
     Returns
     -------
@@ -208,7 +208,7 @@ def find_crossings(
 
 
 def _ends(models: Sequence[SpanModel]) -> tuple[Float64, Float64, Int32]:
-    """(C, 2) start and end in plan, and number, of the span of each model."""
+    """Return (C, 2) start and end in plan [m], and the number, of the span of each model."""
     return (
         np.array([model.span.start[:2] for model in models]).reshape(-1, 2),
         np.array([model.span.end[:2] for model in models]).reshape(-1, 2),
@@ -217,7 +217,7 @@ def _ends(models: Sequence[SpanModel]) -> tuple[Float64, Float64, Int32]:
 
 
 def _cross(start: Float64, end: Float64, others: Float64, other_ends: Float64) -> Bool:
-    """Tell which others a span crosses in plan, within the ends and not at a support of both."""
+    """Tell which others a span crosses in plan, between the ends and not at a common support."""
     (rx, ry), (sx, sy), (wx, wy) = end - start, (other_ends - others).T, (others - start).T
     area = rx * sy - ry * sx
     length, lengths = math.hypot(rx, ry), np.hypot(sx, sy)
@@ -234,7 +234,7 @@ def _cross(start: Float64, end: Float64, others: Float64, other_ends: Float64) -
 def _approach(
     first: SpanModel, second: SpanModel
 ) -> tuple[SpanModel, SpanModel, float, float, float]:
-    """Upper and lower span, x of the nearest places on both, and their distance."""
+    """Return upper and lower span, x of the closest places on both, and their distance [m]."""
     low, high = first.start_x, first.end_x
     for _ in range(NUM_ROUNDS):
         x = np.linspace(low, high, NUM_PROBES)
@@ -256,7 +256,7 @@ def find_interference(
     settings: HazardSettings,
 ) -> Records:
     """
-    Find conductors of a span that come much nearer in it than where they are held.
+    Find conductors of a span that come much closer within it than at its ends.
 
     Parameters
     ----------
@@ -265,7 +265,7 @@ def find_interference(
     supports : sequence of Support
         Towers and poles.
     rules : RuleSet
-        What is asked for.
+        Limits that apply.
     settings : HazardSettings
         Thresholds.
 
@@ -323,9 +323,9 @@ def find_abnormal_sag(
     """
     Find conductors that sag much more than the others of their span.
 
-    Sags are compared as the sag over the square of the length, and only where two others have at
-    least 0.7 of the length.  Where the others differ among themselves, as cables of different
-    kinds on one row of poles do, nothing is abnormal.
+    Compares the sag over the square of the length, where LEAST_PEERS others have at least
+    PEER_LENGTH of the length.  Where these differ among themselves, as cables of different kinds
+    on one row of poles do, nothing is abnormal.
 
     Parameters
     ----------
@@ -334,7 +334,7 @@ def find_abnormal_sag(
     supports : sequence of Support
         Towers and poles.
     rules : RuleSet
-        What is asked for.
+        Limits that apply.
     settings : HazardSettings
         Thresholds.
 

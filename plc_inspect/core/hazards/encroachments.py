@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Hazards by vegetation and structures near a conductor: one object, one hazard."""
+"""Hazards by vegetation and structures close to a conductor: one object, one hazard."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -87,7 +87,7 @@ class Nearby:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Surroundings:
-    """Points near the conductors, off the ground, neither wire nor support."""
+    """Points close to the conductors, off the ground, neither wire nor support."""
 
     points: Float64
     """(K, 3) [m]."""
@@ -96,7 +96,7 @@ class Surroundings:
     distance: Float64
     """(K,) to the nearest span [m]."""
     owner: Int64
-    """(K,) which of the models that is."""
+    """(K,) index of its model."""
     surface: Bool
     """(K,) points of roofs and walls rather than of foliage."""
 
@@ -112,7 +112,7 @@ class Surroundings:
 
 
 def group_points(points: Float64, reach: float) -> Int64:
-    """Label of the connected group of each point, links up to ``reach``; O(N log N)."""
+    """Return the connected group of each point, by links up to ``reach`` [m]; O(N log N)."""
     if not len(points):
         return np.zeros(0, dtype=np.int64)
     cell = np.floor(points / (reach / CELLS_PER_REACH)).astype(np.int64)
@@ -131,21 +131,21 @@ def find_encroachments(
     settings: HazardSettings,
 ) -> tuple[list[dict[str, Any]], Bool]:
     """
-    Find trees and structures that are nearer to a conductor than a rule allows.
+    Find trees and structures that are closer to a conductor than a rule allows.
 
-    Offending points that hang together are taken tree by tree; a tree counts once, at its worst
-    point, whatever number of conductors it is near to.
+    Connected offending points are divided tree by tree.  A tree counts once, at its worst point,
+    however many conductors it is close to.
 
     Parameters
     ----------
-    around : sequence
-        Surroundings.
+    around : Surroundings
+        Of all conductors.
     models : sequence of SpanModel
         Spans with their curves.
     supports : sequence of Support
         Towers and poles.
     rules : RuleSet
-        What is asked for.
+        Limits that apply.
     settings : HazardSettings
         Growth, least number of points and distance that links points.
 
@@ -154,7 +154,7 @@ def find_encroachments(
     hazards : list of dict
         Values of Hazard without its number.
     explained : (K,) bool
-        Points that are near enough to offend, but belong to a support.
+        Points that are close enough to offend but belong to a support.
 
     """
     limits = {
@@ -195,7 +195,7 @@ def find_encroachments(
 
 def is_held(points: Float64, model: SpanModel, supports: Sequence[Support]) -> Bool:
     """
-    Tell the points so near to an end of a span along it that its support explains them.
+    Tell the points so close to an end of a span, along it, that its support explains them.
 
     Parameters
     ----------
@@ -204,7 +204,7 @@ def is_held(points: Float64, model: SpanModel, supports: Sequence[Support]) -> B
     model : SpanModel
         The span.
     supports : sequence of Support
-        Towers and poles; where none is known something thin holds the end.
+        Towers and poles; an end without one is taken to hang on something thin.
 
     Returns
     -------
@@ -252,7 +252,7 @@ def _split(label: Int64) -> list[Int64]:
 def _split_kinds(
     surface: Bool, share: float, min_points: int
 ) -> list[tuple[HazardKind, Bool]]:
-    """Foliage and surfaces of one object, or all as what most of the whole object is."""
+    """Split one object into foliage and surfaces, or take it as what most of it is."""
     everything = np.ones(len(surface), dtype=bool)
     if len(surface) < min_points:
         return []
@@ -266,7 +266,7 @@ def _split_kinds(
 
 
 def _find_trees(around: Surroundings, offends: Bool) -> Int64:
-    """Tree of each point about the offending ones, -1 of those far from them."""
+    """Return the tree of each point around the offending ones, -1 for those far from them."""
     near = np.flatnonzero(_stand_near(around.points, offends, TREE_MARGIN))
     tree = np.full(len(around.points), -1, dtype=np.int64)
     tree[near] = segment_trees(around.points[near], around.height[near])
@@ -275,7 +275,7 @@ def _find_trees(around: Surroundings, offends: Bool) -> Int64:
 
 @njit(cache=True, nogil=True)
 def _stand_near(points, offends, margin):  # type: ignore[no-untyped-def]
-    """Tell the points in the plan cells of offending points, and in those about them."""
+    """Tell the points in the plan cells of offending points and in the cells around them."""
     x0, y0 = points[:, 0].min(), points[:, 1].min()
     columns = int((points[:, 0].max() - x0) / margin) + 3
     rows = int((points[:, 1].max() - y0) / margin) + 3
@@ -302,7 +302,7 @@ def _find_near(around: Surroundings, limits: Sequence[Limit], chosen: Bool) -> I
 def _score(
     near: Surroundings, models: Sequence[SpanModel], limits: Sequence[Limit]
 ) -> tuple[Int64, Float64]:
-    """Return the limit of each point that it comes nearest to breaking, and by what share."""
+    """Return for each point the limit it breaks most, or all but breaks, and the share kept."""
     num = len(near.points)
     which, best = np.full(num, -1, dtype=np.int64), np.full(num, np.inf)
     horizontal, vertical = np.zeros(num), np.zeros(num)

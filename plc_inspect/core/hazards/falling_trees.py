@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Falling trees: those that would come too near to a conductor."""
+"""Finds trees that would come too close to a conductor if they fell."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -94,9 +94,9 @@ def find_falling_trees(
     known: Sequence[dict[str, Any]],
 ) -> list[dict[str, Any]]:
     """
-    Find trees that come too near to a conductor when they fall.
+    Find trees that come too close to a conductor when they fall.
 
-    A tree of height h whose foot is at the distance s from the conductor reaches to s - h of it.
+    A tree of height h, its foot at distance s from the conductor, reaches to s - h of it.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def _trees_at(points: Float64, tree: Int64, places: Sequence[Float64]) -> set[in
     """Return the trees that the points nearest to some places belong to."""
     if not places:
         return set()
-    # Only some rules ask for it, and loading the module takes longer than a tick.
+    # Few rule sets need it, and its import takes longer than a tick.
     from scipy.spatial import cKDTree
 
     _, nearest = cKDTree(points).query(np.array(places))
@@ -178,7 +178,7 @@ def _tabulate(models: Sequence[SpanModel]) -> Float64:
 
 @njit(cache=True, parallel=True, nogil=True)
 def _choose_free(points, height, line_id, support):  # type: ignore[no-untyped-def]
-    """Points that may belong to a tree: finite, off the ground, neither wire nor support."""
+    """Tell points that may belong to a tree: finite, high enough, neither wire nor support."""
     result = np.zeros(len(points), dtype=np.bool_)
     for i in prange(len(points)):
         if height[i] > TREE_HEIGHT and np.isfinite(points[i, 0] + points[i, 1] + points[i, 2]):

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Hazards: clearance rules, falling trees, crossings, interference and abnormal sag."""
+"""Finds all hazards: clearances, falling trees, crossings, interference and abnormal sag."""
 
 from collections.abc import Sequence
 import dataclasses
@@ -28,7 +28,7 @@ from plc_inspect.results import Bool, Float32, Float64, Hazard, Span
 
 def choose_rules(settings: HazardSettings, rules: RuleSet | None = None) -> RuleSet:
     """
-    Return the rules that hold: those given, or the plain ones of the settings.
+    Return the rules that apply: those given, or the plain ones of the settings.
 
     Raises
     ------
@@ -117,7 +117,7 @@ def find_hazards(
 def add_ground_clearance(
     models: Sequence[SpanModel], ground_below: Sequence[Float64]
 ) -> tuple[Span, ...]:
-    """Return the spans with their least height above ground and where that is."""
+    """Return the spans with their least height above ground and its place along the span."""
     result = []
     for model, stations in zip(models, ground_below, strict=True):
         span = model.span
@@ -129,7 +129,7 @@ def add_ground_clearance(
 
 
 def _heights(own: Float64, height: Float32 | None) -> Float64:
-    """Heights above ground; where that is unknown, above the lowest point."""
+    """Return heights above ground [m], above the lowest point where the ground is unknown."""
     if height is None or not np.isfinite(height).all():
         lowest = own[:, 2].min() if len(own) else 0.0
         above: Float64 = own[:, 2] - lowest

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Surfaces: which points belong to roofs and walls rather than to foliage."""
+"""Tells points of roofs and walls from those of foliage."""
 
 import numpy as np
 
@@ -36,7 +36,7 @@ Source: numerical: any that leaves a voxel free.
 
 def is_surface(points: Float64) -> Bool:
     """
-    Tell points of roofs and walls from foliage by the planar likeness about them.
+    Tell points of roofs and walls from foliage by the planar likeness around them.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Single trees in a canopy: peaks that stand out from the crowns around them."""
+"""Divides a canopy into trees: peaks that stand out from the crowns around them."""
 
 from numba import njit
 import numpy as np
@@ -30,11 +30,11 @@ Source: judgement; not measured.
 
 def segment_trees(points: Float64, height: Float64) -> Int64:
     """
-    Tell the trees of a canopy apart.
+    Divide a canopy into trees.
 
-    The highest points of plan cells make a surface.  From the top downwards each cell joins the
-    highest crown it touches; where two crowns meet they are one tree unless the dip between them
-    is deep enough.  O(N log N).
+    The highest points of plan cells make a surface.  From the top down each cell joins the highest
+    crown that it touches; two crowns that meet are one tree unless the dip between them is deep
+    enough.  O(N log N).
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def segment_trees(points: Float64, height: Float64) -> Int64:
 
 @njit(cache=True, nogil=True)
 def _climb(keys, level, order, columns, reach, depth, ratio):  # type: ignore[no-untyped-def]
-    """Peak that each cell belongs to, by merging from the top down."""
+    """Return the peak that each cell belongs to, by merging from the top down."""
     num = len(keys)
     parent = np.full(num, -1, dtype=np.int64)
     roots = np.empty((2 * reach + 1) ** 2, dtype=np.int64)
