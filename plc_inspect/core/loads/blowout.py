@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A span that wind has swung out of the vertical."""
+"""A span that wind swings out of the vertical."""
 
 import math
 
@@ -31,7 +31,7 @@ class SwungSpan:
 
     def __init__(self, span: Span, state: State, side: float = 1.0) -> None:
         """
-        Hang a span into its plane.
+        Place a span in the plane of its load.
 
         Parameters
         ----------
@@ -40,7 +40,7 @@ class SwungSpan:
         state : State
             Gives swing and constant.
         side : float
-            1 where the wind blows to the left of the span, -1 to the right.
+            1 where the wind blows to the left of the span, -1 where it blows to the right.
 
         """
         chord = span.end - span.start
@@ -54,7 +54,7 @@ class SwungSpan:
         self.start, self.state = span.start, state
 
     def measure(self, points: Float64) -> tuple[Float64, Float64]:
-        """Return the distances of points (N, 3) to the curve, and their x on it."""
+        """Return (N,) distances of (N, 3) points to the curve [m], and x of the nearest places."""
         state, moved = self.state, points - self.start
         x0, y, z = moved @ self.along, moved @ self.out, moved @ self.up
         b = solve_vertex(state.length, state.rise, state.c)
@@ -70,7 +70,7 @@ class SwungSpan:
         return np.sqrt((x - x0) ** 2 + y**2 + gap**2), x
 
     def position(self, x: Float64) -> Float64:
-        """Return the points (N, 3) of the curve at x (N,)."""
+        """Return the (N, 3) points of the curve at (N,) x [m]."""
         z = height_at(x, self.state.length, self.state.rise, self.state.c)
         result: Float64 = self.start + x[:, None] * self.along + z[:, None] * self.up
         return result

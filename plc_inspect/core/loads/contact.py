@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Contact: the temperature at which a conductor comes down onto something under it."""
+"""Contact: the temperature at which a conductor sags onto something below it."""
 
 from collections.abc import Sequence
 import math
@@ -41,10 +41,10 @@ def find_contacts(
     points: Float64, result: InspectionResult, conductor: Conductor, temperature: float
 ) -> dict[int, float]:
     """
-    Find the temperatures at which conductors touch what stands under them.
+    Find the temperatures at which conductors touch what stands below them.
 
-    Calm air, no ice; sections share their tension as in `whatif.evaluate_cases`.  Only what is
-    below a conductor as surveyed can be touched from above.
+    In calm air, without ice; sections share their tension as in `evaluate_cases`.  Only what is
+    below a conductor as surveyed can be touched.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def _heat(
     points: Float64, span: Span, section: Sequence[Span], conductor: Conductor,
     temperature: float,
 ) -> float:
-    """Temperature at which a span comes down to the first of some points; inf if it does not."""
+    """Return the temperature at which a span touches the first of some points, inf if never."""
     unit = (span.end - span.start)[:2] / span.length
     moved = points - span.start
     x, y = moved[:, :2] @ unit, moved[:, :2] @ np.array([-unit[1], unit[0]])
@@ -99,7 +99,7 @@ def _heat(
     x, z = x[under], moved[under, 2]
 
     def sink(degrees: float) -> Float64:
-        """How far the conductor is above the points."""
+        """Return the height of the conductor above the points [m]."""
         case = Case(name='contact', temperature=degrees)
         state = change_span(span, section, temperature, conductor, case)
         return height_at(x, state.length, state.rise, state.c) - z

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What-if: every span at other temperatures, under ice and in wind, with its clearances."""
+"""Load cases: sag and clearances of every span at other temperatures, with ice and wind."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -79,7 +79,7 @@ class Reach:
     along: float
     """Horizontal distance from the start of the span [m], NaN unknown."""
     severity: Severity | None
-    """By the rules, None where they are kept or know no limit."""
+    """By the rules, None where they are kept or have no limit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,7 +106,7 @@ class SpanOutcomes:
     line_id: int
     span_id: int
     ruling_span: float
-    """Span that stands for its section [m]; its own length where it is taken alone."""
+    """Ruling span of its section [m]; its own length where it is taken alone."""
     outcomes: tuple[Outcome, ...]
 
 
@@ -116,7 +116,7 @@ class WhatIf:
 
     conductor: Conductor
     temperature: float
-    """Taken for that of the conductor when it was surveyed [degrees Celsius]."""
+    """Of the conductor when it was surveyed, as stated [degrees Celsius]."""
     cases: tuple[Case, ...]
     spans: tuple[SpanOutcomes, ...]
     hazards: dict[int, tuple[float, ...]]
@@ -136,11 +136,11 @@ def evaluate_cases(
     min_points: int,
 ) -> WhatIf:
     """
-    Re-sag every span for each case and measure its clearances anew.
+    Compute the sag of every span in each case, and measure its clearances.
 
-    Spans that pull straight at each other with nearly the same constant are one section and
-    share their tension by the ruling span; others are taken alone.  Ends stay where they are:
-    insulators do not swing, supports do not bend.  Wind is tried from both sides.
+    Spans in line with nearly the same constant are one section and share the tension of their
+    ruling span; others are taken alone.  Ends stay in place: insulators do not swing, supports do
+    not bend.  Wind is tried from both sides.
 
     Parameters
     ----------
@@ -151,13 +151,13 @@ def evaluate_cases(
     conductor : Conductor
         Of all spans.
     temperature : float
-        Of the conductor when it was surveyed; it is not measured but taken from the user.
+        Of the conductor when it was surveyed, as the user states it [degrees Celsius].
     cases : sequence of Case
-        What to look at.
+        What to evaluate.
     rules : RuleSet
         Distances to judge by.
     min_points : int
-        Fewer points are no object.
+        Least number of points of an object.
 
     Returns
     -------
@@ -301,7 +301,7 @@ def _gather(index: PlanIndex, span: Span, reach: float) -> Int64:
 
 
 def _is_held(points: Float64, span: Span, result: InspectionResult) -> Bool:
-    """Tell the points that arms and insulators of a support explain."""
+    """Tell the points that may be arms and insulators of a support."""
     held = np.zeros(len(points), dtype=bool)
     unit = (span.end - span.start)[:2] / max(span.length, LEAST_LENGTH)
     along = (points[:, :2] - span.start[:2]) @ unit
@@ -311,7 +311,7 @@ def _is_held(points: Float64, span: Span, result: InspectionResult) -> Bool:
 
 
 def _smooth(points: Float64, surface: Bool) -> Bool:
-    """Let the greater part of each block say what it is: crowns have flat patches."""
+    """Decide block by block, by the majority: crowns have flat patches."""
     if not len(points):
         return surface
     _, block = np.unique(
@@ -324,7 +324,7 @@ def _smooth(points: Float64, surface: Bool) -> Bool:
 
 
 def _nearest(frames: Sequence[SwungSpan], points: Float64) -> tuple[Float64, Float64]:
-    """Least distance of each point to the curve, whichever side the wind comes from."""
+    """Return distance and x of each point on the nearest curve, of winds from both sides."""
     distance, x = frames[0].measure(points)
     for frame in frames[1:]:
         other, at = frame.measure(points)
@@ -378,7 +378,7 @@ def _reach(
 def _over_ground(
     frames: Sequence[SwungSpan], below: Float64, limits: Sequence[Limit]
 ) -> Reach:
-    """Least height above the ground; unknown where no ground was seen near."""
+    """Return the least height above the ground, unknown where no ground was seen nearby."""
     best = Reach(clearance=math.nan, along=math.nan, severity=None)
     if not len(below):
         return best
@@ -405,7 +405,7 @@ def _judge(limits: Sequence[Limit], clearance: float) -> Severity | None:
 
 
 def _of_hazard(hazard: Hazard, points: Float64, distance: Float64) -> float:
-    """Least distance of the points of a hazard."""
+    """Return the least distance of the points of a hazard [m]."""
     low, high = hazard.extent
     inside = ((points >= low - SLACK) & (points <= high + SLACK)).all(axis=1)
     return float(distance[inside].min(initial=math.inf))

@@ -97,11 +97,11 @@ class Conductor:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Case:
-    """Weather and load for which a line is looked at."""
+    """Weather and load for which a line is evaluated."""
 
     name: str
     temperature: float
-    """Of the conductor."""
+    """Of the conductor [degrees Celsius]."""
     ice: float = 0.0
     """Thickness of the coat of ice [m]."""
     wind: float = 0.0
@@ -137,7 +137,7 @@ class State:
     length: float
     """Distance between the ends across the load, in the swung plane [m]."""
     rise: float
-    """How far the second end is above the first, against the load [m]."""
+    """Height of the second end above the first, against the load [m]."""
 
     @property
     def sag(self) -> float:
@@ -237,7 +237,7 @@ def change_state(
     length: float, rise: float, c: float, temperature: float, conductor: Conductor, case: Case
 ) -> State:
     """
-    Let a surveyed span take the temperature and load of a case.
+    Return the state of a surveyed span at the temperature and load of a case.
 
     The length of the catenary follows temperature and mean tension (elastic, without creep); its
     ends stay where they are.  Wind blows across the line and pulls the curve into the plane of
@@ -246,15 +246,15 @@ def change_state(
     Parameters
     ----------
     length, rise : float
-        Horizontal distance of the ends, and how far the second is above the first [m].
+        Horizontal distance of the ends, and height of the second above the first [m].
     c : float
         Catenary constant as surveyed, bare and in calm air [m].
     temperature : float
-        Of the conductor when surveyed.
+        Of the conductor when surveyed [degrees Celsius].
     conductor : Conductor
-        What hangs there.
+        Of the span.
     case : Case
-        What to look at.
+        What to evaluate.
 
     Returns
     -------
@@ -263,7 +263,7 @@ def change_state(
     Raises
     ------
     DataError
-        The span is not a length, or the case lets it hang deeper than a catenary is solved for.
+        Length or constant is not positive and finite, or the span would hang too deep to solve.
 
     """
     if not (length > 0 and c > 0 and math.isfinite(length) and math.isfinite(c)):

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What changed between two surveys of one line."""
+"""Compares two surveys of one line."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -95,7 +95,7 @@ class SpanChange:
     ground: Change
     """Least clearance to the ground [m]; NaN unknown."""
     is_abnormal: bool
-    """Its sag changed more than is tolerated, and more than the measurement can explain."""
+    """Its sag changed more than is tolerated, and more than errors explain."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -104,7 +104,7 @@ class Comparison:
 
     spans: tuple[SpanChange, ...]
     lost: tuple[Span, ...]
-    """Spans of the first survey that the second has not."""
+    """Spans of the first survey that the second lacks."""
     added: tuple[Span, ...]
     kept: tuple[tuple[Hazard, Hazard], ...]
     """Hazards in both, before and after."""
@@ -194,7 +194,7 @@ def match_spans(before: Sequence[Span], after: Sequence[Span]) -> list[tuple[int
 
 
 def _overlay(first: Span, second: Span) -> tuple[float, Float64, Float64] | None:
-    """Length of the common stretch, and how far the second span is beside and above the first."""
+    """Return the common length, and the second span's place beside and above the first [m]."""
     unit = (first.end - first.start)[:2] / first.length
     ends = np.array([second.start, second.end])[:, :2] - first.start[:2]
     low, high = np.sort(ends @ unit)
@@ -211,7 +211,7 @@ def _overlay(first: Span, second: Span) -> tuple[float, Float64, Float64] | None
 
 
 def _are_held_alike(first: Span, second: Span) -> bool:
-    """Whether ends that hang on a support in both surveys are at one height; sag is no matter."""
+    """Tell whether ends that hang on a support in both surveys are level, whatever the sag."""
     ends = [(span.start, span.open_start) for span in (first, second)]
     others = [(span.end, span.open_end) for span in (first, second)]
     if math.dist(first.start[:2], second.start[:2]) > math.dist(first.start[:2], second.end[:2]):
@@ -254,7 +254,7 @@ def _compare(before: Span, after: Span, sag_deviation: float) -> SpanChange:
 def _match_hazards(
     before: Sequence[Hazard], after: Sequence[Hazard]
 ) -> tuple[tuple[tuple[Hazard, Hazard], ...], list[Hazard], tuple[Hazard, ...]]:
-    """Pairs of hazards that are the same, those that are gone, and those that are new."""
+    """Return pairs of the same hazards, hazards that are gone, and those that are new."""
     cost = np.full((len(before), len(after)), np.inf)
     for i, first in enumerate(before):
         for j, second in enumerate(after):

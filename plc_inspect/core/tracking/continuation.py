@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Which known line a new piece of conductor continues, where no joint has told of it."""
+"""Finds the known line that a new piece of conductor continues, where no joint was found."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -100,8 +100,8 @@ def continue_lines(
     Returns
     -------
     tuple[Mapping[int, int], frozenset[int]]
-        New to known line_id, one to one at each end, and the new lines that may yet turn out to
-        continue a known one because they lie ahead of its end.
+        New to known line_id, one to one at each end, and the new lines that may prove to continue
+        a known one later, as they lie ahead of its end.
 
     """
     if not known or not new:
@@ -124,7 +124,7 @@ def continue_lines(
 
 
 def _compare(end: LineEnd, piece: LineEnd) -> tuple[float, float, float]:
-    """Offset of a piece's end from a line's, along and across the mean direction, and in z."""
+    """Return the offset of a piece's end from a line's: along, across and vertical [m]."""
     mean = end.outward - piece.outward
     length = float(np.linalg.norm(mean))
     mean = mean / length if length > LEAST_LENGTH else end.outward

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Supports and hazards over ticks: the same one keeps its number for the whole flight."""
+"""Tracks supports and hazards over ticks: each keeps its number for the whole flight."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -96,11 +96,11 @@ class HazardBook:
         final: bool = False,
     ) -> HazardNews:
         """
-        Put in the hazards of one tick.
+        Update with the hazards of one tick.
 
-        A hazard is raised when CONFIRMATIONS ticks that saw its place found it, END_CONFIRMATIONS
-        near a support, and made more severe at once; it is cleared, or made less severe, when
-        MAX_MISSES such ticks agree.
+        A hazard is raised when CONFIRMATIONS ticks that saw its place have found it, or, near a
+        support, END_CONFIRMATIONS.  It becomes more severe at once; it becomes less severe, or is
+        cleared, when MAX_MISSES such ticks agree.
 
         Parameters
         ----------
@@ -114,7 +114,7 @@ class HazardBook:
         holds : callable
             Where the tick saw everything.
         final : bool
-            Believe the tick at once.
+            Accept the tick at once.
 
         Returns
         -------
@@ -187,7 +187,7 @@ class HazardBook:
 
 
 def _follow(item: TrackedHazard, hazard: Hazard, held: bool, final: bool) -> TrackedHazard:
-    """Return a known hazard as a tick saw it, softened only after several ticks."""
+    """Return a known hazard as a tick saw it, less severe only after several ticks."""
     known, hits = item.hazard, item.hits + 1
     if not held:
         return replace(item, misses=0)
@@ -201,7 +201,7 @@ def leave_out_ends(
     hazards: Sequence[Hazard], spans: Sequence[Span], supports: Sequence[Support]
 ) -> list[Hazard]:
     """
-    Leave out what lies by an end whose support is not seen: it is more conductor or the support.
+    Leave out what is close to an end without a known support: it may be conductor or support.
 
     Parameters
     ----------
@@ -235,7 +235,7 @@ def _is_expected(hazard: Hazard, expected: Collection[SpanKey], holds: Holds) ->
 
 
 def _gap(first: Float64, second: Float64) -> float:
-    """Distance between two boxes (2, 3)."""
+    """Return the distance between two (2, 3) boxes [m]."""
     apart = np.maximum(first[0] - second[1], second[0] - first[1])
     return float(np.linalg.norm(np.maximum(apart, 0.0)))
 
@@ -267,7 +267,7 @@ class SupportBook:
         final: bool = False,
     ) -> None:
         """
-        Put in the supports of one tick.
+        Update with the supports of one tick.
 
         Parameters
         ----------
@@ -276,9 +276,9 @@ class SupportBook:
         numbered : mapping
             The tick's numbers of spans to the lasting ones.
         holds : callable
-            Where the tick saw everything; known supports elsewhere are left as they are.
+            Where the tick saw everything; known supports elsewhere stay as they are.
         final : bool
-            Believe the tick at once.
+            Accept the tick at once.
 
         """
         lines: dict[int, set[int]] = {}

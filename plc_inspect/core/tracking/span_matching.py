@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Which spans of two lists are the same piece of the same conductor."""
+"""Matches spans of two lists that are pieces of the same conductors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -63,8 +63,8 @@ def measure_overlap(first: Span, second: Span) -> tuple[float, float, float] | N
     Returns
     -------
     tuple[float, float, float] or None
-        Low and high end along the second, and median distance [m]; None where they are not
-        beside one another, differ in direction or share less than MIN_COMMON.
+        Low and high end along the second, and median distance [m]; None where they do not lie
+        side by side, differ in direction or share less than MIN_COMMON.
 
     """
     if abs(math.sin(first.azimuth - second.azimuth)) > math.sin(MAX_ANGLE):
@@ -87,8 +87,8 @@ def match_spans(first: Sequence[Span], second: Sequence[Span]) -> list[Overlap]:
     """
     Pair the spans of two lists that are pieces of the same conductors.
 
-    A span may pair with several of the other list only where those lie on different parts of
-    it.  The nearest pairs are taken first, so that conductors side by side are not confused.
+    A span may pair with several of the other list only if they lie on different parts of it.  The
+    closest pairs are taken first, so that conductors side by side are not confused.
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ def connect(
 
 def may_overlap(spans: Sequence[Span], others: Sequence[Span]) -> Bool:
     """
-    Tell which spans may overlap one of some others, by the box in plan around all of those.
+    Tell which spans may overlap one of some others, by the box in plan around all others.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def _find_boxes(spans: Sequence[Span]) -> tuple[Float64, Float64]:
 
 
 def _candidates(first: Sequence[Span], second: Sequence[Span]) -> list[tuple[int, int]]:
-    """Pairs whose boxes in plan are near."""
+    """Return the pairs whose boxes in plan overlap."""
     if not first or not second:
         return []
     (low_a, high_a), (low_b, high_b) = _find_boxes(first), _find_boxes(second)

@@ -2,11 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The spans known so far: the same conductor keeps its numbers for the whole flight.
+The spans known so far: a conductor keeps its numbers for the whole flight.
 
-Each tick's result numbers lines and spans anew.  The registry finds out which of its spans they
-are by where they hang, not by their numbers, and gives new ones the numbers of the lines and
-spans that they continue.
+Each tick's result numbers lines and spans anew.  The registry recognises its spans by where they
+hang, not by their numbers, and gives new ones the numbers of the lines and spans they continue.
 """
 
 from collections import Counter
@@ -55,7 +54,7 @@ class TrackedSpan:
     """Ticks in a row that should have found it and did not."""
     confirmed: bool = False
     finished: bool = False
-    """Left behind: kept whatever later ticks say, unless they see as much of it or more."""
+    """Left behind: kept whatever later ticks find, unless they see as much of it or more."""
 
     @property
     def key(self) -> SpanKey:
@@ -100,7 +99,7 @@ class SpanRegistry:
         complete: bool = False,
     ) -> dict[SpanKey, SpanKey]:
         """
-        Put in what one tick found.
+        Update with what one tick found.
 
         Parameters
         ----------
@@ -111,9 +110,9 @@ class SpanRegistry:
         expected : collection of SpanKey
             Spans of the registry that were in the window along their whole length.
         final : bool
-            The window is the whole map: believe it at once.
+            The window is the whole map: accept it at once.
         complete : bool
-            The whole map holds all that was ever seen: believe it about finished spans too.
+            The map holds all that was ever seen: accept it for finished spans too.
 
         Returns
         -------
@@ -141,7 +140,7 @@ class SpanRegistry:
     def _look_about(
         self, found: Sequence[Span], expected: Collection[SpanKey], final: bool
     ) -> list[TrackedSpan]:
-        """Spans that a result may speak of: those about there, those expected, at last all."""
+        """Return the spans that a result may be about: those nearby and expected, finally all."""
         spans = self.spans
         about = may_overlap([item.span for item in spans], found)
         return [
@@ -150,7 +149,7 @@ class SpanRegistry:
         ]
 
     def finish(self, keys: Collection[SpanKey]) -> None:
-        """Freeze spans that were left behind and thin out their points; drop doubtful ones."""
+        """Freeze spans that were left behind and thin their points; drop unconfirmed ones."""
         for key in keys:
             item = self._spans[key]
             if not item.confirmed:
@@ -166,7 +165,7 @@ class SpanRegistry:
         self, found: Sequence[Span], known: Sequence[TrackedSpan], pairs: Sequence[Overlap],
         final: bool,
     ) -> bool:
-        """Unite lines, and spans, that results call one, if nothing speaks against it."""
+        """Unite lines, and spans, that results number as one, unless they contradict."""
         merged = False
         for attribute in ('line_id', 'span_id'):
             groups: dict[int, set[int]] = {}
@@ -209,7 +208,7 @@ class SpanRegistry:
     def _number(
         self, found: Sequence[Span], known: Sequence[TrackedSpan], pairs: Sequence[Overlap]
     ) -> list[SpanKey]:
-        """Give the numbers of the registry to spans of a result, provisional ones to new spans."""
+        """Give a result's spans the registry's numbers, and new ones provisional numbers."""
         self._names.clear()
         lines = self._number_lines(found, known, pairs)
         groups = self._number_groups(found, known, pairs)
@@ -259,7 +258,7 @@ class SpanRegistry:
     def _number_groups(
         self, found: Sequence[Span], known: Sequence[TrackedSpan], pairs: Sequence[Overlap]
     ) -> dict[int, int]:
-        """Numbers of the result's span_ids: those of the registry that they overlap most."""
+        """Return for each span_id of the result that of the registry it overlaps most."""
         common: dict[tuple[int, int], float] = {}
         for pair in pairs:
             both = found[pair.first].span_id, known[pair.second].span.span_id
@@ -364,7 +363,7 @@ class SpanRegistry:
                 self._spans[key] = replace(item, confirmed=True)
 
     def _continue(self, new: Collection[int]) -> tuple[Mapping[int, int], frozenset[int]]:
-        """As `continue_lines` of the lines that have lasting numbers and of these."""
+        """Return `continue_lines` of the lines with lasting numbers and of the new ones."""
         if not new:
             return {}, frozenset()
         spans = [item.span for item in self._spans.values()]

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The wire points of each span."""
+"""The wire points of a result, span by span."""
 
 import numpy as np
 
