@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What catenary, supports and corridor saw of one point: curves near it and their evidence."""
+"""What catenary, supports and corridor found at one point: nearby curves, their evidence."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -46,7 +46,7 @@ FIGURES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CurveView:
-    """A curve as the evidence found it, and what became of it."""
+    """A curve, its evidence and what became of it."""
 
     curve: Curve
     evidence: tuple[Evidence, ...]
@@ -63,10 +63,10 @@ class CurveView:
 
 
 class Curves:
-    """All curves that the evidence was asked about in one run."""
+    """All curves of one run whose evidence was examined."""
 
     def __init__(self, trace: Trace, settings: Settings) -> None:
-        """Find them again, as the run did."""
+        """Find the curves again, as the run did."""
         self.trace, self.settings = trace, settings
         cloud, limits = trace.lines.cloud, settings.catenary
         found = find_curves(
@@ -100,7 +100,7 @@ class Curves:
         self.views = tuple(views)
 
     def find_near(self, position: Float64) -> list[tuple[float, CurveView]]:
-        """Return distance and curve of what passes within NEAR of a point, the nearest first."""
+        """Return distance [m] and curve of those within NEAR of a point, the nearest first."""
         result = []
         for view in self.views:
             distance = measure_distance(view.curve, position)
@@ -130,7 +130,7 @@ class Curves:
         )
 
     def believe(self, position: Float64) -> Iterator[Proposal]:
-        """Yield what would have made a conductor of a curve at a point."""
+        """Yield settings with which a curve at a point would have been a conductor."""
         for distance, view in self.find_near(position):
             if view.believed and distance > view.curve.tolerance:
                 yield from propose(
@@ -140,21 +140,21 @@ class Curves:
                 yield from self.admit(view)
 
     def doubt(self, position: Float64) -> Iterator[Proposal]:
-        """Yield what would have made the curve at a point no conductor."""
+        """Yield settings with which the curve at a point would have been no conductor."""
         for _, view in self.find_near(position)[:1]:
             for item in view.evidence:
                 if item.kept and view.believed:
                     yield from self.turn(item, away=True)
 
     def admit(self, view: CurveView) -> Iterator[Proposal]:
-        """Yield all limits at which nothing speaks against a curve, if they can be had."""
+        """Yield the limits at which a curve has no objections, if they are in range."""
         against = [item for item in view.evidence if not item.kept]
         moves = [move for item in against for move in self.turn(item)]
         if moves and len(moves) == len(against):
             yield chain(moves)
 
     def turn(self, item: Evidence, *, away: bool = False) -> Iterator[Proposal]:
-        """Yield the limit at which one figure passes, or just fails."""
+        """Yield the limit at which one figure just passes, or just fails."""
         if item.scale <= 0.0:
             return
         value = item.value / item.scale
@@ -168,7 +168,7 @@ class Curves:
 
 
 def list_checks(view: CurveView, prefix: str = '') -> Iterator[Check]:
-    """Yield the evidence of a curve, in the measure of the settings."""
+    """Yield the evidence of a curve, in the units of the settings."""
     for item in view.evidence:
         name, unit = FIGURES[item.setting]
         scale = item.scale if item.scale > 0.0 else math.nan

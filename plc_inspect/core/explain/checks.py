@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Figures against their limits, and the settings that would have decided otherwise."""
+"""Figures, their limits, and the settings with which a stage would decide otherwise."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -21,27 +21,27 @@ SLACK = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Check:
-    """One figure of a point or curve, and the limit it was held against."""
+    """One figure of a point or curve, and the limit it was compared with."""
 
     name: str
     value: float
     limit: float = math.nan
-    """NaN: told, and not held against anything."""
+    """NaN: reported, and compared with nothing."""
     is_least: bool = True
-    """The value must not be less than the limit, else not more."""
+    """The value must not be less than the limit, else not greater."""
     setting: str = ''
-    """Dotted name of what sets the limit; empty for a constant."""
+    """Dotted name of the setting that is the limit; empty for a constant."""
     unit: str = ''
 
     @property
     def kept(self) -> bool:
-        """Whether the value keeps the limit."""
+        """Whether the value is within the limit."""
         return not (self.value < self.limit if self.is_least else self.value > self.limit)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """What one stage saw of a point."""
+    """What one stage found at a point."""
 
     stage: str
     outcome: str
@@ -59,11 +59,11 @@ class Proposal:
     before: float
     after: float
     figure: str
-    """The figure that goes over its limit."""
+    """The figure that crosses its limit."""
     value: float
     """Of that figure."""
     also: 'Proposal | None' = None
-    """What must be moved as well, where one setting is not enough."""
+    """What must change as well, where one setting is not enough."""
 
     @property
     def cost(self) -> float:
@@ -82,7 +82,7 @@ def propose(
     *, away: bool = False,
 ) -> Iterator[Proposal]:
     """
-    Yield the value of a setting at which a figure passes, if the setting can have it.
+    Yield the value of a setting at which a figure passes, if it lies within the setting's range.
 
     Parameters
     ----------
@@ -93,11 +93,11 @@ def propose(
     needed : float
         Value of the setting at which the figure just passes.
     is_least : bool
-        The figure must not be less than the limit, else not more.
+        The figure must not be less than the limit, else not greater.
     figure, value : str, float
-        What it is, and how much.
+        Its name and its value.
     away : bool
-        The value at which the figure just fails instead.
+        Yield the value at which the figure just fails instead.
 
     """
     section, _, name = setting.partition('.')
@@ -116,7 +116,7 @@ def propose(
 
 
 def chain(moves: Sequence[Proposal]) -> Proposal:
-    """Return one proposal of all, at least one, that must be moved together."""
+    """Return one proposal of one or more moves that are needed together."""
     result = moves[-1]
     for item in reversed(moves[:-1]):
         result = replace(item, also=result)
@@ -130,7 +130,7 @@ def rank(proposals: Iterable[Proposal]) -> list[Proposal]:
 
 
 def apply(proposals: Sequence[Proposal], settings: Settings) -> Settings:
-    """Return settings with what is proposed."""
+    """Return settings with the proposals applied."""
     moves: dict[str, float] = {}
     for item in proposals:
         moves |= item.moves

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the windows of the clustering saw of one point."""
+"""What the windows of the clustering found at one point."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -62,7 +62,7 @@ class ClusterView:
 
     window: int
     outcome: str
-    """'bead', or why it is none."""
+    """'bead', or why it is not one."""
     neighbors: int
     """Points within eps across the line, the point included; with RNN-DBSCAN its reverse ones."""
     needed: int
@@ -76,14 +76,14 @@ class ClusterView:
     """Of the rms in this attempt."""
     crowding: float = math.nan
     is_own: bool = True
-    """It is of the point itself, else of the nearest that was not thinned out."""
+    """It is that of the point, else of the nearest one that was not thinned out."""
 
 
 class Windows:
-    """The windows that hold one point, and how its clusters fared in them."""
+    """The windows that hold one point, and what became of its clusters in them."""
 
     def __init__(self, place: Place) -> None:
-        """Take the place of the point."""
+        """Find the windows that reach over a point."""
         trace, self.place = place.trace, place
         self.settings: Settings = place.settings
         self.cloud, self.alignment = trace.lines.cloud, trace.lines.alignment
@@ -98,7 +98,7 @@ class Windows:
         self.views = [view for window in self.numbers for view in self._look(window)]
 
     def tell(self) -> Finding:
-        """Return how the clusters of the point fared."""
+        """Return what became of the clusters of the point."""
         if not self.num_near and not len(self.beads):
             return Finding(stage='clustering', outcome='not asked', notes=(
                 f'no window within {self.alignment.half_length:g} m along a line',))
@@ -140,7 +140,7 @@ class Windows:
         )
 
     def join(self) -> Iterator[Proposal]:
-        """Yield what would have put the point into a bead, tried on its windows."""
+        """Yield settings that would have put the point into a bead, tried on its windows."""
         found: list[Proposal] = []
         for view in self.views:
             if view.is_own:
@@ -186,7 +186,7 @@ class Windows:
         return [window for window in order if self._select(window)[2] >= 0]
 
     def _select(self, window: int) -> tuple[Int32, tuple[Float64, Float64, Float64], int]:
-        """Return the points of a window, x, y, w of them, and which the point is, -1 none."""
+        """Return the points of a window, their x, y, w, and which one is the point, -1 none."""
         chosen, x, y, w = gather_points(
             self.cloud.points, self.index, self.seeds, self.alignment, window
         )
@@ -234,7 +234,7 @@ class Windows:
         self, view: ClusterView, places: tuple[Float64, Float64, Float64], member: Bool, own: int,
         limit: float, half: float,
     ) -> ClusterView:
-        """Put the figures of the point's cluster into its view."""
+        """Return the view with the figures of the point's cluster."""
         x, y, w = places
         limits, crowding = self.settings.clustering, math.nan
         mx, my, mw, ky, kw, rms, low, high = fit_trimmed(x, y, w, member)

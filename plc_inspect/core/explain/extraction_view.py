@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What height, linearity, outliers and alignment saw of one point and of its place."""
+"""What height, linearity, outliers and alignment found at one point and its place."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -54,9 +54,9 @@ class Neighborhood:
     inclination_deg: float
     """Of its first eigenvector against the horizontal."""
     is_here: bool
-    """Its centroid lies in the point's cell, so a candidate here is the point's own."""
+    """Its centroid lies in the point's cell, so a candidate here is that of the point."""
     is_candidate: bool
-    """Linear, and not said already by a finer one."""
+    """Linear, and no finer one is."""
 
 
 class Place:
@@ -118,7 +118,7 @@ class Place:
         )
 
     def lift(self) -> Iterator[Proposal]:
-        """Yield what would have made the point one to be looked at."""
+        """Yield settings with which the point would have been searched."""
         trace, height = self.trace, float(self.trace.result.ground_height[self.index])
         if not self._is_high():
             peak = trace.lines.height.threshold - self.settings.height.beta
@@ -132,7 +132,7 @@ class Place:
             )
 
     def tell_linearity(self) -> Finding:
-        """Return how full the space about the point is, and how linear its neighbourhoods are."""
+        """Return how full the space around the point is, and how linear its neighbourhoods are."""
         if not self.searched:
             return Finding(stage='linearity', outcome='not asked')
         limits = self.settings.linearity
@@ -166,7 +166,7 @@ class Place:
         )
 
     def straighten(self) -> Iterator[Proposal]:
-        """Yield what would have made a candidate in the point's cell, tried on the cloud."""
+        """Yield settings with a candidate in the point's cell, tried on the cloud."""
         single, double = [], []
         for moves in self._list_moves():
             if len(moves) == 1:
@@ -224,7 +224,7 @@ class Place:
         )
 
     def line_up(self) -> Iterator[Proposal]:
-        """Yield what would have let the candidates of the cell be in line with enough others."""
+        """Yield settings with which enough others would have been in line with a candidate."""
         votes = self._votes()
         if len(votes):
             most = int(votes.max())
@@ -304,7 +304,7 @@ class Place:
         return list(blocks.values())
 
     def _list_moves(self) -> Iterator[list[Proposal]]:
-        """Yield for each block of the cell what must be moved to make it a candidate."""
+        """Yield for each block of the cell the moves that make it a candidate."""
         limits, occupied = self.settings.linearity, self.occupied
         levels = [limits.max_occupied]
         if occupied > limits.max_occupied:
@@ -344,7 +344,7 @@ class Place:
 
 
 def _fails(item: Neighborhood, limits: LinearitySettings) -> list[tuple[float, str]]:
-    """Return what keeps a block from being a candidate: figure and name of its limit."""
+    """Return why a block is no candidate: figures and the names of their limits."""
     tests = (
         (float(item.count), 'min_neighbors', item.count < limits.min_neighbors),
         (item.linear, 'threshold', item.linear < limits.threshold),

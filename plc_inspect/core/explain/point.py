@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The story of one point through the stages: figures, limits, and what would have changed it."""
+"""Follows one point through the stages: figures, limits, and what would have changed them."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -37,17 +37,17 @@ MOST_RUNS = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trial:
-    """A proposal, and what the point became when the pipeline ran with it."""
+    """A proposal, and the point's decision when the pipeline ran with it."""
 
     proposal: Proposal
     decision: Decision
     holds: bool
-    """The point got past the stage, or in the case of a wire is none any more."""
+    """The point passed the stage or, if it was wire, is no longer."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Explanation:
-    """What each stage saw of one point, which one decided, and what would have changed that."""
+    """What each stage found at one point, which one decided, and what would have changed it."""
 
     index: int
     position: Float64
@@ -58,9 +58,9 @@ class Explanation:
     findings: tuple[Finding, ...]
     """Stage by stage."""
     proposals: tuple[Proposal, ...]
-    """Settings with which that stage decides otherwise, by figures alone, the smallest first."""
+    """Settings with which that stage would decide otherwise, the smallest move first."""
     trials: tuple[Trial, ...] = ()
-    """Those that were tried, up to the first that holds."""
+    """Those that were run, up to the first that holds."""
 
     @property
     def change(self) -> Trial | None:
@@ -88,11 +88,10 @@ def explain_point(
     trace: Trace, points: Float64, settings: Settings, index: int
 ) -> Explanation:
     """
-    Tell the story of one point.
+    Follow one point through the stages.
 
-    The figures of all stages are measured anew about the point, from what the stages gave each
-    other; neighbourhoods are those of the run, so this costs about as much as linearity and
-    catenary do.
+    The figures of all stages are measured anew at the point, from the stages' inputs and
+    neighbourhoods, so this costs about as much as linearity and catenary do.
 
     Parameters
     ----------
@@ -161,7 +160,7 @@ def confirm(
     most: int = MOST_RUNS,
 ) -> Explanation:
     """
-    Run the pipeline with what is proposed, until one proposal holds.
+    Run the pipeline with each proposal until one holds.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What each stage saw along a stretch: a span that was found, or one that was missed."""
+"""What each stage found along a stretch: a span that was found, or one that was missed."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -52,12 +52,12 @@ class Course:
     shape: Float64
     """(3,) its height [m] as a quadratic over the distance from the start, highest power first."""
     reach: float
-    """Half its width, and how far above it things belong to it [m]."""
+    """Half its width, and how far it reaches upwards [m]."""
     depth: float
-    """How far below it things belong to it [m]."""
+    """How far it reaches downwards [m]."""
 
     def locate(self, positions: Float64) -> tuple[Float64, Bool]:
-        """Return the distance from the start (N,) and what of (N, 3) belongs to the strip."""
+        """Return (N,) distances from the start [m], and which (N, 3) positions lie in it."""
         dx, dy = positions[:, 0] - self.origin[0], positions[:, 1] - self.origin[1]
         ca, sa = math.cos(self.azimuth), math.sin(self.azimuth)
         x = ca * dx + sa * dy
@@ -69,27 +69,27 @@ class Course:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Stretch:
-    """What the stages saw along a course."""
+    """What the stages found along a course."""
 
     course: Course
     edges: Float64
     """(P + 1,) ends of its parts, from the start [m]."""
     counts: dict[str, list[int]]
-    """For each of STAGES, how many in each part."""
+    """Number in each part, for each of STAGES."""
     lost: str
-    """The first of STAGES that sees less than a conductor needs, '' none."""
+    """The first of STAGES that finds less than a conductor needs, '' none."""
     curves: tuple[CurveView, ...]
     """Curves along it, the nearest to its middle line first."""
     examples: tuple[int, ...]
-    """Points of it with the most common decision of the high ones that are no wire."""
+    """High points of it, not wire, with the most common decision of these."""
     proposals: tuple[Proposal, ...]
     found: bool
-    """A span lies along it, so proposals take it away, else they bring one."""
+    """A span lies along it, and proposals remove it; else they add one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StretchTrial:
-    """A proposal, and the wire points along the course when the pipeline ran with it."""
+    """A proposal, and the wire points along the course before and with it."""
 
     proposal: Proposal
     before: int
@@ -101,7 +101,7 @@ def make_course(places: Float64, settings: Settings, reach: float) -> Course:
     """
     Return the course through two places, or three of which the second is between the others.
 
-    Through two, its sag is not known, so all that hangs as deep as a conductor may belongs to it.
+    Two places do not give the sag, so the course reaches down as far as a conductor may hang.
 
     Raises
     ------
@@ -147,7 +147,7 @@ def explain_stretch(
     trace: Trace, points: Float64, settings: Settings, course: Course
 ) -> Stretch:
     """
-    Tell what each stage saw along a course.
+    Tell what each stage found along a course.
 
     Parameters
     ----------
@@ -203,10 +203,10 @@ def confirm_stretch(
     stretch: Stretch, points: Float64, settings: Settings, rules: RuleSet | None = None
 ) -> tuple[StretchTrial, ...]:
     """
-    Run the pipeline with what is proposed, until one proposal holds.
+    Run the pipeline with each proposal until one holds.
 
-    It holds where less than half of the wire points are left, or where a conductor comes that
-    is seen in enough parts.
+    It holds where less than half of the wire points remain or, where there was no span, where one
+    comes that is seen in enough parts.
     """
     trials: list[StretchTrial] = []
     before = sum(stretch.counts['wire'])
@@ -242,7 +242,7 @@ def _count(course: Course, positions: Float64, edges: Float64) -> list[int]:
 
 
 def _is_along(course: Course, view: CurveView) -> bool:
-    """Tell whether a curve lies in the course with half its length."""
+    """Tell whether half of a curve or more lies in the course."""
     curve = view.curve
     at = curve.position(np.linspace(curve.low, curve.high, NUM_STATIONS))
     _, inside = course.locate(at)
@@ -250,7 +250,7 @@ def _is_along(course: Course, view: CurveView) -> bool:
 
 
 def _measure_miss(course: Course, view: CurveView) -> float:
-    """Return the mean distance of a curve beside and above the course [m]."""
+    """Return the mean distance of a curve from the course [m]."""
     curve = view.curve
     at = curve.position(np.linspace(curve.low, curve.high, NUM_STATIONS))
     ca, sa = math.cos(course.azimuth), math.sin(course.azimuth)
@@ -277,7 +277,7 @@ def _pick_examples(
 def _ask(
     trace: Trace, points: Float64, settings: Settings, examples: tuple[int, ...]
 ) -> list[Proposal]:
-    """Return the farthest move of each setting that one of the examples asks for."""
+    """Return the greatest move of each setting that any example needs."""
     farthest: dict[str, Proposal] = {}
     for index in examples:
         for item in explain_point(trace, points, settings, index).proposals:

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What the worker of the node does: windows of the map in, the state of the inspection out.
+The work of the node's worker: windows of the map in, the state of the inspection out.
 
-One thread owns a session; the states that it hands out do not change afterwards.
+One thread owns a session; the states that it returns never change.
 """
 
 from collections.abc import Mapping
@@ -56,7 +56,7 @@ Source: judgement; not measured.
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CorridorPoints:
-    """Points of the corridor about the vehicle."""
+    """Points of the corridor around the vehicle."""
 
     points: Float64
     """(K, 3) map frame [m]."""
@@ -102,13 +102,13 @@ class LiveState:
 
     @property
     def confirmed(self) -> tuple[TrackedSpan, ...]:
-        """Spans that may be told of."""
+        """Spans that may be published."""
         return tuple(item for item in self.spans if item.confirmed)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Tick:
-    """What came of one window."""
+    """The result of one window."""
 
     state: LiveState
     labels: UInt8
@@ -116,7 +116,7 @@ class Tick:
 
 
 class Session:
-    """The pipeline, tick after tick, and what is known from it."""
+    """Runs the pipeline tick by tick, and keeps what is known."""
 
     def __init__(self) -> None:
         self._registry = SpanRegistry()
@@ -133,7 +133,7 @@ class Session:
 
     @property
     def state(self) -> LiveState:
-        """What is known, without anything about a tick."""
+        """What is known, without the figures of a tick."""
         return LiveState(
             spans=self._registry.spans,
             supports=self._supports.supports,
@@ -143,7 +143,7 @@ class Session:
 
     def tick(self, window: Window, settings: Settings, vehicle: Float64 | None) -> Tick:
         """
-        Run the pipeline over a window and put in what it found.
+        Run the pipeline over a window and update what is known.
 
         Parameters
         ----------
@@ -181,7 +181,7 @@ class Session:
         self, points: Float64, settings: Settings, sequence: int, *, complete: bool
     ) -> tuple[LiveState, InspectionResult]:
         """
-        Run the pipeline over the whole map; what is known is replaced by what it finds.
+        Run the pipeline over the whole map, and replace what is known by what it finds.
 
         Parameters
         ----------
@@ -192,8 +192,8 @@ class Session:
         sequence : int
             Newest insertion of the map that is in.
         complete : bool
-            Nothing was evicted from the map.  Otherwise finished spans that can no longer be
-            seen, with their supports and hazards, are kept.
+            Nothing was evicted from the map.  Otherwise finished spans that it no longer holds are
+            kept, with their supports and hazards.
 
         Returns
         -------
@@ -257,7 +257,7 @@ class Session:
         numbered: Mapping[SpanKey, SpanKey],
         vehicle: Float64 | None,
     ) -> None:
-        """Replace the corridor where everything was seen; forget what is far from the vehicle."""
+        """Replace the corridor in fresh cells; forget what is far from the vehicle."""
         kept = self._corridor
         stays = ~window.holds(kept.points)
         if vehicle is not None:
@@ -286,7 +286,7 @@ class Session:
 
 
 def label_points(result: InspectionResult) -> UInt8:
-    """Return the (N,) labels that the map keeps: Decision, or CLOSE to a conductor."""
+    """Return the (N,) labels for the map: Decision, or CLOSE near a conductor."""
     close = result.clearance <= CLOSE_DISTANCE
     close &= (result.decision != Decision.WIRE) & (result.decision != Decision.SUPPORT)
     close &= result.decision != Decision.GROUND
@@ -309,7 +309,7 @@ def map_numbers(
     Returns
     -------
     tuple[Int32, Int32]
-        (N,) new numbers, -1 where ``numbered`` says nothing.
+        (N,) new numbers, -1 for those not in ``numbered``.
 
     """
     width = int(max((key[1] for key in numbered), default=0)) + 2

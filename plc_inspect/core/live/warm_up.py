@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Makes the kernels ready before the first scan: loads them, or compiles them the first time."""
+"""Loads the kernels before the first scan, or compiles them the first time."""
 
 import numpy as np
 
@@ -36,8 +36,8 @@ def make_rarities() -> Float64:
     """
     Return (N, 3) points of what few lines have [m].
 
-    A tap from the second pole of the sample, and two conductors that end in the air, of one of
-    which a piece was not seen.
+    A service drop from the second pole of the sample, and two conductors that end in the air, one
+    of them with a gap.
     """
     along = np.arange(20.0, 118.0, 0.15)
     parts = [
@@ -51,7 +51,7 @@ def make_rarities() -> Float64:
 
 
 def warm_up_intake() -> None:
-    """Run what the scans' and the odometry's callbacks run, on made-up data."""
+    """Run what the callbacks of scans and odometry run, on made-up data."""
     accumulator = Accumulator(Settings(map=MapSettings(max_voxels=20_000)))
     points = make_sample()[::2].astype(np.float32)
     times = np.linspace(-0.1, 0.0, len(points))
@@ -77,12 +77,12 @@ def warm_up_pipeline(settings: Settings, *, rare: bool = False) -> int:
     settings : Settings
         For the pipeline.
     rare : bool
-        Add what few lines have, so that it meets every kernel, and load what is seldom asked.
+        Add what few lines have, to reach every kernel, and import what is rarely needed.
 
     Returns
     -------
     int
-        Spans found; with the default settings there are six, with what is rare eleven.
+        Spans found: six with the default settings, eleven with ``rare``.
 
     """
     points = make_sample()

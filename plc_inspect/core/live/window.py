@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The part of the map that one tick of the node looks at.
+The part of the map that one tick of the node processes.
 
 A plan cell is fresh when enough of it is new and something stands high in it.  Fresh cells are
-taken whole, but for a sample of ground and foliage that earlier ticks saw far from conductors.
-Of their neighbours, and of the spans that run through them along their whole length, everything
-is taken that was ever linear, with a sample of the ground and of wires: so a span is always
-fitted along its whole length.  Of the spans next to those the part near the joint is taken.  The
-cost follows what is new, not the length of the flight.
+taken whole, except for ground and foliage that earlier ticks saw far from conductors, which are
+sampled.  Of their neighbours, and along the whole length of the spans through them, all that was
+ever linear is taken, with samples of ground and wires, so that a span is always fitted along its
+whole length.  Of the spans next to those the part near the joint is taken.  The cost follows what
+is new, not the length of the flight.
 """
 
 from collections.abc import Iterator, Sequence
@@ -106,9 +106,9 @@ class WindowPlan:
     """What to copy from the map."""
 
     fresh: Int64
-    """(C,) cells to be copied whole, because of what is new in them."""
+    """(C,) fresh cells, to be copied whole."""
     thin: Int64
-    """(T,) cells about them and along spans, of which only a part is copied."""
+    """(T,) cells around them and along spans, to be copied in part."""
     conductors: Int64
     """(T,) known spans through each of these, at least 1."""
     everything: bool
@@ -189,18 +189,18 @@ class WindowPlanner:
         at_once: bool = False,
     ) -> WindowPlan | None:
         """
-        Choose the window and take its fresh cells as seen.
+        Choose the window and settle its fresh cells.
 
         Parameters
         ----------
         voxels : VoxelMap
             Its cells are settled where they are fresh.
         spans : sequence of Span
-            Those known so far.
+            Known so far.
         vehicle : Float64 or None
             (2+,) where the vehicle is [m]; None: everywhere near.
         at_once : bool
-            Take every high cell with anything new in it, however little.
+            Take every high cell with anything new in it.
 
         Returns
         -------
@@ -256,7 +256,7 @@ def copy_window(voxels: VoxelMap, plan: WindowPlan) -> Iterator[Window | None]:
     Parameters
     ----------
     voxels : VoxelMap
-        The map that was planned with; it may take scans between steps.
+        The map of the plan; scans may be inserted between steps.
     plan : WindowPlan
         What to copy.
 
@@ -322,7 +322,7 @@ def _pack(place: Int64) -> Int64:
 
 
 def _split(cells: Int64, count: Int32) -> list[Int64]:
-    """Cut a list of cells where CHUNK voxels are full."""
+    """Split a list of cells at every CHUNK voxels."""
     part = np.cumsum(count, dtype=np.int64) // CHUNK
     return np.split(cells, np.flatnonzero(np.diff(part)) + 1) if len(cells) else [cells]
 
@@ -348,9 +348,9 @@ def _involve(
     spans: Sequence[Span], cells: CellIndex, index: Int64
 ) -> tuple[list[Span], list[Float64]]:
     """
-    Find the spans through some cells with those beside them, and the next along the lines.
+    Find the spans through some cells, those beside them, and the next ones along the lines.
 
-    Of the latter come only plan points near the joint.
+    Of the latter only plan points near the joint are returned.
     """
     if not spans:
         return [], []

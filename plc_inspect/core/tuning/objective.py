@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-How good settings are, told from the result: without labels, or by F1 with labels.
+Scores settings by their result: without labels, or by F1 with labels.
 
-docs/tuning.md states the objective and why it is what it is.
+docs/tuning.md states the objective and the reasons for it.
 """
 
 from collections.abc import Sequence
@@ -68,10 +68,10 @@ LEAST = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Score:
-    """What one choice of settings is worth, and why; every share is 0 to 1."""
+    """The worth of one choice of settings, and its parts; every share is 0 to 1."""
 
     value: float
-    """To be made as great as possible."""
+    """To be maximised."""
     seen: float = 0.0
     """Share of what looks like a conductor, in metres, that is on a span and has points."""
     fit: float = 0.0
@@ -102,7 +102,7 @@ NOTHING = Score(value=0.0)
 
 
 class Objective:
-    """The score of settings on one cloud; keeps what several settings have in common."""
+    """Scores settings on one cloud; keeps the results that several settings share."""
 
     def __init__(
         self,
@@ -114,14 +114,14 @@ class Objective:
         base: Settings | None = None,
     ) -> None:
         """
-        Take the cloud.
+        Keep the cloud.
 
         Parameters
         ----------
         points : (N, 3) float64
             Map frame [m].
         seed : int
-            Chooses the half of the points that spans must be found again among.
+            Chooses the half of the points in which spans must be found again.
         truth : tuple of two (N,) bool or None
             Which points are wire, and which are left out; the score is then F1.
         room : int
@@ -140,7 +140,7 @@ class Objective:
 
     @property
     def evidence(self) -> Float64:
-        """(E, 3) metres of what looks like a conductor at the initial values of Table 1."""
+        """(E, 3) what looks like a conductor at Table 1's initial values, metre by metre [m]."""
         if self._evidence is None:
             settings = _without_rules(put_values(self._base, INITIAL))
             self._evidence = gather_evidence(self.points, settings, self._memory)
@@ -176,7 +176,7 @@ class Objective:
 
 
 def is_line(score: Score) -> bool:
-    """Return whether a score is that of a cloud with a line, and not of chance finds."""
+    """Tell whether a score is that of a cloud with a line, not of chance finds."""
     return score.num_stable > 0 and score.value > 0.0
 
 
@@ -196,7 +196,7 @@ def choose_part(points: Float64, evidence: Float64, most: int) -> Bool | None:
     Returns
     -------
     (N,) bool or None
-        None where the cloud is small enough, or shows nothing.
+        None where the cloud is small enough, or has no evidence.
 
     """
     if len(points) <= most or not len(evidence):
@@ -265,19 +265,19 @@ def judge(
 
 def gather_evidence(points: Float64, settings: Settings, memory: StageMemory) -> Float64:
     """
-    Return metre by metre what looks like a conductor.
+    Return what looks like a conductor, metre by metre.
 
     These are the cells in which candidates lie in line with others, before any curve is fitted:
-    conductors, and edges and twigs that happen to be in line.  Wires of few points lie in line in
-    few cells, so each metre of a span that is found with these settings and lies away from all
-    such cells counts as well.
+    conductors, and edges and twigs that happen to be in line.  Sparse wires are in line in few
+    cells, so each metre of a span found with these settings, away from all such cells, counts
+    too.
 
     Parameters
     ----------
     points : (N, 3) float64
         Map frame [m].
     settings : Settings
-        That tell what is in line, and what is a span.
+        That decide what is in line, and what is a span.
     memory : StageMemory
         Of these points.
 
@@ -346,7 +346,7 @@ def measure_stability(models: Sequence[SpanModel], again: Sequence[SpanModel]) -
 
 
 def measure_f1(found: Bool, wire: Bool, left_out: Bool) -> float:
-    """Return F1 of (N,) wire points; 0 where neither found nor true ones exist."""
+    """Return F1 of (N,) wire points, 0 where none was found rightly."""
     keep = ~left_out
     right = int((found & wire & keep).sum())
     wrong = int(((found != wire) & keep).sum())
@@ -354,12 +354,12 @@ def measure_f1(found: Bool, wire: Bool, left_out: Bool) -> float:
 
 
 def _prefer(worth: float, settings: Settings, prior: float) -> float:
-    """Prefer settings that are nearer to the initial values of Table 1."""
+    """Reduce a worth by the distance of the settings from Table 1's initial values."""
     return worth * (1.0 - prior * measure_distance(get_values(settings)))
 
 
 def _without_rules(settings: Settings) -> Settings:
-    """Return settings without clearance rules, which no line depends on."""
+    """Return settings without clearance rules, on which no line depends."""
     return dataclasses.replace(settings, hazards=HazardSettings())
 
 

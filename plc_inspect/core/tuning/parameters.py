@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The settings that are tuned: those of the paper's Table 1, with its conditions as bounds."""
+"""The tuned settings: those of the paper's Table 1, with its conditions as bounds."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -109,7 +109,7 @@ def get_value(settings: Settings, name: str) -> float:
 
 
 def put_values(settings: Settings, values: Sequence[float]) -> Settings:
-    """Return settings with the tuned parameters put in."""
+    """Return settings with these values of the tuned parameters."""
     return update(settings, {
         item.name: int(value) if item.is_whole else float(value)
         for item, value in zip(SPACE, values, strict=True)
@@ -130,7 +130,7 @@ INITIAL: Values = tuple(item.initial for item in SPACE)
 
 
 def measure_distance(values: Sequence[float]) -> float:
-    """Return how far values are from the initial ones, 0 to 1 (mean square over parameters)."""
+    """Return the mean square distance of values from the initial ones, 0 to 1."""
     return float(np.mean((to_places(values) - to_places(INITIAL)) ** 2))
 
 

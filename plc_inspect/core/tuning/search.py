@@ -67,14 +67,14 @@ class Found:
 
 
 class Spent(Exception):
-    """No evaluations are left."""
+    """The budget is spent."""
 
 
 class Ledger:
-    """All evaluations of one search: none is made twice, and the best is always known."""
+    """All evaluations of one search: none is repeated, and the best is kept."""
 
     def __init__(self, evaluate: Evaluate, budget: int, start: Values) -> None:
-        """Take the function that evaluates, how often it may, and where to start."""
+        """Keep the function that evaluates, its budget and the start."""
         self._evaluate = evaluate
         self._known: dict[Values, Score] = {}
         self.budget = budget
@@ -97,7 +97,7 @@ class Ledger:
         Raises
         ------
         Spent
-            The budget ends before these; those that it still pays for are evaluated and kept.
+            The budget does not reach; the evaluations it still allows are made and kept.
 
         """
         new = [item for item in dict.fromkeys(choices) if item not in self._known]
@@ -216,7 +216,7 @@ def _sweep(
     title: str,
     tell: Tell,
 ) -> None:
-    """Take the grid of each stage in turn."""
+    """Search the grid of each stage in turn."""
     for block in blocks:
         values, before = ledger.values, ledger.score
         places = to_places(values)
@@ -230,7 +230,7 @@ def _sweep(
 
 
 def _keep_others(values: Values, old: Values, block: Sequence[int]) -> Values:
-    """Return the old values with those of a block put in, free of rounding."""
+    """Return the old values with those of a block replaced, free of rounding."""
     return tuple(
         value if k in block else kept
         for k, (value, kept) in enumerate(zip(values, old, strict=True))
