@@ -9,8 +9,9 @@ import math
 import numpy as np
 from scipy.optimize import brentq
 
-from plc_inspect.core.loads.load_cases import change_span, group_sections, SLACK
+from plc_inspect.core.loads.load_cases import change_span, SLACK
 from plc_inspect.core.loads.sag_tension import Case, Conductor, height_at
+from plc_inspect.core.loads.sections import group_sections
 from plc_inspect.errors import DataError
 from plc_inspect.results import (
     Float64,

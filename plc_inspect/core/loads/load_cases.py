@@ -11,7 +11,6 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from plc_inspect.core.hazards.clearance_rules import Limit, RuleSet
-from plc_inspect.core.hazards.conductor_hazards import SURE
 from plc_inspect.core.hazards.encroachments import MOST_OF, ROOM, THIN_ROOM
 from plc_inspect.core.hazards.surfaces import is_surface
 from plc_inspect.core.loads.blowout import SwungSpan
@@ -24,6 +23,7 @@ from plc_inspect.core.loads.sag_tension import (
     ruling_span,
     State,
 )
+from plc_inspect.core.loads.sections import group_sections
 from plc_inspect.core.numerics.plan_index import build_plan_index, gather_strip, PlanIndex
 from plc_inspect.core.spans.span_model import find_kind
 from plc_inspect.errors import DataError
@@ -40,14 +40,6 @@ from plc_inspect.results import (
 )
 
 SURVEYED = 'as surveyed'
-JOINT = 5.0
-"""Distance of span ends that hang on one support [m].  Source: judgement; not measured."""
-MAX_TURN_DEG = 3.0
-"""Turn of a line up to which spans share tension [degrees].  Source: judgement; not measured."""
-SAME_TENSION = 0.05
-"""Relative difference of c up to which spans share tension.  Source: judgement; not measured."""
-MOST_APART = 0.15
-"""The same where the constants are unsure, at most.  Source: judgement; not measured."""
 OFF_GROUND = 0.5
 """Points up to this height are ground [m].  Source: judgement; not measured."""
 GROUND_REACH = 3.0
@@ -226,44 +218,6 @@ def evaluate_cases(
         conductor=conductor, temperature=temperature, cases=tuple(cases), spans=tuple(rows),
         hazards={key: tuple(value if math.isfinite(value) else math.nan for value in values)
                  for key, values in moved.items()},
-    )
-
-
-def group_sections(spans: Sequence[Span]) -> list[list[int]]:
-    """
-    Group the spans that share their tension.
-
-    Parameters
-    ----------
-    spans : sequence of Span
-        Of all lines.
-
-    Returns
-    -------
-    list of list of int
-        Indices of the spans of each section, along the line.
-
-    """
-    sections: list[list[int]] = []
-    order = sorted(range(len(spans)), key=lambda i: (spans[i].line_id, spans[i].span_id))
-    for i in order:
-        if sections and _pull_alike(spans[sections[-1][-1]], spans[i]):
-            sections[-1].append(i)
-        else:
-            sections.append([i])
-    return sections
-
-
-def _pull_alike(first: Span, second: Span) -> bool:
-    if first.line_id != second.line_id or first.open_end or second.open_start:
-        return False
-    turn = math.remainder(second.azimuth - first.azimuth, 2 * math.pi)
-    sigma = SURE * math.hypot(first.sigma.get('c', 0.0), second.sigma.get('c', 0.0))
-    unsure = min(sigma, MOST_APART * first.c)
-    return (
-        math.dist(first.end, second.start) <= JOINT
-        and abs(turn) <= math.radians(MAX_TURN_DEG)
-        and abs(first.c - second.c) <= max(SAME_TENSION * first.c, unsure)
     )
 
 

@@ -13,8 +13,9 @@ import pytest
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.hazards.clearance_rules import plain_rules
 from plc_inspect.core.loads.blowout import SwungSpan
-from plc_inspect.core.loads.load_cases import evaluate_cases, group_sections, SURVEYED
+from plc_inspect.core.loads.load_cases import evaluate_cases, SURVEYED
 from plc_inspect.core.loads.sag_tension import Case, change_state, Conductor, State
+from plc_inspect.core.loads.sections import group_sections
 from plc_inspect.errors import DataError
 from plc_inspect.results import Severity
 

@@ -13,7 +13,7 @@ import pytest
 from plc_inspect.results import HazardKind
 from plc_inspect.sim.surveys.planted import Planted
 
-BENCH = Path(__file__).parents[1] / 'bench'
+BENCH = Path(__file__).parents[2] / 'bench'
 
 
 @pytest.fixture(scope='module')

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from sklearn.cluster import DBSCAN
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 BENCH = ROOT / 'bench'
 REAL = ROOT.parent / 'shared/data/real'
 
