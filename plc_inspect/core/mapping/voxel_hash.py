@@ -99,29 +99,19 @@ def _count_in(slot, counts):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, inline='always')
-def _take_in(slot, offset, share, moments):  # type: ignore[no-untyped-def]
-    """Update the means of one voxel with one more point, whose share of all is given."""
-    x, y, z = offset[0], offset[1], offset[2]
-    row = moments[slot]
-    row[0] += (x - row[0]) * share
-    row[1] += (y - row[1]) * share
-    row[2] += (z - row[2]) * share
-    row[3] += (x * x - row[3]) * share
-    row[4] += (x * y - row[4]) * share
-    row[5] += (x * z - row[5]) * share
-    row[6] += (y * y - row[6]) * share
-    row[7] += (y * z - row[7]) * share
-    row[8] += (z * z - row[8]) * share
+def _take_in(slot, offset, share, means):  # type: ignore[no-untyped-def]
+    """Bring the mean of one voxel up to date with one more point, of this share of all."""
+    row = means[slot]
+    row[0] += (offset[0] - row[0]) * share
+    row[1] += (offset[1] - row[1]) * share
+    row[2] += (offset[2] - row[2]) * share
 
 
 @njit(cache=True, nogil=True, inline='always')
-def _begin(slot, offset, moments):  # type: ignore[no-untyped-def]
-    """Set the means of a new voxel to those of its only point."""
-    x, y, z = offset[0], offset[1], offset[2]
-    row = moments[slot]
-    row[0], row[1], row[2] = x, y, z
-    row[3], row[4], row[5] = x * x, x * y, x * z
-    row[6], row[7], row[8] = y * y, y * z, z * z
+def _begin(slot, offset, means):  # type: ignore[no-untyped-def]
+    """Set the mean of a new voxel, its one point."""
+    row = means[slot]
+    row[0], row[1], row[2] = offset[0], offset[1], offset[2]
 
 
 @njit(cache=True, nogil=True)
@@ -139,7 +129,7 @@ def accumulate_points(
     table: UInt32,
     slot_keys: Int64,
     counts: UInt32,
-    moments: Float32,
+    means: Float32,
 ) -> tuple[int, int, int, int, int]:
     """
     Add points to their voxels until all are in or there is no room.
@@ -164,7 +154,7 @@ def accumulate_points(
         (N,) slots of the voxels made so far by this insertion, changed in place.
     num_created : int
         How many they are.
-    table, slot_keys, counts, moments
+    table, slot_keys, counts, means
         The map's arrays, changed in place.
 
     Returns
@@ -226,7 +216,7 @@ def accumulate_points(
             # its first point is in now, so slots[k] stays -1
             slot_keys[slot] = key
             counts[slot] = 1
-            _begin(slot, offsets[i], moments)
+            _begin(slot, offsets[i], means)
             table[place] = _make_entry(hashes[k], slot, mask)
             created[num_created] = slot
             num_created += 1
@@ -236,7 +226,7 @@ def accumulate_points(
                 shares[k] = _count_in(slots[k], counts)
         for k in range(block):
             if slots[k] >= 0:
-                _take_in(slots[k], offsets[order[first + k]], shares[k], moments)
+                _take_in(slots[k], offsets[order[first + k]], shares[k], means)
         first += block
     return size, num_free, num_created, stop, refused
 

@@ -73,7 +73,7 @@ def locate_voxels(
 
 @njit(cache=True, nogil=True)
 def find_centroids(
-    slots: Int64, slot_keys: Int64, moments: Float32, origin: Int64, voxel_size: float
+    slots: Int64, slot_keys: Int64, means: Float32, origin: Int64, voxel_size: float
 ) -> Float64:
     """
     Return the mean of the points of some voxels.
@@ -82,7 +82,7 @@ def find_centroids(
     ----------
     slots : Int64
         (M,) their slots.
-    slot_keys, moments : Int64, Float32
+    slot_keys, means : Int64, Float32
         The map's arrays.
     origin : Int64
         (3,) voxel index of the origin of the keys.
@@ -97,7 +97,7 @@ def find_centroids(
     """
     result = np.empty((len(slots), 3))
     for i in range(len(slots)):
-        key, row = slot_keys[slots[i]], moments[slots[i]]
+        key, row = slot_keys[slots[i]], means[slots[i]]
         for j in range(3):
             relative = ((key >> ((2 - j) * KEY_BITS)) & _MASK) - KEY_HALF_RANGE
             result[i, j] = (relative + origin[j] + 0.5) * voxel_size + row[j]

@@ -2,13 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The global map: a hash of voxels that keep the moments of their points instead of the points.
+The global map: a hash of voxels that keep the mean of their points, not the points.
 
-A voxel stores its number of points, their mean offset from the voxel's centre, the mean outer
-product of those offsets, a label and the next voxel of its plan cell: 57 bytes with its place in
-the list of free ones, and 8 to 16 bytes of hash table.  Means instead of sums, so that float32
-keeps its precision however often a voxel is hit; sums of any union of voxels follow exactly from
-means and counts.
+A voxel stores its key, the number of its points, their mean offset from its centre, a label and
+the next voxel of its plan cell: 33 bytes with its place in the list of free ones, and 8 to 16
+bytes of hash table.  A mean instead of a sum, so that float32 keeps its precision however often a
+voxel is hit.
 """
 
 from dataclasses import dataclass
@@ -60,7 +59,7 @@ class Insertion:
 
 class VoxelMap:
     """
-    Voxels of point moments with a hard cap; owned by one thread.
+    Voxels of points with a hard cap; owned by one thread.
 
     The voxel grid is fixed to multiples of ``voxel_size``, so that the voxels do not depend on
     which point came first.  Each insertion gives slots tile by tile, on a tile in the order of
@@ -101,7 +100,7 @@ class VoxelMap:
         self._capacity = capacity
         self._keys: Int64 = np.empty(capacity, dtype=np.int64)
         self._counts: UInt32 = np.zeros(capacity, dtype=np.uint32)
-        self._moments: Float32 = np.zeros((capacity, 9), dtype=np.float32)
+        self._means: Float32 = np.zeros((capacity, 3), dtype=np.float32)
         self._following: Int32 = np.zeros(capacity, dtype=np.int32)
         self._labels: UInt8 = np.zeros(capacity, dtype=np.uint8)
         self._free: Int32 = np.zeros(capacity, dtype=np.int32)
@@ -111,7 +110,7 @@ class VoxelMap:
 
     def _all_arrays(self) -> tuple[NDArray[np.generic], ...]:
         return (
-            self._keys, self._counts, self._moments, self._following, self._labels, self._free,
+            self._keys, self._counts, self._means, self._following, self._labels, self._free,
         )
 
     def _arrays(self) -> tuple[NDArray[np.generic], ...]:
@@ -242,7 +241,7 @@ class VoxelMap:
                 keys, offsets, ordered, start, self._size,
                 self._capacity == self._max_voxels,
                 self._free, self._num_free, created, num_created,
-                self._table, self._keys, self._counts, self._moments,
+                self._table, self._keys, self._counts, self._means,
             )
             num_refused += refused
             if start == len(ordered):
@@ -272,24 +271,13 @@ class VoxelMap:
         if self._origin is None:
             return np.empty((0, 3))
         result: Float64 = find_centroids(
-            slots, self._keys, self._moments, self._origin, self._voxel_size
+            slots, self._keys, self._means, self._origin, self._voxel_size
         )
         return result
 
     def counts(self) -> Int64:
         """Return the (M,) number of points of every voxel, by slot."""
         return self._counts[self._used()].astype(np.int64)
-
-    def covariances(self) -> Float32:
-        """Return the (M, 6) xx xy xz yy yz zz of every voxel about its centroid [m2], by slot."""
-        moments = self._moments[self._used()].astype(np.float64)
-        x, y, z = moments[:, 0], moments[:, 1], moments[:, 2]
-        products = np.column_stack((x * x, x * y, x * z, y * y, y * z, z * z))
-        result = moments[:, 3:] - products
-        # Rounding may leave a variance of a few 1e-10 m2 below zero.
-        diagonal = [0, 3, 5]
-        result[:, diagonal] = np.maximum(result[:, diagonal], 0.0)
-        return result.astype(np.float32)
 
     def collect(self, cells: Int64, wanted: UInt8) -> Int32:
         """

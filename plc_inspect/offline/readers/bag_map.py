@@ -13,7 +13,7 @@ from plc_inspect.messages.scans import StampedPose
 from plc_inspect.offline.readers.bags import Recording
 
 MAX_VOXELS = 200_000_000
-"""Voxels of a replay's map, about 60 bytes each, taken as they are needed."""
+"""Voxels of a replay's map, some 45 bytes each, taken as they are needed."""
 
 
 def accumulate(
