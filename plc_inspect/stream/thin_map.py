@@ -74,11 +74,6 @@ class ThinMap:
         """Return the number of blocks."""
         return len(self._blocks)
 
-    @property
-    def num_pending(self) -> int:
-        """Blocks that wait to be sent."""
-        return len(self._pending)
-
     def update(self, cells: Cells, vehicle: Float64 | None, now: float) -> None:
         """
         Put in the corridor about the vehicle.

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Catenary model of a conductor: least squares, MSAC, covariance and sag."""
+"""Catenary model of a conductor: course, covariance and sag; draws and quadratic form."""
 
 from dataclasses import dataclass
 import math
@@ -10,15 +10,9 @@ from typing import TypeVar
 from numba import njit
 import numpy as np
 
-from plc_inspect.core.catenary.solver import (
-    add_up_quadratic,
-    height_at,
-    LEAST_EXTENT,
-    slope_at,
-    solve_catenary,
-)
+from plc_inspect.core.catenary.solver import add_up_quadratic, height_at, slope_at
 from plc_inspect.errors import FitError
-from plc_inspect.results import Bool, Float64
+from plc_inspect.results import Float64
 
 FloatOrArray = TypeVar('FloatOrArray', float, Float64)
 NO_DRAWS: Float64 = np.empty((0, 3))
@@ -42,8 +36,6 @@ class CatenaryFit:
     """(3, 3) covariance of ``shape``."""
     rmse: float
     """Root mean square residual of the inliers [m]."""
-    inlier: Bool
-    """(N,) points within the tolerance."""
     converged: bool
 
     @property
@@ -121,65 +113,9 @@ class CatenaryFit:
         return min(max(self.b, min(start, end)), max(start, end))
 
 
-def fit_catenary(
-    x: Float64,
-    z: Float64,
-    *,
-    tolerance: float,
-    num_trials: int = 64,
-    rng: np.random.Generator | None = None,
-) -> CatenaryFit:
-    """
-    Fit a catenary to points of a vertical plane, robustly.
-
-    With ``rng``, MSAC (Torr and Zisserman 2000) draws ``num_trials`` triples, fits the quadratic
-    form through each and keeps the one of least truncated error; without, all points start as
-    inliers.  Gauss-Newton on the inliers then solves Eq. 7 of the paper, with residuals squared,
-    and the covariance is that of the linearised problem.  O(N (trials + steps)).
-
-    Parameters
-    ----------
-    x, z : (N,) float64
-        Along the span and up [m].
-    tolerance : float
-        Largest residual of an inlier [m].
-    num_trials : int
-        Hypotheses of MSAC.
-    rng : numpy.random.Generator
-        Source of the triples; the same generator state gives the same fit.
-
-    Returns
-    -------
-    CatenaryFit
-
-    Raises
-    ------
-    FitError
-        Fewer than four points, or all at nearly one x.
-
-    """
-    if len(x) < 4:
-        raise FitError(f'a catenary needs 4 points, got {len(x)}')
-    extent = float(x.max() - x.min())
-    if extent < LEAST_EXTENT:
-        raise FitError(f'a catenary cannot be fitted to points within {extent:.1e} m')
-    middle, shape, covariance, rmse, inlier, converged = solve_catenary(
-        np.ascontiguousarray(x), np.ascontiguousarray(z), tolerance,
-        draw_triples(num_trials, rng),
-    )
-    return CatenaryFit(
-        middle=middle,
-        shape=shape,
-        covariance=covariance,
-        rmse=rmse,
-        inlier=inlier,
-        converged=converged,
-    )
-
-
-def draw_triples(num_trials: int, rng: np.random.Generator | None) -> Float64:
-    """Return (num_trials, 3) numbers from 0 to 1 that choose triples, none without ``rng``."""
-    return NO_DRAWS if rng is None else rng.random((num_trials, 3))
+def draw_triples(num_trials: int, rng: np.random.Generator) -> Float64:
+    """Return (num_trials, 3) numbers from 0 to 1 that choose triples."""
+    return rng.random((num_trials, 3))
 
 
 def fit_quadratic(x: Float64, z: Float64) -> tuple[float, float, float]:

@@ -188,7 +188,6 @@ def unpack_curve(row: Float64, own: Int64, stride: int) -> Curve:
             shape=row[HEIGHT : CURVATURE + 1],
             covariance=row[COVARIANCE : COVARIANCE + 9].reshape(3, 3),
             rmse=values[RMSE],
-            inlier=np.ones(len(own), dtype=bool),
             converged=bool(values[CONVERGED]),
         ),
         low=values[LOW],

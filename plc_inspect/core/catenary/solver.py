@@ -20,7 +20,12 @@ def solve_catenary(x, z, tolerance, draws):  # type: ignore[no-untyped-def]
     """
     Fit a catenary to (N,) x along the span and z [m]; x are four or more and not all the same.
 
-    Returned are the fields of CatenaryFit.  ``draws`` are from draw_triples, and sums of many
+    With ``draws``, from draw_triples, MSAC (Torr and Zisserman 2000) fits the quadratic form
+    through each triple and keeps the one of least truncated error; without, all points start as
+    inliers.  Gauss-Newton on the inliers then solves Eq. 7 of the paper, with residuals squared,
+    and the covariance is that of the linearised problem.  O(N (trials + steps)).
+
+    Returned are the fields of CatenaryFit, with the (N,) inliers before the last.  Sums of many
     points are rounded as the processor adds best, so the last bits are those of one machine.
     """
     least = x.min()

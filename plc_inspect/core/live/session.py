@@ -124,13 +124,6 @@ class Session:
         self._supports = SupportBook()
         self._corridor = _no_corridor()
 
-    def clear(self) -> None:
-        """Forget all that is known; numbers go on."""
-        self._registry.clear()
-        self._hazards.clear()
-        self._supports.clear()
-        self._corridor = _no_corridor()
-
     @property
     def state(self) -> LiveState:
         """What is known, without the figures of a tick."""

@@ -194,45 +194,6 @@ def wind_load(speed: float, diameter: float, ice: float = 0.0) -> float:
     return 0.5 * AIR_DENSITY * DRAG * speed**2 * (diameter + 2 * ice)
 
 
-def change_parabola(
-    tension: float, weight: float, temperature: float, new_weight: float, new_temperature: float,
-    span: float, conductor: Conductor,
-) -> float:
-    """
-    Return the horizontal tension after a change of state, by the parabola of a level span.
-
-    H2 - (w2 S)^2 EA / 24 H2^2 = H1 - (w1 S)^2 EA / 24 H1^2 - alpha EA (T2 - T1)
-
-    Parameters
-    ----------
-    tension : float
-        Horizontal tension before [N].
-    weight, temperature : float
-        Load per length [N/m] and temperature before.
-    new_weight, new_temperature : float
-        The same after.
-    span : float
-        Length of the span, or the ruling span of its section [m].
-    conductor : Conductor
-        Gives EA and alpha.
-
-    Returns
-    -------
-    float
-        Horizontal tension [N].
-
-    """
-    stiffness = conductor.stiffness
-    known = tension - (weight * span) ** 2 * stiffness / (24 * tension**2)
-    known -= conductor.expansion * stiffness * (new_temperature - temperature)
-    load = (new_weight * span) ** 2 * stiffness / 24
-    high = max(abs(known), 1.0) + load ** (1 / 3) + 1.0
-    absolute, relative = TENSION_TOLERANCE
-    return float(brentq(
-        lambda h: h**3 - known * h**2 - load, LEAST_TENSION, high, xtol=absolute, rtol=relative
-    ))
-
-
 def change_state(
     length: float, rise: float, c: float, temperature: float, conductor: Conductor, case: Case
 ) -> State:

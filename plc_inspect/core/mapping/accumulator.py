@@ -108,16 +108,6 @@ class Accumulator:
         """Frame of the odometry and so of the map, '' before the first pose."""
         return self._frames[0] if self._frames else ''
 
-    @property
-    def lidar_frame_id(self) -> str:
-        """Frame of the scans, '' before the first scan."""
-        return self._lidar_frame_id or ''
-
-    @property
-    def num_waiting(self) -> int:
-        """Scans that wait for odometry."""
-        return len(self._queue)
-
     def add_pose(
         self,
         stamp_ns: int,

@@ -15,7 +15,7 @@ import math
 
 from numba import njit
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from plc_inspect.config import InputSettings
 from plc_inspect.errors import DataError
@@ -72,18 +72,6 @@ class Bracket(enum.IntEnum):
     """The poses on both sides are farther apart than ``max_pose_gap``."""
     JUMP = 4
     """The poses on both sides imply more than ``max_speed`` or MAX_TURN_RATE."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PoseSamples:
-    """Poses at N stamps."""
-
-    positions: Float64
-    """(N, 3) base in the map frame [m], NaN where ``bracket`` is not OK."""
-    quaternions: Float64
-    """(N, 4) x y z w, NaN where ``bracket`` is not OK."""
-    bracket: UInt8
-    """(N,) Bracket."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,11 +132,6 @@ class PoseBuffer:
     def __len__(self) -> int:
         """Return the number of poses in the buffer."""
         return self._end - self._start
-
-    @property
-    def first_stamp(self) -> int | None:
-        """Stamp of the oldest pose [ns], None when empty."""
-        return int(self._stamps[self._start]) if len(self) else None
 
     @property
     def last_stamp(self) -> int | None:
@@ -263,35 +246,6 @@ class PoseBuffer:
         poses = self._poses[live]
         return PoseArrays(self._stamps[live], poses[:, :3], poses[:, 3:], self._intervals[live])
 
-    def interpolate(self, stamps_ns: NDArray[np.int64]) -> PoseSamples:
-        """
-        Interpolate poses: positions linearly, orientations by slerp.
-
-        Nothing is extrapolated: a stamp gets a pose only where it lies between two poses, ends
-        included, that are near enough in time and motion; elsewhere its row is NaN.
-
-        Parameters
-        ----------
-        stamps_ns : NDArray[np.int64]
-            (N,) times in any order [ns].
-
-        Returns
-        -------
-        PoseSamples
-            N poses and what bracketed each.
-
-        """
-        stamps = np.asarray(stamps_ns, dtype=np.int64)
-        poses = self.arrays()
-        upper, bracket = bracket_stamps(stamps, poses.stamps, poses.intervals)
-        positions = np.full((len(stamps), 3), np.nan)
-        quaternions = np.full((len(stamps), 4), np.nan)
-        _interpolate(
-            stamps, poses.stamps, poses.positions, poses.quaternions,
-            upper, bracket, positions, quaternions,
-        )
-        return PoseSamples(positions, quaternions, bracket)
-
 
 @njit(cache=True, nogil=True)
 def bracket_stamps(
@@ -347,42 +301,3 @@ def bracket_stamps(
         upper[i] = found
         bracket[i] = intervals[found]
     return upper, bracket
-
-
-@njit(cache=True, nogil=True)
-def _interpolate(
-    stamps: Int64,
-    pose_stamps: Int64,
-    pose_positions: Float64,
-    pose_quaternions: Float64,
-    upper: Int64,
-    bracket: UInt8,
-    positions: Float64,
-    quaternions: Float64,
-) -> None:
-    for i in range(len(stamps)):
-        if bracket[i] != 0:
-            continue
-        k = upper[i]
-        share = (stamps[i] - pose_stamps[k - 1]) / (pose_stamps[k] - pose_stamps[k - 1])
-        for j in range(3):
-            start = pose_positions[k - 1, j]
-            positions[i, j] = start + share * (pose_positions[k, j] - start)
-        cosine = 0.0
-        for j in range(4):
-            cosine += pose_quaternions[k - 1, j] * pose_quaternions[k, j]
-        sign = 1.0 if cosine >= 0.0 else -1.0
-        angle = math.acos(min(1.0, sign * cosine))
-        first, second = 1.0 - share, share
-        if angle > SMALL_ANGLE:
-            first = math.sin((1.0 - share) * angle) / math.sin(angle)
-            second = math.sin(share * angle) / math.sin(angle)
-        norm = 0.0
-        for j in range(4):
-            value = (
-                first * pose_quaternions[k - 1, j] + sign * second * pose_quaternions[k, j]
-            )
-            quaternions[i, j] = value
-            norm += value * value
-        for j in range(4):
-            quaternions[i, j] /= math.sqrt(norm)

@@ -78,7 +78,6 @@ class VoxelMap:
         self._max_voxels = settings.max_voxels
         self._min_points = settings.min_points
         self._sequence = 0
-        self._num_points = 0
         self._set_empty(min(INITIAL_CAPACITY, self._max_voxels))
 
     def _set_empty(self, capacity: int) -> None:
@@ -126,19 +125,9 @@ class VoxelMap:
         return self._size
 
     @property
-    def voxel_size(self) -> float:
-        """Edge of a voxel [m]."""
-        return self._voxel_size
-
-    @property
     def max_voxels(self) -> int:
         """Hard cap of occupied voxels."""
         return self._max_voxels
-
-    @property
-    def num_points(self) -> int:
-        """Points that were ever inserted, those of removed voxels included."""
-        return self._num_points
 
     @property
     def sequence(self) -> int:
@@ -251,11 +240,9 @@ class VoxelMap:
         self.cells.link(
             created[:num_created], self._keys, origin, self._sequence, self._following
         )
-        num_added = len(keys) - num_refused
-        self._num_points += num_added
         return Insertion(
             sequence=self._sequence,
-            num_points=num_added,
+            num_points=len(keys) - num_refused,
             num_new=num_created,
             num_refused=num_refused,
         )

@@ -56,11 +56,6 @@ class Voxels:
         """Return the number of occupied voxels."""
         return len(self.index)
 
-    @property
-    def counts(self) -> Int64:
-        """(M,) points in each voxel."""
-        return self.moments[:, 0].astype(np.int64)
-
     def centroids(self, chosen: Int64 | slice = slice(None)) -> Float64:
         """Return the (K, 3) means of the points of K voxels, of all by default [m]."""
         center = self.origin + (self.index[chosen] + 0.5) * self.size

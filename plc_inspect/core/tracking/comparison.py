@@ -74,11 +74,6 @@ class Change:
         """After minus before."""
         return self.after - self.before
 
-    @property
-    def is_significant(self) -> bool:
-        """Whether the difference exceeds SIGNIFICANT standard deviations."""
-        return abs(self.difference) > SIGNIFICANT * self.sigma
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SpanChange:

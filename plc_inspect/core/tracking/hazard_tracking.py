@@ -82,10 +82,6 @@ class HazardBook:
             self._known[number].hazard for number in sorted(self._known) if number >= 0
         )
 
-    def clear(self) -> None:
-        """Forget all hazards; numbers go on."""
-        self._known.clear()
-
     def update(
         self,
         hazards: Sequence[Hazard],
@@ -252,11 +248,6 @@ class SupportBook:
     def supports(self) -> tuple[Support, ...]:
         """All supports, ordered by number."""
         return tuple(self._known[number] for number in sorted(self._known))
-
-    def clear(self) -> None:
-        """Forget all supports; numbers go on."""
-        self._known.clear()
-        self._misses.clear()
 
     def update(
         self,

@@ -84,11 +84,6 @@ class SpanRegistry:
         """All spans, ordered by line_id, then span_id."""
         return tuple(self._spans[key] for key in sorted(self._spans))
 
-    def clear(self) -> None:
-        """Forget all spans; numbers go on."""
-        self._spans.clear()
-        self._agreed.clear()
-
     def update(
         self,
         result: InspectionResult,

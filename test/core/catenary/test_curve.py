@@ -119,7 +119,7 @@ def test_too_few_points_raise(num):
 
 
 def test_points_of_one_place_raise():
-    with pytest.raises(FitError):
+    with pytest.raises(FitError, match='cannot be fitted to points within'):
         make_curve(np.ones((20, 3)))
 
 

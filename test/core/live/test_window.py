@@ -348,15 +348,6 @@ def test_numbers_are_translated_point_by_point():
     assert [item.tolist() for item in map_numbers(line, span, {})] == [[-1] * 5] * 2
 
 
-def test_clear_forgets(sample):
-    points, _ = sample
-    session, _, _ = fly(points, 12)
-    session.clear()
-    assert session.state.spans == ()
-    assert session.state.hazards == ()
-    assert len(session.state.corridor.points) == 0
-
-
 def test_states_are_frozen(sample):
     _, _, states = fly(sample[0], 3)
     with pytest.raises(dataclasses.FrozenInstanceError):

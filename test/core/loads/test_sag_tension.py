@@ -8,10 +8,10 @@ import math
 from hypothesis import given, settings, strategies
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from plc_inspect.core.loads.sag_tension import (
     Case,
-    change_parabola,
     change_state,
     Conductor,
     height_at,
@@ -33,7 +33,17 @@ TENSION = 15.0 * SPAN**2 / (8 * SAG)
 
 
 def parabola(temperature, weight=15.0):
-    tension = change_parabola(TENSION, 15.0, WARM, weight, temperature, SPAN, CONDUCTOR)
+    """
+    Return tension [N] and sag [m] of the level span after a change, by the textbook's parabola.
+
+    H2 - (w2 S)^2 EA / 24 H2^2 = H1 - (w1 S)^2 EA / 24 H1^2 - alpha EA (T2 - T1)
+    """
+    stiffness = CONDUCTOR.stiffness
+    known = TENSION - (15.0 * SPAN) ** 2 * stiffness / (24 * TENSION**2)
+    known -= CONDUCTOR.expansion * stiffness * (temperature - WARM)
+    load = (weight * SPAN) ** 2 * stiffness / 24
+    high = max(abs(known), 1.0) + load ** (1 / 3) + 1.0
+    tension = brentq(lambda h: h**3 - known * h**2 - load, 1e-3, high, xtol=1e-9, rtol=1e-14)
     return tension, weight * SPAN**2 / (8 * tension)
 
 

@@ -14,16 +14,16 @@ MS = 1_000_000
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 
-def make_poses(stamps, positions, rotations):
+def make_poses(stamps, positions, quaternions):
     poses = PoseBuffer(InputSettings())
-    for stamp, position, quaternion in zip(stamps, positions, rotations.as_quat(), strict=True):
+    for stamp, position, quaternion in zip(stamps, positions, quaternions, strict=True):
         poses.insert(int(stamp), position, quaternion)
     return poses
 
 
 def test_quarter_turn_by_hand():
     turn = Rotation.from_euler('z', [[0], [90]], degrees=True)
-    poses = make_poses([0, 100 * MS], [(0, 0, 0), (1, 0, 0)], turn)
+    poses = make_poses([0, 100 * MS], [(0, 0, 0), (1, 0, 0)], turn.as_quat())
     xyz = np.tile(np.array([[10, 0, 2]], np.float32), (3, 1))
     result = deskew(xyz, np.array([0, 50, 100]) * MS, poses, np.eye(4))
     half = 10 / np.sqrt(2)
@@ -39,10 +39,12 @@ def test_every_point_has_the_pose_of_its_own_time():
     stamps = 1_700_000_000_000_000_000 + np.arange(30) * 10 * MS
     positions = [4e5, 5e6, 80] + np.arange(30)[:, None] * [0.2, 0.0, 0.01]
     rotations = Rotation.from_rotvec(np.cumsum(rng.normal(0, 0.02, (30, 3)), axis=0))
+    quaternions = rotations.as_quat()
+    quaternions[::3] *= -1.0  # the same rotations: the short way must still be taken
     mount = make_transform((0.1, -0.2, 0.3), (180, 5, -30))
     times = rng.integers(stamps[0], stamps[-1], 3000)
     xyz = rng.uniform(-60, 60, (3000, 3)).astype(np.float32)
-    result = deskew(xyz, times, make_poses(stamps, positions, rotations), mount)
+    result = deskew(xyz, times, make_poses(stamps, positions, quaternions), mount)
     seconds, known = (times - stamps[0]) * 1e-9, (stamps - stamps[0]) * 1e-9
     base = xyz.astype(np.float64) @ mount[:3, :3].T + mount[:3, 3]
     expected = Slerp(known, rotations)(seconds).apply(base)
@@ -60,13 +62,13 @@ def test_moving_sensor_sees_a_fixed_point_at_one_place():
     where = np.stack([np.interp(times, stamps, positions[:, i]) for i in range(3)], axis=1)
     seen = Slerp(stamps, yaw)(times).inv().apply(target - where)
     result = deskew(
-        seen.astype(np.float32), times, make_poses(stamps, positions, yaw), np.eye(4)
+        seen.astype(np.float32), times, make_poses(stamps, positions, yaw.as_quat()), np.eye(4)
     )
     np.testing.assert_allclose(result.points, np.tile(target, (500, 1)), atol=1e-5)
 
 
 def test_points_without_pose_are_nan_and_say_why():
-    poses = make_poses([0, 100 * MS], np.zeros((2, 3)), Rotation.identity(2))
+    poses = make_poses([0, 100 * MS], np.zeros((2, 3)), [UPRIGHT] * 2)
     result = deskew(np.ones((3, 3), np.float32), np.array([-1, 50, 101]) * MS, poses, np.eye(4))
     assert result.bracket.tolist() == [Bracket.BEFORE, Bracket.OK, Bracket.AFTER]
     assert np.isnan(result.points[[0, 2]]).all()
@@ -83,7 +85,7 @@ def test_empty_scan():
 
 
 def test_input_is_unchanged():
-    poses = make_poses([0, 100 * MS], np.ones((2, 3)), Rotation.identity(2))
+    poses = make_poses([0, 100 * MS], np.ones((2, 3)), [UPRIGHT] * 2)
     xyz, stamps, mount = np.ones((4, 3), np.float32), np.arange(4), np.eye(4)
     for array in (xyz, stamps, mount):
         array.flags.writeable = False

@@ -60,7 +60,7 @@ def test_sag_and_height_with_their_uncertainty():
     (item,) = compare([before], [after]).spans
     assert item.sag.difference == pytest.approx(after.sag - before.sag)
     assert item.sag.sigma == pytest.approx(0.012 * 2**0.5)
-    assert item.sag.is_significant
+    assert abs(item.sag.difference) > 2 * item.sag.sigma
     assert item.is_abnormal
     assert item.height.difference == pytest.approx(-(after.sag - before.sag) * 2 / 3, rel=0.06)
     slight = make_span(0, 0, (0, 0, 15), (100, 0, 15), c=590.0, open_end=False)

@@ -225,6 +225,3 @@ def test_supports_without_known_lines_are_left_out():
     assert book.supports == ()
     support_tick(book, make_support((0, 0, 0), (0, 5)))
     assert book.supports[0].line_ids == (0,)
-    book.clear()
-    support_tick(book, make_support((0, 0, 0)), final=True)
-    assert book.supports[0].support_id == 1

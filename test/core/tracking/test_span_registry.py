@@ -354,16 +354,6 @@ def test_the_final_word_does_not_undo_what_was_evicted():
     assert known(registry) == {(0, 0): (0, 100)}
 
 
-def test_clear_forgets_spans_but_not_numbers():
-    registry = SpanRegistry()
-    for _ in range(2):
-        tick(registry, make_span(at(0), at(60)))
-    registry.clear()
-    for _ in range(2):
-        tick(registry, make_span(at(0), at(60)))
-    assert known(registry) == {(1, 1): (0, 60)}
-
-
 def test_same_ticks_give_the_same_registry():
     def run():
         registry = SpanRegistry()
