@@ -5,6 +5,7 @@
 
 from numba import njit
 import numpy as np
+from numpy.typing import ArrayLike
 
 from plc_inspect.results import Int32, Int64
 
@@ -18,16 +19,18 @@ def find_root(parent, item):  # type: ignore[no-untyped-def]
     return item
 
 
-def unite(pairs: Int32, num: int) -> Int64:
+def unite(pairs: ArrayLike, num: int, apart: ArrayLike = ()) -> Int64:
     """
-    Unite items by pairs, and number the sets.
+    Unite items by pairs, one pair after the other, and number the sets.
 
     Parameters
     ----------
     pairs : (P, 2) int32
         Items that belong to one set, from 0.
     num : int
-        Number of items; one without a pair is a set of its own.
+        Items; one that is in no pair is a set of its own.
+    apart : (A, 2) int32
+        Items that never share a set: a pair that would unite two such sets is passed over.
 
     Returns
     -------
@@ -35,16 +38,25 @@ def unite(pairs: Int32, num: int) -> Int64:
         Set of each item, from 0 in the order of their first items.
 
     """
-    result: Int64 = _unite(pairs, num)
+    result: Int64 = _unite(_as_pairs(pairs), num, _as_pairs(apart))
     return result
 
 
+def _as_pairs(items: ArrayLike) -> Int32:
+    return np.asarray(items, dtype=np.int32).reshape(-1, 2)
+
+
 @njit(cache=True, nogil=True)
-def _unite(pairs, num):  # type: ignore[no-untyped-def]
+def _unite(pairs, num, apart):  # type: ignore[no-untyped-def]
     parent = np.arange(num)
     for k in range(len(pairs)):
         a, b = find_root(parent, pairs[k, 0]), find_root(parent, pairs[k, 1])
-        parent[max(a, b)] = min(a, b)
+        clash = False
+        for m in range(len(apart)):
+            c, d = find_root(parent, apart[m, 0]), find_root(parent, apart[m, 1])
+            clash |= (c == a and d == b) or (c == b and d == a)
+        if not clash:
+            parent[max(a, b)] = min(a, b)
     label = np.empty(num, dtype=np.int64)
     used = 0
     for item in range(num):

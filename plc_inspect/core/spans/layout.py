@@ -14,6 +14,7 @@ from plc_inspect.config import SupportSettings
 from plc_inspect.core.catenary.curve import Curve, find_far_apart, fit_curve, pack_curves
 from plc_inspect.core.catenary.curve_row import TOLERANCE
 from plc_inspect.core.catenary.duplicates import mark_course, NUM_STATIONS, SLACK
+from plc_inspect.core.numerics.disjoint_sets import unite
 from plc_inspect.core.spans.joints import find_joints, Joint
 from plc_inspect.errors import FitError
 from plc_inspect.results import Float64
@@ -210,14 +211,7 @@ def group_joints(
     joints: Sequence[Joint], settings: SupportSettings
 ) -> tuple[tuple[Joint, ...], ...]:
     """Collect the joints that lie side by side across the line: those of one support."""
-    parent = list(range(len(joints)))
-
-    def root(item: int) -> int:
-        while parent[item] != item:
-            parent[item] = parent[parent[item]]
-            item = parent[item]
-        return item
-
+    pairs = []
     for i, first in enumerate(joints):
         for j in range(i):
             second = joints[j]
@@ -227,10 +221,10 @@ def group_joints(
             along = apart[0] * math.cos(first.direction) + apart[1] * math.sin(first.direction)
             across = apart[1] * math.cos(first.direction) - apart[0] * math.sin(first.direction)
             if abs(along) <= settings.radius + 0.3 * abs(across) and abs(across) <= settings.width:
-                parent[root(i)] = root(j)
+                pairs.append((i, j))
     groups: dict[int, list[Joint]] = {}
-    for i, joint in enumerate(joints):
-        groups.setdefault(root(i), []).append(joint)
+    for number, joint in zip(unite(pairs, len(joints)).tolist(), joints, strict=True):
+        groups.setdefault(number, []).append(joint)
     return tuple(tuple(group) for group in groups.values())
 
 

@@ -4,7 +4,6 @@
 """Routes: which curves are one line, and the numbers of lines and spans."""
 
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
@@ -12,6 +11,7 @@ import numpy as np
 
 from plc_inspect.core.catenary.curve import Curve
 from plc_inspect.core.numerics.assignment import assign
+from plc_inspect.core.numerics.disjoint_sets import unite
 from plc_inspect.core.spans.layout import Layout
 from plc_inspect.results import Float64
 
@@ -109,25 +109,6 @@ def _order_across(
     }
 
 
-def _unite(
-    pairs: list[tuple[int, int]], num: int, apart: Sequence[tuple[int, int]] = ()
-) -> list[int]:
-    """Smallest member of each item's set; the pairs in ``apart`` never share one."""
-    parent = list(range(num))
-
-    def root(item: int) -> int:
-        while parent[item] != item:
-            parent[item] = parent[parent[item]]
-            item = parent[item]
-        return item
-
-    for a, b in pairs:
-        a, b = root(a), root(b)
-        if a != b and not any({root(c), root(d)} == {a, b} for c, d in apart):
-            parent[max(a, b)] = min(a, b)
-    return [root(item) for item in range(num)]
-
-
 def _end(layout: Layout, curve: int, side: int) -> Float64:
     x = layout.end_x[curve] if side > 0 else layout.start_x[curve]
     result: Float64 = layout.curves[curve].position(x)[0]
@@ -162,7 +143,7 @@ def _group_spans(layout: Layout) -> list[int]:
         for second in range(first):
             if _side_by_side(layout, first, second, places[second]):
                 pairs.append((first, second))
-    return _unite(pairs, num, [joint.curves for joint in layout.joints])
+    return unite(pairs, num, [joint.curves for joint in layout.joints]).tolist()
 
 
 def _side_by_side(layout: Layout, first: int, second: int, ends: Float64) -> bool:
@@ -202,7 +183,7 @@ def _chain_lines(layout: Layout) -> list[int]:
             ]
         )
         pairs += [(before[i][0], after[j][0]) for i, j in assign(cost, MAX_SHIFT)]
-    return _unite(pairs, len(layout.curves))
+    return unite(pairs, len(layout.curves)).tolist()
 
 
 def _order_groups(

@@ -140,8 +140,8 @@ def connect(
         stands alone.
 
     """
-    links = np.array([(item.first, num_found + item.second) for item in pairs], dtype=np.int32)
-    label = unite(links.reshape(-1, 2), num_found + num_known).tolist()
+    links = [(item.first, num_found + item.second) for item in pairs]
+    label = unite(links, num_found + num_known).tolist()
     pieces: list[tuple[list[int], list[int], list[Overlap]]] = [
         ([], [], []) for _ in range(max(label, default=-1) + 1)
     ]
