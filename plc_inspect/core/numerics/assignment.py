@@ -3,6 +3,8 @@
 
 """Assigns rows to columns one to one, at the least total cost."""
 
+import math
+
 import numpy as np
 
 from plc_inspect.results import Float64
@@ -14,16 +16,16 @@ Source: numerical: more than all allowed pairs together, which cost metres.
 """
 
 
-def assign(cost: Float64, most: float) -> list[tuple[int, int]]:
+def assign(cost: Float64, most: float = math.inf) -> list[tuple[int, int]]:
     """
     Pair as many rows with columns as possible, then at the least total cost.
 
     Parameters
     ----------
     cost : (M, N) float64
-        Cost of each pair.
+        Cost of each pair, far below FAR; inf where there can be none.
     most : float
-        Greatest cost of an allowed pair; far below FAR.
+        What costs more is no pair either.
 
     Returns
     -------
@@ -31,11 +33,11 @@ def assign(cost: Float64, most: float) -> list[tuple[int, int]]:
         Row and column of each pair, in the order of rows.
 
     """
-    rows, columns = (np.flatnonzero((cost <= most).any(axis=axis)) for axis in (1, 0))
+    possible = np.isfinite(cost) & (cost <= most)
+    rows, columns = (np.flatnonzero(possible.any(axis=axis)) for axis in (1, 0))
     if not len(rows):
         return []
-    within = cost[np.ix_(rows, columns)]
-    within = np.where(within <= most, within, FAR)
+    within = np.where(possible, cost, FAR)[np.ix_(rows, columns)]
     cheapest = within.argmin(axis=1)
     if len(np.unique(cheapest)) == len(rows):  # the cheapest columns are all different
         first, second = np.arange(len(rows)), cheapest
@@ -45,4 +47,4 @@ def assign(cost: Float64, most: float) -> list[tuple[int, int]]:
 
         first, second = linear_sum_assignment(within)
     pairs = zip(rows[first].tolist(), columns[second].tolist(), strict=True)
-    return [(i, j) for i, j in pairs if cost[i, j] <= most]
+    return [(i, j) for i, j in pairs if possible[i, j]]

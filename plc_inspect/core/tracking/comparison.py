@@ -185,7 +185,7 @@ def match_spans(before: Sequence[Span], after: Sequence[Span]) -> list[tuple[int
             held = _are_held_alike(first, second)
             if held and lateral <= MAX_LATERAL and vertical <= MAX_VERTICAL:
                 cost[i, j] = math.hypot(lateral, vertical)
-    return assign(cost, math.hypot(MAX_LATERAL, MAX_VERTICAL))
+    return assign(cost)
 
 
 def _overlay(first: Span, second: Span) -> tuple[float, Float64, Float64] | None:
@@ -260,7 +260,7 @@ def _match_hazards(
             apart = float(np.linalg.norm(np.maximum(gap, 0.0)))
             if apart <= SAME_PLACE:
                 cost[i, j] = apart + TIE_BREAK * math.dist(first.position, second.position)
-    pairs = assign(cost, float(cost[np.isfinite(cost)].max(initial=0.0)))
+    pairs = assign(cost)
     firsts, seconds = {i for i, _ in pairs}, {j for _, j in pairs}
     return (
         tuple((before[i], after[j]) for i, j in pairs),

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
+from plc_inspect.core.numerics.assignment import assign
 from plc_inspect.sim.evaluation.curves import compare, Comparison, Curve
 from plc_inspect.sim.evaluation.estimate import FoundSpan, Survey
 from plc_inspect.sim.evaluation.reference import TrueSpan, Truth
 
 Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 TOLERANCE = 0.3
 """An estimate lies within this of its conductor, laterally and vertically (RMS) [m]."""
@@ -44,31 +43,6 @@ class SpanMatches:
     """Indices of the sub-conductors whose bundle was found as one line."""
     false: tuple[int, ...]
     """Indices of the estimates that are no conductor, or a second time the same."""
-
-
-def assign(cost: Float64) -> list[tuple[int, int]]:
-    """
-    Return the pairs of a one-to-one assignment: as many as possible, then the cheapest.
-
-    Parameters
-    ----------
-    cost : ndarray
-        (T, F) float64, inf where a pair is impossible.
-
-    Returns
-    -------
-    list of tuple of int
-
-    """
-    if not cost.size:
-        return []
-    possible = np.isfinite(cost)
-    ceiling = 1.0 + float(cost[possible].max(initial=0.0)) * (min(cost.shape) + 1)
-    rows, columns = linear_sum_assignment(np.where(possible, cost, 2 * ceiling))
-    return [
-        (int(row), int(column)) for row, column in zip(rows, columns, strict=True)
-        if possible[row, column]
-    ]
 
 
 def match_spans(truth: Truth, survey: Survey) -> SpanMatches:
@@ -167,7 +141,7 @@ def match_places(truth: Float64, found: Float64, limit: float) -> list[tuple[int
     gap = np.hypot(
         truth[:, None, 0] - found[None, :, 0], truth[:, None, 1] - found[None, :, 1],
     )
-    return assign(np.where(gap <= limit, gap, np.inf))
+    return assign(gap, limit)
 
 
 def measure_sag_error(item: TrueSpan, other: FoundSpan) -> float:

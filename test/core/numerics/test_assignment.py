@@ -21,10 +21,15 @@ def test_one_gives_way_where_two_want_the_same():
     assert assign(np.array([[1.0, 2.0], [1.5, 4.0]]), 5.0) == [(0, 1), (1, 0)]
 
 
+def test_many_pairs_come_before_near_ones():
+    assert assign(np.array([[0.1, 5.0], [0.2, np.inf]])) == [(0, 1), (1, 0)]
+
+
 def test_what_costs_too_much_is_no_pair_and_disturbs_none():
     assert assign(np.array([[0.5, 2.4], [2.6, 9.0]]), 2.5) == [(0, 0)]
     assert assign(np.array([[3.0, np.inf]]), 2.5) == []
-    assert assign(np.full((4, 3), np.inf), 2.5) == []
+    assert assign(np.full((4, 3), np.inf)) == []
+    assert assign(np.zeros((0, 3))) == []
 
 
 @pytest.mark.parametrize('seed', range(40))

@@ -23,7 +23,6 @@ from plc_inspect.sim.evaluation.estimate import (
     Survey,
 )
 from plc_inspect.sim.evaluation.evaluate import evaluate, main
-from plc_inspect.sim.evaluation.matching import assign
 from plc_inspect.sim.evaluation.reference import parse_truth, read_truth
 from plc_inspect.sim.evaluation.scores import Errors, format_table, to_mapping, WireScores
 from plc_inspect.sim.scenes.conductors import Conductor, hang
@@ -191,14 +190,6 @@ def test_comparison_by_hand():
     assert result.common == pytest.approx(51 / 201)
     assert result.vertical_rms == pytest.approx(0.3, abs=1e-6)
     assert result.lateral_rms == pytest.approx(0.0, abs=1e-9)
-
-
-def test_assignment_prefers_many_over_near():
-    """Both pairs at 0.9 beat one pair at 0.1 that leaves a truth alone."""
-    cost = np.array([[0.1, 0.9], [0.9, np.inf]])
-    assert assign(cost) == [(0, 1), (1, 0)]
-    assert assign(np.zeros((0, 3))) == []
-    assert assign(np.full((2, 2), np.inf)) == []
 
 
 def test_wire_scores_by_hand():
