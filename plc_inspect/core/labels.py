@@ -13,7 +13,8 @@ from plc_inspect.core.corridor import CorridorResult
 from plc_inspect.core.hazards.encroachments import Nearby
 from plc_inspect.core.line_finder import FoundLines
 from plc_inspect.core.numerics.arrays import find_true, take_found
-from plc_inspect.core.numerics.voxels import hash_key, LEAST_TABLE, pack
+from plc_inspect.core.numerics.hash_table import hash_key
+from plc_inspect.core.numerics.voxels import pack
 from plc_inspect.core.spans.span_model import SpanModel
 from plc_inspect.core.spans.spans import SpanResult
 from plc_inspect.results import (
@@ -199,7 +200,7 @@ def _index_states(position, state):  # type: ignore[no-untyped-def]
             int(position[k, 1] - origin[1]),
             int(position[k, 2] - origin[2]),
         )
-        place = hash_key(key, 2 * size - 1)
+        place = hash_key(key) & (2 * size - 1)
         while keys[place] >= 0 and keys[place] != key:
             place = (place + 1) & (2 * size - 1)
         keys[place] = key
@@ -214,7 +215,7 @@ def _find_state(x, y, z, keys, values):  # type: ignore[no-untyped-def]
         return NOT_LINEAR
     key = pack(int(x), int(y), int(z))
     mask = len(keys) - 1
-    place = hash_key(key, mask)
+    place = hash_key(key) & mask
     while keys[place] >= 0:
         if keys[place] == key:
             return values[place]

@@ -12,13 +12,12 @@ import numpy as np
 from plc_inspect.config import LinearitySettings
 from plc_inspect.core.extraction.occupancy import drop_bulk
 from plc_inspect.core.numerics.eigen import principal_axis_of
+from plc_inspect.core.numerics.hash_table import find_slot
 from plc_inspect.core.numerics.voxels import (
     add_shifted,
     AXIS_BITS,
     build_voxels,
     coarsen,
-    find_slot,
-    NUM_MOMENTS,
     pack,
     Voxels,
 )
@@ -194,7 +193,7 @@ def find_candidates(
             good = good[
                 ~_has_finer(
                     voxels.index[good], likeness.direction[good],
-                    finer.table_key, finer.table_slot, linear_before, before.direction,
+                    finer.key, finer.table, linear_before, before.direction,
                 )
             ]
         sizes.append(3 * voxels.size)
@@ -262,21 +261,18 @@ def measure_likeness(voxels: Voxels) -> Likeness:
 
 @njit(cache=True, nogil=True)
 def _has_finer(  # type: ignore[no-untyped-def]
-    index, direction, table_key, table_slot, linear, finer_direction
+    index, direction, finer_key, table, linear, finer_direction
 ):
     """Tell which voxels have one of eight parts that is linear in the same direction."""
     result = np.zeros(len(index), dtype=np.bool_)
     for k in range(len(index)):
         for part in range(8):
-            slot = find_slot(
-                table_key,
-                table_slot,
-                pack(
-                    2 * index[k, 0] + (part >> 2),
-                    2 * index[k, 1] + ((part >> 1) & 1),
-                    2 * index[k, 2] + (part & 1),
-                ),
+            here = pack(
+                2 * index[k, 0] + (part >> 2),
+                2 * index[k, 1] + ((part >> 1) & 1),
+                2 * index[k, 2] + (part & 1),
             )
+            slot = find_slot(here, table, finer_key)
             if slot >= 0 and linear[slot]:
                 cosine = 0.0
                 for axis in range(3):

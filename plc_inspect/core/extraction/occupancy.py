@@ -7,15 +7,8 @@ from numba import njit, prange
 import numpy as np
 
 from plc_inspect.core.numerics.arrays import find_true
-from plc_inspect.core.numerics.voxels import (
-    add_key,
-    AXIS_BITS,
-    find_slot,
-    grow_table,
-    LEAST_TABLE,
-    NUM_PARTS,
-    pack,
-)
+from plc_inspect.core.numerics.hash_table import enter, find_slot, index_keys, make_table
+from plc_inspect.core.numerics.voxels import NUM_PARTS, pack
 from plc_inspect.results import Float64, Int64
 
 BULK_CELL = 1.0
@@ -63,10 +56,10 @@ def drop_bulk(
     """
     if not len(chosen):
         return chosen
-    column_of, level, key, filled, table_key, table_slot = _fill_columns(
+    column_of, level, key, filled, table = _fill_columns(
         points, chosen, origin, BULK_CELL
     )
-    sparse = _find_sparse(key, filled, table_key, table_slot, max_occupied)
+    sparse = _find_sparse(key, filled, table, max_occupied)
     return chosen[find_true(_pick_bits(sparse, column_of, level))]
 
 
@@ -93,11 +86,7 @@ def _fill_columns(points, chosen, origin, size):  # type: ignore[no-untyped-def]
     total = 0
     for part in range(NUM_PARTS):
         total += len(keys[part])
-    capacity = LEAST_TABLE
-    while capacity < 2 * total + 2:
-        capacity *= 2
-    table_key = np.full(capacity, -1, dtype=np.int64)
-    table_slot = np.empty(capacity, dtype=np.int32)
+    table = make_table(total)
     key = np.empty(total, dtype=np.int64)
     filled = np.zeros(total, dtype=np.uint64)
     slots = np.empty(total, dtype=np.int32)
@@ -106,10 +95,10 @@ def _fill_columns(points, chosen, origin, size):  # type: ignore[no-untyped-def]
     for part in range(NUM_PARTS):
         start[part + 1] = start[part] + len(keys[part])
         for k in range(len(keys[part])):
-            slot = find_slot(table_key, table_slot, keys[part][k])
+            slot = find_slot(keys[part][k], table, key)
             if slot < 0:
-                slot = np.int32(used)
-                add_key(table_key, table_slot, keys[part][k], slot)
+                slot = used
+                enter(keys[part][k], slot, table)
                 key[used] = keys[part][k]
                 used += 1
             filled[slot] |= bits[part][k]
@@ -118,16 +107,15 @@ def _fill_columns(points, chosen, origin, size):  # type: ignore[no-untyped-def]
     for part in prange(NUM_PARTS):
         for k in range(part * num // NUM_PARTS, (part + 1) * num // NUM_PARTS):
             column_of[k] = slots[start[part] + column_of[k]]
-    return column_of, level, key[:used], filled[:used], table_key, table_slot
+    return column_of, level, key[:used], filled[:used], table
 
 
 @njit(cache=True, nogil=True)
 def _fill_part(points, chosen, origin, size, column_of, level):  # type: ignore[no-untyped-def]
-    """Set column and level of each point; return key and bits of the columns."""
-    key = np.empty(INITIAL_COLUMNS, dtype=np.int64)
-    filled = np.zeros(INITIAL_COLUMNS, dtype=np.uint64)
-    table_key = np.full(2 * INITIAL_COLUMNS, -1, dtype=np.int64)
-    table_slot = np.empty(2 * INITIAL_COLUMNS, dtype=np.int32)
+    """Return key and bits of the columns of some points; their columns and levels are set."""
+    key = np.empty(1 << 11, dtype=np.int64)
+    filled = np.zeros(1 << 11, dtype=np.uint64)
+    table = make_table(len(key))
     used = 0
     # neighbours follow one another: most columns are among the last ones nearby
     last_key = np.full(NUM_LAST * NUM_LAST, -1, dtype=np.int64)
@@ -140,14 +128,14 @@ def _fill_part(points, chosen, origin, size, column_of, level):  # type: ignore[
         here = pack(x, y, high >> 6)
         last = (x & (NUM_LAST - 1)) * NUM_LAST + (y & (NUM_LAST - 1))
         if last_key[last] != here:
-            slot = find_slot(table_key, table_slot, here)
+            slot = find_slot(here, table, key)
             if slot < 0:
                 if used == len(key):
                     key = np.concatenate((key, np.empty(used, dtype=np.int64)))
                     filled = np.concatenate((filled, np.zeros(used, dtype=np.uint64)))
-                    table_key, table_slot = grow_table(table_key, table_slot)
-                slot = np.int32(used)
-                add_key(table_key, table_slot, here, slot)
+                    table = index_keys(key[:used], len(key))
+                slot = used
+                enter(here, slot, table)
                 key[used] = here
                 used += 1
             last_key[last], last_slot[last] = here, slot
@@ -159,15 +147,15 @@ def _fill_part(points, chosen, origin, size, column_of, level):  # type: ignore[
 
 
 @njit(cache=True, nogil=True, inline='always')
-def _look(table_key, table_slot, filled, key):  # type: ignore[no-untyped-def]
-    """Return the bits of the column with a key, none where there is no such column."""
-    slot = find_slot(table_key, table_slot, key)
+def _look(here, table, key, filled):  # type: ignore[no-untyped-def]
+    """Bits of the column with a key, none where there is no such column."""
+    slot = find_slot(here, table, key)
     return filled[slot] if slot >= 0 else np.uint64(0)
 
 
 @njit(cache=True, parallel=True, nogil=True)
-def _find_sparse(key, filled, table_key, table_slot, max_occupied):  # type: ignore[no-untyped-def]
-    """Return the bits of cells with at most ``max_occupied`` occupied ones of 27 about them."""
+def _find_sparse(key, filled, table, max_occupied):  # type: ignore[no-untyped-def]
+    """Bits of the cells with at most ``max_occupied`` occupied ones among the 27 about them."""
     result = np.zeros(len(key), dtype=np.uint64)
     one, top, mask = np.uint64(1), np.uint64(63), (1 << AXIS_BITS) - 1
     for i in prange(len(key)):
@@ -177,12 +165,12 @@ def _find_sparse(key, filled, table_key, table_slot, max_occupied):  # type: ign
             u, v = x + column // 3 - 1, y + column % 3 - 1
             if u < 0 or v < 0:
                 continue
-            here = _look(table_key, table_slot, filled, pack(u, v, block))
+            here = _look(pack(u, v, block), table, key, filled)
             below = here << one
             if block > 0:
-                below |= _look(table_key, table_slot, filled, pack(u, v, block - 1)) >> top
+                below |= _look(pack(u, v, block - 1), table, key, filled) >> top
             above = here >> one
-            above |= _look(table_key, table_slot, filled, pack(u, v, block + 1)) << top
+            above |= _look(pack(u, v, block + 1), table, key, filled) << top
             for high in range(64):
                 shift = np.uint64(high)
                 if (filled[i] >> shift) & one:

@@ -12,8 +12,16 @@ from numba import njit
 import numpy as np
 
 from plc_inspect.core.mapping.cell_lists import collect_slots, drop_slots
-from plc_inspect.core.mapping.voxel_hash import UInt32
-from plc_inspect.core.mapping.voxel_keys import hash_key, KEY_BITS, KEY_HALF_RANGE
+from plc_inspect.core.mapping.voxel_keys import KEY_BITS, KEY_HALF_RANGE
+from plc_inspect.core.numerics.hash_table import (
+    find_slot,
+    hash_key,
+    index_keys,
+    make_entry,
+    make_table,
+    probe,
+    UInt32,
+)
 from plc_inspect.results import Bool, Float64, Int32, Int64, UInt8
 
 CELL_SIZE = 10.0
@@ -53,7 +61,7 @@ class CellIndex:
         """Forget all cells."""
         self._num = 0
         self._origin = np.zeros(3, dtype=np.int64)
-        self._table: Int32 = np.zeros(2 * INITIAL_CELLS, dtype=np.int32)
+        self._table: UInt32 = make_table(INITIAL_CELLS)
         self._keys: Int64 = np.zeros(INITIAL_CELLS, dtype=np.int64)
         self._head: Int32 = np.full(INITIAL_CELLS, -1, dtype=np.int32)
         self._state: Int32 = np.zeros((INITIAL_CELLS, 5), dtype=np.int32)
@@ -152,8 +160,7 @@ class CellIndex:
         self._keys = np.concatenate((self._keys, np.zeros(num, dtype=np.int64)))
         self._head = np.concatenate((self._head, np.full(num, -1, dtype=np.int32)))
         self._state = np.concatenate((self._state, np.zeros((num, 5), dtype=np.int32)))
-        self._table = np.zeros(4 * num, dtype=np.int32)
-        _fill_cells(self._keys[: self._num], self._table)
+        self._table = index_keys(self._keys[: self._num], 2 * num)
 
     def collect(
         self, cells: Int64, wanted: UInt8, following: Int32, labels: UInt8, out: Int32
@@ -222,35 +229,18 @@ class CellIndex:
 
 
 @njit(cache=True, nogil=True)
-def _find(key, table, cell_keys):  # type: ignore[no-untyped-def]
-    mask = len(table) - 1
-    place = hash_key(key) & mask
-    cell = table[place] - 1
-    while cell >= 0 and cell_keys[cell] != key:
-        place = (place + 1) & mask
-        cell = table[place] - 1
-    return cell, place
-
-
-@njit(cache=True, nogil=True)
 def _find_cells(keys, table, cell_keys):  # type: ignore[no-untyped-def]
     result = np.empty(len(keys), dtype=np.int32)
     for i in range(len(keys)):
-        result[i] = _find(keys[i], table, cell_keys)[0]
+        result[i] = find_slot(keys[i], table, cell_keys)
     return result
-
-
-@njit(cache=True, nogil=True)
-def _fill_cells(keys, table):  # type: ignore[no-untyped-def]
-    for cell in range(len(keys)):
-        _, place = _find(keys[cell], table, keys)
-        table[place] = cell + 1
 
 
 @njit(cache=True, nogil=True)
 def _link_slots(  # type: ignore[no-untyped-def]
     slots, start, keys, origin, per_cell, sequence, following, num, table, cell_keys, head, state
 ):
+    mask = len(table) - 1
     left, front, cell = np.int64(0), np.int64(0), np.int64(-1)
     for i in range(start, len(slots)):
         slot = slots[i]
@@ -261,15 +251,16 @@ def _link_slots(  # type: ignore[no-untyped-def]
         if cell < 0 or not (0 <= x - left < per_cell and 0 <= y - front < per_cell):
             column, row_of = x // per_cell, y // per_cell
             left, front = column * per_cell, row_of * per_cell
-            cell_key = (column << 32) + row_of + HALF_ROWS
-            cell, place = _find(cell_key, table, cell_keys)
+            cell_key = (column << 32) + row_of + (1 << 31)
+            hashed = hash_key(cell_key)
+            cell, place = probe(cell_key, hashed, hashed & mask, table, cell_keys)
             if cell < 0:
                 if num == len(cell_keys):
                     return num, i
                 cell = num
                 num += 1
                 cell_keys[cell] = cell_key
-                table[place] = cell + 1
+                table[place] = make_entry(hashed, cell, mask)
                 state[cell, 3] = z
                 state[cell, 4] = z
         following[slot] = head[cell]

@@ -6,8 +6,7 @@
 from numba import njit
 import numpy as np
 
-from plc_inspect.core.mapping.voxel_hash import forget_key
-from plc_inspect.core.mapping.voxel_keys import hash_key
+from plc_inspect.core.numerics.hash_table import forget_key
 
 SAMPLE = 50
 """
@@ -41,11 +40,23 @@ def collect_slots(  # type: ignore[no-untyped-def]
         for i in own:
             label = label_of[i]
             if wanted[label] == 1 or (
-                wanted[label] > 1 and (hash_key(slots[i]) >> 20) % one_in[label] == 0
+                wanted[label] > 1 and (_mix(slots[i]) >> 20) % one_in[label] == 0
             ):
                 out[num] = slots[i]
                 num += 1
     return num
+
+
+@njit(cache=True, nogil=True, inline='always')
+def _mix(slot):  # type: ignore[no-untyped-def]
+    """Return a number that tells nothing of a slot's neighbours (the last step of MurmurHash3)."""
+    value = np.uint64(slot)
+    value ^= value >> np.uint64(33)
+    value *= np.uint64(0xFF51AFD7ED558CCD)
+    value ^= value >> np.uint64(33)
+    value *= np.uint64(0xC4CEB9FE1A85EC53)
+    value ^= value >> np.uint64(33)
+    return np.int64(value)
 
 
 @njit(cache=True, nogil=True)

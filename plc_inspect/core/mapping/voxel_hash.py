@@ -1,23 +1,23 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""
-Open addressing hash of voxel keys, in numba.
-
-The table holds slot + 1, 0 where free, at a load of at most one half, with linear probing.  Slots
-need fewer bits than an entry has; the rest hold bits of the key's hash, so that most steps of a
-probe need no look at the keys, which would wait for memory.
-"""
+"""Insertion of points into the voxels of the map, found by a hash table of their keys."""
 
 from numba import njit
 import numpy as np
-from numpy.typing import NDArray
 
-from plc_inspect.core.mapping.voxel_keys import hash_key
+from plc_inspect.core.numerics.hash_table import (
+    enter,
+    hash_key,
+    make_entry,
+    probe,
+    size_table,
+    slot_of,
+    UInt32,
+    walk,
+)
 from plc_inspect.results import Float32, Int32, Int64
 
-ENTRY_BITS = (1 << 32) - 1
-"""Bits of a hash that an entry can hold.  Source: derived: entries are uint32."""
 BLOCK = 64
 """
 Points that are looked up together.
@@ -28,8 +28,6 @@ LEAST_BITS = 4
 A table has at least 2 to this many places.
 Source: numerical: a power of two, at least twice the keys.
 """
-
-UInt32 = NDArray[np.uint32]
 
 
 def build_table(keys: Int64, counts: UInt32, capacity: int) -> UInt32:
@@ -48,47 +46,20 @@ def build_table(keys: Int64, counts: UInt32, capacity: int) -> UInt32:
     Returns
     -------
     UInt32
-        Slot + 1 in the bits that places need, and those of the key's hash above, or 0 where free;
-        the length is a power of two, at least twice the capacity.
+        Of ``numerics.hash_table``, with room for ``capacity`` keys.
 
     """
-    length = 1 << max(LEAST_BITS, (2 * capacity - 1).bit_length())
-    table: UInt32 = np.zeros(length, dtype=np.uint32)
+    # made here and not in a kernel, as numpy asks for large pages of memory
+    table: UInt32 = np.zeros(size_table(capacity), dtype=np.uint32)
     _fill_table(keys, counts, table)
     return table
 
 
 @njit(cache=True, nogil=True)
 def _fill_table(keys: Int64, counts: UInt32, table: UInt32) -> None:
-    mask = len(table) - 1
     for slot in range(len(keys)):
-        if counts[slot] == 0:
-            continue
-        hashed = hash_key(keys[slot])
-        place = hashed & mask
-        while table[place] != 0:
-            place = (place + 1) & mask
-        table[place] = _make_entry(hashed, slot, mask)
-
-
-@njit(cache=True, nogil=True, inline='always')
-def _make_entry(hashed, slot, mask):  # type: ignore[no-untyped-def]
-    """Return the entry of a slot, by the hash of its key."""
-    return np.uint32((hashed & ENTRY_BITS & ~mask) | (slot + 1))
-
-
-@njit(cache=True, nogil=True, inline='always')
-def _slot_of(entry, mask):  # type: ignore[no-untyped-def]
-    """Return the slot of an entry, -1 where it is free."""
-    return np.int64(entry & mask) - 1
-
-
-@njit(cache=True, nogil=True, inline='always')
-def _walk(hashed, place, table, mask):  # type: ignore[no-untyped-def]
-    """Return the first place from ``place`` on that is free or, by its hash, may hold the key."""
-    while table[place] != 0 and (np.int64(table[place]) ^ hashed) & ENTRY_BITS & ~mask != 0:
-        place = (place + 1) & mask
-    return place
+        if counts[slot] > 0:
+            enter(keys[slot], slot, table)
 
 
 @njit(cache=True, nogil=True, inline='always')
@@ -182,9 +153,8 @@ def accumulate_points(
             entries[k] = table[hashes[k] & mask]
         # the slot that each key may have, by the hash bits in the table
         for k in range(block):
-            places[k] = _walk(hashes[k], hashes[k] & mask, table, mask)
-            slots[k] = _slot_of(table[places[k]], mask)
-        # the keys of those slots, again together
+            places[k] = walk(hashes[k], hashes[k] & mask, table, mask)
+            slots[k] = slot_of(table[places[k]], mask)
         for k in range(block):
             known[k] = slot_keys[max(slots[k], 0)]
         # compare the keys, and make voxels for those that have none
@@ -192,11 +162,8 @@ def accumulate_points(
             i = order[first + k]
             key, place, slot = keys[i], places[k], slots[k]
             if slot < 0 or known[k] != key:
-                place = _walk(hashes[k], place, table, mask)  # a point before may have made it
-                slot = _slot_of(table[place], mask)
-                while slot >= 0 and slot_keys[slot] != key:
-                    place = _walk(hashes[k], (place + 1) & mask, table, mask)
-                    slot = _slot_of(table[place], mask)
+                # one of this block may be there now
+                slot, place = probe(key, hashes[k], place, table, slot_keys)
             slots[k] = slot
             if slot >= 0:
                 continue
@@ -217,7 +184,7 @@ def accumulate_points(
             slot_keys[slot] = key
             counts[slot] = 1
             _begin(slot, offsets[i], means)
-            table[place] = _make_entry(hashes[k], slot, mask)
+            table[place] = make_entry(hashes[k], slot, mask)
             created[num_created] = slot
             num_created += 1
         # add the points of voxels that were there before
@@ -229,30 +196,3 @@ def accumulate_points(
                 _take_in(slots[k], offsets[order[first + k]], shares[k], means)
         first += block
     return size, num_free, num_created, stop, refused
-
-
-@njit(cache=True, nogil=True)
-def forget_key(key: np.int64, table: UInt32, slot_keys: Int64) -> None:
-    """
-    Remove a key that is in the table, and move back those that had to make way for it.
-
-    Parameters
-    ----------
-    key : int
-        Its slot's key is left as it is.
-    table, slot_keys : UInt32, Int64
-        The table is changed in place.
-
-    """
-    mask = len(table) - 1
-    hole = hash_key(key) & mask
-    while slot_keys[_slot_of(table[hole], mask)] != key:
-        hole = (hole + 1) & mask
-    place = (hole + 1) & mask
-    while table[place] != 0:
-        home = hash_key(slot_keys[_slot_of(table[place], mask)]) & mask
-        if ((place - home) & mask) >= ((place - hole) & mask):
-            table[hole] = table[place]
-            hole = place
-        place = (place + 1) & mask
-    table[hole] = 0

@@ -105,18 +105,6 @@ def find_centroids(
 
 
 @njit(cache=True, nogil=True)
-def hash_key(key: np.int64) -> np.int64:
-    """Return 64 well-mixed bits of a key (the last steps of MurmurHash3)."""
-    value = np.uint64(key)
-    value ^= value >> np.uint64(33)
-    value *= np.uint64(0xFF51AFD7ED558CCD)
-    value ^= value >> np.uint64(33)
-    value *= np.uint64(0xC4CEB9FE1A85EC53)
-    value ^= value >> np.uint64(33)
-    return np.int64(value)
-
-
-@njit(cache=True, nogil=True)
 def order_by_tile(keys: Int64) -> Int64:
     """
     Order points by tile, so that voxels near each other become neighbours in memory.

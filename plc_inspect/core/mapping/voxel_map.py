@@ -17,17 +17,14 @@ from numpy.typing import NDArray
 
 from plc_inspect.config import MapSettings
 from plc_inspect.core.mapping.cell_index import CellIndex
-from plc_inspect.core.mapping.voxel_hash import (
-    accumulate_points,
-    build_table,
-    UInt32,
-)
+from plc_inspect.core.mapping.voxel_hash import accumulate_points, build_table
 from plc_inspect.core.mapping.voxel_keys import (
     find_centroids,
     KEY_HALF_RANGE,
     locate_voxels,
     order_by_tile,
 )
+from plc_inspect.core.numerics.hash_table import UInt32
 from plc_inspect.errors import DataError
 from plc_inspect.results import Bool, Float32, Float64, Int32, Int64, UInt8
 

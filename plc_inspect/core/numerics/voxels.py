@@ -9,6 +9,15 @@ from numba import njit, prange
 import numpy as np
 
 from plc_inspect.core.numerics.arrays import put
+from plc_inspect.core.numerics.hash_table import (
+    find_slot,
+    hash_key,
+    index_keys,
+    make_entry,
+    make_table,
+    probe,
+    UInt32,
+)
 from plc_inspect.errors import DataError
 from plc_inspect.results import Float64, Int32, Int64
 
@@ -49,8 +58,8 @@ class Voxels:
     """
     (M, 10) count, sums of x y z [m], of xx xy xz yy yz zz [m2], relative to the voxel's centre.
     """
-    table_key: Int64
-    table_slot: Int32
+    table: UInt32
+    """Hash table of the keys."""
 
     def __len__(self) -> int:
         """Return the number of occupied voxels."""
@@ -117,7 +126,7 @@ def find_voxels(points: Float64, chosen: Int64, voxels: Voxels) -> Int32:
 
     """
     result: Int32 = _look_up(
-        points, chosen, voxels.origin, voxels.size, voxels.table_key, voxels.table_slot
+        points, chosen, voxels.origin, voxels.size, voxels.table, voxels.key
     )
     return result
 
@@ -130,7 +139,6 @@ def coarsen(voxels: Voxels) -> Voxels:
 
 def _sort(size: float, origin: Float64, keys: Int64, moments: Float64) -> Voxels:
     keys, moments = _unite(keys, moments, np.argsort(keys, kind='stable'))
-    table_key, table_slot = _index_keys(keys)
     mask = (1 << AXIS_BITS) - 1
     return Voxels(
         size=size,
@@ -140,28 +148,8 @@ def _sort(size: float, origin: Float64, keys: Int64, moments: Float64) -> Voxels
             [(keys >> (2 * AXIS_BITS)) & mask, (keys >> AXIS_BITS) & mask, keys & mask], axis=1
         ).astype(np.int32),
         moments=moments,
-        table_key=table_key,
-        table_slot=table_slot,
+        table=index_keys(keys, len(keys)),
     )
-
-
-@njit(cache=True, nogil=True, inline='always')
-def hash_key(key, mask):  # type: ignore[no-untyped-def]
-    """Spread a key over mask + 1 places, by the bits of the product that all axes affect."""
-    value = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)  # 2^64 over the golden ratio (Knuth)
-    return np.int64((value >> np.uint64(32)) & np.uint64(mask))
-
-
-@njit(cache=True, nogil=True, inline='always')
-def find_slot(table_key, table_slot, key):  # type: ignore[no-untyped-def]
-    """Return the slot of a key, or -1."""
-    mask = len(table_key) - 1
-    place = hash_key(key, mask)
-    while table_key[place] != key:
-        if table_key[place] < 0:
-            return -1
-        place = (place + 1) & mask
-    return table_slot[place]
 
 
 @njit(cache=True, nogil=True, inline='always')
@@ -180,33 +168,9 @@ def _extent(points, chosen, origin):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def add_key(table_key, table_slot, key, slot):  # type: ignore[no-untyped-def]
-    """Insert a key that is not in the table yet."""
-    mask = len(table_key) - 1
-    place = hash_key(key, mask)
-    while table_key[place] >= 0:
-        place = (place + 1) & mask
-    table_key[place] = key
-    table_slot[place] = slot
-
-
-@njit(cache=True, nogil=True)
-def grow_table(table_key, table_slot):  # type: ignore[no-untyped-def]
-    """Return a table twice the size with the same entries."""
-    size = len(table_key) * 2
-    new_key = np.full(size, -1, dtype=np.int64)
-    new_slot = np.empty(size, dtype=np.int32)
-    for i in range(len(table_key)):
-        if table_key[i] >= 0:
-            add_key(new_key, new_slot, table_key[i], table_slot[i])
-    return new_key, new_slot
-
-
-@njit(cache=True, nogil=True)
 def _fill_part(points, chosen, origin, size):  # type: ignore[no-untyped-def]
-    capacity = INITIAL_VOXELS
-    table_key = np.full(capacity * 2, -1, dtype=np.int64)
-    table_slot = np.empty(capacity * 2, dtype=np.int32)
+    capacity = 1 << 12
+    table = make_table(capacity)
     keys = np.empty(capacity, dtype=np.int64)
     moments = np.zeros((capacity, NUM_MOMENTS))
     used = 0
@@ -216,11 +180,9 @@ def _fill_part(points, chosen, origin, size):  # type: ignore[no-untyped-def]
         z = (points[i, 2] - origin[2]) / size
         ix, iy, iz = int(x), int(y), int(z)
         key = pack(ix, iy, iz)
-        mask = len(table_key) - 1
-        place = hash_key(key, mask)
-        while table_key[place] != key and table_key[place] >= 0:
-            place = (place + 1) & mask
-        if table_key[place] < 0:
+        hashed, mask = hash_key(key), len(table) - 1
+        slot, place = probe(key, hashed, hashed & mask, table, keys)
+        if slot < 0:
             if used == capacity:
                 capacity *= 2
                 more_keys = np.empty(capacity, dtype=np.int64)
@@ -229,16 +191,13 @@ def _fill_part(points, chosen, origin, size):  # type: ignore[no-untyped-def]
                 more = np.zeros((capacity, NUM_MOMENTS))
                 put(moments.ravel(), more.ravel())
                 moments = more
-                table_key, table_slot = grow_table(table_key, table_slot)
-                mask = len(table_key) - 1
-                place = hash_key(key, mask)
-                while table_key[place] >= 0:
-                    place = (place + 1) & mask
-            table_key[place] = key
-            table_slot[place] = used
-            keys[used] = key
+                table = index_keys(keys[:used], capacity)
+                mask = len(table) - 1
+                _, place = probe(key, hashed, hashed & mask, table, keys)
+            slot = used
             used += 1
-        slot = table_slot[place]
+            table[place] = make_entry(hashed, slot, mask)
+            keys[slot] = key
         x = (x - ix - 0.5) * size
         y = (y - iy - 0.5) * size
         z = (z - iz - 0.5) * size
@@ -287,32 +246,17 @@ def _unite(keys, moments, order):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True, nogil=True)
-def _look_up(points, chosen, origin, size, table_key, table_slot):  # type: ignore[no-untyped-def]
+def _look_up(points, chosen, origin, size, table, key):  # type: ignore[no-untyped-def]
     result = np.empty(len(chosen), dtype=np.int32)
     for k in prange(len(chosen)):
         i = chosen[k]
-        result[k] = find_slot(
-            table_key,
-            table_slot,
-            pack(
-                int((points[i, 0] - origin[0]) / size),
-                int((points[i, 1] - origin[1]) / size),
-                int((points[i, 2] - origin[2]) / size),
-            ),
+        here = pack(
+            int((points[i, 0] - origin[0]) / size),
+            int((points[i, 1] - origin[1]) / size),
+            int((points[i, 2] - origin[2]) / size),
         )
+        result[k] = find_slot(here, table, key)
     return result
-
-
-@njit(cache=True, nogil=True)
-def _index_keys(keys):  # type: ignore[no-untyped-def]
-    size = LEAST_TABLE
-    while size < 2 * len(keys) + 2:
-        size *= 2
-    table_key = np.full(size, -1, dtype=np.int64)
-    table_slot = np.empty(size, dtype=np.int32)
-    for slot in range(len(keys)):
-        add_key(table_key, table_slot, keys[slot], slot)
-    return table_key, table_slot
 
 
 @njit(cache=True, nogil=True)

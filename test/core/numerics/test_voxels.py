@@ -6,11 +6,11 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
+from plc_inspect.core.numerics.hash_table import find_slot
 from plc_inspect.core.numerics.voxels import (
     add_shifted,
     build_voxels,
     coarsen,
-    find_slot,
     find_voxels,
     pack,
 )
@@ -75,10 +75,10 @@ def test_every_key_finds_its_slot_and_no_other_does():
     voxels = build(make_points())
     taken = set(map(tuple, voxels.index.tolist()))
     for slot, (x, y, z) in enumerate(voxels.index.tolist()):
-        assert find_slot(voxels.table_key, voxels.table_slot, pack(x, y, z)) == slot
+        assert find_slot(pack(x, y, z), voxels.table, voxels.key) == slot
     for place in [(0, 0, 0), (1, 2, 3), (700, 3, 9)]:
         if place not in taken:
-            assert find_slot(voxels.table_key, voxels.table_slot, pack(*place)) == -1
+            assert find_slot(pack(*place), voxels.table, voxels.key) == -1
 
 
 def test_points_find_their_voxels_as_by_numpy():
