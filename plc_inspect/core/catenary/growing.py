@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import dataclasses
 from dataclasses import dataclass
 import math
-from typing import Any
 
 from numba import njit
 import numpy as np
@@ -123,7 +122,7 @@ def profile_curve(
     if ignore is None:
         ignore = np.zeros(0, dtype=bool)
     core, shell, chosen, _ = profile_row(
-        points, grid_of(index), curve.row, low, high, step, ignore
+        points, index.grid, curve.row, low, high, step, ignore
     )
     return Profile(low=low, step=step, core=core, shell=shell, chosen=chosen)
 
@@ -148,11 +147,6 @@ def measure_distances(points: Float64, curve: Curve, chosen: Int64) -> Float32:
     """
     result: Float32 = distances_to(points, curve.row, chosen)
     return result
-
-
-def grid_of(index: PlanIndex) -> tuple[Any, ...]:
-    """Return an index as `profile_row` takes it."""
-    return index.start, index.order, index.origin, index.cell_size, *index.shape
 
 
 def measure_company(
@@ -222,7 +216,7 @@ def extend(
     if not curves:
         return []
     rows = pack_curves(curves)
-    grid = grid_of(index)
+    grid = index.grid
     grown = call_each(
         lambda k: _extend(points, grid, rows[k], settings.max_step), len(curves)
     )

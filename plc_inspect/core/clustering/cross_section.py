@@ -93,7 +93,7 @@ def gather_points(
     """Return what `gather_window` does for one window of an alignment."""
     start, stop = alignment.seed_start[window : window + 2]
     found: tuple[Int32, Float64, Float64, Float64] = gather_window(
-        points, index.start, index.order, index.origin, index.cell_size, *index.shape, seeds,
+        points, *index.grid, seeds,
         alignment.seeds[start:stop], alignment.center[window], alignment.azimuth[window],
         alignment.slope[window], alignment.half_length,
     )

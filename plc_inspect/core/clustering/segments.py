@@ -79,12 +79,7 @@ def find_beads(
     elif num_windows:
         found = _cluster_windows(
             points,
-            index.start,
-            index.order,
-            index.origin,
-            index.cell_size,
-            index.shape[0],
-            index.shape[1],
+            *index.grid,
             seeds,
             alignment.seed_start,
             alignment.seeds,

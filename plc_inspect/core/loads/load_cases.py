@@ -24,7 +24,7 @@ from plc_inspect.core.loads.sag_tension import (
     State,
 )
 from plc_inspect.core.loads.sections import group_sections
-from plc_inspect.core.numerics.plan_index import build_plan_index, gather_strip, PlanIndex
+from plc_inspect.core.numerics.plan_index import build_plan_index, PlanIndex
 from plc_inspect.core.spans.span_model import find_kind
 from plc_inspect.errors import DataError
 from plc_inspect.results import (
@@ -33,7 +33,7 @@ from plc_inspect.results import (
     Hazard,
     HazardKind,
     InspectionResult,
-    Int64,
+    Int32,
     PointClass,
     Severity,
     Span,
@@ -246,12 +246,8 @@ def change_span(
                  length=own.length, rise=own.rise)
 
 
-def _gather(index: PlanIndex, span: Span, reach: float) -> Int64:
-    near: Int64 = np.sort(gather_strip(
-        index.start, index.order, index.origin, index.cell_size, index.shape[0], index.shape[1],
-        span.start[0], span.start[1], span.end[0], span.end[1], reach,
-    ))
-    return near
+def _gather(index: PlanIndex, span: Span, reach: float) -> Int32:
+    return np.sort(index.strip(span.start, span.end, reach))
 
 
 def _is_held(points: Float64, span: Span, result: InspectionResult) -> Bool:

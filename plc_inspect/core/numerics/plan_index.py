@@ -42,6 +42,32 @@ class PlanIndex:
     order: Int32
     """(K,) point indices; ascending within a cell."""
 
+    @property
+    def grid(self) -> tuple[Int32, Int32, Float64, float, int, int]:
+        """The index as kernels take it: start, order, origin, cell size, rows, columns."""
+        return self.start, self.order, self.origin, self.cell_size, *self.shape
+
+    def strip(self, first: Float64, last: Float64, reach: float) -> Int32:
+        """
+        Find the points near a plan segment, or near a place where both ends are one.
+
+        Parameters
+        ----------
+        first, last : (2+,) float64
+            Ends of the segment [m].
+        reach : float
+            Distance from it [m].
+
+        Returns
+        -------
+        (M,) int32
+            Points in all cells that touch the strip: those within reach, and some beyond.  Each
+            once, in row order of the cells.
+
+        """
+        found: Int32 = gather_strip(*self.grid, first[0], first[1], last[0], last[1], reach)
+        return found
+
 
 def build_plan_index(points: Float64, chosen: Int64, cell_size: float) -> PlanIndex:
     """

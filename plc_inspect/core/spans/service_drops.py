@@ -25,7 +25,7 @@ from plc_inspect.core.clustering.segment_fit import LEAST_POINTS, SHELL_SHARE
 from plc_inspect.core.clustering.segments import cluster_window
 from plc_inspect.core.extraction.linearity import LinearityResult
 from plc_inspect.core.extraction.off_ground import OffGround
-from plc_inspect.core.numerics.plan_index import build_plan_index, gather_strip
+from plc_inspect.core.numerics.plan_index import build_plan_index
 from plc_inspect.core.spans.span_fit import CutCurve
 from plc_inspect.core.spans.span_model import FittedSpan, model_span, SpanModel
 from plc_inspect.core.spans.spans import copy_labels, measure_ground_below, SpanResult
@@ -99,11 +99,7 @@ def add_taps(
         if not len(ends) or ends[:, 0].max() > MAX_ARM:
             supports.append(support)
             continue
-        x, y, _ = support.position
-        near = gather_strip(
-            places.start, places.order, places.origin, places.cell_size, places.shape[0],
-            places.shape[1], x, y, x, y, REACH,
-        )
+        near = places.strip(support.position, support.position, REACH)
         seeds = candidates.position[near], candidates.direction[near]
         for azimuth, slope, middle in _find_ways(support, ends[:, 1], *seeds):
             curves = _find_curves(cloud, spans.line_id >= 0, support, azimuth, slope, middle,
@@ -192,10 +188,7 @@ def _find_curves(
     unit = np.array([math.cos(azimuth), math.sin(azimuth)])
     foot, tip = support.position, support.position[:2] + REACH * unit
     index = cloud.index
-    found = gather_strip(
-        index.start, index.order, index.origin, index.cell_size, index.shape[0], index.shape[1],
-        foot[0], foot[1], tip[0], tip[1], AXIS_MISS,
-    )
+    found = index.strip(foot, tip, AXIS_MISS)
     found = found[~wire[found]]
     apart = points[found] - foot
     x, y = apart[:, :2] @ unit, apart[:, :2] @ np.array([-unit[1], unit[0]])

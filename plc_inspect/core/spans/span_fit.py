@@ -34,7 +34,7 @@ from plc_inspect.core.catenary.curve_row import (
     to_local,
     TOLERANCE,
 )
-from plc_inspect.core.catenary.growing import grid_of, profile_row, STEP
+from plc_inspect.core.catenary.growing import profile_row, STEP
 from plc_inspect.core.numerics.arrays import put
 from plc_inspect.core.numerics.plan_index import PlanIndex
 from plc_inspect.core.numerics.threads import call_each
@@ -104,7 +104,7 @@ def fit_spans(
     ends = np.stack([layout.start_x, layout.end_x], axis=1)
     is_open = np.stack([layout.start_station, layout.end_station], axis=1) < 0
     draws = draw_triples(num * settings.num_trials, rng).reshape(num, settings.num_trials, 3)
-    grid = grid_of(index)
+    grid = index.grid
     found = call_each(
         lambda k: _fit(
             points, grid, rows[k], ends[k], is_open[k], layout.curves[k].points, draws[k]
@@ -149,7 +149,7 @@ def collect_points(
     """
     ends = pack_ends(finals) + np.array([-slack, slack])
     rows = pack_curves([cut.curve for cut in finals])
-    grid = grid_of(index)
+    grid = index.grid
     return call_each(lambda k: _collect(points, grid, rows[k], ends[k]), len(finals))
 
 
@@ -157,7 +157,7 @@ def measure_coverage(points: Float64, index: PlanIndex, finals: Sequence[CutCurv
     """Return the (C,) share of the metres of each curve that hold points of it."""
     ends = pack_ends(finals)
     rows = pack_curves([cut.curve for cut in finals])
-    grid, nothing = grid_of(index), np.zeros(0, dtype=bool)
+    grid, nothing = index.grid, np.zeros(0, dtype=bool)
     cores = call_each(
         lambda k: profile_row(points, grid, rows[k], ends[k, 0], ends[k, 1], STEP, nothing)[0],
         len(finals),

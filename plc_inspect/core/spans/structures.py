@@ -10,7 +10,7 @@ from numba import njit
 import numpy as np
 
 from plc_inspect.core.numerics.arrays import put
-from plc_inspect.core.numerics.plan_index import gather_strip, PlanIndex
+from plc_inspect.core.numerics.plan_index import PlanIndex
 from plc_inspect.results import Bool, Float32, Float64
 
 FILLED = 0.6
@@ -86,19 +86,7 @@ def find_structure(
 
     """
     near, reach = stand.near, stand.reach
-    found = gather_strip(
-        index.start,
-        index.order,
-        index.origin,
-        index.cell_size,
-        index.shape[0],
-        index.shape[1],
-        near[0],
-        near[1],
-        near[0],
-        near[1],
-        reach + COLUMN,
-    )
+    found = index.strip(near, near, reach + COLUMN)
     found = found[~wire[found] & (height[found] > 1.0)]
     apart = points[found, :2] - near
     inside = np.hypot(apart[:, 0], apart[:, 1]) <= reach + COLUMN

@@ -8,7 +8,7 @@ import math
 from numba import njit
 import numpy as np
 
-from plc_inspect.core.numerics.plan_index import gather_strip, PlanIndex
+from plc_inspect.core.numerics.plan_index import PlanIndex
 from plc_inspect.results import Bool, Float64
 
 POLE_SLICE = (0.8, 0.8)
@@ -55,10 +55,7 @@ def mark_structure(
     left = np.array([-unit[1], unit[0]])
     half = float(np.abs((attachments[:, :2] - place) @ left).max()) + beside
     reach = math.hypot(half, along_arm)
-    found = gather_strip(
-        index.start, index.order, index.origin, index.cell_size, index.shape[0], index.shape[1],
-        place[0], place[1], place[0], place[1], reach,
-    )
+    found = index.strip(place, place, reach)
     apart = points[found, :2] - place
     mask[found[(np.abs(apart @ unit) <= along_arm) & (np.abs(apart @ left) <= half)]] = True
 
@@ -80,11 +77,7 @@ def mark_stub(
 
     """
     tip = end[:2] + STUB_LENGTH * outward
-    found = gather_strip(
-        index.start, index.order, index.origin, index.cell_size, index.shape[0], index.shape[1],
-        end[0], end[1], tip[0], tip[1], STUB_RADIUS,
-    )
-    _mark_stub(points, found, end, outward, mask)
+    _mark_stub(points, index.strip(end, tip, STUB_RADIUS), end, outward, mask)
 
 
 @njit(cache=True, nogil=True)

@@ -13,7 +13,6 @@ import numpy as np
 
 from plc_inspect.core.extraction.height import ground_at
 from plc_inspect.core.extraction.off_ground import OffGround
-from plc_inspect.core.numerics.plan_index import gather_strip
 from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.core.spans.layout import Layout
 from plc_inspect.core.spans.route import Route, SIDE_BY_SIDE
@@ -339,11 +338,7 @@ def _are_held(cloud: OffGround, wire: Bool, ends: Sequence[SpanEnd]) -> bool:
         ahead = (end.place[:2] + BEYOND * end.outward)[None, :]
         if not math.isfinite(float(ground_at(height, ahead, max_gap=BEYOND)[0])):
             return False
-        x, y = end.place[:2]
-        found = gather_strip(
-            index.start, index.order, index.origin, index.cell_size, index.shape[0],
-            index.shape[1], x, y, x, y, HOLD_RADIUS,
-        )
+        found = index.strip(end.place, end.place, HOLD_RADIUS)
         held += _count_around(cloud.points, wire, found, end.place) >= HOLD_POINTS
     low = height.origin
     high = low + height.cell_size * np.array(height.ground.shape[::-1])

@@ -10,7 +10,6 @@ from toys import hang, make_curve, make_ground, make_index, make_wire, turn
 from plc_inspect.config import CatenarySettings
 from plc_inspect.core.catenary.growing import (
     extend,
-    grid_of,
     measure_company,
     measure_distances,
     profile_curve,
@@ -155,7 +154,7 @@ def test_distances_of_the_profile_are_those_to_the_curve(constant):
         np.random.default_rng(0).permutation(2 * len(wire))
     ]
     *_, chosen, distance = profile_row(
-        points, grid_of(make_index(points)), curve.row, curve.low, curve.high, 1.0,
+        points, make_index(points).grid, curve.row, curve.low, curve.high, 1.0,
         np.zeros(0, dtype=bool),
     )
     assert len(chosen) > 0.9 * len(wire)

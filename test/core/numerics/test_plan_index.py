@@ -6,17 +6,11 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from plc_inspect.core.numerics.plan_index import build_plan_index, gather_strip
+from plc_inspect.core.numerics.plan_index import build_plan_index
 
 
 def make_points(num=400, seed=0):
     return np.random.default_rng(seed).uniform((-20, -10, 0), (30, 25, 9), (num, 3))
-
-
-def gather(index, segment, reach):
-    return gather_strip(
-        index.start, index.order, index.origin, index.cell_size, *index.shape, *segment, reach
-    )
 
 
 def measure_plan_distance(points, segment):
@@ -57,7 +51,7 @@ def test_a_strip_holds_all_points_near_its_segment_once(segment, reach, cell, le
         segment = (*segment[:3], segment[1])
     points = make_points()
     index = build_plan_index(points, np.arange(400), cell)
-    found = gather(index, segment, reach)
+    found = index.strip(segment[:2], segment[2:], reach)
     assert len(np.unique(found)) == len(found)
     distance = measure_plan_distance(points, segment)
     inside = np.flatnonzero(distance <= reach - 1e-9)
@@ -79,14 +73,14 @@ def test_a_wide_area_gets_larger_cells():
     index = build_plan_index(points, np.arange(2), 1.0)
     assert index.shape[0] * index.shape[1] <= 1.01 * 16_000_000
     assert index.cell_size == pytest.approx(250.0)
-    assert gather(index, (1e6, 1e6, 1e6, 1e6), 1.0).tolist() == [1]
+    assert index.strip((1e6, 1e6), (1e6, 1e6), 1.0).tolist() == [1]
 
 
 @pytest.mark.parametrize('num', [0, 1])
 def test_few_points(num):
     index = build_plan_index(np.ones((num, 3)), np.arange(num), 2.0)
     assert index.order.shape == (num,)
-    assert len(gather(index, (0.0, 0.0, 2.0, 2.0), 1.0)) == num
+    assert len(index.strip((0.0, 0.0), (2.0, 2.0), 1.0)) == num
 
 
 def test_duplicates_and_input():
