@@ -25,7 +25,7 @@ NUM_PLANES = 4
 ORIGIN_X, ORIGIN_Y, COS, SIN, MIDDLE, HEIGHT, SLOPE, CURVATURE, LOW, HIGH = range(10)
 """
 Columns of a row: the plan origin [m], the direction of x, where the catenary is expanded [m],
-height [m], slope and curvature [1/m] there, and x of both ends [m]; as in a span_table.
+height [m], slope and curvature [1/m] there, and x of both ends [m].
 """
 AZIMUTH, RMSE, LATERAL_RMSE, OFFSET_SIGMA, TURN_SIGMA, MEAN_X, CONVERGED = range(10, 17)
 TOLERANCE, NUM_POINTS, COVARIANCE, ROW = 17, 18, 19, 28

@@ -9,7 +9,20 @@ import math
 from numba import njit, prange
 import numpy as np
 
-from plc_inspect.core.catenary.curve import Curve
+from plc_inspect.core.catenary.curve import Curve, pack_curves
+from plc_inspect.core.catenary.curve_row import (
+    COS,
+    CURVATURE,
+    HEIGHT,
+    HIGH,
+    LOW,
+    MIDDLE,
+    ORIGIN_X,
+    ORIGIN_Y,
+    SIN,
+    SLOPE,
+    to_local,
+)
 from plc_inspect.core.numerics.arrays import NUM_PARTS
 from plc_inspect.core.numerics.plan_index import clamp
 from plc_inspect.results import Float32, Float64, Int32, Int64
@@ -36,30 +49,24 @@ within reach, slope and half of the curvature there; and from there to the span'
 
 def span_table(curves: Sequence[Curve], start_x: Float64, end_x: Float64) -> Float64:
     """
-    Pack curves for the kernels.
+    Pack curves between other ends than their own for the kernels.
+
+    Parameters
+    ----------
+    curves : sequence of Curve
+        C of them.
+    start_x, end_x : (C,) float64
+        x of the ends, the lesser first [m].
 
     Returns
     -------
-    (C, 10) float64
-        origin x, y, cosine and sine of the azimuth, middle, height, slope and curvature of the
-        catenary, start and end x.
+    (C, ROW) float64
+        As pack_curves, with these ends.
 
     """
-    return np.array(
-        [
-            [
-                curve.origin[0],
-                curve.origin[1],
-                math.cos(curve.azimuth),
-                math.sin(curve.azimuth),
-                curve.fit.middle,
-                *curve.fit.shape,
-                low,
-                high,
-            ]
-            for curve, low, high in zip(curves, start_x, end_x, strict=True)
-        ]
-    ).reshape(len(curves), 10)
+    table = pack_curves(curves)
+    table[:, LOW], table[:, HIGH] = start_x, end_x
+    return table
 
 
 def find_near(
@@ -72,7 +79,7 @@ def find_near(
     ----------
     points : (N, 3) float64
         Coordinates [m].
-    table : (C, 10) float64
+    table : (C, ROW) float64
         From span_table.
     reach : (C,) float64 or float
         Search radius of each span, or of all [m].
@@ -86,7 +93,10 @@ def find_near(
     """
     reach = np.full(len(table), reach, dtype=np.float64)
     ends = np.concatenate(
-        [table[:, :2] + table[:, column, None] * table[:, 2:4] for column in (8, 9)]
+        [
+            table[:, ORIGIN_X : ORIGIN_Y + 1] + table[:, end, None] * table[:, COS : SIN + 1]
+            for end in (LOW, HIGH)
+        ]
     )
     low = ends.min(axis=0) - reach.max()
     extent = ends.max(axis=0) + reach.max() - low
@@ -121,8 +131,8 @@ def _spans_by_cell(table, reach, low, cell, rows, columns):  # type: ignore[no-u
         for s in range(len(table)):
             row = table[s]
             slack = reach[s] + cell * 0.7072
-            x0, y0 = row[0] + row[8] * row[2], row[1] + row[8] * row[3]
-            x1, y1 = row[0] + row[9] * row[2], row[1] + row[9] * row[3]
+            x0, y0 = row[ORIGIN_X] + row[LOW] * row[COS], row[ORIGIN_Y] + row[LOW] * row[SIN]
+            x1, y1 = row[ORIGIN_X] + row[HIGH] * row[COS], row[ORIGIN_Y] + row[HIGH] * row[SIN]
             r0 = max(int((min(y0, y1) - slack - low[1]) / cell), 0)
             r1 = min(int((max(y0, y1) + slack - low[1]) / cell), rows - 1)
             c0 = max(int((min(x0, x1) - slack - low[0]) / cell), 0)
@@ -130,9 +140,8 @@ def _spans_by_cell(table, reach, low, cell, rows, columns):  # type: ignore[no-u
             for r in range(r0, r1 + 1):
                 for c in range(c0, c1 + 1):
                     cx, cy = low[0] + (c + 0.5) * cell, low[1] + (r + 0.5) * cell
-                    along = row[2] * (cx - row[0]) + row[3] * (cy - row[1])
-                    across = row[2] * (cy - row[1]) - row[3] * (cx - row[0])
-                    beyond = along - min(max(along, row[8]), row[9])
+                    along, across = to_local(row, cx, cy)
+                    beyond = along - min(max(along, row[LOW]), row[HIGH])
                     if across * across + beyond * beyond <= slack * slack:
                         if fill == 0:
                             count[r * columns + c + 1] += 1
@@ -160,17 +169,17 @@ def _expand(table, reach, low, cell, rows, columns, start, spans):  # type: igno
             where = r * columns + c
             for k in range(start[where], start[where + 1]):
                 row = table[spans[k]]
-                along = row[2] * (cx - row[0]) + row[3] * (cy - row[1])
-                x = min(max(along, row[8]), row[9])
-                u = row[7] * (x - row[4]) + math.asinh(row[6])
+                along, across = to_local(row, cx, cy)
+                x = min(max(along, row[LOW]), row[HIGH])
+                u = row[CURVATURE] * (x - row[MIDDLE]) + math.asinh(row[SLOPE])
                 cosh, slope = math.cosh(u), math.sinh(u)
-                z = height[k] = row[5] + (cosh - math.sqrt(1.0 + row[6] ** 2)) / row[7]
-                half = 0.5 * row[7] * cosh
-                across = row[2] * (cy - row[1]) - row[3] * (cx - row[0])
-                local[k, 0], local[k, 1] = row[2], row[3]
+                root = math.sqrt(1.0 + row[SLOPE] ** 2)
+                z = height[k] = row[HEIGHT] + (cosh - root) / row[CURVATURE]
+                half = 0.5 * row[CURVATURE] * cosh
+                local[k, 0], local[k, 1] = row[COS], row[SIN]
                 local[k, 2], local[k, 3] = along - x, across
                 local[k, 5], local[k, 6] = slope, half
-                local[k, 7], local[k, 8] = row[8] - x, row[9] - x
+                local[k, 7], local[k, 8] = row[LOW] - x, row[HIGH] - x
                 # the foot of a point in the cell lies this far from the middle at most
                 away = cell * 0.7072 + reach[spans[k]] * min(abs(slope), 1.0)
                 slack = away * (abs(slope) + half * away) + reach[spans[k]]

@@ -12,11 +12,11 @@ from numba import njit, prange
 import numpy as np
 
 from plc_inspect.config import HazardSettings
-from plc_inspect.core.catenary.nearest_span import find_near, span_table
+from plc_inspect.core.catenary.nearest_span import find_near
 from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.hazards.encroachments import describe_hazard, is_held
 from plc_inspect.core.hazards.trees import segment_trees
-from plc_inspect.core.spans.span_model import SpanModel
+from plc_inspect.core.spans.span_model import SpanModel, tabulate
 from plc_inspect.core.spans.spans import SpanResult
 from plc_inspect.results import Bool, Float32, Float64, HazardKind, Int64, Support
 
@@ -81,7 +81,7 @@ def find_fallible(points: Float64, height: Float32, spans: SpanResult) -> Int64:
     if not models:
         return np.zeros(0, dtype=np.int64)
     free = _choose_free(points, height, spans.line_id, spans.support)
-    found, _, _ = find_near(points, _tabulate(models), FALL_REACH)
+    found, _, _ = find_near(points, tabulate(models), FALL_REACH)
     return found[free[found]]
 
 
@@ -126,7 +126,7 @@ def find_falling_trees(
     top[tree[order]] = order
     feet = points[top].copy()
     feet[:, 2] -= height[top]
-    found, distance, owner = find_near(feet, _tabulate(models), FALL_REACH + TALLEST)
+    found, distance, owner = find_near(feet, tabulate(models), FALL_REACH + TALLEST)
     taken = _trees_at(points, tree, [item['position'] for item in known
                                      if item['kind'] == HazardKind.VEGETATION])
     result = []
@@ -169,11 +169,6 @@ def _trees_at(points: Float64, tree: Int64, places: Sequence[Float64]) -> set[in
 
     _, nearest = cKDTree(points).query(np.array(places))
     return set(tree[nearest].tolist())
-
-
-def _tabulate(models: Sequence[SpanModel]) -> Float64:
-    ends = np.sort(np.array([[item.start_x, item.end_x] for item in models]), axis=1)
-    return span_table([item.curve for item in models], ends[:, 0], ends[:, 1])
 
 
 @njit(cache=True, parallel=True, nogil=True)

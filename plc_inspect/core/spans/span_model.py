@@ -201,7 +201,7 @@ def find_kind(span: Span, end: Float64, supports: Sequence[Support]) -> str:
 
 
 def tabulate(models: Sequence[SpanModel]) -> Float64:
-    """Pack the curves of C spans, between their ends, for the kernels; (C, 10), see nearest."""
+    """Return the span_table (C, ROW) of C spans between their ends."""
     return span_table(
         [model.curve for model in models],
         np.array([model.low for model in models]),
