@@ -9,6 +9,7 @@ from plc_inspect.config import MapSettings, Settings
 from plc_inspect.core.live.session import Session
 from plc_inspect.core.live.window import copy_window, WindowPlanner
 from plc_inspect.core.mapping.accumulator import Accumulator
+from plc_inspect.core.mapping.voxel_map import INITIAL_CAPACITY
 from plc_inspect.core.numerics.assignment import assign
 from plc_inspect.results import Float64
 
@@ -51,8 +52,10 @@ def make_rarities() -> Float64:
 
 
 def warm_up_intake() -> None:
-    """Run what the callbacks of scans and odometry run, on made-up data."""
-    accumulator = Accumulator(Settings(map=MapSettings(max_voxels=20_000)))
+    """Run what the scans' and the odometry's callbacks run, on made-up data."""
+    # more room than at first, so that it grows
+    settings = MapSettings(max_voxels=INITIAL_CAPACITY + 1)
+    accumulator = Accumulator(Settings(map=settings))
     points = make_sample()[::2].astype(np.float32)
     times = np.linspace(-0.1, 0.0, len(points))
     for number in range(4):

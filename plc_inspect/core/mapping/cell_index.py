@@ -12,6 +12,7 @@ from numba import njit
 import numpy as np
 
 from plc_inspect.core.mapping.cell_lists import collect_slots, drop_slots
+from plc_inspect.core.mapping.voxel_arrays import VoxelArrays
 from plc_inspect.core.mapping.voxel_keys import KEY_BITS, KEY_HALF_RANGE
 from plc_inspect.core.numerics.hash_table import (
     find_slot,
@@ -125,7 +126,7 @@ class CellIndex:
         self._state[cells, 1] = 0
 
     def link(
-        self, slots: Int32, keys: Int64, origin: Int64, sequence: int, following: Int32
+        self, slots: Int32, voxels: VoxelArrays, origin: Int64, sequence: int
     ) -> None:
         """
         Add voxels to the lists of their cells.
@@ -134,22 +135,20 @@ class CellIndex:
         ----------
         slots : Int32
             (N,) slots of the voxels that were just made.
-        keys : Int64
-            Packed keys by slot.
+        voxels : VoxelArrays
+            Of the map; ``following`` is changed in place.
         origin : Int64
             (3,) voxel index of the origin of the keys.
         sequence : int
             Number of the insertion.
-        following : Int32
-            By slot, the next slot of the same cell, -1 at the end; changed in place.
 
         """
         self._origin = origin
         start = 0
         while True:
             self._num, start = _link_slots(
-                slots, start, keys, origin, self._voxels_per_cell, sequence, following,
-                self._num, self._table, self._keys, self._head, self._state,
+                slots, start, voxels.keys, origin, self._voxels_per_cell, sequence,
+                voxels.following, self._num, self._table, self._keys, self._head, self._state,
             )
             if start == len(slots):
                 return
@@ -163,7 +162,7 @@ class CellIndex:
         self._table = index_keys(self._keys[: self._num], 2 * num)
 
     def collect(
-        self, cells: Int64, wanted: UInt8, following: Int32, labels: UInt8, out: Int32
+        self, cells: Int64, wanted: UInt8, voxels: VoxelArrays, out: Int32
     ) -> int:
         """
         List the voxels of some cells.
@@ -175,8 +174,8 @@ class CellIndex:
         wanted : UInt8
             (256,) for each label 0 to leave out, 1 to take, 1 + k to take k SAMPLE of them, or
             up to twice as many, where there are more.
-        following, labels : Int32, UInt8
-            Of the map, by slot.
+        voxels : VoxelArrays
+            Of the map.
         out : Int32
             Slots are written here; as long as the counts of the cells together.
 
@@ -187,20 +186,12 @@ class CellIndex:
 
         """
         return int(
-            collect_slots(cells, wanted, self._head, self._state, following, labels, out)
+            collect_slots(
+                cells, wanted, self._head, self._state, voxels.following, voxels.labels, out
+            )
         )
 
-    def drop(
-        self,
-        cell: int,
-        kept: Bool,
-        following: Int32,
-        table: UInt32,
-        keys: Int64,
-        counts: UInt32,
-        labels: UInt8,
-        out: Int32,
-    ) -> int:
+    def drop(self, cell: int, kept: Bool, voxels: VoxelArrays, out: Int32) -> int:
         """
         Remove voxels of one cell from the map.
 
@@ -210,8 +201,8 @@ class CellIndex:
             The cell.
         kept : Bool
             (256,) for each label whether the voxel stays.
-        following, table, keys, counts, labels
-            The map's arrays, changed in place.
+        voxels : VoxelArrays
+            Of the map, changed in place.
         out : Int32
             Freed slots are written here.
 
@@ -223,7 +214,8 @@ class CellIndex:
         """
         return int(
             drop_slots(
-                cell, kept, self._head, self._state, following, table, keys, counts, labels, out
+                cell, kept, self._head, self._state, voxels.following, voxels.table, voxels.keys,
+                voxels.counts, voxels.labels, out,
             )
         )
 

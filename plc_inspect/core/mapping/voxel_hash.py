@@ -11,7 +11,6 @@ from plc_inspect.core.numerics.hash_table import (
     hash_key,
     make_entry,
     probe,
-    size_table,
     slot_of,
     UInt32,
     walk,
@@ -30,9 +29,10 @@ Source: numerical: a power of two, at least twice the keys.
 """
 
 
-def build_table(keys: Int64, counts: UInt32, capacity: int) -> UInt32:
+@njit(cache=True, nogil=True)
+def fill_table(keys: Int64, counts: UInt32, table: UInt32) -> None:
     """
-    Build the hash table of some keys.
+    Enter keys into an empty hash table.
 
     Parameters
     ----------
@@ -40,23 +40,10 @@ def build_table(keys: Int64, counts: UInt32, capacity: int) -> UInt32:
         (M,) different keys; key m gets slot m.
     counts : UInt32
         (M,) slots with a count of 0 are free and left out.
-    capacity : int
-        Number of keys that the table must take, at least M.
-
-    Returns
-    -------
-    UInt32
-        Of ``numerics.hash_table``, with room for ``capacity`` keys.
+    table : UInt32
+        Of ``numerics.hash_table``, with room for them; changed in place.
 
     """
-    # made here and not in a kernel, as numpy asks for large pages of memory
-    table: UInt32 = np.zeros(size_table(capacity), dtype=np.uint32)
-    _fill_table(keys, counts, table)
-    return table
-
-
-@njit(cache=True, nogil=True)
-def _fill_table(keys: Int64, counts: UInt32, table: UInt32) -> None:
     for slot in range(len(keys)):
         if counts[slot] > 0:
             enter(keys[slot], slot, table)

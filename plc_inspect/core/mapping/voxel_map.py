@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 
 from plc_inspect.config import MapSettings
 from plc_inspect.core.mapping.cell_index import CellIndex
-from plc_inspect.core.mapping.voxel_hash import accumulate_points, build_table
+from plc_inspect.core.mapping.voxel_arrays import allocate_voxels
+from plc_inspect.core.mapping.voxel_hash import accumulate_points
 from plc_inspect.core.mapping.voxel_keys import (
     find_centroids,
     KEY_HALF_RANGE,
     locate_voxels,
     order_by_tile,
 )
-from plc_inspect.core.numerics.hash_table import UInt32
 from plc_inspect.errors import DataError
 from plc_inspect.results import Bool, Float32, Float64, Int32, Int64, UInt8
 
@@ -83,34 +83,7 @@ class VoxelMap:
         self._origin: Int64 | None = None
         self.cells = CellIndex(self._voxel_size)
         """Plan cells of the voxels."""
-        self._allocate(capacity)
-        self._rehash()
-
-    def _rehash(self) -> None:
-        used = slice(self._size)
-        self._table = build_table(self._keys[used], self._counts[used], self._capacity)
-
-    def _allocate(self, capacity: int) -> None:
-        """Make room for ``capacity`` voxels and carry over those that are there."""
-        old = self._arrays() if self._size else None
-        self._capacity = capacity
-        self._keys: Int64 = np.empty(capacity, dtype=np.int64)
-        self._counts: UInt32 = np.zeros(capacity, dtype=np.uint32)
-        self._means: Float32 = np.zeros((capacity, 3), dtype=np.float32)
-        self._following: Int32 = np.zeros(capacity, dtype=np.int32)
-        self._labels: UInt8 = np.zeros(capacity, dtype=np.uint8)
-        self._free: Int32 = np.zeros(capacity, dtype=np.int32)
-        if old is not None:
-            for source, target in zip(old, self._all_arrays(), strict=True):
-                target[: self._size] = source
-
-    def _all_arrays(self) -> tuple[NDArray[np.generic], ...]:
-        return (
-            self._keys, self._counts, self._means, self._following, self._labels, self._free,
-        )
-
-    def _arrays(self) -> tuple[NDArray[np.generic], ...]:
-        return tuple(array[: self._size] for array in self._all_arrays())
+        self._voxels = allocate_voxels(capacity)
 
     def __len__(self) -> int:
         """Return the number of occupied voxels."""
@@ -134,7 +107,9 @@ class VoxelMap:
     @property
     def nbytes(self) -> int:
         """Memory of the voxels in use and of the hash table [bytes]."""
-        return sum(array.nbytes for array in self._arrays()) + self._table.nbytes
+        return sum(
+            array[: self._size].nbytes for array in self._voxels.columns
+        ) + self._voxels.table.nbytes
 
     def configure(self, settings: MapSettings) -> None:
         """Use another ``min_points``; the other settings are structural."""
@@ -142,7 +117,7 @@ class VoxelMap:
 
     def clear(self) -> None:
         """Forget all voxels; the sequence goes on."""
-        self._set_empty(self._capacity)
+        self._set_empty(self._voxels.capacity)
 
     def reserve(self, num_voxels: int) -> None:
         """
@@ -155,9 +130,8 @@ class VoxelMap:
 
         """
         wanted = min(num_voxels, self._max_voxels)
-        if wanted > self._capacity:
-            self._allocate(wanted)
-            self._rehash()
+        if wanted > self._voxels.capacity:
+            self._voxels = self._voxels.grow(wanted, self._size)
 
     @property
     def memory(self) -> tuple[NDArray[np.generic], ...]:
@@ -167,7 +141,7 @@ class VoxelMap:
         The system provides memory when it is first written, which delays some insertions by up to
         20 ms.
         """
-        return *self._all_arrays(), self._table
+        return *self._voxels.columns, self._voxels.table
 
     def insert(self, points: Float64) -> Insertion:
         """
@@ -223,20 +197,19 @@ class VoxelMap:
         start, num_created, num_refused = 0, 0, 0
         created: Int32 = np.empty(len(keys), dtype=np.int32)
         while True:
+            voxels = self._voxels
             self._size, self._num_free, num_created, start, refused = accumulate_points(
                 keys, offsets, ordered, start, self._size,
-                self._capacity == self._max_voxels,
-                self._free, self._num_free, created, num_created,
-                self._table, self._keys, self._counts, self._means,
+                voxels.capacity == self._max_voxels,
+                voxels.free, self._num_free, created, num_created,
+                voxels.table, voxels.keys, voxels.counts, voxels.means,
             )
             num_refused += refused
             if start == len(ordered):
                 break
-            self._allocate(min(2 * self._capacity, self._max_voxels))
-            self._rehash()
-        self.cells.link(
-            created[:num_created], self._keys, origin, self._sequence, self._following
-        )
+            capacity = min(2 * voxels.capacity, self._max_voxels)
+            self._voxels = voxels.grow(capacity, self._size)
+        self.cells.link(created[:num_created], voxels, origin, self._sequence)
         return Insertion(
             sequence=self._sequence,
             num_points=len(keys) - num_refused,
@@ -245,7 +218,7 @@ class VoxelMap:
         )
 
     def _used(self) -> Int64:
-        return np.flatnonzero(self._counts[: self._size])
+        return np.flatnonzero(self._voxels.counts[: self._size])
 
     def centroids(self) -> Float64:
         """Return the (M, 3) mean of the points of every voxel [m], by slot."""
@@ -255,13 +228,13 @@ class VoxelMap:
         if self._origin is None:
             return np.empty((0, 3))
         result: Float64 = find_centroids(
-            slots, self._keys, self._means, self._origin, self._voxel_size
+            slots, self._voxels.keys, self._voxels.means, self._origin, self._voxel_size
         )
         return result
 
     def counts(self) -> Int64:
         """Return the (M,) number of points of every voxel, by slot."""
-        return self._counts[self._used()].astype(np.int64)
+        return self._voxels.counts[self._used()].astype(np.int64)
 
     def collect(self, cells: Int64, wanted: UInt8) -> Int32:
         """
@@ -284,7 +257,7 @@ class VoxelMap:
 
         """
         out: Int32 = np.empty(int(self.cells.count[cells].sum()), dtype=np.int32)
-        num = self.cells.collect(cells, wanted, self._following, self._labels, out)
+        num = self.cells.collect(cells, wanted, self._voxels, out)
         return out[:num]
 
     def copy_voxels(self, slots: Int32) -> tuple[Int64, Float64]:
@@ -302,7 +275,7 @@ class VoxelMap:
             (K,) their slots and (K, 3) centroids [m].
 
         """
-        chosen = slots[self._counts[slots] >= max(self._min_points, 1)].astype(np.int64)
+        chosen = slots[self._voxels.counts[slots] >= max(self._min_points, 1)].astype(np.int64)
         return chosen, self._centroids(chosen)
 
     def label(self, slots: Int64, centroids: Float64, labels: UInt8) -> None:
@@ -320,8 +293,8 @@ class VoxelMap:
         if self._origin is None or not len(slots):
             return
         keys, _, _ = locate_voxels(centroids, self._origin, self._voxel_size)
-        same = (self._keys[slots] == keys) & (self._counts[slots] > 0)
-        self._labels[slots[same]] = labels[same]
+        same = (self._voxels.keys[slots] == keys) & (self._voxels.counts[slots] > 0)
+        self._voxels.labels[slots[same]] = labels[same]
 
     def order_free(self) -> None:
         """
@@ -330,7 +303,7 @@ class VoxelMap:
         Voxels that are made together then lie together in memory, as in a map that was never full,
         and reading a place reads less memory.
         """
-        self._free[: self._num_free][::-1].sort()
+        self._voxels.free[: self._num_free][::-1].sort()
 
     def drop(self, cell: int, kept: Bool) -> int:
         """
@@ -349,9 +322,6 @@ class VoxelMap:
             Voxels removed.
 
         """
-        out = self._free[self._num_free :]
-        num = self.cells.drop(
-            cell, kept, self._following, self._table, self._keys, self._counts, self._labels, out
-        )
+        num = self.cells.drop(cell, kept, self._voxels, self._voxels.free[self._num_free :])
         self._num_free += num
         return num
