@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Colours of severities and lines: one table for page, report, markers and files."""
+"""Colours of severities, lines and supports: one table for page, report, markers and files."""
 
 LINE_COLORS = (
     '#0072b2', '#d55e00', '#8e44ad', '#c2185b', '#00838f', '#e69f00', '#5d4037', '#3f51b5',
@@ -10,6 +10,8 @@ LINE_COLORS = (
 SEVERITY_COLORS = {'critical': '#c62828', 'warning': '#ef7d00', 'notice': '#1565c0'}
 """Of hazards, the worst first."""
 OK_COLOR = '#2e9e4f'
+SUPPORT_COLOR = '#9999a6'
+TEXT_COLOR = '#ffffff'
 
 
 def line_color(line_id: int) -> str:

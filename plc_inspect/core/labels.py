@@ -13,7 +13,7 @@ from plc_inspect.core.corridor import CorridorResult
 from plc_inspect.core.hazards.encroachments import Nearby
 from plc_inspect.core.line_finder import FoundLines
 from plc_inspect.core.numerics.arrays import find_true, take_found
-from plc_inspect.core.numerics.hash_table import hash_key
+from plc_inspect.core.numerics.hash_table import hash_key, size_table
 from plc_inspect.core.numerics.voxels import pack
 from plc_inspect.core.spans.span_model import SpanModel
 from plc_inspect.core.spans.spans import SpanResult
@@ -189,20 +189,18 @@ def _index_states(position, state):  # type: ignore[no-untyped-def]
         for axis in range(3):
             origin[axis] = min(origin[axis], position[k, axis])
     origin = np.floor(origin) - 1.0
-    size = LEAST_TABLE
-    while size < len(position) + 2:
-        size *= 2
-    keys = np.full(2 * size, -1, dtype=np.int64)
-    values = np.zeros(2 * size, dtype=np.uint8)
+    size = size_table(len(position))
+    keys = np.full(size, -1, dtype=np.int64)
+    values = np.zeros(size, dtype=np.uint8)
     for k in range(len(position)):
         key = pack(
             int(position[k, 0] - origin[0]),
             int(position[k, 1] - origin[1]),
             int(position[k, 2] - origin[2]),
         )
-        place = hash_key(key) & (2 * size - 1)
+        place = hash_key(key) & (size - 1)
         while keys[place] >= 0 and keys[place] != key:
-            place = (place + 1) & (2 * size - 1)
+            place = (place + 1) & (size - 1)
         keys[place] = key
         values[place] = max(values[place], state[k])
     return origin, keys, values

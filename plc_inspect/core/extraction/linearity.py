@@ -18,6 +18,7 @@ from plc_inspect.core.numerics.voxels import (
     AXIS_BITS,
     build_voxels,
     coarsen,
+    NUM_MOMENTS,
     pack,
     Voxels,
 )

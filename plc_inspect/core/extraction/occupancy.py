@@ -8,7 +8,7 @@ import numpy as np
 
 from plc_inspect.core.numerics.arrays import find_true
 from plc_inspect.core.numerics.hash_table import enter, find_slot, index_keys, make_table
-from plc_inspect.core.numerics.voxels import NUM_PARTS, pack
+from plc_inspect.core.numerics.voxels import AXIS_BITS, NUM_PARTS, pack
 from plc_inspect.results import Float64, Int64
 
 BULK_CELL = 1.0
@@ -113,8 +113,8 @@ def _fill_columns(points, chosen, origin, size):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True)
 def _fill_part(points, chosen, origin, size, column_of, level):  # type: ignore[no-untyped-def]
     """Return key and bits of the columns of some points; their columns and levels are set."""
-    key = np.empty(1 << 11, dtype=np.int64)
-    filled = np.zeros(1 << 11, dtype=np.uint64)
+    key = np.empty(INITIAL_COLUMNS, dtype=np.int64)
+    filled = np.zeros(INITIAL_COLUMNS, dtype=np.uint64)
     table = make_table(len(key))
     used = 0
     # neighbours follow one another: most columns are among the last ones nearby

@@ -243,7 +243,7 @@ def _link_slots(  # type: ignore[no-untyped-def]
         if cell < 0 or not (0 <= x - left < per_cell and 0 <= y - front < per_cell):
             column, row_of = x // per_cell, y // per_cell
             left, front = column * per_cell, row_of * per_cell
-            cell_key = (column << 32) + row_of + (1 << 31)
+            cell_key = (column << 32) + row_of + HALF_ROWS
             hashed = hash_key(cell_key)
             cell, place = probe(cell_key, hashed, hashed & mask, table, cell_keys)
             if cell < 0:

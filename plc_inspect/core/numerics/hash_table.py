@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 LEAST_SIZE = 16
-"""Entries of the smallest table."""
+"""Entries of the smallest table.  Source: numerical: a power of two."""
 
 UInt32 = NDArray[np.uint32]
 

@@ -38,8 +38,6 @@ INITIAL_VOXELS = 1 << 12
 Voxels that a run of points has room for at first.
 Source: numerical: the room doubles whenever it is full.
 """
-LEAST_TABLE = 16
-"""Places of a hash table at least.  Source: numerical: a power of two, at least twice the keys."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -169,7 +167,7 @@ def _extent(points, chosen, origin):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _fill_part(points, chosen, origin, size):  # type: ignore[no-untyped-def]
-    capacity = 1 << 12
+    capacity = INITIAL_VOXELS
     table = make_table(capacity)
     keys = np.empty(capacity, dtype=np.int64)
     moments = np.zeros((capacity, NUM_MOMENTS))
