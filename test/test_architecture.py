@@ -14,7 +14,12 @@ MODULES = sorted(ROOT.rglob('*.py'))
 LEAST_CORE, LEAST_MODULES = 90, 200
 """A search that finds fewer looks in the wrong place."""
 LEAST_PACKAGES = 30
-MOST_LINES, MOST_MODULES = 400, 16
+MOST_LINES, MOST_MODULES, MOST_ARGUMENTS = 400, 16, 7
+LEAST_FUNCTIONS = {
+    'core.numerics': 12, 'core.mapping': 60, 'core.extraction': 20, 'core.clustering': 10,
+    'core.tracking': 40, 'core.live': 25, 'core.tuning': 30,
+}
+"""Packages whose calls take few arguments, and the least number of functions in each."""
 SCRIPTS = [*(ROOT.parent / 'bench').rglob('*.py'), *(ROOT.parent / 'test').rglob('*.py')]
 LAYERS = [
     '',
@@ -136,6 +141,39 @@ def test_packages_hold_what_one_can_look_over():
     assert {name: count for name, count in crowded.items() if count > MOST_MODULES + 1} == {}
 
 
+@pytest.mark.parametrize(('package', 'least'), LEAST_FUNCTIONS.items())
+def test_calls_take_at_most_seven_arguments(package, least):
+    functions = [
+        (path.stem, function)
+        for path in sorted(ROOT.joinpath(*package.split('.')).glob('*.py'))
+        for function in ast.walk(parse(path))
+        if isinstance(function, ast.FunctionDef) and not is_kernel(function)
+    ]
+    assert len(functions) >= least
+    assert [
+        f'{module}.{function.name} takes {count_arguments(function)}'
+        for module, function in functions if count_arguments(function) > MOST_ARGUMENTS
+    ] == []
+
+
+@pytest.mark.parametrize(('source', 'count'), [
+    ('def f(a, b, /, c, *args, d, e=1, **names): pass', 5),
+    ('def f(self, a): pass', 1),
+    ('def f(): pass', 0),
+])
+def test_arguments_are_counted_by_name(source, count):
+    assert count_arguments(ast.parse(source).body[0]) == count
+
+
+@pytest.mark.parametrize(('decorator', 'expected'), [
+    ('njit', True), ('njit(cache=True)', True), ('numba.njit', True), ('property', False),
+    ('dataclass(frozen=True)', False),
+])
+def test_kernels_are_told_by_their_decorator(decorator, expected):
+    (function,) = ast.parse(f'@{decorator}\ndef f(): pass').body
+    assert is_kernel(function) == expected
+
+
 def test_imports_run_one_way():
     upward = []
     for path in MODULES:
@@ -155,6 +193,22 @@ def test_every_package_has_its_layer():
 def package_of(path):
     """Return the package of a module by its dotted name; '' holds those beside the packages."""
     return '.'.join(path.relative_to(ROOT).parts[:-1])
+
+
+def is_kernel(function):
+    """Tell whether numba compiles a function."""
+    return any(
+        isinstance(node, ast.Name | ast.Attribute)
+        and ast.unparse(node).rpartition('.')[2] == 'njit'
+        for decorator in function.decorator_list for node in ast.walk(decorator)
+    )
+
+
+def count_arguments(function):
+    """Count the arguments that a function names, without self."""
+    given = function.args
+    names = [item.arg for item in [*given.posonlyargs, *given.args, *given.kwonlyargs]]
+    return len([name for name in names if name not in ('self', 'cls')])
 
 
 def find_modules(names):

@@ -51,6 +51,18 @@ class Overlap:
         return self.high - self.low
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Piece:
+    """Found and known spans that are linked by pairs."""
+
+    found: list[int]
+    """Of the first list."""
+    known: list[int]
+    """Of the second list."""
+    pairs: list[Overlap]
+    """Their pairs."""
+
+
 def measure_overlap(first: Span, second: Span) -> tuple[float, float, float] | None:
     """
     Measure where the first span lies along the second, and how far from it.
@@ -120,9 +132,7 @@ def match_spans(first: Sequence[Span], second: Sequence[Span]) -> list[Overlap]:
     return taken
 
 
-def connect(
-    num_found: int, num_known: int, pairs: Sequence[Overlap]
-) -> list[tuple[list[int], list[int], list[Overlap]]]:
+def connect(num_found: int, num_known: int, pairs: Sequence[Overlap]) -> list[Piece]:
     """
     Group found and known spans that are linked by pairs.
 
@@ -135,23 +145,22 @@ def connect(
 
     Returns
     -------
-    list[tuple[list[int], list[int], list[Overlap]]]
-        Spans of the first list, of the second, and pairs of each group; a span without any pair
-        stands alone.
+    list[Piece]
+        A span without any pair stands alone.
 
     """
     links = [(item.first, num_found + item.second) for item in pairs]
     label = unite(links, num_found + num_known).tolist()
-    pieces: list[tuple[list[int], list[int], list[Overlap]]] = [
-        ([], [], []) for _ in range(max(label, default=-1) + 1)
+    pieces = [
+        Piece(found=[], known=[], pairs=[]) for _ in range(max(label, default=-1) + 1)
     ]
     for place, number in enumerate(label):
         if place < num_found:
-            pieces[number][0].append(place)
+            pieces[number].found.append(place)
         else:
-            pieces[number][1].append(place - num_found)
+            pieces[number].known.append(place - num_found)
     for pair in pairs:
-        pieces[label[pair.first]][2].append(pair)
+        pieces[label[pair.first]].pairs.append(pair)
     return pieces
 
 

@@ -15,7 +15,13 @@ import itertools
 import math
 
 from plc_inspect.core.tracking.continuation import continue_lines, find_ends
-from plc_inspect.core.tracking.span_matching import connect, match_spans, may_overlap, Overlap
+from plc_inspect.core.tracking.span_matching import (
+    connect,
+    match_spans,
+    may_overlap,
+    Overlap,
+    Piece,
+)
 from plc_inspect.core.tracking.wire_points import thin_points, WirePoints
 from plc_inspect.results import Float32, Float64, InspectionResult, Span, SpanKey
 
@@ -60,6 +66,20 @@ class TrackedSpan:
     def key(self) -> SpanKey:
         """line_id and span_id."""
         return self.span.line_id, self.span.span_id
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Tick:
+    """What one tick found, and what was known about there."""
+
+    found: Sequence[Span]
+    known: Sequence[TrackedSpan]
+    keys: Sequence[SpanKey]
+    """Numbers of the registry for the spans that were found."""
+    expected: set[SpanKey]
+    wires: WirePoints
+    final: bool
+    complete: bool
 
 
 class SpanRegistry:
@@ -123,9 +143,12 @@ class SpanRegistry:
             known = self._look_about(found, expected, final)
             pairs = match_spans(found, [item.span for item in known])
         keys = self._number(found, known, pairs)
-        wires = WirePoints(result, points)
+        tick = _Tick(
+            found=found, known=known, keys=keys, expected=expected,
+            wires=WirePoints(result, points), final=final, complete=complete,
+        )
         for piece in connect(len(found), len(known), pairs):
-            self._put(piece, found, known, keys, expected, wires, final, complete)
+            self._put(piece, tick)
         self._confirm(final)
         numbered = {}
         for span, key in zip(found, keys, strict=True):
@@ -272,36 +295,26 @@ class SpanRegistry:
         self._next_provisional -= 1
         return self._next_provisional
 
-    def _put(
-        self,
-        piece: tuple[list[int], list[int], list[Overlap]],
-        found: Sequence[Span],
-        known: Sequence[TrackedSpan],
-        keys: Sequence[SpanKey],
-        expected: set[SpanKey],
-        wires: WirePoints,
-        final: bool,
-        complete: bool,
-    ) -> None:
+    def _put(self, piece: Piece, tick: _Tick) -> None:
         """Replace known spans by those found in their place, or keep them."""
-        own, olds, pairs = piece
-        covered = {j: sum(p.length for p in pairs if p.second == j) for j in olds}
-        items = [known[j] for j in olds]
+        own, items = piece.found, [tick.known[j] for j in piece.known]
         less = [
-            item for j, item in zip(olds, items, strict=True)
-            if covered[j] < NOT_LESS * item.span.length
+            item for j, item in zip(piece.known, items, strict=True)
+            if sum(p.length for p in piece.pairs if p.second == j) < NOT_LESS * item.span.length
         ]
-        longer = sum(found[i].length for i in own) >= sum(item.span.length for item in items)
-        if items and not final and not any(item.key in expected for item in items):
+        length = sum(tick.found[i].length for i in own)
+        longer = length >= sum(item.span.length for item in items)
+        expected = any(item.key in tick.expected for item in items)
+        if items and not tick.final and not expected:
             return
-        stubborn = not complete and any(item.finished for item in less)
-        patient = less and not longer and not final and (
+        stubborn = not tick.complete and any(item.finished for item in less)
+        patient = less and not longer and not tick.final and (
             max(item.misses for item in less) + 1 < MAX_MISSES
         )
         if stubborn or patient:
             for item in items:
                 misses = item.misses + 1 if item in less else 0
-                if own or item.key in expected:
+                if own or item.key in tick.expected:
                     self._spans[item.key] = replace(
                         item, misses=misses, hits=item.hits + bool(own)
                     )
@@ -309,8 +322,8 @@ class SpanRegistry:
         for item in items:
             del self._spans[item.key]
         for i in own:
-            matched = [known[p.second] for p in pairs if p.first == i]
-            self._insert(found[i], keys[i], matched, wires)
+            matched = [tick.known[p.second] for p in piece.pairs if p.first == i]
+            self._insert(tick.found[i], tick.keys[i], matched, tick.wires)
 
     def _insert(
         self, span: Span, key: SpanKey, matched: Sequence[TrackedSpan], wires: WirePoints
