@@ -10,11 +10,14 @@ belong to points are parallel to the cloud that was given to the pipeline.
 
 from dataclasses import dataclass, field
 import enum
+from itertools import pairwise
 import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from plc_inspect.errors import DataError
 
 Float64 = NDArray[np.float64]
 Float32 = NDArray[np.float32]
@@ -281,6 +284,13 @@ class InspectionResult:
     corridor_span_id: Int32
     """(K,) nearest span of each corridor point."""
     stages: tuple[StageReport, ...]
+
+    def __post_init__(self) -> None:
+        """Check that no two spans have the same numbers; DataError says which."""
+        keys = sorted((span.line_id, span.span_id) for span in self.spans)
+        for first, second in pairwise(keys):
+            if first == second:
+                raise DataError(f'two spans of line {first[0]} have the number {first[1]}')
 
     @property
     def num_points(self) -> int:

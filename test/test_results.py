@@ -7,8 +7,9 @@ import math
 
 import numpy as np
 import pytest
-from spans import make_span
+from spans import make_result, make_span
 
+from plc_inspect.errors import DataError
 from plc_inspect.results import catenary_heights
 
 
@@ -42,3 +43,10 @@ def test_no_place_gives_no_point():
     none = np.empty(0)
     assert span.heights(none).shape == (0,)
     assert span.positions(none).shape == (0, 3)
+
+
+def test_no_two_spans_of_a_line_have_the_same_number():
+    spans = [make_span((0.0, 0.0, 9.0), (50.0, 0.0, 9.0), 1, 4) for _ in range(2)]
+    make_result(spans[:1])
+    with pytest.raises(DataError, match='two spans of line 1 have the number 4'):
+        make_result(spans)

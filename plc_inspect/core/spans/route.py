@@ -4,6 +4,7 @@
 """Routes: which curves are one line, and the numbers of lines and spans."""
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from plc_inspect.core.catenary.curve import Curve
 from plc_inspect.core.numerics.assignment import assign
-from plc_inspect.core.numerics.disjoint_sets import unite
+from plc_inspect.core.numerics.disjoint_sets import find_root, unite
 from plc_inspect.core.spans.layout import Layout
 from plc_inspect.results import Float64
 
@@ -54,7 +55,7 @@ def trace_routes(layout: Layout) -> Route:
     """
     num = len(layout.curves)
     group = _group_spans(layout)
-    line = _chain_lines(layout)
+    line = _chain_lines(layout, group)
     order, entry = _order_groups(layout, group)
     rank = {number: place for place, number in enumerate(order)}
     span_id = [rank[number] for number in group]
@@ -162,8 +163,9 @@ def _side_by_side(layout: Layout, first: int, second: int, ends: Float64) -> boo
     return bool(overlap > 0.5 * shorter and abs(y0 + y1) / 2 < SIDE_BY_SIDE)
 
 
-def _chain_lines(layout: Layout) -> list[int]:
-    pairs = [joint.curves for joint in layout.joints]
+def _chain_lines(layout: Layout, group: Sequence[int]) -> list[int]:
+    """Line of each curve; a line passes each span once, so joints are followed best first."""
+    pairs = [joint.curves for joint in sorted(layout.joints, key=lambda joint: joint.cost)]
     taken = {
         end for joint in layout.joints for end in zip(joint.curves, joint.sides, strict=True)
     }
@@ -183,7 +185,15 @@ def _chain_lines(layout: Layout) -> list[int]:
             ]
         )
         pairs += [(before[i][0], after[j][0]) for i, j in assign(cost, MAX_SHIFT)]
-    return unite(pairs, len(layout.curves)).tolist()
+    num = len(layout.curves)
+    parent = np.arange(num)
+    passed = [{number} for number in group]
+    for pair in pairs:
+        first, second = sorted(int(find_root(parent, item)) for item in pair)
+        if first != second and not passed[first] & passed[second]:
+            parent[second] = first
+            passed[first] |= passed[second]
+    return [int(find_root(parent, item)) for item in range(num)]
 
 
 def _order_groups(
