@@ -12,7 +12,7 @@ from numba import njit
 import numpy as np
 
 from plc_inspect.config import CatenarySettings
-from plc_inspect.core.catenary.breaks import find_break
+from plc_inspect.core.catenary.breaks import find_breaks
 from plc_inspect.core.catenary.bundles import merge_bundles, widen
 from plc_inspect.core.catenary.curve import Curve, fit_curve, pack_curves
 from plc_inspect.core.catenary.curve_row import (
@@ -293,6 +293,6 @@ def join(
         return None
     own_points = points[union.points]
     x, y = union.local(own_points)
-    if find_break(x, y, own_points[:, 2]) is not None:
+    if find_breaks(x, y, own_points[:, 2]):
         return None
     return union

@@ -9,7 +9,7 @@ from numba import njit
 import numpy as np
 
 from plc_inspect.config import CatenarySettings
-from plc_inspect.core.catenary.breaks import locate_break
+from plc_inspect.core.catenary.breaks import locate_breaks
 from plc_inspect.core.catenary.catenary import draw_triples
 from plc_inspect.core.catenary.curve import (
     Curve,
@@ -30,8 +30,6 @@ from plc_inspect.core.numerics.arrays import put
 from plc_inspect.core.numerics.sorting import argsort_spread
 from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.results import Float64
-
-MAX_SPLITS = 64
 
 
 def fit_tracks(
@@ -85,7 +83,7 @@ def fit_tracks(
 @njit(cache=True, nogil=True, error_model='numpy')
 def split_at_supports(points, chosen):  # type: ignore[no-untyped-def]
     """
-    Split a track at every kink that find_break believes in.
+    Split a track at every break.
 
     Parameters
     ----------
@@ -100,33 +98,22 @@ def split_at_supports(points, chosen):  # type: ignore[no-untyped-def]
         The parts, in order along the track.
 
     """
-    waiting = [chosen]
-    done = [chosen[:0]]
-    while len(waiting):
-        part = waiting.pop()
-        num = len(part)
-        dx, dy, z = np.empty(num), np.empty(num), np.empty(num)
-        for k in range(num):
-            dx[k], dy[k], z[k] = points[part[k], 0], points[part[k], 1], points[part[k], 2]
-        dx -= dx.mean()
-        dy -= dy.mean()
-        xx = xy = yy = 0.0
-        for k in range(num):
-            xx += dx[k] * dx[k]
-            xy += dx[k] * dy[k]
-            yy += dy[k] * dy[k]
-        azimuth = 0.5 * math.atan2(2.0 * xy, xx - yy)
-        ca, sa = math.cos(azimuth), math.sin(azimuth)
-        x = ca * dx + sa * dy
-        found, at = False, 0.0
-        if len(done) <= MAX_SPLITS:
-            found, at, _, _ = locate_break(x, ca * dy - sa * dx, z)
-        if found:
-            waiting.append(part[x >= at])
-            waiting.append(part[x < at])
-        else:
-            done.append(part)
-    return done[1:]
+    num = len(chosen)
+    dx, dy, z = np.empty(num), np.empty(num), np.empty(num)
+    for k in range(num):
+        dx[k], dy[k], z[k] = points[chosen[k], 0], points[chosen[k], 1], points[chosen[k], 2]
+    dx -= dx.mean()
+    dy -= dy.mean()
+    xx = xy = yy = 0.0
+    for k in range(num):
+        xx += dx[k] * dx[k]
+        xy += dx[k] * dy[k]
+        yy += dy[k] * dy[k]
+    azimuth = 0.5 * math.atan2(2.0 * xy, xx - yy)
+    ca, sa = math.cos(azimuth), math.sin(azimuth)
+    x = ca * dx + sa * dy
+    place = np.searchsorted(locate_breaks(x, ca * dy - sa * dx, z)[:, 0], x, side='right')
+    return [chosen[place == part] for part in range(place.max() + 1)]
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
