@@ -322,12 +322,20 @@ class CatenarySettings(_Checked):
     max_sag_ratio: float = _setting(
         0.08, 'greatest sag as a share of the span', low=0.01, high=1.0
     )
+    min_free_length: float = _setting(
+        8.0, 'free metres, less cluttered ones: half if it sags, thrice if straight', unit='m',
+        low=0.0, high=1000.0,
+    )
+    max_clutter: float = _setting(
+        0.35, 'greatest share of a span by which cluttered metres may outnumber free ones',
+        low=-1.0, high=1.0,
+    )
     max_crowding: float = _setting(
-        0.45, 'greatest share of a span with points close about the conductor',
+        0.45, 'greatest share of a bundle or tap with points close about it',
         low=0.0, high=1.0,
     )
     max_company: float = _setting(
-        0.7, 'greatest share of a span with other things within 0.8 m', low=0.0, high=1.0
+        0.7, 'greatest share of a tap with other things within 0.8 m', low=0.0, high=1.0
     )
 
 

@@ -5,7 +5,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 import math
 
 from numba import njit
@@ -28,7 +27,8 @@ from plc_inspect.core.catenary.curve_row import (
     to_local,
 )
 from plc_inspect.core.catenary.duplicates import drop_duplicates, is_thick
-from plc_inspect.core.catenary.growing import extend, measure_company, Profile, profile_curve
+from plc_inspect.core.catenary.free_length import FreeLength, measure_free_length, UNKNOWN
+from plc_inspect.core.catenary.growing import extend, Profile, profile_curve
 from plc_inspect.core.catenary.track_fit import fit_tracks
 from plc_inspect.core.catenary.validation import CROWDED, find_objection, list_evidence, UNPROVEN
 from plc_inspect.core.clustering.clustering import ClusteringResult
@@ -57,6 +57,8 @@ class ConductorResult:
     """
     objections: dict[str, int]
     """Why the others were dropped, and how many."""
+    wire: Bool
+    """(N,) points that do not clutter a curve, as they are wires themselves."""
 
 
 def model_conductors(
@@ -91,37 +93,79 @@ def model_conductors(
 
     """
     curves = find_curves(points, index, clustering, settings, rng)
-    kept: list[Curve] = []
-    profiles: list[Profile] = []
-    doubtful, crowded = [], []
-    objections: dict[str, int] = {}
-    found = call_each(
+    profiles = call_each(
         lambda k: profile_curve(points, index, curves[k], curves[k].low, curves[k].high),
         len(curves),
     )
-    for curve, profile in zip(curves, found, strict=True):
-        objection = find_objection(curve, profile, settings)
+    wire = mark_wires(points, index, curves, profiles, settings)
+    free = call_each(lambda k: measure_free_length(points, index, curves[k], wire), len(curves))
+    kept: list[Curve] = []
+    doubtful = []
+    objections: dict[str, int] = {}
+    for curve, profile, length in zip(curves, profiles, free, strict=True):
+        objection = find_objection(curve, profile, length, settings)
         if not objection:
             kept.append(curve)
-            profiles.append(profile)
-        elif objection == CROWDED:
-            crowded.append(curve)
-        else:
-            if profile.crowding <= settings.max_crowding and (
-                objection == UNPROVEN or _is_piece(curve, profile, settings)
-            ):
-                doubtful.append(curve)
-            objections[objection] = objections.get(objection, 0) + 1
-    crowded = _admit_neighbors(points, index, kept, profiles, crowded, settings)
-    if crowded:
-        objections[CROWDED] = len(crowded)
-    alone = _without_company(points, index, kept, profiles, settings)
-    if len(alone) < len(kept):
-        objections['other things all along it'] = len(kept) - len(alone)
-        doubtful += [curve for curve in kept if curve not in alone]
+            continue
+        objections[objection] = objections.get(objection, 0) + 1
+        if profile.crowding <= settings.max_crowding and (
+            objection == UNPROVEN or _is_piece(curve, profile, length, settings)
+        ):
+            doubtful.append(curve)
     return ConductorResult(
-        curves=alone, doubtful=tuple(doubtful), objections=dict(sorted(objections.items()))
+        curves=tuple(kept), doubtful=tuple(doubtful), wire=wire,
+        objections=dict(sorted(objections.items())),
     )
+
+
+def mark_wires(
+    points: Float64,
+    index: PlanIndex,
+    curves: Sequence[Curve],
+    profiles: Sequence[Profile],
+    settings: CatenarySettings,
+) -> Bool:
+    """
+    Mark the points of curves that are conductors whatever is about them, and of those they free.
+
+    Wires hang side by side.  A curve with all evidence but that it is free clutters no other one;
+    and each that is free, once those are left out, frees its neighbours.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    index : PlanIndex
+        Of the points off the ground.
+    curves, profiles : sequence of Curve, sequence of Profile
+        Parallel.
+    settings : CatenarySettings
+        Settings of this stage.
+
+    Returns
+    -------
+    (N,) bool
+
+    """
+    wire = np.zeros(len(points), dtype=bool)
+    waiting = []
+    for curve, profile in zip(curves, profiles, strict=True):
+        if find_objection(curve, profile, UNKNOWN, settings) == CROWDED:
+            wire[profile.chosen] = True
+        else:
+            waiting.append((curve, profile))
+    while waiting:
+        rest = []
+        for curve, profile in waiting:
+            free = measure_free_length(points, index, curve, wire)
+            if find_objection(curve, profile, free, settings):
+                rest.append((curve, profile))
+            else:
+                wire[profile.chosen] = True
+        if len(rest) == len(waiting):
+            break
+        waiting = rest
+    return wire
 
 
 def find_curves(
@@ -144,70 +188,18 @@ def find_curves(
     return drop_duplicates(points, merge_bundles(points, wide, settings), settings)
 
 
-def _is_piece(curve: Curve, profile: Profile, settings: CatenarySettings) -> bool:
+def _is_piece(
+    curve: Curve, profile: Profile, free: FreeLength, settings: CatenarySettings
+) -> bool:
     """Whether nothing but its length speaks against a curve, and what follows from it."""
     against = {
-        item.setting for item in list_evidence(curve, profile, settings) if not item.kept
+        item.setting for item in list_evidence(curve, profile, free, settings) if not item.kept
     }
     return (
-        {'min_length'} <= against <= {'min_length', 'min_significance', 'max_constant'}
+        {'min_length'} <= against
+        <= {'min_length', 'min_significance', 'max_constant', 'min_free_length', 'max_clutter'}
         and curve.length >= LEAST_LENGTH * settings.min_length
     )
-
-
-def _admit_neighbors(
-    points: Float64,
-    index: PlanIndex,
-    kept: list[Curve],
-    profiles: list[Profile],
-    crowded: list[Curve],
-    settings: CatenarySettings,
-) -> list[Curve]:
-    """Add to ``kept`` what only the wires found so far crowd, and return the rest."""
-    admitted = bool(kept)
-    while admitted and crowded:
-        wire = np.zeros(len(points), dtype=bool)
-        for profile in profiles:
-            wire[profile.chosen] = True
-        rest = []
-        for curve in crowded:
-            profile = profile_curve(points, index, curve, curve.low, curve.high, ignore=wire)
-            if find_objection(curve, profile, settings):
-                rest.append(curve)
-            else:
-                kept.append(curve)
-                profiles.append(profile)
-        admitted = len(rest) < len(crowded)
-        crowded = rest
-    return crowded
-
-
-def _without_company(
-    points: Float64,
-    index: PlanIndex,
-    curves: Sequence[Curve],
-    profiles: Sequence[Profile],
-    settings: CatenarySettings,
-) -> tuple[Curve, ...]:
-    """Drop curves with other things all along them, the worst first: they are no wires then."""
-    alive = list(zip(curves, profiles, strict=True))
-    while alive:
-        wire = np.zeros(len(points), dtype=bool)
-        for _, profile in alive:
-            wire[profile.chosen] = True
-        company = call_each(partial(_measure_company, points, index, alive, wire), len(alive))
-        worst = max(company)
-        if worst <= settings.max_company:
-            break
-        alive = [item for item, value in zip(alive, company, strict=True) if value < worst]
-    return tuple(curve for curve, _ in alive)
-
-
-def _measure_company(
-    points: Float64, index: PlanIndex, alive: Sequence[tuple[Curve, Profile]], wire: Bool,
-    number: int,
-) -> float:
-    return measure_company(points, index, *alive[number], wire)
 
 
 def bridge(

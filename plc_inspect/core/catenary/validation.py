@@ -9,10 +9,14 @@ import math
 
 from plc_inspect.config import CatenarySettings
 from plc_inspect.core.catenary.curve import Curve
+from plc_inspect.core.catenary.duplicates import is_thick
+from plc_inspect.core.catenary.free_length import FreeLength
 from plc_inspect.core.catenary.growing import Profile
 
 UNPROVEN = 'curvature not proven'
 CROWDED = 'not free in the air'
+STRAIGHT_RATIO, SAGGING_RATIO = 3.0, 0.5
+"""Of ``min_free_length`` a straight curve needs the one share, one that sags the other."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,7 +40,9 @@ class Evidence:
         return not (self.value < self.limit if self.is_least else self.value > self.limit)
 
 
-def find_objection(curve: Curve, profile: Profile, settings: CatenarySettings) -> str:
+def find_objection(
+    curve: Curve, profile: Profile, free: FreeLength, settings: CatenarySettings
+) -> str:
     """
     Return why a curve is not believed to be a conductor, or an empty string.
 
@@ -50,18 +56,28 @@ def find_objection(curve: Curve, profile: Profile, settings: CatenarySettings) -
         The curve.
     profile : Profile
         Of the curve between its ends.
+    free : FreeLength
+        Metres of it that hang free in the air.
     settings : CatenarySettings
         Settings of this stage.
 
     """
-    found = (item.objection for item in list_evidence(curve, profile, settings) if not item.kept)
+    found = (
+        item.objection for item in list_evidence(curve, profile, free, settings) if not item.kept
+    )
     return next(found, '')
 
 
 def list_evidence(
-    curve: Curve, profile: Profile, settings: CatenarySettings
+    curve: Curve, profile: Profile, free: FreeLength, settings: CatenarySettings
 ) -> Iterator[Evidence]:
-    """Yield all that is asked of a conductor, in the order of objections."""
+    """
+    Yield all that is asked of a conductor, in the order of objections.
+
+    A thin curve that is free along its length needs no curvature as proof: nothing else is
+    straight, thin and alone in the air.  Where the curvature proves the conductor, things may be
+    near it as long as few touch it.
+    """
     def weigh(
         setting: str, value: float, objection: str, scale: float = 1.0
     ) -> Evidence:
@@ -78,10 +94,20 @@ def list_evidence(
     yield weigh('min_points', curve.num_points, 'too few points')
     yield weigh('min_coverage', profile.coverage, 'seen in too few places')
     sigma = math.sqrt(max(float(curve.fit.covariance[2, 2]), 0.0))
-    yield weigh('min_significance', float(curve.fit.shape[2]), UNPROVEN, sigma)
-    yield weigh('max_constant', curve.fit.c, 'straighter than a conductor')
+    sags = (
+        weigh('min_significance', float(curve.fit.shape[2]), UNPROVEN, sigma),
+        weigh('max_constant', curve.fit.c, 'straighter than a conductor'),
+    )
+    straight = STRAIGHT_RATIO * settings.min_free_length
+    if all(item.kept for item in sags):
+        evidence = max(free.close, free.wide), SAGGING_RATIO
+    else:
+        evidence = free.wide, STRAIGHT_RATIO
+    if evidence[1] == SAGGING_RATIO or is_thick(curve) or free.wide < straight:
+        yield from sags
     yield weigh(
         'max_sag_ratio', curve.fit.sag(curve.low, curve.high)[0], 'deeper than a conductor',
         curve.length,
     )
-    yield weigh('max_crowding', profile.crowding, CROWDED)
+    yield weigh('min_free_length', evidence[0], CROWDED, evidence[1])
+    yield weigh('max_clutter', -free.wide, CROWDED, curve.length)

@@ -12,7 +12,8 @@ import numpy as np
 from plc_inspect.config import Settings
 from plc_inspect.core.catenary.conductors import find_curves
 from plc_inspect.core.catenary.curve import Curve
-from plc_inspect.core.catenary.growing import measure_company, profile_curve
+from plc_inspect.core.catenary.free_length import measure_free_length
+from plc_inspect.core.catenary.growing import profile_curve
 from plc_inspect.core.catenary.validation import Evidence, list_evidence
 from plc_inspect.core.explain.checks import chain, Check, Finding, Proposal, propose, SLACK
 from plc_inspect.core.trace import Trace
@@ -30,7 +31,6 @@ REACH = 2.0
 Distance from a point, in tolerances of a curve, within which the curve may become its conductor.
 Source: judgement; not measured.
 """
-COMPANY = 'other things all along it'
 FIGURES = {
     'min_length': ('length', 'm'),
     'min_points': ('points', ''),
@@ -38,8 +38,8 @@ FIGURES = {
     'min_significance': ('curvature in its standard deviations', ''),
     'max_constant': ('catenary constant', 'm'),
     'max_sag_ratio': ('sag as a share of the length', ''),
-    'max_crowding': ('share with points close about it', ''),
-    'max_company': ('share with other things within 0.8 m', ''),
+    'min_free_length': ('metres free in the air', 'm'),
+    'max_clutter': ('share by which cluttered metres outnumber free ones', ''),
 }
 """Name and unit of the figure that each limit of `CatenarySettings` applies to."""
 
@@ -73,30 +73,15 @@ class Curves:
             cloud.points, cloud.index, trace.lines.clustering, limits, np.random.default_rng(0)
         )
         believed = {_key(curve) for curve in trace.lines.conductors.curves}
-        profiles = [
-            profile_curve(cloud.points, cloud.index, curve, curve.low, curve.high)
-            for curve in found
-        ]
-        wire = np.zeros(len(cloud.points), dtype=bool)
-        for curve, profile in zip(found, profiles, strict=True):
-            if _key(curve) in believed:
-                wire[profile.chosen] = True
+        wire = trace.lines.conductors.wire
         views = []
-        for curve, profile in zip(found, profiles, strict=True):
-            own = wire.copy()
-            own[profile.chosen] = True
-            company = measure_company(cloud.points, cloud.index, curve, profile, own)
-            if _key(curve) in believed:  # other conductors do not crowd it
-                profile = profile_curve(
-                    cloud.points, cloud.index, curve, curve.low, curve.high, ignore=wire
-                )
-            evidence = (*list_evidence(curve, profile, limits), Evidence(
-                setting='max_company', value=company, limit=limits.max_company, is_least=False,
-                objection=COMPANY,
+        for curve in found:
+            profile = profile_curve(cloud.points, cloud.index, curve, curve.low, curve.high)
+            free = measure_free_length(cloud.points, cloud.index, curve, wire)
+            views.append(CurveView(
+                curve=curve, evidence=tuple(list_evidence(curve, profile, free, limits)),
+                believed=_key(curve) in believed,
             ))
-            views.append(
-                CurveView(curve=curve, evidence=evidence, believed=_key(curve) in believed)
-            )
         self.views = tuple(views)
 
     def find_near(self, position: Float64) -> list[tuple[float, CurveView]]:

@@ -1,0 +1,159 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+How many metres of a curve hang free in the air: the evidence that it is a conductor.
+
+In each metre the points in the core of the curve, a few times its own scatter, are weighed
+against those in a ring about it.  A conductor has air about it: nearly all points are in the core.
+In a sheet that runs through the axis, such as a roof, a wall or a hedge, points lie in the core in
+proportion to its width.  The logarithm of the ratio of both likelihoods, capped so that a dense
+metre counts no more than a sparse one, is 1 for a clean metre and -1 for a cluttered one.
+"""
+
+from dataclasses import dataclass
+import math
+
+from numba import njit
+import numpy as np
+
+from plc_inspect.core.catenary.curve import Curve
+from plc_inspect.core.catenary.curve_row import (
+    COS,
+    height_of,
+    HIGH,
+    LOW,
+    ORIGIN_X,
+    ORIGIN_Y,
+    SIN,
+    slope_of,
+    to_local,
+    TOLERANCE,
+)
+from plc_inspect.core.numerics.plan_index import gather_strip, PlanIndex
+from plc_inspect.results import Bool, Float64
+
+STEP = 1.0
+"""Length of the parts that are weighed [m]."""
+CORE_SIGMAS = 3.5
+"""Radius of the core in standard deviations of the points across the curve; 99.8 % lie in it."""
+LEAST_CORE = 0.06
+"""Radius of the core, at least [m]: three standard deviations of the best ranges, 2 cm."""
+RING = (0.3, 1.0)
+"""
+Inner and outer radius of the wide ring [m]; chosen on real clouds with and without wires: nearer,
+the mixed returns about a conductor count against it, farther, the ground and crowns below it.
+"""
+RING_RATIO = 1.5
+"""The wide ring begins at this many radii of the core, at least."""
+CLOSE_RING = (1.3, 2.2)
+"""Radii of the close ring in those of the core: what touches the conductor."""
+CORE_SHARE = 0.9
+"""Share of the points about a conductor that lie in its core; mixed returns are the rest."""
+NATS = 2.0
+"""Logarithm of the likelihood ratio that makes a clean metre: one in seven by chance."""
+RAYLEIGH_MEDIAN = 1.1774
+"""Median distance from the axis in standard deviations, of points that scatter both ways."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FreeLength:
+    """Metres of a curve that are free, less those that are cluttered; at most its length."""
+
+    close: float
+    """Of what touches the curve [m]."""
+    wide: float
+    """Of what lies within a metre of it [m]."""
+
+
+UNKNOWN = FreeLength(close=-math.inf, wide=-math.inf)
+"""As if all of a curve were cluttered."""
+
+
+def measure_free_length(
+    points: Float64, index: PlanIndex, curve: Curve, ignore: Bool
+) -> FreeLength:
+    """
+    Measure how many metres of a curve hang free in the air.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    index : PlanIndex
+        Searched.
+    curve : Curve
+        The curve, between its own ends.
+    ignore : (N,) bool
+        Points of conductors; those in the ring do not count.
+
+    Returns
+    -------
+    FreeLength
+
+    """
+    close, wide = _measure(points, index.grid, curve.row, ignore)
+    return FreeLength(close=close, wide=wide)
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _measure(points, grid, row, ignore):  # type: ignore[no-untyped-def]
+    start, order, corner, cell, num_rows, num_columns = grid
+    low, high = row[LOW], row[HIGH]
+    near = gather_strip(
+        start, order, corner, cell, num_rows, num_columns,
+        row[ORIGIN_X] + row[COS] * low, row[ORIGIN_Y] + row[SIN] * low,
+        row[ORIGIN_X] + row[COS] * high, row[ORIGIN_Y] + row[SIN] * high, RING[1],
+    )
+
+    # distance from the curve of each point, and the part that it lies beside
+    num = max(int((high - low) / STEP), 1)
+    distance = np.empty(len(near))
+    part = np.empty(len(near), dtype=np.int64)
+    own = np.empty(len(near))
+    count = num_own = 0
+    for i in near:
+        x, y = to_local(row, points[i, 0], points[i, 1])
+        if x < low or x > high or abs(y) > RING[1]:
+            continue
+        above = (points[i, 2] - height_of(row, x)) / math.hypot(1.0, slope_of(row, x))
+        radius = math.hypot(y, above)
+        if radius <= row[TOLERANCE]:
+            own[num_own] = radius
+            num_own += 1
+        elif radius > RING[1] or ignore[i]:
+            continue
+        distance[count] = radius
+        part[count] = min(int((x - low) / (high - low) * num), num - 1)
+        count += 1
+    if num_own == 0:
+        return 0.0, 0.0
+
+    # the core is as thick as the points scatter
+    scatter = np.median(own[:num_own]) / RAYLEIGH_MEDIAN
+    core = min(max(CORE_SIGMAS * scatter, LEAST_CORE), max(row[TOLERANCE], LEAST_CORE))
+    inner = max(RING_RATIO * core, RING[0])
+    outer = max(RING[1], inner + core)
+    scale = (high - low) / num / STEP
+    close = _weigh(
+        distance[:count], part[:count], num, core, CLOSE_RING[0] * core, CLOSE_RING[1] * core
+    )
+    return scale * close, scale * _weigh(distance[:count], part[:count], num, core, inner, outer)
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _weigh(distance, part, num, core, inner, outer):  # type: ignore[no-untyped-def]
+    """Sum of the logarithms of both likelihoods over all parts, each capped."""
+    in_core, in_ring = np.zeros(num), np.zeros(num)
+    for k in range(len(distance)):
+        if distance[k] <= core:
+            in_core[part[k]] += 1.0
+        elif inner < distance[k] <= outer:
+            in_ring[part[k]] += 1.0
+    sheet = core / (core + outer - inner)
+    by_core = math.log(CORE_SHARE / sheet) / NATS
+    by_ring = math.log((1.0 - CORE_SHARE) / (1.0 - sheet)) / NATS
+    free = 0.0
+    for k in range(num):
+        free += min(max(in_core[k] * by_core + in_ring[k] * by_ring, -1.0), 1.0)
+    return free

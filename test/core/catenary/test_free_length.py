@@ -1,0 +1,78 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Free metres of a curve: clean, cluttered, empty, and beside other wires."""
+
+import numpy as np
+import pytest
+from toys import make_curve, make_index, make_tree, make_wire, turn
+
+from plc_inspect.core.catenary.free_length import measure_free_length
+
+
+def make(length=60.0, **changes):
+    return make_wire((0.0, 0.0, 12.0), (length, 0.0, 12.0), **{'c': 700.0, **changes})
+
+
+def measure(wire, others=(), ignored=0):
+    """Return the free length of a wire among others, the last of which do not count."""
+    points = np.vstack([wire, *others])
+    curve = make_curve(points, np.arange(len(wire)), 0.2)
+    ignore = np.arange(len(points)) >= len(points) - ignored
+    return curve, measure_free_length(points, make_index(points), curve, ignore)
+
+
+@pytest.mark.parametrize('per_metre', [8.0, 60.0])
+def test_each_metre_of_a_wire_in_the_air_is_free(per_metre):
+    curve, free = measure(make(per_metre=per_metre))
+    assert free.close == pytest.approx(curve.length, rel=0.15)
+    assert free.wide == pytest.approx(curve.length, rel=0.15)
+
+
+def test_a_metre_with_few_points_says_less():
+    curve, free = measure(make(per_metre=2.0))
+    assert 0.3 * curve.length < free.close <= free.wide < 0.9 * curve.length
+
+
+def test_a_line_in_a_sheet_is_cluttered_all_along():
+    sheet = make(per_metre=200.0)
+    sheet[:, 1] = np.random.default_rng(0).uniform(-2.0, 2.0, len(sheet))
+    curve, free = measure(make(), [sheet])
+    assert free.close < -0.8 * curve.length
+    assert free.wide < -0.8 * curve.length
+
+
+def test_a_crown_counts_along_its_own_length_alone():
+    crown = make_tree(30.0, 0.0, 13.5, 9.5, radius=5.0, num=6000)
+    curve, free = measure(make(), [crown])
+    assert free.wide == pytest.approx(curve.length - 20.0, abs=6.0)
+
+
+def test_metres_without_points_say_nothing():
+    curve, free = measure(make(parts=((0.0, 0.3), (0.7, 1.0))))
+    assert free.wide == pytest.approx(0.6 * curve.length, abs=4.0)
+
+
+def test_other_wires_do_not_count_once_they_are_known():
+    beside = [make() + np.array([0.0, side, 0.0]) for side in (-0.5, 0.5)]
+    curve, free = measure(make(), beside)
+    assert free.wide < 0.0
+    curve, free = measure(make(), beside, ignored=sum(map(len, beside)))
+    assert free.wide == pytest.approx(curve.length, rel=0.1)
+
+
+def test_no_points_are_no_evidence():
+    wire = make()
+    curve = make_curve(wire)
+    far = wire + np.array([0.0, 50.0, 0.0])
+    free = measure_free_length(far, make_index(far), curve, np.zeros(len(far), dtype=bool))
+    assert (free.close, free.wide) == (0.0, 0.0)
+
+
+def test_a_rigid_motion_changes_nothing():
+    wire, crown = make(), make_tree(30.0, 0.0, 13.5, 9.5, radius=5.0)
+    _, one = measure(wire, [crown])
+    shift = (5e5, 6e6, 100.0)
+    _, other = measure(turn(wire, 0.7, shift), [turn(crown, 0.7, shift)])
+    assert other.wide == pytest.approx(one.wide, abs=1.5)
+    assert other.close == pytest.approx(one.close, abs=1.5)
