@@ -1,6 +1,9 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
+import os
+import subprocess
+import sys
 import threading
 import time
 
@@ -48,3 +51,24 @@ def test_short_work_stays_in_the_thread_that_asks(threads, monkeypatch):
     monkeypatch.setattr(threads_module, 'LEAST_WORK', 60.0)
     names = call_each(lambda k: (time.sleep(0.001), threading.get_ident())[1], 20)
     assert set(names) == {threading.get_ident()}
+
+
+WAITING = """
+import plc_inspect
+from plc_inspect.core.pipeline import Pipeline
+import numpy as np
+
+Pipeline().run(np.random.default_rng(0).random((200_000, 3)) * 50.0)
+"""
+
+
+@pytest.mark.parametrize(('given', 'policy'), [(None, 'PASSIVE'), ('active', 'ACTIVE')])
+def test_threads_that_wait_do_not_spin(given, policy):
+    environment = {key: value for key, value in os.environ.items() if key != 'OMP_WAIT_POLICY'}
+    environment |= {'OMP_DISPLAY_ENV': 'true', 'NUMBA_NUM_THREADS': '2'}
+    environment |= {'OMP_WAIT_POLICY': given} if given else {}
+    done = subprocess.run(
+        [sys.executable, '-c', WAITING], env=environment, capture_output=True, text=True,
+        check=True,
+    )
+    assert f"OMP_WAIT_POLICY = '{policy}'" in done.stderr
