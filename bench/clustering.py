@@ -19,7 +19,8 @@ from common.surveys import make_flight, make_map, open_cache
 from common.tables import format_figure, render_table, replace_section
 import numpy as np
 
-from plc_inspect.config import describe, Settings, update
+from plc_inspect.config import Settings
+from plc_inspect.setting_names import describe, update
 from plc_inspect.sim.scenes.catalogue import SCENES
 
 ROOT = Path(__file__).resolve().parents[1]

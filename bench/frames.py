@@ -21,9 +21,10 @@ import laspy
 import numpy as np
 from numpy.typing import NDArray
 
-from plc_inspect.config import Settings, update
+from plc_inspect.config import Settings
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.results import InspectionResult, PointClass
+from plc_inspect.setting_names import update
 
 ROOT = Path(__file__).resolve().parents[1]
 REAL = ROOT.parent / 'shared/data/real'

@@ -23,9 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from plc_inspect.config import Settings, update
+from plc_inspect.config import Settings
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.results import Hazard, HazardKind, InspectionResult
+from plc_inspect.setting_names import update
 from plc_inspect.sim.surveys.airborne import simulate_map
 from plc_inspect.sim.surveys.planted import measure, PLACES, plant, Planted
 

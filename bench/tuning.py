@@ -35,7 +35,7 @@ import laspy
 import numba
 import numpy as np
 
-from plc_inspect.config import describe, Settings, update
+from plc_inspect.config import Settings
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.core.tuning.objective import measure_f1, Objective
 from plc_inspect.core.tuning.parameters import put_values, SPACE, to_values
@@ -43,6 +43,7 @@ from plc_inspect.offline.commands.tuning_run import METHODS, tune, Tuned
 from plc_inspect.offline.commands.workers import NUM_WORKERS, Workers
 from plc_inspect.offline.readers.clouds import read_cloud
 from plc_inspect.results import Bool, Float64, PointClass
+from plc_inspect.setting_names import describe, update
 
 ROOT = Path(__file__).resolve().parents[1]
 REAL = ROOT.parent / 'shared/data/real'

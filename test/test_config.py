@@ -9,16 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from plc_inspect.config import (
-    describe,
-    HeightSettings,
-    InputSettings,
-    Settings,
-    to_mapping,
-    update,
-)
+from plc_inspect.config import HeightSettings, InputSettings, Settings
 from plc_inspect.errors import ConfigError
 from plc_inspect.offline.readers.parameter_file import read_settings, render_table, render_yaml
+from plc_inspect.setting_names import describe, to_mapping, update
 
 ROOT = Path(__file__).parents[1]
 

@@ -8,9 +8,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from plc_inspect.config import Settings, update
+from plc_inspect.config import Settings
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.results import HazardKind
+from plc_inspect.setting_names import update
 from plc_inspect.sim.scenes import lines, structures, vegetation
 from plc_inspect.sim.scenes.conductors import hang, measure_distances
 from plc_inspect.sim.scenes.scene import SceneBuilder

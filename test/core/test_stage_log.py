@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from toys import make_line_cloud
 
-from plc_inspect.config import Settings, update
+from plc_inspect.config import Settings
 from plc_inspect.core import line_finder
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.core.stage_log import StageMemory
+from plc_inspect.setting_names import update
 
 
 @pytest.fixture(scope='module')

@@ -13,8 +13,8 @@ import xml.etree.ElementTree as ElementTree
 import pytest
 import yaml
 
-from plc_inspect.config import describe
 from plc_inspect.ros.graph.transport import CHOICES, prepare_transport, PROFILE, VARIABLE
+from plc_inspect.setting_names import describe
 
 ROOT = Path(__file__).parents[2]
 LAUNCH = sorted((ROOT / 'launch').glob('*.launch.py'))

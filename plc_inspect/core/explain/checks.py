@@ -7,7 +7,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 import math
 
-from plc_inspect.config import describe, Settings, update
+from plc_inspect.config import Settings
+from plc_inspect.setting_names import describe, update
 
 DIGITS = 3
 """Significant digits of a proposed value.  Source: judgement; not measured."""

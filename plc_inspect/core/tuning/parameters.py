@@ -9,8 +9,9 @@ import math
 
 import numpy as np
 
-from plc_inspect.config import describe, Settings, update
+from plc_inspect.config import Settings
 from plc_inspect.results import Float64
+from plc_inspect.setting_names import describe, update
 
 Values = tuple[float, ...]
 """One value for each parameter of SPACE, in its order."""

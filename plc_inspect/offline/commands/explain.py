@@ -63,13 +63,14 @@ def read_folder(folder: Path) -> Folder:
     """
     import numpy as np
 
-    from plc_inspect.config import Settings, update
+    from plc_inspect.config import Settings
     from plc_inspect.offline.records.results_reader import (
         parse_units,
         read_points,
         read_run,
         understanding,
     )
+    from plc_inspect.setting_names import update
 
     run = read_run(folder)
     with understanding(folder / 'run.json'):

@@ -116,11 +116,11 @@ def describe_losses(inspection: 'Inspection') -> str:
 
 def _run(argv: Sequence[str] | None) -> int:
     arguments = _parse(argv)
-    from plc_inspect.config import update
     from plc_inspect.offline.commands.request import complete, locate_flight, read_request
     from plc_inspect.offline.commands.result_table import render_summary
     from plc_inspect.offline.export.results_folder import check_results, write_results
     from plc_inspect.offline.readers.parameter_file import read_settings
+    from plc_inspect.setting_names import update
 
     settings = read_settings(arguments.params, arguments.assignments)
     topics = {

@@ -11,7 +11,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from plc_inspect.config import Settings, update
+from plc_inspect.config import Settings
 from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.loads.contact import find_contacts
 from plc_inspect.core.loads.load_cases import evaluate_cases
@@ -22,6 +22,7 @@ from plc_inspect.offline.records.changes import find_changes, read_survey, Surve
 from plc_inspect.offline.records.georeference import find_horizontal, make_origin_crs
 from plc_inspect.offline.records.inspection import Inspection
 from plc_inspect.offline.report.browser import find_browser
+from plc_inspect.setting_names import update
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from plc_inspect.config import Settings, to_mapping
+from plc_inspect.config import Settings
 from plc_inspect.core.explain.catenary_view import CurveView, list_checks
 from plc_inspect.core.explain.checks import Check, Finding, Proposal
 from plc_inspect.core.explain.point import Explanation
@@ -15,6 +15,7 @@ from plc_inspect.core.explain.span import STAGES, Stretch, StretchTrial
 from plc_inspect.offline.commands.result_table import format_table
 from plc_inspect.offline.records.inspection import Units
 from plc_inspect.results import Decision
+from plc_inspect.setting_names import to_mapping
 
 MEANINGS = {
     Decision.NOT_FINITE: 'is not finite',

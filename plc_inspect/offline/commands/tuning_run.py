@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 import plc_inspect
-from plc_inspect.config import Settings, update
+from plc_inspect.config import Settings
 from plc_inspect.core.tuning.objective import choose_part, is_line, Objective, Score
 from plc_inspect.core.tuning.parameters import (
     get_value,
@@ -39,6 +39,7 @@ from plc_inspect.offline.readers.bags import Recording
 from plc_inspect.offline.readers.clouds import read_cloud, SUFFIXES
 from plc_inspect.offline.readers.parameter_file import render_parameters
 from plc_inspect.results import Bool, Float64
+from plc_inspect.setting_names import update
 
 MOST_POINTS = 1_000_000
 """Of a larger cloud the search sees only the part with most that looks like a conductor."""

@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 
 from plc_inspect import __version__
-from plc_inspect.config import to_mapping
 from plc_inspect.offline.export.dxf import write_dxf
 from plc_inspect.offline.export.geo import write_geo
 from plc_inspect.offline.export.playback import write_playback
@@ -36,6 +35,7 @@ from plc_inspect.offline.records.inspection import (
 from plc_inspect.offline.records.load_case_record import describe_what_if
 from plc_inspect.offline.report.report import render_report
 from plc_inspect.results import Decision, PointClass
+from plc_inspect.setting_names import to_mapping
 
 SPAN_COLUMNS = (
     'line_id', 'span_id', 'start_x', 'start_y', 'start_z', 'end_x', 'end_y', 'end_z',

@@ -15,8 +15,9 @@ from typing import Any
 
 import yaml
 
-from plc_inspect.config import describe, Settings, to_mapping, update
+from plc_inspect.config import Settings
 from plc_inspect.errors import ConfigError
+from plc_inspect.setting_names import describe, to_mapping, update
 
 NODE_NAME = 'plc_inspect'
 _NODE_KEYS = ('/**', f'/**/{NODE_NAME}', NODE_NAME, f'/{NODE_NAME}')

@@ -14,7 +14,6 @@ import numpy as np
 
 from plc_inspect import __version__
 from plc_inspect.colors import line_color, SEVERITY_COLORS
-from plc_inspect.config import describe, to_mapping
 from plc_inspect.core.hazards.clearance_rules import describe_rules, plain_rules
 from plc_inspect.core.tracking.wire_points import WirePoints
 from plc_inspect.offline.records.inspection import Inspection, measure_clearances, Record
@@ -26,6 +25,7 @@ from plc_inspect.offline.report.sheets import draw_plan
 from plc_inspect.offline.report.stage_figures import draw_residuals, draw_stage
 from plc_inspect.offline.report.view import encode_view
 from plc_inspect.results import Decision, HazardKind, PointClass, Severity, StageReport
+from plc_inspect.setting_names import describe, to_mapping
 
 STAGES = {
     'height': 'Keeps what stands high above the local ground, by the histogram of heights.',

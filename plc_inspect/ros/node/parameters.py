@@ -17,8 +17,9 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from plc_inspect.config import describe, Settings, update
+from plc_inspect.config import Settings
 from plc_inspect.errors import ConfigError
+from plc_inspect.setting_names import describe, update
 
 
 def make_descriptor(default: Any, meta: Mapping[str, Any]) -> ParameterDescriptor:
@@ -30,7 +31,7 @@ def make_descriptor(default: Any, meta: Mapping[str, Any]) -> ParameterDescripto
     default : Any
         Its default.
     meta : Mapping
-        As from ``config.describe``.
+        As from ``setting_names.describe``.
 
     Returns
     -------

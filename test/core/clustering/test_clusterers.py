@@ -8,10 +8,11 @@ import pytest
 from sklearn.cluster import HDBSCAN
 from toys import make_wire
 
-from plc_inspect.config import Settings, update
+from plc_inspect.config import Settings
 from plc_inspect.core.clustering.clusterers import cluster_plane, count_neighbors
 from plc_inspect.core.clustering.rnn_dbscan import find_neighbors, rnn_dbscan_plane
 from plc_inspect.core.pipeline import Pipeline
+from plc_inspect.setting_names import update
 
 METHODS = ('dbscan', 'hdbscan', 'rnn_dbscan')
 

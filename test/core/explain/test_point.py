@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from toys import make_line_cloud, make_tree, make_wire
 
-from plc_inspect.config import LinearitySettings, SegmentSettings, Settings, update
+from plc_inspect.config import LinearitySettings, SegmentSettings, Settings
 from plc_inspect.core.explain.checks import propose, rank
 from plc_inspect.core.explain.clustering_view import Windows
 from plc_inspect.core.explain.extraction_view import Place
@@ -19,6 +19,7 @@ from plc_inspect.core.extraction.occupancy import drop_bulk
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.errors import DataError
 from plc_inspect.results import Decision
+from plc_inspect.setting_names import update
 
 SETTINGS = Settings()
 ORDER = (

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from toys import make_line_cloud
 
-from plc_inspect.config import Settings, update
+from plc_inspect.config import Settings
 from plc_inspect.core.explain.span import (
     confirm_stretch,
     explain_stretch,
@@ -17,6 +17,7 @@ from plc_inspect.core.explain.span import (
 )
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.errors import DataError
+from plc_inspect.setting_names import update
 
 ENDS = np.array([[0.0, 3.0, 15.0], [100.0, 3.0, 15.0]])
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from toys import make_curve, make_line_cloud, make_tree, make_wire
 
-from plc_inspect.config import Settings, update
+from plc_inspect.config import Settings
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.core.spans.span_model import SpanModel
 from plc_inspect.core.stage_log import StageMemory
@@ -28,6 +28,7 @@ from plc_inspect.core.tuning.objective import (
     PRIOR,
     TIE_BREAK,
 )
+from plc_inspect.setting_names import update
 
 EVIDENCE = np.column_stack([np.arange(0.5, 100.0), np.zeros(100), np.full(100, 15.0)])
 

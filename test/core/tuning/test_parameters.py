@@ -6,7 +6,7 @@
 import numpy as np
 import pytest
 
-from plc_inspect.config import describe, Settings
+from plc_inspect.config import Settings
 from plc_inspect.core.tuning.parameters import (
     get_value,
     get_values,
@@ -20,6 +20,7 @@ from plc_inspect.core.tuning.parameters import (
     to_values,
 )
 from plc_inspect.errors import ConfigError
+from plc_inspect.setting_names import describe
 
 
 def test_bounds_lie_within_the_ranges_of_the_settings():

@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 from toys import make_line_cloud, make_wire
 
-from plc_inspect.config import Settings, update
+from plc_inspect.config import Settings
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.offline.commands.explain import main, read_folder
 from plc_inspect.offline.export.files import describe_run, render_json
 from plc_inspect.offline.export.points_file import write_points
 from plc_inspect.offline.records.inspection import Inspection, Units
 from plc_inspect.results import Decision
+from plc_inspect.setting_names import update
 
 FOOT = 0.3048
 

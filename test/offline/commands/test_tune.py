@@ -22,7 +22,7 @@ import pytest
 from toys import make_line_cloud, make_tree
 import yaml
 
-from plc_inspect.config import Settings, update
+from plc_inspect.config import Settings
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.core.tuning.objective import is_line, Objective
 from plc_inspect.offline.commands import sensitivity, tuning_run
@@ -32,6 +32,7 @@ from plc_inspect.offline.commands.tuning_run import tune
 from plc_inspect.offline.commands.workers import Workers
 from plc_inspect.offline.readers.parameter_file import read_settings
 from plc_inspect.offline.readers.wire_truth import read_wire_truth
+from plc_inspect.setting_names import update
 
 ROOT = Path(__file__).parents[3]
 SPOILED = {

@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 
 from plc_inspect import __version__
-from plc_inspect.config import Settings, to_mapping
+from plc_inspect.config import Settings
 from plc_inspect.errors import DataError
 from plc_inspect.offline.export import files
 from plc_inspect.offline.export.files import render_json
 from plc_inspect.offline.export.results_folder import FILES, write_results
 from plc_inspect.offline.records.inspection import Units
+from plc_inspect.setting_names import to_mapping
 
 FOOT = 1200.0 / 3937.0
 UTM = (615_300.0, 5_712_000.0, 30.0)

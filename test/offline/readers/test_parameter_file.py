@@ -6,9 +6,10 @@
 import pytest
 import yaml
 
-from plc_inspect.config import describe, Settings, update
+from plc_inspect.config import Settings
 from plc_inspect.errors import ConfigError
 from plc_inspect.offline.readers.parameter_file import read_settings, render_table, render_yaml
+from plc_inspect.setting_names import describe, update
 
 
 def write(folder, text):

@@ -11,7 +11,7 @@ import laspy
 import numpy as np
 import pytest
 
-from plc_inspect.config import Settings, to_mapping
+from plc_inspect.config import Settings
 from plc_inspect.errors import DataError
 from plc_inspect.offline.export.results_folder import write_results
 from plc_inspect.offline.records.inspection import Units
@@ -25,6 +25,7 @@ from plc_inspect.offline.records.results_reader import (
     understanding,
 )
 from plc_inspect.results import HazardKind
+from plc_inspect.setting_names import to_mapping
 
 UNITS = {
     'metres': Units(), 'feet': Units(horizontal=0.3048, vertical=0.3048),

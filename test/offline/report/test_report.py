@@ -16,7 +16,7 @@ import numpy as np
 from PIL import Image
 import pytest
 
-from plc_inspect.config import describe, Settings, update
+from plc_inspect.config import Settings
 from plc_inspect.offline.readers.catalogue import load_rules
 from plc_inspect.offline.records.inspection import measure_clearances, Units
 from plc_inspect.offline.records.sentences import describe_place
@@ -32,6 +32,7 @@ from plc_inspect.offline.report.point_scene import make_scene
 from plc_inspect.offline.report.report import format_number, render_report
 from plc_inspect.offline.report.view import encode_view
 from plc_inspect.results import PointClass
+from plc_inspect.setting_names import describe, update
 
 RULES = Path(__file__).parents[3] / 'config' / 'rules'
 VOID = {'meta', 'br', 'img', 'hr', 'link', 'input'}

@@ -18,12 +18,12 @@ from rig import Rig, wait_for
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import Marker
 
-from plc_inspect.config import describe
 from plc_inspect.errors import ConfigError
 from plc_inspect.messages.rows import CATENARIES, CORRIDOR, HAZARDS, LINES, read_rows
 from plc_inspect.results import PointClass
 from plc_inspect.ros.graph.qos import RESULTS
 from plc_inspect.ros.node.inspect_node import InspectNode
+from plc_inspect.setting_names import describe
 
 
 @pytest.fixture(scope='module')
