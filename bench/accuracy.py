@@ -56,6 +56,8 @@ REAL_EMPTY = (
     'oakland_part2_ad', 'oakland_part3_aj', 'forest_mixedconifer_no_wires',
     'forest_bcts_1_no_wires', 'autzen_parking_no_wires',
 )
+IN_US_FEET = {'earthwire_us_feet': 'EPSG:2225'}
+"""Clouds that do not say themselves that their coordinates are in feet, and such a system."""
 REAL_UNLABELLED = ('earthwire_us_feet', 'autzen_wires_north')
 REAL_BAGS = ('vlp16_indoor', 'vlp16_indoor_organized')
 SLOW = ('autzen_parking_no_wires', 'forest_bcts_1_no_wires', 'autzen_wires_north')
@@ -117,7 +119,7 @@ def run_real(path: Path, is_labelled: bool, settings: Settings | None = None) ->
         points, result = inspection.points, inspection.result
         seconds = inspection.seconds['pipeline']
     else:
-        points = read_cloud(path).points
+        points = read_cloud(path, IN_US_FEET.get(path.stem)).points
         started = time.perf_counter()
         result = Pipeline(settings).run(points)
         seconds = time.perf_counter() - started

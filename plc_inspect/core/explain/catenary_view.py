@@ -125,11 +125,11 @@ class Curves:
                 yield from self.admit(view)
 
     def doubt(self, position: Float64) -> Iterator[Proposal]:
-        """Yield settings with which the curve at a point would have been no conductor."""
-        for _, view in self.find_near(position)[:1]:
-            for item in view.evidence:
-                if item.kept and view.believed:
-                    yield from self.turn(item, away=True)
+        """Yield settings with which the conductor at a point would have been none."""
+        believed = [view for _, view in self.find_near(position) if view.believed]
+        for item in believed[0].evidence if believed else ():
+            if item.kept:
+                yield from self.turn(item, away=True)
 
     def admit(self, view: CurveView) -> Iterator[Proposal]:
         """Yield the limits at which a curve has no objections, if they are in range."""
