@@ -1,0 +1,126 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+import numpy as np
+import pytest
+from toys import make_curve, make_line_cloud, make_tree
+
+from plc_inspect.config import Settings
+from plc_inspect.core.extraction.height import extract_high
+from plc_inspect.core.extraction.off_ground import gather_off_ground
+from plc_inspect.core.spans.layout import find_layout
+from plc_inspect.core.spans.route import trace_routes
+from plc_inspect.core.spans.span_fit import CutCurve
+from plc_inspect.core.spans.supports import place_supports
+
+SETTINGS = Settings()
+
+
+def place(points, label, num_wires=6):
+    """
+    Place the supports of the true conductors.
+
+    Returns
+    -------
+    supports, closed, and which of the points are marked
+
+    """
+    wire = np.flatnonzero(label == 14)
+    curves = [make_curve(points, wire[own]) for own in np.array_split(
+        np.arange(len(wire)), num_wires
+    )] if num_wires else []
+    layout = find_layout(points, curves, (), SETTINGS.supports)
+    finals = [
+        CutCurve(curve=curve, low=float(low), high=float(high))
+        for curve, low, high in zip(layout.curves, layout.start_x, layout.end_x, strict=True)
+    ]
+    cloud = gather_off_ground(points, extract_high(points, SETTINGS.height), -np.inf)
+    supports, mask, closed = place_supports(
+        cloud, (label == 14)[cloud.place], layout, trace_routes(layout), finals,
+        np.zeros((len(finals), 2)),
+    )
+    return supports, closed, cloud.scatter(mask, False)
+
+
+def cut_out(points, label, low, high):
+    keep = (points[:, 0] > low) & (points[:, 0] < high)
+    return points[keep], label[keep]
+
+
+def make_line(**changes):
+    return make_line_cloud(**{'spans': (100.0, 100.0), **changes})
+
+
+def test_a_pole_stands_at_the_ends_of_each_span():
+    points, label = make_line()
+    supports, closed, mask = place(points, label)
+    assert [support.support_id for support in supports] == [0, 1, 2]
+    for number, support in enumerate(supports):
+        np.testing.assert_allclose(support.position, [100.0 * number, 0.0, 0.0], atol=0.2)
+        assert support.height == pytest.approx(16.0, abs=0.2)
+        assert support.kind == 'pole'
+        assert support.line_ids == (0, 1, 2)
+    assert len(closed) == 12
+    assert mask[label == 15].mean() > 0.7
+    assert mask[label == 2].mean() < 0.01
+
+
+def test_a_single_conductor_hangs_on_poles_as_well():
+    points, label = make_line(offsets=(0.0,))
+    supports, _, _ = place(points, label, num_wires=2)
+    assert [(support.kind, support.line_ids) for support in supports] == [('pole', (0,))] * 3
+
+
+def test_a_support_without_points_is_unseen_and_as_high_as_its_conductors():
+    points, label = make_line(poles=False)
+    supports, closed, _ = place(points, label)
+    assert [support.kind for support in supports] == ['unseen']
+    np.testing.assert_allclose(supports[0].position, [100.0, 0.0, 0.0], atol=0.3)
+    assert supports[0].height == pytest.approx(15.0, abs=0.1)
+    assert supports[0].line_ids == (0, 1, 2)
+    assert closed == {}
+
+
+def test_conductors_that_leave_the_cloud_stay_open():
+    points, label = cut_out(*make_line(), 15.0, 180.0)
+    supports, closed, _ = place(points, label)
+    assert len(supports) == 1
+    np.testing.assert_allclose(supports[0].position, [100.0, 0.0, 0.0], atol=0.2)
+    assert supports[0].kind == 'pole'
+    # of each curve the end at the pole alone
+    assert sorted(number for number, _ in closed) == list(range(6))
+
+
+def test_ends_that_are_seen_short_of_their_pole_go_on_to_it():
+    points, label = make_line(spans=(100.0,))
+    wire = label == 14
+    keep = ~wire | (points[:, 0] < 99.2)
+    supports, closed, _ = place(points[keep], label[keep], num_wires=3)
+    assert len(supports) == 2
+    np.testing.assert_allclose(supports[1].position[:2], [100.0, 0.0], atol=0.2)
+    beyond = [more for (_, side), (more, _) in closed.items() if side == 1]
+    np.testing.assert_allclose(beyond, [0.8] * 3, atol=0.3)
+
+
+def test_a_tree_below_the_conductors_does_not_hold_them():
+    points, label = make_line(poles=False, more=[make_tree(100.0, 0.0, 11.0)])
+    supports, _, _ = place(points, label)
+    assert [support.kind for support in supports] == ['unseen']
+    assert supports[0].height == pytest.approx(15.0, abs=0.1)
+
+
+def test_the_input_is_not_changed():
+    points, label = make_line()
+    before = points.copy()
+    place(points, label)
+    np.testing.assert_array_equal(points, before)
+
+
+def test_without_conductors_there_are_no_supports():
+    points, label = make_line()
+    supports, closed, mask = place(points, label, num_wires=0)
+    assert supports == ()
+    assert closed == {}
+    assert mask.shape == (len(points),)
+    assert not mask.any()
+    assert place(points[:0], label[:0], num_wires=0)[0] == ()
