@@ -109,6 +109,15 @@ def test_a_tree_below_the_conductors_does_not_hold_them():
     assert supports[0].height == pytest.approx(15.0, abs=0.1)
 
 
+def test_only_what_stands_in_the_slice_of_a_support_is_its_own():
+    tree = make_tree(102.0, 0.0, 9.0, radius=2.5)
+    points, label = make_line(more=[tree])
+    _, _, mask = place(points, label)
+    far = (label == 1) & (np.abs(points[:, 0] - 100.0) > 2.3)
+    assert far.sum() > 300
+    assert not mask[far].any()
+
+
 def test_the_input_is_not_changed():
     points, label = make_line()
     before = points.copy()
