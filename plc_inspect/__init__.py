@@ -7,6 +7,9 @@ import os
 
 __version__ = '0.1.0'
 
-# Threads of libgomp that wait must sleep: spinning at each barrier, beside other processes, they
-# keep the thread they wait for from its core.  It is read once, when numba loads the library.
-os.environ.setdefault('OMP_WAIT_POLICY', 'passive')
+# Threads of libgomp that wait spin for a moment and then sleep: spinning on, beside other
+# processes, they keep the thread they wait for from its core.  Low voltage of bench/table2.py on
+# two cores, one of them busy: 0.35 s as libgomp does it, 0.25 s so; with both free 0.16 s, and
+# 0.17 s without spinning.  libgomp reads it once, when numba loads it.
+if 'OMP_WAIT_POLICY' not in os.environ:
+    os.environ.setdefault('GOMP_SPINCOUNT', '2000')
