@@ -65,7 +65,7 @@ def _run(bag: Path, output: Path) -> int:
           'two processes')
     with _Process('plc_inspect.ros.node.onboard', '--ros-args', '--log-level', 'warn', '-p',
                   f'output.directory:={output.absolute()}') as node:
-        monitor = _Monitor(started)
+        monitor = _join_graph(started)
         try:
             monitor.wait_until_ready(node, READY_TIMEOUT)
             with _Process('plc_inspect.ros.play', str(bag), '--wait', '10', '--quiet') as player:
@@ -79,6 +79,16 @@ def _run(bag: Path, output: Path) -> int:
     _print_tables(output)
     print(f'\nresults: {output}\nreport:  {output / "report.html"}')
     return DONE
+
+
+def _join_graph(started: float) -> '_Monitor':
+    """Return a monitor; a signal while it is set up ends the demo as one does later."""
+    try:
+        return _Monitor(started)
+    except Exception as error:
+        if not was_cut_short(error):
+            raise
+        raise KeyboardInterrupt from None
 
 
 def _print_tables(output: Path) -> None:

@@ -60,7 +60,12 @@ def _run(arguments: argparse.Namespace) -> int:
         import rclpy
 
         rclpy.init(args=['--ros-args', *arguments.ros] if arguments.ros else None)
-        player = Player(recording, arguments.scan_topic, arguments.odometry_topic)
+        try:
+            player = Player(recording, arguments.scan_topic, arguments.odometry_topic)
+        except Exception as error:  # a signal came while it was set up
+            if not was_cut_short(error):
+                raise
+            return DONE
         try:
             player.wait_for_subscribers(arguments.wait)
             count = player.play(arguments.rate, arguments.start)
