@@ -29,11 +29,12 @@ def was_cut_short(error: Exception, context: 'Context | None' = None) -> bool:
 
     """
     import rclpy
+    from rclpy.exceptions import NotInitializedException
     from rclpy.executors import ExternalShutdownException
     from rclpy.impl.implementation_singleton import rclpy_implementation
 
     kinds = (
-        ExternalShutdownException, rclpy_implementation.RCLError,
+        ExternalShutdownException, NotInitializedException, rclpy_implementation.RCLError,
         rclpy_implementation.InvalidHandle,
     )
     return isinstance(error, kinds) and not rclpy.utilities.ok(context=context)
