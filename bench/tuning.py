@@ -39,7 +39,7 @@ from plc_inspect.config import Settings
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.core.tuning.objective import measure_f1, Objective
 from plc_inspect.core.tuning.parameters import put_values, SPACE, to_values
-from plc_inspect.offline.commands.tuning_run import METHODS, tune, Tuned
+from plc_inspect.offline.commands.tuning_run import METHODS, SearchPlan, tune, Tuned
 from plc_inspect.offline.commands.workers import NUM_WORKERS, Workers
 from plc_inspect.offline.readers.clouds import read_cloud
 from plc_inspect.results import Bool, Float64, PointClass
@@ -158,7 +158,7 @@ def worst(checks: Sequence[Check], measure: str) -> Check:
 
 def run(case: Case, settings: Settings, method: str = 'evolution') -> Tuned:
     """Tune on one cloud without labels."""
-    return tune(case.points, settings, method=method)
+    return tune(case.points, settings, SearchPlan(method=method))
 
 
 def cross(cases: Sequence[Case]) -> tuple[str, list[Check]]:
@@ -205,7 +205,7 @@ def time_all(cache: Path) -> tuple[str, list[Check]]:
     for kind in ('1', 'strict'):
         for method in METHODS:
             started, cores = time.perf_counter(), _measure_cores()
-            tuned = tune(points, spoil(kind), method=method)
+            tuned = tune(points, spoil(kind), SearchPlan(method=method))
             seconds, cores = time.perf_counter() - started, _measure_cores() - cores
             rows.append([
                 method, kind, f'{tuned.num_evaluations}', f'{seconds:.1f}', f'{cores:.1f}',

@@ -32,6 +32,7 @@ def _run(argv: Sequence[str] | None) -> int:
         read_points,
         render_file,
         render_tuned,
+        SearchPlan,
         tune,
     )
     from plc_inspect.offline.readers.parameter_file import read_settings
@@ -50,9 +51,11 @@ def _run(argv: Sequence[str] | None) -> int:
         points = read_points(arguments.input, settings, arguments.crs, progress)
         truth = None if arguments.truth is None else read_wire_truth(arguments.truth, points)
         if arguments.output is not None:
+            plan = SearchPlan(
+                method=arguments.method, budget=arguments.budget, seed=arguments.seed
+            )
             tuned = tune(
-                points, settings, method=arguments.method, budget=arguments.budget,
-                seed=arguments.seed, truth=truth, progress=progress,
+                points, settings, plan, truth=truth, progress=progress,
                 tell=(lambda line: None) if arguments.quiet else _tell,
             )
             if not tuned.is_line:

@@ -50,6 +50,25 @@ METHODS = {'grid': GRID_BUDGET, 'evolution': EVOLUTION_BUDGET}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SearchPlan:
+    """How to search."""
+
+    method: str = 'evolution'
+    """One of METHODS."""
+    budget: int | None = None
+    """Most evaluations, by default that of the method."""
+    seed: int = 0
+    """Of all random choices."""
+    num_workers: int | None = None
+    """Processes, by default as many as pay."""
+
+    @property
+    def most_evaluations(self) -> int:
+        """The budget, or that of the method."""
+        return self.budget or METHODS[self.method]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Tuned:
     """What a search found, and what it was worth before and after."""
 
@@ -114,14 +133,11 @@ def read_points(
 def tune(
     points: Float64,
     settings: Settings,
+    plan: SearchPlan | None = None,
     *,
-    method: str = 'evolution',
-    budget: int | None = None,
-    seed: int = 0,
     truth: tuple[Bool, Bool] | None = None,
     progress: Progress | None = None,
     tell: Tell | None = None,
-    num_workers: int | None = None,
 ) -> Tuned:
     """
     Search the settings of Table 1 for one cloud.
@@ -134,20 +150,14 @@ def tune(
         Map frame [m].
     settings : Settings
         The start, and all that is not tuned.
-    method : str
-        'grid' or 'evolution'.
-    budget : int or None
-        Most evaluations, by default that of the method.
-    seed : int
-        Of all random choices.
+    plan : SearchPlan or None
+        How to search, by default as a SearchPlan does.
     truth : tuple of two (N,) bool or None
         Wire points, and those left out; the score is F1 then.
     progress : callable or None
         Called with the name of the step and its share.
     tell : callable or None
         Called with a line for each step that moved a parameter, and why.
-    num_workers : int or None
-        Processes, by default as many as pay.
 
     Returns
     -------
@@ -156,8 +166,9 @@ def tune(
     """
     told = progress or (lambda step, share: None)
     say = tell or (lambda line: None)
-    budget = budget or METHODS[method]
-    whole = Objective(points, seed=seed, truth=truth, base=settings, room=1)
+    plan = plan or SearchPlan()
+    budget = plan.most_evaluations
+    whole = Objective(points, seed=plan.seed, truth=truth, base=settings, room=1)
     told('looking', 0.0)
     before = whole.score(settings)
     searched, own = points, truth
@@ -168,23 +179,23 @@ def tune(
         say(f'the search sees {len(searched):,} of {len(points):,} points, where most looks like'
             ' conductors')
     interrupted = False
-    with Workers(searched, seed, own, num_workers, settings) as workers:
+    with Workers(searched, plan.seed, own, plan.num_workers, settings) as workers:
         done = 0
 
         def evaluate(choices: Sequence[Values]) -> Iterator[Score]:
             nonlocal done
             for score, _ in workers.look([put_values(settings, item) for item in choices]):
                 done += 1
-                told(f'{method} {done}', min(done / budget, 1.0))
+                told(f'{plan.method} {done}', min(done / budget, 1.0))
                 yield score
 
         ledger = Ledger(evaluate, budget, get_values(settings))
         try:
             ledger.begin()
-            if method == 'grid':
+            if plan.method == 'grid':
                 search_grid(ledger, say)
             else:
-                search_evolution(ledger, np.random.default_rng(seed), say)
+                search_evolution(ledger, np.random.default_rng(plan.seed), say)
         except KeyboardInterrupt:
             interrupted = True
             say('interrupted: the best so far is kept')
@@ -202,8 +213,8 @@ def tune(
     if is_line(after):
         best = update(best, {RADIUS: settle_radius(best.corridor.radius, whole.lowest(best))})
     return Tuned(
-        settings=best, given=settings, before=before, after=after, method=method, seed=seed,
-        num_evaluations=found.num_evaluations, num_points=len(points),
+        settings=best, given=settings, before=before, after=after, method=plan.method,
+        seed=plan.seed, num_evaluations=found.num_evaluations, num_points=len(points),
         num_searched=len(searched), with_truth=truth is not None, interrupted=interrupted,
     )
 

@@ -28,7 +28,7 @@ from plc_inspect.core.tuning.objective import is_line, Objective
 from plc_inspect.offline.commands import sensitivity, tuning_run
 from plc_inspect.offline.commands.sensitivity import change, list_names, measure_change
 from plc_inspect.offline.commands.tune import main
-from plc_inspect.offline.commands.tuning_run import tune
+from plc_inspect.offline.commands.tuning_run import SearchPlan, tune
 from plc_inspect.offline.commands.workers import Workers
 from plc_inspect.offline.readers.parameter_file import read_settings
 from plc_inspect.offline.readers.wire_truth import read_wire_truth
@@ -120,12 +120,12 @@ def test_the_search_for_f1_finds_it(file, tmp_path, capfd, cloud):
 def test_settings_are_not_left_for_a_gain_that_shows_nothing(cloud, monkeypatch):
     given = update(Settings(), {'clustering.eps': 0.5, 'height.num_bins': 250})
     told = []
-    tuned = tune(cloud[0], given, budget=24, tell=told.append)
+    tuned = tune(cloud[0], given, SearchPlan(budget=24), tell=told.append)
     assert tuned.settings == given
     assert tuned.after == tuned.before
     assert sum('the settings given are kept' in line for line in told) == 1
     monkeypatch.setattr(tuning_run, 'WORTH_CHANGING', 0.0)
-    assert tune(cloud[0], given, budget=24).after.value > tuned.before.value
+    assert tune(cloud[0], given, SearchPlan(budget=24)).after.value > tuned.before.value
 
 
 def test_other_settings_that_were_given_are_kept(file, tmp_path):
