@@ -12,7 +12,8 @@ from plc_inspect.colors import line_color, SEVERITY_COLORS
 from plc_inspect.offline.records.inspection import Record
 from plc_inspect.offline.report.drawing import Plot
 from plc_inspect.offline.report.point_scene import FIRST_STRUCTURE, FIRST_TREE, PALETTE, Scene
-from plc_inspect.results import catenary_heights, Float64, Int64, UInt8
+from plc_inspect.offline.report.span_frame import find_frame
+from plc_inspect.results import catenary_heights, Float64, UInt8
 
 PROFILE_SIZE = (1060, 330)
 _LABEL_ROOM, _NUMBER_ROOM = 60.0, 22.0
@@ -86,14 +87,11 @@ def draw_profile(scene: Scene, span_id: int, required: float = 0.0) -> str:
     str
 
     """
-    spans = [span for span in scene.spans if span['span_id'] == span_id]
-    origin, along, across = find_axes(spans)
-    ends = np.array([span[name] for span in spans for name in ('start', 'end')])
-    stations, offsets = (ends[:, :2] - origin) @ along, (ends[:, :2] - origin) @ across
-    margin = max(0.04 * (stations.max() - stations.min()), 4.0 * scene.metre)
+    frame = find_frame(scene, span_id)
+    spans, origin, along, across = frame.spans, frame.origin, frame.along, frame.across
+    stations, offsets, margin = frame.stations, frame.offsets, frame.margin
     reach = 6.0 * scene.metre
-    rows = crop(scene, spans, margin + reach)
-    s, t = ((scene.points[rows, :2] - origin) @ axis for axis in (along, across))
+    rows, s, t = frame.locate(scene, margin + reach)
     near = (s > stations.min() - margin) & (s < stations.max() + margin)
     near &= (t > offsets.min() - reach) & (t < offsets.max() + reach)
     rows, s = rows[near], s[near]
@@ -158,8 +156,8 @@ def draw_section(scene: Scene, span_id: int, distances: dict[str, float]) -> tup
     The drawing, and a sentence that says where it was cut and how thick the slice is.
 
     """
-    spans = [span for span in scene.spans if span['span_id'] == span_id]
-    origin, along, across = find_axes(spans)
+    frame = find_frame(scene, span_id)
+    spans, origin, along, across = frame.spans, frame.origin, frame.along, frame.across
     hazards = [hazard for hazard in scene.hazards if hazard['span_id'] == span_id]
     if hazards:
         place = min(hazards, key=rank)
@@ -176,8 +174,7 @@ def draw_section(scene: Scene, span_id: int, distances: dict[str, float]) -> tup
     half = 2.5 * scene.metre
     reach = max([8.0 * scene.metre, *distances.values()])
     low, high = offsets.min() - reach, offsets.max() + reach
-    rows = crop(scene, spans, 2 * reach)
-    s, t = ((scene.points[rows, :2] - origin) @ axis for axis in (along, across))
+    rows, s, t = frame.locate(scene, 2 * reach)
     near = (np.abs(s - station) < half) & (t > low - reach) & (t < high + reach)
     rows, t = rows[near], t[near]
     z, color = scene.points[rows, 2], scene.color[rows]
@@ -210,14 +207,6 @@ def draw_section(scene: Scene, span_id: int, distances: dict[str, float]) -> tup
     return plot.render(f'section{span_id}'), f'{where}, points within a slice of {thickness}'
 
 
-def find_axes(spans: list[Record]) -> tuple[Float64, Float64, Float64]:
-    """Return origin, direction along and direction across (left) of the longest span."""
-    longest = max(spans, key=lambda span: span['length'])
-    origin, end = np.array(longest['start'][:2]), np.array(longest['end'][:2])
-    along = (end - origin) / max(float(np.linalg.norm(end - origin)), 1e-9)
-    return origin, along, np.array([-along[1], along[0]])
-
-
 def sample(span: Record, count: int) -> Float64:
     """Return points (count, 3) of the curve, in units of the input."""
     share = np.linspace(0.0, 1.0, count)
@@ -225,14 +214,6 @@ def sample(span: Record, count: int) -> Float64:
     curve = start + share[:, np.newaxis] * (end - start)
     curve[:, 2] = catenary_heights(span['a'], span['b'], span['c'], share * span['length'])
     return curve
-
-
-def crop(scene: Scene, spans: list[Record], reach: float) -> Int64:
-    """Return the rows of the points within the box around some spans, ``reach`` wider."""
-    ends = np.array([span[name][:2] for span in spans for name in ('start', 'end')])
-    low, high = ends.min(axis=0) - reach, ends.max(axis=0) + reach
-    x, y = scene.points[:, 0], scene.points[:, 1]
-    return np.flatnonzero((x > low[0]) & (x < high[0]) & (y > low[1]) & (y < high[1]))
 
 
 def _add_sag(plot: Plot, span: Record, origin: Float64, along: Float64, unit: str) -> None:

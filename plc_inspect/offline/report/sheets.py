@@ -7,8 +7,9 @@ import numpy as np
 
 from plc_inspect.colors import line_color
 from plc_inspect.offline.report.drawing import Plot
-from plc_inspect.offline.report.figures import add_badge, crop, find_axes, PROFILE_SIZE, sample
+from plc_inspect.offline.report.figures import add_badge, PROFILE_SIZE, sample
 from plc_inspect.offline.report.point_scene import PALETTE, Scene
+from plc_inspect.offline.report.span_frame import find_frame
 
 _TOP, _RIGHT, _BOTTOM, _LEFT = 10, 12, 40, 56
 _HEIGHTS = (110, 420)
@@ -32,11 +33,9 @@ def draw_plan(scene: Scene, span_id: int, required: float) -> str:
     str
 
     """
-    spans = [span for span in scene.spans if span['span_id'] == span_id]
-    origin, along, across = find_axes(spans)
-    ends = np.array([span[name] for span in spans for name in ('start', 'end')])
-    stations, offsets = (ends[:, :2] - origin) @ along, (ends[:, :2] - origin) @ across
-    margin = max(0.04 * (stations.max() - stations.min()), 4.0 * scene.metre)
+    frame = find_frame(scene, span_id)
+    spans, origin, along, across = frame.spans, frame.origin, frame.along, frame.across
+    stations, offsets, margin = frame.stations, frame.offsets, frame.margin
     half = max(required + 4.0 * scene.metre, 10.0 * scene.metre)
     low, high = stations.min() - margin, stations.max() + margin
     inner = PROFILE_SIZE[0] - _LEFT - _RIGHT
@@ -45,8 +44,7 @@ def draw_plan(scene: Scene, span_id: int, required: float) -> str:
     ))
     middle = (offsets.min() + offsets.max()) / 2
     reach = height * (high - low) / inner / 2
-    rows = crop(scene, spans, margin + reach)
-    s, t = ((scene.points[rows, :2] - origin) @ axis for axis in (along, across))
+    rows, s, t = frame.locate(scene, margin + reach)
     near = (s > low) & (s < high) & (np.abs(t - middle) < reach)
     rows, s, t = rows[near], s[near], t[near]
     plot = Plot(
