@@ -11,6 +11,7 @@ import jinja2
 from plc_inspect.colors import severity_color
 from plc_inspect.monitor.picture.picture import name_severity
 from plc_inspect.monitor.terminal.text import format_age, STALE
+from plc_inspect.templates import open_templates
 
 
 def render(name: str, **values: Any) -> str:
@@ -54,13 +55,7 @@ def _format_percent(share: float) -> str:
 
 
 def _load_templates() -> jinja2.Environment:
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader('plc_inspect', 'monitor/web/templates'),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
+    environment = open_templates('monitor/web/templates')
     environment.filters.update(
         age=format_age, metres=format_metres, number=_format_number, percent=_format_percent,
         severity=name_severity,

@@ -26,6 +26,7 @@ from plc_inspect.offline.report.stage_figures import draw_residuals, draw_stage
 from plc_inspect.offline.report.view import encode_view
 from plc_inspect.results import Decision, HazardKind, PointClass, Severity, StageReport
 from plc_inspect.setting_names import describe, to_mapping
+from plc_inspect.templates import open_templates
 
 STAGES = {
     'height': 'Keeps what stands high above the local ground, by the histogram of heights.',
@@ -264,13 +265,7 @@ def _list_settings(inspection: Inspection) -> list[Record]:
 
 
 def _load_page() -> jinja2.Template:
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader('plc_inspect', 'offline/report/templates'),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
+    environment = open_templates('offline/report/templates')
     environment.filters.update(
         number=format_number, count=_format_count, percent=_format_percent, coordinate=_place
     )

@@ -1,0 +1,27 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""How templates of HTML are read, for the report and for the page of the monitor."""
+
+import jinja2
+
+
+def open_templates(folder: str) -> jinja2.Environment:
+    """
+    Return the environment of a folder of templates.
+
+    Texts are escaped, and a name that a template does not get is an error.
+
+    Parameters
+    ----------
+    folder : str
+        Below ``plc_inspect``, as ``monitor/web/templates``.
+
+    """
+    return jinja2.Environment(
+        loader=jinja2.PackageLoader('plc_inspect', folder),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
