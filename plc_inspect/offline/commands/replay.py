@@ -116,9 +116,9 @@ def describe_losses(inspection: 'Inspection') -> str:
 
 def _run(argv: Sequence[str] | None) -> int:
     arguments = _parse(argv)
-    from plc_inspect.offline.commands.request import complete, locate_flight, read_request
+    from plc_inspect.offline.commands.request import deliver, locate_flight, read_request
     from plc_inspect.offline.commands.result_table import render_summary
-    from plc_inspect.offline.export.results_folder import check_results, write_results
+    from plc_inspect.offline.export.results_folder import check_results
     from plc_inspect.offline.readers.parameter_file import read_settings
     from plc_inspect.setting_names import update
 
@@ -133,9 +133,8 @@ def _run(argv: Sequence[str] | None) -> int:
     check_results(arguments.output, arguments.force)
     with show_progress(arguments.quiet) as progress:
         inspection = replay(arguments.bag, settings, progress, request.rules)
-        inspection = complete(dataclasses.replace(inspection, **origin), request)
-        progress('writing', 0.0)
-        write_results(arguments.output, inspection, arguments.force, request.pdf)
+        inspection = dataclasses.replace(inspection, **origin)
+        inspection = deliver(inspection, request, arguments, progress)
     if not arguments.quiet:
         losses = describe_losses(inspection)
         print(render_summary(inspection), *([losses] if losses else []), sep='\n\n')

@@ -17,6 +17,8 @@ from plc_inspect.core.loads.contact import find_contacts
 from plc_inspect.core.loads.load_cases import evaluate_cases
 from plc_inspect.core.loads.sag_tension import Case, Conductor
 from plc_inspect.errors import ConfigError
+from plc_inspect.offline.commands.command_line import Progress
+from plc_inspect.offline.export.results_folder import write_results
 from plc_inspect.offline.readers.catalogue import load_conductor, load_rules, parse_case
 from plc_inspect.offline.records.changes import find_changes, read_survey, Survey, to_survey
 from plc_inspect.offline.records.georeference import find_horizontal, make_origin_crs
@@ -134,6 +136,42 @@ def complete(inspection: Inspection, request: Request) -> Inspection:
     if request.baseline is not None:
         changes = find_changes(request.baseline, to_survey(inspection), settings.sag_deviation)
         inspection = dataclasses.replace(inspection, changes=changes)
+    return inspection
+
+
+def deliver(
+    inspection: Inspection, request: Request, arguments: argparse.Namespace, progress: Progress
+) -> Inspection:
+    """
+    Add what was asked for to a run, and write its results folder.
+
+    Parameters
+    ----------
+    inspection : Inspection
+        The run.
+    request : Request
+        What was asked for.
+    arguments : Namespace
+        Of the command; ``output`` and ``force`` are read.
+    progress : callable
+        Called with the name of the step and its share.
+
+    Returns
+    -------
+    Inspection
+        As it was written.
+
+    Raises
+    ------
+    ConfigError
+        See `complete`; or the folder cannot be written.
+    DataError
+        See `complete`.
+
+    """
+    inspection = complete(inspection, request)
+    progress('writing', 0.0)
+    write_results(arguments.output, inspection, arguments.force, request.pdf)
     return inspection
 
 

@@ -162,9 +162,9 @@ def _run(argv: Sequence[str] | None) -> int:
     arguments = _parse(argv)
     keep_freed_memory()
     reading = begin_reading(arguments.cloud, arguments.crs)
-    from plc_inspect.offline.commands.request import complete, read_request
+    from plc_inspect.offline.commands.request import deliver, read_request
     from plc_inspect.offline.commands.result_table import render_summary
-    from plc_inspect.offline.export.results_folder import check_results, write_results
+    from plc_inspect.offline.export.results_folder import check_results
     from plc_inspect.offline.readers.parameter_file import read_settings
 
     settings = read_settings(arguments.params, arguments.assignments)
@@ -174,9 +174,7 @@ def _run(argv: Sequence[str] | None) -> int:
         inspection = survey(
             arguments.cloud, settings, arguments.crs, progress, request.rules, reading
         )
-        inspection = complete(inspection, request)
-        progress('writing', 0.0)
-        write_results(arguments.output, inspection, arguments.force, request.pdf)
+        inspection = deliver(inspection, request, arguments, progress)
     if not arguments.quiet:
         print(f'{render_summary(inspection)}\n\nreport: {arguments.output / "report.html"}')
     return DONE
