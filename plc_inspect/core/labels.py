@@ -13,7 +13,7 @@ from plc_inspect.core.corridor import CorridorResult
 from plc_inspect.core.hazards.encroachments import Nearby
 from plc_inspect.core.line_finder import FoundLines
 from plc_inspect.core.numerics.arrays import find_true, take_found
-from plc_inspect.core.numerics.hash_table import hash_key, size_table
+from plc_inspect.core.numerics.hash_table import enter, find_slot, make_table
 from plc_inspect.core.numerics.voxels import pack
 from plc_inspect.core.spans.span_model import SpanModel
 from plc_inspect.core.spans.spans import SpanResult
@@ -130,14 +130,14 @@ def label(lines: FoundLines, corridor: CorridorResult, nearby: Nearby, foliage: 
     num = len(height.height)
     # made here and not in the kernels, as numpy asks for large pages of memory
     decision, classification = np.empty(num, dtype=np.uint8), np.empty(num, dtype=np.uint8)
-    origin, cells, values = _index_states(candidates.position, state)
+    origin, table, keys, values = _index_states(candidates.position, state)
     used = len(cloud.high) > 0  # too few are not
     _settle(
         height.height, height.high, used, spans.line_id, spans.support, decision, classification
     )
     _settle_high(
         cloud.points, cloud.high, cloud.place, spans.line_id, spans.support,
-        origin, cells, values, decision,
+        origin, table, keys, values, decision,
     )
     _put_foliage(near, foliage, classification)
     _settle_beads(cloud.place[in_beads], spans.line_id, spans.support, decision)
@@ -183,42 +183,39 @@ def _put_foliage(near, foliage, classification):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _index_states(position, state):  # type: ignore[no-untyped-def]
-    """Return a hash table of the greatest state of the candidates in each cell of a metre."""
+    """Return the greatest state of the candidates in each cell of a metre, as a hash table."""
     origin = np.full(3, np.inf)
     for k in range(len(position)):
         for axis in range(3):
             origin[axis] = min(origin[axis], position[k, axis])
     origin = np.floor(origin) - 1.0
-    size = size_table(len(position))
-    keys = np.full(size, -1, dtype=np.int64)
-    values = np.zeros(size, dtype=np.uint8)
+    table = make_table(len(position))
+    keys = np.empty(len(position), dtype=np.int64)
+    values = np.zeros(len(position), dtype=np.uint8)
+    num = 0
     for k in range(len(position)):
         key = pack(
             int(position[k, 0] - origin[0]),
             int(position[k, 1] - origin[1]),
             int(position[k, 2] - origin[2]),
         )
-        place = hash_key(key) & (size - 1)
-        while keys[place] >= 0 and keys[place] != key:
-            place = (place + 1) & (size - 1)
-        keys[place] = key
-        values[place] = max(values[place], state[k])
-    return origin, keys, values
+        slot = find_slot(key, table, keys)
+        if slot < 0:
+            slot = num
+            num += 1
+            keys[slot] = key
+            enter(key, slot, table)
+        values[slot] = max(values[slot], state[k])
+    return origin, table, keys, values
 
 
 @njit(cache=True, nogil=True, inline='always')
-def _find_state(x, y, z, keys, values):  # type: ignore[no-untyped-def]
+def _find_state(x, y, z, table, keys, values):  # type: ignore[no-untyped-def]
     """Return the state of the cell of a position, relative to the origin."""
     if not (x >= 0.0 and y >= 0.0 and z >= 0.0):
         return NOT_LINEAR
-    key = pack(int(x), int(y), int(z))
-    mask = len(keys) - 1
-    place = hash_key(key) & mask
-    while keys[place] >= 0:
-        if keys[place] == key:
-            return values[place]
-        place = (place + 1) & mask
-    return NOT_LINEAR
+    slot = find_slot(pack(int(x), int(y), int(z)), table, keys)
+    return values[slot] if slot >= 0 else NOT_LINEAR
 
 
 @njit(cache=True, parallel=True, nogil=True)
@@ -245,14 +242,14 @@ def _settle(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, parallel=True, nogil=True)
 def _settle_high(  # type: ignore[no-untyped-def]
-    points, high, place, line_id, support, origin, keys, values, decision
+    points, high, place, line_id, support, origin, table, keys, values, decision
 ):
     """Set the decision of high points with candidates in their cells."""
     for k in prange(len(high)):
         m = high[k]
         state = _find_state(
             points[m, 0] - origin[0], points[m, 1] - origin[1], points[m, 2] - origin[2],
-            keys, values,
+            table, keys, values,
         )
         if state != NOT_LINEAR and line_id[place[m]] < 0 and not support[place[m]]:
             decision[place[m]] = state
