@@ -13,16 +13,14 @@ from tools.make_constants import CORE, KINDS, list_constants, PAGE, render_page,
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = (
-    'numerics', 'mapping', 'extraction', 'hazards', 'corridor', 'labels', 'loads', 'tracking',
-    'live', 'explain', 'tuning',
+    'numerics', 'mapping', 'extraction', 'clustering', 'spans', 'hazards', 'corridor', 'labels',
+    'stage_log', 'stage_reports', 'trace', 'line_finder', 'pipeline', 'loads', 'tracking', 'live',
+    'explain', 'tuning',
 )
 """Packages and modules of the core in which every constant has its source."""
-PENDING = (
-    'catenary', 'clustering', 'line_finder', 'pipeline', 'spans', 'stage_log', 'stage_reports',
-    'trace',
-)
+PENDING = ('catenary',)
 """Those in which the sources are not written down yet."""
-LEAST_CONSTANTS, LEAST_SOURCES = 320, 250
+LEAST_CONSTANTS, LEAST_SOURCES = 420, 370
 """A search that finds fewer looks in the wrong place."""
 PLAIN = {0.0, 0.5, 1.0, 2.0}
 """Floats that need no name where values are compared: signs, halves and doubles."""

@@ -24,7 +24,7 @@ KINDS = {
     'derived': 'follows from other figures, which are named',
     'chosen on': 'chosen by the figures of a bench',
     'numerical': 'sizes of buffers and blocks, bounds of time, tolerances of arithmetic',
-    'judgement': 'plausible, and no measurement chose it',
+    'judgement': 'plausible, and no measurement chose it; some say how far they can be moved',
     'reference': 'data sheets, standards and documents',
 }
 """Beginnings of sources, and what they mean; what begins with none of them is a reference."""

@@ -11,9 +11,9 @@ from plc_inspect.core.clustering.rnn_dbscan import find_neighbors, rnn_dbscan_pl
 from plc_inspect.results import Float64, Int64
 
 KERNELS = {'dbscan': 0, 'rnn_dbscan': 1}
-"""Methods that `label_plane` knows by a number."""
+"""Methods that `label_plane` knows by a number.  Source: numerical: numbers of the kernels."""
 LEAST_NEIGHBORS = 4
-"""However sparse a window is, fewer neighbours make no core."""
+"""However sparse a window is, fewer neighbours make no core.  Source: judgement; not measured."""
 
 
 @njit(cache=True, nogil=True)

@@ -16,6 +16,43 @@ from plc_inspect.core.numerics.near_pairs import find_pairs
 from plc_inspect.core.numerics.plan_index import PlanIndex
 from plc_inspect.results import Float64, Int32
 
+SLACK_RATE = 0.004
+"""
+What the tolerance grows by with each metre between two beads.
+Source: judgement; holds from 0.002 to 0.0056 on bench/constants.py.
+"""
+MAX_TURN = 0.04
+"""
+Sine of the angle in plan between two beads of one track, at most.
+Source: judgement; worse at 0.7 and 1.4 of it on bench/constants.py.
+"""
+MAX_BEND = 0.04
+"""
+Difference of the rises of two beads of one track, at most, where they touch.
+Source: judgement; holds up to 0.08, not down to 0.7 of it, on bench/constants.py.
+"""
+LEAST_CONSTANT = 200.0
+"""
+Catenary constant, at least, by which the rise may change between two beads [m].
+Source: judgement; holds down to 100, not up to 1.4 of it, on bench/constants.py.
+"""
+MAX_SLANT, SLANT_ROOM = 1.05, 0.3
+"""
+Distance of two beads, at most: this many times that along the line, or this much more [m].
+Source: judgement; MAX_SLANT holds from 0.525 to 2.1, SLANT_ROOM holds from 0.15 to 0.6 on
+bench/constants.py.
+"""
+LENGTH_COST = 0.02
+"""
+A metre between two beads weighs as much as this miss [m].
+Source: judgement; holds from 0.01 to 0.04 on bench/constants.py.
+"""
+COST_DECIMALS = 6
+"""
+Decimals of the costs by which links are ordered.
+Source: numerical: costs that differ by rounding are ordered by their beads.
+"""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ClusteringResult:
@@ -99,17 +136,20 @@ def _join(beads: Beads, settings: ClusteringSettings) -> Int32:
     offset -= mean * np.einsum('ij,ij->i', offset, mean)[:, None]
     miss = np.linalg.norm(offset, axis=1)
     length = np.abs(along_i)
-    tolerance = settings.join_tolerance + 0.004 * length
+    tolerance = settings.join_tolerance + SLACK_RATE * length
     turn = np.abs(ui[:, 0] * uj[:, 1] - ui[:, 1] * uj[:, 0])
     bend = np.abs(ui[:, 2] - uj[:, 2])
-    good = (miss <= tolerance) & (turn <= 0.04) & (bend <= 0.04 + length / 200.0)
-    good &= np.linalg.norm(apart, axis=1) <= np.maximum(length * 1.05, length + 0.3)
+    good = (miss <= tolerance) & (turn <= MAX_TURN) & (bend <= MAX_BEND + length / LEAST_CONSTANT)
+    good &= np.linalg.norm(apart, axis=1) <= np.maximum(
+        length * MAX_SLANT, length + SLANT_ROOM
+    )
     good &= beads.window[i] != beads.window[j]
     i, j, miss = i[good], j[good], miss[good]
     # mutual best between any two windows
     best = _mutual_best(i, j, miss, beads.window)
     i, j = i[best], j[best]
-    order = np.lexsort((j, i, np.round(miss[best] + 0.02 * length[good][best], 6)))
+    cost = miss[best] + LENGTH_COST * length[good][best]
+    order = np.lexsort((j, i, np.round(cost, COST_DECIMALS)))
     label = _link(i[order], j[order], beads.window)
     _, first, track = np.unique(label, return_index=True, return_inverse=True)
     return np.argsort(np.argsort(first))[track].astype(np.int32)

@@ -14,9 +14,32 @@ from plc_inspect.core.numerics.plan_index import gather_strip, PlanIndex
 from plc_inspect.results import Float64, Int32
 
 GRID = 0.5
-"""Edge of the cells of the cross-section that the candidates open [m]."""
+"""
+Edge of the cells of the cross-section that the candidates open [m].
+Source: judgement; not measured.
+"""
 MAX_WINDOW_POINTS = 1200
-"""More points in a window than this are thinned; a wire needs far fewer."""
+"""
+More points in a window than this are thinned; a wire needs far fewer.
+Source: judgement; bounds time.
+"""
+RIM = 2
+"""Cells about that of a candidate that it opens as well.  Source: judgement; not measured."""
+ROOM = 1.5
+"""
+Points are looked for this far beyond the outermost candidates [m].
+Source: judgement; not measured.
+"""
+SAMPLING = 5
+"""
+The core threshold is this part of the points of the fullest place.
+Source: judgement; not measured.
+"""
+TABLE = 256
+"""
+Rows and columns of the table of places, which repeats beyond.
+Source: numerical: a power of two.
+"""
 
 
 @njit(cache=True, nogil=True)
@@ -59,13 +82,14 @@ def gather_window(  # type: ignore[no-untyped-def]
         seed_w[k] = seeds[own[k], 2] - cz - rise * (ca * dx + sa * dy)
     low_y, high_y = seed_y.min(), seed_y.max()
     low_w, high_w = seed_w.min(), seed_w.max()
-    ny = int((high_y - low_y) / GRID) + 7
-    nw = int((high_w - low_w) / GRID) + 7
+    ny = int((high_y - low_y) / GRID) + 2 * RIM + 3
+    nw = int((high_w - low_w) / GRID) + 2 * RIM + 3
     allowed = np.zeros((ny, nw), dtype=np.bool_)
     for k in range(len(own)):
-        iy, iw = int((seed_y[k] - low_y) / GRID) + 3, int((seed_w[k] - low_w) / GRID) + 3
-        allowed[iy - 2 : iy + 3, iw - 2 : iw + 3] = True
-    reach = max(abs(low_y), abs(high_y)) + 1.5
+        iy = int((seed_y[k] - low_y) / GRID) + (RIM + 1)
+        iw = int((seed_w[k] - low_w) / GRID) + (RIM + 1)
+        allowed[iy - RIM : iy + RIM + 1, iw - RIM : iw + RIM + 1] = True
+    reach = max(abs(low_y), abs(high_y)) + ROOM
     near = gather_strip(
         start, order, origin, cell, rows, columns,
         cx - half * ca, cy - half * sa, cx + half * ca, cy + half * sa, reach,
@@ -80,7 +104,8 @@ def gather_window(  # type: ignore[no-untyped-def]
             continue
         y = -sa * dx + ca * dy
         w = points[i, 2] - cz - rise * x
-        iy, iw = int((y - low_y) / GRID + 3), int((w - low_w) / GRID + 3)
+        iy = int((y - low_y) / GRID + (RIM + 1))
+        iw = int((w - low_w) / GRID + (RIM + 1))
         if 0 <= iy < ny and 0 <= iw < nw and allowed[iy, iw]:
             chosen[n], along[n], across[n], up[n] = i, x, y, w
             n += 1
@@ -122,10 +147,11 @@ def count_needed(y, w, eps, min_points):  # type: ignore[no-untyped-def]
         Threshold of a window that is fully sampled.
 
     """
-    counts = np.zeros((256, 256), dtype=np.int16)
+    counts = np.zeros((TABLE, TABLE), dtype=np.int16)
     fullest = 0
     for k in range(len(y)):
-        i, j = math.floor(y[k] / eps) & 255, math.floor(w[k] / eps) & 255
+        i = math.floor(y[k] / eps) & (TABLE - 1)
+        j = math.floor(w[k] / eps) & (TABLE - 1)
         counts[i, j] += 1
         fullest = max(fullest, counts[i, j])
-    return min(max(fullest // 5, LEAST_NEIGHBORS), min_points)
+    return min(max(fullest // SAMPLING, LEAST_NEIGHBORS), min_points)

@@ -15,7 +15,15 @@ from plc_inspect.core.clustering.segment_fit import judge_clusters, LEAST_POINTS
 from plc_inspect.results import Bool, Float64, Int64
 
 NUM_EPS = 3
-"""Attempts that cluster: with eps, and what is too thick with half and a quarter of it."""
+"""
+Attempts that cluster: with eps, and what is too thick with half and a quarter of it.
+Source: judgement; not measured.
+"""
+BUNDLE_RATIO = 2.0
+"""
+Greatest rms of a bundle that no attempt divided, by that of one conductor.
+Source: judgement; not measured.
+"""
 
 WindowState = tuple[Int64, Int64, Bool, Float64]
 """As from `open_window`."""
@@ -95,7 +103,7 @@ def choose_points(  # type: ignore[no-untyped-def]
         if owner[k] >= 0 and first_label[k] >= 0:
             divided[first_label[k]] = True
     label[divided[label]] = -1
-    return chosen, label, 2.0 * max_thickness
+    return chosen, label, BUNDLE_RATIO * max_thickness
 
 
 def attempt_window(
@@ -103,7 +111,7 @@ def attempt_window(
     settings: ClusteringSettings,
 ) -> Iterator[Attempt]:
     """
-    Make all attempts on a window, with any clusterer; the kernels of `beads` do the same.
+    Make all attempts on a window, with any clusterer; the kernels of `segments` do the same.
 
     Parameters
     ----------

@@ -9,13 +9,40 @@ from numba import njit
 import numpy as np
 
 SHELL_RATIO = 1.6
-"""Outer radius of the shell about a conductor, in radii of the conductor."""
+"""
+Outer radius of the shell about a conductor, in radii of the conductor.
+Source: judgement; worse at 0.7 and 1.4 of it on bench/constants.py.
+"""
 SHELL_SHARE = 0.3
-"""A place is crowded where the shell holds more than this share of the points within it."""
+"""
+A place is crowded where the shell holds more than this share of the points within it.
+Source: judgement; half of the 0.6 of a plane, see `measure_crowding`.
+"""
 LEAST_POINTS = 4
-"""Fewer points are no bead."""
+"""Fewer points are no bead.  Source: judgement; not measured."""
 MIN_FILLING = 0.4
-"""Share of its metres in which a bead holds points."""
+"""Share of its metres in which a bead holds points.  Source: judgement; not measured."""
+MIN_REACH = 0.5
+"""
+Length of a bead, at least, in halves of its window.
+Source: judgement; holds down to 0.35, not up to 1.4 of it, on bench/constants.py.
+"""
+TRIM_SIGMAS, LEAST_TRIM = 2.5, 0.05
+"""
+Points beyond this many rms, and this [m], of the first line are left out of the second.
+Source: judgement; not measured.
+"""
+CORE_SIGMAS, LEAST_CORE = 2.5, 0.1
+"""Radius of a conductor in rms of its bead, and at least [m].  Source: judgement; not measured."""
+CROWD_PART = 3.0
+"""Length of the parts of a bead that are crowded or not [m].  Source: judgement; not measured."""
+SHELL_CHANCE = 1.0
+"""Points that the shell may hold by chance.  Source: judgement; not measured."""
+LEAST_SPREAD = 1e-9
+"""
+Sum of squared distances along the line that a slope needs [m2].
+Source: numerical: avoids a division by 0.
+"""
 
 
 @njit(cache=True, nogil=True)
@@ -36,8 +63,8 @@ def _fit_bead(x, y, w, member):  # type: ignore[no-untyped-def]
             low, high = min(low, x[k]), max(high, x[k])
     mx, my, mw = sx / n, sy / n, sw / n
     spread = sxx - n * mx * mx
-    ky = (sxy - n * mx * my) / spread if spread > 1e-9 else 0.0
-    kw = (sxw - n * mx * mw) / spread if spread > 1e-9 else 0.0
+    ky = (sxy - n * mx * my) / spread if spread > LEAST_SPREAD else 0.0
+    kw = (sxw - n * mx * mw) / spread if spread > LEAST_SPREAD else 0.0
     error = 0.0
     for k in range(len(x)):
         if member[k]:
@@ -57,7 +84,7 @@ def fit_trimmed(x, y, w, member):  # type: ignore[no-untyped-def]
         fit = _fit_bead(x, y, w, member)
         if attempt == 0:
             mx, my, mw, ky, kw, rms, _, _ = fit
-            limit = max(2.5 * rms, 0.05)
+            limit = max(TRIM_SIGMAS * rms, LEAST_TRIM)
             for k in range(len(x)):
                 if member[k]:
                     ey = y[k] - my - ky * (x[k] - mx)
@@ -88,9 +115,9 @@ def measure_crowding(  # type: ignore[no-untyped-def]
     Air surrounds a wire.  A plane that goes on beside the axis, such as a roof, has 0.6 times
     as many points between 1 and 1.6 radii as within one radius; a crown has 1.6 times as many.
     """
-    inner = max(2.5 * rms, 0.1)
+    inner = max(CORE_SIGMAS * rms, LEAST_CORE)
     outer = SHELL_RATIO * inner
-    num = max(int((high - low) / 3.0), 1)
+    num = max(int((high - low) / CROWD_PART), 1)
     core = np.zeros(num)
     shell = np.zeros(num)
     for k in range(len(x)):
@@ -106,7 +133,7 @@ def measure_crowding(  # type: ignore[no-untyped-def]
             shell[place] += 1.0
     crowded = 0
     for place in range(num):
-        if shell[place] > SHELL_SHARE * core[place] + 1.0:
+        if shell[place] > SHELL_SHARE * core[place] + SHELL_CHANCE:
             crowded += 1
     return crowded / num
 
@@ -164,7 +191,7 @@ def judge_clusters(  # type: ignore[no-untyped-def]
         own = order[start[c] : start[c + 1]]
         ox, member = x[own], np.ones(len(own), dtype=np.bool_)
         mx, my, mw, ky, kw, rms, low, high = fit_trimmed(ox, y[own], w[own], member)
-        if member.sum() < LEAST_POINTS or high - low < 0.5 * half:
+        if member.sum() < LEAST_POINTS or high - low < MIN_REACH * half:
             continue
         if measure_filling(ox, member, low, high) < MIN_FILLING:
             continue

@@ -126,7 +126,7 @@ def cluster_window(  # type: ignore[no-untyped-def]
     x, y, w : (n,) float64
         Points along, across and up [m].
     method : int
-        Of `plane_clusters.KERNELS`.
+        Of `clusterers.KERNELS`.
     eps, min_points, max_thickness, max_crowding
         As of ClusteringSettings; eps and thickness in m.
     half : float

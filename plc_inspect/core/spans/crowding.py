@@ -8,13 +8,24 @@ import math
 import numpy as np
 
 from plc_inspect.core.catenary.growing import CROWD_LENGTH
-from plc_inspect.core.clustering.segment_fit import SHELL_RATIO, SHELL_SHARE
+from plc_inspect.core.clustering.segment_fit import SHELL_CHANCE, SHELL_RATIO, SHELL_SHARE
 from plc_inspect.results import Bool, Float64
 
 LEAST_FREE = 20
-"""Points in free parts from which a conductor's own scatter and density are known."""
+"""
+Points in free parts from which a conductor's own scatter and density are known.
+Source: judgement; holds from 10 to 40 on bench/constants.py.
+"""
 LEAST_SIGMA = 0.005
-"""Standard deviation of a conductor's points across it, at least [m]."""
+"""
+Standard deviation of a conductor's points across it, at least [m].
+Source: judgement; holds from 0.0025 to 0.01 on bench/constants.py.
+"""
+USUAL = 75
+"""
+Percentile of the points of free parts that tells how dense a conductor is.
+Source: judgement; not measured.
+"""
 
 
 def find_intruders(
@@ -50,13 +61,13 @@ def find_intruders(
     num = int(part.max(initial=0)) + 1
     shell = other & (distance > tolerance) & (distance <= SHELL_RATIO * tolerance)
     on, about = (np.bincount(part[chosen], minlength=num) for chosen in (own, shell))
-    crowded = about > SHELL_SHARE * on + 1
+    crowded = about > SHELL_SHARE * on + SHELL_CHANCE
     free = own & ~crowded[part]
     if not crowded.any() or free.sum() < LEAST_FREE:
         return np.zeros(len(along), dtype=np.bool_)
     variance = max(float(np.mean(distance[free] ** 2)) / 2.0, LEAST_SIGMA**2)
     # a window of the node holds more points of some parts than of others
-    usual = float(np.percentile(on[(on > 0) & ~crowded], 75)) / CROWD_LENGTH
+    usual = float(np.percentile(on[(on > 0) & ~crowded], USUAL)) / CROWD_LENGTH
     densest = usual / (2.0 * math.pi * variance)
     volume = math.pi * (SHELL_RATIO**2 - 1.0) * tolerance**2 * CROWD_LENGTH
     with np.errstate(divide='ignore'):

@@ -26,18 +26,55 @@ from plc_inspect.core.catenary.curve_row import (
 from plc_inspect.results import Float64, Int64
 
 MAX_TURN = math.radians(65.0)
-"""Sharpest angle of a line at a support."""
+"""
+Sharpest angle of a line at a support.
+Source: judgement; holds from 32.5 to 91 degrees on bench/constants.py.
+"""
 MAX_MISS = 0.5
-"""Greatest distance of the two curves where they are nearest; insulators fill it [m]."""
+"""
+Greatest distance of the two curves where they are nearest; insulators fill it [m].
+Source: judgement; holds from 0.25 to 1 on bench/constants.py.
+"""
 MIN_RISE = 0.008
-"""Least kink at a support: half the lengths of both spans over c is more [-]."""
+"""
+Least kink at a support: half the lengths of both spans over c is more [-].
+Source: judgement; holds from 0.004 to 0.016 on bench/constants.py.
+"""
 STRETCH_COST = 0.02
+"""
+A metre of extrapolation weighs as much as this miss [m].
+Source: judgement; holds from 0.01 to 0.04 on bench/constants.py.
+"""
 OVERLAP_COST = 0.1
-"""A metre of extrapolation, or of running on beyond the joint, weighs as this much miss."""
+"""
+A metre of running on beyond the joint weighs as much as this miss [m].
+Source: judgement; holds from 0.05 to 0.2 on bench/constants.py.
+"""
 MAX_OVERLAP = 8.0
-"""How far a curve may run on beyond its support [m]."""
+"""
+How far a curve may run on beyond its support [m].
+Source: judgement; holds from 4 to 16 on bench/constants.py.
+"""
 COARSE_STEP, FINE_STEP = 0.25, 0.02
-"""Steps in which the nearest places of two curves are looked for [m]."""
+"""
+Steps in which the nearest places of two curves are looked for [m].
+Source: numerical: the finer one follows the nearest of the coarse ones.
+"""
+FACING_ROOM = 3.0
+"""
+Ends that face each other lie at most this far beside each other's line, beyond its turn [m].
+Source: judgement; not measured.
+"""
+STRETCH_SHARE, STRETCH_ROOM = 0.7, 2.0
+"""
+A curve is extrapolated by at most this share of its length and this much more [m].
+Source: judgement; not measured.
+"""
+SURE_SIGMAS = 3.0
+"""
+Standard deviations of the extrapolated curves by which they may miss each other more.
+Source: derived: 0.3 % of normal errors lie beyond.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -119,7 +156,7 @@ def _pair_ends(rows: Float64, max_reach: float) -> Int64:
     ahead = np.einsum('ijk,ik->ij', apart, outward)
     across = np.abs(apart[:, :, 0] * outward[:, None, 1] - apart[:, :, 1] * outward[:, None, 0])
     near = (distance < 2 * max_reach) & (ahead > -2 * MAX_OVERLAP)
-    near &= across < 3.0 + np.abs(ahead) * math.tan(MAX_TURN / 2) + 0.5
+    near &= across < FACING_ROOM + np.abs(ahead) * math.tan(MAX_TURN / 2) + MAX_MISS
     one, other = np.nonzero(np.triu(near & facing & near.T, 1) & (curve[:, None] != curve))
     return np.stack([curve[one], side[one], curve[other], side[other]], axis=1)
 
@@ -159,12 +196,12 @@ def _meet_all(rows, pairs, max_reach):  # type: ignore[no-untyped-def]
         side, other_side = pairs[k, 1], pairs[k, 3]
         x, other_x, miss = _approach(
             first, second, side, other_side,
-            min(max_reach, 0.7 * (first[HIGH] - first[LOW]) + 2.0),
-            min(max_reach, 0.7 * (second[HIGH] - second[LOW]) + 2.0),
+            min(max_reach, STRETCH_SHARE * (first[HIGH] - first[LOW]) + STRETCH_ROOM),
+            min(max_reach, STRETCH_SHARE * (second[HIGH] - second[LOW]) + STRETCH_ROOM),
         )
         if miss > 2 * MAX_MISS:
             continue
-        slack = 3.0 * max(sigma_of(first, x), sigma_of(second, other_x))
+        slack = SURE_SIGMAS * max(sigma_of(first, x), sigma_of(second, other_x))
         if miss > MAX_MISS + min(slack, MAX_MISS):
             continue
         rise = side * slope_of(first, x) + other_side * slope_of(second, other_x)

@@ -20,9 +20,37 @@ from plc_inspect.errors import FitError
 from plc_inspect.results import Float64
 
 ADOPTION_MISS = 0.3
-"""A doubtful curve meets a believed one within this [m]."""
+"""
+A doubtful curve meets a believed one within this [m].
+Source: judgement; holds from 0.15 to 0.6 on bench/constants.py.
+"""
 PARALLEL = math.radians(15.0)
-"""Conductors of one span differ by less in azimuth."""
+"""
+Conductors of one span differ by less in azimuth.
+Source: judgement; holds from 7.5 to 30 degrees on bench/constants.py.
+"""
+HEIGHT_ROOM = 6
+"""
+A conductor passes a support at most this far above or below those that end there [m].
+Source: judgement; not measured.
+"""
+AHEAD_TURN = math.radians(35.0)
+"""
+An open end hangs on a support ahead if the line there turns by less than this.
+Source: judgement; not measured.
+"""
+REACH_SHARE = 0.5
+"""
+And if it is no farther than this share of the curve's length.
+Source: judgement; not measured.
+"""
+SKEW = 0.3
+"""
+Attachments lie apart along the line by this share of what they do across it, or less.
+Source: judgement; not measured.
+"""
+MOST_SHARED = 0.5
+"""A curve of which another covers this share is a duplicate.  Source: judgement; not measured."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -154,7 +182,7 @@ def _choose_originals(rows, start_x, end_x, near, order):  # type: ignore[no-unt
                 mark_course(
                     row, rows[k], start_x[k] - SLACK, end_x[k] + SLACK, reach, on_other
                 )
-        kept[number] = on_other.mean() < 0.5
+        kept[number] = on_other.mean() < MOST_SHARED
     return kept
 
 
@@ -220,7 +248,8 @@ def group_joints(
             apart = second.position[:2] - first.position[:2]
             along = apart[0] * math.cos(first.direction) + apart[1] * math.sin(first.direction)
             across = apart[1] * math.cos(first.direction) - apart[0] * math.sin(first.direction)
-            if abs(along) <= settings.radius + 0.3 * abs(across) and abs(across) <= settings.width:
+            slack = settings.radius + SKEW * abs(across)
+            if abs(along) <= slack and abs(across) <= settings.width:
                 pairs.append((i, j))
     groups: dict[int, list[Joint]] = {}
     for number, joint in zip(unite(pairs, len(joints)).tolist(), joints, strict=True):
@@ -262,8 +291,8 @@ def cut_at_stations(
             margin = settings.min_span / 2
             if abs(y) > settings.width or not curve.low + margin < x < curve.high - margin:
                 continue
-            height = station.attachments[:, 2]
-            if not height.min() - 6 < float(curve.fit.height(x)) < height.max() + 6:
+            height, z = station.attachments[:, 2], float(curve.fit.height(x))
+            if not height.min() - HEIGHT_ROOM < z < height.max() + HEIGHT_ROOM:
                 continue
             parts = [piece for part in parts for piece in _cut(points, part, station.position)]
         result += parts
@@ -297,15 +326,15 @@ def _station_ahead(
     for number, station in enumerate(stations):
         if number == taken:
             continue
-        if abs(math.sin(station.direction - curve.azimuth)) > math.sin(math.radians(35.0)):
+        if abs(math.sin(station.direction - curve.azimuth)) > math.sin(AHEAD_TURN):
             continue
         x, y = curve.local_place(station.position)
         ahead = (x - end) * side
-        reach = min(settings.max_reach, 0.5 * curve.length)
+        reach = min(settings.max_reach, REACH_SHARE * curve.length)
         if abs(y) > settings.width / 2 or not -settings.min_span / 2 < ahead < reach:
             continue
-        height = station.attachments[:, 2]
-        if not height.min() - 6 < float(curve.fit.height(x)) < height.max() + 6:
+        height, z = station.attachments[:, 2], float(curve.fit.height(x))
+        if not height.min() - HEIGHT_ROOM < z < height.max() + HEIGHT_ROOM:
             continue
         if best is None or abs(ahead) < best[0]:
             best = (abs(ahead), number, x)

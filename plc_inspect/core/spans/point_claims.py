@@ -17,13 +17,26 @@ from plc_inspect.core.spans.span_model import tabulate
 from plc_inspect.core.spans.spans import copy_labels, SpanResult
 
 FREE_LENGTH = 2.0
-"""Length of the parts of a span that are free of other things or not [m]."""
+"""
+Length of the parts of a span that are free of other things or not [m].
+Source: judgement; holds from 1 to 4 on bench/constants.py.
+"""
 STRAY_RADIUS = 0.5
-"""A conductor's own points stray this far from it [m]."""
+"""
+A conductor's own points stray this far from it [m].
+Source: judgement; holds up to 0.7, not down to 0.7 of it, on bench/constants.py.
+"""
 FREE_RADIUS = 1.0
-"""Something else begins within this distance wherever it touches a conductor [m]."""
-FREE_SHARE = 0.1
-"""A place is free where fewer than this share of its points, and two, are that far away."""
+"""
+Something else begins within this distance wherever it touches a conductor [m].
+Source: judgement; holds from 0.7 to 2 on bench/constants.py.
+"""
+FREE_SHARE, FREE_CHANCE = 0.1, 1.0
+"""
+A place is free where at most this share of its points, and this number, are that far away.
+Source: judgement; FREE_SHARE holds from 0.05 to 0.2, FREE_CHANCE not measured on
+bench/constants.py.
+"""
 
 
 def settle_strays(cloud: OffGround, spans: SpanResult) -> SpanResult:
@@ -116,7 +129,7 @@ def _claim(  # type: ignore[no-untyped-def]
             i, place = near[k], int(along[k] / FREE_LENGTH)
             if (
                 other[k] and distance[k] <= STRAY_RADIUS and not support[i]
-                and on[place] > 0 and away[place] <= FREE_SHARE * on[place] + 1.0
+                and on[place] > 0 and away[place] <= FREE_SHARE * on[place] + FREE_CHANCE
             ):
                 line_id[i], span_id[i] = number[s]
                 residual[i] = distance[k]

@@ -17,12 +17,35 @@ from plc_inspect.core.spans.layout import Layout
 from plc_inspect.results import Float64
 
 PARALLEL = math.radians(6.0)
+"""
+Conductors side by side, where no support is known, differ by less in azimuth.
+Source: judgement; holds from 3 to 12 degrees on bench/constants.py.
+"""
+SAME_WAY = math.radians(20.0)
+"""
+Conductors of one span leave a support the same way: their azimuths differ by less.
+Source: judgement; not measured.
+"""
+MIN_BESIDE = 0.5
+"""
+Conductors run side by side over more than this share of the shorter one.
+Source: judgement; not measured.
+"""
 SIDE_BY_SIDE = 16.0
-"""Conductors of one span are this near to the next one [m]."""
+"""
+Conductors of one span are this near to the next one [m].
+Source: judgement; holds from 11.2 to 32 on bench/constants.py.
+"""
 LAYER_GAP = 0.8
-"""Conductors that follow one another in height by more than this hang in two layers [m]."""
+"""
+Conductors that follow one another in height by more than this hang in two layers [m].
+Source: judgement; holds from 0.4 to 1.6 on bench/constants.py.
+"""
 MAX_SHIFT = 2.5
-"""Ends of one line at a support are this near; insulators lie between [m]."""
+"""
+Ends of one line at a support are this near; insulators lie between [m].
+Source: judgement; holds from 1.25 to 5 on bench/constants.py.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -133,7 +156,7 @@ def _group_spans(layout: Layout) -> list[int]:
         outward = [_outward(layout.curves[curve], side) for curve, side in ends]
         for i in range(len(ends)):
             for k in range(i):
-                if outward[i] @ outward[k] > math.cos(math.radians(20.0)):
+                if outward[i] @ outward[k] > math.cos(SAME_WAY):
                     pairs.append((ends[i][0], ends[k][0]))
     num = len(layout.curves)
     places = [
@@ -160,7 +183,7 @@ def _side_by_side(layout: Layout, first: int, second: int, ends: Float64) -> boo
     (x0, y0), (x1, y1) = (a.local_place(end) for end in ends)
     overlap = min(max(x0, x1), layout.end_x[first]) - max(min(x0, x1), layout.start_x[first])
     shorter = min(abs(x1 - x0), layout.end_x[first] - layout.start_x[first])
-    return bool(overlap > 0.5 * shorter and abs(y0 + y1) / 2 < SIDE_BY_SIDE)
+    return bool(overlap > MIN_BESIDE * shorter and abs(y0 + y1) / 2 < SIDE_BY_SIDE)
 
 
 def _chain_lines(layout: Layout, group: Sequence[int]) -> list[int]:

@@ -21,7 +21,7 @@ from plc_inspect.core.catenary.growing import (
 )
 from plc_inspect.core.clustering.clusterers import KERNELS
 from plc_inspect.core.clustering.cross_section import count_needed, thin_window
-from plc_inspect.core.clustering.segment_fit import LEAST_POINTS, SHELL_SHARE
+from plc_inspect.core.clustering.segment_fit import LEAST_POINTS, SHELL_CHANCE, SHELL_SHARE
 from plc_inspect.core.clustering.segments import cluster_window
 from plc_inspect.core.extraction.linearity import LinearityResult
 from plc_inspect.core.extraction.off_ground import OffGround
@@ -33,29 +33,82 @@ from plc_inspect.errors import FitError
 from plc_inspect.results import Bool, Float64, Int64, Support
 
 REACH = 10.0
-"""Taps are looked for this far from a support [m]."""
+"""
+Taps are looked for this far from a support [m].
+Source: judgement; holds from 7 to 20 on bench/constants.py.
+"""
 MAX_ARM = 3.0
-"""Supports with conductors farther from their axis are towers of lines that have no taps [m]."""
+"""
+Supports with conductors farther from their axis are towers of lines that have no taps [m].
+Source: judgement; holds from 1.5 to 6 on bench/constants.py.
+"""
 AXIS_MISS = 1.5
-"""A tap passes this near to the axis of its support [m]."""
+"""
+A tap passes this near to the axis of its support [m].
+Source: judgement; holds up to 3, not down to 0.7 of it, on bench/constants.py.
+"""
 FIRST_SEEN = 3.0
-"""And is seen from this near to it on [m]."""
+"""
+And is seen from this near to it on [m].
+Source: judgement; holds up to 6, not down to 0.7 of it, on bench/constants.py.
+"""
 SIDEWAYS = math.radians(25.0)
-"""It leads away from the conductors of the line by more than this."""
+"""
+It leads away from the conductors of the line by more than this.
+Source: judgement; holds from 12.5 to 50 degrees on bench/constants.py.
+"""
 SAME_WAY = math.radians(12.0)
-"""Candidates of one window follow each other in azimuth by less than this."""
+"""
+Candidates of one window follow each other in azimuth by less than this.
+Source: judgement; holds from 6 to 24 degrees on bench/constants.py.
+"""
 LEAST_SEEDS = 3
+"""
+Candidates that lead one way, at least.
+Source: judgement; holds from 1 to 6 on bench/constants.py.
+"""
 LEAST_LENGTH = 3.5
-"""Shorter pieces are arms and insulators [m]."""
+"""
+Shorter pieces are arms and insulators [m].
+Source: judgement; worse at 0.7 and 1.4 of it on bench/constants.py.
+"""
 MIN_COVERAGE = 0.5
-"""Share of its half metres that hold points."""
+"""
+Share of its half metres that hold points.
+Source: judgement; holds down to 0.25, not up to 1.4 of it, on bench/constants.py.
+"""
 LEAST_HEIGHT = 0.4
-"""Taps leave a support above this share of its height."""
+"""
+Taps leave a support above this share of its height.
+Source: judgement; holds down to 0.28, not up to 1.4 of it, on bench/constants.py.
+"""
 ABOVE = 1.5
-"""And at most this far above its top [m]."""
+"""
+And at most this far above its top [m].
+Source: judgement; holds from 0.75 to 3 on bench/constants.py.
+"""
 MAX_SLOPE = math.tan(math.radians(25.0))
+"""
+Steepest rise of a tap half way.
+Source: judgement; holds from 13.1 to 43 degrees on bench/constants.py.
+"""
 STEP = 0.5
-"""Steps in which a tap is followed back to its support [m]."""
+"""
+Steps in which a tap is followed back to its support [m].
+Source: judgement; holds from 0.25 to 1 on bench/constants.py.
+"""
+AT_AXIS = 0.5
+"""
+What is nearer to the axis of a support is the support's [m].
+Source: judgement; not measured.
+"""
+SIDE_ROOM, TOP_ROOM = 0.5, 1.0
+"""
+Points of a tap may lie this far beyond what its candidates keep, beside and above [m].
+Source: judgement; not measured.
+"""
+THIN_SIGMAS = 2.0
+"""A tap is judged within this many rms of its own.  Source: judgement; not measured."""
 
 
 def add_taps(
@@ -159,7 +212,7 @@ def _find_ways(
     run = np.maximum(np.hypot(direction[:, 0], direction[:, 1]), 1e-9)
     miss = np.abs(apart[:, 0] * direction[:, 1] - apart[:, 1] * direction[:, 0]) / run
     beside = np.abs(np.angle(np.exp(1j * (azimuth[:, None] - taken)))).min(axis=1) > SIDEWAYS
-    chosen = beside & (radius > 0.5) & (radius <= REACH) & (miss <= AXIS_MISS)
+    chosen = beside & (radius > AT_AXIS) & (radius <= REACH) & (miss <= AXIS_MISS)
     chosen &= (apart[:, 2] > LEAST_HEIGHT * support.height) & (
         apart[:, 2] < support.height + ABOVE
     )
@@ -193,9 +246,9 @@ def _find_curves(
     apart = points[found] - foot
     x, y = apart[:, :2] @ unit, apart[:, :2] @ np.array([-unit[1], unit[0]])
     w = apart[:, 2] - middle - slope * x
-    inside = (x > 0.5) & (x <= REACH) & (np.abs(y) <= AXIS_MISS + 0.5)
+    inside = (x > AT_AXIS) & (x <= REACH) & (np.abs(y) <= AXIS_MISS + SIDE_ROOM)
     inside &= (apart[:, 2] > LEAST_HEIGHT * support.height) & (
-        apart[:, 2] < support.height + ABOVE + 1.0
+        apart[:, 2] < support.height + ABOVE + TOP_ROOM
     )
     chosen, x, y, w = thin_window(found[inside], x[inside], y[inside], w[inside])
     if len(chosen) < LEAST_POINTS:
@@ -238,7 +291,7 @@ def _find_start(cloud: OffGround, curve: Curve, support: Support, wire: Bool) ->
         step=STEP, ignore=wire,
     )
     for core, shell in zip(profile.core[::-1], profile.shell[::-1], strict=True):
-        if shell > SHELL_SHARE * core + 1.0:
+        if shell > SHELL_SHARE * core + SHELL_CHANCE:
             break
         low -= STEP
     return max(low, at)
@@ -275,7 +328,7 @@ def _is_tap(
     # a roof can be cut into curves, each of which the others surround: they count as well here
     rms = max(curve.fit.rmse, curve.lateral_rmse)
     thin = dataclasses.replace(
-        curve, low=low, tolerance=min(max(2.0 * rms, MIN_TOLERANCE), curve.tolerance)
+        curve, low=low, tolerance=min(max(THIN_SIGMAS * rms, MIN_TOLERANCE), curve.tolerance)
     )
     profile = profile_curve(
         cloud.points, cloud.index, thin, low, curve.high, step=STEP, ignore=known

@@ -21,9 +21,20 @@ from plc_inspect.core.spans.supports import place_supports
 from plc_inspect.results import Bool, Float32, Float64, Int32, Int64, Support
 
 END_SLACK = 0.3
-"""Wire points may lie this far beyond the end of a span [m]."""
+"""
+Wire points may lie this far beyond the end of a span [m].
+Source: judgement; holds from 0.15 to 0.6 on bench/constants.py.
+"""
 MAX_GROUND_GAP = 8.0
-"""No clearance above ground is given farther than this from where ground was seen [m]."""
+"""
+No clearance above ground is given farther than this from where ground was seen [m].
+Source: judgement; not measured.
+"""
+LEAST_POINTS = 3
+"""
+Points of a span, at least: as many as a catenary has parameters.
+Source: derived: a catenary has three parameters.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -110,7 +121,8 @@ def build_spans(
         own = own[
             (line_id[own] == route.line_id[number]) & (span_id[own] == route.span_id[number])
         ]
-        if len(own) < 3 or cut.high <= cut.low:  # its ends may have been drawn past each other
+        # its ends may have been drawn past each other
+        if len(own) < LEAST_POINTS or cut.high <= cut.low:
             line_id[own], span_id[own], residual[own] = -1, -1, np.nan
             continue
         found.append(FittedSpan(

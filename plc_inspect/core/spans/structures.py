@@ -14,21 +14,62 @@ from plc_inspect.core.numerics.plan_index import PlanIndex
 from plc_inspect.results import Bool, Float32, Float64
 
 FILLED = 0.6
-"""Share of the metres from ground to conductor that a structure's points must fill."""
+"""
+Share of the metres from ground to conductor that a structure's points must fill.
+Source: judgement; holds from 0.3 to 0.84 on bench/constants.py.
+"""
 COLUMN = 0.3
-"""Radius of a pole's column [m]."""
+"""
+Radius of a pole's column [m].
+Source: judgement; holds from 0.15 to 0.42 on bench/constants.py.
+"""
 MAX_BESIDE = 2.0
-"""A pole stands this near to the middle of its conductors; farther off are legs of towers [m]."""
-FREE = 0.35
-LEAST_FREE = 3
-"""A pole stands free in at least this share, and this number, of its metres."""
+"""
+A pole stands this near to the middle of its conductors; farther off are legs of towers [m].
+Source: judgement; holds from 1 to 4 on bench/constants.py.
+"""
+FREE, LEAST_FREE = 0.35, 3
+"""
+A pole stands free in at least this share, and this number, of its metres.
+Source: judgement; FREE holds from 0.175 to 0.7, LEAST_FREE holds from 1 to 6 on
+bench/constants.py.
+"""
 MAX_AROUND = 1.25
 """
 It does where within 3 radii there are at most this many times the points in the column; a crown
 has 8 times as many, a wall or its corner twice as many.
+Source: judgement; holds from 0.625 to 2.5 on bench/constants.py.
 """
 CHANCE = 1
-"""Points that the ring may lack by chance."""
+"""
+Points that the ring may lack by chance.
+Source: judgement; holds from 0 to 2 on bench/constants.py.
+"""
+RING = 3.0
+"""
+Outer radius of the ring about a column, in radii of the column.
+Source: judgement; not measured.
+"""
+LEAST_HEIGHT = 1.0
+"""Points lower than this are no structure's [m].  Source: judgement; not measured."""
+TOP_METRES = 2
+"""Metres below the conductor that need not be filled.  Source: judgement; not measured."""
+LEAST_METRES = 3
+"""
+Metres that must be filled are counted from at least this many.
+Source: judgement; not measured.
+"""
+FOOT_PART = 3
+"""
+The body of a tower begins at this part of its height; below it are its legs and shrubs.
+Source: judgement; not measured.
+"""
+LEAST_BODY = 5
+"""Points of the body of a tower, at least.  Source: judgement; not measured."""
+OUTER = (5, 95)
+"""Percentiles between which the body of a tower lies in plan.  Source: judgement; not measured."""
+NUM_ROUNDS = 3
+"""A column moves to the middle of its points this often.  Source: judgement; not measured."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -87,16 +128,16 @@ def find_structure(
     """
     near, reach = stand.near, stand.reach
     found = index.strip(near, near, reach + COLUMN)
-    found = found[~wire[found] & (height[found] > 1.0)]
+    found = found[~wire[found] & (height[found] > LEAST_HEIGHT)]
     apart = points[found, :2] - near
     inside = np.hypot(apart[:, 0], apart[:, 1]) <= reach + COLUMN
     found, apart = found[inside], apart[inside]
-    needed = max(int(stand.attachment) - 2, 3)
+    needed = max(int(stand.attachment) - TOP_METRES, LEAST_METRES)
     if len(found) < needed:
         return None
     level = height[found].astype(np.int64)
     column = _best_column(
-        apart, level, max(int(stand.top) - 2, 3), stand.azimuth, reach
+        apart, level, max(int(stand.top) - TOP_METRES, LEAST_METRES), stand.azimuth, reach
     )
     if column is not None:
         own = np.hypot(*(apart - column).T) <= COLUMN
@@ -106,10 +147,10 @@ def find_structure(
     filled = len(np.unique(level[(level >= 1) & (level <= needed)])) / needed
     if filled < FILLED or not stand.may_be_tower:
         return None
-    body = level >= needed // 3
-    if body.sum() < 5:
+    body = level >= needed // FOOT_PART
+    if body.sum() < LEAST_BODY:
         return None
-    low, high = np.percentile(apart[body], [5, 95], axis=0)
+    low, high = np.percentile(apart[body], OUTER, axis=0)
     return Structure(
         position=near + (low + high) / 2, top=float(points[found, 2].max()), kind='tower'
     )
@@ -153,7 +194,7 @@ def _freest(apart, level, needed, azimuth, reach):  # type: ignore[no-untyped-de
         put(order[first:last], own)
         first = last
         x = y = 0.0
-        for _ in range(3):  # to the middle of the cell's points, then of those about that
+        for _ in range(NUM_ROUNDS):  # to the middle of the cell's points, then of those about that
             x, y = np.median(apart[own[:members], 0]), np.median(apart[own[:members], 1])
             beside = abs(y * math.cos(azimuth) - x * math.sin(azimuth))
             members = 0
@@ -167,7 +208,7 @@ def _freest(apart, level, needed, azimuth, reach):  # type: ignore[no-untyped-de
                     own[members] = k
                     members += 1
                     inner[level[k]] += 1.0
-                elif distance <= 3.0 * COLUMN:
+                elif distance <= RING * COLUMN:
                     outer[level[k]] += 1.0
             if members == 0:
                 break
