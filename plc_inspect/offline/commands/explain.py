@@ -114,7 +114,7 @@ def _tell_point(folder: Folder, arguments: argparse.Namespace) -> str:
 
     from plc_inspect.core.explain.point import confirm, explain_point, find_nearest
     from plc_inspect.core.pipeline import Pipeline
-    from plc_inspect.offline.commands.story import render_point
+    from plc_inspect.offline.commands.explanation_text import render_point
     from plc_inspect.results import Decision, PointClass
 
     points, settings, units = folder.points, folder.settings, folder.units
@@ -153,7 +153,7 @@ def _tell_stretch(folder: Folder, arguments: argparse.Namespace) -> str:
         make_course,
     )
     from plc_inspect.core.pipeline import Pipeline
-    from plc_inspect.offline.commands.story import render_stretch
+    from plc_inspect.offline.commands.explanation_text import render_stretch
 
     points, settings, units = folder.points, folder.settings, folder.units
     course = None

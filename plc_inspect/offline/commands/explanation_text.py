@@ -42,7 +42,7 @@ NO_SETTING = {
 
 def render_point(explanation: Explanation, settings: Settings, tried: bool) -> str:
     """
-    Return the story of a point as text.
+    Return the explanation of a point as text.
 
     Parameters
     ----------
