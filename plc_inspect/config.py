@@ -215,15 +215,14 @@ class CatenarySettings(Checked):
         low=0.0, high=100.0,
     )
     min_length: float = setting(
-        12.0, 'shortest span; half of it where it continues a line at a support', unit='m',
-        low=1.0, high=1000.0,
+        4.0, 'shortest piece of a conductor', unit='m', low=1.0, high=1000.0
     )
     min_points: int = setting(12, 'fewest inliers of a span', low=4, high=100_000)
     min_coverage: float = setting(
         0.3, 'smallest share of a span that holds points', low=0.0, high=1.0
     )
     min_significance: float = setting(
-        10.0, 'curvature of a conductor in its own standard deviations', low=0.0, high=1000.0
+        10.0, 'curvature that is proven, in its own standard deviations', low=0.1, high=1000.0
     )
     max_constant: float = setting(
         6000.0, 'greatest catenary constant T0 / w', unit='m', low=100.0, high=1_000_000.0
@@ -231,9 +230,9 @@ class CatenarySettings(Checked):
     max_sag_ratio: float = setting(
         0.08, 'greatest sag as a share of the span', low=0.01, high=1.0
     )
-    min_free_length: float = setting(
-        8.0, 'free metres, less cluttered ones: half if it sags, thrice if straight', unit='m',
-        low=0.0, high=1000.0,
+    min_evidence: float = setting(
+        12.0, 'metres free in the air, and 8 for a proven curvature or a conductor beside',
+        unit='m', low=0.0, high=1000.0,
     )
     max_clutter: float = setting(
         0.35, 'greatest share of a span by which cluttered metres may outnumber free ones',

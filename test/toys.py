@@ -9,6 +9,7 @@ import numpy as np
 
 from plc_inspect.config import AlignmentSettings, ClusteringSettings, LinearitySettings
 from plc_inspect.core.catenary.curve import fit_curve
+from plc_inspect.core.catenary.free_length import Sight
 from plc_inspect.core.clustering.clustering import cluster
 from plc_inspect.core.extraction.alignment import align
 from plc_inspect.core.extraction.linearity import find_candidates
@@ -54,6 +55,15 @@ def make_tree(x, y, top, bottom=1.0, radius=1.5, num=1500, seed=200):
     points *= radius * rng.random((num, 1)) ** 0.33
     points[:, 2] *= (top - bottom) / 2 / radius
     return points + np.array([x, y, (top + bottom) / 2])
+
+
+def make_sight(points, seen=True, margin=5.0):
+    """Make a grid of ground that was seen, or was not, below all points."""
+    low, high = np.zeros(2), np.zeros(2)
+    if len(points):
+        low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+    columns, rows = (np.ceil(high - low + 2 * margin)).astype(int)
+    return Sight(seen=np.full((rows, columns), seen), origin=low - margin, cell_size=1.0)
 
 
 def make_pole(x, y, height, seed=300):

@@ -9,6 +9,7 @@ import numpy as np
 
 from plc_inspect.config import Settings
 from plc_inspect.core.catenary.conductors import ConductorResult, model_conductors
+from plc_inspect.core.catenary.free_length import Sight
 from plc_inspect.core.clustering.clustering import cluster, ClusteringResult
 from plc_inspect.core.extraction.alignment import align, AlignmentResult
 from plc_inspect.core.extraction.ground_surface import measure_surface
@@ -54,6 +55,8 @@ class FoundLines:
     """Candidates that are no outliers."""
     alignment: AlignmentResult
     clustering: ClusteringResult
+    sight: Sight
+    """Ground that was seen when conductors were judged."""
     conductors: ConductorResult
     layout: Layout
     spans: SpanResult
@@ -140,9 +143,12 @@ def find_lines(points: Float64, settings: Settings, log: StageLog) -> FoundLines
     )
 
     # Eqs. 6 and 7: catenaries, and which of them are conductors.
+    sight = _find_sight(height)
     conductors = log.run(
         None,
-        lambda: model_conductors(cloud.points, cloud.index, clustering, settings.catenary, rng),
+        lambda: model_conductors(
+            cloud.points, cloud.index, clustering, sight, settings.catenary, rng
+        ),
         lambda result: report_catenary(result, clustering),
     )
 
@@ -160,10 +166,16 @@ def find_lines(points: Float64, settings: Settings, log: StageLog) -> FoundLines
         inliers=inliers,
         alignment=alignment,
         clustering=clustering,
+        sight=sight,
         conductors=conductors,
         layout=hung.layout,
         spans=hung.spans,
     )
+
+
+def _find_sight(height: HeightResult) -> Sight:
+    """Return where the ground was seen."""
+    return Sight(seen=height.ground_seen, origin=height.origin, cell_size=height.cell_size)
 
 
 def _gather(points: Float64, height: HeightResult, settings: Settings) -> OffGround:

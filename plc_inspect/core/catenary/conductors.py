@@ -27,10 +27,11 @@ from plc_inspect.core.catenary.curve_row import (
     to_local,
 )
 from plc_inspect.core.catenary.duplicates import drop_duplicates, is_thick
-from plc_inspect.core.catenary.free_length import FreeLength, measure_free_length, UNKNOWN
-from plc_inspect.core.catenary.growing import extend, Profile, profile_curve
+from plc_inspect.core.catenary.free_length import FreeLength, Sight
+from plc_inspect.core.catenary.growing import extend, Profile
+from plc_inspect.core.catenary.judge import Judge
 from plc_inspect.core.catenary.track_fit import fit_tracks
-from plc_inspect.core.catenary.validation import CROWDED, find_objection, list_evidence, UNPROVEN
+from plc_inspect.core.catenary.validation import list_evidence
 from plc_inspect.core.clustering.clustering import ClusteringResult
 from plc_inspect.core.numerics.plan_index import PlanIndex
 from plc_inspect.core.numerics.threads import call_each
@@ -40,8 +41,6 @@ from plc_inspect.results import Bool, Float64
 BRIDGE_SLACK = 0.15
 """Miss of a continuation that is allowed beyond three times its uncertainty [m]."""
 MAX_MISS = 0.8
-LEAST_LENGTH = 0.5
-"""A free piece of this share of the shortest span may continue a line at a support."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -52,8 +51,7 @@ class ConductorResult:
     """Longest first."""
     doubtful: tuple[Curve, ...]
     """
-    Too short, to prove their curvature or altogether, or with other things all along them;
-    conductors if they continue one at a support.
+    With too little evidence of their own; conductors if they continue one at a support.
     """
     objections: dict[str, int]
     """Why the others were dropped, and how many."""
@@ -65,6 +63,7 @@ def model_conductors(
     points: Float64,
     index: PlanIndex,
     clustering: ClusteringResult,
+    sight: Sight,
     settings: CatenarySettings,
     rng: np.random.Generator,
 ) -> ConductorResult:
@@ -82,6 +81,8 @@ def model_conductors(
         Of the points off the ground.
     clustering : ClusteringResult
         Beads and tracks.
+    sight : Sight
+        Ground that was seen.
     settings : CatenarySettings
         Settings of this stage.
     rng : numpy.random.Generator
@@ -93,79 +94,23 @@ def model_conductors(
 
     """
     curves = find_curves(points, index, clustering, settings, rng)
-    profiles = call_each(
-        lambda k: profile_curve(points, index, curves[k], curves[k].low, curves[k].high),
-        len(curves),
-    )
-    wire = mark_wires(points, index, curves, profiles, settings)
-    free = call_each(lambda k: measure_free_length(points, index, curves[k], wire), len(curves))
+    judge = Judge(points, index, sight, curves, settings)
+    judge.decide()
     kept: list[Curve] = []
     doubtful = []
     objections: dict[str, int] = {}
-    for curve, profile, length in zip(curves, profiles, free, strict=True):
-        objection = find_objection(curve, profile, length, settings)
-        if not objection:
+    for number, curve in enumerate(curves):
+        verdict = judge.verdicts[number]
+        if not verdict.objection:
             kept.append(curve)
             continue
-        objections[objection] = objections.get(objection, 0) + 1
-        if profile.crowding <= settings.max_crowding and (
-            objection == UNPROVEN or _is_piece(curve, profile, length, settings)
-        ):
+        objections[verdict.objection] = objections.get(verdict.objection, 0) + 1
+        if _may_continue(curve, verdict.profile, verdict.free, settings):
             doubtful.append(curve)
     return ConductorResult(
-        curves=tuple(kept), doubtful=tuple(doubtful), wire=wire,
+        curves=tuple(kept), doubtful=tuple(doubtful), wire=judge.wire,
         objections=dict(sorted(objections.items())),
     )
-
-
-def mark_wires(
-    points: Float64,
-    index: PlanIndex,
-    curves: Sequence[Curve],
-    profiles: Sequence[Profile],
-    settings: CatenarySettings,
-) -> Bool:
-    """
-    Mark the points of curves that are conductors whatever is about them, and of those they free.
-
-    Wires hang side by side.  A curve with all evidence but that it is free clutters no other one;
-    and each that is free, once those are left out, frees its neighbours.
-
-    Parameters
-    ----------
-    points : (N, 3) float64
-        Coordinates [m].
-    index : PlanIndex
-        Of the points off the ground.
-    curves, profiles : sequence of Curve, sequence of Profile
-        Parallel.
-    settings : CatenarySettings
-        Settings of this stage.
-
-    Returns
-    -------
-    (N,) bool
-
-    """
-    wire = np.zeros(len(points), dtype=bool)
-    waiting = []
-    for curve, profile in zip(curves, profiles, strict=True):
-        if find_objection(curve, profile, UNKNOWN, settings) == CROWDED:
-            wire[profile.chosen] = True
-        else:
-            waiting.append((curve, profile))
-    while waiting:
-        rest = []
-        for curve, profile in waiting:
-            free = measure_free_length(points, index, curve, wire)
-            if find_objection(curve, profile, free, settings):
-                rest.append((curve, profile))
-            else:
-                wire[profile.chosen] = True
-        if len(rest) == len(waiting):
-            break
-        waiting = rest
-    return wire
 
 
 def find_curves(
@@ -188,18 +133,16 @@ def find_curves(
     return drop_duplicates(points, merge_bundles(points, wide, settings), settings)
 
 
-def _is_piece(
+def _may_continue(
     curve: Curve, profile: Profile, free: FreeLength, settings: CatenarySettings
 ) -> bool:
-    """Whether nothing but its length speaks against a curve, and what follows from it."""
+    """Whether nothing but too little evidence speaks against a curve."""
     against = {
         item.setting for item in list_evidence(curve, profile, free, settings) if not item.kept
     }
-    return (
-        {'min_length'} <= against
-        <= {'min_length', 'min_significance', 'max_constant', 'min_free_length', 'max_clutter'}
-        and curve.length >= LEAST_LENGTH * settings.min_length
-    )
+    return profile.crowding <= settings.max_crowding and against <= {
+        'min_significance', 'max_constant', 'min_evidence', 'max_clutter'
+    }
 
 
 def bridge(

@@ -52,6 +52,11 @@ CORE_SHARE = 0.9
 """Share of the points about a conductor that lie in its core; mixed returns are the rest."""
 NATS = 2.0
 """Logarithm of the likelihood ratio that makes a clean metre: one in seven by chance."""
+DROP = 1.5
+"""
+Points this far below a curve are no part of what it could lie on [m].
+Source: a roof's eaves, a truss and a pipe rack are less high than this.
+"""
 RAYLEIGH_MEDIAN = 1.1774
 """Median distance from the axis in standard deviations, of points that scatter both ways."""
 
@@ -61,17 +66,30 @@ class FreeLength:
     """Metres of a curve that are free, less those that are cluttered; at most its length."""
 
     close: float
-    """Of what touches the curve [m]."""
+    """Of what touches the curve, where something was seen below it [m]."""
     wide: float
     """Of what lies within a metre of it [m]."""
+    open: float
+    """The same, where something was seen below it [m]."""
 
 
-UNKNOWN = FreeLength(close=-math.inf, wide=-math.inf)
+UNKNOWN = FreeLength(close=-math.inf, wide=-math.inf, open=-math.inf)
 """As if all of a curve were cluttered."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sight:
+    """Where the ground was seen, cell by cell."""
+
+    seen: Bool
+    """(rows, columns), y by x."""
+    origin: Float64
+    """(2,) x, y of the lower corner [m]."""
+    cell_size: float
+
+
 def measure_free_length(
-    points: Float64, index: PlanIndex, curve: Curve, ignore: Bool
+    points: Float64, index: PlanIndex, curve: Curve, ignore: Bool, sight: Sight
 ) -> FreeLength:
     """
     Measure how many metres of a curve hang free in the air.
@@ -86,18 +104,22 @@ def measure_free_length(
         The curve, between its own ends.
     ignore : (N,) bool
         Points of conductors; those in the ring do not count.
+    sight : Sight
+        Ground that was seen.
 
     Returns
     -------
     FreeLength
 
     """
-    close, wide = _measure(points, index.grid, curve.row, ignore)
-    return FreeLength(close=close, wide=wide)
+    close, wide, above = _measure(
+        points, index.grid, curve.row, ignore, sight.seen, sight.origin, sight.cell_size
+    )
+    return FreeLength(close=close, wide=wide, open=above)
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _measure(points, grid, row, ignore):  # type: ignore[no-untyped-def]
+def _measure(points, grid, row, ignore, seen, corner_seen, cell_seen):  # type: ignore[no-untyped-def]
     start, order, corner, cell, num_rows, num_columns = grid
     low, high = row[LOW], row[HIGH]
     near = gather_strip(
@@ -108,6 +130,7 @@ def _measure(points, grid, row, ignore):  # type: ignore[no-untyped-def]
 
     # distance from the curve of each point, and the part that it lies beside
     num = max(int((high - low) / STEP), 1)
+    is_open = _see_ground(row, num, seen, corner_seen, cell_seen)
     distance = np.empty(len(near))
     part = np.empty(len(near), dtype=np.int64)
     own = np.empty(len(near))
@@ -117,6 +140,8 @@ def _measure(points, grid, row, ignore):  # type: ignore[no-untyped-def]
         if x < low or x > high or abs(y) > RING[1]:
             continue
         above = (points[i, 2] - height_of(row, x)) / math.hypot(1.0, slope_of(row, x))
+        place = min(int((x - low) / (high - low) * num), num - 1)
+        is_open[place] = is_open[place] or above < -DROP
         radius = math.hypot(y, above)
         if radius <= row[TOLERANCE]:
             own[num_own] = radius
@@ -124,10 +149,10 @@ def _measure(points, grid, row, ignore):  # type: ignore[no-untyped-def]
         elif radius > RING[1] or ignore[i]:
             continue
         distance[count] = radius
-        part[count] = min(int((x - low) / (high - low) * num), num - 1)
+        part[count] = place
         count += 1
     if num_own == 0:
-        return 0.0, 0.0
+        return 0.0, 0.0, 0.0
 
     # the core is as thick as the points scatter
     scatter = np.median(own[:num_own]) / RAYLEIGH_MEDIAN
@@ -138,12 +163,29 @@ def _measure(points, grid, row, ignore):  # type: ignore[no-untyped-def]
     close = _weigh(
         distance[:count], part[:count], num, core, CLOSE_RING[0] * core, CLOSE_RING[1] * core
     )
-    return scale * close, scale * _weigh(distance[:count], part[:count], num, core, inner, outer)
+    wide = _weigh(distance[:count], part[:count], num, core, inner, outer)
+    return (
+        scale * np.where(is_open, close, np.minimum(close, 0.0)).sum(), scale * wide.sum(),
+        scale * np.where(is_open, wide, np.minimum(wide, 0.0)).sum(),
+    )
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _see_ground(row, num, seen, corner, cell):  # type: ignore[no-untyped-def]
+    """Tell the parts of a row's curve below whose middles the ground was seen."""
+    result = np.zeros(num, dtype=np.bool_)
+    for place in range(num):
+        x = row[LOW] + (row[HIGH] - row[LOW]) * (place + 0.5) / num
+        column = (row[ORIGIN_X] + row[COS] * x - corner[0]) / cell
+        line = (row[ORIGIN_Y] + row[SIN] * x - corner[1]) / cell
+        if 0.0 <= column < seen.shape[1] and 0.0 <= line < seen.shape[0]:
+            result[place] = seen[int(line), int(column)]
+    return result
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
 def _weigh(distance, part, num, core, inner, outer):  # type: ignore[no-untyped-def]
-    """Sum of the logarithms of both likelihoods over all parts, each capped."""
+    """Logarithm of the ratio of both likelihoods of each part, capped."""
     in_core, in_ring = np.zeros(num), np.zeros(num)
     for k in range(len(distance)):
         if distance[k] <= core:
@@ -153,7 +195,4 @@ def _weigh(distance, part, num, core, inner, outer):  # type: ignore[no-untyped-
     sheet = core / (core + outer - inner)
     by_core = math.log(CORE_SHARE / sheet) / NATS
     by_ring = math.log((1.0 - CORE_SHARE) / (1.0 - sheet)) / NATS
-    free = 0.0
-    for k in range(num):
-        free += min(max(in_core[k] * by_core + in_ring[k] * by_ring, -1.0), 1.0)
-    return free
+    return np.minimum(np.maximum(in_core * by_core + in_ring * by_ring, -1.0), 1.0)

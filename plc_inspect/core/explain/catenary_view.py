@@ -12,8 +12,7 @@ import numpy as np
 from plc_inspect.config import Settings
 from plc_inspect.core.catenary.conductors import find_curves
 from plc_inspect.core.catenary.curve import Curve
-from plc_inspect.core.catenary.free_length import measure_free_length
-from plc_inspect.core.catenary.growing import profile_curve
+from plc_inspect.core.catenary.judge import Judge
 from plc_inspect.core.catenary.validation import Evidence, list_evidence
 from plc_inspect.core.explain.checks import chain, Check, Finding, Proposal, propose, SLACK
 from plc_inspect.core.trace import Trace
@@ -38,7 +37,8 @@ FIGURES = {
     'min_significance': ('curvature in its standard deviations', ''),
     'max_constant': ('catenary constant', 'm'),
     'max_sag_ratio': ('sag as a share of the length', ''),
-    'min_free_length': ('metres free in the air', 'm'),
+    'min_evidence': ('metres of evidence', 'm'),
+    'max_crowding': ('share with other things at its surface', ''),
     'max_clutter': ('share by which cluttered metres outnumber free ones', ''),
 }
 """Name and unit of the figure that each limit of `CatenarySettings` applies to."""
@@ -73,14 +73,15 @@ class Curves:
             cloud.points, cloud.index, trace.lines.clustering, limits, np.random.default_rng(0)
         )
         believed = {_key(curve) for curve in trace.lines.conductors.curves}
-        wire = trace.lines.conductors.wire
+        judge = Judge(cloud.points, cloud.index, trace.lines.sight, found, limits)
+        judge.decide()
         views = []
-        for curve in found:
-            profile = profile_curve(cloud.points, cloud.index, curve, curve.low, curve.high)
-            free = measure_free_length(cloud.points, cloud.index, curve, wire)
+        for curve, verdict in zip(found, judge.verdicts, strict=True):
+            evidence = list_evidence(
+                curve, verdict.profile, verdict.free, limits, beside=verdict.beside
+            )
             views.append(CurveView(
-                curve=curve, evidence=tuple(list_evidence(curve, profile, free, limits)),
-                believed=_key(curve) in believed,
+                curve=curve, evidence=tuple(evidence), believed=_key(curve) in believed,
             ))
         self.views = tuple(views)
 

@@ -46,7 +46,7 @@ def make_rarities() -> Float64:
         for side, x in ((-13.0, along), (-14.0, along[np.abs(along - 67.5) > 7.5]))
     ]
     tap = np.arange(0.3, 7.0, 0.1)
-    parts.append(np.column_stack((60.0 + 0.3 * tap, tap, 9.6 - 0.12 * tap + 0.004 * tap**2)))
+    parts.append(np.column_stack((60.0 + 0.3 * tap, tap, 9.6 - 0.12 * tap + 0.001 * tap**2)))
     points: Float64 = np.concatenate(parts)
     return points
 

@@ -5,7 +5,16 @@ import dataclasses
 
 import numpy as np
 import pytest
-from toys import find_tracks, hang, make_curve, make_index, make_tree, make_wire, turn
+from toys import (
+    find_tracks,
+    hang,
+    make_curve,
+    make_index,
+    make_sight,
+    make_tree,
+    make_wire,
+    turn,
+)
 
 from plc_inspect.config import CatenarySettings
 from plc_inspect.core.catenary.bundles import merge_bundles
@@ -19,9 +28,10 @@ from plc_inspect.core.catenary.track_fit import split_at_supports
 SETTINGS = CatenarySettings()
 
 
-def model(points, settings=SETTINGS):
+def model(points, settings=SETTINGS, tracks=None):
     return model_conductors(
-        points, make_index(points), find_tracks(points), settings, np.random.default_rng(0)
+        points, make_index(points), tracks or find_tracks(points), make_sight(points), settings,
+        np.random.default_rng(0),
     )
 
 
@@ -137,12 +147,11 @@ def test_an_edge_with_other_things_all_along_it_is_no_conductor():
     sheet[:, 2] += rng.uniform(-0.4, 0.1, len(sheet))
     points = np.vstack([edge, sheet])
     tracks = find_tracks(points, np.arange(len(edge)))
-    index, rng = make_index(points), np.random.default_rng(0)
-    found = model_conductors(points, index, tracks, SETTINGS, rng)
+    found = model(points, tracks=tracks)
     assert len(found.curves) == 0
     assert found.objections == {'not free in the air': 1}
-    lenient = dataclasses.replace(SETTINGS, max_clutter=1.0, min_free_length=0.0)
-    assert len(model_conductors(points, index, tracks, lenient, rng).curves) == 1
+    lenient = dataclasses.replace(SETTINGS, max_clutter=1.0, min_evidence=0.0)
+    assert len(model(points, lenient, tracks).curves) == 1
 
 
 def test_a_tree_across_a_wire_costs_nothing():
@@ -153,28 +162,27 @@ def test_a_tree_across_a_wire_costs_nothing():
     assert found.curves[0].length == pytest.approx(100.0, abs=1.0)
 
 
-def test_what_is_too_straight_to_be_sure_is_doubtful():
-    found = model(make(length=16.0, c=1200.0, per_metre=5.0))
+def test_what_is_too_short_to_be_sure_is_doubtful():
+    found = model(make(length=10.0, c=1200.0, per_metre=5.0))
     assert len(found.curves) == 0
     assert len(found.doubtful) == 1
     assert found.objections == {'curvature not proven': 1}
 
 
-@pytest.mark.parametrize(('length', 'num'), [(9.0, 1), (4.0, 0)])
-def test_a_piece_shorter_than_a_span_is_doubtful_unless_it_is_very_short(length, num):
-    found = model(make(length=length, c=200.0, per_metre=8.0))
+@pytest.mark.parametrize(('length', 'num'), [(9.0, 1), (3.5, 0)])
+def test_a_short_piece_is_doubtful_unless_it_is_very_short(length, num):
+    found = model(make(length=length, c=1200.0, per_metre=8.0))
     assert len(found.curves) == 0
     assert len(found.doubtful) == num
 
 
 def test_a_short_piece_that_is_hardly_seen_is_not_doubtful_but_nothing():
-    seen = make(length=9.0, c=200.0, per_metre=8.0)
+    seen = make(length=9.0, c=1200.0, per_metre=8.0)
     assert len(model(seen).doubtful) == 1
     few = dataclasses.replace(SETTINGS, min_points=len(seen) + 1)
-    tracks = find_tracks(seen)
-    found = model_conductors(seen, make_index(seen), tracks, few, np.random.default_rng(0))
+    found = model(seen, few)
     assert len(found.doubtful) == 0
-    assert found.objections == {'too short': 1}
+    assert found.objections == {'too few points': 1}
 
 
 @pytest.mark.parametrize('degrees', [90, 30, -70])

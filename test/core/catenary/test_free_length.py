@@ -5,7 +5,7 @@
 
 import numpy as np
 import pytest
-from toys import make_curve, make_index, make_tree, make_wire, turn
+from toys import make_curve, make_index, make_sight, make_tree, make_wire, turn
 
 from plc_inspect.core.catenary.free_length import measure_free_length
 
@@ -14,12 +14,13 @@ def make(length=60.0, **changes):
     return make_wire((0.0, 0.0, 12.0), (length, 0.0, 12.0), **{'c': 700.0, **changes})
 
 
-def measure(wire, others=(), ignored=0):
+def measure(wire, others=(), ignored=0, seen=True):
     """Return the free length of a wire among others, the last of which do not count."""
     points = np.vstack([wire, *others])
     curve = make_curve(points, np.arange(len(wire)), 0.2)
     ignore = np.arange(len(points)) >= len(points) - ignored
-    return curve, measure_free_length(points, make_index(points), curve, ignore)
+    sight = make_sight(points, seen)
+    return curve, measure_free_length(points, make_index(points), curve, ignore, sight)
 
 
 @pytest.mark.parametrize('per_metre', [8.0, 60.0])
@@ -65,8 +66,32 @@ def test_no_points_are_no_evidence():
     wire = make()
     curve = make_curve(wire)
     far = wire + np.array([0.0, 50.0, 0.0])
-    free = measure_free_length(far, make_index(far), curve, np.zeros(len(far), dtype=bool))
-    assert (free.close, free.wide) == (0.0, 0.0)
+    ignore = np.zeros(len(far), dtype=bool)
+    free = measure_free_length(far, make_index(far), curve, ignore, make_sight(far))
+    assert (free.close, free.wide, free.open) == (0.0, 0.0, 0.0)
+
+
+def test_where_nothing_was_seen_below_no_metre_is_open():
+    curve, free = measure(make(), seen=False)
+    assert free.wide == pytest.approx(curve.length, rel=0.15)
+    assert free.open == free.close == 0.0
+    # scan lines on a flat roof lie farther apart than the ring is wide, and hide the ground
+    lines = [make(c=1e5) + np.array([0.0, side, 0.0]) for side in (-1.2, 1.2)]
+    _, free = measure(make(c=1e5), lines, seen=False)
+    assert free.open <= 0.0 < free.wide
+
+
+def test_a_crown_below_an_unseen_ground_makes_it_open():
+    crown = make_tree(30.0, 0.0, 6.0, 1.0, radius=8.0, num=4000)
+    _curve, free = measure(make(), [crown], seen=False)
+    assert 10.0 < free.open < 20.0 < free.wide
+
+
+def test_clutter_counts_whatever_lies_below():
+    sheet = make(per_metre=200.0)
+    sheet[:, 1] = np.random.default_rng(0).uniform(-2.0, 2.0, len(sheet))
+    curve, free = measure(make(), [sheet], seen=False)
+    assert free.open < -0.8 * curve.length
 
 
 def test_a_rigid_motion_changes_nothing():

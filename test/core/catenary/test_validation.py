@@ -5,15 +5,15 @@ import dataclasses
 
 import numpy as np
 import pytest
-from toys import make_curve, make_ground, make_index, make_wire
+from toys import make_curve, make_ground, make_index, make_sight, make_wire
 
 from plc_inspect.config import CatenarySettings
 from plc_inspect.core.catenary.free_length import measure_free_length
 from plc_inspect.core.catenary.growing import profile_curve
 from plc_inspect.core.catenary.validation import (
+    CROWDED,
     find_objection,
     list_evidence,
-    STRAIGHT_RATIO,
     UNPROVEN,
 )
 from plc_inspect.errors import ConfigError
@@ -21,18 +21,18 @@ from plc_inspect.errors import ConfigError
 SETTINGS = CatenarySettings()
 
 
-def judge(wire, others=(), settings=SETTINGS, tolerance=0.1):
+def judge(wire, others=(), settings=SETTINGS, tolerance=0.1, seen=True, **changes):
     points = np.vstack([wire, *others])
     curve = make_curve(points, np.arange(len(wire)), tolerance)
-    return find_objection(curve, *measure(points, curve), settings)
+    return find_objection(curve, *measure(points, curve, seen), settings, **changes)
 
 
-def measure(points, curve):
+def measure(points, curve, seen=True):
     """Return the profile and the free length of a curve among some points."""
-    index = make_index(points)
+    index, ignore = make_index(points), np.zeros(len(points), dtype=bool)
     return (
         profile_curve(points, index, curve, curve.low, curve.high),
-        measure_free_length(points, index, curve, np.zeros(len(points), dtype=bool)),
+        measure_free_length(points, index, curve, ignore, make_sight(points, seen)),
     )
 
 
@@ -45,9 +45,9 @@ def test_there_is_nothing_against_a_conductor(length, c):
     assert judge(make(length, c=c)) == ''
 
 
-def test_a_short_piece_is_no_span():
-    assert judge(make(11.0, c=50.0)) == 'too short'
-    assert judge(make(11.0, c=100.0), settings=CatenarySettings(min_length=5.0)) == ''
+def test_a_very_short_piece_is_no_conductor():
+    assert judge(make(3.9, c=100.0)) == 'too short'
+    assert judge(make(3.9, c=100.0), settings=CatenarySettings(min_length=3.0)) == UNPROVEN
 
 
 def test_few_points_are_no_span():
@@ -59,11 +59,31 @@ def test_points_in_few_places_are_no_span():
     assert judge(wire) == 'seen in too few places'
 
 
-def test_a_straight_piece_needs_more_free_metres_than_one_that_sags():
-    straight = STRAIGHT_RATIO * SETTINGS.min_free_length
-    assert judge(make(0.8 * straight, c=1e5)) == UNPROVEN
-    assert judge(make(1.5 * straight, c=1e5)) == ''
-    assert judge(make(0.8 * straight, c=100.0)) == ''
+@pytest.mark.parametrize(('length', 'c', 'beside', 'objection'), [
+    (10.0, 1e5, False, UNPROVEN), (14.0, 1e5, False, ''),
+    (10.0, 100.0, False, ''),  # half proven
+    (7.0, 1e5, True, ''), (5.0, 1e5, True, UNPROVEN),
+])
+def test_free_metres_curvature_and_a_conductor_beside_add_up(length, c, beside, objection):
+    assert judge(make(length, c=c), beside=beside) == objection
+
+
+def test_a_curve_tighter_than_any_conductor_proves_nothing_by_its_curvature():
+    assert judge(make(11.0, c=80.0, per_metre=40.0)) == ''
+    assert judge(make(11.0, c=40.0, per_metre=40.0)) == UNPROVEN
+
+
+def test_over_what_was_not_seen_only_a_long_curve_that_sags_is_believed():
+    assert judge(make(60.0, c=1e5), seen=False) == UNPROVEN
+    assert judge(make(10.0, c=100.0, per_metre=60.0), seen=False) == CROWDED
+    assert judge(make(30.0, c=300.0), seen=False) == ''
+
+
+def test_what_is_thick_must_be_free_of_what_touches_it():
+    bundle = make(300.0, c=1500.0, per_metre=30.0, noise=0.13)
+    assert judge(bundle, tolerance=0.5) == ''
+    beside = make(300.0, c=1500.0, per_metre=60.0, noise=0.13, seed=3)
+    assert judge(bundle, [beside + np.array([0.0, 0.6, 0.0])], tolerance=0.5).startswith('thick')
 
 
 def test_a_straight_edge_of_a_roof_has_no_proven_curvature():
@@ -111,7 +131,7 @@ def test_evidence_says_how_near_each_limit_is():
     assert evidence['max_sag_ratio'].limit == pytest.approx(0.08 * curve.length)
     for name, limit in (
         ('min_length', 80.1), ('min_points', 700), ('max_sag_ratio', 0.01),
-        ('max_clutter', -1.0), ('min_free_length', 161.0),
+        ('max_clutter', -1.0), ('min_evidence', 89.0),
     ):
         changed = dataclasses.replace(SETTINGS, **{name: limit})
         fails = [

@@ -88,7 +88,7 @@ def pick(cloud, trace, name, decision):
     ('tree', Decision.OUTLIER, 'outliers.sigma'),
     ('stick', Decision.NO_SECTION, 'alignment.min_votes'),
     ('pipe', Decision.NO_CLUSTER, 'clustering.max_thickness'),
-    ('arc', Decision.NO_CATENARY, 'catenary.min_length'),
+    ('arc', Decision.NO_CATENARY, 'catenary.min_evidence'),
     ('line', Decision.WIRE, 'catenary.'),
 ])
 def test_the_named_setting_moved_as_told_changes_the_outcome(

@@ -55,7 +55,7 @@ def test_a_span_that_was_found(points):
 
 @pytest.mark.parametrize(('setting', 'value', 'lost'), [
     ('catenary.min_length', 150.0, 'wire'),
-    ('catenary.min_free_length', 250.0, 'wire'),
+    ('catenary.min_evidence', 250.0, 'wire'),
     ('linearity.threshold', 1.0, 'candidates'),
     ('height.beta', 20.0, 'high'),
 ])
@@ -103,12 +103,12 @@ def test_a_span_that_does_not_exist():
 
 def test_all_limits_that_a_curve_fails_are_named_together(points):
     settings = update(
-        Settings(), {'catenary.min_length': 150.0, 'catenary.min_free_length': 250.0}
+        Settings(), {'catenary.min_length': 150.0, 'catenary.min_evidence': 250.0}
     )
     stretch = look(points, settings)
     trials = confirm_stretch(stretch, points, settings)
     assert trials[-1].holds
-    assert set(trials[-1].proposal.moves) == {'catenary.min_length', 'catenary.min_free_length'}
+    assert set(trials[-1].proposal.moves) == {'catenary.min_length', 'catenary.min_evidence'}
     for name, value in trials[-1].proposal.moves.items():
         alone = look(points, update(settings, {name: value}))
         assert not alone.found

@@ -72,13 +72,17 @@ def test_yaw_turns_taps(street, degrees):
 @pytest.mark.parametrize('piece', [
     pytest.param(((45.2, 0.4, 7.4), (45.6, 2.4, 7.4)), id='an arm'),
     pytest.param(((45.2, 0.4, 7.4), (48.0, 7.0, 1.0)), id='a stay'),
-    pytest.param(((38.0, 4.0, 7.4), (53.0, 4.0, 7.4)), id='it passes the pole'),
     pytest.param(((46.5, 5.0, 7.4), (47.9, 10.0, 7.1)), id='it begins too far from the pole'),
     pytest.param(((45.2, 0.4, 2.0), (47.0, 7.0, 1.9)), id='a fence'),
 ])
 def test_other_things_at_a_pole_are_no_taps(piece):
     result = Pipeline().run(make_street(piece)[0])
     assert result.num_lines == 3
+
+
+def test_a_wire_that_passes_a_pole_is_a_line_of_its_own():
+    result = Pipeline().run(make_street(((38.0, 4.0, 7.4), (53.0, 4.0, 7.4)))[0])
+    assert result.num_lines == 4
 
 
 def test_branches_and_roof_edges_at_a_pole_are_no_taps():

@@ -78,8 +78,10 @@ def test_a_point_by_place_and_by_number(room, capsys, name):
     x, y, z = map(float, place)
     assert f'point {index} at {x:.2f}, {y:.2f}, {z:.2f}, class vegetation' in rest
     assert 'NO_CATENARY, 7); decided by catenary' in rest
-    assert re.search(r'x curve 1: length: 10\.\d+ m < 12 m \(catenary.min_length\)', rest)
-    assert re.search(r'changed it: catenary.min_length = 10\.\d+ instead of 12', rest)
+    assert re.search(
+        r'x curve 1: metres of evidence: \d+\.\d+ m < 12 m \(catenary.min_evidence\)', rest
+    )
+    assert re.search(r'changed it: catenary.min_evidence = \d+\.\d+ instead of 12', rest)
     assert 'run with it, the point is WIRE' in rest
 
 

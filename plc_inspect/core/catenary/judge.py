@@ -1,0 +1,282 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Which curves are conductors, all of them judged together: wires hang side by side."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+import math
+
+from numba import njit
+import numpy as np
+
+from plc_inspect.config import CatenarySettings
+from plc_inspect.core.catenary.curve import Curve, find_far_apart, pack_curves
+from plc_inspect.core.catenary.curve_row import (
+    AZIMUTH,
+    COS,
+    height_of,
+    HIGH,
+    LOW,
+    ORIGIN_X,
+    ORIGIN_Y,
+    SIN,
+    to_local,
+    TOLERANCE,
+)
+from plc_inspect.core.catenary.duplicates import is_thick, mark_course, NUM_STATIONS
+from plc_inspect.core.catenary.free_length import (
+    FreeLength,
+    measure_free_length,
+    Sight,
+    UNKNOWN,
+)
+from plc_inspect.core.catenary.growing import Profile, profile_curve
+from plc_inspect.core.catenary.validation import CROWDED, find_objection, TIED
+from plc_inspect.core.numerics.plan_index import gather_strip, PlanIndex
+from plc_inspect.core.numerics.threads import call_each
+from plc_inspect.results import Bool, Float64, Int64
+
+ALONG = 0.3
+"""A conductor beside runs along this share of a curve, at least."""
+LEAST_COMMON = 8
+"""Metres that two curves run side by side before they can be tied."""
+SIDE = 3.0
+"""
+Distance within which a piece runs beside a conductor [m].
+Source: conductors of one low- or medium-voltage line are up to 1.5 m apart, and its telecom wires
+hang 1 to 3 m below.
+"""
+TIE = 2.5
+"""
+Greatest distance of two curves that may be tied [m].
+Source: the chords of a tower crane's jib are 1 to 2.5 m apart.
+"""
+TIE_SHARE = 0.3
+"""
+Two curves are tied where each part of the way between them holds points in this share of the
+metres, at least.
+Source: the jib of a crane 0.42 to 0.88; wires beside crowns, with others that were not found
+between them, 0.11 at most.
+"""
+TIE_PARTS = 6
+"""Parts of the way from one curve to the other, less TIE_MARGIN at both ends."""
+TIE_WIDTH = 0.15
+"""Distance from the plane through two curves of what ties them [m]."""
+TIE_MARGIN = 0.2
+"""At this share of the way from one curve to the other, and on, points lie between them."""
+PARALLEL = 0.1
+"""Greatest sine of the angle between curves that run beside each other: 6 degrees."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Verdict:
+    """What is known of one curve, and why it is no conductor."""
+
+    profile: Profile
+    free: FreeLength
+    objection: str
+    """Empty for a conductor."""
+    beside: bool
+    """It was judged as one beside a conductor."""
+
+
+class Judge:
+    """Curves of one cloud, and what is believed of them so far."""
+
+    def __init__(
+        self,
+        points: Float64,
+        index: PlanIndex,
+        sight: Sight,
+        curves: Sequence[Curve],
+        settings: CatenarySettings,
+    ) -> None:
+        """Take the curves; nothing is believed yet."""
+        self._points, self._index, self._sight = points, index, sight
+        self._curves, self._settings = curves, settings
+        profiles = call_each(
+            lambda k: profile_curve(points, index, curves[k], curves[k].low, curves[k].high),
+            len(curves),
+        )
+        self.wire: Bool = np.zeros(len(points), dtype=bool)
+        """(N,) points that do not clutter a curve, as they are wires themselves."""
+        self.verdicts = [
+            Verdict(
+                profile=profile, free=UNKNOWN, beside=False,
+                objection=find_objection(curve, profile, UNKNOWN, settings),
+            )
+            for curve, profile in zip(curves, profiles, strict=True)
+        ]
+
+    def decide(self) -> None:
+        """
+        Judge all curves.
+
+        A thin curve with all evidence but that it is free clutters no other one; and each that is
+        free, once those are left out, frees its neighbours.  What is a truss is taken back, and
+        at last short pieces beside a conductor are believed.
+        """
+        crowded = np.array([verdict.objection == CROWDED for verdict in self.verdicts], bool)
+        proven = np.flatnonzero(crowded)
+        self._mark(proven)
+        self._sweep(np.flatnonzero(~crowded), beside=False)
+        self._try(proven, beside=False)
+        self._untie()
+        near = self._find_beside()
+        while self._sweep(near, beside=True):
+            near = self._find_beside()
+        self._untie()
+
+    def _untie(self) -> None:
+        """
+        Take back what is tied together along its whole length: chords of a truss, rails, racks.
+
+        Conductors that hang side by side have air between them.
+        """
+        known = np.flatnonzero([not verdict.objection for verdict in self.verdicts])
+        curves = [self._curves[number] for number in known.tolist()]
+        if len(curves) < 2:
+            return
+        rows = pack_curves(curves)
+        tied = _find_tied(
+            self._points, self._index.grid, rows, find_far_apart(curves, TIE), self.wire
+        )
+        for number in known[tied].tolist():
+            self.verdicts[number] = replace(self.verdicts[number], objection=TIED)
+
+    def _mark(self, numbers: Int64) -> None:
+        for number in numbers.tolist():
+            self.wire[self.verdicts[number].profile.chosen] = True
+
+    def _sweep(self, numbers: Int64, *, beside: bool) -> bool:
+        """Judge curves over and over, as long as more of them are found free; tell if any was."""
+        found = False
+        while len(numbers):
+            won = self._try(numbers, beside=beside)
+            if not len(won):
+                break
+            self._mark(won)
+            numbers = np.setdiff1d(numbers, won)
+            found = True
+        return found
+
+    def _try(self, numbers: Int64, *, beside: bool) -> Int64:
+        """Judge curves with what is known now; return those that are conductors."""
+        wanted = numbers.tolist()
+        free = call_each(
+            lambda k: measure_free_length(
+                self._points, self._index, self._curves[wanted[k]], self.wire, self._sight
+            ),
+            len(wanted),
+        )
+        won = []
+        for number, length in zip(wanted, free, strict=True):
+            verdict = self.verdicts[number]
+            objection = find_objection(
+                self._curves[number], verdict.profile, length, self._settings, beside=beside
+            )
+            self.verdicts[number] = Verdict(
+                profile=verdict.profile, free=length, objection=objection, beside=beside
+            )
+            if not objection:
+                won.append(number)
+        return np.array(won, dtype=np.int64)
+
+    def _find_beside(self) -> Int64:
+        """Return the curves that are not believed, thin, and run beside one that is."""
+        known = [k for k, verdict in enumerate(self.verdicts) if not verdict.objection]
+        rest = [
+            number for number, verdict in enumerate(self.verdicts)
+            if verdict.objection not in ('', TIED) and not is_thick(self._curves[number])
+        ]
+        if not known or not rest:
+            return np.zeros(0, dtype=np.int64)
+        curves = [self._curves[number] for number in (*rest, *known)]
+        along = _find_along(curves, SIDE)[: len(rest), len(rest) :]
+        return np.array(rest, dtype=np.int64)[along.any(axis=1)]
+
+
+def _find_along(curves: Sequence[Curve], reach: float) -> Bool:
+    """Tell which curves (row) have which others (column) beside them; (C, C) bool."""
+    if not curves:
+        return np.zeros((0, 0), dtype=bool)
+    result: Bool = _mark_along(pack_curves(curves), find_far_apart(curves, reach), reach)
+    return result
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _mark_along(rows, far, reach):  # type: ignore[no-untyped-def]
+    num = len(rows)
+    result = np.zeros((num, num), dtype=np.bool_)
+    for k in range(num):
+        for m in range(num):
+            if m == k or far[k, m]:
+                continue
+            if abs(np.sin(rows[k, AZIMUTH] - rows[m, AZIMUTH])) > PARALLEL:
+                continue
+            marks = np.zeros(NUM_STATIONS, dtype=np.bool_)
+            mark_course(rows[k], rows[m], rows[m, LOW], rows[m, HIGH], reach, marks)
+            result[k, m] = marks.mean() >= ALONG
+    return result
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _find_tied(points, grid, rows, far, wire):  # type: ignore[no-untyped-def]
+    """Tell which curves are tied to another one."""
+    tied = np.zeros(len(rows), dtype=np.bool_)
+    for k in range(len(rows)):
+        for m in range(k):
+            if far[k, m] or abs(np.sin(rows[k, AZIMUTH] - rows[m, AZIMUTH])) > PARALLEL:
+                continue
+            if _measure_tie(points, grid, rows[k], rows[m], wire) >= TIE_SHARE:
+                tied[k] = tied[m] = True
+    return tied
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _measure_tie(points, grid, row, other, wire):  # type: ignore[no-untyped-def]
+    """Share of the metres common to two rows' curves with points in each part between them."""
+    start, order, corner, cell, num_rows, num_columns = grid
+    low, high = row[LOW], row[HIGH]
+    num = max(int(high - low), 1)
+    y, up = np.full(num, np.nan), np.empty(num)
+    for place in range(num):
+        x = low + (place + 0.5) * (high - low) / num
+        px, py = row[ORIGIN_X] + row[COS] * x, row[ORIGIN_Y] + row[SIN] * x
+        at, off = to_local(other, px, py)
+        if not other[LOW] <= at <= other[HIGH]:
+            continue
+        side = -off if math.cos(row[AZIMUTH] - other[AZIMUTH]) > 0.0 else off
+        rise = height_of(other, at) - height_of(row, x)
+        apart = math.hypot(side, rise)
+        if row[TOLERANCE] + other[TOLERANCE] < apart <= TIE:
+            y[place], up[place] = side, rise
+    common = num - np.isnan(y).sum()
+    if common < LEAST_COMMON:
+        return 0.0
+    filled = np.zeros((num, TIE_PARTS), dtype=np.bool_)
+    for i in gather_strip(
+        start, order, corner, cell, num_rows, num_columns,
+        row[ORIGIN_X] + row[COS] * low, row[ORIGIN_Y] + row[SIN] * low,
+        row[ORIGIN_X] + row[COS] * high, row[ORIGIN_Y] + row[SIN] * high, TIE,
+    ):
+        if wire[i]:
+            continue
+        x, side = to_local(row, points[i, 0], points[i, 1])
+        if x < low or x >= high:
+            continue
+        place = min(int((x - low) / (high - low) * num), num - 1)
+        if np.isnan(y[place]):
+            continue
+        rise = points[i, 2] - height_of(row, x)
+        apart = math.hypot(y[place], up[place])
+        along = (side * y[place] + rise * up[place]) / apart**2
+        across = (side * up[place] - rise * y[place]) / apart
+        if abs(across) <= TIE_WIDTH and TIE_MARGIN < along < 1.0 - TIE_MARGIN:
+            part = int((along - TIE_MARGIN) / (1.0 - 2.0 * TIE_MARGIN) * TIE_PARTS)
+            filled[place, min(part, TIE_PARTS - 1)] = True
+    least = num
+    for part in range(TIE_PARTS):
+        least = min(least, filled[:, part].sum())
+    return least / common

@@ -1,0 +1,97 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Curves judged together: wires side by side, pieces beside them, and trusses."""
+
+import numpy as np
+from toys import make_curve, make_index, make_sight, make_wire
+
+from plc_inspect.config import CatenarySettings
+from plc_inspect.core.catenary.judge import Judge
+from plc_inspect.core.catenary.validation import CROWDED, TIED, UNPROVEN
+
+
+def judge(wires, others=(), seen=True):
+    """Return what speaks against each of some wires, among other points."""
+    points = np.vstack([*wires, *others])
+    first = np.cumsum([0, *map(len, wires)])
+    curves = [
+        make_curve(points, np.arange(first[k], first[k + 1])) for k in range(len(wires))
+    ]
+    found = Judge(points, make_index(points), make_sight(points, seen), curves, CatenarySettings())
+    found.decide()
+    return [verdict.objection for verdict in found.verdicts]
+
+
+def make(y=0.0, z=12.0, start=0.0, length=60.0, c=400.0, seed=0):
+    return make_wire(
+        (start, y, z), (start + length, y, z), c=c, per_metre=30.0, seed=seed
+    )
+
+
+def test_wires_that_hang_side_by_side_do_not_clutter_each_other():
+    wires = [make(y=0.5 * k, seed=k) for k in range(4)]
+    assert judge(wires) == [''] * 4
+
+
+def test_a_piece_too_short_alone_is_believed_beside_a_conductor():
+    piece = make(z=11.0, start=20.0, length=8.0, c=1e5, seed=1)
+    assert judge([piece]) == [UNPROVEN]
+    assert judge([make(c=1000.0), piece]) == ['', '']
+
+
+def test_a_piece_that_runs_another_way_is_not_beside():
+    across = make_wire((20.0, -4.0, 10.5), (20.0, 4.0, 10.5), c=1e5, per_metre=30.0)
+    assert judge([make(c=1000.0), across]) == ['', UNPROVEN]
+
+
+def test_a_piece_beside_one_that_was_believed_beside_is_believed_too():
+    chain = [make(y=2.5 * k, start=20.0, length=8.0, c=1e5, seed=k) for k in (1, 2)]
+    assert judge([make(c=1000.0), *chain]) == ['', '', '']
+
+
+def lay_bracing(apart, length, seed=9):
+    """Make the diagonals between two chords, there and back in each metre."""
+    rng = np.random.default_rng(seed)
+    x = rng.uniform(0.0, length, int(40 * length))
+    share = np.abs(2.0 * (x % 1.0) - 1.0)
+    bracing = make(length=length, seed=seed)[:1].repeat(len(x), axis=0)
+    bracing[:, 0], bracing[:, 1] = x, apart * share
+    middle = length / 2
+    bracing[:, 2] = 12.0 + 400.0 * (np.cosh((x - middle) / 400.0) - np.cosh(middle / 400.0))
+    return bracing + rng.normal(0.0, 0.02, bracing.shape)
+
+
+def test_chords_of_a_truss_are_no_conductors():
+    chords = [make(), make(y=1.5, seed=1)]
+    assert judge(chords) == ['', '']
+    assert judge(chords, [lay_bracing(1.5, 60.0)]) == [TIED, TIED]
+
+
+def test_wires_with_a_wire_between_that_was_not_found_are_not_tied():
+    between = make(y=0.75, seed=2)
+    assert judge([make(), make(y=1.5, seed=1)], [between]) == ['', '']
+
+
+def test_a_crown_between_two_wires_ties_them_nowhere_else():
+    rng = np.random.default_rng(0)
+    crown = np.column_stack([
+        rng.uniform(20.0, 30.0, 4000), rng.uniform(-0.5, 2.0, 4000), rng.uniform(9.0, 12.5, 4000)
+    ])
+    assert judge([make(), make(y=1.5, seed=1)], [crown]) == ['', '']
+
+
+def test_one_curve_on_a_sheet_is_cluttered_and_two_do_not_free_it():
+    rng = np.random.default_rng(1)
+    sheet = make()[rng.integers(0, 1800, 12000)]
+    sheet[:, 1] += rng.uniform(-3.0, 3.0, len(sheet))
+    assert judge([make()], [sheet]) == [CROWDED]
+    assert CROWDED in judge([make(), make(y=0.6, seed=1)], [sheet])
+
+
+def test_nothing_is_judged_where_there_is_no_curve():
+    points = np.ones((5, 3))
+    found = Judge(points, make_index(points), make_sight(points), [], CatenarySettings())
+    found.decide()
+    assert found.verdicts == []
+    assert not found.wire.any()
