@@ -9,14 +9,17 @@ from dataclasses import replace
 import json
 from pathlib import Path
 import sys
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
 from plc_inspect.errors import PlcInspectError
+from plc_inspect.sim.random_scenes.scenes import KINDS
+from plc_inspect.sim.random_scenes.truth import make_random
 from plc_inspect.sim.scenes.catalogue import make_scene, SCENES
 from plc_inspect.sim.scenes.scene import Scene
-from plc_inspect.sim.surveys.airborne import simulate_map
+from plc_inspect.sim.surveys.airborne import LabelledCloud, simulate_map
 from plc_inspect.sim.surveys.bag import open_bag
 from plc_inspect.sim.surveys.flight import PLANS, simulate_flight
 from plc_inspect.sim.surveys.labelled_cloud import write_cloud
@@ -25,6 +28,8 @@ from plc_inspect.sim.surveys.puck import Puck
 from plc_inspect.sim.surveys.trajectory import FlightPlan, OdometryErrors
 from plc_inspect.sim.surveys.truth import collect_sightings, make_truth
 
+RANDOM = 'random'
+"""Name of the scene that the seed decides."""
 _MAP_NOISE = 0.03
 
 
@@ -34,9 +39,15 @@ def build_parser() -> argparse.ArgumentParser:
         prog='plc_simulate',
         description='Simulate a survey of a power line: a flight with a Puck Lite, or an '
                     'airborne map; truth.json says what was there.',
-        epilog=f'Scenes: {", ".join(SCENES)}',
+        epilog=f'Scenes: {", ".join((*SCENES, RANDOM))}',
     )
-    parser.add_argument('scene', metavar='SCENE', choices=tuple(SCENES), help='name of the scene')
+    parser.add_argument(
+        'scene', metavar='SCENE', choices=(*SCENES, RANDOM),
+        help=f'name of the scene, or {RANDOM}: one drawn from the seed with its own sensor',
+    )
+    parser.add_argument(
+        '--kind', choices=KINDS, default='any', help='of a random scene (default: %(default)s)',
+    )
     parser.add_argument('-o', '--output', metavar='DIR', type=Path, required=True)
     parser.add_argument('--seed', type=_natural, default=0, help='of everything random')
     parser.add_argument('--force', action='store_true', help='replace DIR if it exists')
@@ -118,10 +129,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run ``plc_simulate``; return 0 done, 2 bad usage or output that cannot be written."""
     arguments = build_parser().parse_args(argv)
     try:
-        scene = make_scene(arguments.scene, arguments.seed)
         with open_folder(arguments.output, arguments.force) as folder:
-            write = _write_map if arguments.map else _write_flight
-            text = write(folder, scene, arguments)
+            if arguments.scene == RANDOM:
+                text = _write_random(folder, arguments)
+            else:
+                scene = make_scene(arguments.scene, arguments.seed)
+                write = _write_map if arguments.map else _write_flight
+                text = write(folder, scene, arguments)
     except (PlcInspectError, OSError) as error:
         print(f'plc_simulate: {error}', file=sys.stderr)
         return 2
@@ -139,6 +153,18 @@ def _write_map(folder: Path, scene: Scene, arguments: argparse.Namespace) -> str
         scene, collect_sightings(scene, cloud.exact, cloud.label, cloud.conductor), kind='map',
         frame_id='map', bin_size=1.0, noise=_MAP_NOISE, origin=arguments.origin,
     )
+    return _write_truth(folder, scene, cloud, truth)
+
+
+def _write_random(folder: Path, arguments: argparse.Namespace) -> str:
+    made = make_random(arguments.seed, arguments.kind)
+    write_cloud(folder / 'map.laz', made.cloud)
+    return _write_truth(folder, made.scene, made.cloud, made.truth)
+
+
+def _write_truth(
+    folder: Path, scene: Scene, cloud: LabelledCloud, truth: dict[str, Any],
+) -> str:
     (folder / 'truth.json').write_text(json.dumps(truth, indent=1) + '\n')
     return (f'map of {len(cloud.points)} points on {scene.area:.0f} m2, '
             f'{scene.num_lines} lines, {len(scene.conductors)} spans, '

@@ -157,3 +157,15 @@ def test_only_surveys_are_replaced(capsys, tmp_path):
     assert 'notes.txt' in capsys.readouterr().err
     assert main([*FLIGHT, '-o', str(tmp_path / 'notes.txt'), '--force']) == 2
     assert (tmp_path / 'notes.txt').read_text() == 'keep me'
+
+
+def test_random_scenes_are_written_with_their_truth(tmp_path):
+    """The seed and kind decide; map.laz holds the classes, truth.json the spans."""
+    for name in ('one', 'two'):
+        assert main(['random', '--seed', '6', '--kind', 'clean', '-o', str(tmp_path / name)]) == 0
+    one, two = ((tmp_path / name / 'truth.json').read_text() for name in ('one', 'two'))
+    assert one == two
+    truth = json.loads(one)
+    las = laspy.read(tmp_path / 'one' / 'map.laz')
+    wires = sum(row['num_points'] for row in truth['spans'])
+    assert wires == int((np.array(las.classification) == 14).sum()) > 0

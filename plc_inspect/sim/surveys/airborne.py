@@ -3,6 +3,7 @@
 
 """Airborne maps of a scene: labelled clouds as a survey from above gives them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -115,7 +116,7 @@ def simulate_map(
         exact = origins[beam_index] + ranges[beam_index, order][:, None] * directions[beam_index]
         conductor = labels.conductor[item]
         wire = conductor >= 0
-        exact[wire] = _snap(exact[wire], world.curves[conductor[wire]])
+        exact[wire] = snap(exact[wire], world.curves[conductor[wire]])
         keep = scene.covers(exact[:, :2])
         cloud = LabelledCloud(
             points=exact + rng.normal(0.0, noise, exact.shape), exact=exact,
@@ -123,7 +124,7 @@ def simulate_map(
             span_id=labels.span_id[item], conductor=conductor,
         )
         parts.append(cloud.take(keep))
-    cloud = _join(parts)
+    cloud = join(parts)
     if num_points is None:
         return cloud
     if len(cloud.points) < num_points:
@@ -157,7 +158,7 @@ def _lay_pulses(scene: Scene, density: float, rng: np.random.Generator) -> list[
     return batches
 
 
-def _snap(points: Float64, curves: Float64) -> Float64:
+def snap(points: Float64, curves: Float64) -> Float64:
     """Return the points (N, 3) moved onto the catenaries (N, 8) at their place along them."""
     x = (points[:, 0] - curves[:, 3]) * curves[:, 5] + (points[:, 1] - curves[:, 4]) * curves[:, 6]
     x = np.clip(x, 0.0, curves[:, 7])
@@ -167,7 +168,8 @@ def _snap(points: Float64, curves: Float64) -> Float64:
     ])
 
 
-def _join(parts: list[LabelledCloud]) -> LabelledCloud:
+def join(parts: Sequence[LabelledCloud]) -> LabelledCloud:
+    """Return several clouds as one; at least one is given."""
     return LabelledCloud(
         points=np.vstack([item.points for item in parts]),
         exact=np.vstack([item.exact for item in parts]),

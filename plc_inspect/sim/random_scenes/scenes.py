@@ -1,0 +1,107 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Random scenes from a seed: lines on hilly ground, and what looks like lines."""
+
+from typing import get_args, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plc_inspect.errors import DataError
+from plc_inspect.sim.random_scenes import clutter
+from plc_inspect.sim.random_scenes.ground import draw_feet, lay_ground, RELIEFS
+from plc_inspect.sim.random_scenes.layouts import draw_layout
+from plc_inspect.sim.random_scenes.lines import (
+    are_apart,
+    build_line,
+    cross,
+    draw_route,
+    Line,
+    plan_line,
+)
+from plc_inspect.sim.random_scenes.surveys import Survey
+from plc_inspect.sim.scenes.routes import extend_route, lay_route
+from plc_inspect.sim.scenes.scene import Scene, SceneBuilder
+
+Float64 = NDArray[np.float64]
+Kind = Literal['any', 'clean', 'no-lines']
+KINDS: tuple[str, ...] = get_args(Kind)
+
+MARGIN = 150.0
+"""The ground reaches this far beyond the route [m]; beams and crossing lines need it."""
+TRIALS = 20
+"""Lines that cannot be built are drawn anew this often."""
+
+
+def make_random_scene(seed: int, kind: Kind, survey: Survey) -> Scene:
+    """
+    Make a scene.
+
+    Parameters
+    ----------
+    seed : int
+        Of everything random.
+    kind : str
+        'any'; 'clean': lines with nothing else within 2 m of them; 'no-lines': what looks like
+        lines, and none.
+    survey : Survey
+        How it will be surveyed, which bounds its size.
+
+    Returns
+    -------
+    Scene
+
+    Raises
+    ------
+    DataError
+        The kind is unknown.
+
+    """
+    if kind not in KINDS:
+        raise DataError(f'unknown kind of scene {kind!r}; there are {", ".join(KINDS)}')
+    rng = np.random.default_rng([seed, KINDS.index(kind)])
+    half_width = survey.draw_half_width(rng)
+    length = survey.largest_area / (2.0 * half_width)
+    relief = RELIEFS[int(rng.choice(len(RELIEFS), p=[0.4, 0.3, 0.3]))]
+    if kind == 'no-lines':
+        route = lay_route((min(length, 400.0),), (), float(rng.uniform(0.0, 360.0)))
+        terrain = lay_ground(rng, route, draw_feet(rng, route, relief), relief, MARGIN)
+        builder = SceneBuilder(name=f'random {kind}', seed=seed, terrain=terrain, rng=rng)
+        clutter.fill(builder, route, half_width, 0.0)
+        return builder.build(route, half_width)
+    for _ in range(TRIALS):
+        layout = draw_layout(rng, survey.levels)
+        route = draw_route(rng, layout, length)
+        half_width = max(half_width, layout.reach + 8.0)
+        terrain = lay_ground(rng, route, draw_feet(rng, route, relief), relief, MARGIN)
+        line = plan_line(rng, terrain, layout, route)
+        if line is not None:
+            break
+    else:
+        raise DataError(f'seed {seed} gives no line that can be built')
+    builder = SceneBuilder(name=f'random {kind}', seed=seed, terrain=terrain, rng=rng)
+    build_line(builder, line)
+    if kind == 'any' and rng.random() < 0.3:
+        _add_crossing(builder, line, survey)
+    clear = 3.0 if kind == 'clean' else float(rng.choice([4.7, 2.5, 1.0, 0.2]))
+    clutter.fill(builder, route, half_width, clear)
+    # Half of the surveys begin and end within a span, the others beyond the last support.
+    ends = [
+        float(-rng.uniform(0.1, 0.4) * span if rng.random() < 0.5 else rng.uniform(3.0, 15.0))
+        for span in np.hypot(*np.diff(route, axis=0)[[0, -1]].T)
+    ]
+    return builder.build(extend_route(route, *ends), half_width)
+
+
+def _add_crossing(builder: SceneBuilder, line: Line, survey: Survey) -> None:
+    """Add a second line across the first where one fits, above or below it."""
+    rng = builder.rng
+    for _ in range(TRIALS):
+        layout = draw_layout(rng, survey.levels)
+        route = cross(rng, line, layout, 1.6 * layout.spans[1])
+        raised = float(rng.choice([0.0, 0.0, 5.0, 10.0]))
+        other = plan_line(rng, builder.terrain, layout, route, raised)
+        if other is not None and are_apart(line, other):
+            build_line(builder, other)
+            return

@@ -1,0 +1,116 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Random scenes with their clouds and truth, from a seed."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from plc_inspect.sim.random_scenes.airborne import fly_strips
+from plc_inspect.sim.random_scenes.returns import Scanner
+from plc_inspect.sim.random_scenes.scenes import Kind, KINDS, make_random_scene
+from plc_inspect.sim.random_scenes.surveys import draw_survey, Survey
+from plc_inspect.sim.scenes.conductors import measure_distances
+from plc_inspect.sim.scenes.scene import Label, Scene
+from plc_inspect.sim.surveys.airborne import join, LabelledCloud
+from plc_inspect.sim.surveys.truth import collect_sightings, make_truth
+
+Float64 = NDArray[np.float64]
+
+CLEAN = 2.0
+"""A conductor-span is clean if nothing but its own line and supports is nearer than this [m]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RandomScene:
+    """A random scene, surveyed."""
+
+    scene: Scene
+    survey: Survey
+    cloud: LabelledCloud
+    truth: dict[str, Any]
+    """Content of ``truth.json``; each span also says whether it is 'clean'."""
+
+
+def make_random(seed: int, kind: Kind = 'any') -> RandomScene:
+    """
+    Make a random scene, survey it and tell the truth about it.
+
+    Parameters
+    ----------
+    seed : int
+        Of everything random; the same seed and kind give the same bytes.
+    kind : str
+        One of `plc_inspect.sim.random_scenes.scenes.KINDS`.
+
+    Returns
+    -------
+    RandomScene
+
+    Raises
+    ------
+    DataError
+        The kind is unknown.
+
+    """
+    rng = np.random.default_rng([seed, len(KINDS)])
+    survey = draw_survey(rng)
+    scene = make_random_scene(seed, kind, survey)
+    scanner = Scanner(scene, survey, rng)
+    cloud = join([scanner.measure(beams) for beams in fly_strips(scanner, rng)])
+    noise = survey.noise + survey.noise_growth * survey.altitude
+    truth = make_truth(
+        scene, collect_sightings(scene, cloud.exact, cloud.label, cloud.conductor), kind='map',
+        frame_id='map', bin_size=1.0, noise=noise,
+    )
+    for row, gap in zip(truth['spans'], measure_gaps(scene, cloud), strict=True):
+        row['clean'] = bool(gap >= CLEAN)
+    return RandomScene(scene=scene, survey=survey, cloud=cloud, truth=truth)
+
+
+def measure_gaps(scene: Scene, cloud: LabelledCloud) -> Float64:
+    """
+    Return how near anything foreign comes to each conductor-span (C,) [m], inf without.
+
+    Foreign are ground, vegetation, buildings and other objects that were seen, conductors of
+    another line, and supports of another line; not mixed returns, which the line has by itself.
+    """
+    gaps = np.full(len(scene.conductors), np.inf)
+    if not len(gaps):
+        return gaps
+    group = group_conductors(scene)
+    foreign = cloud.exact[np.isin(cloud.label, (
+        Label.OTHER, Label.GROUND, Label.VEGETATION, Label.BUILDING,
+    ))]
+    curves = [item.sample(0.5) for item in scene.conductors]
+    near, _ = cKDTree(np.vstack(curves)).query(foreign, distance_upper_bound=CLEAN + 0.5)
+    foreign = foreign[np.isfinite(near)]
+    towers = cloud.exact[cloud.label == Label.TOWER]
+    feet = np.array([post.position[:2] for post in scene.posts])
+    owner = np.array([group[_find_first(scene, post.line_ids)] for post in scene.posts])
+    _, nearest = cKDTree(feet).query(towers[:, :2])
+    for number, item in enumerate(scene.conductors):
+        other = [
+            foreign, towers[owner[nearest] != group[number]],
+            *(curves[k] for k in np.flatnonzero(group != group[number])),
+        ]
+        gaps[number] = measure_distances(np.vstack(other), item).min(initial=np.inf)
+    return gaps
+
+
+def _find_first(scene: Scene, line_ids: tuple[int, ...]) -> int:
+    """Return the number of the first conductor of some lines."""
+    return next(k for k, item in enumerate(scene.conductors) if item.line_id in line_ids)
+
+
+def group_conductors(scene: Scene) -> NDArray[np.int64]:
+    """Return for each conductor (C,) the number of the line, with all its phases, it is of."""
+    owner = {}
+    for post in scene.posts:
+        for line_id in post.line_ids:
+            owner[line_id] = post.line_ids[0]
+    return np.array([owner.get(item.line_id, item.line_id) for item in scene.conductors])

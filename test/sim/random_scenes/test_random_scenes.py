@@ -1,0 +1,99 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Random scenes: the truth about them is right, and they can stand."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from plc_inspect.errors import DataError
+from plc_inspect.sim.random_scenes.scenes import KINDS
+from plc_inspect.sim.random_scenes.truth import CLEAN, make_random
+from plc_inspect.sim.scenes.conductors import measure_distances
+from plc_inspect.sim.scenes.scene import Label
+
+SEEDS = (1, 5)
+
+
+@pytest.fixture(scope='module', params=SEEDS)
+def made(request):
+    """Make a scene with everything."""
+    return make_random(request.param)
+
+
+@pytest.fixture(scope='module', params=(1, 6))
+def clean(request):
+    """Make a scene whose conductors are clean."""
+    return make_random(request.param, 'clean')
+
+
+def test_wire_points_lie_on_their_catenaries(made):
+    survey, cloud = made.survey, made.cloud
+    spread = survey.noise + survey.noise_growth * 600.0 + survey.misalignment + 0.05
+    for number, item in enumerate(made.scene.conductors):
+        rows = cloud.conductor == number
+        if not rows.any():
+            continue
+        assert (cloud.label[rows] == Label.WIRE).all()
+        assert (cloud.line_id[rows] == item.line_id).all()
+        assert (cloud.span_id[rows] == item.span_id).all()
+        assert measure_distances(cloud.exact[rows], item).max() < 2e-3
+        assert np.quantile(measure_distances(cloud.points[rows], item), 0.95) < 3.0 * spread
+    assert (cloud.line_id[cloud.label != Label.WIRE] == -1).all()
+
+
+def test_conductors_hang_on_their_supports_and_off_the_ground(made):
+    scene = made.scene
+    feet = np.array([post.position for post in scene.posts])
+    struts = scene.struts[scene.strut_label == Label.TOWER]
+    ends = np.vstack([struts[:, :3], struts[:, 3:6]])
+    for item in scene.conductors:
+        for end in (item.start, item.end):
+            assert np.hypot(*(feet[:, :2] - end[:2]).T).min() < 15.0
+            # A conductor hangs on an insulator, an arm or a peak.
+            assert np.linalg.norm(ends - end, axis=1).min() < 0.3
+        curve = item.sample(1.0)
+        assert (curve[:, 2] - scene.terrain.heights(curve[:, :2])).min() > 4.0
+
+
+def test_spans_are_counted_as_they_are_seen(made):
+    rows = made.truth['spans']
+    assert len(rows) == len(made.scene.conductors)
+    assert len({(row['line_id'], row['span_id']) for row in rows}) == len(rows)
+    for number, row in enumerate(rows):
+        assert row['num_points'] == int((made.cloud.conductor == number).sum())
+        assert row['sag'] == made.scene.conductors[number].sag
+
+
+def test_clean_conductors_have_nothing_near(clean):
+    assert clean.truth['spans']
+    assert all(row['clean'] for row in clean.truth['spans'])
+    cloud = clean.cloud
+    foreign = cloud.exact[~np.isin(cloud.label, (0, Label.WIRE, Label.TOWER))]
+    for item in clean.scene.conductors:
+        gap, _ = cKDTree(item.sample(0.1)).query(foreign, distance_upper_bound=CLEAN)
+        assert not np.isfinite(gap).any()
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_scenes_without_lines_have_no_wire(seed):
+    made = make_random(seed, 'no-lines')
+    assert made.truth['spans'] == []
+    assert not (made.cloud.label == Label.WIRE).any()
+    assert len(made.cloud.points) > 10_000
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_seeds_reproduce(kind):
+    first, second = make_random(6, kind), make_random(6, kind)
+    assert first.cloud.points.tobytes() == second.cloud.points.tobytes()
+    assert json.dumps(first.truth) == json.dumps(second.truth)
+    assert first.cloud.points.tobytes() != make_random(1, kind).cloud.points.tobytes()
+
+
+def test_an_unknown_kind_is_refused():
+    with pytest.raises(DataError, match='cloudy'):
+        make_random(0, 'cloudy')
