@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plc_inspect.sim.random_scenes.returns import Beams, Scanner
+from plc_inspect.sim.random_scenes.surveys import Zigzag
 
 Float64 = NDArray[np.float64]
 
@@ -20,7 +21,9 @@ _WIDEST = 0.45
 """Tangent of the greatest angle from the vertical, 24 degrees."""
 
 
-def fly_strips(scanner: Scanner, rng: np.random.Generator) -> Iterator[Beams]:
+def fly_strips(
+    scanner: Scanner, pattern: Zigzag, rng: np.random.Generator,
+) -> Iterator[Beams]:
     """
     Yield the pulses of a survey, for each edge of the route strip by strip.
 
@@ -28,19 +31,19 @@ def fly_strips(scanner: Scanner, rng: np.random.Generator) -> Iterator[Beams]:
     its width, so they lie at the mean spacing in its middle and in pairs at its edges.  Strips
     look from different sides, and each is displaced as a whole by its misalignment.
     """
-    survey = scanner.survey
-    offsets = rng.normal(0.0, survey.misalignment, (survey.num_strips, 3))
-    turns = survey.heading + rng.normal(0.0, 0.03, survey.num_strips)
+    offsets = rng.normal(0.0, pattern.misalignment, (pattern.num_strips, 3))
+    turns = pattern.heading + rng.normal(0.0, 0.03, pattern.num_strips)
     for edge in range(len(scanner.scene.route) - 1):
         for offset, turn in zip(offsets, turns, strict=True):
-            yield from _sweep(scanner, edge, float(turn), offset, rng)
+            yield from _sweep(scanner, pattern, edge, (float(turn), offset), rng)
 
 
 def _sweep(
-    scanner: Scanner, edge: int, turn: float, offset: Float64, rng: np.random.Generator,
+    scanner: Scanner, pattern: Zigzag, edge: int, strip: tuple[float, Float64],
+    rng: np.random.Generator,
 ) -> Iterator[Beams]:
     """Yield the pulses of one strip along one edge of the route."""
-    scene, survey = scanner.scene, scanner.survey
+    scene, (turn, offset) = scanner.scene, strip
     start, end = scene.route[edge:edge + 2]
     heading = math.atan2(*(end - start)[::-1]) + turn
     frame = np.array([[math.cos(heading), math.sin(heading)],
@@ -50,13 +53,13 @@ def _sweep(
     low = local.min(axis=0) - 1.2 * scene.half_width
     high = local.max(axis=0) + 1.2 * scene.half_width
     width = float(high[1] - low[1])
-    per_line = max(2, round(width * survey.line_spacing * survey.density / survey.num_strips))
-    num = int((high[0] - low[0]) / survey.line_spacing) * per_line
+    per_line = max(2, round(width * pattern.line_spacing * pattern.density / pattern.num_strips))
+    num = int((high[0] - low[0]) / pattern.line_spacing) * per_line
     track, phase = rng.uniform(low[1], high[1]), rng.uniform(0.0, 2.0)
     for first in range(0, num, _BATCH):
         beat = np.arange(first, min(first + _BATCH, num)) / per_line
         swing = np.abs(np.mod(beat + phase, 2.0) - 1.0)
-        plan = low + np.column_stack([survey.line_spacing * beat, width * swing])
+        plan = low + np.column_stack([pattern.line_spacing * beat, width * swing])
         xy = start + plan @ frame
         kept = scanner.coverage.find(xy) == edge
         xy, plan = xy[kept], plan[kept]
@@ -64,7 +67,7 @@ def _sweep(
             continue
         ground = np.column_stack([xy, scene.terrain.heights(xy)])
         # The scanner is over the track, level with the pulse, or nearer where that is far.
-        high_up = max(survey.altitude, scanner.ceiling + _ABOVE - float(ground[:, 2].mean()))
+        high_up = max(pattern.altitude, scanner.ceiling + _ABOVE - float(ground[:, 2].mean()))
         aside = np.clip(plan[:, 1] - track, -_WIDEST * high_up, _WIDEST * high_up)
         down = np.column_stack([np.zeros(len(plan)), aside]) @ frame
         directions = np.column_stack([down, np.full(len(plan), -high_up)])

@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 
 from plc_inspect.sim.random_scenes import buildings, engineering
 from plc_inspect.sim.scenes import structures, vegetation
+from plc_inspect.sim.scenes.routes import walk_route
 from plc_inspect.sim.scenes.scene import SceneBuilder
 
 Float64 = NDArray[np.float64]
@@ -35,10 +36,17 @@ class Spot:
 
 FOOT = 4.0
 """Nothing stands nearer to the foot of a support in plan [m]."""
+ROAD = 2.5
+"""Half width of a road, on which nothing stands [m]."""
+TREE_ROAD = 5.0
+"""Trees stand this far from the middle of a road, so that cars pass below their crowns [m]."""
 Maker = Callable[[SceneBuilder, Spot], None]
 
 
-def fill(builder: SceneBuilder, route: Float64, half_width: float, clear: float) -> None:
+def fill(
+    builder: SceneBuilder, route: Float64, half_width: float, clear: float,
+    road: Float64 | None = None,
+) -> None:
     """
     Fill a corridor with things and vegetation.
 
@@ -52,30 +60,38 @@ def fill(builder: SceneBuilder, route: Float64, half_width: float, clear: float)
         Half of its width [m].
     clear : float
         Distance that everything keeps from conductors [m].
+    road : ndarray, optional
+        (L, 2) the middle of a road that is kept free [m].
 
     """
     rng = builder.rng
     names = list(THINGS)
     favourites = rng.choice(len(names), min(len(names), int(rng.integers(1, 6))), replace=False)
     density = float(np.exp(rng.uniform(np.log(1e-4), np.log(2e-3))))
-    site = Site(builder, clear)
+    site = Site(builder, clear, road)
     for xy, azimuth in _scatter(rng, route, half_width, density):
         turned = azimuth + (0.0 if rng.random() < 0.6 else rng.uniform(-math.pi, math.pi))
         site.put(THINGS[names[int(rng.choice(favourites))]], Spot(xy=xy, azimuth=turned))
     places = [xy for xy, _ in _scatter(rng, route, half_width, 0.004 * rng.uniform(0.0, 1.5))]
+    strewn = _keep_off_buildings(builder, np.array(places).reshape(-1, 2))
     vegetation.scatter_trees(
-        builder, _keep_off_buildings(builder, np.array(places).reshape(-1, 2)), (3.0, 20.0),
-        clear,
+        builder, strewn[site.find_road_gaps(strewn) > TREE_ROAD], (3.0, 20.0), clear,
     )
 
 
 class Site:
     """Where things are put: off the conductors, the supports and each other."""
 
-    def __init__(self, builder: SceneBuilder, clear: float) -> None:
-        """Begin with the lines that are there."""
+    def __init__(
+        self, builder: SceneBuilder, clear: float, road: Float64 | None = None,
+    ) -> None:
+        """Begin with the lines and houses that are there."""
         self.builder, self.clear = builder, clear
-        self._boxes: list[Float64] = []
+        self._boxes: list[Float64] = [
+            np.array([corners.min(axis=0), corners.max(axis=0)])
+            for face in builder.triangles for corners in (face.reshape(3, 3)[:, :2],)
+        ]
+        self._road = None if road is None else cKDTree(walk_route(road, 1.0))
         curves = [item.sample(0.5) for item in builder.conductors]
         self._wires = cKDTree(np.vstack(curves)) if curves else None
 
@@ -95,6 +111,8 @@ class Site:
             # Half of the distance of samples on either side.
             if not self._is_clear(np.pad(shape, ((0, 0), (0, 1)), constant_values=0.5)):
                 return
+            if self.find_road_gaps(shape[:, :2]).min() < ROAD:
+                return
             if any(np.hypot(*(shape[:, :2] - post.position[:2]).T).min() < FOOT
                    for post in builder.posts):
                 return
@@ -103,7 +121,16 @@ class Site:
         builder.strut_label += aside.strut_label
         builder.triangles += aside.triangles
         builder.triangle_label += aside.triangle_label
-        builder.blobs += [crown for crown in aside.blobs if self._is_clear(crown)]
+        builder.blobs += [
+            crown for crown in aside.blobs
+            if self._is_clear(crown) and self.find_road_gaps(crown[:, :2]).min() > ROAD
+        ]
+
+    def find_road_gaps(self, xy: Float64) -> Float64:
+        """Return the distances (N,) [m] of places xy (N, 2) from the road, inf without one."""
+        if self._road is None or not len(xy):
+            return np.full(len(xy), np.inf)
+        return np.asarray(self._road.query(xy)[0])
 
     def _is_clear(self, balls: Float64) -> bool:
         """Return whether balls (N, 4 or more), centre and radius, keep off all conductors."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator, RegularGridInterpolator
 
+from plc_inspect.sim.scenes.routes import shift_route
 from plc_inspect.sim.scenes.terrain import make_terrain, Terrain
 
 Float64 = NDArray[np.float64]
@@ -80,13 +81,17 @@ def lay_ground(
     ny, nx = terrain.grid.shape
     x = terrain.x0 + terrain.cell * np.arange(nx)
     y = terrain.y0 + terrain.cell * np.arange(ny)
-    smooth = RBFInterpolator(
-        route, feet - terrain.heights(route), kernel='linear', degree=1 if len(route) > 3 else 0,
-    )
+    # Beside the line the ground is held as well, or a straight route leaves its slope open.
+    slope = rng.normal(0.0, relief.grade)
+    nodes, heights = [route], [feet - terrain.heights(route)]
+    for side in (-margin, margin):
+        nodes.append(shift_route(route, side))
+        heights.append(heights[0] + side * slope * rng.uniform(0.6, 1.4, len(route)))
+    smooth = RBFInterpolator(np.vstack(nodes), np.concatenate(heights), kernel='linear')
     xc = np.linspace(x[0], x[-1], max(5, int((x[-1] - x[0]) / _COARSE)))
     yc = np.linspace(y[0], y[-1], max(5, int((y[-1] - y[0]) / _COARSE)))
-    nodes = np.stack(np.meshgrid(xc, yc), axis=-1)
-    coarse = smooth(nodes.reshape(-1, 2)).reshape(len(yc), len(xc))
+    places = np.stack(np.meshgrid(xc, yc), axis=-1)
+    coarse = smooth(places.reshape(-1, 2)).reshape(len(yc), len(xc))
     fine = RegularGridInterpolator((yc, xc), coarse, method='cubic')
     grid = fine(np.stack(np.meshgrid(y, x, indexing='ij'), axis=-1).reshape(-1, 2))
     return Terrain(

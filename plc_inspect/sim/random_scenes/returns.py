@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plc_inspect.sim.random_scenes.surveys import Survey
+from plc_inspect.sim.scenes.placement import PlacementSums
 from plc_inspect.sim.scenes.scene import Scene
 from plc_inspect.sim.surveys.airborne import LabelledCloud, snap
 from plc_inspect.sim.surveys.ray_kernels import MISS
@@ -24,8 +25,6 @@ _PASSING = 0.6
 """Share of the beams that go on behind a leaf or strut."""
 _MIXING = 1.5
 """Objects nearer than this along a beam may give one return in between: half a pulse [m]."""
-_AXIS = 0.25
-"""A return is this share of the way from the wire to the axis of the beam that met it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -42,6 +41,15 @@ class Beams:
     """(N,) from the scanner to the origin [m]."""
     offset: Float64
     """(3,) or (N, 3) by which the survey displaces what they meet [m]."""
+    turn: Float64 | None = None
+    """(N, 3, 3) by which it turns what they meet about their origins."""
+
+    def put(self, points: Float64, beam: NDArray[np.int64]) -> Float64:
+        """Return where the survey puts places (M, 3) that some beams (M,) met [m]."""
+        if self.turn is not None:
+            eye = self.origins[beam]
+            points = eye + np.einsum('nij,nj->ni', self.turn[beam], points - eye)
+        return points + (self.offset if self.offset.ndim == 1 else self.offset[beam])
 
 
 class Coverage:
@@ -87,6 +95,7 @@ class Scanner:
         self.lines = np.array([*(item.line_id for item in scene.conductors), -1], dtype=np.int32)
         self.spans = np.array([*(item.span_id for item in scene.conductors), -1], dtype=np.int32)
         self.coverage = Coverage(scene)
+        self.sums = [PlacementSums(item.lowest) for item in scene.conductors]
         self._key = int(rng.integers(2**61))
 
     @property
@@ -99,8 +108,8 @@ class Scanner:
         survey, rng = self.survey, self.rng
         self._key += 1
         ranges, items = cast(
-            self.world, beams.origins, beams.directions, beams.reach, survey.beam, self._key,
-            _RETURNS, _PASSING,
+            self.world, beams.origins, beams.directions, beams.reach, survey.pattern.beam,
+            self._key, _RETURNS, _PASSING,
         )
         beam, order = np.nonzero(items != MISS)
         conductor = self.labels.conductor[items[beam, order]]
@@ -111,7 +120,7 @@ class Scanner:
         exact = beams.origins[beam] + distance[:, None] * direction
         base, wire = exact.copy(), conductor >= 0
         exact[wire] = snap(exact[wire], self.world.curves[conductor[wire]])
-        base[wire] = exact[wire] + _AXIS * (base[wire] - exact[wire])
+        base[wire] = exact[wire] + survey.pattern.axis * (base[wire] - exact[wire])
         label = self.labels.label[item].copy()
         mixed = self._mix(beam, distance)
         base[mixed] += (rng.random(len(mixed)) * (distance[mixed + 1] - distance[mixed]))[
@@ -121,12 +130,15 @@ class Scanner:
         spread = survey.noise + survey.noise_growth * total
         points = base + (spread * rng.normal(size=len(total)))[:, None] * direction
         points += (survey.jitter * total)[:, None] * rng.normal(size=points.shape)
-        points += beams.offset if beams.offset.ndim == 1 else beams.offset[beam]
         cloud = LabelledCloud(
-            points=points, exact=exact, label=label, conductor=conductor,
+            points=beams.put(points, beam), exact=exact, label=label, conductor=conductor,
             line_id=self.lines[conductor], span_id=self.spans[conductor],
         )
-        return cloud.take(self.coverage.find(exact[:, :2]) >= 0)
+        covered = self.coverage.find(exact[:, :2]) >= 0
+        for number in np.unique(conductor[covered & (conductor >= 0)]):
+            rows = covered & (conductor == number)
+            self.sums[number].add(exact[rows], beams.put(exact[rows], beam[rows]))
+        return cloud.take(covered)
 
     def _mix(self, beam: NDArray[np.int64], distance: Float64) -> NDArray[np.int64]:
         """Return the returns (M,) that mix with the next one of their beam, which goes on."""

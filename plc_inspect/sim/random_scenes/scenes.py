@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from plc_inspect.errors import DataError
 from plc_inspect.sim.random_scenes import clutter
+from plc_inspect.sim.random_scenes.drops import add_drops
 from plc_inspect.sim.random_scenes.ground import draw_feet, lay_ground, RELIEFS
 from plc_inspect.sim.random_scenes.layouts import draw_layout
 from plc_inspect.sim.random_scenes.lines import (
@@ -61,14 +62,15 @@ def make_random_scene(seed: int, kind: Kind, survey: Survey) -> Scene:
     if kind not in KINDS:
         raise DataError(f'unknown kind of scene {kind!r}; there are {", ".join(KINDS)}')
     rng = np.random.default_rng([seed, KINDS.index(kind)])
-    half_width = survey.draw_half_width(rng)
-    length = survey.largest_area / (2.0 * half_width)
+    half_width = float(rng.uniform(*survey.widths))
+    length = survey.pattern.find_length(half_width)
     relief = RELIEFS[int(rng.choice(len(RELIEFS), p=[0.4, 0.3, 0.3]))]
     if kind == 'no-lines':
-        route = lay_route((min(length, 400.0),), (), float(rng.uniform(0.0, 360.0)))
+        length = float(np.clip(length, 60.0, 400.0))
+        route = lay_route((length,), (), float(rng.uniform(0.0, 360.0)))
         terrain = lay_ground(rng, route, draw_feet(rng, route, relief), relief, MARGIN)
-        builder = SceneBuilder(name=f'random {kind}', seed=seed, terrain=terrain, rng=rng)
-        clutter.fill(builder, route, half_width, 0.0)
+        builder = SceneBuilder(name='no line', seed=seed, terrain=terrain, rng=rng)
+        clutter.fill(builder, route, half_width, 0.0, survey.find_road(route))
         return builder.build(route, half_width)
     for _ in range(TRIALS):
         layout = draw_layout(rng, survey.levels)
@@ -80,18 +82,29 @@ def make_random_scene(seed: int, kind: Kind, survey: Survey) -> Scene:
             break
     else:
         raise DataError(f'seed {seed} gives no line that can be built')
-    builder = SceneBuilder(name=f'random {kind}', seed=seed, terrain=terrain, rng=rng)
+    builder = SceneBuilder(name=layout.name, seed=seed, terrain=terrain, rng=rng)
     build_line(builder, line)
     if kind == 'any' and rng.random() < 0.3:
         _add_crossing(builder, line, survey)
+    if kind == 'any' and layout.name.startswith('low') and rng.random() < 0.5:
+        add_drops(builder, line, half_width)
     clear = 3.0 if kind == 'clean' else float(rng.choice([4.7, 2.5, 1.0, 0.2]))
-    clutter.fill(builder, route, half_width, clear)
+    clutter.fill(builder, route, half_width, clear, survey.find_road(route))
     # Half of the surveys begin and end within a span, the others beyond the last support.
     ends = [
         float(-rng.uniform(0.1, 0.4) * span if rng.random() < 0.5 else rng.uniform(3.0, 15.0))
         for span in np.hypot(*np.diff(route, axis=0)[[0, -1]].T)
     ]
-    return builder.build(extend_route(route, *ends), half_width)
+    return builder.build(cut_route(extend_route(route, *ends), 1.2 * length), half_width)
+
+
+def cut_route(route: Float64, length: float) -> Float64:
+    """Return the first ``length`` [m] of a route (K, 2), or all of it."""
+    ends = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(route, axis=0).T))])
+    if ends[-1] <= length:
+        return route
+    last = [np.interp(length, ends, route[:, axis]) for axis in range(2)]
+    return np.vstack([route[ends < length], last])
 
 
 def _add_crossing(builder: SceneBuilder, line: Line, survey: Survey) -> None:
@@ -104,4 +117,5 @@ def _add_crossing(builder: SceneBuilder, line: Line, survey: Survey) -> None:
         other = plan_line(rng, builder.terrain, layout, route, raised)
         if other is not None and are_apart(line, other):
             build_line(builder, other)
+            builder.name += f', {layout.name}'
             return

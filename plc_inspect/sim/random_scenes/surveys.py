@@ -6,15 +6,21 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from plc_inspect.sim.scenes.routes import shift_route
 from plc_inspect.sim.surveys.raycast import Beam
 
-MOST_POINTS = 8e5
-"""Pulses of a survey, about; what bounds the time that a scene takes."""
+Float64 = NDArray[np.float64]
+
+MOST_PULSES = 8e5
+"""Of an airborne survey, about; what bounds the time that a scene takes."""
+MOST_BEAMS = 2e6
+"""Of a mobile survey or a flight with a Puck Lite, most of which meet nothing."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Survey:
+class Zigzag:
     """An airborne survey: strips of zigzag scan lines."""
 
     density: float
@@ -28,6 +34,112 @@ class Survey:
     num_strips: int
     misalignment: float
     """Standard deviation of the offset of a strip, each axis [m]."""
+    heading: float
+    """Direction of the strips against that of the line [rad]."""
+
+    @property
+    def text(self) -> str:
+        """What it is, in a few words."""
+        return (f'airborne {self.density:.0f}/m2, {self.num_strips} strips, lines'
+                f' {self.line_spacing:.2f} m')
+
+    @property
+    def axis(self) -> float:
+        """How far a return lies from the wire towards the axis of its beam, as a share."""
+        return 0.25
+
+    @property
+    def beam(self) -> Beam:
+        """What decides which wires a pulse meets."""
+        return Beam(divergence=0.0, exit_width=0.3, wire_reach=self.reach)
+
+    def find_length(self, half_width: float) -> float:
+        """Return how long a corridor of this half width can be [m]."""
+        return MOST_PULSES / self.density / (2.0 * half_width)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PushBroom:
+    """A mobile survey: a car beside the line, with a scanner that turns across the road."""
+
+    spacing: float
+    """Distance of the scan lines [m]."""
+    step: float
+    """Angle from beam to beam, which is also their divergence [rad]."""
+    lateral: float
+    """The car drives this far to the left of the line [m]."""
+    tilt: float
+    """The scanner's plane is turned out of the cross-section by this [rad]."""
+    drift: float
+    """Standard deviation of the drift of the pose after 100 m [m]."""
+
+    @property
+    def text(self) -> str:
+        """What it is, in a few words."""
+        return f'mobile at {self.lateral:.0f} m, lines {self.spacing:.2f} m'
+
+    @property
+    def axis(self) -> float:
+        """How far a return lies from the wire towards the axis of its beam, as a share."""
+        return 1.0
+
+    @property
+    def beam(self) -> Beam:
+        """What decides which wires a pulse meets."""
+        return Beam(divergence=self.step, exit_width=0.01, wire_fraction=0.1, wire_range=50.0)
+
+    def find_length(self, half_width: float) -> float:
+        """Return how long a corridor of this half width can be [m]."""
+        del half_width
+        return MOST_BEAMS * self.spacing * self.step / (2.0 * np.pi)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PuckFlight:
+    """A flight along the line with a Puck Lite, mapped by odometry that drifts."""
+
+    lateral: float
+    """The flight is this far to the left of the line [m]."""
+    height: float
+    """Above the phases [m]."""
+    advance: float
+    """From one scan that is kept to the next [m]."""
+    drift: float
+    """Slip of the odometry as a share of the way."""
+
+    @property
+    def text(self) -> str:
+        """What it is, in a few words."""
+        return f'puck at {self.lateral:.0f} m, a scan every {self.advance:.1f} m'
+
+    @property
+    def axis(self) -> float:
+        """How far a return lies from the wire towards the axis of its beam, as a share."""
+        return 1.0
+
+    @property
+    def beam(self) -> Beam:
+        """What decides which wires a pulse meets."""
+        return Beam()
+
+    def find_length(self, half_width: float) -> float:
+        """Return how long a corridor of this half width can be [m]."""
+        del half_width
+        return max(120.0, MOST_BEAMS / 15_000.0 * self.advance)
+
+
+Pattern = Zigzag | PushBroom | PuckFlight
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Survey:
+    """A sensor, what it can be used for, and its errors."""
+
+    pattern: Pattern
+    levels: tuple[str, ...]
+    """Voltages of the lines that are surveyed so."""
+    widths: tuple[float, float]
+    """Least and greatest half width of the corridor [m]."""
     noise: float
     """Standard deviation of a range near by [m]."""
     noise_growth: float
@@ -38,43 +150,63 @@ class Survey:
     """Share of the beams with two near returns that give one in between."""
     dropout: float
     """Share of the wire returns of the worst seen conductor that are too weak."""
-    heading: float
-    """Direction of the strips against that of the line [rad]."""
-    levels: tuple[str, ...] = ('low', 'medium', 'high')
 
-    @property
-    def largest_area(self) -> float:
-        """Ground that is surveyed, at most about [m2]."""
-        return MOST_POINTS / self.density
-
-    @property
-    def beam(self) -> Beam:
-        """What decides which wires a pulse meets."""
-        return Beam(divergence=0.0, exit_width=0.3, wire_reach=self.reach)
-
-    def draw_half_width(self, rng: np.random.Generator) -> float:
-        """Return half of the width of the corridor [m]."""
-        return float(rng.uniform(15.0, 40.0))
+    def find_road(self, route: Float64) -> Float64 | None:
+        """Return the way (K, 2) beside a route that a car or a low flight needs, or None."""
+        if isinstance(self.pattern, Zigzag):
+            return None
+        return shift_route(route, self.pattern.lateral)
 
 
 def draw_survey(rng: np.random.Generator) -> Survey:
-    """
-    Draw an airborne survey.
+    """Draw a survey: three in five are airborne, one mobile and one a flight with a Puck Lite."""
+    kind = rng.choice(['airborne', 'mobile', 'puck'], p=[0.6, 0.2, 0.2])
+    mixed, dropout = float(rng.choice([0.0, 0.02, 0.1])), float(rng.uniform(0.0, 0.6))
+    if kind == 'mobile':
+        return Survey(
+            pattern=PushBroom(
+                spacing=_draw_log(rng, 0.03, 0.3), step=np.radians(rng.uniform(0.2, 0.5)),
+                lateral=float(rng.choice([-1.0, 1.0]) * rng.uniform(2.5, 9.0)),
+                tilt=float(rng.uniform(0.0, 0.5)), drift=float(rng.uniform(0.0, 0.05)),
+            ),
+            levels=('low', 'low', 'medium'), widths=(14.0, 28.0),
+            noise=float(rng.uniform(0.005, 0.02)), noise_growth=float(rng.uniform(0.0, 4e-4)),
+            jitter=float(rng.uniform(0.0, 3e-4)), mixed=mixed, dropout=0.5 * dropout,
+        )
+    if kind == 'puck':
+        return Survey(
+            pattern=PuckFlight(
+                lateral=float(rng.choice([-1.0, 1.0]) * rng.uniform(2.0, 22.0)),
+                height=float(rng.uniform(2.5, 8.0)), advance=float(rng.uniform(0.4, 1.0)),
+                drift=float(rng.uniform(0.0, 0.006)),
+            ),
+            levels=('low', 'medium', 'high', 'high'), widths=(25.0, 40.0),
+            noise=0.03, noise_growth=float(rng.uniform(0.0, 3e-4)),
+            jitter=float(rng.uniform(0.0, 5e-4)), mixed=0.0, dropout=0.3 * dropout,
+        )
+    return Survey(
+        pattern=_draw_zigzag(rng), levels=('low', 'medium', 'high'), widths=(15.0, 40.0),
+        noise=float(rng.uniform(0.01, 0.03)), noise_growth=float(rng.uniform(0.0, 5e-5)),
+        jitter=float(rng.uniform(0.0, 5e-5)), mixed=mixed, dropout=dropout,
+    )
 
-    A wire takes 2 x reach x density points a metre: 3 to 60, evenly in its logarithm.
-    """
+
+def _draw_zigzag(rng: np.random.Generator) -> Zigzag:
+    """Draw an airborne survey with 3 to 60 points on a metre of wire: 2 x reach x density."""
     reach = rng.uniform(0.2, 0.45)
-    sampling = np.exp(rng.uniform(np.log(3.0), np.log(60.0)))
-    density = float(np.clip(sampling / (2.0 * reach), 4.0, 90.0))
+    density = float(np.clip(_draw_log(rng, 3.0, 60.0) / (2.0 * reach), 4.0, 90.0))
     # Along a scan line pulses are 5 cm to a metre apart.
     num_strips = int(rng.integers(1, 4))
     widest = min(1.5, 20.0 / (density / num_strips))
-    narrowest = max(0.15, 1.0 / (density / num_strips))
-    return Survey(
+    narrowest = min(max(0.15, 1.0 / (density / num_strips)), widest)
+    return Zigzag(
         density=density, reach=float(reach), num_strips=num_strips,
-        line_spacing=float(np.exp(rng.uniform(np.log(min(narrowest, widest)), np.log(widest)))),
+        line_spacing=_draw_log(rng, narrowest, widest),
         altitude=float(rng.uniform(60.0, 400.0)), misalignment=float(rng.uniform(0.0, 0.05)),
-        noise=float(rng.uniform(0.01, 0.03)), noise_growth=float(rng.uniform(0.0, 5e-5)),
-        jitter=float(rng.uniform(0.0, 5e-5)), mixed=float(rng.choice([0.0, 0.02, 0.1])),
-        dropout=float(rng.uniform(0.0, 0.6)), heading=float(rng.normal(0.0, 0.1)),
+        heading=float(rng.normal(0.0, 0.1)),
     )
+
+
+def _draw_log(rng: np.random.Generator, low: float, high: float) -> float:
+    """Return a number whose logarithm is even between those of low and high."""
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))

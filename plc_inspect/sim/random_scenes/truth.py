@@ -3,6 +3,7 @@
 
 """Random scenes with their clouds and truth, from a seed."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,10 +12,12 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from plc_inspect.sim.random_scenes.airborne import fly_strips
-from plc_inspect.sim.random_scenes.returns import Scanner
+from plc_inspect.sim.random_scenes.moving import drive, follow
+from plc_inspect.sim.random_scenes.returns import Beams, Scanner
 from plc_inspect.sim.random_scenes.scenes import Kind, KINDS, make_random_scene
-from plc_inspect.sim.random_scenes.surveys import draw_survey, Survey
+from plc_inspect.sim.random_scenes.surveys import draw_survey, PuckFlight, PushBroom, Survey
 from plc_inspect.sim.scenes.conductors import measure_distances
+from plc_inspect.sim.scenes.placement import place_truth, Placement
 from plc_inspect.sim.scenes.scene import Label, Scene
 from plc_inspect.sim.surveys.airborne import join, LabelledCloud
 from plc_inspect.sim.surveys.truth import collect_sightings, make_truth
@@ -33,7 +36,12 @@ class RandomScene:
     survey: Survey
     cloud: LabelledCloud
     truth: dict[str, Any]
-    """Content of ``truth.json``; each span also says whether it is 'clean'."""
+    """Content of ``truth.json`` where the survey puts it; each span also says if it is 'clean'."""
+
+    @property
+    def text(self) -> str:
+        """What it is, in a few words."""
+        return f'{self.scene.name}; {self.survey.pattern.text}'
 
 
 def make_random(seed: int, kind: Kind = 'any') -> RandomScene:
@@ -61,15 +69,34 @@ def make_random(seed: int, kind: Kind = 'any') -> RandomScene:
     survey = draw_survey(rng)
     scene = make_random_scene(seed, kind, survey)
     scanner = Scanner(scene, survey, rng)
-    cloud = join([scanner.measure(beams) for beams in fly_strips(scanner, rng)])
-    noise = survey.noise + survey.noise_growth * survey.altitude
+    cloud = join([scanner.measure(beams) for beams in _move(scanner, rng)])
     truth = make_truth(
         scene, collect_sightings(scene, cloud.exact, cloud.label, cloud.conductor), kind='map',
-        frame_id='map', bin_size=1.0, noise=noise,
+        frame_id='map', bin_size=1.0, noise=survey.noise,
     )
     for row, gap in zip(truth['spans'], measure_gaps(scene, cloud), strict=True):
         row['clean'] = bool(gap >= CLEAN)
-    return RandomScene(scene=scene, survey=survey, cloud=cloud, truth=truth)
+    for row, item in zip(truth['spans'], scene.conductors, strict=True):
+        row['covered'] = float((scanner.coverage.find(item.sample(0.5)[:, :2]) >= 0).mean())
+    placements = {
+        (item.line_id, item.span_id): placement
+        for item, sums in zip(scene.conductors, scanner.sums, strict=True)
+        for placement in (sums.solve(),) if placement is not None
+    }
+    middle = Placement(centre=np.zeros(3), yaw=0.0, shift=np.zeros(3))
+    return RandomScene(
+        scene=scene, survey=survey, cloud=cloud, truth=place_truth(truth, placements, middle),
+    )
+
+
+def _move(scanner: Scanner, rng: np.random.Generator) -> Iterator[Beams]:
+    """Yield the beams of the survey of a scanner."""
+    pattern = scanner.survey.pattern
+    if isinstance(pattern, PushBroom):
+        return drive(scanner, pattern, rng)
+    if isinstance(pattern, PuckFlight):
+        return follow(scanner, pattern, rng)
+    return fly_strips(scanner, pattern, rng)
 
 
 def measure_gaps(scene: Scene, cloud: LabelledCloud) -> Float64:

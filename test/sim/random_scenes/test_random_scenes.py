@@ -31,8 +31,7 @@ def clean(request):
 
 
 def test_wire_points_lie_on_their_catenaries(made):
-    survey, cloud = made.survey, made.cloud
-    spread = survey.noise + survey.noise_growth * 600.0 + survey.misalignment + 0.05
+    cloud = made.cloud
     for number, item in enumerate(made.scene.conductors):
         rows = cloud.conductor == number
         if not rows.any():
@@ -41,7 +40,10 @@ def test_wire_points_lie_on_their_catenaries(made):
         assert (cloud.line_id[rows] == item.line_id).all()
         assert (cloud.span_id[rows] == item.span_id).all()
         assert measure_distances(cloud.exact[rows], item).max() < 2e-3
-        assert np.quantile(measure_distances(cloud.points[rows], item), 0.95) < 3.0 * spread
+        # Noise, half a footprint and the misalignment of strips; drift is in the truth's spans.
+        off = measure_distances(cloud.points[rows], item)
+        assert np.median(off) < 0.15
+        assert np.quantile(off, 0.95) < 0.3
     assert (cloud.line_id[cloud.label != Label.WIRE] == -1).all()
 
 
@@ -50,11 +52,12 @@ def test_conductors_hang_on_their_supports_and_off_the_ground(made):
     feet = np.array([post.position for post in scene.posts])
     struts = scene.struts[scene.strut_label == Label.TOWER]
     ends = np.vstack([struts[:, :3], struts[:, 3:6]])
+    carried = {line_id for post in scene.posts for line_id in post.line_ids}
     for item in scene.conductors:
-        for end in (item.start, item.end):
+        for end in (item.start, item.end) if item.line_id in carried else (item.start,):
             assert np.hypot(*(feet[:, :2] - end[:2]).T).min() < 15.0
             # A conductor hangs on an insulator, an arm or a peak.
-            assert np.linalg.norm(ends - end, axis=1).min() < 0.3
+            assert np.linalg.norm(ends - end, axis=1).min() < 0.5
         curve = item.sample(1.0)
         assert (curve[:, 2] - scene.terrain.heights(curve[:, :2])).min() > 4.0
 

@@ -1,0 +1,55 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Service drops: houses beside a low-voltage line, and a conductor from a pole to each."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from plc_inspect.sim.random_scenes.lines import Line
+from plc_inspect.sim.scenes.lines import add_drop
+from plc_inspect.sim.scenes.scene import Label, SceneBuilder
+from plc_inspect.sim.scenes.structures import add_house
+
+Float64 = NDArray[np.float64]
+UP = np.array([0.0, 0.0, 1.0])
+
+POLES = 0.5
+"""Share of the poles from which a drop goes."""
+BELOW = 0.4
+"""A drop leaves its pole this far below the lowest conductor [m]."""
+KEEP = 1.0
+"""Houses keep this distance from the conductors that are there [m]."""
+
+
+def add_drops(builder: SceneBuilder, line: Line, half_width: float) -> None:
+    """Add houses within the corridor and drops to them from some poles of a line."""
+    rng = builder.rng
+    wires = cKDTree(np.vstack([item.sample(0.25) for item in builder.conductors]))
+    for stand in line.stands:
+        if rng.random() > POLES:
+            continue
+        side = rng.choice([-1.0, 1.0])
+        length, width = rng.uniform(8.0, 14.0), rng.uniform(6.0, 9.0)
+        eaves = rng.uniform(3.5, 5.5)
+        ridge = eaves + rng.uniform(1.5, 3.0)
+        out = side * stand.left
+        away = rng.uniform(7.0, max(8.0, min(24.0, half_width - width))) + 0.5 * width
+        xy = (stand.foot + away * out + rng.uniform(-6.0, 6.0) * stand.ahead)[:2]
+        base = np.array([xy[0], xy[1], builder.ground(xy)])
+        edge = 0.3 + 0.5 * math.hypot(length, width)
+        gap, _ = wires.query(base + ridge * UP)
+        end = base - (0.55 * width + 0.25) * out + (eaves - 0.5) * UP
+        start = stand.locate(0.0, min(z for _, z in line.layout.phases) - BELOW) + 0.16 * out
+        if gap < edge + KEEP or end[2] > start[2] + 1.0:
+            continue
+        add_house(
+            builder, xy, math.atan2(stand.ahead[1], stand.ahead[0]), length=length, width=width,
+            eaves=eaves, ridge=ridge,
+        )
+        builder.add_strut(end + 0.25 * out, end + 0.02 * out, 0.02, Label.BUILDING)
+        add_drop(builder, start, end, sag_ratio=rng.uniform(0.01, 0.03),
+                 radius=rng.uniform(0.005, 0.01))
