@@ -13,7 +13,7 @@ from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.results import HazardKind
 from plc_inspect.setting_names import update
 from plc_inspect.sim.scenes import lines, structures, vegetation
-from plc_inspect.sim.scenes.conductors import hang, measure_distances
+from plc_inspect.sim.scenes.conductors import measure_distances
 from plc_inspect.sim.scenes.scene import SceneBuilder
 from plc_inspect.sim.scenes.terrain import make_terrain
 from plc_inspect.sim.surveys.airborne import simulate_map
@@ -34,10 +34,7 @@ def sink(builder, line_id, span_id, share):
     """Let one conductor sag more than the others of its span."""
     for number, item in enumerate(builder.conductors):
         if (item.line_id, item.span_id) == (line_id, span_id):
-            builder.conductors[number] = hang(
-                item.start, item.end, 1.0, c=item.c / share, radius=item.radius, line_id=line_id,
-                span_id=span_id,
-            )
+            builder.conductors[number] = dataclasses.replace(item, c=item.c / share)
 
 
 def build():

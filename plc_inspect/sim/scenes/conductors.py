@@ -102,7 +102,7 @@ class Conductor:
 
 def hang(
     start: Float64, end: Float64, sag_ratio: float, *, line_id: int, span_id: int,
-    radius: float = 0.01, bundle_id: int = -1, c: float | None = None,
+    radius: float = 0.01, bundle_id: int = -1,
 ) -> Conductor:
     """
     Hang a conductor between two attachments.
@@ -112,11 +112,9 @@ def hang(
     start, end : ndarray
         (3,) float64 attachments in the scene frame [m].
     sag_ratio : float
-        Sag of a level span of this length as a share of the length; sets c unless c is given.
+        Sag of a level span of this length as a share of the length.
     line_id, span_id, radius, bundle_id
         As in `Conductor`.
-    c : float, optional
-        Catenary constant [m], common to the conductors of a span.
 
     Returns
     -------
@@ -133,7 +131,7 @@ def hang(
         raise DataError(f'no span of {length:g} m with a sag ratio of {sag_ratio:g}')
     return Conductor(
         line_id=line_id, span_id=span_id, start=np.array(start, dtype=np.float64),
-        end=np.array(end, dtype=np.float64), c=c or solve_constant(length, sag_ratio * length),
+        end=np.array(end, dtype=np.float64), c=solve_constant(length, sag_ratio * length),
         radius=radius, bundle_id=bundle_id,
     )
 

@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from plc_inspect.sim.scenes.conductors import hang, solve_constant
+from plc_inspect.sim.scenes.conductors import Conductor, hang, solve_constant
 from plc_inspect.sim.scenes.scene import Label, Post, SceneBuilder
 
 Float64 = NDArray[np.float64]
@@ -101,8 +101,8 @@ def add_line(builder: SceneBuilder, style: LineStyle, route: Float64) -> None:
         length = float(np.hypot(*(route[i + 1] - route[i])))
         c = solve_constant(length, builder.rng.uniform(*style.sag_ratio) * length)
         for k, (_, _, radius, bundle) in enumerate(strings):
-            builder.conductors.append(hang(
-                attachments[i][k], attachments[i + 1][k], 1.0, c=c, radius=radius,
+            builder.conductors.append(Conductor(
+                start=attachments[i][k], end=attachments[i + 1][k], c=c, radius=radius,
                 line_id=first_line + k, span_id=first_span + i,
                 bundle_id=-1 if bundle < 0 else first_line + bundle,
             ))
@@ -129,12 +129,10 @@ def add_drop(
         Of the conductor [m].
 
     """
-    length = float(np.hypot(*(end - start)[:2]))
     builder.conductors.append(hang(
-        start, end, 1.0, c=solve_constant(length, sag_ratio * length), radius=radius,
+        start, end, sag_ratio, radius=radius,
         line_id=1 + max((item.line_id for item in builder.conductors), default=-1),
         span_id=1 + max((item.span_id for item in builder.conductors), default=-1),
-        bundle_id=-1,
     ))
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from plc_inspect.results import HazardKind
 from plc_inspect.sim.scenes import lines, structures, vegetation
-from plc_inspect.sim.scenes.conductors import Conductor, hang, measure_distances, solve_constant
+from plc_inspect.sim.scenes.conductors import Conductor, measure_distances, solve_constant
 from plc_inspect.sim.scenes.scene import Label, Scene, SceneBuilder
 from plc_inspect.sim.scenes.terrain import make_terrain
 from plc_inspect.sim.surveys.airborne import LabelledCloud
@@ -155,8 +155,7 @@ def _sink(
 
 
 def _rehang(item: Conductor, c: float) -> Conductor:
-    return hang(item.start, item.end, 1.0, c=c, radius=item.radius, line_id=item.line_id,
-                span_id=item.span_id)
+    return replace(item, c=c, bundle_id=-1)
 
 
 def _cross(builder: SceneBuilder, x: float, clearance: float) -> list[Planted]:

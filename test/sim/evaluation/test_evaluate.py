@@ -121,7 +121,7 @@ def test_nothing_there():
 def test_direction_and_ids_do_not_matter():
     """Estimates run either way and have names of their own."""
     item = make_conductors((0.0,))[0]
-    back = hang(item.end, item.start, 1.0, c=item.c, line_id=77, span_id=5)
+    back = replace(item, start=item.end, end=item.start, line_id=77, span_id=5)
     scores = score([make_found(back)], [item])
     assert scores.spans.required_found == 1
     assert scores.vertical_rmse.median == pytest.approx(0.0, abs=1e-9)

@@ -3,6 +3,7 @@
 
 """Catenaries of the simulator against the formulas and against brute force."""
 
+from dataclasses import replace
 import math
 
 import numpy as np
@@ -13,8 +14,10 @@ from plc_inspect.sim.scenes.conductors import hang, measure_distances, solve_con
 
 
 def _hang(start, end, **options):
-    return hang(np.array(start, float), np.array(end, float), options.pop('sag_ratio', 0.03),
+    given = options.pop('c', None)
+    item = hang(np.array(start, float), np.array(end, float), options.pop('sag_ratio', 0.03),
                 line_id=0, span_id=0, **options)
+    return item if given is None else replace(item, c=given)
 
 
 def test_level_span_by_hand():
