@@ -10,8 +10,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from plc_inspect.sim.random_scenes.steelwork import add_lattice, Lattice
 from plc_inspect.sim.scenes.scene import Label, SceneBuilder
+from plc_inspect.sim.scenes.steelwork import add_lattice, Lattice
 
 Float64 = NDArray[np.float64]
 UP = np.array([0.0, 0.0, 1.0])

@@ -4,7 +4,6 @@
 """Power lines of the simulated scenes: styles, supports and strings of conductors."""
 
 from dataclasses import dataclass
-from itertools import pairwise
 import math
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from plc_inspect.sim.scenes.conductors import Conductor, hang, solve_constant
 from plc_inspect.sim.scenes.scene import Label, Post, SceneBuilder
+from plc_inspect.sim.scenes.steelwork import add_lattice, Lattice
 
 Float64 = NDArray[np.float64]
 
@@ -176,28 +176,6 @@ def _add_pole(builder: SceneBuilder, style: LineStyle, base: Float64, left: Floa
     return max(top, levels[-1])
 
 
-def _add_column(
-    builder: SceneBuilder, foot: Float64, top: Float64, widths: tuple[float, float],
-    left: Float64, ahead: Float64, panel: float, radius: float,
-) -> None:
-    """Add four legs with cross-bracing; widths at foot and top [m]."""
-    height = float(np.linalg.norm(top - foot))
-    num = max(2, math.ceil(height / panel))
-    corners = [(1, 1), (1, -1), (-1, -1), (-1, 1)]
-    rings = []
-    for i in range(num + 1):
-        share = 1 - (1 - i / num) ** 1.0
-        half = 0.5 * (widths[0] + share * (widths[1] - widths[0]))
-        centre = foot + share * (top - foot)
-        rings.append([centre + half * (u * left + v * ahead) for u, v in corners])
-    for low, high in pairwise(rings):
-        for k in range(4):
-            n = (k + 1) % 4
-            builder.add_strut(low[k], high[k], radius, Label.TOWER)
-            builder.add_strut(low[k], high[n], 0.6 * radius, Label.TOWER)
-            builder.add_strut(high[k], high[n], 0.6 * radius, Label.TOWER)
-
-
 def _add_strings(builder: SceneBuilder, style: LineStyle, base: Float64, left: Float64) -> None:
     """Add the hanging insulators of a tower and the yokes of its bundles."""
     up = np.array([0.0, 0.0, 1.0])
@@ -216,15 +194,17 @@ def _add_portal(
     beam = max(z for _, z in style.phases) + style.insulator
     reach = max(abs(y) for y, _ in style.phases) + 0.8
     peak = max(z for _, z in style.earth_wires)
+    leg = Lattice(widths=(1.4, 0.9), panel=1.8, radius=0.06, side=left, front=ahead)
+    horn = Lattice(widths=(0.9, 0.15), panel=1.5, radius=0.04, side=left, front=ahead)
     for y, _ in style.earth_wires:
         foot = base + y * left
         foot[2] = builder.ground(foot[:2])
         top = base + y * left + beam * up
-        _add_column(builder, foot, top, (1.4, 0.9), left, ahead, 1.8, 0.06)
-        _add_column(builder, top, base + y * left + (peak - 0.1) * up, (0.9, 0.15), left, ahead,
-                    1.5, 0.04)
-    _add_column(builder, base - reach * left + (beam + 0.5) * up,
-                base + reach * left + (beam + 0.5) * up, (0.9, 0.9), up, ahead, 1.8, 0.05)
+        add_lattice(builder, foot, top, leg)
+        add_lattice(builder, top, base + y * left + (peak - 0.1) * up, horn)
+    add_lattice(builder, base - reach * left + (beam + 0.5) * up,
+                base + reach * left + (beam + 0.5) * up,
+                Lattice(widths=(0.9, 0.9), panel=1.8, radius=0.05, side=up, front=ahead))
     _add_strings(builder, style, base, left)
     return peak
 
@@ -236,10 +216,14 @@ def _add_lattice(
     lowest = min(z for _, z in style.phases)
     peak = max(z for _, z in (*style.phases, *style.earth_wires))
     waist = base + (lowest - 1.0) * up
-    _add_column(builder, base, waist, (0.2 * peak, 2.2), left, ahead, 4.0, 0.1)
-    _add_column(builder, waist, base + (peak - 3.0) * up, (2.2, 1.2), left, ahead, 2.0, 0.08)
-    _add_column(builder, base + (peak - 3.0) * up, base + (peak - 0.1) * up, (1.2, 0.2), left,
-                ahead, 1.5, 0.05)
+    neck, tip = base + (peak - 3.0) * up, base + (peak - 0.1) * up
+    for low, high, widths, panel, radius in (
+        (base, waist, (0.2 * peak, 2.2), 4.0, 0.1), (waist, neck, (2.2, 1.2), 2.0, 0.08),
+        (neck, tip, (1.2, 0.2), 1.5, 0.05),
+    ):
+        add_lattice(builder, low, high, Lattice(
+            widths=widths, panel=panel, radius=radius, side=left, front=ahead,
+        ))
     for y, z in style.phases:
         tip = base + y * left + (z + style.insulator + 0.05) * up
         root = base + math.copysign(0.7, y) * left + (z + style.insulator + 0.05) * up

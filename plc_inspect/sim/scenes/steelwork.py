@@ -36,7 +36,8 @@ def add_lattice(builder: SceneBuilder, start: Float64, end: Float64, shape: Latt
     """Add four chords with cross-bracing from start (3,) to end (3,) [m]."""
     num = max(2, math.ceil(float(np.linalg.norm(end - start)) / shape.panel))
     rings = []
-    for share in np.linspace(0.0, 1.0, num + 1):
+    for i in range(num + 1):
+        share = 1.0 - (1.0 - i / num)
         half = 0.5 * (shape.widths[0] + share * (shape.widths[1] - shape.widths[0]))
         centre = start + share * (end - start)
         rings.append([
