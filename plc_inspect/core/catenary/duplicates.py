@@ -74,7 +74,12 @@ def _rank(curve: Curve, settings: CatenarySettings) -> tuple[float, ...]:
 
 def is_thick(curve: Curve) -> bool:
     """Tell a curve over several conductors, or a bundle, from one over a single conductor."""
-    return max(curve.lateral_rmse, curve.fit.rmse) > THICK
+    return measure_thickness(curve) > THICK
+
+
+def measure_thickness(curve: Curve) -> float:
+    """Return the spread of a curve's points across it or in height, whichever is greater [m]."""
+    return max(curve.lateral_rmse, curve.fit.rmse)
 
 
 @njit(cache=True, nogil=True, error_model='numpy')

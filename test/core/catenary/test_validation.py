@@ -94,7 +94,16 @@ def test_a_straight_edge_of_a_roof_has_no_proven_curvature():
 
 
 def test_what_is_straight_and_thick_is_no_conductor():
-    assert judge(make(60.0, c=1e5, noise=0.14), tolerance=0.5) == UNPROVEN
+    told = judge(make(60.0, c=1e5, noise=0.14), tolerance=0.5)
+    assert told == 'straighter than a conductor'
+
+
+def test_the_thicker_a_curve_the_more_of_it_must_be_free():
+    told = [
+        judge(make(30.0, c=1200.0, per_metre=60.0, noise=noise), tolerance=0.5)
+        for noise in (0.13, 0.2)
+    ]
+    assert told == ['', CROWDED]
 
 
 def test_a_thick_curve_whose_curvature_is_too_small_is_no_conductor():
