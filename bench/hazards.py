@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Hazards: those planted in simulated scenes, and those pasted into a real cloud.
+Hazards: those planted in simulated scenes, and those of real clouds in many frames.
 
 Each scene of `plc_inspect.sim.surveys.planted` holds something of each kind, nearer or farther
 than the limit.  What lies beyond two standard deviations of its limit has to be raised once, what
-keeps it by as much has to be left alone; the rest is too close to call.  With ``--write`` the
-tables go into ``docs/hazards.md``.
+keeps it by as much has to be left alone; the rest is too close to call.  What real clouds are held
+against is in `common.real_hazards`.  With ``--write`` the tables go into ``docs/hazards.md``.
 """
 
 import argparse
@@ -17,15 +17,14 @@ import math
 from pathlib import Path
 import sys
 
+from common.real_hazards import CLOUDS, run_clouds
 from common.tables import at_least, at_most, Check, CHECK_COLUMNS, render_table, replace_section
-import laspy
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from plc_inspect.config import Settings
 from plc_inspect.core.pipeline import Pipeline
-from plc_inspect.results import Hazard, HazardKind, InspectionResult
+from plc_inspect.results import Hazard, HazardKind
 from plc_inspect.setting_names import update
 from plc_inspect.sim.surveys.airborne import simulate_map
 from plc_inspect.sim.surveys.planted import measure, PLACES, plant, Planted
@@ -44,8 +43,6 @@ SIGMA = {
     HazardKind.SAG: 0.02,
 }
 """Standard deviation that decides what is too close to call [m]."""
-REACH = 4.0
-"""Pasted points this near to a wire must be covered, the warning distance of the defaults [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -150,53 +147,6 @@ def required_margin(hazard: Hazard) -> float:
     return -margin if hazard.kind == HazardKind.SAG else margin
 
 
-def run_pasted(folder: Path) -> list[Check]:
-    """
-    Return the checks of the real cloud into which trees and cranes were pasted.
-
-    A point is covered if it lies in the extent of a hazard, and that hazard names the conductor
-    that is nearest to its position among all fitted curves, with the distance to it.
-    """
-    clean, pasted = (folder / f'ahn_12BZ1_21{end}.laz' for end in ('', '_pasted_trees'))
-    _, _, before = inspect(clean)
-    points, label, after = inspect(pasted)
-    wire = cKDTree(points[label == 14])
-    foreign = points[np.isin(label, (5, 26))]
-    distance, _ = wire.query(foreign, distance_upper_bound=REACH)
-    near = foreign[np.isfinite(distance)]
-    covered = np.zeros(len(near), dtype=bool)
-    for hazard in after.hazards:
-        if names_nearest(hazard, after):
-            low, high = hazard.extent
-            covered |= ((near >= low - 1e-6) & (near <= high + 1e-6)).all(axis=1)
-    apart, _ = cKDTree(foreign).query(np.array([item.position for item in after.hazards]))
-    return [
-        at_least(pasted.stem, f'pasted points within {REACH:g} m of a wire that hazards cover',
-                 float(covered.mean()), 0.95, '%', f'{len(near):,} points'),
-        at_most(pasted.stem, 'hazards where nothing was pasted', float((apart > 0.5).sum()), 0.0,
-                remark=f'of {len(after.hazards)}'),
-        at_most(clean.stem, 'hazards', float(len(before.hazards)), 0.0),
-    ]
-
-
-def inspect(path: Path) -> tuple[Float64, NDArray[np.uint8], InspectionResult]:
-    """Return points, classes and result of a cloud in metres."""
-    las = laspy.read(path)
-    points = np.column_stack([las.x, las.y, las.z]).astype(np.float64)
-    return points, np.array(las.classification), Pipeline().run(points)
-
-
-def names_nearest(hazard: Hazard, result: InspectionResult, tolerance: float = 0.02) -> bool:
-    """Return whether a hazard names the nearest conductor, and its distance, by brute force."""
-    distances = {}
-    for span in result.spans:
-        curve = span.positions(np.arange(0.0, span.length, 0.02))
-        distance = float(np.linalg.norm(curve - hazard.position, axis=1).min())
-        distances[span.line_id, span.span_id] = distance
-    own = distances[hazard.line_id, hazard.span_id]
-    return own <= min(distances.values()) + tolerance and abs(own - hazard.clearance) <= tolerance
-
-
 def render_tallies(tallies: Sequence[Tally]) -> str:
     """Return the table of the simulated scenes."""
     return render_table(
@@ -235,6 +185,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--seeds', type=int, default=10, help='number of scenes')
     parser.add_argument('--density', type=float, default=40.0, help='pulses per square metre')
     parser.add_argument('--real', type=Path, metavar='DIR', default=REAL)
+    parser.add_argument('--clouds', nargs='*', choices=CLOUDS, default=CLOUDS, metavar='NAME',
+                        help='real clouds, by default all')
+    parser.add_argument('--frames', type=int, default=5, metavar='N',
+                        help='random frames of each real cloud beside its own')
+    parser.add_argument('--seed', type=int, default=0, help='of the frames')
     parser.add_argument('--write', action='store_true', help=f'into {PAGE.relative_to(ROOT)}')
     parser.add_argument('--verbose', action='store_true', help='name what went wrong')
     arguments = parser.parse_args(argv)
@@ -246,14 +201,21 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(f'seed {seed}: {line}', file=sys.stderr)
     tallies = tally(rows)
     checks = check_tallies(tallies)
+    clouds = ''
     if arguments.real.is_dir():
-        checks += run_pasted(arguments.real)
+        clouds, own = run_clouds(
+            arguments.real, arguments.clouds, arguments.frames, arguments.seed, arguments.verbose
+        )
+        checks += own
     else:
         print(f'skipped: the real clouds, as there is no {arguments.real}', file=sys.stderr)
     text = '\n\n'.join([
         f'{arguments.seeds} scenes at {arguments.density:g} pulses/m2, range noise'
         f' {NOISE:g} m on each coordinate.',
         render_tallies(tallies),
+        'Real clouds as they are and in'
+        f' {arguments.frames} frames; the worst frame of each.',
+        clouds,
         render_table(CHECK_COLUMNS, [check.row() for check in checks]),
     ])
     print(text)

@@ -9,6 +9,7 @@ import sys
 
 import numpy as np
 import pytest
+from spans import make_hazard
 
 from plc_inspect.results import HazardKind
 from plc_inspect.sim.surveys.planted import Planted
@@ -54,3 +55,28 @@ def test_faults_are_counted(bench, rows):
     assert (own.due, own.found, own.safe, own.raised, own.doubled) == (2, 1, 1, 1, 1)
     assert by_kind[hazard.kind].stray == 1
     assert not any(check.passed for check in bench.check_tallies(list(by_kind.values())))
+
+
+@pytest.fixture(scope='module')
+def real(bench):
+    """Import what holds hazards against classes of points."""
+    return importlib.import_module('common.real_hazards')
+
+
+def test_hazards_are_held_against_classes(real):
+    wire = np.column_stack([np.arange(0.0, 20.0, 0.1), np.zeros(200), np.full(200, 10.0)])
+    tree = np.column_stack([np.full(150, 5.0), np.linspace(1.0, 9.0, 150), np.full(150, 10.0)])
+    points = np.vstack([wire, tree])
+    label = np.repeat(np.array([14, 5], dtype=np.uint8), [200, 150])
+    objects = real.list_objects(points, label)
+    assert [len(own) for own in objects] == [150]
+    own = make_hazard(tree[0], clearance=1.2)
+    far = make_hazard(tree[-1], clearance=9.0)
+    false = make_hazard(wire[3], clearance=0.1)
+    result = real.judge(points, label, objects, [own, own, far, false])
+    assert (result.due, result.missed, result.twice) == (1, 0, 1)
+    assert (result.on_wire, result.beyond) == (1, 1)
+    np.testing.assert_allclose(result.errors, [0.2, 0.2, 0.0], atol=1e-9)
+    assert real.judge(points, label, objects, [false]).missed == 1
+    checks = real.check(real.PASTED[0], [result])
+    assert [check.passed for check in checks] == [False, True, False, False, False, True]
