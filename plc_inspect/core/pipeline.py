@@ -65,7 +65,9 @@ class Pipeline:
         height, spans = lines.height.height, lines.spans
 
         # Eq. 9: what is near the conductors, at least as far as a rule or a stray reaches.
-        least_reach = max(self.rules.reach('vegetation', 'building'), FREE_RADIUS)
+        least_reach = self.settings.catenary.bundle_width + max(
+            self.rules.reach('vegetation', 'building'), FREE_RADIUS
+        )
         corridor = log.run(
             None,
             lambda: extract_corridor(

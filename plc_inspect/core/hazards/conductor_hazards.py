@@ -110,7 +110,7 @@ def find_low_conductors(
         for model, stations in zip(models, ground_below, strict=True):
             if not len(stations):
                 continue
-            clearance = float(stations[:, 1].min())
+            clearance = float(stations[:, 1].min()) + model.lowest_strand
             severity = limit.judge(clearance)
             known = worst.get(model.span.span_id)
             if severity is None or (known and known['clearance'] <= clearance):
@@ -125,17 +125,18 @@ def _describe_low(
     model: SpanModel, stations: Float64, severity: Severity, limit: Limit,
     supports: Sequence[Support], rules: RuleSet,
 ) -> dict[str, Any]:
-    along, clearance = stations[int(np.argmin(stations[:, 1]))].tolist()
+    along, height = stations[int(np.argmin(stations[:, 1]))].tolist()
+    clearance = height + model.lowest_strand
     direction = 1.0 if model.end_x > model.start_x else -1.0
     x = model.start_x + direction * along
-    below = stations[:, 1] < limit.reach
+    below = stations[:, 1] + model.lowest_strand < limit.reach
     run = model.curve.position(model.start_x + direction * stations[below, 0])
     run[:, 2] -= stations[below, 1]
     return describe_hazard(
         model, x, supports, rules, limit,
         kind=HazardKind.GROUND,
         severity=severity,
-        position=model.curve.position(np.array(x))[0] - np.array([0.0, 0.0, clearance]),
+        position=model.curve.position(np.array(x))[0] - np.array([0.0, 0.0, height]),
         clearance=clearance,
         horizontal=0.0,
         vertical=clearance,

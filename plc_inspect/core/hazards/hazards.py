@@ -18,6 +18,7 @@ from plc_inspect.core.hazards.conductor_hazards import (
 )
 from plc_inspect.core.hazards.encroachments import find_encroachments, Nearby, Surroundings
 from plc_inspect.core.hazards.falling_trees import Fallible, find_fallible, find_falling_trees
+from plc_inspect.core.hazards.strands import find_strands, measure_distances
 from plc_inspect.core.hazards.surfaces import is_surface
 from plc_inspect.core.numerics.arrays import take_rows
 from plc_inspect.core.spans.span_model import SpanModel
@@ -85,13 +86,15 @@ def find_hazards(
 
     """
     rules = choose_rules(settings, rules)
-    models, supports = spans.models, spans.supports
+    models, supports = find_strands(points, spans), spans.supports
     own = take_rows(points, nearby.index)
     surface = is_surface(own)
     around = Surroundings(
         points=own,
         height=_heights(own, None if height is None else height[nearby.index]),
-        distance=nearby.distance,
+        distance=measure_distances(
+            own, nearby.distance, nearby.span, models, rules.reach('vegetation', 'building')
+        ),
         owner=nearby.span,
         surface=surface,
     )

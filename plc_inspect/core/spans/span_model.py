@@ -4,7 +4,7 @@
 """A span with its curve, and where along it something is."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 import math
 
 import numpy as np
@@ -47,6 +47,10 @@ class SpanModel:
     start_x: float
     """x of the curve at the span's start [m]; greater than end_x where reversed."""
     end_x: float
+    strands: Float64 = field(default_factory=lambda: np.zeros((1, 2)))
+    """(S, 2) places of its sub-conductors across and above the curve [m]."""
+    scatter: float = POINT_SIGMA
+    """Standard deviation of one point of the cloud along each axis [m]."""
 
     @property
     def low(self) -> float:
@@ -58,17 +62,22 @@ class SpanModel:
         """Greater of both x [m]."""
         return max(self.start_x, self.end_x)
 
+    @property
+    def lowest_strand(self) -> float:
+        """How far its lowest sub-conductor is above the curve, 0 or less but for noise [m]."""
+        return float(self.strands[:, 1].min())
+
     def along(self, x: Float64) -> Float64:
         """Return the distance from the start of the span at the curve's x [m]."""
         return np.abs(np.asarray(x) - self.start_x)
 
     def sigma(self, x: float) -> float:
         """Return the standard deviation of a distance to the curve at x [m]."""
-        return math.hypot(float(self.curve.prediction_sigma(np.array([x]))[0]), POINT_SIGMA)
+        return math.hypot(float(self.curve.prediction_sigma(np.array([x]))[0]), self.scatter)
 
     def part(self, points: Float64) -> tuple[Float64, Float64, Float64]:
         """
-        Split the distances of points to the span.
+        Split the distances of points to the span, to the nearest of its sub-conductors.
 
         Parameters
         ----------
@@ -88,7 +97,11 @@ class SpanModel:
         x, y = self.curve.local(points)
         inside = np.clip(x, self.low, self.high)
         vertical: Float64 = self.curve.fit.height(inside) - points[:, 2]
-        return inside, np.hypot(y, x - inside), vertical
+        if len(self.strands) == 1:
+            return inside, np.hypot(y, x - inside), vertical
+        across, above = y[:, None] - self.strands[:, 0], vertical[:, None] + self.strands[:, 1]
+        nearest = np.arange(len(points)), np.argmin(across**2 + above**2, axis=1)
+        return inside, np.hypot(across[nearest], x - inside), above[nearest]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -1,0 +1,113 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Sub-conductors from the cross-section of a span, and distances to the nearest of them."""
+
+import dataclasses
+
+from factories import find_nearby, make_span, make_span_result
+import numpy as np
+import pytest
+from toys import make_curve, make_wire
+
+from plc_inspect.config import HazardSettings
+from plc_inspect.core.hazards.hazards import find_hazards
+from plc_inspect.core.hazards.strands import divide_section, find_strands, measure_distances
+from plc_inspect.core.spans.span_model import SpanModel
+
+BUNDLES = {
+    1: [(0.0, 0.0)],
+    2: [(-0.2, 0.0), (0.2, 0.0)],
+    3: [(-0.23, 0.13), (0.23, 0.13), (0.0, -0.26)],
+    4: [(-0.2, -0.2), (-0.2, 0.2), (0.2, -0.2), (0.2, 0.2)],
+}
+START, END = (0.0, 0.0, 20.0), (200.0, 0.0, 20.0)
+
+
+def make_section(num, noise, seed=3, count=240):
+    rng = np.random.default_rng(seed)
+    centres = np.array(BUNDLES[num])
+    part = rng.integers(num, size=count)
+    return rng.uniform(0.0, 100.0, count), centres[part] + rng.normal(0.0, noise, (count, 2))
+
+
+def make_bundle(num, noise=0.03):
+    """Return the points of a bundle, its model through the middle, and its exact centres."""
+    middle = make_wire(START, END, 900.0, noise=0.0, per_metre=8.0)
+    rng = np.random.default_rng(num)
+    centres = np.array(BUNDLES[num])
+    points = middle.copy()
+    points[:, 1:] += centres[rng.integers(num, size=len(middle))]
+    points += rng.normal(0.0, noise, points.shape)
+    curve = make_curve(points, tolerance=0.6)
+    x = curve.local(np.array([START, END]))[0]
+    model = SpanModel(span=make_span(0, 0, START, END, 900.0), curve=curve,
+                      start_x=float(x[0]), end_x=float(x[1]))
+    return points, model
+
+
+@pytest.mark.parametrize('num', BUNDLES)
+@pytest.mark.parametrize('noise', [0.02, 0.05])
+@pytest.mark.parametrize('seed', [1, 2, 3])
+def test_sub_conductors_are_told_apart(num, noise, seed):
+    strands, scatter = divide_section(*make_section(num, noise, seed))
+    assert len(strands) == num
+    if num > 1:
+        for centre in BUNDLES[num]:
+            assert np.linalg.norm(strands - centre, axis=1).min() < 0.03
+    assert scatter == pytest.approx(noise, rel=0.15)
+
+
+def test_what_is_not_resolved_is_as_wide_as_it_looks():
+    strands, scatter = divide_section(*make_section(2, 0.09))
+    assert len(strands) == 2
+    assert np.ptp(strands[:, 0]) == pytest.approx(0.4, abs=0.05)
+    assert scatter == pytest.approx(0.09, rel=0.15)
+
+
+def test_strays_along_a_small_part_are_no_sub_conductor():
+    x, section = make_section(1, 0.03)
+    beside = np.tile([0.3, 0.0], (40, 1)) + np.random.default_rng(1).normal(0, 0.03, (40, 2))
+    strands, _ = divide_section(
+        np.concatenate([x, np.linspace(10.0, 14.0, 40)]), np.vstack([section, beside])
+    )
+    assert len(strands) < 3
+    assert np.hypot(*strands.T).max() < 0.2
+
+
+@pytest.mark.parametrize('num', BUNDLES)
+def test_clearance_is_from_the_nearest_sub_conductor(num):
+    points, model = make_bundle(num)
+    x = 70.0
+    z = model.curve.fit.height(model.curve.local(np.array([[x, 0.0, 0.0]]))[0])[0]
+    tree = np.array([[x, 1.6 + step, z - 0.3 - step] for step in np.arange(0.0, 2.0, 0.05)])
+    tree = np.vstack([tree, tree + np.array([0.1, 0.1, 0.0]), tree + np.array([0.2, 0.0, -0.1])])
+    cloud = np.vstack([points, tree])
+    spans = make_span_result([model], len(cloud))
+    spans.line_id[: len(points)] = spans.span_id[: len(points)] = 0
+    nearby = find_nearby(tree, [model], 6.0)
+    nearby = dataclasses.replace(nearby, index=nearby.index + len(points))
+    (hazard,), _ = find_hazards(cloud, cloud[:, 2], nearby, spans, HazardSettings())
+    true = min(
+        np.hypot(tree[:, 1] - y, tree[:, 2] - z - up).min() for y, up in BUNDLES[num]
+    )
+    assert abs(hazard.clearance - true) < 0.05
+    assert abs(hazard.clearance - true) < 3.0 * hazard.sigma
+    parts = np.hypot(hazard.horizontal, hazard.vertical)
+    assert parts == pytest.approx(hazard.clearance, abs=0.01)
+    assert hazard.sigma == pytest.approx(0.03, rel=0.3)
+
+
+def test_distances_beyond_the_end_and_on_slopes():
+    points, model = make_bundle(2, noise=0.0)
+    spans = make_span_result([model], len(points))
+    spans.line_id[:] = spans.span_id[:] = 0
+    (wide,) = find_strands(points, spans)
+    beyond = np.array([[-3.0, 0.2, 20.0], [100.0, 1.2, 14.44]])
+    near = find_nearby(beyond, [wide], 9.0)
+    distance = measure_distances(beyond, near.distance, near.span, [wide], 4.0)
+    np.testing.assert_allclose(distance, [3.0, 1.0], atol=0.06)
+
+
+def test_no_spans_have_no_sub_conductors():
+    assert find_strands(np.zeros((5, 3)), make_span_result([], 5)) == ()
