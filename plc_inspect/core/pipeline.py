@@ -9,7 +9,12 @@ from plc_inspect.config import Settings
 from plc_inspect.core.corridor import CorridorResult, extract_corridor
 from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.hazards.encroachments import Nearby
-from plc_inspect.core.hazards.hazards import add_ground_clearance, choose_rules, find_hazards
+from plc_inspect.core.hazards.hazards import (
+    add_ground_clearance,
+    choose_rules,
+    find_hazards,
+    HazardResult,
+)
 from plc_inspect.core.labels import choose_surroundings, label, Labels
 from plc_inspect.core.line_finder import find_lines, FoundLines
 from plc_inspect.core.spans.point_claims import FREE_RADIUS
@@ -17,7 +22,7 @@ from plc_inspect.core.stage_log import Progress, StageLog, StageMemory
 from plc_inspect.core.stage_reports import report_corridor, report_hazards
 from plc_inspect.core.trace import Trace
 from plc_inspect.errors import DataError
-from plc_inspect.results import Float64, Hazard, InspectionResult
+from plc_inspect.results import Float64, InspectionResult
 
 
 class Pipeline:
@@ -79,7 +84,7 @@ class Pipeline:
 
         # Hazards, and with them what the points about the conductors are.
         nearby = choose_surroundings(height, spans, corridor)
-        hazards, labels = log.run(
+        found, labels = log.run(
             None,
             lambda: self._judge(points, lines, corridor, nearby),
             lambda result: report_hazards(result[0], len(nearby.index), self.rules),
@@ -87,7 +92,7 @@ class Pipeline:
         result = InspectionResult(
             spans=add_ground_clearance(spans.models, spans.ground_below),
             supports=spans.supports,
-            hazards=hazards,
+            hazards=found.hazards,
             line_id=spans.line_id,
             span_id=labels.span_id,
             residual=spans.residual,
@@ -104,11 +109,12 @@ class Pipeline:
 
     def _judge(
         self, points: Float64, lines: FoundLines, corridor: CorridorResult, nearby: Nearby
-    ) -> tuple[tuple[Hazard, ...], Labels]:
-        hazards, foliage = find_hazards(
-            points, lines.height.height, nearby, lines.spans, self.settings.hazards, self.rules
+    ) -> tuple[HazardResult, Labels]:
+        found = find_hazards(
+            points, lines.height.height, nearby, lines.spans, self.settings.hazards, self.rules,
+            lines.conductors.doubtful,
         )
-        return hazards, label(lines, corridor, nearby, foliage)
+        return found, label(lines, corridor, nearby, found.foliage)
 
     def find_lines(self, points: Float64, memory: StageMemory | None = None) -> FoundLines:
         """

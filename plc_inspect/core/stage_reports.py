@@ -3,7 +3,6 @@
 
 """What each stage reports of its result: counts, reasons, thresholds and histograms."""
 
-from collections.abc import Sequence
 import math
 
 import numpy as np
@@ -17,10 +16,11 @@ from plc_inspect.core.extraction.height import HeightResult
 from plc_inspect.core.extraction.linearity import LinearityResult
 from plc_inspect.core.extraction.outliers import OutlierResult
 from plc_inspect.core.hazards.clearance_rules import describe_rules, RuleSet
+from plc_inspect.core.hazards.hazards import HazardResult
 from plc_inspect.core.spans.layout import Layout
 from plc_inspect.core.spans.spans import SpanResult
 from plc_inspect.core.stage_log import Outcome
-from plc_inspect.results import Float64, Hazard
+from plc_inspect.results import Float64
 
 
 def report_height(height: HeightResult) -> Outcome:
@@ -142,9 +142,12 @@ def report_corridor(corridor: CorridorResult, num_points: int) -> Outcome:
     )
 
 
-def report_hazards(hazards: Sequence[Hazard], num_near: int, rules: RuleSet) -> Outcome:
+def report_hazards(found: HazardResult, num_near: int, rules: RuleSet) -> Outcome:
     """Count the hazards, and name the rules."""
-    return Outcome(num_in=num_near, num_kept=len(hazards), values=describe_rules(rules))
+    return Outcome(
+        num_in=num_near, num_kept=len(found.hazards),
+        values=describe_rules(rules) | {'unmodelled_wires': found.num_unmodelled},
+    )
 
 
 def _azimuth_histogram(azimuth: Float64) -> list[int]:

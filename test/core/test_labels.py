@@ -33,9 +33,9 @@ def relabel(points, trace, foliage=None):
     height, spans = lines.height.height, lines.spans
     nearby = choose_surroundings(height, spans, trace.corridor)
     if foliage is None:
-        _, foliage = find_hazards(
+        foliage = find_hazards(
             points, height, nearby, spans, pipeline.settings.hazards, pipeline.rules
-        )
+        ).foliage
     else:
         foliage = np.full(len(nearby.index), foliage)
     return label(lines, trace.corridor, nearby, foliage), nearby

@@ -13,9 +13,8 @@ import numpy as np
 
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.hazards.clearance_rules import Limit, RuleSet
+from plc_inspect.core.hazards.grouping import group_cells, group_points
 from plc_inspect.core.hazards.trees import segment_trees
-from plc_inspect.core.numerics.disjoint_sets import unite
-from plc_inspect.core.numerics.near_pairs import find_pairs
 from plc_inspect.core.spans.span_model import find_kind, find_support, SpanModel
 from plc_inspect.results import (
     Bool,
@@ -56,15 +55,15 @@ TREE_MARGIN = 8.0
 Distance in plan around offending points within which trees are divided [m].
 Source: judgement; not measured.
 """
+TREE_LINK = 1.0
+"""
+Edge of the cells that touch within a tree: what hangs above one is not of it [m].
+Source: chosen on bench/hazards.py.
+"""
 MOST_OF = 0.5
 """
 An object is a structure where more than this share of its offending points is surface.
 Source: derived: the majority.
-"""
-CELLS_PER_REACH = 4
-"""
-Cells to the reach of a link, by which points are thinned before they are grouped.
-Source: judgement; not measured.
 """
 LEAST_DISTANCE = 1e-9
 """
@@ -109,18 +108,6 @@ class Surroundings:
             owner=self.owner[chosen],
             surface=self.surface[chosen],
         )
-
-
-def group_points(points: Float64, reach: float) -> Int64:
-    """Return the connected group of each point, by links up to ``reach`` [m]; O(N log N)."""
-    if not len(points):
-        return np.zeros(0, dtype=np.int64)
-    cell = np.floor(points / (reach / CELLS_PER_REACH)).astype(np.int64)
-    x, y, z = (cell - cell.min(axis=0)).T
-    number = (x * (y.max() + 1) + y) * (z.max() + 1) + z
-    _, first, inverse = np.unique(number, return_index=True, return_inverse=True)
-    result: Int64 = unite(find_pairs(points[first], reach), len(first))[inverse]
-    return result
 
 
 def find_encroachments(
@@ -269,6 +256,10 @@ def _find_trees(around: Surroundings, offends: Bool) -> Int64:
     """Return the tree of each point around the offending ones, -1 for those far from them."""
     near = np.flatnonzero(_stand_near(around.points, offends, TREE_MARGIN))
     tree = np.full(len(around.points), -1, dtype=np.int64)
+    body = group_cells(around.points[near], np.full(3, TREE_LINK))
+    offending = np.zeros(int(body.max()) + 1, dtype=bool)
+    offending[body[offends[near]]] = True
+    near = near[offending[body]]
     tree[near] = segment_trees(around.points[near], around.height[near])
     return tree
 

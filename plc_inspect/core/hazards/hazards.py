@@ -5,10 +5,12 @@
 
 from collections.abc import Sequence
 import dataclasses
+from dataclasses import dataclass
 
 import numpy as np
 
 from plc_inspect.config import HazardSettings
+from plc_inspect.core.catenary.curve import Curve
 from plc_inspect.core.hazards.clearance_rules import PLAIN, plain_rules, RuleSet
 from plc_inspect.core.hazards.conductor_hazards import (
     find_abnormal_sag,
@@ -18,6 +20,7 @@ from plc_inspect.core.hazards.conductor_hazards import (
 )
 from plc_inspect.core.hazards.encroachments import find_encroachments, Nearby, Surroundings
 from plc_inspect.core.hazards.falling_trees import Fallible, find_fallible, find_falling_trees
+from plc_inspect.core.hazards.line_parts import find_line_parts
 from plc_inspect.core.hazards.strands import find_strands, measure_distances
 from plc_inspect.core.hazards.surfaces import is_surface
 from plc_inspect.core.numerics.arrays import take_rows
@@ -25,6 +28,18 @@ from plc_inspect.core.spans.span_model import SpanModel
 from plc_inspect.core.spans.spans import SpanResult
 from plc_inspect.errors import ConfigError
 from plc_inspect.results import Bool, Float32, Float64, Hazard, Span
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HazardResult:
+    """The hazards of one cloud, and what else was learned of the K surroundings of conductors."""
+
+    hazards: tuple[Hazard, ...]
+    """Numbered in order of span, line and place."""
+    foliage: Bool
+    """(K,) neither of surfaces, such as roofs and walls, nor of lines and what holds them."""
+    num_unmodelled: int
+    """Wires near conductors that were not modelled."""
 
 
 def choose_rules(settings: HazardSettings, rules: RuleSet | None = None) -> RuleSet:
@@ -51,7 +66,8 @@ def find_hazards(
     spans: SpanResult,
     settings: HazardSettings,
     rules: RuleSet | None = None,
-) -> tuple[tuple[Hazard, ...], Bool]:
+    doubtful: Sequence[Curve] = (),
+) -> HazardResult:
     """
     Find the places where a rule is broken.
 
@@ -70,14 +86,12 @@ def find_hazards(
         Thresholds.
     rules : RuleSet or None
         What is asked for; by default the plain rules of the settings.
+    doubtful : sequence of Curve
+        Curves that may be conductors, and are no spans.
 
     Returns
     -------
-    hazards : tuple of Hazard
-        Numbered in order of span, line and place.
-    foliage : (K,) bool
-        Points that are neither of surfaces, such as roofs and walls, nor of what holds the
-        conductors.
+    HazardResult
 
     Raises
     ------
@@ -88,19 +102,23 @@ def find_hazards(
     rules = choose_rules(settings, rules)
     models, supports = find_strands(points, spans), spans.supports
     own = take_rows(points, nearby.index)
-    surface = is_surface(own)
+    surface, reach = is_surface(own), rules.reach('vegetation', 'building')
+    distance = measure_distances(own, nearby.distance, nearby.span, models, reach)
+    parts = find_line_parts(own, distance, nearby.span, models, doubtful, reach)
+    other = np.flatnonzero(~(parts.own | parts.unmodelled))
     around = Surroundings(
         points=own,
         height=_heights(own, None if height is None else height[nearby.index]),
-        distance=measure_distances(
-            own, nearby.distance, nearby.span, models, rules.reach('vegetation', 'building')
-        ),
+        distance=distance,
         owner=nearby.span,
         surface=surface,
-    )
+    ).take(other)
     found, explained = find_encroachments(around, models, supports, rules, settings)
+    foliage = np.zeros(len(own), dtype=bool)
+    foliage[other] = ~(surface[other] | explained)
     if height is not None and rules.find('fall_in'):
         wide = find_fallible(points, height, spans)
+        wide = np.setdiff1d(wide, nearby.index[parts.own | parts.unmodelled], assume_unique=True)
         trees = take_rows(points, wide)
         fallible = Fallible(
             points=trees, height=np.asarray(height[wide], dtype=np.float64),
@@ -114,7 +132,11 @@ def find_hazards(
     order = ('span_id', 'line_id', 'along_span', 'kind')
     found.sort(key=lambda item: tuple(item[name] for name in order))
     hazards = tuple(Hazard(hazard_id=number, **item) for number, item in enumerate(found))
-    return hazards, ~(surface | explained)
+    return HazardResult(
+        hazards=hazards,
+        foliage=foliage,
+        num_unmodelled=parts.num_wires,
+    )
 
 
 def add_ground_clearance(

@@ -8,7 +8,7 @@ from scipy.cluster.hierarchy import fcluster, linkage
 from toys import make_curve, make_tree, make_wire
 
 from plc_inspect.config import HazardSettings
-from plc_inspect.core.hazards.encroachments import group_points
+from plc_inspect.core.hazards.grouping import group_points
 from plc_inspect.core.hazards.hazards import find_hazards
 from plc_inspect.core.hazards.surfaces import is_surface
 from plc_inspect.core.spans.span_model import SpanModel
@@ -30,13 +30,13 @@ def make_model(start, end, line=0, span=0, c=800.0, backwards=False):
 def find(points, models, ground=None, **changes):
     points = np.asarray(points, float).reshape(-1, 3)
     nearby = find_nearby(points, models, 20.0)
-    hazards, foliage = find_hazards(
+    found = find_hazards(
         points, None, nearby, make_span_result(models, len(points), ground=ground),
         HazardSettings(**changes),
     )
-    assert foliage.shape == nearby.index.shape
-    assert [item.hazard_id for item in hazards] == list(range(len(hazards)))
-    return hazards
+    assert found.foliage.shape == nearby.index.shape
+    assert [item.hazard_id for item in found.hazards] == list(range(len(found.hazards)))
+    return found.hazards
 
 
 LEVEL = ((0.0, 0.0, 15.0), (100.0, 0.0, 15.0))

@@ -87,7 +87,8 @@ def test_clearance_is_from_the_nearest_sub_conductor(num):
     spans.line_id[: len(points)] = spans.span_id[: len(points)] = 0
     nearby = find_nearby(tree, [model], 6.0)
     nearby = dataclasses.replace(nearby, index=nearby.index + len(points))
-    (hazard,), _ = find_hazards(cloud, cloud[:, 2], nearby, spans, HazardSettings())
+    found = find_hazards(cloud, cloud[:, 2], nearby, spans, HazardSettings())
+    (hazard,) = found.hazards
     true = min(
         np.hypot(tree[:, 1] - y, tree[:, 2] - z - up).min() for y, up in BUNDLES[num]
     )

@@ -1,0 +1,373 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+What near a conductor is of a line, and so no hazard to it.
+
+The continuation of a conductor beyond its ends, curves that stayed doubtful, and whatever is thin
+and runs along a conductor.  In the frame of a span (x along it, y across, w above its sag) each
+wire beside it is a dot that stays in its place from slab to slab; foliage is none.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from numba import njit
+import numpy as np
+
+from plc_inspect.core.catenary.curve import Curve
+from plc_inspect.core.catenary.nearest_span import find_near, span_table
+from plc_inspect.core.hazards.grouping import group_cells
+from plc_inspect.core.numerics.disjoint_sets import unite
+from plc_inspect.core.numerics.near_pairs import find_pairs
+from plc_inspect.core.spans.point_claims import FREE_RADIUS
+from plc_inspect.core.spans.span_model import SpanModel
+from plc_inspect.results import Bool, Float64, Int64
+
+TUBE = 0.3
+"""
+Distance from a wire that was not modelled within which points are of it [m].
+Source: derived: three standard deviations of a point of a wire, up to 0.1 m (bench/hazards.py).
+"""
+WIDEST_TUBE = 0.8
+"""
+The same at most, where a curve goes on beyond its points [m].
+Source: judgement; as catenary.conductors.MAX_MISS.
+"""
+GONE_ON = 10.0
+"""
+Length by which a curve goes on beyond its end, where that is known or the curve is doubtful [m].
+Source: judgement; not measured.
+"""
+SLAB = 2.0
+"""Length of the slabs whose cross-sections are looked at [m].  Source: judgement; not measured."""
+CELL = 0.2
+"""
+Edge of the cells of a cross-section; what lies in cells that touch is one thing [m].
+Source: derived: a wire scatters over two or three, with a cell left free about it.
+"""
+WIDEST = 1.0
+"""Extent of a dot at most, across or vertically [m].  Source: judgement; a slope of 0.3."""
+THIN = 0.12
+"""
+Standard deviation of the points of a dot about a line at most, across and vertically [m].
+Source: chosen on bench/hazards.py.
+"""
+LINK_LENGTH = 6.0
+"""Distance along the line up to which dots are of one wire [m].  Source: judgement."""
+LINK = 0.3
+"""Distance in the cross-section up to which dots are of one wire [m].  Source: judgement."""
+APART = 1e5
+"""Distance that parts the frames of spans [m].  Source: numerical: far beyond any span."""
+FREE_LENGTH = 4.0
+"""
+Metres over which a wire must hang free of all else.
+Source: chosen on bench/hazards.py.
+"""
+CLEARING = 0.8
+"""Distance about a free place that is empty [m].  Source: chosen on bench/hazards.py."""
+CLUTTER = 0.25
+"""
+Points about a free place at most, as a share of those on the wire.
+Source: judgement; not measured.
+"""
+ROUNDS = 3
+"""Rounds of fitting a wire to its dots.  Source: numerical: few change after the second."""
+MARGIN = 1.0
+"""
+Distance beyond the reach of the rules from which points are looked at [m].
+Source: derived: more than CLEARING.
+"""
+GAP = (2.0, 0.4, 0.4)
+"""
+Edges of the cells along, across and above a span; what lies in cells that touch is one thing [m].
+Source: judgement; foliage has a point in each, sparse wires a point a metre.
+"""
+PIECE_LENGTH = 1.0
+"""Length of a piece of wire at least [m].  Source: judgement; not measured."""
+PARALLEL = 0.3
+"""
+Slope against the conductor, across or vertically, of a piece of wire at most.
+Source: judgement; not measured.
+"""
+POLE_HEIGHT = 2.0
+"""Height of a pole at least [m].  Source: judgement; not measured."""
+POLE_WIDTH = 1.0
+"""Extent of a pole in plan at most, along each axis [m].  Source: judgement; not measured."""
+POLE_ROOM = 5.0
+"""
+Distance along the line from an end of a conductor within which a pole is its support [m].
+Source: judgement; as encroachments.ROOM of a tower.
+"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LineParts:
+    """Which of K points near conductors are of lines."""
+
+    own: Bool
+    """(K,) of a conductor that was modelled: what continues it, and its strands."""
+    unmodelled: Bool
+    """(K,) of wires that were not modelled."""
+    num_wires: int
+    """How many of these there are."""
+
+
+def find_line_parts(
+    points: Float64,
+    distance: Float64,
+    owner: Int64,
+    models: Sequence[SpanModel],
+    doubtful: Sequence[Curve],
+    reach: float,
+) -> LineParts:
+    """
+    Find what is of a line near conductors.
+
+    Parameters
+    ----------
+    points : (K, 3) float64
+        Near conductors, off the ground, neither wire nor support [m].
+    distance : (K,) float64
+        To the nearest conductor [m].
+    owner : (K,) int64
+        Which that is.
+    models : sequence of SpanModel
+        Spans with their curves.
+    doubtful : sequence of Curve
+        Curves that may be conductors.
+    reach : float
+        Distance from a conductor up to which it matters what something is [m].
+
+    Returns
+    -------
+    LineParts
+
+    """
+    own, unmodelled = np.zeros((2, len(points)), dtype=bool)
+    near = np.flatnonzero(distance < reach + MARGIN)
+    if not len(near) or not models:
+        return LineParts(own=own, unmodelled=unmodelled, num_wires=0)
+    own[_find_continued(points, models)] = True
+    wires, which = _find_on(points, doubtful, [
+        (curve.low - GONE_ON, curve.high + GONE_ON) for curve in doubtful
+    ])
+    unmodelled[wires] = True
+    num_wires = len(np.unique(which))
+    near = near[~(own | unmodelled)[near]]
+    if not len(near):
+        return LineParts(own=own, unmodelled=unmodelled, num_wires=num_wires)
+    places, ends = _lay_out(points[near], owner[near], models)
+    for wire in find_wires(places):
+        unmodelled[near[wire]] = True
+        num_wires += 1
+    rest = np.flatnonzero(~unmodelled[near])
+    debris, pieces = _find_scraps(places[rest], distance[near[rest]], ends)
+    own[near[rest[debris]]] = True
+    unmodelled[near[rest[pieces]]] = True
+    return LineParts(own=own, unmodelled=unmodelled & ~own, num_wires=num_wires)
+
+
+def _lay_out(
+    points: Float64, owner: Int64, models: Sequence[SpanModel]
+) -> tuple[Float64, Float64]:
+    """
+    Put points into the frames of their spans, each far from the next along the first axis.
+
+    Returned are (K, 3) places along the longest conductor of the span, across it and above its
+    sag, and (E,) where along it conductors of the span end [m].
+    """
+    span_id = np.array([model.span.span_id for model in models])
+    places, ends = np.empty_like(points), []
+    for turn, number in enumerate(np.unique(span_id[owner]).tolist()):
+        mine = np.flatnonzero(span_id[owner] == number)
+        members = [model for model in models if model.span.span_id == number]
+        curve = max(members, key=lambda model: model.span.length).curve
+        x, places[mine, 1] = curve.local(points[mine])
+        places[mine, 0] = x + turn * APART
+        places[mine, 2] = points[mine, 2] - curve.fit.height(x)
+        tips = np.array([tip for model in members for tip in (model.span.start, model.span.end)])
+        ends.append(curve.local(tips)[0] + turn * APART)
+    return places, np.concatenate(ends)
+
+
+def _find_continued(points: Float64, models: Sequence[SpanModel]) -> Int64:
+    """Return the points on the curves beyond the ends of their spans."""
+    ends, inner = [], []
+    for model in models:
+        is_open = (model.span.open_start, model.span.open_end)
+        if model.start_x > model.end_x:
+            is_open = is_open[::-1]
+        beyond = [model.span.length if side else GONE_ON for side in is_open]
+        ends.append((model.low - beyond[0], model.high + beyond[1]))
+        inner.append((model.low, model.high))
+    found, which = _find_on(points, [model.curve for model in models], ends)
+    outside = np.zeros(len(found), dtype=bool)
+    for number in np.unique(which).tolist():
+        mine = np.flatnonzero(which == number)
+        x, _ = models[number].curve.local(points[found[mine]])
+        outside[mine] = (x < inner[number][0]) | (x > inner[number][1])
+    return found[outside]
+
+
+def _find_scraps(
+    places: Float64, distance: Float64, ends: Float64
+) -> tuple[Bool, Bool]:
+    """
+    Tell what is by itself, and is no hazard.
+
+    That is what does not go on away from a conductor (strays, spacers, dampers, balls), an
+    upright pole at the end of a span (debris), and what runs along the conductor (pieces).
+
+    Parameters
+    ----------
+    places : (K, 3) float64
+        Along the span, across it and above its sag [m].
+    distance : (K,) float64
+        To the nearest conductor [m].
+    ends : (E,) float64
+        Where along the span conductors end [m].
+
+    Returns
+    -------
+    debris, pieces : (K,) bool
+
+    """
+    if not len(places):
+        return np.zeros(0, dtype=bool), np.zeros(0, dtype=bool)
+    thing = group_cells(places, np.array(GAP))
+    mean, low, high, slope, spread = _measure_groups(places, thing)
+    farthest = np.zeros(len(mean))
+    np.maximum.at(farthest, thing, distance)
+    extent = high - low
+    piece = (spread <= THIN).all(axis=1) & (np.abs(slope) <= PARALLEL).all(axis=1)
+    piece &= extent[:, 0] >= PIECE_LENGTH
+    pole = (extent[:, 2] >= POLE_HEIGHT) & (extent[:, :2] <= POLE_WIDTH).all(axis=1)
+    pole &= np.abs(mean[:, 0, None] - ends).min(axis=1) <= POLE_ROOM
+    return ((farthest <= FREE_RADIUS) | pole)[thing], piece[thing]
+
+
+def find_wires(places: Float64) -> list[Int64]:
+    """
+    Find wires that run along a span.
+
+    Parameters
+    ----------
+    places : (K, 3) float64
+        Along the span, across it and above its sag [m].
+
+    Returns
+    -------
+    list of (J,) int64
+        The points of each wire.
+
+    """
+    dots = _find_dots(places)
+    if len(dots) < 2:
+        return []
+    track = unite(find_pairs(dots * np.array([LINK / LINK_LENGTH, 1.0, 1.0]), LINK), len(dots))
+    result = []
+    _, low, high, _, _ = _measure_groups(dots, track)
+    for number in np.flatnonzero(high[:, 0] - low[:, 0] >= FREE_LENGTH - SLAB).tolist():
+        wire = _follow(places, dots[track == number])
+        if wire is not None:
+            result.append(wire)
+    return result
+
+
+def _find_on(
+    points: Float64, curves: Sequence[Curve], ends: Sequence[tuple[float, float]]
+) -> tuple[Int64, Int64]:
+    """Return the points on curves between other ends than theirs, and which curve that is."""
+    if not curves:
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    low, high = np.array(ends).T
+    farthest = np.array([
+        float(curve.prediction_sigma(np.array(end)).max())
+        for curve, end in zip(curves, ends, strict=True)
+    ])
+    found, _, which = find_near(
+        points, span_table(curves, low, high), np.clip(3.0 * farthest, TUBE, WIDEST_TUBE)
+    )
+    return found, which.astype(np.int64)
+
+
+def _find_dots(places: Float64) -> Float64:
+    """Return the (D, 3) middles of what is thin in the cross-section of a slab."""
+    own = group_cells(places, np.array([SLAB, CELL, CELL]), across=True)
+    mean, low, high, _, spread = _measure_groups(places, own)
+    thin = (high - low <= WIDEST)[:, 1:].all(axis=1) & (spread <= THIN).all(axis=1)
+    result: Float64 = mean[thin]
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _measure_groups(places, group):  # type: ignore[no-untyped-def]
+    """
+    Measure G groups of places.
+
+    Returned are (G, 3) means, lower and upper corners, and (G, 2) slopes along the first axis and
+    standard deviations about them, across and vertically.
+    """
+    num = group.max() + 1
+    count, mean = np.zeros(num), np.zeros((num, 3))
+    low, high = np.full((num, 3), np.inf), np.full((num, 3), -np.inf)
+    for i in range(len(places)):
+        k = group[i]
+        count[k] += 1.0
+        for axis in range(3):
+            mean[k, axis] += places[i, axis]
+            low[k, axis] = min(low[k, axis], places[i, axis])
+            high[k, axis] = max(high[k, axis], places[i, axis])
+    for k in range(num):
+        mean[k] /= count[k]
+    square, slope, spread = np.zeros(num), np.zeros((num, 2)), np.zeros((num, 2))
+    for i in range(len(places)):
+        k = group[i]
+        along = places[i, 0] - mean[k, 0]
+        square[k] += along * along
+        for axis in range(2):
+            slope[k, axis] += along * (places[i, axis + 1] - mean[k, axis + 1])
+    for k in range(num):
+        slope[k] /= max(square[k], CELL * CELL)
+    for i in range(len(places)):
+        k = group[i]
+        for axis in range(2):
+            off = places[i, axis + 1] - mean[k, axis + 1]
+            off -= slope[k, axis] * (places[i, 0] - mean[k, 0])
+            spread[k, axis] += off * off
+    for k in range(num):
+        spread[k] = np.sqrt(spread[k] / count[k])
+    return mean, low, high, slope, spread
+
+
+def _follow(places: Float64, dots: Float64) -> Int64 | None:
+    """Return the points of a wire through dots, None if there is none."""
+    kept = dots
+    for _ in range(ROUNDS):
+        if len(kept) < 2 or np.ptp(kept[:, 0]) < FREE_LENGTH - SLAB:
+            return None
+        middle, degree = kept[:, 0].mean(), 2 if np.ptp(kept[:, 0]) > LINK_LENGTH else 1
+        curve = [np.polynomial.polynomial.polyfit(kept[:, 0] - middle, axis, degree)
+                 for axis in kept[:, 1:].T]
+        kept = dots[_measure(dots, curve, middle) <= TUBE]
+    low, high = kept[:, 0].min() - SLAB / 2, kept[:, 0].max() + SLAB / 2
+    about = np.flatnonzero((places[:, 0] >= low) & (places[:, 0] <= high))
+    away = _measure(places[about], curve, middle)
+    metre = (places[about, 0] - low).astype(np.int64)
+    num = int(high - low) + 1
+    on = np.bincount(metre[away <= TUBE], minlength=num)
+    beside = np.bincount(metre[(away > TUBE) & (away <= CLEARING)], minlength=num)
+    free = (on > 0) & (beside <= CLUTTER * on)
+    if free.sum() < FREE_LENGTH or (free.sum() < (on > 0).sum() / 2):
+        return None
+    beyond = min(GONE_ON, high - low)
+    about = np.flatnonzero((places[:, 0] >= low - beyond) & (places[:, 0] <= high + beyond))
+    return about[_measure(places[about], curve, middle) <= TUBE]
+
+
+def _measure(places: Float64, curve: Sequence[Float64], middle: float) -> Float64:
+    x = places[:, 0] - middle
+    y, w = (np.polynomial.polynomial.polyval(x, axis) for axis in curve)
+    result: Float64 = np.hypot(places[:, 1] - y, places[:, 2] - w)
+    return result

@@ -1,0 +1,140 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What is of a line near a conductor: its continuation, unmodelled wires, debris."""
+
+import dataclasses
+
+from factories import find_nearby, make_span, make_span_result
+import numpy as np
+import pytest
+from toys import make_curve, make_tree, make_wire
+
+from plc_inspect.config import HazardSettings
+from plc_inspect.core.hazards.hazards import find_hazards
+from plc_inspect.core.hazards.line_parts import find_line_parts
+from plc_inspect.core.spans.span_model import SpanModel
+
+START, END, CONSTANT = (0.0, 0.0, 12.0), (100.0, 0.0, 12.0), 800.0
+REACH = 4.0
+
+
+def make_model(is_open=(False, False), end=END):
+    curve = make_curve(make_wire(START, END, CONSTANT, noise=0.02, per_metre=20.0))
+    x = curve.local(np.array([START, end]))[0]
+    span = dataclasses.replace(
+        make_span(0, 0, START, end, CONSTANT), open_start=is_open[0], open_end=is_open[1]
+    )
+    return SpanModel(span=span, curve=curve, start_x=float(x[0]), end_x=float(x[1]))
+
+
+def find(points, model=None, doubtful=(), reach=20.0):
+    """Return what points are, those beyond reach as nothing."""
+    model = model or make_model()
+    near = find_nearby(points, [model], reach)
+    parts = find_line_parts(
+        points[near.index], near.distance, near.span, [model], doubtful, REACH
+    )
+    own, unmodelled = np.zeros((2, len(points)), dtype=bool)
+    own[near.index], unmodelled[near.index] = parts.own, parts.unmodelled
+    return own, unmodelled, parts.num_wires
+
+
+def raise_hazards(points, model=None):
+    model = model or make_model()
+    near = find_nearby(points, [model], 20.0)
+    spans = make_span_result([model], len(points))
+    return find_hazards(
+        points, points[:, 2].astype(np.float32), near, spans, HazardSettings()
+    ).hazards
+
+
+def shift(points, y, z):
+    return points + np.array([0.0, y, z])
+
+
+@pytest.mark.parametrize('per_metre', [1.5, 20.0])
+@pytest.mark.parametrize(('y', 'z'), [(1.2, 0.0), (0.0, -1.5), (-2.5, 1.0)])
+def test_a_wire_that_runs_along_is_unmodelled(per_metre, y, z):
+    wire = shift(make_wire(START, END, 900.0, noise=0.03, per_metre=per_metre), y, z)
+    _, unmodelled, num_wires = find(wire)
+    assert unmodelled.mean() > 0.98
+    assert num_wires >= 1
+    assert not raise_hazards(wire)
+
+
+def test_a_wire_through_a_crown_is_told_from_it():
+    wire = shift(make_wire(START, END, 900.0, noise=0.03, per_metre=10.0), 1.5, 0.0)
+    tree = make_tree(50.0, 3.5, 11.0, bottom=2.0)
+    own, unmodelled, _ = find(np.vstack([wire, tree]))
+    assert unmodelled[: len(wire)].mean() > 0.98
+    assert (own | unmodelled)[len(wire) :].mean() < 0.1
+    (hazard,) = raise_hazards(np.vstack([wire, tree]))
+    assert np.hypot(*(tree - hazard.position).T[:2]).min() < 1e-9
+
+
+def test_a_tree_that_touches_is_no_part_of_the_line():
+    tree = make_tree(50.0, 0.5, 11.0, bottom=2.0)
+    own, unmodelled, num_wires = find(tree)
+    assert not (own | unmodelled).any()
+    assert num_wires == 0
+    (hazard,) = raise_hazards(tree)
+    assert hazard.clearance < 1.0
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_sparse_foliage_is_no_wire(seed):
+    rng = np.random.default_rng(seed)
+    points = rng.uniform([20.0, -3.5, 5.0], [80.0, 3.5, 9.0], (3000, 3))
+    own, unmodelled, _ = find(points)
+    assert (own | unmodelled).mean() < 0.03
+
+
+def test_the_conductor_goes_on_beyond_an_open_end():
+    model = make_model(is_open=(False, True), end=tuple(make_wire(
+        START, END, CONSTANT, noise=0.0, per_metre=1.0)[60]))
+    wire = make_wire(START, END, CONSTANT, noise=0.02, per_metre=10.0)
+    beyond = wire[wire[:, 0] > model.span.end[0] + 0.1]
+    own, _, _ = find(beyond, model)
+    near = np.linalg.norm(beyond - model.span.end, axis=1) < REACH
+    assert own[near].all()
+    assert not raise_hazards(beyond, model)
+
+
+def test_within_the_span_only_what_is_by_itself_is_of_the_line():
+    model = make_model()
+    rng = np.random.default_rng(3)
+    at = model.curve.position(np.array([10.0]))[0]
+    ball = at + rng.normal(0.0, 0.2, (60, 3))
+    own, _, _ = find(ball)
+    assert own.all()
+    branch = at + np.column_stack([np.zeros(60), np.linspace(0.2, 3.0, 60), np.zeros(60)])
+    own, unmodelled, _ = find(branch)
+    assert not (own | unmodelled).any()
+
+
+def test_a_curve_that_stayed_doubtful_is_unmodelled():
+    wire = shift(make_wire((40.0, 0.0, 12.0), (43.0, 0.0, 12.0), 900.0, noise=0.02), 2.0, 0.0)
+    crown = make_tree(41.0, 2.0, 13.0, bottom=2.0)
+    points = np.vstack([wire, crown])
+    without, _, _ = find(points)
+    _, unmodelled, num_wires = find(points, doubtful=[make_curve(wire)])
+    assert unmodelled[: len(wire)].all()
+    assert num_wires == 1
+    assert not without[: len(wire)].any()
+
+
+def test_a_pole_at_the_end_is_no_hazard_and_in_the_span_it_is():
+    rng = np.random.default_rng(3)
+    pole = np.column_stack([rng.normal(0, 0.1, 200), rng.normal(1.0, 0.1, 200),
+                            rng.uniform(1.0, 11.0, 200)])
+    assert not raise_hazards(pole + np.array([3.0, 0.0, 0.0]), make_model((True, True)))
+    assert len(raise_hazards(pole + np.array([50.0, 0.0, 0.0]), make_model((True, True)))) == 1
+
+
+def test_what_hangs_above_a_tree_is_not_of_it():
+    tree = make_tree(50.0, 1.0, 10.5, bottom=2.0)
+    above = make_wire((40.0, 1.0, 26.0), (60.0, 1.0, 26.0), 900.0, noise=0.02)
+    (alone,), (hazard,) = raise_hazards(tree), raise_hazards(np.vstack([tree, above]))
+    assert hazard.height == alone.height
+    assert hazard.num_points == alone.num_points
