@@ -4,7 +4,7 @@
 """Clearance rules as data: which distance is required, by whom, and how severe a breach is."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 import math
 from typing import Any
@@ -13,8 +13,12 @@ from plc_inspect.config import HazardSettings
 from plc_inspect.errors import ConfigError
 from plc_inspect.results import Severity
 
+UNKNOWN = 'unknown'
+"""Name of a voltage that is not given."""
 PLAIN = 'plain'
 """Name of the rule set that the settings hold."""
+PLAIN_EDITION = 'plc_inspect 0.1'
+"""Its edition."""
 FEATURES = ('vegetation', 'fall_in', 'ground', 'building', 'line', 'water', 'road')
 """What a limit may refer to."""
 UNSEEN = {'water': 'water', 'road': 'roads'}
@@ -52,6 +56,8 @@ class Limit:
     """'under' or 'beside' the conductor, whichever part of the distance is greater, or 'any'."""
     source: str = ''
     note: str = ''
+    title: str = ''
+    """Of the rule set that it was taken from, where that is another than its own."""
 
     @property
     def reach(self) -> float:
@@ -72,10 +78,23 @@ class RuleSet:
     edition: str
     source: str
     limits: tuple[Limit, ...]
-    voltage: str = 'unknown'
+    voltage: str = UNKNOWN
     """Voltage for which the limits were chosen, as '110 kV'; 'unknown' is never guessed."""
     not_applied: tuple[str, ...] = ()
     """Limits that were left out, and why."""
+    uncovered: tuple[str, ...] = ()
+    """Features that it has no limit for at this voltage, for which the plain distances hold."""
+
+    @property
+    def gaps(self) -> str:
+        """What it does not cover, in words; empty where it covers all."""
+        if not self.uncovered:
+            return ''
+        at = '' if self.voltage == UNKNOWN else f' at {self.voltage}'
+        return (
+            f'not covered by {self.name}{at}: {", ".join(self.uncovered)}'
+            ' (the plain distances hold instead)'
+        )
 
     def find(self, feature: str) -> tuple[Limit, ...]:
         """Return the limits of one feature."""
@@ -122,7 +141,7 @@ def plain_rules(settings: HazardSettings) -> RuleSet:
     return RuleSet(
         name=PLAIN,
         title='plain distances',
-        edition='plc_inspect 0.1',
+        edition=PLAIN_EDITION,
         source='settings of section hazards; no authority',
         limits=tuple(limits),
         voltage=_name_voltage(settings.voltage),
@@ -144,13 +163,15 @@ def parse_rules(content: Mapping[str, Any], settings: HazardSettings) -> RuleSet
     -------
     RuleSet
         Distances in metres.  ``not_applied`` names limits that need an unknown voltage, and those
-        of features that coordinates cannot tell.
+        of features that coordinates cannot tell; of features that are left without a limit,
+        ``uncovered``, the plain distances of the settings hold, and are labelled so.
 
     Raises
     ------
     ConfigError
         A key is missing, unknown or of a wrong kind; two limits contradict one another; the
-        elevation is needed and unknown or beyond the table; or no limit is left.
+        elevation is needed and unknown or beyond the table; or no limit is left, whatever the
+        voltage, or as it is unknown.
 
     """
     if not isinstance(content, Mapping):
@@ -192,13 +213,10 @@ def parse_rules(content: Mapping[str, Any], settings: HazardSettings) -> RuleSet
             else:
                 elsewhere.append(limit.feature)
     _check_contradictions(applied, name)
-    if not applied:
-        given = _name_voltage(settings.voltage)
+    if not applied and not (voltages and settings.voltage):
         raise ConfigError(
-            f'rule set {name} has no limit for a line of {given} voltage; it has'
-            f' {", ".join(dict.fromkeys(voltages))}' + (
-                ' (give hazards.voltage)' if settings.voltage == 0.0 else ''
-            )
+            f'rule set {name} has no limit for a line of unknown voltage; it has'
+            f' {", ".join(dict.fromkeys(voltages))} (give hazards.voltage)'
             if voltages else f'rule set {name} has no limit that points can be held against'
         )
     left_out += [
@@ -206,15 +224,30 @@ def parse_rules(content: Mapping[str, Any], settings: HazardSettings) -> RuleSet
         for feature in dict.fromkeys(elsewhere)
         if feature not in {limit.feature for limit in applied}
     ]
+    plain = _choose_plain({limit.feature for limit in applied}, name, settings)
     return RuleSet(
         name=name,
         title=str(content['title']),
         edition=str(content['edition']),
         source=str(content['source']),
-        limits=tuple(applied),
+        limits=(*applied, *plain),
         voltage=_name_voltage(settings.voltage),
         not_applied=tuple(left_out),
+        uncovered=tuple(dict.fromkeys(limit.feature for limit in plain)),
     )
+
+
+def _choose_plain(covered: set[str], name: str, settings: HazardSettings) -> list[Limit]:
+    """Return the plain limits for what a rule set does not cover, labelled as such."""
+    plain = plain_rules(settings)
+    return [
+        replace(
+            limit, title=plain.title, source=plain.source,
+            note=f'{name} has no limit for this at {plain.voltage} voltage'
+            if plain.voltage == UNKNOWN else f'{name} has no limit for this at {plain.voltage}',
+        )
+        for limit in plain.limits if limit.feature not in covered
+    ]
 
 
 def describe_rules(rules: RuleSet) -> dict[str, Any]:
@@ -231,10 +264,12 @@ def describe_rules(rules: RuleSet) -> dict[str, Any]:
                 + ([item.measure] if item.measure != 'distance' else [])
                 + [f'({severity.name.lower()} {distance:.2f} m)'
                    for severity, distance in item.tiers]
+                + ([f'by {item.title}'] if item.title else [])
             )
             for item in rules.limits
         ],
         'not_applied': list(rules.not_applied),
+        'not_covered': rules.gaps,
     }
 
 
@@ -329,7 +364,7 @@ def _number(value: Any, where: str, *, finite: bool = True) -> float:
 
 
 def _name_voltage(voltage: float) -> str:
-    return f'{voltage:g} kV' if voltage else 'unknown'
+    return f'{voltage:g} kV' if voltage else UNKNOWN
 
 
 def _name_range(kv: Any) -> str:

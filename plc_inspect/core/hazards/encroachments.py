@@ -12,7 +12,7 @@ from numba import njit
 import numpy as np
 
 from plc_inspect.config import HazardSettings
-from plc_inspect.core.hazards.clearance_rules import Limit, RuleSet
+from plc_inspect.core.hazards.clearance_rules import Limit, PLAIN_EDITION, RuleSet
 from plc_inspect.core.hazards.grouping import group_cells, group_points
 from plc_inspect.core.hazards.trees import segment_trees
 from plc_inspect.core.spans.span_model import find_kind, find_support, SpanModel
@@ -372,8 +372,8 @@ def describe_hazard(
         'along_span': along,
         'support_id': support,
         'from_support': distance,
-        'rule': rules.title,
-        'edition': rules.edition,
+        'rule': limit.title or rules.title,
+        'edition': PLAIN_EDITION if limit.title else rules.edition,
         'source': limit.source or rules.source,
         'voltage': rules.voltage,
         'note': limit.note,

@@ -37,6 +37,8 @@ def render_summary(inspection: Inspection) -> str:
         f' {_plural(len(ids), "span")}, {_plural(len(result.supports), "support")},'
         f' {_plural(len(result.hazards), "hazard")}'
     ]
+    if inspection.rules is not None and inspection.rules.gaps:
+        parts[0] += f'\nWARNING: {inspection.rules.gaps}'
     if not result.spans:
         return parts[0] + '\nno power line was found'
     clearances = measure_clearances(result, inspection.settings.hazards.min_points)

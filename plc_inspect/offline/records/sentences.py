@@ -53,10 +53,10 @@ def describe_place(
         return f'{where}: {text}, {required} required.'
     tall = f', {item["height"]:.1f} {unit} high,' if item['height'] is not None else ''
     if kind == 'fall_in':
-        text = f'a tree{tall} at {along} would fall to {measured} of it'
+        text = f'a tree{tall} at {along} comes within {measured} of the conductor when it falls'
         if item['clearance'] < 0:
-            spare = f'{-item["clearance"]:.2f} {unit} to spare'
-            text = f'a tree{tall} at {along} can fall on it, {spare}'
+            past = f'{-item["clearance"]:.1f} {unit} past the conductor when it falls'
+            text = f'a tree{tall} at {along} reaches {past}'
     elif kind == 'ground':
         text = f'hangs {measured} above the ground at {along}'
     else:

@@ -5,7 +5,10 @@
 
 from pathlib import Path
 
+from factories import find_nearby, make_span, make_span_result
+import numpy as np
 import pytest
+from toys import make_curve, make_wire
 import yaml
 
 from plc_inspect.config import HazardSettings
@@ -15,8 +18,10 @@ from plc_inspect.core.hazards.clearance_rules import (
     parse_rules,
     plain_rules,
 )
+from plc_inspect.core.hazards.hazards import find_hazards
+from plc_inspect.core.spans.span_model import SpanModel
 from plc_inspect.errors import ConfigError
-from plc_inspect.results import Severity
+from plc_inspect.results import HazardKind, Severity
 
 RULES = Path(__file__).parents[3] / 'config' / 'rules'
 FOOT = 0.3048
@@ -58,7 +63,7 @@ def test_plain_rules_must_not_contradict_themselves():
 def test_nerc_by_voltage_and_elevation(voltage, elevation, feet):
     settings = HazardSettings(voltage=voltage, elevation=elevation)
     rules = parse_rules(read('nerc_fac_003_4'), settings)
-    (limit,) = rules.limits
+    (limit,) = list_own(rules)
     assert limit.distance == pytest.approx(feet * FOOT)
     assert limit.judge(0.99 * feet * FOOT) == Severity.CRITICAL
     assert limit.judge(2.4 * feet * FOOT) == Severity.WARNING
@@ -68,19 +73,25 @@ def test_nerc_by_voltage_and_elevation(voltage, elevation, feet):
     assert 'second-hand' in limit.source
 
 
+def list_own(rules):
+    """Return the limits of a rule set that are its own."""
+    return [limit for limit in rules.limits if not limit.title]
+
+
 @pytest.mark.parametrize(('voltage', 'feet'), [
     (2.4, (4, 6.5)), (71.9, (4, 6.5)), (72.0, (6, 10)), (115.0, (10, 20)), (300.0, (15, 20)),
     (500.0, (15, 20)),
 ])
 def test_go95_by_voltage(voltage, feet):
     for case, value in zip((13, 14), feet, strict=True):
-        (limit,) = parse_rules(read(f'go95_case_{case}'), HazardSettings(voltage=voltage)).limits
+        rules = parse_rules(read(f'go95_case_{case}'), HazardSettings(voltage=voltage))
+        (limit,) = list_own(rules)
         assert limit.distance == pytest.approx(value * FOOT)
 
 
 def test_unknown_voltage_is_said_and_never_guessed():
     rules = parse_rules(read('sweden'), HazardSettings())
-    assert [limit.feature for limit in rules.limits] == ['fall_in']
+    assert [limit.feature for limit in list_own(rules)] == ['fall_in']
     assert rules.voltage == 'unknown'
     assert len(rules.not_applied) == 2
     assert all('voltage is unknown' in text for text in rules.not_applied)
@@ -90,7 +101,7 @@ def test_unknown_voltage_is_said_and_never_guessed():
 
 def test_features_without_a_limit_at_the_voltage_are_named():
     rules = parse_rules(read('sweden'), HazardSettings(voltage=220.0))
-    assert [limit.feature for limit in rules.limits] == ['fall_in']
+    assert [limit.feature for limit in list_own(rules)] == ['fall_in']
     assert rules.not_applied == (
         'vegetation: no limit for 220 kV', 'building: no limit for 220 kV',
     )
@@ -98,12 +109,83 @@ def test_features_without_a_limit_at_the_voltage_are_named():
 
 
 def test_voltage_and_elevation_beyond_the_table():
-    with pytest.raises(ConfigError, match=r'no limit for a line of 400 kV.*345 kV, 230 kV'):
-        parse_rules(read('nerc_fac_003_4'), HazardSettings(voltage=400.0, elevation=0.0))
+    rules = parse_rules(read('nerc_fac_003_4'), HazardSettings(voltage=400.0, elevation=0.0))
+    assert not list_own(rules)
+    assert rules.uncovered == ('vegetation', 'building', 'ground', 'line')
     with pytest.raises(ConfigError, match=r'give hazards\.elevation'):
         parse_rules(read('nerc_fac_003_4'), HazardSettings(voltage=230.0))
     with pytest.raises(ConfigError, match='2000 m above sea level, only up to 1524 m'):
         parse_rules(read('nerc_fac_003_4'), HazardSettings(voltage=230.0, elevation=2000.0))
+
+
+def test_the_plain_distances_hold_where_a_rule_set_has_none():
+    settings = HazardSettings(voltage=220.0, warning_distance=6.0, critical_distance=3.0)
+    rules = parse_rules(read('sweden'), settings)
+    (limit,) = rules.find('vegetation')
+    assert limit.tiers == ((Severity.CRITICAL, 3.0), (Severity.WARNING, 6.0))
+    assert limit.title == 'plain distances'
+    assert limit.note == 'sweden has no limit for this at 220 kV'
+    assert 'no authority' in limit.source
+    assert rules.gaps == (
+        'not covered by sweden at 220 kV: vegetation, building, ground, line'
+        ' (the plain distances hold instead)'
+    )
+    assert describe_rules(rules)['not_covered'] == rules.gaps
+    assert parse_rules(read('en50423_cz'), settings).uncovered == ('building',)
+    assert plain_rules(settings).gaps == ''
+
+
+def list_voltages(content):
+    """Return voltages at, below and above each that a rule set names, and 0."""
+    named = {0.4, 1000.0}
+    for row in content['limits']:
+        kv = row.get('kv', [])
+        named |= {value for value in (kv if isinstance(kv, list) else [kv]) if value < 1e6}
+    around = {value + step for value in named for step in (-0.1, 0.0, 0.1)}
+    return [0.0, *sorted(value for value in around if value > 0.0)]
+
+
+@pytest.mark.parametrize('name', sorted(path.stem for path in RULES.glob('*.yaml')))
+def test_a_tree_at_a_hand_is_critical_by_every_rule_set_at_every_voltage(name):
+    content = read(name)
+    voltages = list_voltages(content)
+    assert len(voltages) > 5
+    done = 0
+    for voltage in voltages:
+        settings = HazardSettings(voltage=voltage, elevation=10.0)
+        try:
+            rules = parse_rules(content, settings)
+        except ConfigError:  # asks for the voltage
+            continue
+        done += voltage > 0.0
+        for side in ((0.0, -0.3), (0.3, 0.0), (0.0, 0.3), (0.2, -0.2)):
+            assert judge_tree(rules, settings, side) == Severity.CRITICAL, (voltage, side)
+    assert done == len(voltages) - 1
+
+
+def judge_tree(rules, settings, side):
+    """Return the severity of a crown that goes away from a conductor from one side of it on."""
+    curve = make_curve(make_wire((0.0, 0.0, 12.0), (100.0, 0.0, 12.0), 800.0, noise=0.0))
+    x = curve.local(np.array([(0.0, 0.0, 12.0), (100.0, 0.0, 12.0)]))[0]
+    model = SpanModel(
+        span=make_span(0, 0, (0.0, 0.0, 12.0), (100.0, 0.0, 12.0), 800.0), curve=curve,
+        start_x=float(x[0]), end_x=float(x[1]),
+    )
+    away = np.array(side) / np.hypot(*side)
+    rng = np.random.default_rng(2)
+    reach = np.concatenate([[0.0, 0.01, 0.02], rng.uniform(0.0, 4.0, 900)])
+    points = np.column_stack([
+        50.0 + rng.uniform(-0.3, 0.3, len(reach)) * (reach > 0.1),
+        *(np.array(side)[:, None] + away[:, None] * reach
+          + rng.uniform(-0.4, 0.4, (2, len(reach))) * np.minimum(reach, 1.0)),
+    ])
+    points[:, 2] += float(curve.fit.height(curve.local(np.array([[50.0, 0.0]]))[0])[0])
+    found = find_hazards(
+        points, None, find_nearby(points, [model], 20.0), make_span_result([model], len(points)),
+        settings, rules,
+    ).hazards
+    beside = (HazardKind.VEGETATION, HazardKind.STRUCTURE)
+    return max((item.severity for item in found if item.kind in beside), default=None)
 
 
 def test_sweden_measures_some_distances_on_the_level():
@@ -184,7 +266,7 @@ def test_tiers_multiply_the_distance_and_a_limit_may_have_its_own():
         {'feature': 'vegetation', 'distance': 2.0},
         {'feature': 'ground', 'distance': 5.0, 'tiers': {'warning': 1.0}, 'source': 'other'},
     ]), HazardSettings())
-    first, second = rules.limits
+    first, second = list_own(rules)
     assert first.tiers == ((Severity.CRITICAL, 2.0), (Severity.NOTICE, 6.0))
     assert first.source == 'a letter'
     assert second.tiers == ((Severity.WARNING, 5.0),)

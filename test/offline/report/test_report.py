@@ -17,6 +17,8 @@ from PIL import Image
 import pytest
 
 from plc_inspect.config import Settings
+from plc_inspect.offline.commands.result_table import render_summary
+from plc_inspect.offline.export.files import describe_run
 from plc_inspect.offline.readers.catalogue import load_rules
 from plc_inspect.offline.records.inspection import measure_clearances, Units
 from plc_inspect.offline.records.sentences import describe_place
@@ -28,6 +30,7 @@ from plc_inspect.offline.report.drawing import (
     format_tick,
     Plot,
 )
+from plc_inspect.offline.report.figures import rank
 from plc_inspect.offline.report.point_scene import make_scene
 from plc_inspect.offline.report.report import format_number, render_report
 from plc_inspect.offline.report.view import encode_view
@@ -255,9 +258,10 @@ def test_worst_places_are_said_in_words(page):
      'vegetation at 40 m from the start of the span is 1.90 m away, 2.50 m required;'
      ' 0.80 m at 80 C.'),
     ({'kind': 'ground'}, 'hangs 1.90 m above the ground at 12 m from support 3, 2.50 m required'),
-    ({'kind': 'fall_in'}, 'a tree, 7.5 m high, at 12 m from support 3 would fall to 1.90 m of it'),
-    ({'kind': 'fall_in', 'clearance': -1.2}, 'a tree, 7.5 m high, at 12 m from support 3 can fall'
-     ' on it, 1.20 m to spare, 2.50 m required'),
+    ({'kind': 'fall_in'}, 'a tree, 7.5 m high, at 12 m from support 3 comes within'
+     ' 1.90 m of the conductor when it falls, 2.50 m required'),
+    ({'kind': 'fall_in', 'clearance': -1.2}, 'a tree, 7.5 m high, at 12 m from support 3 reaches'
+     ' 1.2 m past the conductor when it falls, 2.50 m required'),
     ({'kind': 'sag'}, 'sags 1.90 m more than its peers, 2.50 m tolerated.'),
     ({'kind': 'crossing', 'other_line_id': 5}, 'a crossing conductor (line 5) at 12 m from'),
 ])
@@ -284,6 +288,25 @@ def test_a_report_by_each_rule_set(name):
     assert inspection.rules.title in page
     for text in inspection.rules.not_applied:
         assert f'Not applied: {text}.' in page
+    assert inspection.rules.gaps[1:] in page
+    assert 'class="gaps"' in page
+    summary = render_summary(inspection)
+    assert f'WARNING: {inspection.rules.gaps}' in summary
+    assert describe_run(inspection, 0)['not_covered'] == inspection.rules.gaps
+
+
+def test_what_reaches_the_conductor_comes_first():
+    near = {'severity': 'warning', 'kind': 'vegetation', 'clearance': 2.5, 'required': 4.0}
+    fall = {'severity': 'warning', 'kind': 'fall_in', 'clearance': -2.0, 'required': 3.5}
+    farther = fall | {'clearance': -20.7}
+    low = {'severity': 'warning', 'kind': 'ground', 'clearance': 4.9, 'required': 5.0}
+    worst = near | {'severity': 'critical', 'clearance': 1.9}
+    little, much = (
+        {'severity': 'warning', 'kind': 'sag', 'clearance': value, 'required': 0.5}
+        for value in (0.6, 2.0)
+    )
+    order = [worst, farther, fall, much, near, little, low]
+    assert sorted([order[k] for k in (3, 1, 6, 0, 5, 2, 4)], key=rank) == order
 
 
 def test_view_keeps_the_places():
