@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Hazards of the conductors themselves: too low, too close to each other, too much sag."""
+"""Hazards of the conductors themselves: too close to each other, too much sag."""
 
 from collections.abc import Sequence
 import math
@@ -43,11 +43,6 @@ SURE = 3.0
 Standard deviations beyond which a difference between conductors is not chance.
 Source: derived: 0.3 % of normal errors lie beyond.
 """
-GROUND_SIGMA = 0.05
-"""
-Standard deviation of the height of the ground below a conductor [m].
-Source: judgement; not measured.
-"""
 LEAST_PEERS = 2
 """Peers that a sag is compared with at least.  Source: judgement; not measured."""
 PEER_LENGTH = 0.7
@@ -77,73 +72,6 @@ SAG_NOTE = (
 )
 
 Records = list[dict[str, Any]]
-
-
-def find_low_conductors(
-    models: Sequence[SpanModel],
-    ground_below: Sequence[Float64],
-    supports: Sequence[Support],
-    rules: RuleSet,
-) -> Records:
-    """
-    Find the spans that hang too low above the ground: one hazard a span, at its lowest place.
-
-    Parameters
-    ----------
-    models : sequence of SpanModel
-        Spans with their curves.
-    ground_below : sequence
-        For each model (S, 2): distance from its start and height above ground [m].
-    supports : sequence of Support
-        Towers and poles.
-    rules : RuleSet
-        Limits that apply.
-
-    Returns
-    -------
-    list of dict
-        Values of Hazard without its number.
-
-    """
-    worst: dict[int, dict[str, Any]] = {}
-    for limit in rules.find('ground'):
-        for model, stations in zip(models, ground_below, strict=True):
-            if not len(stations):
-                continue
-            clearance = float(stations[:, 1].min()) + model.lowest_strand
-            severity = limit.judge(clearance)
-            known = worst.get(model.span.span_id)
-            if severity is None or (known and known['clearance'] <= clearance):
-                continue
-            worst[model.span.span_id] = _describe_low(
-                model, stations, severity, limit, supports, rules
-            )
-    return list(worst.values())
-
-
-def _describe_low(
-    model: SpanModel, stations: Float64, severity: Severity, limit: Limit,
-    supports: Sequence[Support], rules: RuleSet,
-) -> dict[str, Any]:
-    along, height = stations[int(np.argmin(stations[:, 1]))].tolist()
-    clearance = height + model.lowest_strand
-    direction = 1.0 if model.end_x > model.start_x else -1.0
-    x = model.start_x + direction * along
-    below = stations[:, 1] + model.lowest_strand < limit.reach
-    run = model.curve.position(model.start_x + direction * stations[below, 0])
-    run[:, 2] -= stations[below, 1]
-    return describe_hazard(
-        model, x, supports, rules, limit,
-        kind=HazardKind.GROUND,
-        severity=severity,
-        position=model.curve.position(np.array(x))[0] - np.array([0.0, 0.0, height]),
-        clearance=clearance,
-        horizontal=0.0,
-        vertical=clearance,
-        sigma=math.hypot(model.sigma(x), GROUND_SIGMA),
-        num_points=int(below.sum()),
-        extent=np.stack([run.min(axis=0), run.max(axis=0)]),
-    )
 
 
 def find_crossings(

@@ -16,11 +16,11 @@ from plc_inspect.core.hazards.conductor_hazards import (
     find_abnormal_sag,
     find_crossings,
     find_interference,
-    find_low_conductors,
 )
 from plc_inspect.core.hazards.encroachments import find_encroachments, Nearby, Surroundings
 from plc_inspect.core.hazards.falling_trees import Fallible, find_fallible, find_falling_trees
 from plc_inspect.core.hazards.line_parts import find_line_parts
+from plc_inspect.core.hazards.low_conductors import find_low_conductors
 from plc_inspect.core.hazards.strands import find_strands, measure_distances
 from plc_inspect.core.hazards.surfaces import is_surface
 from plc_inspect.core.numerics.arrays import take_rows

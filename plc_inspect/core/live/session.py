@@ -7,19 +7,23 @@ The work of the node's worker: windows of the map in, the state of the inspectio
 One thread owns a session; the states that it returns never change.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import time
 
 import numpy as np
 
 from plc_inspect.config import Settings
-from plc_inspect.core.live.window import CLOSE, CLOSE_DISTANCE, sample_span, Window
+from plc_inspect.core.catenary.nearest_span import find_near
+from plc_inspect.core.hazards.falling_trees import FALL_REACH
+from plc_inspect.core.live.window import CLOSE, LEAST_CLOSE, sample_span, Window
 from plc_inspect.core.pipeline import Pipeline
+from plc_inspect.core.spans.span_model import SpanModel, tabulate
 from plc_inspect.core.tracking.hazard_tracking import (
     HazardBook,
     HazardNews,
     leave_out_ends,
+    SPAN_GONE,
     SupportBook,
 )
 from plc_inspect.core.tracking.span_registry import SpanRegistry, TrackedSpan
@@ -153,7 +157,8 @@ class Session:
 
         """
         started = time.perf_counter()
-        result = Pipeline(settings).run(window.points)
+        trace = Pipeline(settings).trace(window.points)
+        result = trace.result
         numbered = self._registry.update(result, window.points, window.spans)
         self._finish_spans(window, vehicle)
         keys = {item.key for item in self._registry.spans if item.confirmed}
@@ -162,17 +167,17 @@ class Session:
             leave_out_ends(result.hazards, result.spans, result.supports), told, window.spans,
             window.holds,
         )
-        news = replace(news, cleared=news.cleared + self._hazards.keep(keys))
+        news = news.clear(self._hazards.keep(keys), SPAN_GONE)
         self._supports.update(result.supports, told, window.holds)
         self._keep_corridor(result, window, numbered, vehicle)
         return Tick(
             state=self._describe(news, result, window.sequence, started),
-            labels=label_points(result),
+            labels=label_points(window.points, trace.models, result, settings),
         )
 
     def conclude(
         self, points: Float64, settings: Settings, sequence: int, *, complete: bool
-    ) -> tuple[LiveState, InspectionResult]:
+    ) -> tuple[LiveState, InspectionResult, UInt8]:
         """
         Run the pipeline over the whole map, and replace what is known by what it finds.
 
@@ -190,12 +195,16 @@ class Session:
 
         Returns
         -------
-        tuple[LiveState, InspectionResult]
-            The state, and the result with the lasting numbers and the spans that were kept.
+        state : LiveState
+        result : InspectionResult
+            With the lasting numbers and the spans that were kept.
+        labels : (N,) uint8
+            For the map.
 
         """
         started = time.perf_counter()
-        result = Pipeline(settings).run(points)
+        trace = Pipeline(settings).trace(points)
+        result = trace.result
         known = [item.key for item in self._registry.spans]
         numbered = self._registry.update(
             result, points, known, final=True, complete=complete
@@ -204,7 +213,7 @@ class Session:
         holds = _hold_all if complete else _hold_none
         news = self._hazards.update(result.hazards, numbered, fresh, holds, final=complete)
         keys = {item.key for item in self._registry.spans}
-        news = replace(news, cleared=news.cleared + self._hazards.keep(keys))
+        news = news.clear(self._hazards.keep(keys), SPAN_GONE)
         self._supports.update(result.supports, numbered, holds, final=complete)
         state = self._describe(news, result, sequence, started)
         final = replace(
@@ -213,7 +222,7 @@ class Session:
             supports=state.supports,
             hazards=state.hazards,
         )
-        return state, final
+        return state, final, label_points(points, trace.models, result, settings)
 
     def _describe(
         self, news: HazardNews, result: InspectionResult, sequence: int, started: float
@@ -278,12 +287,34 @@ class Session:
         )
 
 
-def label_points(result: InspectionResult) -> UInt8:
-    """Return the (N,) labels for the map: Decision, or CLOSE near a conductor."""
-    close = result.clearance <= CLOSE_DISTANCE
-    close &= (result.decision != Decision.WIRE) & (result.decision != Decision.SUPPORT)
-    close &= result.decision != Decision.GROUND
-    return np.where(close, CLOSE, result.decision).astype(np.uint8)
+def measure_reach(settings: Settings) -> float:
+    """Return how far from a conductor the rules may raise anything, at least LEAST_CLOSE [m]."""
+    own = settings.hazards
+    reach = max(own.warning_distance, own.critical_distance) + settings.catenary.bundle_width
+    return max(reach, LEAST_CLOSE, FALL_REACH if own.fall_distance > 0.0 else 0.0)
+
+
+def label_points(
+    points: Float64, models: Sequence[SpanModel], result: InspectionResult, settings: Settings
+) -> UInt8:
+    """
+    Return the (N,) labels for the map: Decision, or CLOSE where a rule may hold.
+
+    That is within the reach of the distances from any conductor, whatever the radius of the
+    corridor; and, where falling trees are looked for, what stands high enough to reach one.
+    """
+    labels = result.decision.astype(np.uint8)
+    if not models:
+        return labels
+    reach = measure_reach(settings)
+    found, distance, _ = find_near(points, tabulate(models), reach)
+    near = settings.hazards.warning_distance + settings.catenary.bundle_width
+    close = distance <= max(near, LEAST_CLOSE)
+    close |= result.ground_height[found] + settings.hazards.fall_distance >= distance
+    kept = (Decision.WIRE, Decision.SUPPORT, Decision.GROUND)
+    close &= ~np.isin(labels[found], kept)
+    labels[found[close]] = CLOSE
+    return labels
 
 
 def map_numbers(

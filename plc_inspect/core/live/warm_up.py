@@ -6,6 +6,7 @@
 import numpy as np
 
 from plc_inspect.config import MapSettings, Settings
+from plc_inspect.core.hazards.strands import divide_section
 from plc_inspect.core.live.session import Session
 from plc_inspect.core.live.window import copy_window, WindowPlanner
 from plc_inspect.core.mapping.accumulator import Accumulator
@@ -91,6 +92,8 @@ def warm_up_pipeline(settings: Settings, *, rare: bool = False) -> int:
     points = make_sample()
     if rare:
         assign(np.zeros((2, 2)), 1.0)  # two rows with the same cheapest column
+        along = np.arange(100.0)
+        divide_section(along, np.column_stack((along % 2.0, along % 3.0 / 100.0)))  # a bundle
         points = np.concatenate((points, make_rarities()))
-    _, result = Session().conclude(points, settings, 0, complete=True)
+    _, result, _ = Session().conclude(points, settings, 0, complete=True)
     return len(result.spans)

@@ -82,9 +82,9 @@ CLOSE = 100
 Label of a voxel close to a conductor but not of it; other labels are Decision, 0 is unseen.
 Source: numerical: above every Decision.
 """
-CLOSE_DISTANCE = 8.0
+LEAST_CLOSE = 8.0
 """
-Distance from a conductor within which points, possible hazards, are never sampled [m].
+Distance from a conductor within which points are never sampled, whatever the rules ask for [m].
 Source: judgement; not measured.
 """
 
@@ -174,11 +174,14 @@ class WindowPlanner:
     ----------
     beta : float
         A cell with something this far above the lowest place around it is high [m].
+    reach : float
+        Conductors this near to a fresh cell are taken with it, as a rule may hold between them
+        and what stands in it [m].
 
     """
 
-    def __init__(self, beta: float) -> None:
-        self._beta = beta
+    def __init__(self, beta: float, reach: float = 0.0) -> None:
+        self._beta, self._reach = beta, reach
 
     def plan(
         self,
@@ -213,8 +216,10 @@ class WindowPlanner:
         if not len(fresh):
             return None
         index = cells.index
-        around = _find_around(cells, index[fresh])
-        core, stubs = _involve(spans, cells, index[around])
+        around = _find_around(cells, index[fresh], 1)
+        width = max(1, math.ceil(self._reach / cells.cell_size))
+        within = around if width == 1 else _find_around(cells, index[fresh], width)
+        core, stubs = _involve(spans, cells, index[within])
         samples = [sample_span(span, SPACING) for span in core] + stubs
         along = _concatenate([_cells_of(at, cells) for at in samples])
         thin = np.setdiff1d(np.union1d(around, along), fresh)
@@ -327,9 +332,12 @@ def _split(cells: Int64, count: Int32) -> list[Int64]:
     return np.split(cells, np.flatnonzero(np.diff(part)) + 1) if len(cells) else [cells]
 
 
-def _find_around(cells: CellIndex, index: Int64) -> Int64:
-    """Return the cells at these places and beside them, ascending."""
-    found = np.unique(cells.find((index[:, None, :] + _RING).reshape(-1, 2)))
+def _find_around(cells: CellIndex, index: Int64, width: int) -> Int64:
+    """Return the cells at these places and up to so many cells beside them, ascending."""
+    steps = np.arange(-width, width + 1)
+    square = np.stack(np.meshgrid(steps, steps, indexing='ij'), axis=-1).reshape(-1, 2)
+    places = np.unique((index[:, None, :] + square).reshape(-1, 2), axis=0)
+    found = np.unique(cells.find(places))
     return found[found >= 0].astype(np.int64)
 
 

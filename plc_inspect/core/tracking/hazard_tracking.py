@@ -37,6 +37,11 @@ Ticks in a row that must miss a hazard, or find it less severe, before it change
 Source: judgement; not measured.
 """
 
+NOT_SEEN = f'{MAX_MISSES} looks at its place in a row did not find it'
+NOT_FINAL = 'the final result does not hold it'
+SPAN_GONE = 'its conductor is not there any more'
+"""Why a hazard is taken back."""
+
 Holds = Callable[[Float64], Bool]
 """Tells which of (N, 2+) points lie where the tick saw everything."""
 
@@ -65,6 +70,15 @@ class HazardNews:
     updated: tuple[Hazard, ...] = ()
     """Those whose severity changed."""
     cleared: tuple[Hazard, ...] = ()
+    reasons: tuple[str, ...] = ()
+    """Why each of those was taken back."""
+
+    def clear(self, hazards: Sequence[Hazard], reason: str) -> 'HazardNews':
+        """Return these news and some more hazards that were taken back."""
+        return replace(
+            self, cleared=(*self.cleared, *hazards),
+            reasons=(*self.reasons, *[reason] * len(hazards)),
+        )
 
 
 @dataclass(slots=True)
@@ -153,7 +167,8 @@ class HazardBook:
             del self._known[number]
             if number >= 0:
                 cleared.append(item.hazard)
-        return HazardNews(raised=tuple(raised), updated=tuple(updated), cleared=tuple(cleared))
+        news = HazardNews(raised=tuple(raised), updated=tuple(updated))
+        return news.clear(cleared, NOT_FINAL if final else NOT_SEEN)
 
     def keep(self, keys: Collection[SpanKey]) -> tuple[Hazard, ...]:
         """Clear the hazards of spans that are not among these, and return them."""

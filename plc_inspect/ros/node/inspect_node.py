@@ -28,7 +28,7 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from plc_inspect.config import Settings
-from plc_inspect.core.live.session import LiveState, Session
+from plc_inspect.core.live.session import LiveState, measure_reach, Session
 from plc_inspect.core.live.warm_up import warm_up_intake
 from plc_inspect.core.live.window import (
     copy_window,
@@ -87,7 +87,7 @@ class InspectNode(Node):
         warm_up_intake()
         self._health = Health()
         self._intake = Intake(settings, self._health, self.get_logger().warning)
-        self._planner = WindowPlanner(settings.height.beta)
+        self._planner = WindowPlanner(settings.height.beta, measure_reach(settings))
         self._session = Session()
         self._state: LiveState | None = None
         self._copy: tuple[Iterator[Window | None], str] | None = None
@@ -191,7 +191,7 @@ class InspectNode(Node):
     def _configure(self, settings: Settings) -> None:
         """Put changed settings to work, all at once."""
         self._intake.accumulator.configure(settings)
-        self._planner = WindowPlanner(settings.height.beta)
+        self._planner = WindowPlanner(settings.height.beta, measure_reach(settings))
         self._timer.timer_period_ns = round(settings.segment.period * 1e9)
         self._timer.reset()
 

@@ -13,7 +13,7 @@ from typing import Any
 import numba
 
 from plc_inspect.config import Settings
-from plc_inspect.core.live.session import label_points, LiveState, Session
+from plc_inspect.core.live.session import LiveState, Session
 from plc_inspect.core.live.warm_up import warm_up_pipeline
 from plc_inspect.core.live.window import Window
 from plc_inspect.errors import PlcInspectError
@@ -92,7 +92,7 @@ def run_save(session: Session, snapshot: Snapshot, folder: Path) -> Done:
     numba.set_num_threads(ALL_THREADS)
     started = time.perf_counter()
     window = snapshot.window
-    state, result = session.conclude(
+    state, result, labels = session.conclude(
         window.points, snapshot.settings, window.sequence, complete=snapshot.complete
     )
     inspection = Inspection(
@@ -117,7 +117,7 @@ def run_save(session: Session, snapshot: Snapshot, folder: Path) -> Done:
         ),
         slots=window.slots,
         points=window.points,
-        labels=label_points(result),
+        labels=labels,
         folder=None if problem else folder,
         problem=problem,
     )

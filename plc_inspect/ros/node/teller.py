@@ -4,6 +4,7 @@
 """Log lines about what was found."""
 
 from collections.abc import Callable
+import itertools
 
 from plc_inspect.core.live.session import LiveState
 
@@ -33,15 +34,17 @@ class Teller:
         for line in sorted(lines - self._told):
             self._say(f'line {line} found')
         self._told |= lines
-        for title, hazards in (
-            ('raised', state.news.raised), ('updated', state.news.updated),
-            ('cleared', state.news.cleared),
+        news = state.news
+        for title, hazards, reasons in (
+            ('raised', news.raised, ()), ('updated', news.updated, ()),
+            ('cleared', news.cleared, news.reasons),
         ):
-            for hazard in hazards:
+            for hazard, reason in itertools.zip_longest(hazards, reasons):
                 self._say(
                     f'hazard {hazard.hazard_id} {title}: {hazard.severity.name.lower()}, '
                     f'{hazard.kind.name.lower()} {hazard.clearance:.2f} m, '
                     f'line {hazard.line_id} span {hazard.span_id}'
+                    + (f'; {reason}' if reason else '')
                 )
 
 

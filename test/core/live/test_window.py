@@ -319,7 +319,7 @@ def test_session_finds_in_pieces_what_the_pipeline_finds_in_the_whole(sample):
             y = round(float(item.span.start[1]), 0)
             ids.setdefault(y, set()).add(item.span.line_id)
     assert sorted(map(len, ids.values())) == [1, 1, 1]
-    state, final = session.conclude(
+    state, final, _ = session.conclude(
         voxels.centroids(), Settings(), voxels.sequence, complete=True
     )
     assert len(final.spans) == 6

@@ -14,6 +14,8 @@ from plc_inspect.core.tracking.hazard_tracking import (
     HazardBook,
     leave_out_ends,
     MAX_MISSES,
+    NOT_FINAL,
+    NOT_SEEN,
     SupportBook,
 )
 from plc_inspect.results import HazardKind, Severity
@@ -60,6 +62,7 @@ def test_life_of_a_hazard():
         assert tick(book).cleared == ()
     news = tick(book)
     assert [item.hazard_id for item in news.cleared] == [0]
+    assert news.reasons == (NOT_SEEN,)
     assert book.hazards == ()
     raise_hazard(book, first)
     assert book.hazards[0].hazard_id == 1  # a number is never given twice
@@ -171,6 +174,7 @@ def test_the_final_word():
     book = HazardBook()
     raise_hazard(book, make_hazard((10, 0, 5)))
     news = tick(book, make_hazard((50, 0, 5)), final=True)
+    assert news.reasons == (NOT_FINAL,)
     assert [item.hazard_id for item in news.raised] == [1]
     assert [item.hazard_id for item in news.cleared] == [0]
 
