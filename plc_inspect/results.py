@@ -239,6 +239,8 @@ class Hazard:
     """Years until growth breaks the most severe tier of the rule, NaN unknown."""
     note: str = ''
     """What was assumed."""
+    confidence: float = 1.0
+    """How sure it is that the limit is broken, 0 to 1."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -13,6 +13,7 @@ import numpy as np
 
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.hazards.clearance_rules import Limit, PLAIN_EDITION, RuleSet
+from plc_inspect.core.hazards.confidence import judge_confidence
 from plc_inspect.core.hazards.grouping import group_cells, group_points
 from plc_inspect.core.hazards.trees import segment_trees
 from plc_inspect.core.spans.span_model import find_kind, find_support, SpanModel
@@ -364,7 +365,7 @@ def describe_hazard(
     """Return the values of a Hazard: those given, those of the place, and those of the rule."""
     along = float(model.along(np.array(x)))
     support, distance = find_support(model.span, along, supports)
-    return {
+    record: dict[str, Any] = {
         'line_id': model.span.line_id,
         'span_id': model.span.span_id,
         'required': limit.distance,
@@ -378,3 +379,6 @@ def describe_hazard(
         'voltage': rules.voltage,
         'note': limit.note,
     } | values
+    confidence, doubts = judge_confidence(model, x, limit, record)
+    notes = [record['note'], *(f'in doubt: {doubt}' for doubt in doubts)]
+    return record | {'confidence': confidence, 'note': '; '.join(filter(None, notes))}

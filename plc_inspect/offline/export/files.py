@@ -52,7 +52,7 @@ HAZARD_COLUMNS = (
     'position_z', 'clearance', 'required', 'horizontal', 'vertical', 'sigma', 'along_span',
     'num_points', 'min_x', 'min_y', 'min_z', 'max_x', 'max_y', 'max_z', 'rule', 'edition',
     'source', 'voltage', 'other_line_id', 'support_id', 'from_support', 'height', 'years', 'note',
-    'text',
+    'confidence', 'text',
 )
 
 

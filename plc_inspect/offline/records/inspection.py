@@ -178,6 +178,7 @@ def describe_hazard(hazard: Hazard, units: Units) -> Record:
         'height': _number(hazard.height / units.vertical),
         'years': _number(hazard.years),
         'note': hazard.note,
+        'confidence': _number(hazard.confidence),
     }
     return record | {'text': describe_place(record, units.name)}
 

@@ -133,7 +133,7 @@ def parse_hazard(row: Record, units: Units) -> Hazard:
         other_line_id=row.get('other_line_id', -1), years=_scaler(1.0)(row.get('years')),
         support_id=row.get('support_id', -1), from_support=number(row.get('from_support')),
         height=number(row.get('height')) / units.horizontal * units.vertical,
-        note=row.get('note', ''),
+        note=row.get('note', ''), confidence=row.get('confidence', 1.0),
     )
 
 

@@ -69,4 +69,6 @@ def describe_place(
         text += f'; will touch at {contact:.0f} \u00b0C'
     if item['years'] is not None and item['years'] > 0:
         text += f'; critical in {item["years"]:.1f} years'
+    if 'in doubt' in item.get('note', ''):
+        text += f'; {item["note"][item["note"].index("in doubt"):]}'
     return f'{where}: {text}.'

@@ -306,19 +306,20 @@ def add_badge(plot: Plot, x: float, y: float, hazard: Record) -> None:
     plot.add_text(x, y, str(hazard['hazard_id']), 'number mid', dy=3.5)
 
 
-def rank(hazard: Record) -> tuple[int, bool, float]:
+def rank(hazard: Record) -> tuple[int, bool, bool, float]:
     """
-    Order hazards from the worst: severity, what reaches the conductor, share of the distance kept.
+    Order hazards from the worst: severity, sure ones, what reaches the conductor, share kept.
 
     The excess of a sag is no distance that is kept: the greater, the worse.
     """
-    order = list(SEVERITY_COLORS).index(hazard['severity'])
+    doubtful = 'in doubt' in hazard.get('note', '')
+    order = list(SEVERITY_COLORS).index(hazard['severity']), doubtful
     clearance, required = hazard['clearance'], hazard['required']
     if clearance is None or not required:
-        return order, True, math.inf if clearance is None else clearance
+        return *order, True, math.inf if clearance is None else clearance
     if hazard['kind'] == 'sag':
-        return order, True, required / max(clearance, required)
-    return order, clearance > 0.0, clearance if clearance < 0.0 else clearance / required
+        return *order, True, required / max(clearance, required)
+    return *order, clearance > 0.0, clearance if clearance < 0.0 else clearance / required
 
 
 def _axis_name(name: str, origin: float, unit: str) -> str:

@@ -1,0 +1,78 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""How sure hazards are, and that those in doubt say so."""
+
+import dataclasses
+
+from factories import find_nearby, make_span, make_span_result
+import numpy as np
+import pytest
+from toys import make_curve, make_tree, make_wire
+
+from plc_inspect.config import HazardSettings
+from plc_inspect.core.hazards.clearance_rules import Limit
+from plc_inspect.core.hazards.confidence import AT_END, judge_confidence, NOT_SHARP
+from plc_inspect.core.hazards.hazards import find_hazards
+from plc_inspect.core.spans.span_model import SpanModel
+from plc_inspect.results import HazardKind, Severity
+
+START, END = (0.0, 0.0, 15.0), (100.0, 0.0, 15.0)
+LIMIT = Limit(feature='vegetation', distance=4.0,
+              tiers=((Severity.CRITICAL, 2.0), (Severity.WARNING, 4.0)))
+
+
+def make_model(is_open=(False, False)):
+    curve = make_curve(make_wire(START, END, 800.0, noise=0.02, per_metre=20.0))
+    x = curve.local(np.array([START, END]))[0]
+    span = dataclasses.replace(
+        make_span(0, 0, START, END, 800.0), open_start=is_open[0], open_end=is_open[1]
+    )
+    return SpanModel(span=span, curve=curve, start_x=float(x[0]), end_x=float(x[1]))
+
+
+def judge(model, x, clearance, severity=Severity.CRITICAL, sigma=0.1, **changes):
+    values = {
+        'kind': HazardKind.VEGETATION, 'severity': severity, 'clearance': clearance,
+        'horizontal': clearance, 'vertical': 0.0, 'sigma': sigma,
+    }
+    return judge_confidence(model, x, LIMIT, values | changes)
+
+
+@pytest.mark.parametrize(('clearance', 'confidence'), [
+    (0.5, 1.0), (1.9, 0.841), (1.8, 0.977), (2.0, 0.5),
+])
+def test_confidence_is_the_chance_that_the_limit_is_broken(clearance, confidence):
+    model = make_model()
+    middle = (model.start_x + model.end_x) / 2
+    found, doubts = judge(model, middle, clearance)
+    assert found == pytest.approx(confidence, abs=0.001)
+    assert doubts == ()
+    warning, _ = judge(model, middle, clearance, Severity.WARNING)
+    assert warning == pytest.approx(1.0)
+    sag, _ = judge(model, middle, 4.1, Severity.WARNING, kind=HazardKind.SAG)
+    assert sag == pytest.approx(0.841, abs=0.001)
+
+
+def test_doubts_halve_it():
+    model = make_model((True, False))
+    assert judge(model, model.start_x + 3.0, 0.5) == (pytest.approx(0.5), (AT_END,))
+    assert judge(model, model.start_x + 8.0, 0.5)[1] == ()
+    assert judge(model, model.end_x - 3.0, 0.5)[1] == ()
+    blurred = dataclasses.replace(model, scatter=model.curve.fit.rmse / 3.0)
+    found = judge(blurred, model.start_x + 3.0, 0.5)
+    assert found == (pytest.approx(0.25), (AT_END, NOT_SHARP))
+
+
+def test_hazards_say_how_sure_they_are_and_the_unsure_are_not_raised():
+    model = make_model((True, False))
+    trees = np.vstack([make_tree(x, 0.0, 13.0, bottom=2.0) for x in (3.5, 50.0)])
+    near, spans = find_nearby(trees, [model], 20.0), make_span_result([model], len(trees))
+    args = trees, trees[:, 2].astype(np.float32), near, spans
+    first, second = find_hazards(*args, HazardSettings()).hazards
+    assert first.confidence == pytest.approx(0.5, abs=0.01)
+    assert first.note == f'in doubt: {AT_END}'
+    assert second.confidence == pytest.approx(1.0)
+    assert 'doubt' not in second.note
+    (only,) = find_hazards(*args, HazardSettings(min_confidence=0.6)).hazards
+    assert only.along_span == second.along_span
