@@ -58,6 +58,25 @@ HAZARD_COLUMNS = (
 
 def write_files(folder: Path, inspection: Inspection) -> None:
     """Write all files of one run into an empty folder; OSError where one cannot be written."""
+    tables = _write_records(folder, inspection)
+    with ThreadPoolExecutor(1) as beside:  # points are compressed outside of Python
+        report = beside.submit(_write_views, folder, inspection, tables)
+        started = time.perf_counter()
+        num_written = write_points(folder / 'points.laz', inspection)
+        seconds = dict(inspection.seconds) | {'points_file': time.perf_counter() - started}
+        seconds['report'] = report.result()
+    run = dataclasses.replace(inspection, seconds=seconds)
+    _write_json(folder / 'run.json', describe_run(run, num_written))
+
+
+def write_tables(folder: Path, inspection: Inspection) -> None:
+    """Write JSON and CSV of one run alone; OSError where one cannot be written."""
+    _write_records(folder, inspection)
+    _write_json(folder / 'run.json', describe_run(inspection, 0))
+
+
+def _write_records(folder: Path, inspection: Inspection) -> dict[str, list[Record]]:
+    """Write spans, supports and hazards, what-if and changes, and return the former three."""
     units, result = inspection.units, inspection.result
     spans = [describe_span(span, units) for span in result.spans]
     supports = [describe_support(support, units) for support in result.supports]
@@ -84,14 +103,7 @@ def write_files(folder: Path, inspection: Inspection) -> None:
         _write_json(folder / 'whatif.json', describe_what_if(inspection.what_if, units))
     if inspection.changes is not None:
         _write_json(folder / 'changes.json', describe_changes(inspection.changes, units))
-    with ThreadPoolExecutor(1) as beside:  # points are compressed outside of Python
-        report = beside.submit(_write_views, folder, inspection, tables)
-        started = time.perf_counter()
-        num_written = write_points(folder / 'points.laz', inspection)
-        seconds = dict(inspection.seconds) | {'points_file': time.perf_counter() - started}
-        seconds['report'] = report.result()
-    run = dataclasses.replace(inspection, seconds=seconds)
-    _write_json(folder / 'run.json', describe_run(run, num_written))
+    return tables
 
 
 def _write_views(

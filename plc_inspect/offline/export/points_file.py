@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import laspy
+from lazrs import LazrsError
 import numpy as np
 from numpy.typing import NDArray
 
@@ -59,18 +60,22 @@ def write_points(path: Path, inspection: Inspection) -> int:
     Raises
     ------
     DataError
-        The result does not belong to the points, or the coordinates span more than LAS can hold.
+        The result does not belong to the points, the coordinates span more than LAS can hold, or
+        the file cannot be written.
 
     """
     result = inspection.result
     num_points = len(inspection.points)
     if result.num_points != num_points:
         raise DataError(f'a result of {result.num_points} points for {num_points} points')
-    if inspection.las is None:
-        return _write_coordinates(path, inspection)
-    if len(inspection.las.points) != num_points:
+    if inspection.las is not None and len(inspection.las.points) != num_points:
         raise DataError(f'{len(inspection.las.points)} LAS points for {num_points} points')
-    _write_las(path, inspection.las, inspection)
+    try:
+        if inspection.las is None:
+            return _write_coordinates(path, inspection)
+        _write_las(path, inspection.las, inspection)
+    except (LazrsError, laspy.errors.LaspyException) as error:  # a full disk, which is no OSError
+        raise DataError(f'{path.name} cannot be written, is the disk full? {error}') from error
     return num_points
 
 

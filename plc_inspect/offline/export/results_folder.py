@@ -24,7 +24,7 @@ FILES = (
     'catenaries.dxf',
     'results.mcap',
 )
-"""Every results folder holds these."""
+"""Every whole results folder holds these."""
 OPTIONAL_FILES = (
     'whatif.json',
     'changes.json',
@@ -61,7 +61,8 @@ def check_results(folder: Path, force: bool = False) -> None:
 
 
 def write_results(
-    folder: Path, inspection: Inspection, force: bool = False, pdf: bool = False
+    folder: Path, inspection: Inspection, force: bool = False, pdf: bool = False, *,
+    tables_only: bool = False,
 ) -> None:
     """
     Write the results folder of one run.
@@ -79,6 +80,8 @@ def write_results(
         Replace a results folder that exists.
     pdf : bool
         Print the report with an installed Chromium as well.
+    tables_only : bool
+        Write JSON and CSV alone, for where there is no room for more.
 
     Raises
     ------
@@ -86,10 +89,13 @@ def write_results(
         The folder exists and ``force`` is not given, or it cannot be written.
 
     """
-    from plc_inspect.offline.export.files import write_files  # loads all formats
+    from plc_inspect.offline.export.files import write_files, write_tables  # loads all formats
 
     check_results(folder, force)
     with replace_folder(folder) as aside:
+        if tables_only:
+            write_tables(aside, inspection)
+            return
         write_files(aside, inspection)
         if pdf:
             print_pdf(aside / 'report.html', aside / 'report.pdf')

@@ -4,6 +4,7 @@
 """``points.laz``: nothing of the input is lost, and the result is in it."""
 
 from pathlib import Path
+import resource
 
 from factories import make_empty_result, make_inspection
 import laspy
@@ -139,6 +140,20 @@ def test_coordinates_are_in_units_of_the_input(tmp_path):
     write_points(tmp_path / 'points.laz', inspection)
     expected = points / [foot, foot, 1.0]
     np.testing.assert_allclose(laspy.read(tmp_path / 'points.laz').xyz, expected, atol=1e-3)
+
+
+@pytest.fixture
+def small_files():
+    """Allow files of 1,000 bytes at most, as on a disk that is full."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_full_disk_is_an_error_of_ours(tmp_path, small_files):
+    with pytest.raises(DataError, match='cannot be written, is the disk full'):
+        write_points(tmp_path / 'points.laz', make_inspection(num_ground=5000))
 
 
 @pytest.mark.parametrize('num_points', [3, 5])

@@ -46,6 +46,17 @@ def test_all_files_are_there_and_nothing_else(tmp_path, inspection):
     assert names(tmp_path) == ['out']
 
 
+def test_tables_alone(tmp_path, inspection):
+    write_results(tmp_path / 'out', inspection)
+    write_results(tmp_path / 'small', inspection, tables_only=True)
+    assert names(tmp_path / 'small') == sorted(
+        name for name in FILES if name.endswith(('.json', '.csv'))
+    )
+    for name in ('spans.json', 'hazards.json', 'supports.json', 'spans.csv'):
+        assert (tmp_path / 'small' / name).read_text() == (tmp_path / 'out' / name).read_text()
+    assert read(tmp_path / 'small/run.json')['num_points_written'] == 0
+
+
 def test_spans_are_exact(tmp_path, inspection):
     write_results(tmp_path / 'out', inspection)
     content = read(tmp_path / 'out/spans.json')
