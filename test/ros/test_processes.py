@@ -6,6 +6,7 @@
 import json
 import os
 from pathlib import Path
+import resource
 import signal
 import subprocess
 import sys
@@ -25,14 +26,21 @@ PLAYER = 'plc_inspect.ros.play'
 class Command:
     """A module that runs as a process; its stderr goes into a file."""
 
-    def __init__(self, folder, domain, module, *arguments):
+    def __init__(self, folder, domain, module, *arguments, limit=None):
         isolate()
         self.log = folder / f'{module}.log'
         environment = os.environ | {'ROS_DOMAIN_ID': str(domain), 'ROS_HOME': str(folder)}
+
+        def begin():
+            for number in (signal.SIGHUP, signal.SIGQUIT):
+                signal.signal(number, signal.SIG_DFL)  # a shell may let them be ignored
+            if limit is not None:
+                resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+
         with self.log.open('w') as stream:
             self.process = subprocess.Popen(
                 [sys.executable, '-m', module, *map(str, arguments)], cwd=ROOT,
-                env=environment, stdout=stream, stderr=subprocess.STDOUT,
+                env=environment, stdout=stream, stderr=subprocess.STDOUT, preexec_fn=begin,
             )
 
     def text(self):
@@ -55,8 +63,8 @@ def start(tmp_path):
     commands = []
     domain = take_domain()
 
-    def run(module, *arguments):
-        commands.append(Command(tmp_path, domain, module, *arguments))
+    def run(module, *arguments, **options):
+        commands.append(Command(tmp_path, domain, module, *arguments, **options))
         return commands[-1]
 
     run.domain = domain
@@ -77,7 +85,9 @@ def robot(start):
     rclpy.shutdown(context=context)
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    'number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT]
+)
 def test_signal_during_a_tick_saves_the_results(start, robot, tmp_path, number):
     node = start(
         NODE, '--ros-args', '-p', f'output.directory:={tmp_path / "out"}',
@@ -94,6 +104,47 @@ def test_signal_during_a_tick_saves_the_results(start, robot, tmp_path, number):
     assert 'Traceback' not in node.text()
     assert len(json.loads((tmp_path / 'out' / 'spans.json').read_text())['spans']) == 6
     assert sorted(path.name for path in tmp_path.iterdir() if 'partial' in path.name) == []
+
+
+def fly(node, robot):
+    """Let the node see the sample."""
+    robot.connect()
+    wait_for(lambda: 'ready' in node.text(), 'ready node', FIRST_DEADLINE)
+    for _ in range(20):
+        robot.step()
+        time.sleep(0.05)
+
+
+@pytest.mark.parametrize('elsewhere', [True, False])
+def test_results_that_cannot_be_written_where_they_should(start, robot, tmp_path, elsewhere):
+    out = tmp_path / 'out'
+    node = start(NODE, '--ros-args', '-p', f'output.directory:={out}',
+                 '-p', 'map.max_voxels:=200000')
+    fly(node, robot)
+    out.mkdir()
+    (out / 'mine.txt').write_text('keep')
+    if not elsewhere:
+        (tmp_path / 'plc_inspect').write_text('in the way')
+    assert node.end(signal.SIGTERM) == (0 if elsewhere else 1), node.text()
+    assert 'Traceback' not in node.text()
+    assert 'files that are no results' in node.text()
+    assert [item.name for item in out.iterdir()] == ['mine.txt']
+    found = list(tmp_path.glob('plc_inspect/flight_*/points.laz'))
+    assert len(found) == elsewhere
+    told = [line for line in node.text().splitlines() if 'files that are no results' in line]
+    assert len(told) == 1
+    assert (f'saved to {found[0].parent}' if elsewhere else 'not saved') in told[0]
+
+
+def test_limit_of_file_size_leaves_the_tables(start, robot, tmp_path):
+    node = start(NODE, '--ros-args', '-p', f'output.directory:={tmp_path / "out"}',
+                 '-p', 'map.max_voxels:=200000', limit=100_000)
+    fly(node, robot)
+    assert node.end(signal.SIGTERM) == 1, node.text()
+    assert 'Traceback' not in node.text()
+    assert f'saved the tables only to {tmp_path / "out"}' in node.text()
+    assert len(json.loads((tmp_path / 'out' / 'spans.json').read_text())['spans']) == 6
+    assert not (tmp_path / 'out' / 'points.laz').exists()
 
 
 SPIN = """

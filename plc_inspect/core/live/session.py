@@ -15,6 +15,7 @@ import numpy as np
 
 from plc_inspect.config import Settings
 from plc_inspect.core.catenary.nearest_span import find_near
+from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.hazards.falling_trees import FALL_REACH
 from plc_inspect.core.live.window import CLOSE, LEAST_CLOSE, sample_span, Window
 from plc_inspect.core.pipeline import Pipeline
@@ -138,7 +139,10 @@ class Session:
             corridor=self._corridor,
         )
 
-    def tick(self, window: Window, settings: Settings, vehicle: Float64 | None) -> Tick:
+    def tick(
+        self, window: Window, settings: Settings, vehicle: Float64 | None,
+        rules: RuleSet | None = None,
+    ) -> Tick:
         """
         Run the pipeline over a window and update what is known.
 
@@ -150,6 +154,8 @@ class Session:
             For the pipeline.
         vehicle : Float64 or None
             (2+,) where the vehicle is [m].
+        rules : RuleSet or None
+            Clearance rules, by default the plain ones of the settings.
 
         Returns
         -------
@@ -157,7 +163,7 @@ class Session:
 
         """
         started = time.perf_counter()
-        trace = Pipeline(settings).trace(window.points)
+        trace = Pipeline(settings, rules).trace(window.points)
         result = trace.result
         numbered = self._registry.update(result, window.points, window.spans)
         self._finish_spans(window, vehicle)
@@ -176,7 +182,8 @@ class Session:
         )
 
     def conclude(
-        self, points: Float64, settings: Settings, sequence: int, *, complete: bool
+        self, points: Float64, settings: Settings, sequence: int, *, complete: bool,
+        rules: RuleSet | None = None,
     ) -> tuple[LiveState, InspectionResult, UInt8]:
         """
         Run the pipeline over the whole map, and replace what is known by what it finds.
@@ -192,6 +199,8 @@ class Session:
         complete : bool
             Nothing was evicted from the map.  Otherwise finished spans that it no longer holds are
             kept, with their supports and hazards.
+        rules : RuleSet or None
+            As for ``tick``.
 
         Returns
         -------
@@ -203,7 +212,7 @@ class Session:
 
         """
         started = time.perf_counter()
-        trace = Pipeline(settings).trace(points)
+        trace = Pipeline(settings, rules).trace(points)
         result = trace.result
         known = [item.key for item in self._registry.spans]
         numbered = self._registry.update(

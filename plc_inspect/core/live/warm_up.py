@@ -3,9 +3,12 @@
 
 """Loads the kernels before the first scan, or compiles them the first time."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from plc_inspect.config import MapSettings, Settings
+from plc_inspect.core.hazards.clearance_rules import PLAIN
 from plc_inspect.core.hazards.strands import divide_section
 from plc_inspect.core.live.session import Session
 from plc_inspect.core.live.window import copy_window, WindowPlanner
@@ -79,7 +82,7 @@ def warm_up_pipeline(settings: Settings, *, rare: bool = False) -> int:
     Parameters
     ----------
     settings : Settings
-        For the pipeline.
+        For the pipeline; the rules are the plain ones, which need no file.
     rare : bool
         Add what few lines have, to reach every kernel, and import what is rarely needed.
 
@@ -89,6 +92,7 @@ def warm_up_pipeline(settings: Settings, *, rare: bool = False) -> int:
         Spans found: six with the default settings, eleven with ``rare``.
 
     """
+    settings = replace(settings, hazards=replace(settings.hazards, rules=PLAIN))
     points = make_sample()
     if rare:
         assign(np.zeros((2, 2)), 1.0)  # two rows with the same cheapest column

@@ -70,6 +70,14 @@ PLAYER = QoSProfile(
 
 CLOCK = QoSProfile(depth=10)
 
+REQUESTS = QoSProfile(
+    history=QoSHistoryPolicy.KEEP_LAST,
+    depth=1000,
+    reliability=QoSReliabilityPolicy.RELIABLE,
+    durability=QoSDurabilityPolicy.VOLATILE,
+)
+"""Of services: calls that come in while the node is busy wait, so that each is answered."""
+
 
 class Overridable(TypedDict):
     """Arguments of a publisher or a subscription."""

@@ -16,13 +16,11 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, JumpThreshold, TimeJump
 from rclpy.clock_type import ClockType
 from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.task import Future
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
@@ -44,16 +42,18 @@ from plc_inspect.ros.node.diagnostics import (
     describe_segmentation,
     Health,
 )
+from plc_inspect.ros.node.final_save import FinalSave
 from plc_inspect.ros.node.intake import Complaints, Intake
-from plc_inspect.ros.node.jobs import choose_folder, Done, prepare, run_save, run_tick, Snapshot
+from plc_inspect.ros.node.jobs import Done, prepare, run_save, run_tick, Snapshot
 from plc_inspect.ros.node.parameters import Parameters
 from plc_inspect.ros.node.publishing import make_bundle, ResultPublishers
+from plc_inspect.ros.node.requests import Requests
 from plc_inspect.ros.node.teller import summarize, Teller
 from plc_inspect.ros.node.thin_link import Stream
 from plc_inspect.ros.node.worker import Worker
 
 NODE_NAME = 'plc_inspect'
-STOP_TIMEOUT = 60.0
+STOP_TIMEOUT = 30.0
 """Longest wait for the running job at the end [s]."""
 
 
@@ -93,8 +93,6 @@ class InspectNode(Node):
         self._copy: tuple[Iterator[Window | None], str] | None = None
         self._job = ''
         self._wants_tick = self._rest_is_due = False
-        self._tick_waiters: list[Future] = []
-        self._save_waiters: list[Future] = []
         self._complaints = Complaints(self.get_logger().warning)
         self._teller = Teller(self.get_logger().info)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -108,10 +106,8 @@ class InspectNode(Node):
         self._advance_guard = self.create_guard_condition(self._guard('step', self._advance))
         self._worker = Worker(self._advance_guard.trigger)
         self._subscribe(settings)
-        # A service that waits would keep all callbacks of its group from running.
-        patient = ReentrantCallbackGroup()
-        for name, callback in (('segment', self._on_segment), ('save', self._on_save)):
-            self.create_service(Trigger, f'~/{name}', callback, callback_group=patient)
+        self._segmenting = Requests(self, 'segment', self._advance_guard.trigger)
+        self._saving = Requests(self, 'save', self._advance_guard.trigger)
         self.create_service(Trigger, '~/reset', self._on_reset)
         self._timer = self.create_timer(
             settings.segment.period, self._guard('timer', self._on_timer), clock=self._steady
@@ -217,32 +213,6 @@ class InspectNode(Node):
         self._diagnostics.publish(DiagnosticArray(header=header, status=status))
         self._stream.tell_health(status)
 
-    async def _on_segment(
-        self, request: Trigger.Request, response: Trigger.Response
-    ) -> Trigger.Response:
-        response.success, response.message = await self._request(self._tick_waiters)
-        return response
-
-    async def _on_save(
-        self, request: Trigger.Request, response: Trigger.Response
-    ) -> Trigger.Response:
-        response.success, response.message = await self._request(self._save_waiters)
-        return response
-
-    def _request(self, waiters: list[Future]) -> Future:
-        future = Future(executor=self.executor)
-        waiters.append(future)
-        self._advance_guard.trigger()
-        return future
-
-    def _answer(self, waiters: list[Future], success: bool, text: str) -> None:
-        """Answer everyone who waits, and forget them."""
-        for future in waiters:
-            future.set_result((success, text))
-        if waiters:
-            waiters.clear()
-            self._advance_guard.trigger()
-
     def _on_reset(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
@@ -253,8 +223,8 @@ class InspectNode(Node):
             self._job = 'discarded'
         self._state = None
         self._teller.clear()
-        self._answer(self._tick_waiters, False, 'the node was reset')
-        self._answer(self._save_waiters, False, 'the node was reset')
+        self._segmenting.answer(False, 'the node was reset')
+        self._saving.answer(False, 'the node was reset')
         now = self.get_clock().now().nanoseconds
         self._stream.forget()
         self._results.publish(make_bundle(self._session.state, '', now, self.settings.stream))
@@ -282,18 +252,18 @@ class InspectNode(Node):
         voxels = self._intake.accumulator.map
         spans = [item.span for item in self._state.spans] if self._state else []
         plan: WindowPlan | None
-        if self._save_waiters:
+        if self._saving:
             if not len(voxels):
-                self._answer(self._save_waiters, False, 'nothing to save: the map is empty')
+                self._saving.answer(False, 'nothing to save: the map is empty')
                 return
             plan, job = plan_everything(voxels, spans), 'save'
-        elif self._wants_tick or self._tick_waiters:
-            asked = bool(self._tick_waiters)
+        elif self._wants_tick or self._segmenting:
+            asked = bool(self._segmenting)
             plan = self._planner.plan(voxels, spans, self._intake.vehicle, at_once=asked)
             job = 'tick'
             self._wants_tick = False
             if plan is None:
-                self._answer(self._tick_waiters, True, 'nothing is new since the last tick')
+                self._segmenting.answer(True, 'nothing is new since the last tick')
                 return
         else:
             if self._rest_is_due:
@@ -314,8 +284,7 @@ class InspectNode(Node):
         self._copy = None
         snapshot = self._describe(window)
         if job == 'save':
-            folder = choose_folder(self.settings, self._intake.first_stamp or 0)
-            self._submit(job, partial(run_save, self._session, snapshot, folder))
+            self._submit(job, partial(run_save, self._session, snapshot))
         else:
             self._submit(job, partial(run_tick, self._session, snapshot))
 
@@ -323,7 +292,9 @@ class InspectNode(Node):
         return Snapshot(
             window=window,
             settings=self.settings,
+            rules=self._live_parameters.rules,
             frame_id=self._intake.accumulator.frame_id,
+            first_stamp_ns=self._intake.first_stamp or 0,
             stamp_ns=self._intake.accumulator.last_inserted or 0,
             vehicle=self._intake.vehicle,
             complete=self._intake.evictor.num_evicted == 0,
@@ -341,8 +312,7 @@ class InspectNode(Node):
             self._health.num_failed += job == 'tick'
             self._fail(job, error)
             if job in ('tick', 'save'):
-                waiters = self._save_waiters if job == 'save' else self._tick_waiters
-                self._answer(waiters, False, str(error))
+                (self._saving if job == 'save' else self._segmenting).answer(False, str(error))
             return
         if done is None:
             if job == 'start':
@@ -352,15 +322,15 @@ class InspectNode(Node):
         self._state = done.state
         self._results.publish(done.bundle)
         self._teller.tell(done.state)
-        if job == 'save':
-            text = f'saved to {done.folder}' if done.folder else f'not saved: {done.problem}'
-            self.get_logger().info(text)
-            self._answer(self._save_waiters, done.folder is not None, text)
+        if done.saved is not None:
+            tell = self.get_logger().error if done.saved.problem else self.get_logger().info
+            tell(done.saved.describe())
+            self._saving.answer(done.saved.folder is not None, done.saved.describe())
         else:
             self._health.num_ticks += 1
-            self._answer(self._tick_waiters, True, summarize(done.state))
+            self._segmenting.answer(True, summarize(done.state))
 
-    def close(self, *, save: bool = True) -> None:
+    def close(self, *, save: bool = True) -> bool:
         """
         Stop the worker, let its job end, and write the results; call once, after spinning.
 
@@ -369,19 +339,26 @@ class InspectNode(Node):
         save : bool
             Write the results folder if anything came in.
 
+        Returns
+        -------
+        bool
+            Whether all that there is was written.
+
         """
         self._intake.leave_memory()
         stopped = self._worker.stop(STOP_TIMEOUT)
         log = self.get_logger()
-        if not stopped:
-            log.error(f'the running job did not end within {STOP_TIMEOUT:g} s; nothing saved')
-            return
         voxels = self._intake.accumulator.map
         if not save or not len(voxels):
             log.info('nothing to save' if save else 'not saved')
-            return
+            return True
+        final = FinalSave(log.info, log.error)
         plan = plan_everything(voxels, [])
         window = next(item for item in copy_window(voxels, plan) if item is not None)
-        folder = choose_folder(self.settings, self._intake.first_stamp or 0)
-        done = run_save(self._session, self._describe(window), folder)
-        log.info(f'saved to {done.folder}' if done.folder else f'not saved: {done.problem}')
+        snapshot = self._describe(window)
+        if not stopped:
+            final.rescue(
+                snapshot, self._state, f'the running job did not end within {STOP_TIMEOUT:g} s'
+            )
+            return False
+        return final.run(self._session, snapshot, self._state)

@@ -5,20 +5,22 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-import os
-from pathlib import Path
 import time
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 import numba
 
 from plc_inspect.config import Settings
+from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.live.session import LiveState, Session
 from plc_inspect.core.live.warm_up import warm_up_pipeline
 from plc_inspect.core.live.window import Window
-from plc_inspect.errors import PlcInspectError
-from plc_inspect.results import Float64, Int64, UInt8
+from plc_inspect.results import Float64, InspectionResult, Int64, UInt8
 from plc_inspect.ros.node.publishing import Bundle, make_bundle
+from plc_inspect.ros.node.saving import save_results, Saved
+
+if TYPE_CHECKING:
+    from plc_inspect.offline.records.inspection import Inspection
 
 COMMAND = 'plc_node'
 ALL_THREADS: int = numba.get_num_threads()
@@ -32,7 +34,10 @@ class Snapshot:
 
     window: Window
     settings: Settings
+    rules: RuleSet
     frame_id: str
+    first_stamp_ns: int
+    """Stamp of the first scan [ns], 0 before it."""
     stamp_ns: int
     """Newest scan that is in [ns]."""
     vehicle: Float64 | None
@@ -52,9 +57,8 @@ class Done:
     points: Float64
     labels: UInt8
     """For the map: one for each point of the window."""
-    folder: Path | None = None
-    problem: str = ''
-    """Why no folder was written."""
+    saved: Saved | None = None
+    """What became of the results, None for a tick."""
 
 
 def prepare(settings: Settings, *, rare: bool = False) -> None:
@@ -68,7 +72,7 @@ def run_tick(session: Session, snapshot: Snapshot) -> Done:
     """Run one tick and build its messages; it takes one core and leaves the others alone."""
     numba.set_num_threads(TICK_THREADS)
     window = snapshot.window
-    tick = session.tick(window, snapshot.settings, snapshot.vehicle)
+    tick = session.tick(window, snapshot.settings, snapshot.vehicle, snapshot.rules)
     return Done(
         state=tick.state,
         bundle=make_bundle(
@@ -80,72 +84,51 @@ def run_tick(session: Session, snapshot: Snapshot) -> Done:
     )
 
 
-def run_save(session: Session, snapshot: Snapshot, folder: Path) -> Done:
-    """
-    Run the pipeline over the whole map and write the results folder.
-
-    A folder that cannot be written is told of in ``problem``.
-    """
-    from plc_inspect.offline.export.results_folder import write_results
-    from plc_inspect.offline.records.inspection import Inspection
-
+def conclude(
+    session: Session, snapshot: Snapshot
+) -> tuple[LiveState, 'Inspection', UInt8]:
+    """Run the pipeline over the whole map, with all cores; its labels go to the map."""
     numba.set_num_threads(ALL_THREADS)
     started = time.perf_counter()
     window = snapshot.window
     state, result, labels = session.conclude(
-        window.points, snapshot.settings, window.sequence, complete=snapshot.complete
+        window.points, snapshot.settings, window.sequence, complete=snapshot.complete,
+        rules=snapshot.rules,
     )
-    inspection = Inspection(
+    seconds = time.perf_counter() - started
+    return state, describe_run(snapshot, result, window.points, seconds), labels
+
+
+def describe_run(
+    snapshot: Snapshot, result: InspectionResult, points: Float64, seconds: float = 0.0
+) -> 'Inspection':
+    """Return a result with all that its folder tells of the flight."""
+    from plc_inspect.offline.records.inspection import Inspection
+
+    return Inspection(
         result=result,
-        points=window.points,
+        points=points,
         settings=snapshot.settings,
         source=snapshot.settings.input.scan_topic,
         command=COMMAND,
         frame_id=snapshot.frame_id,
+        rules=snapshot.rules,
         counts=snapshot.counts,
-        seconds={'pipeline': time.perf_counter() - started},
+        seconds={'pipeline': seconds},
     )
-    problem = ''
-    try:
-        write_results(folder, inspection, force=True)
-    except PlcInspectError as error:
-        problem = str(error)
+
+
+def run_save(session: Session, snapshot: Snapshot) -> Done:
+    """Run the pipeline over the whole map and write the results folder, or say why not."""
+    state, inspection, labels = conclude(session, snapshot)
+    saved = save_results(snapshot.settings.output, snapshot.first_stamp_ns, inspection)
     return Done(
         state=state,
         bundle=make_bundle(
             state, snapshot.frame_id, snapshot.stamp_ns, snapshot.settings.stream
         ),
-        slots=window.slots,
-        points=window.points,
+        slots=snapshot.window.slots,
+        points=snapshot.window.points,
         labels=labels,
-        folder=None if problem else folder,
-        problem=problem,
+        saved=saved,
     )
-
-
-def choose_folder(settings: Settings, stamp_ns: int) -> Path:
-    """
-    Return where the results go.
-
-    Parameters
-    ----------
-    settings : Settings
-        ``output.directory``; where it is empty, a new folder below ROS_HOME (~/.ros) is named
-        after the time of the first scan.
-    stamp_ns : int
-        Stamp of the first scan [ns].
-
-    Returns
-    -------
-    Path
-
-    """
-    if settings.output.directory:
-        return Path(settings.output.directory).expanduser()
-    home = Path(os.environ.get('ROS_HOME') or Path.home() / '.ros') / 'plc_inspect'
-    name = time.strftime('flight_%Y%m%dT%H%M%SZ', time.gmtime(stamp_ns // 1_000_000_000))
-    folder, number = home / name, 1
-    while folder.exists():
-        number += 1
-        folder = home / f'{name}_{number}'
-    return folder

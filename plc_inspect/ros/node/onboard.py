@@ -4,10 +4,12 @@
 """The command ``plc_node``: the onboard node."""
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 import os
 import signal
 import sys
+from types import FrameType
+from typing import NoReturn
 
 from plc_inspect.errors import PlcInspectError
 from plc_inspect.ros.graph.ending import was_cut_short
@@ -15,6 +17,9 @@ from plc_inspect.ros.graph.transport import prepare_transport
 
 NAME = 'plc_node'
 DONE, DEFECT, BAD_INPUT = 0, 1, 2
+
+ALSO_TERM = (signal.SIGHUP, signal.SIGQUIT)
+"""The terminal or the ssh session closes; somebody presses the wrong keys."""
 
 SWITCH_INTERVAL = 0.0005
 """How long the worker may hold Python's lock while a callback waits for it [s]."""
@@ -35,6 +40,9 @@ def main(argv: Sequence[str] | None = None) -> int:
               'parameters, docs/interfaces.md the topics and services.')
         return DONE
     sys.setswitchinterval(SWITCH_INTERVAL)
+    for number in ALSO_TERM:
+        if signal.getsignal(number) is not signal.SIG_IGN:  # nohup
+            signal.signal(number, _pass_on)
     try:
         with _hold_tongue():
             rclpy.init(args=arguments)
@@ -52,6 +60,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if not was_cut_short(error):
             raise
         return DONE
+    saved = True
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     try:
@@ -63,13 +72,28 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
     finally:
         # A second signal must not cut off the saving of the results.
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)
-        node.close()
+        for number in (signal.SIGINT, signal.SIGTERM, *ALSO_TERM):
+            signal.signal(number, signal.SIG_IGN)
+        saved = node.close()
         executor.shutdown()
         node.destroy_node()
         rclpy.utilities.try_shutdown()
+    if not saved:
+        _leave_at_once()
     return DONE
+
+
+def _pass_on(number: int, frame: FrameType | None) -> None:
+    """End as on SIGTERM, which rclpy listens to."""
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
+def _leave_at_once() -> NoReturn:
+    """End with DEFECT without waiting for threads, of which one may be busy for long."""
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):
+            stream.flush()
+    os._exit(DEFECT)
 
 
 @contextmanager

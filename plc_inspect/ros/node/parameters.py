@@ -17,8 +17,11 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from plc_inspect.config import Settings
+from plc_inspect.config import HazardSettings, Settings
+from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.errors import ConfigError
+from plc_inspect.offline.readers.catalogue import load_rules
+from plc_inspect.ros.node.saving import check_output
 from plc_inspect.setting_names import describe, update
 
 
@@ -74,7 +77,8 @@ class Parameters:
     Raises
     ------
     ConfigError
-        What was given at the start is no parameter, has the wrong type or is out of range.
+        What was given at the start is no parameter, has the wrong type, is out of range, or names
+        rules that cannot be read or a folder that cannot be written.
 
     """
 
@@ -88,6 +92,10 @@ class Parameters:
         }
         self.settings = update(Settings(), values)
         self._refuse_unknown()
+        check_output(self.settings.output)
+        self.rules = load_rules(self.settings.hazards)
+        """Clearance rules that the settings name."""
+        self._read = self.settings.hazards, self.rules
         node.add_pre_set_parameters_callback(self._widen)
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._swap)
@@ -147,14 +155,24 @@ class Parameters:
 
     def _check(self, parameters: Sequence[Parameter]) -> SetParametersResult:
         try:
-            self._updated(parameters)
+            settings = self._updated(parameters)
+            self._read_rules(settings.hazards)
+            if settings.output != self.settings.output:
+                check_output(settings.output)
         except ConfigError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
+    def _read_rules(self, settings: HazardSettings) -> RuleSet:
+        """Return the rules that some settings name; a file is read once, when it is set."""
+        if settings != self._read[0]:
+            self._read = settings, load_rules(settings)
+        return self._read[1]
+
     def _swap(self, parameters: Sequence[Parameter]) -> None:
         settings = self._updated(parameters)
         if settings != self.settings:
+            self.rules = self._read_rules(settings.hazards)
             self.settings = settings
             self._changed(settings)
 

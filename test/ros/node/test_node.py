@@ -167,21 +167,6 @@ def test_save_writes_the_folder_of_a_replay(found):
     assert found.call('save').success  # replaces its own folder
 
 
-def test_save_that_cannot_write_says_so(found):
-    (found.folder.parent / 'file').write_text('')
-    setting = Parameter('output.directory', value=str(found.folder.parent / 'file' / 'out'))
-    old = Parameter('output.directory', value=str(found.folder))
-    assert found.node.set_parameters([setting])[0].successful
-    try:
-        answer = found.call('save')
-        assert not answer.success
-        assert 'file' in answer.message
-    finally:
-        found.node.set_parameters([old])
-    found.feed(1)
-    assert found.call('segment').success
-
-
 def test_nothing_to_save(rig):
     answer = rig.call('save')
     assert (answer.success, answer.message) == (False, 'nothing to save: the map is empty')
@@ -228,6 +213,8 @@ def test_every_setting_is_a_described_parameter(shared):
     ('corridor.environment', 'jungle', 'one of auto'),
     ('map.voxel_size', 0.2, 'read-only'),
     ('input.lidar_xyz', [1.0, 2.0], 'must hold 3'),
+    ('hazards.rules', 'nonsense', "unknown rule set 'nonsense'"),
+    ('hazards.rules', '/nowhere.yaml', '/nowhere.yaml cannot be read'),
 ])
 def test_bad_parameters_are_refused(shared, name, value, problem):
     before = shared.node.settings
@@ -266,6 +253,7 @@ def test_parameters_change_as_a_whole(shared):
     ({'height.num_bins': 10.5}, r'height.num_bins must be like 100, got 10.5'),
     ({'height.betta': 3.0}, r'unknown parameter height.betta'),
     ({'corridor.environment': 'jungle'}, 'must be one of auto'),
+    ({'hazards.rules': 'nonsense'}, "unknown rule set 'nonsense'"),
 ])
 def test_bad_parameters_at_the_start(shared, overrides, message):
     with pytest.raises(ConfigError, match=message):

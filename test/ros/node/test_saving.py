@@ -1,0 +1,139 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Saving: checked when it is set, answered to all who ask, bounded at the end."""
+
+import json
+import threading
+
+import pytest
+from rclpy.parameter import Parameter
+from rig import Rig, wait_for
+from std_srvs.srv import Trigger
+
+from plc_inspect.errors import ConfigError
+from plc_inspect.offline.export import files
+from plc_inspect.ros.node import final_save
+from plc_inspect.ros.node.inspect_node import InspectNode
+
+
+@pytest.fixture
+def home(tmp_path, monkeypatch):
+    """Return where results go that cannot go elsewhere."""
+    monkeypatch.setenv('ROS_HOME', str(tmp_path / 'home'))
+    return tmp_path / 'home' / 'plc_inspect'
+
+
+@pytest.fixture
+def rig(home, tmp_path):
+    """Return a node that has seen the sample, and has a results folder."""
+    rig = Rig(**{'output.directory': str(tmp_path / 'out')})
+    rig.feed()
+    rig.call('segment')
+    rig.feed(2)
+    rig.call('segment')
+    yield rig
+    rig.close()
+
+
+def block(tmp_path, kind):
+    """Return a folder that cannot be a results folder, and why."""
+    if kind == 'below a file':
+        (tmp_path / 'file').write_text('')
+        return tmp_path / 'file' / 'out', 'file'
+    (tmp_path / 'foreign').mkdir()
+    (tmp_path / 'foreign' / 'mine.txt').write_text('keep')
+    return tmp_path / 'foreign', 'mine.txt'
+
+
+@pytest.mark.parametrize('kind', ['below a file', 'of something else'])
+def test_folder_that_cannot_be_written_is_refused(rig, tmp_path, kind):
+    folder, reason = block(tmp_path, kind)
+    setting = Parameter('output.directory', value=str(folder))
+    answer = rig.node.set_parameters([setting])[0]
+    assert not answer.successful
+    assert reason in answer.reason
+    assert rig.node.settings.output.directory == str(tmp_path / 'out')
+    with pytest.raises(ConfigError, match=reason):
+        InspectNode(context=rig.contexts[1], namespace='/other', parameter_overrides=[setting])
+
+
+def test_folder_that_became_foreign_is_replaced_by_another(rig, home, tmp_path):
+    (tmp_path / 'out').mkdir()
+    (tmp_path / 'out' / 'mine.txt').write_text('keep')
+    answer = rig.call('save')
+    assert answer.success, answer.message
+    (folder,) = home.iterdir()
+    assert f'saved to {folder}' in answer.message
+    assert 'mine.txt' in answer.message
+    assert len(json.loads((folder / 'spans.json').read_text())['spans']) == 6
+    rig.feed(2)
+    assert rig.call('segment').success
+
+
+def test_writer_that_fails_leaves_the_tables(rig, tmp_path, monkeypatch):
+    def fail(*arguments):
+        raise RuntimeError('a decoder in Rust gave up')
+
+    monkeypatch.setattr(files, 'write_points', fail)
+    answer = rig.call('save')
+    assert answer.success
+    assert 'RuntimeError: a decoder in Rust gave up' in answer.message
+    assert f'tables only to {tmp_path / "out"}' in answer.message
+    assert len(json.loads((tmp_path / 'out' / 'spans.json').read_text())['spans']) == 6
+    assert not (tmp_path / 'out' / 'points.laz').exists()
+
+
+@pytest.mark.parametrize('service', ['segment', 'save'])
+def test_two_hundred_calls_are_answered(rig, service):
+    client = rig.client.create_client(Trigger, f'/plc_inspect/{service}')
+    assert client.wait_for_service(10.0)
+    futures = [client.call_async(Trigger.Request()) for _ in range(200)]
+    wait_for(lambda: all(future.done() for future in futures), '200 answers')
+    assert all(future.result().success for future in futures)
+    rig.client.destroy_client(client)
+
+
+def test_end_is_bounded_where_the_map_takes_for_ever(rig, tmp_path, monkeypatch, capfd):
+    released = threading.Event()
+    monkeypatch.setattr(final_save, 'RESCUE_AFTER', 0.2)
+    monkeypatch.setattr(final_save, 'GIVE_UP_AFTER', 0.5)
+    monkeypatch.setattr(final_save, 'conclude', lambda *_: released.wait(60.0) and None)
+    try:
+        assert not rig.node.close()
+    finally:
+        released.set()
+    said = capfd.readouterr().err
+    assert f'results of the last tick, without points: saved to {tmp_path / "out"}' in said
+    assert 'not worked through within 0.5 s' in said
+    assert len(json.loads((tmp_path / 'out' / 'spans.json').read_text())['spans']) == 6
+    run = json.loads((tmp_path / 'out' / 'run.json').read_text())
+    assert run['input']['counts']['results_of'] == 'the last tick'
+
+
+def test_results_of_the_whole_map_replace_those_of_the_last_tick(rig, tmp_path, monkeypatch):
+    released = threading.Event()
+    real = final_save.conclude
+
+    def late(session, snapshot):
+        assert released.wait(60.0)
+        return real(session, snapshot)
+
+    monkeypatch.setattr(final_save, 'RESCUE_AFTER', 0.2)
+    monkeypatch.setattr(final_save, 'conclude', late)
+    threading.Timer(2.0, released.set).start()
+    assert rig.node.close()
+    run = json.loads((tmp_path / 'out' / 'run.json').read_text())
+    assert 'results_of' not in run['input']['counts']
+    assert run['num_points_written'] > 1000
+
+
+def test_map_that_fails_at_the_end_is_said(rig, tmp_path, monkeypatch, capfd):
+    def fail(*arguments):
+        raise ValueError('made to fail')
+
+    monkeypatch.setattr(final_save, 'conclude', fail)
+    assert not rig.node.close()
+    said = capfd.readouterr().err
+    assert 'the map failed: ValueError: made to fail' in said
+    assert len(json.loads((tmp_path / 'out' / 'spans.json').read_text())['spans']) == 6
