@@ -23,6 +23,19 @@ _KINDS = {code: kind for kind, code in DATATYPES.items()}
 _TIME_FIELDS = ('time', 't', 'timestamp', 'offset_time', 'time_stamp')
 """Names that drivers give to the time of a point, the first that is there counts."""
 
+_UNITS = (1.0, 1e-3, 1e-6, 1e-9)
+"""Units in which drivers give times [s]."""
+LONGEST_SCAN = 1.5
+"""No scan lasts longer [s]; the slowest sensors turn at 1 Hz."""
+MOST_POINTS = 3e7
+"""No sensor gives more points a second; 25 million are the most of those on the market."""
+EPOCH_REACH = 3600.0
+"""Times since an epoch are this near to the stamp, else they are of another clock [s]."""
+FARTHEST = 1e6
+"""Coordinates beyond cannot be of a lidar: they are other bytes than floats [m]."""
+MOST_FAR = 0.05
+"""Share of points with such coordinates from which a scan is refused; few are noise."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ScanArrays:
@@ -39,6 +52,8 @@ class ScanArrays:
     """(N,) beam of each point, None if the message has none."""
     num_not_finite: int
     """Points of the message that were not finite."""
+    layout: str = 'xyz'
+    """Coordinates in the order of their bytes; drivers do not change it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -58,8 +73,19 @@ class StampedPose:
 
 
 def stamp_from_header(header: Any) -> int:
-    """Return the stamp of a std_msgs/Header in nanoseconds."""
-    return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
+    """
+    Return the stamp of a std_msgs/Header in nanoseconds.
+
+    Raises
+    ------
+    DataError
+        It is not set, before 1970, or has more than a second of nanoseconds.
+
+    """
+    seconds, nanoseconds = int(header.stamp.sec), int(header.stamp.nanosec)
+    if seconds < 0 or nanoseconds >= 1_000_000_000 or not (seconds or nanoseconds):
+        raise DataError(f'stamp of {seconds} s and {nanoseconds} ns is no time')
+    return seconds * 1_000_000_000 + nanoseconds
 
 
 def pose_from_message(message: Any) -> StampedPose:
@@ -75,6 +101,11 @@ def pose_from_message(message: Any) -> StampedPose:
     -------
     StampedPose
         Stamp, frames and pose.
+
+    Raises
+    ------
+    DataError
+        The stamp is no time.
 
     """
     position = message.pose.pose.position
@@ -95,9 +126,9 @@ def scan_from_message(message: Any) -> ScanArrays:
     Read a sensor_msgs/PointCloud2 of a lidar.
 
     The layout is taken from ``fields``, ``point_step``, ``row_step`` and ``is_bigendian``:
-    organised or not, padded, either byte order.  x, y and z are float32 or float64.  A time
-    field is optional: ``time`` in seconds (float) or nanoseconds (integer), relative to the
-    stamp; floats beyond a year are seconds or nanoseconds since the epoch of the stamp.
+    organised or not, padded, either byte order.  x, y and z are float32 or float64.  A time field is optional: relative to the stamp, in seconds (float) or nanoseconds
+    (integer), or in milli- or microseconds where only those can be; or since the epoch of the
+    stamp, in any of these units.
 
     Parameters
     ----------
@@ -112,8 +143,9 @@ def scan_from_message(message: Any) -> ScanArrays:
     Raises
     ------
     DataError
-        The message is malformed: a field is missing, of a wrong type or outside the point, or
-        the sizes contradict one another.
+        The message is malformed: a field is missing, there twice, of a wrong type or outside the
+        point, the sizes contradict one another, or the stamp or the coordinates
+        cannot be.
 
     """
     stamp_ns = stamp_from_header(message.header)
@@ -138,6 +170,7 @@ def scan_from_message(message: Any) -> ScanArrays:
     with np.errstate(over='ignore', invalid='ignore'):
         for axis, name in enumerate('xyz'):
             xyz[:, axis] = columns[name]
+    _check_reach(xyz)
     finite: Bool = np.logical_and.reduce(np.isfinite(xyz), axis=1)
     time = _read_time(columns, stamp_ns)
     ring = columns.get('ring')
@@ -155,7 +188,27 @@ def scan_from_message(message: Any) -> ScanArrays:
         time=time,
         ring=None if ring is None else ring.astype(np.uint16),
         num_not_finite=num_not_finite,
+        layout=_read_layout(message),
     )
+
+
+def _read_layout(message: Any) -> str:
+    """Return the names of the coordinates in the order in which they lie in a point."""
+    places = {field.offset: field.name for field in message.fields if field.name in tuple('xyz')}
+    return ''.join(name for _, name in sorted(places.items()))
+
+
+def _check_reach(xyz: Float32) -> None:
+    """Refuse coordinates that are no floats of this byte order."""
+    largest = np.abs(xyz).max(initial=0.0, where=np.isfinite(xyz))
+    if largest <= FARTHEST:
+        return
+    far = int(np.count_nonzero((np.abs(xyz) > FARTHEST).any(axis=1)))
+    if far > MOST_FAR * len(xyz):
+        raise DataError(
+            f'{far} of {len(xyz)} points lie up to {largest:.3g} m away: is the byte order '
+            '(is_bigendian) wrong, or the type of a field?'
+        )
 
 
 def _list_fields(message: Any) -> str:
@@ -192,6 +245,8 @@ def _view_columns(message: Any, cells: NDArray[np.uint8]) -> dict[str, NDArray[A
     for field in message.fields:
         if field.name not in wanted:
             continue
+        if field.name in columns:
+            raise DataError(f'field {field.name!r} is there twice')
         if field.datatype not in _KINDS or field.count not in (0, 1):
             raise DataError(
                 f'field {field.name!r} has datatype {field.datatype} and count {field.count}'
@@ -215,21 +270,41 @@ def _view_columns(message: Any, cells: NDArray[np.uint8]) -> dict[str, NDArray[A
 
 
 def _read_time(columns: dict[str, NDArray[Any]], stamp_ns: int) -> Float64 | None:
-    """Return the times relative to the stamp [s], whatever the driver's convention."""
+    """Return the times relative to the stamp [s], whatever the driver's convention and unit."""
     name = next((name for name in _TIME_FIELDS if name in columns), None)
     if name is None:
         return None
     column = columns[name]
-    if column.dtype.kind != 'f':
-        return column.astype(np.float64) * 1e-9
     times = column.astype(np.float64)
     known = times[np.isfinite(times)]
-    largest = float(np.abs(known).max()) if len(known) else 0.0
-    if largest < 3.2e7:
+    if not len(known):
         return times
-    if column.dtype.itemsize == 4:
-        raise DataError(f'field {name!r} is float32 and holds {largest:g}, too large for a time')
-    if largest > 3.2e16:
-        return (times - stamp_ns) * 1e-9
-    seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
-    return (times - seconds) - nanoseconds * 1e-9
+    low, high = float(known.min()), float(known.max())
+    largest = max(abs(low), abs(high))
+    for unit in _UNITS:  # since the epoch of the stamp
+        start = stamp_ns / (unit * 1e9)
+        if abs(largest - start) * unit <= EPOCH_REACH:
+            if column.dtype.itemsize == 4:
+                raise DataError(
+                    f'field {name!r} is {column.dtype.name} and holds {largest:g}, too large for '
+                    'a time'
+                )
+            return (times - np.floor(start)) * unit - (start - np.floor(start)) * unit
+    return times * _choose_unit(column, high - low, largest)
+
+
+def _choose_unit(column: NDArray[Any], span: float, largest: float) -> float:
+    """
+    Return the unit of times relative to the stamp [s].
+
+    It is seconds for floats and nanoseconds for integers, unless a scan would then last longer
+    than any does, or hold more points a second than any sensor gives, and another unit is in order.
+    """
+    usual = 1.0 if column.dtype.kind == 'f' else 1e-9
+
+    def fits(unit: float) -> bool:
+        return largest * unit <= LONGEST_SCAN and len(column) <= MOST_POINTS * span * unit
+
+    if span < 0.5 * largest or fits(usual) or (usual == 1.0 and largest <= LONGEST_SCAN):
+        return usual
+    return next((unit for unit in _UNITS if fits(unit)), usual)

@@ -240,3 +240,56 @@ def test_nothing_of_ros_is_imported():
     )
     done = subprocess.run([sys.executable, '-c', code], cwd=Path(__file__).parents[2], check=False)
     assert done.returncode == 0
+
+
+@pytest.mark.parametrize(('sec', 'nanosec'), [(0, 0), (-1, 5), (5, 1_000_000_000)])
+def test_stamp_that_is_no_time_is_refused(sec, nanosec):
+    message = make_cloud(make_points(4))
+    message.header.stamp = SimpleNamespace(sec=sec, nanosec=nanosec)
+    with pytest.raises(DataError, match=f'stamp of {sec} s and {nanosec} ns is no time'):
+        scan_from_message(message)
+    with pytest.raises(DataError, match='is no time'):
+        pose_from_message(SimpleNamespace(header=message.header, pose=SimpleNamespace(
+            pose=SimpleNamespace(position=None, orientation=None))))
+
+
+def test_field_that_is_there_twice_is_refused():
+    message = make_cloud(make_points(4))
+    message.fields.append(SimpleNamespace(name='x', offset=4, datatype=7, count=1))
+    with pytest.raises(DataError, match="field 'x' is there twice"):
+        scan_from_message(message)
+
+
+def test_layout_tells_swapped_names():
+    message = make_cloud(make_points(4))
+    assert scan_from_message(message).layout == 'xyz'
+    message.fields[0].name, message.fields[1].name = 'y', 'x'
+    assert scan_from_message(message).layout == 'yxz'
+
+
+def test_wrong_byte_order_is_refused():
+    columns = make_points(500)
+    message = make_cloud(columns)
+    message.is_bigendian = True
+    del message.fields[3:]
+    with pytest.raises(DataError, match='is_bigendian'):
+        scan_from_message(message)
+    columns['x'][7] = 3e30  # a stray value alone is no reason
+    assert len(scan_from_message(make_cloud(columns)).xyz) == 500
+
+
+@pytest.mark.parametrize('unit', [1.0, 1e-3, 1e-6, 1e-9])
+@pytest.mark.parametrize('duration', [0.05, 0.1, 0.2])
+@pytest.mark.parametrize(('kind', 'epoch'), [
+    ('f4', False), ('f8', False), ('f8', True), ('i4', False), ('u4', False),
+])
+def test_unit_of_times_is_recognised(unit, duration, kind, epoch):
+    if kind[0] != 'f' and unit > 1e-6:
+        pytest.skip('no driver counts whole milliseconds')
+    columns = make_points(10_000)
+    seconds = np.linspace(0.0, duration, 10_000) * (-1 if kind == 'i4' else 1)
+    start = 1_700_000_000.123456789 if epoch else 0.0
+    columns['time'] = (seconds + start) / unit
+    layout = DRIVER | {'time': (18, kind)}
+    scan = scan_from_message(make_cloud(columns, layout, point_step=26))
+    np.testing.assert_allclose(scan.time, seconds, atol=2e-6)

@@ -129,7 +129,16 @@ class Intake:
         """Put a pose in; what is rejected is counted by the accumulator."""
         now = time.monotonic()
         self._health.last_pose = now
-        pose = pose_from_message(message)
+        try:
+            pose = pose_from_message(message)
+        except DataError as error:
+            self._health.malformed['odometry'] += 1
+            self._complaints.complain(
+                'odometry',
+                f'pose rejected, malformed: {error} '
+                f'({self._health.malformed["odometry"]} so far)',
+            )
+            return
         accepted = self.accumulator.add_pose(
             pose.stamp_ns, pose.position, pose.quaternion, frame_id=pose.frame_id,
             child_frame_id=pose.child_frame_id, now=now,
