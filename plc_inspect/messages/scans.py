@@ -126,9 +126,9 @@ def scan_from_message(message: Any) -> ScanArrays:
     Read a sensor_msgs/PointCloud2 of a lidar.
 
     The layout is taken from ``fields``, ``point_step``, ``row_step`` and ``is_bigendian``:
-    organised or not, padded, either byte order.  x, y and z are float32 or float64.  A time field is optional: relative to the stamp, in seconds (float) or nanoseconds
-    (integer), or in milli- or microseconds where only those can be; or since the epoch of the
-    stamp, in any of these units.
+    organised or not, padded, either byte order.  x, y and z are float32 or float64.  A time field
+    is optional: relative to the stamp, in seconds (float) or nanoseconds (integer), or in milli-
+    or microseconds where only those can be; or since the epoch of the stamp, in any of these.
 
     Parameters
     ----------
@@ -298,7 +298,7 @@ def _choose_unit(column: NDArray[Any], span: float, largest: float) -> float:
     Return the unit of times relative to the stamp [s].
 
     It is seconds for floats and nanoseconds for integers, unless a scan would then last longer
-    than any does, or hold more points a second than any sensor gives, and another unit is in order.
+    than any does, or hold more points a second than any sensor gives, and another unit fits.
     """
     usual = 1.0 if column.dtype.kind == 'f' else 1e-9
 

@@ -11,8 +11,8 @@ whole, or dropped whole and counted with the reason.
 from collections import Counter, deque
 from collections.abc import Iterator
 from dataclasses import dataclass
+import math
 
-from numba import njit
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -21,7 +21,9 @@ from plc_inspect.core.mapping.deskew import deskew, make_transform
 from plc_inspect.core.mapping.pose_buffer import Bracket, PoseBuffer, PoseStatus
 from plc_inspect.core.mapping.scan_clock import ScanClock
 from plc_inspect.core.mapping.scan_counters import Counters, DropReason
-from plc_inspect.core.mapping.voxel_map import VoxelMap
+from plc_inspect.core.mapping.scan_gate import ScanGate
+from plc_inspect.core.mapping.scan_points import select_points
+from plc_inspect.core.mapping.voxel_map import Insertion, VoxelMap
 from plc_inspect.errors import DataError
 from plc_inspect.results import Float32, Float64, Int64
 
@@ -43,6 +45,21 @@ Largest believable time of a point relative to its scan's stamp [s].
 Source: judgement; not measured.
 """
 
+MOST_COORDINATE = 1e8
+"""
+Coordinates beyond are of no place on Earth in any projection [m].
+Source: derived: zones of Gauss-Krueger put 60 million before an easting; 1e8 is beyond.
+"""
+
+RESTART_AFTER_NS = 3_000_000_000
+"""
+Time during which all scans lie beyond the map's reach after which it begins anew there [ns].
+Source: judgement; not measured.
+"""
+
+LEADS = 16
+"""Scans of which the median lead over the odometry is taken.  Source: judgement; not measured."""
+
 _REASON_OF_BRACKET = {
     Bracket.BEFORE: DropReason.NO_POSE_BEFORE,
     Bracket.AFTER: DropReason.NO_POSE_AFTER,
@@ -59,6 +76,8 @@ class _WaitingScan:
     first: int
     last: int
     arrival: float | None
+    placed: bool
+    """The points are in the frame of the odometry already."""
 
 
 class Accumulator:
@@ -66,7 +85,8 @@ class Accumulator:
     Builds the map from poses and scans in the order in which they come.
 
     Owned by one thread.  The frame of the first pose is the map frame; poses and scans of
-    another frame than the first of their kind are rejected and counted.
+    another frame than the first of their kind are rejected and counted.  Scans in the map frame
+    itself are taken as they are, with their range measured from the lidar's place.
 
     Parameters
     ----------
@@ -85,8 +105,12 @@ class Accumulator:
         self._counts: Counter[str] = Counter()
         self._dropped: Counter[DropReason] = Counter()
         self._frames: tuple[str, str] | None = None
-        self._lidar_frame_id: str | None = None
+        self._gate = ScanGate()
+        self._leads: deque[float] = deque(maxlen=LEADS)
         self._last_inserted: int | None = None
+        self._beyond_since: int | None = None
+        self.num_map_restarts = 0
+        """Times the map began anew, as the odometry had gone where it does not reach."""
 
     def configure(self, settings: Settings) -> None:
         """Use other settings from now on, except for the structural ones."""
@@ -147,6 +171,8 @@ class Accumulator:
         status = self.poses.insert(stamp_ns, position, quaternion)
         if status.accepted:
             self._frames = frames
+            if status is PoseStatus.RESTARTED:
+                self._gate.forget_times()
             self._drain()
         self.expire(now)
         return status.accepted
@@ -159,6 +185,7 @@ class Accumulator:
         *,
         frame_id: str = '',
         num_not_finite: int = 0,
+        layout: str = '',
         now: float | None = None,
     ) -> None:
         """
@@ -178,6 +205,8 @@ class Accumulator:
             Frame of the scan.
         num_not_finite : int
             Points that were not finite and are not in ``xyz`` any more, to be counted.
+        layout : str
+            Order of the coordinates in the message; that of the first scan holds.
         now : float or None
             Time of arrival by a steady clock or the recording's clock [s]; without it a scan
             waits until the queue is full.
@@ -195,8 +224,10 @@ class Accumulator:
         times = np.zeros(0) if time is None else np.ascontiguousarray(time, dtype=np.float64)
         if time is not None and times.shape != (len(points),):
             raise DataError(f'times of shape {times.shape} for {len(points)} points')
-        kept, stamps, not_finite, near, far, worst = _select(
-            points, times, stamp_ns, self._min_range, self._max_range
+        placed = bool(frame_id) and frame_id == self.frame_id
+        low, high = (0.0, math.inf) if placed else (self._min_range, self._max_range)
+        kept, stamps, not_finite, near, far, worst = select_points(
+            points, times, stamp_ns, low, high
         )
         if worst > MAX_TIME_OFFSET:
             raise DataError(
@@ -204,22 +235,25 @@ class Accumulator:
                 f'at most {MAX_TIME_OFFSET:g} s is believed'
             )
         self._counts['scans'] += 1
-        if self._lidar_frame_id is None:
-            self._lidar_frame_id = frame_id
-        if frame_id != self._lidar_frame_id:
-            self._dropped[DropReason.WRONG_FRAME] += 1
+        first, last = (int(stamps.min()), int(stamps.max())) if len(stamps) else (stamp_ns,) * 2
+        reason = self._gate.judge(
+            frame_id, layout, stamp_ns, (first, last), self._clock.period
+        )
+        if reason is not None:
+            self._dropped[reason] += 1
             return
+        if self.poses.last_stamp is not None:
+            self._leads.append((last - self.poses.last_stamp) * 1e-9)
         self._counts['points'] += len(points) + num_not_finite
         self._counts['not finite'] += not_finite + num_not_finite
         self._counts['too near'] += near
         self._counts['too far'] += far
         self._counts['scans without time'] += time is None
         self._clock.add(stamp_ns)
-        first, last = (int(stamps.min()), int(stamps.max())) if len(stamps) else (stamp_ns,) * 2
         if len(self._queue) == QUEUE_SIZE:
             self._queue.popleft()
             self._dropped[DropReason.QUEUE_FULL] += 1
-        self._queue.append(_WaitingScan(stamp_ns, kept, stamps, first, last, now))
+        self._queue.append(_WaitingScan(stamp_ns, kept, stamps, first, last, now, placed))
         self._drain()
         self.expire(now)
 
@@ -258,11 +292,15 @@ class Accumulator:
         """
         self.poses.clear()
         self._clock = self._clock.restarted()
+        self._gate.forget_times()
+        self._leads.clear()
+        self._beyond_since = None
         for _ in self._take_waiting():
             self._dropped[DropReason.RESET] += 1
         if not keep_map:
             self.map.clear()
-            self._frames = self._lidar_frame_id = self._last_inserted = None
+            self._frames = self._last_inserted = None
+            self._gate = ScanGate()
 
     def _take_waiting(self) -> Iterator[_WaitingScan]:
         """Yield the scans that wait now, each taken out of the queue."""
@@ -281,19 +319,44 @@ class Accumulator:
                 self._insert(scan)
 
     def _insert(self, scan: _WaitingScan) -> None:
-        result = deskew(scan.xyz, scan.stamps, self.poses, self._T_base_lidar)
+        seen = np.zeros_like(scan.xyz) if scan.placed else scan.xyz
+        result = deskew(seen, scan.stamps, self.poses, self._T_base_lidar)
         if not result.complete:
             self._dropped[_REASON_OF_BRACKET[Bracket(int(result.bracket.max()))]] += 1
             return
+        points = self._limit(scan.xyz, result.points) if scan.placed else result.points
         try:
-            insertion = self.map.insert(result.points)
+            insertion = self._put(points, scan.stamp_ns)
         except DataError:
             self._dropped[DropReason.OUT_OF_MAP] += 1
             return
+        self._beyond_since = None
         self._last_inserted = scan.stamp_ns
         self._counts['scans inserted'] += 1
         self._counts['points inserted'] += insertion.num_points
         self._counts['map full'] += insertion.num_refused
+
+    def _limit(self, xyz: Float32, lidar: Float64) -> Float64:
+        """Return the points of the map frame that are within range of the lidar's places."""
+        apart = np.linalg.norm(xyz - lidar, axis=1)
+        near, far = apart < self._min_range, apart > self._max_range
+        self._counts['too near'] += int(near.sum())
+        self._counts['too far'] += int(far.sum())
+        return xyz[~(near | far)].astype(np.float64)
+
+    def _put(self, points: Float64, stamp_ns: int) -> Insertion:
+        """Insert points; where none are within reach for long, the map begins anew."""
+        try:
+            return self.map.insert(points)
+        except DataError:
+            if self._beyond_since is None or stamp_ns < self._beyond_since:
+                self._beyond_since = stamp_ns
+            reached = np.abs(points).max(initial=0.0) < MOST_COORDINATE
+            if stamp_ns - self._beyond_since < RESTART_AFTER_NS or not reached:
+                raise
+        self.map.clear()
+        self.num_map_restarts += 1
+        return self.map.insert(points)
 
     def counters(self) -> Counters:
         """Return the counts so far."""
@@ -319,31 +382,7 @@ class Accumulator:
             num_pose_gaps=self.poses.num_gaps,
             num_pose_jumps=self.poses.num_jumps,
             num_pose_restarts=poses.get(PoseStatus.RESTARTED, 0),
+            num_map_restarts=self.num_map_restarts,
+            stamp_lead=float(np.median(self._leads)) if self._leads else None,
+            pose_period=self.poses.period,
         )
-
-
-@njit(cache=True, nogil=True)
-def _select(
-    xyz: Float32, times: Float64, stamp_ns: int, min_range: float, max_range: float
-) -> tuple[Float32, Int64, int, int, int, float]:
-    """Keep finite points within range; also count the others, and find the worst time."""
-    kept = np.empty_like(xyz)
-    stamps = np.empty(len(xyz), dtype=np.int64)
-    count, not_finite, near, far = 0, 0, 0, 0
-    worst = 0.0
-    for i in range(len(xyz)):
-        x, y, z = np.float64(xyz[i, 0]), np.float64(xyz[i, 1]), np.float64(xyz[i, 2])
-        time = times[i] if len(times) else 0.0
-        squared = x * x + y * y + z * z
-        if not (np.isfinite(squared) and np.isfinite(time)):
-            not_finite += 1
-        elif squared < min_range * min_range:
-            near += 1
-        elif squared > max_range * max_range:
-            far += 1
-        else:
-            worst = max(worst, abs(time))
-            kept[count] = xyz[i]
-            stamps[count] = stamp_ns + np.int64(np.rint(time * 1e9))
-            count += 1
-    return kept[:count], stamps[:count], not_finite, near, far, worst

@@ -38,6 +38,8 @@ RESTART_AFTER = 10
 Poses in a row, ascending in time but earlier than the newest, that restart the buffer.
 Source: judgement; not measured.
 """
+PERIODS = 16
+"""Times between poses of which the median is taken.  Source: judgement; not measured."""
 SMALL_ANGLE = 1e-4
 """
 Angle between quaternions up to which slerp is linear [rad].
@@ -137,6 +139,12 @@ class PoseBuffer:
     def last_stamp(self) -> int | None:
         """Stamp of the newest pose [ns], None when empty."""
         return int(self._stamps[self._end - 1]) if len(self) else None
+
+    @property
+    def period(self) -> float | None:
+        """Median time between the newest poses [s], None while there are fewer than 3."""
+        newest = self._stamps[max(self._start, self._end - PERIODS - 1) : self._end]
+        return float(np.median(np.diff(newest))) * 1e-9 if len(newest) > 2 else None
 
     @property
     def counts(self) -> dict[PoseStatus, int]:

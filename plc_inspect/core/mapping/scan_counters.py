@@ -17,6 +17,8 @@ class DropReason(enum.Enum):
     WAITED_TOO_LONG = 'waited too long for odometry'
     QUEUE_FULL = 'too many scans waiting for odometry'
     WRONG_FRAME = 'another frame than the scans before'
+    OTHER_LAYOUT = 'x, y, z in another order than before'
+    OVERLAP = 'of the same time as another: two drivers on one topic?'
     OUT_OF_MAP = 'points too far away for the map'
     RESET = 'waiting when the buffers were reset'
 
@@ -49,3 +51,9 @@ class Counters:
     num_pose_gaps: int
     num_pose_jumps: int
     num_pose_restarts: int
+    num_map_restarts: int
+    """Times the map began anew, as the odometry had gone where it does not reach."""
+    stamp_lead: float | None
+    """Median time by which scans are ahead of the newest pose on arrival [s], None unknown."""
+    pose_period: float | None
+    """Median time between poses [s], None while unknown."""

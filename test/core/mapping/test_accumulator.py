@@ -287,3 +287,49 @@ def test_input_is_unchanged():
     accumulator.add_scan(START, xyz, times)
     np.testing.assert_array_equal(xyz, copies[0])
     np.testing.assert_array_equal(times, copies[1])
+
+
+def test_cloud_in_the_frame_of_the_odometry_is_taken_as_it_is():
+    accumulator = make_accumulator()
+    add_poses(accumulator, 0, 4000, frame_id='odom')
+    # At 3 s the vehicle is at x = 60: 130 is within 100 m of it, 161 and 61 are not in range.
+    xyz = np.array([[130.02, 0, 0], [161, 0, 0], [61, 0, 0]], np.float32)
+    accumulator.add_scan(START + 3000 * MS, xyz, np.zeros(3), frame_id='odom')
+    np.testing.assert_allclose(accumulator.map.centroids(), [[130.02, 0, 0]], atol=1e-4)
+    assert accumulator.counters().points_dropped == {'too near': 1, 'too far': 1}
+
+
+def test_cloud_in_the_frame_of_the_odometry_needs_a_pose_too():
+    accumulator = make_accumulator()
+    add_poses(accumulator, 0, 100, frame_id='odom')
+    add_poses(accumulator, 600, 700, frame_id='odom')
+    add_plain_scan(accumulator, 400, frame_id='odom')
+    assert accumulator.counters().scans_dropped == {DropReason.POSE_GAP.value: 1}
+
+
+def fly_away(accumulator, offset, seconds):
+    """Fly from the origin, then at an offset, with a scan every 0.1 s."""
+    for ms in range(0, seconds * 1000, 20):
+        place = np.zeros(3) if ms < 1000 else np.asarray(offset)
+        accumulator.add_pose(START + ms * MS, place, UPRIGHT)
+        if ms % 100 == 40:
+            add_plain_scan(accumulator, ms)
+
+
+def test_map_follows_from_the_origin_to_utm():
+    accumulator = make_accumulator()
+    fly_away(accumulator, (500_000.0, 5_800_000.0, 40.0), 10)
+    counters = accumulator.counters()
+    assert counters.num_map_restarts == 1
+    np.testing.assert_allclose(
+        accumulator.map.centroids(), [[500_010.0, 5_800_000.0, 40.0]], atol=1e-3
+    )
+    assert counters.num_scans_inserted >= 65
+
+
+@pytest.mark.parametrize('offset', [(1e300, 0, 0), (0, 1e12, 0)])
+def test_map_does_not_follow_to_no_place(offset):
+    accumulator = make_accumulator()
+    fly_away(accumulator, offset, 10)
+    assert accumulator.counters().num_map_restarts == 0
+    np.testing.assert_allclose(accumulator.map.centroids(), [[10, 0, 0]], atol=1e-6)

@@ -1,0 +1,108 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Scans that cannot follow those before: of another frame or layout, or of the same time."""
+
+from collections import deque
+
+from plc_inspect.core.mapping.scan_counters import DropReason
+
+REMEMBERED = 64
+"""
+Scans that a new one is compared with.
+Source: numerical: 3 s at 20 Hz; scans that come out of order are neighbours.
+"""
+MOST_OVERLAP = 0.2
+"""
+Greatest share of the shorter of two scans in which both may have been measured.
+Source: judgement; not measured.
+"""
+LEAST_STEP_NS = 2_000_000
+"""
+Least time between the stamps of two scans [ns].
+Source: derived: 500 Hz, ten times the fastest sensors turn.
+"""
+CONFLICT_NS = 10_000_000_000
+"""
+Time after an overlap in which scans must keep to the period [ns].
+Source: judgement; not measured.
+"""
+MOST_PHASE = 0.05
+"""
+Greatest distance from a whole number of periods in that time, as a share of the period.
+Source: judgement; not measured.
+"""
+
+
+class ScanGate:
+    """
+    Tells which scans may follow those that were taken.
+
+    One sensor measures one scan at a time: where two cover the same time, a second driver is on
+    the topic, a message came twice, or the stamps are wrong.  The one that came first stays; for a
+    while after such a conflict scans off its rhythm are refused too, so that the other driver does
+    not take over where a scan of the first is lost.
+    """
+
+    def __init__(self) -> None:
+        self._frame_id: str | None = None
+        self._layout = ''
+        self.forget_times()
+
+    def forget_times(self) -> None:
+        """Take scans of any time next, as after time went back."""
+        self._taken: deque[tuple[int, int, int]] = deque(maxlen=REMEMBERED)
+        self._conflict: int | None = None
+
+    def judge(
+        self, frame_id: str, layout: str, stamp_ns: int, times: tuple[int, int],
+        period: float | None,
+    ) -> DropReason | None:
+        """
+        Take a scan, or say why not.
+
+        Parameters
+        ----------
+        frame_id, layout : str
+            Of the scan; those of the first one hold.
+        stamp_ns : int
+            Header stamp [ns].
+        times : tuple of int
+            When the first and the last of its points were measured [ns].
+        period : float or None
+            Median time between scans [s].
+
+        Returns
+        -------
+        DropReason or None
+
+        """
+        if self._frame_id is None:
+            self._frame_id, self._layout = frame_id, layout
+        if frame_id != self._frame_id:
+            return DropReason.WRONG_FRAME
+        if layout != self._layout:
+            return DropReason.OTHER_LAYOUT
+        if any(_overlap((stamp_ns, *times), other) for other in self._taken):
+            self._conflict = stamp_ns
+            return DropReason.OVERLAP
+        if self._is_off_rhythm(stamp_ns, period):
+            return DropReason.OVERLAP
+        self._taken.append((stamp_ns, *times))
+        return None
+
+    def _is_off_rhythm(self, stamp_ns: int, period: float | None) -> bool:
+        if self._conflict is None or period is None or not self._taken:
+            return False
+        if abs(stamp_ns - self._conflict) > CONFLICT_NS:
+            return False
+        steps = (stamp_ns - self._taken[-1][0]) * 1e-9 / period
+        return abs(steps - round(steps)) > MOST_PHASE
+
+
+def _overlap(scan: tuple[int, int, int], other: tuple[int, int, int]) -> bool:
+    """Tell whether two scans, stamp, first and last time [ns], cannot be of one sensor."""
+    if abs(scan[0] - other[0]) < LEAST_STEP_NS:
+        return True
+    common = min(scan[2], other[2]) - max(scan[1], other[1])
+    return common > MOST_OVERLAP * min(scan[2] - scan[1], other[2] - other[1]) and common > 0

@@ -1,0 +1,56 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Which points of a scan are used, in numba."""
+
+from numba import njit
+import numpy as np
+
+from plc_inspect.results import Float32, Float64, Int64
+
+
+@njit(cache=True, nogil=True)
+def select_points(
+    xyz: Float32, times: Float64, stamp_ns: int, min_range: float, max_range: float
+) -> tuple[Float32, Int64, int, int, int, float]:
+    """
+    Keep finite points within range; also count the others, and find the worst time.
+
+    Parameters
+    ----------
+    xyz : Float32
+        (N, 3) points in the lidar frame [m].
+    times : Float64
+        (N,) time of each point relative to the stamp [s], or (0,): all at the stamp.
+    stamp_ns : int
+        Stamp of the scan [ns].
+    min_range, max_range : float
+        Of the points that are kept [m].
+
+    Returns
+    -------
+    tuple[Float32, Int64, int, int, int, float]
+        (M, 3) points, (M,) their times [ns], how many of the others are not finite, too near and
+        too far, and the greatest time from the stamp among those kept [s].
+
+    """
+    kept = np.empty_like(xyz)
+    stamps = np.empty(len(xyz), dtype=np.int64)
+    count, not_finite, near, far = 0, 0, 0, 0
+    worst = 0.0
+    for i in range(len(xyz)):
+        x, y, z = np.float64(xyz[i, 0]), np.float64(xyz[i, 1]), np.float64(xyz[i, 2])
+        time = times[i] if len(times) else 0.0
+        squared = x * x + y * y + z * z
+        if not (np.isfinite(squared) and np.isfinite(time)):
+            not_finite += 1
+        elif squared < min_range * min_range:
+            near += 1
+        elif squared > max_range * max_range:
+            far += 1
+        else:
+            worst = max(worst, abs(time))
+            kept[count] = xyz[i]
+            stamps[count] = stamp_ns + np.int64(np.rint(time * 1e9))
+            count += 1
+    return kept[:count], stamps[:count], not_finite, near, far, worst

@@ -1,0 +1,92 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Why nothing goes into the map: the cause, with its numbers, in one sentence."""
+
+from collections.abc import Mapping
+
+from plc_inspect.config import InputSettings
+from plc_inspect.core.mapping.scan_counters import Counters, DropReason
+
+MOST_LEAD = 0.5
+"""
+Difference of the clocks of scans and odometry that is named as the cause [s].
+Source: judgement: several times the delay of a driver; not measured.
+"""
+_NO_POSE = (
+    DropReason.WAITED_TOO_LONG.value, DropReason.NO_POSE_BEFORE.value,
+    DropReason.NO_POSE_AFTER.value,
+)
+
+
+def explain_standstill(
+    now: Counters, before: Counters | None, malformed: Mapping[str, str], settings: InputSettings
+) -> str:
+    """
+    Say why no point went into the map.
+
+    Parameters
+    ----------
+    now : Counters
+        What came in so far.
+    before : Counters or None
+        The same when a point went in last; None: from the start.
+    malformed : mapping
+        Messages that could not be used since, 'scan' or 'odometry' to the newest reason.
+    settings : InputSettings
+        Ranges and gaps.
+
+    Returns
+    -------
+    str
+        The cause that holds for most scans.
+
+    """
+    dropped = _grown(now.scans_dropped, before.scans_dropped if before else {})
+    rejected = _grown(now.poses_rejected, before.poses_rejected if before else {})
+    num_scans = now.num_scans - (before.num_scans if before else 0)
+    num_poses = now.num_poses - (before.num_poses if before else 0) - sum(rejected.values())
+    if not num_scans:
+        return (
+            f'all scans are malformed: {malformed["scan"]}' if 'scan' in malformed
+            else 'no scan came in'
+        )
+    if not num_poses:
+        if rejected:
+            return f'all poses are rejected: {max(rejected, key=lambda name: rejected[name])}'
+        return (
+            f'all poses are malformed: {malformed["odometry"]}' if 'odometry' in malformed
+            else 'no odometry came in'
+        )
+    if not dropped:
+        if now.num_scans_waiting:
+            return _compare_clocks(now) or f'{now.num_scans_waiting} scans wait for odometry'
+        return (
+            f'no point of the scans lies between {settings.min_range:g} and '
+            f'{settings.max_range:g} m (input.min_range, input.max_range)'
+        )
+    reason = max(dropped, key=lambda name: dropped[name])
+    if reason in _NO_POSE and (text := _compare_clocks(now)):
+        return text
+    period = now.pose_period
+    if period is not None and period > settings.max_pose_gap:
+        return (
+            f'odometry comes every {period:.2f} s; over more than {settings.max_pose_gap:g} s '
+            '(input.max_pose_gap) nothing is interpolated'
+        )
+    return f'scans dropped: {reason}'
+
+
+def _compare_clocks(counters: Counters) -> str:
+    lead = counters.stamp_lead
+    if lead is None or abs(lead) <= MOST_LEAD:
+        return ''
+    side = 'ahead of' if lead > 0 else 'behind'
+    return f'scan stamps are {abs(lead):.1f} s {side} odometry: set both by one clock'
+
+
+def _grown(now: Mapping[str, int], before: Mapping[str, int]) -> dict[str, int]:
+    return {
+        name: count - before.get(name, 0) for name, count in now.items()
+        if count > before.get(name, 0)
+    }

@@ -1,0 +1,69 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+import pytest
+
+from plc_inspect.core.mapping.scan_counters import DropReason
+from plc_inspect.core.mapping.scan_gate import ScanGate
+
+MS = 1_000_000
+
+
+def judge(gate, stamp_ms, duration_ms=100, *, period=0.1, frame='lidar', layout='xyz'):
+    stamp = round(stamp_ms * MS)
+    times = stamp - round(duration_ms * MS), stamp
+    return gate.judge(frame, layout, stamp, times, period)
+
+
+@pytest.mark.parametrize('duration', [0, 60, 100, 105])
+def test_scans_of_one_driver_pass(duration):
+    gate = ScanGate()
+    stamps = [100, 201, 299, 404, 500, 900, 1000]
+    assert [judge(gate, stamp, duration) for stamp in stamps] == [None] * 7
+
+
+def test_scans_out_of_order_pass():
+    gate = ScanGate()
+    assert [judge(gate, stamp) for stamp in (100, 300, 200, 500, 400)] == [None] * 5
+
+
+@pytest.mark.parametrize('phase', [3, 30, 50, 75])
+def test_second_driver_never_takes_over(phase):
+    gate = ScanGate()
+    taken = {'first': 0, 'second': 0}
+    for number in range(50):
+        if number % 10 != 9:  # a scan in ten of the first driver is lost
+            taken['first'] += judge(gate, 100 * number) is None
+        taken['second'] += judge(gate, 100 * number + phase) is None
+    assert taken['first'] == 45
+    # One that is nearly in step with the first cannot be told from it where that one is lost.
+    assert taken['second'] == (5 if phase == 3 else 0)
+
+
+@pytest.mark.parametrize('duration', [0, 100])
+def test_repeated_scans_are_refused(duration):
+    gate = ScanGate()
+    judged = [judge(gate, 100 * (number // 2), duration) for number in range(20)]
+    assert judged == [None, DropReason.OVERLAP] * 10
+
+
+@pytest.mark.parametrize('duration', [0, 50])
+def test_stamps_a_microsecond_apart_are_refused(duration):
+    gate = ScanGate()
+    judged = [judge(gate, 100 + 0.001 * number, duration, period=None) for number in range(100)]
+    assert judged == [None] + [DropReason.OVERLAP] * 99
+
+
+def test_frame_and_layout_of_the_first_scan_hold():
+    gate = ScanGate()
+    assert judge(gate, 100) is None
+    assert judge(gate, 200, frame='camera') is DropReason.WRONG_FRAME
+    assert judge(gate, 200, layout='yxz') is DropReason.OTHER_LAYOUT
+    assert judge(gate, 200) is None
+
+
+def test_time_may_begin_anew():
+    gate = ScanGate()
+    assert judge(gate, 100) is None
+    gate.forget_times()
+    assert judge(gate, 100) is None
