@@ -60,12 +60,12 @@ def replay(
     Raises
     ------
     DataError
-        The recording cannot be read or lacks a topic.
+        The recording cannot be read, lacks a topic, or no scan of it can be used.
 
     """
     from plc_inspect.core.pipeline import Pipeline
     from plc_inspect.offline.commands.request import hash_input
-    from plc_inspect.offline.readers.bag_map import accumulate
+    from plc_inspect.offline.readers.bag_map import accumulate, check_used
     from plc_inspect.offline.readers.bags import Recording
     from plc_inspect.offline.records.inspection import Inspection
 
@@ -74,6 +74,7 @@ def replay(
     started = time.perf_counter()
     with Recording(path, *topics) as recording:
         accumulator = accumulate(recording, settings, lambda share: tell('reading', share))
+        check_used(recording, accumulator, settings)
         counts = asdict(accumulator.counters())
         counts['skipped'] = dict(recording.skipped)
         counts['first_errors'] = dict(recording.first_errors)

@@ -8,6 +8,7 @@ import dataclasses
 
 from plc_inspect.config import Settings
 from plc_inspect.core.mapping.accumulator import Accumulator
+from plc_inspect.core.mapping.standstill import explain_standstill
 from plc_inspect.errors import DataError
 from plc_inspect.messages.scans import StampedPose
 from plc_inspect.offline.readers.bags import Recording
@@ -69,6 +70,7 @@ def accumulate(
                 content.time,
                 frame_id=content.frame_id,
                 num_not_finite=content.num_not_finite,
+                layout=content.layout,
                 now=now,
             )
         except DataError as error:
@@ -79,3 +81,37 @@ def accumulate(
     if progress is not None:
         progress(1.0)
     return accumulator
+
+
+def check_used(recording: Recording, accumulator: Accumulator, settings: Settings) -> None:
+    """
+    Refuse a recording of which no point came into the map.
+
+    Parameters
+    ----------
+    recording : Recording
+        That was read.
+    accumulator : Accumulator
+        As from ``accumulate``.
+    settings : Settings
+        ``input`` is used.
+
+    Raises
+    ------
+    DataError
+        No scan could be used; the text says why.
+
+    """
+    counters = accumulator.counters()
+    if not counters.num_points_inserted:
+        cause = explain_standstill(counters, None, _list_malformed(recording), settings.input)
+        raise DataError(f'{recording.path}: no scan could be used: {cause}')
+
+
+def _list_malformed(recording: Recording) -> dict[str, str]:
+    """Return the first error of the scans and of the odometry, where there was one."""
+    found: dict[str, str] = {}
+    for reason, error in recording.first_errors.items():
+        kind = 'odometry' if recording.is_odometry(reason) else 'scan'
+        found.setdefault(kind, error)
+    return found

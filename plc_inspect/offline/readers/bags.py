@@ -117,6 +117,11 @@ class Recording:
             for name, info in sorted(self._open_reader().topics.items())
         }
 
+    def is_odometry(self, reason: str) -> bool:
+        """Tell whether a reason of ``skipped`` is of poses, not of scans."""
+        topic = _absolute(reason.partition(':')[0])
+        return self._topics.get(topic) == ODOMETRY_TYPE
+
     @property
     def num_messages(self) -> int:
         """Scans and poses in the recording."""

@@ -93,7 +93,10 @@ def make_odometry(stamp_ns, x):
     )
 
 
-def write_bag(path, scan_topic='/velodyne_points', num_scans=5, storage=StoragePlugin.MCAP):
+def write_bag(
+    path, scan_topic='/velodyne_points', num_scans=5, storage=StoragePlugin.MCAP, *, lead=0.0,
+    gap=False,
+):
     """Write a flight at 10 m/s along x; each scan sees the same ten points of the lidar frame."""
     points = np.column_stack((np.full(10, 5.0), np.arange(10.0), np.full(10, 2.0)))
     with Writer(path, version=9, storage_plugin=storage) as writer:
@@ -104,9 +107,10 @@ def write_bag(path, scan_topic='/velodyne_points', num_scans=5, storage=StorageP
         for tick in range(5 * num_scans + 5):
             stamp = START + tick * 20_000_000
             message = make_odometry(stamp, 0.2 * tick)
-            writer.write(poses, stamp, STORE.serialize_cdr(message, ODOMETRY))
+            if not (gap and 5 < tick < 21):
+                writer.write(poses, stamp, STORE.serialize_cdr(message, ODOMETRY))
             if tick % 5 == 2 and tick < 5 * num_scans:
-                message = make_scan(stamp, points)
+                message = make_scan(stamp + round(lead * 1e9), points)
                 writer.write(scans, stamp + 1, STORE.serialize_cdr(message, SCAN))
     return path
 
@@ -187,18 +191,25 @@ def test_truncated_mcap(tmp_path, pipeline, capfd, share):
     assert [item.name for item in tmp_path.iterdir()] == ['bag']
 
 
-def test_few_or_no_points_are_a_result(tmp_path, pipeline):
-    bag = write_bag(tmp_path / 'bag', num_scans=0)
-    assert run(bag, '-o', tmp_path / 'out', '--quiet') == 0
-    assert len(pipeline.given) == 0
-    content = json.loads((tmp_path / 'out/spans.json').read_text(encoding='utf-8'))
-    assert content['spans'] == []
-
-
 def test_losses_are_printed(tmp_path, pipeline, capfd):
-    bag = write_bag(tmp_path / 'bag')
-    assert run(bag, '-o', tmp_path / 'out', '--set', 'input.max_pose_gap=0.01') == 0
-    assert 'scans dropped: 5 gap in the odometry' in capfd.readouterr().out
+    bag = write_bag(tmp_path / 'bag', gap=True)
+    assert run(bag, '-o', tmp_path / 'out') == 0
+    assert 'scans dropped: 3 gap in the odometry' in capfd.readouterr().out
+
+
+@pytest.mark.parametrize(('options', 'arguments', 'cause'), [
+    ({'num_scans': 0}, (), 'no scan came in'),
+    ({}, ('--set', 'input.max_pose_gap=0.01'), 'over more than 0.01 s'),
+    ({'lead': 18.0}, (), 'scan stamps are 18.0 s ahead of odometry'),
+    ({}, ('--set', 'input.min_range=99'), 'no point of the scans lies between 99 and 100 m'),
+])
+def test_recording_of_which_no_scan_is_used_is_refused(
+    tmp_path, pipeline, capfd, options, arguments, cause
+):
+    bag = write_bag(tmp_path / 'bag', **options)
+    code = run(bag, '-o', tmp_path / 'out', '--quiet', *arguments)
+    check_refusal(code, capfd, 'no scan could be used', cause)
+    assert not (tmp_path / 'out').exists()
 
 
 @pytest.mark.parametrize('layout', ['vlp16_indoor', 'vlp16_indoor_organized'])
