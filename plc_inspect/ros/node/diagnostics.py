@@ -31,6 +31,8 @@ class Health:
 
     malformed: Counter[str] = field(default_factory=Counter)
     """Messages that could not be used, by topic."""
+    problems: dict[str, str] = field(default_factory=dict)
+    """Why the newest of them could not be used, by topic."""
     num_ticks: int = 0
     num_postponed: int = 0
     """Ticks that fell due while another ran, and were taken up after it."""
@@ -110,12 +112,14 @@ def _losses(counters: Counters) -> Iterator[tuple[str, int]]:
     yield 'jumps of the odometry', counters.num_pose_jumps
     yield 'restarts of the odometry, whose time went back', counters.num_pose_restarts
     yield 'scans without times of their points', counters.num_scans_without_time
+    yield 'new beginnings of the map, out of its reach', counters.num_map_restarts
     if 'map full' in counters.points_dropped:
         yield 'points refused, map full', counters.points_dropped['map full']
 
 
 def describe_input(
-    counters: Counters, health: Health, now: float, lossy: bool
+    counters: Counters, health: Health, now: float, lossy: bool,
+    found: tuple[str, str] = ('', ''),
 ) -> DiagnosticStatus:
     """
     Describe scans and odometry.
@@ -130,6 +134,8 @@ def describe_input(
         Steady time [s].
     lossy : bool
         Something was lost since the last report.
+    found : tuple of str
+        What makes the input useless, and what is doubtful; as from ``InputWatch``.
 
     Returns
     -------
@@ -144,6 +150,10 @@ def describe_input(
     level, text = DiagnosticStatus.OK, 'scans and odometry come in'
     if missing:
         level, text = DiagnosticStatus.ERROR, f'no {" and no ".join(missing)}'
+    elif found[0]:
+        level, text = DiagnosticStatus.ERROR, found[0]
+    elif found[1]:
+        level, text = DiagnosticStatus.WARN, found[1]
     elif lossy:
         level, text = DiagnosticStatus.WARN, 'something was lost'
         if counters.num_scans_lost:
@@ -165,6 +175,13 @@ def describe_input(
         'messages lost by the middleware': health.messages_lost,
         'messages malformed': sum(health.malformed.values()),
         'clock jumps': health.num_clock_jumps,
+        'map restarts': counters.num_map_restarts,
+        'scans ahead of odometry [s]': (
+            'unknown' if counters.stamp_lead is None else round(counters.stamp_lead, 3)
+        ),
+        'odometry rate [Hz]': (
+            'unknown' if not counters.pose_period else round(1.0 / counters.pose_period, 1)
+        ),
     }
     for name, age in ages.items():
         values[f'age of the last {name} [s]'] = 'none yet' if age is None else round(age, 2)

@@ -10,6 +10,7 @@ pipeline over the copy and builds the messages, which the executor's thread then
 """
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 import time
 from typing import Any
@@ -25,7 +26,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
-from plc_inspect.config import Settings
+from plc_inspect.config import OutputSettings, Settings
 from plc_inspect.core.live.session import LiveState, measure_reach, Session
 from plc_inspect.core.live.warm_up import warm_up_intake
 from plc_inspect.core.live.window import (
@@ -36,20 +37,20 @@ from plc_inspect.core.live.window import (
     WindowPlanner,
 )
 from plc_inspect.ros.graph.qos import DIAGNOSTICS, ODOMETRY, overridable, SCANS, watched
+from plc_inspect.ros.graph.requests import Requests
 from plc_inspect.ros.node.diagnostics import (
     describe_input,
     describe_map,
     describe_segmentation,
     Health,
 )
-from plc_inspect.ros.node.final_save import FinalSave
 from plc_inspect.ros.node.intake import Complaints, Intake
-from plc_inspect.ros.node.jobs import Done, prepare, run_save, run_tick, Snapshot
+from plc_inspect.ros.node.jobs import Done, FinalSave, prepare, run_save, run_tick, Snapshot
 from plc_inspect.ros.node.parameters import Parameters
 from plc_inspect.ros.node.publishing import make_bundle, ResultPublishers
-from plc_inspect.ros.node.requests import Requests
 from plc_inspect.ros.node.teller import summarize, Teller
 from plc_inspect.ros.node.thin_link import Stream
+from plc_inspect.ros.node.watch import InputWatch
 from plc_inspect.ros.node.worker import Worker
 
 NODE_NAME = 'plc_inspect'
@@ -119,6 +120,10 @@ class InspectNode(Node):
             ),
             post_callback=self._on_clock_jump,
         )
+        self._watch = InputWatch(
+            self, (settings.input.scan_topic, settings.input.odometry_topic), time.monotonic()
+        )
+        self._intake.on_restart = self._on_map_restart
         self._submit('start', partial(prepare, settings))
 
     def _subscribe(self, settings: Settings) -> None:
@@ -202,7 +207,10 @@ class InspectNode(Node):
         lossy = self._intake.report_losses()
         counters = self._intake.accumulator.counters()
         status = [
-            describe_input(counters, self._health, now, lossy),
+            describe_input(
+                counters, self._health, now, lossy,
+                self._watch.look(counters, self._health, self.settings.input, now),
+            ),
             describe_map(
                 self._intake.accumulator.map, self._intake.evictor.num_evicted,
                 counters.points_dropped.get('map full', 0),
@@ -217,20 +225,39 @@ class InspectNode(Node):
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
         self._intake.reset()
+        self._forget('the node was reset')
+        self.get_logger().info('reset: map, lines and hazards are forgotten')
+        response.success, response.message = True, 'map, lines and hazards are forgotten'
+        return response
+
+    def _on_map_restart(self) -> None:
+        """Save what was found before the odometry left the map's reach, and begin anew."""
+        self.get_logger().error('the odometry went out of reach of the map: it begins anew there')
+        if self._state is not None and self._state.confirmed:
+            # not into the folder of the settings, which the end of the flight takes
+            settings = replace(self.settings, output=OutputSettings())
+            everything = plan_everything(self._intake.accumulator.map, [])
+            window = list(copy_window(self._intake.accumulator.map, everything))[-1]
+            if window is not None:
+                snapshot = replace(self._describe(window), settings=settings)
+                FinalSave(self.get_logger().info, self.get_logger().error).rescue(
+                    snapshot, self._state, 'the map begins anew'
+                )
+        self._forget('the map began anew')
+
+    def _forget(self, reason: str) -> None:
+        """Forget what was found, and whatever is being worked on."""
         self._session = Session()
         self._copy = None
         if self._job in ('tick', 'save'):
             self._job = 'discarded'
         self._state = None
         self._teller.clear()
-        self._segmenting.answer(False, 'the node was reset')
-        self._saving.answer(False, 'the node was reset')
+        self._segmenting.answer(False, reason)
+        self._saving.answer(False, reason)
         now = self.get_clock().now().nanoseconds
         self._stream.forget()
         self._results.publish(make_bundle(self._session.state, '', now, self.settings.stream))
-        self.get_logger().info('reset: map, lines and hazards are forgotten')
-        response.success, response.message = True, 'map, lines and hazards are forgotten'
-        return response
 
     def _submit(self, job: str, work: Callable[[], Any]) -> None:
         self._job = job

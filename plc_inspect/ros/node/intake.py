@@ -76,6 +76,9 @@ class Intake:
         """(3,) where the vehicle is [m], None before the first pose."""
         self.first_stamp: int | None = None
         """Stamp of the first scan [ns]."""
+        self.on_restart: Callable[[], object] = lambda: None
+        """Called when the map has begun anew."""
+        self._num_restarts = 0
         self._health = health
         self._complaints = Complaints(warn)
         self._losses = LossReporter(warn)
@@ -112,10 +115,11 @@ class Intake:
             scan = scan_from_message(message)
             self.accumulator.add_scan(
                 scan.stamp_ns, scan.xyz, scan.time, frame_id=scan.frame_id,
-                num_not_finite=scan.num_not_finite, now=now,
+                num_not_finite=scan.num_not_finite, layout=scan.layout, now=now,
             )
         except DataError as error:
             self._health.malformed['scan'] += 1
+            self._health.problems['scan'] = str(error)
             count = self._health.malformed['scan']
             self._complaints.complain(
                 'scan', f'scan dropped, malformed: {error} ({count} so far)'
@@ -123,6 +127,7 @@ class Intake:
             return
         if self.first_stamp is None:
             self.first_stamp = scan.stamp_ns
+        self._follow_restart()
         self.evictor.step(self.vehicle)
 
     def take_odometry(self, message: Odometry) -> None:
@@ -133,6 +138,7 @@ class Intake:
             pose = pose_from_message(message)
         except DataError as error:
             self._health.malformed['odometry'] += 1
+            self._health.problems['odometry'] = str(error)
             self._complaints.complain(
                 'odometry',
                 f'pose rejected, malformed: {error} '
@@ -145,6 +151,14 @@ class Intake:
         )
         if accepted:
             self.vehicle = pose.position
+        self._follow_restart()
+
+    def _follow_restart(self) -> None:
+        if self.accumulator.num_map_restarts > self._num_restarts:
+            self._num_restarts = self.accumulator.num_map_restarts
+            self.evictor.clear()
+            self.take_memory()
+            self.on_restart()
 
     def report_losses(self) -> bool:
         """Log what was lost since the last call; return whether anything was."""

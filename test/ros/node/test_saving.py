@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 
 from plc_inspect.errors import ConfigError
 from plc_inspect.offline.export import files
-from plc_inspect.ros.node import final_save
+from plc_inspect.ros.node import jobs
 from plc_inspect.ros.node.inspect_node import InspectNode
 
 
@@ -96,9 +96,9 @@ def test_two_hundred_calls_are_answered(rig, service):
 
 def test_end_is_bounded_where_the_map_takes_for_ever(rig, tmp_path, monkeypatch, capfd):
     released = threading.Event()
-    monkeypatch.setattr(final_save, 'RESCUE_AFTER', 0.2)
-    monkeypatch.setattr(final_save, 'GIVE_UP_AFTER', 0.5)
-    monkeypatch.setattr(final_save, 'conclude', lambda *_: released.wait(60.0) and None)
+    monkeypatch.setattr(jobs, 'RESCUE_AFTER', 0.2)
+    monkeypatch.setattr(jobs, 'GIVE_UP_AFTER', 0.5)
+    monkeypatch.setattr(jobs, 'conclude', lambda *_: released.wait(60.0) and None)
     try:
         assert not rig.node.close()
     finally:
@@ -113,14 +113,14 @@ def test_end_is_bounded_where_the_map_takes_for_ever(rig, tmp_path, monkeypatch,
 
 def test_results_of_the_whole_map_replace_those_of_the_last_tick(rig, tmp_path, monkeypatch):
     released = threading.Event()
-    real = final_save.conclude
+    real = jobs.conclude
 
     def late(session, snapshot):
         assert released.wait(60.0)
         return real(session, snapshot)
 
-    monkeypatch.setattr(final_save, 'RESCUE_AFTER', 0.2)
-    monkeypatch.setattr(final_save, 'conclude', late)
+    monkeypatch.setattr(jobs, 'RESCUE_AFTER', 0.2)
+    monkeypatch.setattr(jobs, 'conclude', late)
     threading.Timer(2.0, released.set).start()
     assert rig.node.close()
     run = json.loads((tmp_path / 'out' / 'run.json').read_text())
@@ -132,7 +132,7 @@ def test_map_that_fails_at_the_end_is_said(rig, tmp_path, monkeypatch, capfd):
     def fail(*arguments):
         raise ValueError('made to fail')
 
-    monkeypatch.setattr(final_save, 'conclude', fail)
+    monkeypatch.setattr(jobs, 'conclude', fail)
     assert not rig.node.close()
     said = capfd.readouterr().err
     assert 'the map failed: ValueError: made to fail' in said

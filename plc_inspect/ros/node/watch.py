@@ -1,0 +1,99 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Watches what comes in: why nothing goes into the map, and who publishes."""
+
+from collections import Counter
+
+from rclpy.node import Node
+
+from plc_inspect.config import InputSettings
+from plc_inspect.core.mapping.scan_counters import Counters, DropReason
+from plc_inspect.core.mapping.standstill import explain_standstill
+from plc_inspect.ros.node.diagnostics import Health, SILENCE
+
+PATIENCE = 3
+"""Reports in a row with two publishers until they are told of; a driver may be restarting."""
+
+
+class InputWatch:
+    """
+    Tells what is wrong with scans and odometry, once a second.
+
+    Parameters
+    ----------
+    node : Node
+        Knows who publishes.
+    topics : tuple of str
+        Of scans and of odometry.
+    now : float
+        Steady time [s].
+
+    """
+
+    def __init__(self, node: Node, topics: tuple[str, str], now: float) -> None:
+        self._node, self._topics = node, topics
+        self._since = now
+        self._before: Counters | None = None
+        self._malformed: Counter[str] = Counter()
+        self._crowded: Counter[str] = Counter()
+        self._overlaps = 0
+
+    def look(
+        self, counters: Counters, health: Health, settings: InputSettings, now: float
+    ) -> tuple[str, str]:
+        """
+        Look at what came in since the last time.
+
+        Parameters
+        ----------
+        counters : Counters
+            Of the accumulator.
+        health : Health
+            Of the node.
+        settings : InputSettings
+            That hold now.
+        now : float
+            Steady time [s].
+
+        Returns
+        -------
+        tuple[str, str]
+            What makes the input useless, and what is doubtful; '' nothing.
+
+        """
+        problem = self._find_standstill(counters, health, settings, now)
+        crowds = [text for topic in self._topics if (text := self._find_crowd(topic))]
+        overlaps = counters.scans_dropped.get(DropReason.OVERLAP.value, 0)
+        if overlaps > self._overlaps and not problem:
+            problem = f'scans dropped: {DropReason.OVERLAP.value}'
+            problem = '; '.join([problem, *crowds])
+        self._overlaps = overlaps
+        return problem, '; '.join(crowds)
+
+    def _find_standstill(
+        self, counters: Counters, health: Health, settings: InputSettings, now: float
+    ) -> str:
+        before = self._before
+        if counters.num_points_inserted > (before.num_points_inserted if before else 0):
+            self._before, self._since = counters, now
+            self._malformed = Counter(health.malformed)
+        if now - self._since <= SILENCE:
+            return ''
+        malformed = {
+            kind: health.problems[kind] for kind, count in health.malformed.items()
+            if count > self._malformed[kind]
+        }
+        cause = explain_standstill(counters, before, malformed, settings)
+        return f'nothing went into the map for {now - self._since:.0f} s: {cause}'
+
+    def _find_crowd(self, topic: str) -> str:
+        publishers = self._node.get_publishers_info_by_topic(topic)
+        crowded = len(publishers) > 1
+        self._crowded[topic] = self._crowded[topic] + 1 if crowded else 0
+        if self._crowded[topic] < PATIENCE:
+            return ''
+        names = sorted(
+            f'{item.node_namespace.rstrip("/")}/{item.node_name}' for item in publishers
+        )
+        return f'{len(publishers)} publishers on {topic}: {", ".join(names)}'
