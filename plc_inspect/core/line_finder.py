@@ -99,7 +99,7 @@ def find_lines(points: Float64, settings: Settings, log: StageLog) -> FoundLines
     )
     height = log.run(
         settings.height, lambda: extract_high(points, settings.height, surface=surface),
-        report_height,
+        lambda result: report_height(result, log.num_strays),
     )
     cloud = log.recall_after(
         'cloud', settings.segment.min_points, lambda: _gather(points, height, settings)

@@ -7,6 +7,7 @@ import numpy as np
 
 from plc_inspect.config import Settings
 from plc_inspect.core.corridor import CorridorResult, extract_corridor
+from plc_inspect.core.extraction.stray_points import leave_out_strays
 from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.hazards.encroachments import Nearby
 from plc_inspect.core.hazards.hazards import (
@@ -45,7 +46,8 @@ class Pipeline:
         Parameters
         ----------
         points : (N, 3) float64, map frame, z up [m]
-            Rows that are not finite are counted and left out.
+            Rows that are not finite, and those of isolated points far away, are counted and left
+            out.
         progress : callable or None
             Called with the name of a stage and the share of stages done before it.
 
@@ -65,7 +67,8 @@ class Pipeline:
 
     def trace(self, points: Float64, progress: Progress | None = None) -> Trace:
         """Do what `run` does, and return what each stage found as well."""
-        points, log = _check(points), StageLog(progress)
+        log = StageLog(progress)
+        points, log.num_strays = leave_out_strays(_check(points))
         lines = find_lines(points, self.settings, log)
         height, spans = lines.height.height, lines.spans
 
@@ -138,7 +141,9 @@ class Pipeline:
             ``points`` is not an (N, 3) array, or its extent is beyond what voxels can number.
 
         """
-        return find_lines(_check(points), self.settings, StageLog(memory=memory))
+        log = StageLog(memory=memory)
+        points, log.num_strays = leave_out_strays(_check(points))
+        return find_lines(points, self.settings, log)
 
 
 def _check(points: Float64) -> Float64:

@@ -85,6 +85,8 @@ class StageLog:
         self, progress: Progress | None = None, memory: StageMemory | None = None
     ) -> None:
         self.reports: list[StageReport] = []
+        self.num_strays = 0
+        """Points that were left out before the first stage."""
         self._progress = progress
         self._memory = memory
         self._key: tuple[Hashable, ...] = ()

@@ -23,14 +23,15 @@ from plc_inspect.core.stage_log import Outcome
 from plc_inspect.results import Float64
 
 
-def report_height(height: HeightResult) -> Outcome:
-    """Count the high points."""
+def report_height(height: HeightResult, num_strays: int = 0) -> Outcome:
+    """Count the high points; strays are among those that are not finite."""
     num, num_high = len(height.height), int(np.count_nonzero(height.high))
     return Outcome(
         num_in=num,
         num_kept=num_high,
         dropped={
-            'not finite': height.num_not_finite,
+            'not finite': height.num_not_finite - num_strays,
+            'isolated, far away': num_strays,
             'too low': num - height.num_not_finite - num_high,
         },
         values={

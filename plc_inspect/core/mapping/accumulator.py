@@ -24,6 +24,7 @@ from plc_inspect.core.mapping.scan_counters import Counters, DropReason
 from plc_inspect.core.mapping.scan_gate import ScanGate
 from plc_inspect.core.mapping.scan_points import select_points
 from plc_inspect.core.mapping.voxel_map import Insertion, VoxelMap
+from plc_inspect.core.numerics.arrays import MOST_COORDINATE
 from plc_inspect.errors import DataError
 from plc_inspect.results import Float32, Float64, Int64
 
@@ -43,12 +44,6 @@ MAX_TIME_OFFSET = 1.0
 """
 Largest believable time of a point relative to its scan's stamp [s].
 Source: judgement; not measured.
-"""
-
-MOST_COORDINATE = 1e8
-"""
-Coordinates beyond are of no place on Earth in any projection [m].
-Source: derived: zones of Gauss-Krueger put 60 million before an easting; 1e8 is beyond.
 """
 
 RESTART_AFTER_NS = 3_000_000_000

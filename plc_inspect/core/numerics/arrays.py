@@ -12,6 +12,12 @@ Runs of points that kernels process independently.
 Source: numerical: several for each core; no result depends on it.
 """
 
+MOST_COORDINATE = 1e8
+"""
+Coordinates beyond are of no place on Earth in any projection [m].
+Source: derived: zones of Gauss-Krueger put 60 million before an easting; 1e8 is beyond.
+"""
+
 
 @njit(cache=True, nogil=True)
 def put(values, target):  # type: ignore[no-untyped-def]

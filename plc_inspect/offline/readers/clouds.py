@@ -14,6 +14,7 @@ import numpy as np
 import pyproj
 from pyproj.exceptions import CRSError
 
+from plc_inspect.core.numerics.arrays import MOST_COORDINATE
 from plc_inspect.errors import ConfigError, DataError
 from plc_inspect.offline.readers.laz import read_las
 from plc_inspect.offline.readers.pcd import read_pcd
@@ -23,6 +24,9 @@ SUFFIXES = ('.las', '.laz', '.pcd')
 
 _UNIT_CODES = {9001: 1.0, 9002: 0.3048, 9003: 1200.0 / 3937.0}
 """EPSG codes of units in GeoTIFF keys to metres."""
+
+MOST_FAR, MOST_FAR_SHARE = 100, 0.01
+"""Points beyond MOST_COORDINATE that are strays at most, as a number and as a share."""
 
 _HORIZONTAL_UNIT_KEY, _VERTICAL_UNIT_KEY = 3076, 4099
 
@@ -36,7 +40,7 @@ class Cloud:
     """(N, 3) coordinates of the file times ``metres_per_unit`` [m]; a point of which any
     coordinate was not finite is NaN in all three."""
     num_not_finite: int
-    """Points that are NaN."""
+    """Points that are NaN, those beyond all coordinate systems included."""
     crs: str
     """Coordinate reference system as WKT, '' where neither file nor user names one."""
     metres_per_unit: tuple[float, float]
@@ -74,8 +78,8 @@ def read_cloud(path: Path | str, crs: str | None = None) -> Cloud:
     Raises
     ------
     DataError
-        The file is missing, truncated, damaged or of an unknown kind, or its CRS is not in a
-        length unit.
+        The file is missing, truncated, damaged or of an unknown kind, its CRS is not in a length
+        unit, or its coordinates are those of no CRS.
     ConfigError
         ``crs`` is not a known CRS.
 
@@ -98,11 +102,16 @@ def read_cloud(path: Path | str, crs: str | None = None) -> Cloud:
         wkt, units = _to_wkt(system), _measure_units(system, path)
     elif las is not None:
         wkt, units = _find_crs(las.header, path)
-    num_not_finite = _convert(points, *units)
+    num_not_finite, num_far, farthest = _convert(points, *units)
+    if num_far > max(MOST_FAR, MOST_FAR_SHARE * len(points)):
+        raise DataError(
+            f'{path}: {num_far} of {len(points)} points have coordinates up to {farthest:.3g} m, '
+            'which no coordinate reference system has'
+        )
     return Cloud(
         path=path,
         points=points,
-        num_not_finite=num_not_finite,
+        num_not_finite=num_not_finite + num_far,
         crs=wkt,
         metres_per_unit=units,
         las=las,
@@ -187,18 +196,29 @@ def _scale(x: Int32, y: Int32, z: Int32, scales: Float64, offsets: Float64) -> F
 
 
 @njit(cache=True, nogil=True)
-def _convert(points: Float64, horizontal: float, vertical: float) -> int:
-    """Convert to metres in place, make what is not finite NaN, and return how many that are."""
-    not_finite = 0
+def _convert(points: Float64, horizontal: float, vertical: float) -> tuple[int, int, float]:
+    """
+    Convert to metres in place, and make NaN of what is not finite or nowhere on Earth.
+
+    Return how many are not finite, how many are too far out, and the farthest of those.
+    """
+    not_finite, far, farthest = 0, 0, 0.0
     for i in range(len(points)):
-        if np.isfinite(points[i, 0] + points[i, 1] + points[i, 2]):
-            points[i, 0] *= horizontal
-            points[i, 1] *= horizontal
-            points[i, 2] *= vertical
-        else:
+        points[i, 0] *= horizontal
+        points[i, 1] *= horizontal
+        points[i, 2] *= vertical
+        if not (
+            np.isfinite(points[i, 0]) and np.isfinite(points[i, 1]) and np.isfinite(points[i, 2])
+        ):
             points[i, :] = np.nan
             not_finite += 1
-    return not_finite
+            continue
+        largest = max(abs(points[i, 0]), abs(points[i, 1]), abs(points[i, 2]))
+        if largest > MOST_COORDINATE:
+            farthest = max(farthest, largest)
+            points[i, :] = np.nan
+            far += 1
+    return not_finite, far, farthest
 
 
 def _parse_crs(text: str) -> pyproj.CRS:

@@ -144,6 +144,25 @@ def test_points_that_are_not_finite_stay_in_place_as_nan(tmp_path):
     assert cloud.las is None
 
 
+def write_pcd(path, points):
+    """Write points as an ascii PCD file of float64."""
+    head = (f'FIELDS x y z\nSIZE 8 8 8\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {len(points)}\nHEIGHT 1\n'
+            f'POINTS {len(points)}\nDATA ascii\n')
+    path.write_text(head + '\n'.join(' '.join(map(repr, row)) for row in points.tolist()) + '\n')
+    return path
+
+
+def test_coordinates_of_no_crs(tmp_path):
+    points = make_points(1000)
+    points[7] = [1e300, 0.0, 0.0]
+    points[9] = [0.0, 2e8, 0.0]
+    cloud = read_cloud(write_pcd(tmp_path / 'few.pcd', points))
+    assert cloud.num_not_finite == 2
+    assert np.flatnonzero(np.isnan(cloud.points).any(axis=1)).tolist() == [7, 9]
+    with pytest.raises(DataError, match='1000 of 1000 points have coordinates up to 6e'):
+        read_cloud(write_pcd(tmp_path / 'all.pcd', make_points(1000) * 1e289))
+
+
 @pytest.mark.parametrize('suffix', ['.las', '.laz'])
 @hypothesis.settings(deadline=None, max_examples=50)
 @given(share=st.floats(0.0, 0.999))

@@ -1,0 +1,112 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Leaves out isolated points far from all others, before any grid is sized.
+
+A single point 100 km away would make the cells of the ground so large that the ground below the
+conductors comes out too low.
+"""
+
+from numba import njit
+import numpy as np
+
+from plc_inspect.core.extraction.ground_surface import bounds
+from plc_inspect.results import Float64, Int64
+
+STRAY_GAP = 500.0
+"""
+Cells without points of this size, or larger ones, lie around strays [m].
+Source: judgement: longer than the gaps between flight lines; not measured.
+"""
+MOST_CELLS = 64
+"""Cells along the longest axis at most.  Source: numerical: bounds memory to 1 MB."""
+MOST_STRAYS = 100
+"""
+Points of an isolated group that are strays at most.
+Source: judgement: a conductor of 12 m has more in any survey; not measured.
+"""
+STRAY_SHARE = 0.01
+"""The same as a share of the largest group.  Source: judgement; not measured."""
+
+
+def leave_out_strays(points: Float64) -> tuple[Float64, int]:
+    """
+    Make NaN of points that are alone and far away.
+
+    Points are strays where their group, of cells that touch, is small and at least STRAY_GAP from
+    all others.  Cost O(N), and nothing where the cloud is no longer than STRAY_GAP.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Map frame [m].
+
+    Returns
+    -------
+    (N, 3) float64
+        The same array where there are no strays, else a copy.
+    int
+        Number of strays.
+
+    """
+    num_strays = 0
+    while True:
+        low, high, num_finite = bounds(points)
+        extent = high - low
+        if not num_finite or extent.max() <= STRAY_GAP:
+            return points, num_strays
+        cell = max(STRAY_GAP, float((extent / MOST_CELLS).max()))
+        shape = np.minimum(extent / cell, MOST_CELLS - 1).astype(np.int64) + 1
+        counts = _count(points, low, cell, shape)
+        stray = _find_groups(counts.reshape(shape))
+        if not stray.any():
+            return points, num_strays
+        points = points.copy()
+        num_strays += _erase(points, low, cell, shape, stray.ravel())
+
+
+def _find_groups(counts: Int64) -> Int64:
+    """Return for each cell 1 where it belongs to a group of strays, else 0."""
+    from scipy.ndimage import label  # few clouds are long enough to need it
+
+    groups, _ = label(counts > 0, structure=np.ones((3, 3, 3)))
+    size = np.bincount(groups.ravel(), weights=counts.ravel())
+    small = (size <= MOST_STRAYS) & (size <= STRAY_SHARE * size[1:].max())
+    small[0] = False
+    stray: Int64 = small[groups].astype(np.int64)
+    return stray
+
+
+@njit(cache=True, nogil=True)
+def _find_cell(points, k, low, cell, shape):  # type: ignore[no-untyped-def]
+    """Return the cell of a point, -1 where it is not finite."""
+    at = np.int64(0)
+    for axis in range(3):
+        if not np.isfinite(points[k, 0] + points[k, 1] + points[k, 2]):
+            return np.int64(-1)
+        index = np.int64((points[k, axis] - low[axis]) / cell)
+        at = at * shape[axis] + min(index, shape[axis] - 1)
+    return at
+
+
+@njit(cache=True, nogil=True)
+def _count(points, low, cell, shape):  # type: ignore[no-untyped-def]
+    counts = np.zeros(shape[0] * shape[1] * shape[2], dtype=np.int64)
+    for k in range(len(points)):
+        at = _find_cell(points, k, low, cell, shape)
+        if at >= 0:
+            counts[at] += 1
+    return counts
+
+
+@njit(cache=True, nogil=True)
+def _erase(points, low, cell, shape, stray):  # type: ignore[no-untyped-def]
+    """Make NaN of the points in marked cells, and return how many they were."""
+    count = 0
+    for k in range(len(points)):
+        at = _find_cell(points, k, low, cell, shape)
+        if at >= 0 and stray[at] == 1:
+            points[k, :] = np.nan
+            count += 1
+    return count
