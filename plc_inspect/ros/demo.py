@@ -21,6 +21,7 @@ from plc_inspect.errors import DataError, PlcInspectError
 from plc_inspect.offline.commands.command_line import BAD_INPUT, DONE, INTERRUPTED, Parser
 from plc_inspect.offline.export.results_folder import check_results
 from plc_inspect.offline.readers.bags import Recording
+from plc_inspect.printable import make_one_line
 from plc_inspect.ros.graph.ending import was_cut_short
 from plc_inspect.ros.graph.transport import prepare_transport
 
@@ -46,7 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         check_results(arguments.output, force=True)
         return _run(arguments.bag, arguments.output)
     except PlcInspectError as error:
-        print(f'{NAME}: {" ".join(str(error).split())}', file=sys.stderr)
+        print(f'{NAME}: {make_one_line(error)}', file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt:
         return INTERRUPTED

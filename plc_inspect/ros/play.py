@@ -15,6 +15,7 @@ from typing import Any
 from plc_inspect.errors import DataError, PlcInspectError
 from plc_inspect.offline.commands.command_line import parse_with_ros, Parser
 from plc_inspect.offline.readers.bags import Recording
+from plc_inspect.printable import make_one_line
 from plc_inspect.ros.graph.ending import was_cut_short
 from plc_inspect.ros.graph.transport import prepare_transport
 
@@ -45,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return _run(arguments)
     except PlcInspectError as error:
-        print(f'{NAME}: {" ".join(str(error).split())}', file=sys.stderr)
+        print(f'{NAME}: {make_one_line(error)}', file=sys.stderr)
         return BAD_INPUT
 
 

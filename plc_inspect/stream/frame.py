@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plc_inspect.errors import DataError
+from plc_inspect.printable import make_printable
 
 SUMMARY, CLOUD = b'PLCS', b'PLCC'
 VERSION = 1
@@ -149,9 +150,9 @@ class BodyReader:
         return rows.reshape(-1).view(dtype) if count else np.empty(0, dtype)
 
     def take_text(self) -> str:
-        """Return a text that ``put_text`` wrote."""
+        """Return a text that ``put_text`` wrote, with control characters written out."""
         (size,) = struct.unpack('<H', self.take(2))
-        return self.take(size).decode('utf-8', 'replace')
+        return make_printable(self.take(size).decode('utf-8', 'replace'))
 
     def finish(self) -> None:
         """

@@ -17,6 +17,7 @@ from types import FrameType
 from typing import Any, NoReturn
 
 from plc_inspect.errors import PlcInspectError
+from plc_inspect.printable import make_one_line
 
 DONE, DEFECT, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
@@ -158,7 +159,7 @@ def show_progress(quiet: bool, time_left: bool = False) -> Iterator[Progress]:
 
 
 def _complain(name: str, text: str) -> int:
-    print(f'{name}: {" ".join(text.split())}', file=sys.stderr)
+    print(f'{name}: {make_one_line(text)}', file=sys.stderr)
     return BAD_INPUT
 
 

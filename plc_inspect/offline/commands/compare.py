@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from plc_inspect.offline.commands.command_line import DONE, Parser, run_command
+from plc_inspect.printable import make_printable
 
 if TYPE_CHECKING:
     from plc_inspect.offline.records.changes import Changes
@@ -114,5 +115,5 @@ def _run(argv: Sequence[str] | None) -> int:
     if arguments.output:
         write_changes(arguments.output, changes, after.units)
     if not arguments.quiet:
-        print(render_changes(changes, after.units))
+        print(make_printable(render_changes(changes, after.units)))
     return DONE

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from plc_inspect.offline.commands.command_line import DONE, Parser, run_command, show_progress
+from plc_inspect.printable import make_printable
 
 if TYPE_CHECKING:
     from plc_inspect.config import Settings
@@ -105,7 +106,7 @@ def _run(argv: Sequence[str] | None) -> int:
         )
     single = arguments.point is not None or len(arguments.at) == 1
     text = (_tell_point if single else _tell_stretch)(folder, arguments)
-    print(text)
+    print(make_printable(text))
     return DONE
 
 

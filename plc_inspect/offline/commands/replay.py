@@ -18,6 +18,7 @@ from plc_inspect.offline.commands.command_line import (
     run_command,
     show_progress,
 )
+from plc_inspect.printable import make_printable
 
 if TYPE_CHECKING:
     from plc_inspect.config import Settings
@@ -137,8 +138,8 @@ def _run(argv: Sequence[str] | None) -> int:
         inspection = dataclasses.replace(inspection, **origin)
         inspection = deliver(inspection, request, arguments, progress)
     if not arguments.quiet:
-        losses = describe_losses(inspection)
-        print(render_summary(inspection), *([losses] if losses else []), sep='\n\n')
+        parts = [render_summary(inspection), describe_losses(inspection)]
+        print(make_printable('\n\n'.join(part for part in parts if part)))
         print(f'\nreport: {arguments.output / "report.html"}')
     return DONE
 

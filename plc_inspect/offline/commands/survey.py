@@ -20,6 +20,7 @@ from plc_inspect.offline.commands.command_line import (
     run_command,
     show_progress,
 )
+from plc_inspect.printable import make_printable
 
 if TYPE_CHECKING:
     from plc_inspect.config import Settings
@@ -176,7 +177,8 @@ def _run(argv: Sequence[str] | None) -> int:
         )
         inspection = deliver(inspection, request, arguments, progress)
     if not arguments.quiet:
-        print(f'{render_summary(inspection)}\n\nreport: {arguments.output / "report.html"}')
+        print(make_printable(render_summary(inspection)))
+        print(f'\nreport: {arguments.output / "report.html"}')
     return DONE
 
 

@@ -34,6 +34,7 @@ from plc_inspect.offline.records.inspection import (
 )
 from plc_inspect.offline.records.load_case_record import describe_what_if
 from plc_inspect.offline.report.report import render_report
+from plc_inspect.printable import make_cell
 from plc_inspect.results import Decision, PointClass
 from plc_inspect.setting_names import to_mapping
 
@@ -213,4 +214,6 @@ def _write_table(path: Path, columns: Sequence[str], records: Sequence[Record]) 
 def _cell(value: Any) -> Any:
     if isinstance(value, bool):
         return str(value).lower()
+    if isinstance(value, str):
+        return make_cell(value)
     return float(f'{value:.12g}') if isinstance(value, float) else value

@@ -256,6 +256,8 @@ def _find_source(path: Path) -> Path:
         if path.stat().st_size == 0:
             raise DataError(f'{path} is empty')
         return path
+    if not path.is_dir():
+        raise DataError(f'{path} is neither a folder nor a regular file')
     if (path / 'metadata.yaml').exists():
         return path
     files = sorted(file for file in path.iterdir() if file.suffix in _SUFFIXES)

@@ -7,12 +7,11 @@ import math
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.hazards.clearance_rules import parse_rules, PLAIN, plain_rules, RuleSet
 from plc_inspect.core.loads.sag_tension import Case, Conductor
 from plc_inspect.errors import ConfigError, DataError
+from plc_inspect.offline.readers.text_file import read_yaml
 from plc_inspect.shared_files import find_shared
 
 GRAVITY = 9.80665
@@ -142,12 +141,9 @@ def parse_case(text: str) -> Case:
 
 def _read_yaml(path: Path) -> Any:
     try:
-        return yaml.safe_load(path.read_text(encoding='utf-8'))
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, 'strerror', None) or 'not text'
-        raise ConfigError(f'{path} cannot be read: {reason}') from error
-    except yaml.YAMLError as error:
-        raise ConfigError(f'{path} is no YAML: {" ".join(str(error).split())[:160]}') from error
+        return read_yaml(path)
+    except DataError as error:
+        raise ConfigError(str(error)) from error
 
 
 def _to_float(value: Any) -> Any:

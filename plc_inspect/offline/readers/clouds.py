@@ -88,7 +88,8 @@ def read_cloud(path: Path | str, crs: str | None = None) -> Cloud:
     if path.suffix.lower() not in SUFFIXES:
         raise DataError(f'{path} is not a cloud: its name must end in {", ".join(SUFFIXES)}')
     if not path.is_file():
-        raise DataError(f'{path} does not exist' if not path.exists() else f'{path} is a folder')
+        kind = 'is a folder' if path.is_dir() else 'is no regular file'
+        raise DataError(f'{path} {kind if path.exists() else "does not exist"}')
     given = None if crs is None else _parse_crs(crs)
     if path.suffix.lower() == '.pcd':
         try:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from plc_inspect.errors import DataError
+from plc_inspect.offline.readers.text_file import MOST_JSON, read_text
 
 
 def read_json(path: Path) -> dict[str, Any]:
@@ -20,12 +21,10 @@ def read_json(path: Path) -> dict[str, Any]:
         It is missing, cannot be read, is no JSON or holds another kind of value.
 
     """
+    text = read_text(path, MOST_JSON)
     try:
-        value = json.loads(path.read_text(encoding='utf-8'))
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, 'strerror', None) or 'not text'
-        raise DataError(f'{path} cannot be read: {reason}') from error
-    except ValueError as error:
+        value = json.loads(text)
+    except (ValueError, RecursionError) as error:
         raise DataError(f'{path} is no JSON: {error}') from error
     if not isinstance(value, dict):
         raise DataError(f'{path} holds a {type(value).__name__}, not an object')

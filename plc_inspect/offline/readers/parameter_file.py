@@ -16,7 +16,8 @@ from typing import Any
 import yaml
 
 from plc_inspect.config import Settings
-from plc_inspect.errors import ConfigError
+from plc_inspect.errors import ConfigError, DataError
+from plc_inspect.offline.readers.text_file import parse_yaml, read_yaml
 from plc_inspect.setting_names import describe, to_mapping, update
 
 NODE_NAME = 'plc_inspect'
@@ -68,9 +69,9 @@ def read_settings(path: Path | None, assignments: Sequence[str] = ()) -> Setting
         if not equals or not name.strip():
             raise ConfigError(f'--set takes section.name=value, got {assignment!r}')
         try:
-            value = yaml.safe_load(text)
+            value = parse_yaml(text)
         except yaml.YAMLError as error:
-            raise ConfigError(f'--set {assignment}: {text!r} is no value') from error
+            raise ConfigError(f'--set {assignment[:80]}: {text[:60]!r} is no value') from error
         settings = update(settings, _convert({name.strip(): value}))
     return settings
 
@@ -160,12 +161,9 @@ def main() -> None:
 def _read_mapping(path: Path) -> Mapping[str, Any]:
     """Return the parameters of a file that are meant for us."""
     try:
-        content = yaml.safe_load(path.read_text(encoding='utf-8'))
-    except OSError as error:
-        raise ConfigError(f'{path} cannot be read: {error.strerror}') from error
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
-        reason = ' '.join(str(error).split())
-        raise ConfigError(f'{path} is no YAML file: {reason}') from error
+        content = read_yaml(path)
+    except DataError as error:
+        raise ConfigError(str(error)) from error
     if content is None:
         return {}
     if not isinstance(content, Mapping):

@@ -17,6 +17,7 @@ from plc_inspect.core.mapping.accumulator import Accumulator
 from plc_inspect.core.mapping.eviction import Evictor
 from plc_inspect.errors import DataError
 from plc_inspect.messages.scans import pose_from_message, scan_from_message
+from plc_inspect.printable import make_printable
 from plc_inspect.results import Float64
 from plc_inspect.ros.node.diagnostics import Health, LossReporter
 from plc_inspect.ros.node.system_memory import take_memory
@@ -45,7 +46,7 @@ class Complaints:
         now = time.monotonic()
         if now - self._last.get(topic, -THROTTLE) >= THROTTLE:
             self._last[topic] = now
-            self._say(text)
+            self._say(make_printable(text))
 
     def forget(self) -> None:
         """Log the next complaint of every topic."""

@@ -12,6 +12,7 @@ from types import FrameType
 from typing import NoReturn
 
 from plc_inspect.errors import PlcInspectError
+from plc_inspect.printable import make_one_line
 from plc_inspect.ros.graph.ending import was_cut_short
 from plc_inspect.ros.graph.transport import prepare_transport
 
@@ -110,7 +111,7 @@ def _hold_tongue() -> Iterator[None]:
 
 
 def _complain(error: object) -> int:
-    print(f'{NAME}: {" ".join(str(error).split())}', file=sys.stderr)
+    print(f'{NAME}: {make_one_line(error)}', file=sys.stderr)
     return BAD_INPUT
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from plc_inspect.errors import DataError, PlcInspectError
+from plc_inspect.printable import make_one_line
 from plc_inspect.results import PointClass
 from plc_inspect.sim.evaluation.estimate import FoundHazard, read_survey, Survey
 from plc_inspect.sim.evaluation.matching import (
@@ -290,7 +291,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         scores = evaluate(read_survey(arguments.results), read_truth(arguments.truth))
     except (PlcInspectError, OSError) as error:
-        print(f'plc_evaluate: {" ".join(str(error).split())}', file=sys.stderr)
+        print(f'plc_evaluate: {make_one_line(error)}', file=sys.stderr)
         return 2
     if arguments.json:
         print(json.dumps(to_mapping(scores), indent=1))

@@ -106,7 +106,7 @@ def test_file_that_cannot_be_read(tmp_path):
     with pytest.raises(ConfigError, match='No such file'):
         read_settings(tmp_path / 'none.yaml')
     (tmp_path / 'bytes.yaml').write_bytes(b'\xff\xfe\x00a')
-    with pytest.raises(ConfigError, match='no YAML file'):
+    with pytest.raises(ConfigError, match='not text'):
         read_settings(tmp_path / 'bytes.yaml')
 
 

@@ -1,0 +1,129 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Text files from outside, JSON and YAML, bounded in what they may ask of the reader."""
+
+from pathlib import Path
+import stat
+from typing import Any
+
+import yaml
+
+from plc_inspect.errors import DataError
+
+MOST_YAML = 1 << 18
+"""Size of a YAML file [bytes]; ours have 20 kB."""
+MOST_JSON = 1 << 28
+"""Size of a JSON file [bytes]; 100,000 spans have 150 MB."""
+MOST_DEPTH = 20
+"""Levels of a YAML file; ours have five."""
+MOST_NODES = 100_000
+"""Values of a YAML file with its aliases written out; ours have a thousand."""
+MOST_INTEGER = 2**63
+
+
+class _Loader(yaml.SafeLoader):
+    """Reads dates as text, as no setting is one, and no endless integers."""
+
+    def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
+        """Read an integer that fits in 64 bits."""
+        if len(node.value) <= 30:
+            value = super().construct_yaml_int(node)
+            if abs(value) < MOST_INTEGER:
+                return int(value)
+        raise yaml.constructor.ConstructorError(
+            None, None, f'integer {node.value[:12]}... is too large', node.start_mark
+        )
+
+
+_Loader.add_constructor('tag:yaml.org,2002:int', _Loader.construct_yaml_int)
+_Loader.yaml_implicit_resolvers = {
+    first: [(tag, pattern) for tag, pattern in found if not tag.endswith(':timestamp')]
+    for first, found in yaml.SafeLoader.yaml_implicit_resolvers.items()
+}
+
+
+def read_text(path: Path, most: int) -> str:
+    """
+    Read a text file.
+
+    Parameters
+    ----------
+    path : Path
+        A regular file: nothing that could be waited for.
+    most : int
+        Size up to which it is read [bytes].
+
+    Raises
+    ------
+    DataError
+        It is missing, cannot be read, is no regular file, too large or no text.
+
+    """
+    try:
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
+            raise DataError(f'{path} is no regular file')
+        if status.st_size > most:
+            raise DataError(f'{path} has {status.st_size} bytes, at most {most} are read')
+        return path.read_text(encoding='utf-8')
+    except (OSError, ValueError) as error:
+        reason = getattr(error, 'strerror', None) or 'not text'
+        raise DataError(f'{path} cannot be read: {reason}') from error
+
+
+def read_yaml(path: Path) -> Any:
+    """
+    Read a YAML file.
+
+    Raises
+    ------
+    DataError
+        As of ``read_text`` and ``parse_yaml``.
+
+    """
+    try:
+        return parse_yaml(read_text(path, MOST_YAML))
+    except yaml.YAMLError as error:
+        raise DataError(f'{path} is no YAML file: {" ".join(str(error).split())[:160]}') from error
+
+
+def parse_yaml(text: str) -> Any:
+    """
+    Return what a YAML text holds; dates stay text.
+
+    Raises
+    ------
+    yaml.YAMLError
+        It is no YAML, too deep, too large with its aliases written out, or holds values that
+        cannot be.
+
+    """
+    try:
+        _check_size(text)
+        return yaml.load(text, _Loader)
+    except (ValueError, TypeError, OverflowError, RecursionError) as error:
+        raise yaml.YAMLError(f'a value cannot be read: {error}') from error
+
+
+def _check_size(text: str) -> None:
+    """Refuse what is deep, or what a few hundred bytes of aliases make of themselves."""
+    sizes: list[int] = [0]
+    names: list[str | None] = []
+    anchors: dict[str | None, int] = {}
+    for event in yaml.parse(text, _Loader):
+        size = 0
+        if isinstance(event, yaml.CollectionStartEvent):
+            sizes.append(1)
+            names.append(event.anchor)
+        elif isinstance(event, yaml.CollectionEndEvent):
+            size = anchors[names.pop()] = sizes.pop()
+        elif isinstance(event, yaml.ScalarEvent):
+            size = anchors[event.anchor] = 1
+        elif isinstance(event, yaml.AliasEvent):
+            if event.anchor in names:
+                raise yaml.YAMLError(f'{event.anchor} holds itself')
+            size = anchors.get(event.anchor, 1)
+        sizes[-1] += size
+        if len(sizes) > MOST_DEPTH + 1 or sizes[-1] > MOST_NODES:
+            raise yaml.YAMLError(f'more than {MOST_DEPTH} levels or {MOST_NODES} values')
