@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plc_inspect.errors import DataError
-from plc_inspect.results import Float64, Hazard, Span, Support
+from plc_inspect.results import catenary_heights, Float64, Hazard, Span, Support
 from plc_inspect.stream.frame import (
     BodyReader,
     Frame,
@@ -35,6 +35,8 @@ MOST_LINES = 16
 """Lines of a support that are named; the number of all of them is told too."""
 NO_LENGTH = -(1 << 31)
 """A length that is not known."""
+HIGHEST = 1e7
+"""No curve is farther from the height 0 [m]."""
 _XYZ = [('x', '<i4'), ('y', '<i4'), ('z', '<i4')]
 SPANS = np.dtype([
     ('line_id', '<i4'), ('span_id', '<i4'),
@@ -286,7 +288,7 @@ def read_summary(data: bytes) -> SummaryMessage:
     Raises
     ------
     DataError
-        It is no such message, or damaged.
+        It is no such message, damaged, or holds a curve that cannot be.
 
     """
     frame = unpack_frame(data, SUMMARY)
@@ -301,9 +303,30 @@ def read_summary(data: bytes) -> SummaryMessage:
     reader.finish()
     if texts is not None and len(texts) != 1 + len(STATUSES):
         raise DataError(f'summary with {len(texts)} texts, not {1 + len(STATUSES)}')
+    _check_curves(rows['spans'])
     return SummaryMessage(
         frame=frame, status=status, tables=SummaryTables(**rows), gone=gone, texts=texts
     )
+
+
+def _check_curves(spans: NDArray[Any]) -> None:
+    """Refuse spans of which nobody could draw the curve."""
+    start, end = (
+        np.column_stack([spans[f'{side}_{axis}'].astype(np.float64) for axis in 'xyz'])
+        for side in ('start', 'end')
+    )
+    length = np.hypot(*(end - start)[:, :2].T) * 1e-3
+    a, b, c = (spans[name].astype(np.float64) for name in 'abc')
+    good = (start != NO_LENGTH).all(axis=1) & (end != NO_LENGTH).all(axis=1)
+    with np.errstate(all='ignore'):
+        for share in (0.0, 0.5, 1.0):
+            good &= np.abs(catenary_heights(a, b, c, share * length)) <= HIGHEST  # NaN is not
+    if not good.all():
+        row = spans[np.flatnonzero(~good)[0]]
+        raise DataError(
+            f'line {row["line_id"]} span {row["span_id"]} has a curve that cannot be: '
+            f'a {row["a"]:g}, b {row["b"]:g}, c {row["c"]:g} m'
+        )
 
 
 def _millimetres(value: float) -> int:

@@ -6,10 +6,13 @@
 import dataclasses
 import re
 
+from hypothesis import given, settings
+from hypothesis.strategies import floats, integers, tuples
 import numpy as np
 from stream_pieces import make_rows, Source
 
 from plc_inspect.monitor.picture.model import Monitor
+from plc_inspect.monitor.terminal.text import print_once
 from plc_inspect.monitor.web.markup import (
     draw_bar,
     draw_hazard,
@@ -108,3 +111,32 @@ def test_colors_tell_clearance():
     assert far[2] > far[0]
     assert abs(int(wire[0]) - int(wire[2])) < 30
     assert color_cells(np.empty(0, np.uint8), np.empty(0, np.float32)).shape == (0, 3)
+
+
+@given(
+    a=floats(width=32), b=floats(width=32), c=floats(width=32),
+    end=tuples(*[integers(-2**31, 2**31 - 1)] * 3),
+)
+@settings(max_examples=300, deadline=None)
+def test_no_curve_of_the_stream_keeps_the_picture_from_being_drawn(a, b, c, end):
+    source, monitor = Source(), Monitor()
+    tables = make_rows(num_spans=2)
+    row = tables.spans[0]
+    row['a'], row['b'], row['c'] = a, b, c
+    row['end_x'], row['end_y'], row['end_z'] = end
+    taken = monitor.take_summary(source.summary(1.0, keyframe=True, tables=tables), 1.0)
+    picture = monitor.look(1.0)
+    assert taken == (picture.counts.malformed == 0) == (len(picture.spans) == 2)
+    draw_spans(picture)
+    print_once(picture, 'plc_inspect')
+    for span in picture.spans:
+        draw_profile(span, picture.hazards, NO_CELLS)
+        assert np.isfinite(span.trace()).all()
+
+
+def test_a_span_far_out_of_range_is_told_of():
+    source, monitor = Source(), Monitor()
+    tables = make_rows(num_spans=2)
+    tables.spans[0]['c'] = 1e-3
+    assert not monitor.take_summary(source.summary(1.0, keyframe=True, tables=tables), 1.0)
+    assert 'has a curve that cannot be' in monitor.look(1.0).events[-1].text
