@@ -3,6 +3,8 @@
 
 """Eviction: removes voxels from a map that is nearly full."""
 
+import math
+
 import numpy as np
 
 from plc_inspect.core.mapping.voxel_map import VoxelMap
@@ -47,6 +49,8 @@ class Evictor:
 
     def clear(self) -> None:
         """Start over, after the map was cleared."""
+        self.nearest_wire = math.inf
+        """Least distance from the vehicle at which wires or supports were removed [m]."""
         self._order: Int64 = np.empty(0, dtype=np.int64)
         self._kept: Bool = WIRES
         self._active = False
@@ -81,7 +85,11 @@ class Evictor:
                 self._begin(vehicle, NOTHING)
                 continue
             cell, self._order = int(self._order[0]), self._order[1:]
-            removed += voxels.drop(cell, self._kept)
+            dropped = voxels.drop(cell, self._kept)
+            if dropped and self._kept is NOTHING and vehicle is not None:
+                apart = float(np.linalg.norm(voxels.cells.centers[cell] - vehicle[:2]))
+                self.nearest_wire = min(self.nearest_wire, apart)
+            removed += dropped
             self._rest[cell] = voxels.cells.count[cell]
         self._active = len(voxels) > target and len(self._order) > 0
         if not self._active:

@@ -192,11 +192,15 @@ def describe_input(
     return _make_status('input', level, text, values)
 
 
-def describe_map(voxels: VoxelMap, num_evicted: int, refused: int) -> DiagnosticStatus:
-    """Describe the size of the map and of the process."""
+def describe_map(
+    voxels: VoxelMap, num_evicted: int, refused: int, doubt: str = ''
+) -> DiagnosticStatus:
+    """Describe the size of the map and of the process; a doubt about the map is an error."""
     share = len(voxels) / voxels.max_voxels
     level, text = DiagnosticStatus.OK, f'{share:.0%} of the map in use'
-    if refused:
+    if doubt:
+        level, text = DiagnosticStatus.ERROR, doubt
+    elif refused:
         level, text = DiagnosticStatus.WARN, f'map full: {refused} points were refused'
     values: dict[str, object] = {
         'voxels': len(voxels),

@@ -213,7 +213,7 @@ class InspectNode(Node):
             ),
             describe_map(
                 self._intake.accumulator.map, self._intake.evictor.num_evicted,
-                counters.points_dropped.get('map full', 0),
+                counters.points_dropped.get('map full', 0), self._intake.doubt,
             ),
             describe_segmentation(self._state, self._health, self._worker.busy),
         ]
@@ -279,6 +279,10 @@ class InspectNode(Node):
         voxels = self._intake.accumulator.map
         spans = [item.span for item in self._state.spans] if self._state else []
         plan: WindowPlan | None
+        if doubt := self._intake.doubt:
+            self._wants_tick = False
+            self._segmenting.answer(False, doubt)
+            self._saving.answer(False, doubt)
         if self._saving:
             if not len(voxels):
                 self._saving.answer(False, 'nothing to save: the map is empty')
@@ -387,5 +391,8 @@ class InspectNode(Node):
             final.rescue(
                 snapshot, self._state, f'the running job did not end within {STOP_TIMEOUT:g} s'
             )
+            return False
+        if doubt := self._intake.doubt:
+            final.rescue(snapshot, self._state, doubt)
             return False
         return final.run(self._session, snapshot, self._state)

@@ -13,6 +13,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import PointCloud2
 
 from plc_inspect.config import Settings
+from plc_inspect.core.live.session import FINISHED_DISTANCE
 from plc_inspect.core.mapping.accumulator import Accumulator
 from plc_inspect.core.mapping.eviction import Evictor
 from plc_inspect.errors import DataError
@@ -24,6 +25,10 @@ from plc_inspect.ros.node.system_memory import take_memory
 
 THROTTLE = 5.0
 """The same complaint is logged at most this often [s]."""
+
+
+MOST_REFUSED = 0.01
+"""Share of the points that a full map may refuse until its gaps could be taken for ends."""
 
 
 class Complaints:
@@ -80,6 +85,7 @@ class Intake:
         self.on_restart: Callable[[], object] = lambda: None
         """Called when the map has begun anew."""
         self._num_restarts = 0
+        self._refused_before = self._inserted_before = 0
         self._health = health
         self._complaints = Complaints(warn)
         self._losses = LossReporter(warn)
@@ -159,7 +165,21 @@ class Intake:
             self._num_restarts = self.accumulator.num_map_restarts
             self.evictor.clear()
             self.take_memory()
+            self._begin_map()
             self.on_restart()
+
+    @property
+    def doubt(self) -> str:
+        """Why nothing may be told of the map: it had no room for what is about the vehicle."""
+        counters = self.accumulator.counters()
+        refused = counters.points_dropped.get('map full', 0) - self._refused_before
+        all_points = refused + counters.num_points_inserted - self._inserted_before
+        if refused <= MOST_REFUSED * all_points and self.evictor.nearest_wire > FINISHED_DISTANCE:
+            return ''
+        return (
+            f'the map is full with {self.accumulator.map.max_voxels} voxels and has gaps about '
+            'the vehicle: results are held back; raise map.max_voxels'
+        )
 
     def report_losses(self) -> bool:
         """Log what was lost since the last call; return whether anything was."""
@@ -180,3 +200,10 @@ class Intake:
         self.take_memory()
         self.evictor.clear()
         self.first_stamp = None
+        self._begin_map()
+
+    def _begin_map(self) -> None:
+        """Judge the new map by what comes from now on."""
+        counters = self.accumulator.counters()
+        self._refused_before = counters.points_dropped.get('map full', 0)
+        self._inserted_before = counters.num_points_inserted

@@ -184,3 +184,26 @@ def test_origin_first_then_utm(rig):
     finally:
         rig.robot.send_pose = send_pose
     rig.check_alive()
+
+
+def test_full_map_holds_results_back(tmp_path, monkeypatch, capfd):
+    monkeypatch.setenv('ROS_HOME', str(tmp_path))
+    rig = Rig(**{'map.max_voxels': 6000, 'output.directory': str(tmp_path / 'out')})
+    try:
+        rig.feed(8)
+        answer = rig.call('segment')
+        assert not answer.success
+        assert 'the map is full with 6000 voxels' in answer.message
+        assert not rig.call('save').success
+        status, _ = rig.status('map')
+        assert status.level == b'\x02'
+        assert 'results are held back; raise map.max_voxels' in status.message
+        assert rig.node.state is None
+        rig.reset()
+        rig.feed(1, points=rig.robot.look(0.05))
+        assert rig.node.intake.doubt == ''
+        rig.feed(8)
+        assert not rig.node.close()
+        assert 'nothing saved: the map is full' in capfd.readouterr().err
+    finally:
+        rig.close()

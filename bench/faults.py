@@ -1,0 +1,322 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Does faults to the real node over DDS, and prints for each what was found and what was said.
+
+The node is a process of its own; the demo flight is sent to it with a fault in it.  Spans are
+compared with those of the flight without fault: missing, and extra ones.  ``--root`` runs the
+node of another checkout.
+"""
+
+import argparse
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+import json
+import os
+from pathlib import Path
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from typing import Any
+
+from common.flight_faults import (
+    clear_stamp,
+    copy_scans,
+    count_microseconds,
+    crowd_stamps,
+    each,
+    Event,
+    lengthen_row,
+    lower,
+    move_to_utm,
+    place_scans,
+    shift_stamp,
+    swap,
+    thin_odometry,
+    turn_bytes,
+)
+import numpy as np
+
+from plc_inspect.offline.readers.bags import Recording
+from plc_inspect.ros.graph.transport import prepare_transport
+
+ROOT = Path(__file__).resolve().parents[1]
+NODE = 'plc_inspect.ros.node.onboard'
+DOMAIN = 87
+START = 300.0
+"""Longest wait for the node [s]; kernels may have to be compiled."""
+END = 200.0
+"""Longest wait for its end [s]."""
+NEAR = 4.0
+"""Ends of the same span are this near [m]."""
+
+
+@dataclass(kw_only=True)
+class Fault:
+    """A kind of fault: what it does to the flight, to the node's start, and to its life."""
+
+    change: Callable[[list[Event]], list[Event]] = lambda events: events
+    arguments: tuple[str, ...] = ()
+    before: Callable[[Path], None] = lambda out: None
+    """Done when the node is ready."""
+    during: Callable[['Feeder'], str] = lambda feeder: ''
+    """Done in the middle of the flight; returns a note."""
+    number: int = signal.SIGINT
+    file_size: int | None = None
+
+
+@dataclass(eq=False)
+class Feeder:
+    """Publishers and services of one flight, and what the node says in /diagnostics."""
+
+    context: Any
+    node: Any
+    publishers: dict[str, Any]
+    said: dict[str, int] = field(default_factory=dict)
+
+    def call_often(self, name: str, count: int) -> str:
+        """Call a service so often at once, and tell how many calls were answered."""
+        from std_srvs.srv import Trigger
+
+        client = self.node.create_client(Trigger, f'/plc_inspect/{name}')
+        client.wait_for_service(10.0)
+        futures = [client.call_async(Trigger.Request()) for _ in range(count)]
+        end = time.monotonic() + 15.0
+        while time.monotonic() < end and not all(future.done() for future in futures):
+            time.sleep(0.05)
+        return f'{sum(future.done() for future in futures)} of {count} calls answered'
+
+    def set_parameter(self, name: str, value: str) -> str:
+        """Set a parameter, and tell what the node answered."""
+        from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+        from rcl_interfaces.srv import SetParameters
+
+        client = self.node.create_client(SetParameters, '/plc_inspect/set_parameters')
+        client.wait_for_service(10.0)
+        content = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=value)
+        future = client.call_async(
+            SetParameters.Request(parameters=[Parameter(name=name, value=content)])
+        )
+        end = time.monotonic() + 10.0
+        while time.monotonic() < end and not future.done():
+            time.sleep(0.05)
+        (answer,) = future.result().results
+        return 'accepted' if answer.successful else f'refused: {answer.reason}'
+
+
+def put_foreign_file(out: Path) -> None:
+    out.mkdir(exist_ok=True)
+    (out / 'mine.txt').write_text('keep', encoding='utf-8')
+
+
+FAULTS = {
+    'none': Fault(),
+    'SIGHUP at the end': Fault(number=signal.SIGHUP),
+    'SIGQUIT at the end': Fault(number=signal.SIGQUIT),
+    'files of 100 kB at most': Fault(file_size=100_000),
+    'output folder of something else': Fault(before=put_foreign_file),
+    'hazards.rules unknown at the start': Fault(arguments=('-p', 'hazards.rules:=nonsense')),
+    'hazards.rules unknown in flight': Fault(
+        during=lambda feeder: feeder.set_parameter('hazards.rules', 'nonsense')
+    ),
+    'a shipped rule set': Fault(
+        arguments=('-p', 'hazards.rules:=en50423_cz', '-p', 'hazards.voltage:=22.0')
+    ),
+    '200 calls of ~/segment': Fault(during=lambda feeder: feeder.call_often('segment', 200)),
+    'two drivers, the second 2 m lower': Fault(change=copy_scans(0.05, lower)),
+    'every scan twice': Fault(change=copy_scans(0.005, lambda message: None)),
+    'x and y swapped from half on': Fault(change=each('scan', swap, 10.0)),
+    'stamps a microsecond apart': Fault(change=crowd_stamps),
+    'all scans malformed from half on': Fault(change=each('scan', lengthen_row, 10.0)),
+    'other byte order from half on': Fault(change=each('scan', turn_bytes, 10.0)),
+    'all stamps zero': Fault(change=each('scan', clear_stamp)),
+    'lidar clock 18 s ahead': Fault(change=each('scan', lambda m: shift_stamp(m, 18.0))),
+    'times in microseconds (uint32)': Fault(change=each('scan', count_microseconds)),
+    'odometry at 3 Hz': Fault(change=thin_odometry),
+    'cloud in the frame of the odometry': Fault(change=place_scans),
+    'origin first, then UTM': Fault(change=move_to_utm),
+    'map full at 60,000 voxels': Fault(arguments=('-p', 'map.max_voxels:=60000')),
+}
+
+
+def read_flight(seconds: float) -> list[Event]:
+    """Return the first part of the demo flight."""
+    from nav_msgs.msg import Odometry
+    from rclpy.serialization import deserialize_message
+    from sensor_msgs.msg import PointCloud2
+
+    events = []
+    with Recording(ROOT / 'bags/demo', 'velodyne_points', 'odometry') as recording:
+        first = None
+        for item in recording.raw_messages():
+            first = item.log_stamp_ns if first is None else first
+            moment = (item.log_stamp_ns - first) * 1e-9
+            if moment > seconds:
+                break
+            kind, of = ('scan', PointCloud2) if 'points' in item.topic else ('odometry', Odometry)
+            events.append(Event(moment, kind, deserialize_message(item.raw, of)))
+    return events
+
+
+def open_feeder() -> Iterator[Feeder]:
+    """Yield publishers of a flight on a graph of their own."""
+    from diagnostic_msgs.msg import DiagnosticArray
+    from nav_msgs.msg import Odometry
+    import rclpy
+    from rclpy.executors import SingleThreadedExecutor
+    from sensor_msgs.msg import PointCloud2
+
+    from plc_inspect.ros.graph.qos import PLAYER
+
+    context = rclpy.context.Context()
+    rclpy.init(context=context, domain_id=DOMAIN)
+    node = rclpy.create_node('faults', context=context)
+    feeder = Feeder(context, node, {
+        'scan': node.create_publisher(PointCloud2, 'velodyne_points', PLAYER),
+        'odometry': node.create_publisher(Odometry, 'odometry', PLAYER),
+    })
+
+    def hear(message: Any) -> None:
+        for status in message.status:
+            if status.level != b'\x00':
+                level = 'ERROR' if status.level == b'\x02' else 'WARN'
+                text = f'{level} {status.name.rpartition(" ")[2]}: {status.message}'
+                feeder.said[text] = feeder.said.get(text, 0) + 1
+
+    node.create_subscription(DiagnosticArray, '/diagnostics', hear, 10)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    thread = threading.Thread(target=executor.spin, daemon=True)
+    thread.start()
+    yield feeder
+    executor.shutdown()
+    thread.join(5.0)
+    node.destroy_node()
+    context.shutdown()
+
+
+def fly(fault: Fault, events: list[Event], rate: float, root: Path, room: Path) -> list[str]:
+    """Fly once, and return what was found, how it ended, and what was said."""
+    out, log = room / 'out', room / 'log'
+
+    def begin() -> None:
+        for number in (signal.SIGHUP, signal.SIGQUIT, signal.SIGINT):
+            signal.signal(number, signal.SIG_DFL)
+        if fault.file_size is not None:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (fault.file_size, fault.file_size))
+
+    with log.open('w') as stream:
+        process = subprocess.Popen(
+            [sys.executable, '-m', NODE, '--ros-args', '-p', f'output.directory:={out}',
+             *fault.arguments],
+            cwd=root, stdout=stream, stderr=subprocess.STDOUT, preexec_fn=begin,
+            env=os.environ | {'ROS_DOMAIN_ID': str(DOMAIN), 'ROS_HOME': str(room / 'home'),
+                              'PYTHONPATH': str(root)},
+        )
+    try:
+        ready = time.monotonic() + START
+        while 'ready' not in log.read_text() and process.poll() is None:
+            if time.monotonic() > ready:
+                break
+            time.sleep(0.2)
+        note = ''
+        said: dict[str, int] = {}
+        if process.poll() is None:
+            fault.before(out)
+            for feeder in open_feeder():
+                said = feeder.said
+                note = _send(feeder, fault.change(events), fault, rate)
+            process.send_signal(fault.number)
+        code: int | str
+        try:
+            code = process.wait(END)
+        except subprocess.TimeoutExpired:
+            code = 'none'
+    finally:
+        process.kill()
+        process.wait()
+    found = [*room.glob('out/spans.json'), *room.glob('home/plc_inspect/*/spans.json')]
+    last = [line for line in log.read_text().splitlines() if 'saved' in line or NODE in line]
+    texts = sorted(said, key=lambda text: -said[text])[:2]
+    if 'saved to' not in (last or [''])[-1] or 'home' in (last or [''])[-1]:
+        texts.append((last or log.read_text().splitlines() or ['nothing'])[-1][-150:])
+    return [str(found[0].parent) if found else '', f'exit {code}',
+            '; '.join([*([note] if note else []), *texts]).replace(str(room), '')]
+
+
+def _send(feeder: Feeder, events: list[Event], fault: Fault, rate: float) -> str:
+    end = time.monotonic() + 30.0
+    while not all(item.get_subscription_count() for item in feeder.publishers.values()):
+        if time.monotonic() > end:
+            return 'the node does not listen'
+        time.sleep(0.05)
+    note, done = '', False
+    begin = time.monotonic()
+    for event in events:
+        if not done and event.time > events[-1].time / 2:
+            done, before = True, time.monotonic()
+            note = fault.during(feeder)
+            begin += time.monotonic() - before
+        time.sleep(max(0.0, begin + event.time / rate - time.monotonic()))
+        feeder.publishers[event.kind].publish(event.message)
+    time.sleep(4.0)
+    return note
+
+
+def compare(found: str, reference: list[Any]) -> str:
+    """Return how many spans were found, are missing and too many, and the hazards."""
+    if not found:
+        return 'no results'
+    spans = json.loads((Path(found) / 'spans.json').read_text())['spans']
+    hazards = json.loads((Path(found) / 'hazards.json').read_text())['hazards']
+    ends = [np.array([[item['start'], item['end']], [item['end'], item['start']]])
+            for item in spans]
+    left = list(ends)
+    missing = 0
+    for item in reference:
+        own = np.array([item['start'], item['end']])
+        apart = [np.linalg.norm(other - own, axis=2).max(axis=1).min() for other in left]
+        if apart and min(apart) < NEAR:
+            left.pop(int(np.argmin(apart)))
+        else:
+            missing += 1
+    critical = sum(item['severity'] == 'critical' for item in hazards)
+    return (f'{len(spans)} spans, {missing} missing, {len(left)} extra; '
+            f'{len(hazards)} hazards, {critical} critical')
+
+
+def main() -> int:
+    """Do the faults, and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('names', nargs='*', help='parts of the names of the faults; all')
+    parser.add_argument('--rate', type=float, default=2.0)
+    parser.add_argument('--seconds', type=float, default=20.0)
+    parser.add_argument('--root', type=Path, default=ROOT)
+    arguments = parser.parse_args()
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    prepare_transport()
+    chosen = [name for name in FAULTS if name == 'none' or not arguments.names
+              or any(part in name for part in arguments.names)]
+    rows, reference = [], []
+    with tempfile.TemporaryDirectory() as folder:
+        for number, name in enumerate(chosen):
+            room = Path(folder) / str(number)
+            room.mkdir()
+            found, end, said = fly(
+                FAULTS[name], read_flight(arguments.seconds), arguments.rate,
+                arguments.root.resolve(), room,
+            )
+            if name == 'none' and found:
+                reference = json.loads((Path(found) / 'spans.json').read_text())['spans']
+            rows.append([name, compare(found, reference), end, said[:300]])
+            print(' | '.join(rows[-1]), flush=True)
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
