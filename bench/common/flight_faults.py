@@ -12,6 +12,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
+UTM = 500_000.0, 5_800_000.0, 40.0
+"""Where ``move_to_utm`` goes [m]."""
+
 
 @dataclass(eq=False)
 class Event:
@@ -57,13 +60,15 @@ def add_to(message: Any, name: str, change: Callable[[np.ndarray], np.ndarray],
     message.data = array('B', rows.tobytes())
 
 
-def copy_scans(late: float, change: Callable[[Any], None]) -> Callable[..., Any]:
+def copy_scans(
+    late: float, change: Callable[[Any], None], kind: str = 'scan'
+) -> Callable[..., Any]:
     """Return a fault that sends each scan once more, changed, so much later [s]."""
     def run(events: list[Event]) -> list[Event]:
         more = []
         for event in events:
             if event.kind == 'scan':
-                more.append(Event(event.time + late, 'scan', copy.deepcopy(event.message)))
+                more.append(Event(event.time + late, kind, copy.deepcopy(event.message)))
                 change(more[-1].message)
         return sorted(events + more, key=lambda event: event.time)
 
@@ -126,17 +131,13 @@ def thin_odometry(events: list[Event]) -> list[Event]:
 
 def move_to_utm(events: list[Event]) -> list[Event]:
     """Begin at the origin, and be in UTM coordinates after two seconds."""
-    first = next(event for event in events if event.kind == 'odometry').message
-    start = first.pose.pose.position
-    start = start.x, start.y, start.z
     for event in events:
         if event.kind == 'odometry':
             place = event.message.pose.pose.position
             if event.time < 2.0:
                 place.x, place.y, place.z = 0.0, 0.0, 0.0
             else:
-                place.x += 500_000.0 - start[0]
-                place.y += 5_800_000.0 - start[1]
+                place.x, place.y, place.z = place.x + UTM[0], place.y + UTM[1], place.z + UTM[2]
     return events
 
 
