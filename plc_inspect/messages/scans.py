@@ -33,6 +33,10 @@ EPOCH_REACH = 3600.0
 """Times since an epoch are this near to the stamp, else they are of another clock [s]."""
 FARTHEST = 1e6
 """Coordinates beyond cannot be of a lidar: they are other bytes than floats [m]."""
+TINIEST = 1e-20
+"""Coordinates nearer to 0, and not 0, are other bytes than floats, too [m]."""
+SAMPLE = 64
+"""Points in which tiny coordinates are looked for."""
 MOST_FAR = 0.05
 """Share of points with such coordinates from which a scan is refused; few are noise."""
 
@@ -200,6 +204,11 @@ def _read_layout(message: Any) -> str:
 
 def _check_reach(xyz: Float32) -> None:
     """Refuse coordinates that are no floats of this byte order."""
+    some = np.abs(xyz[:: 1 + len(xyz) // SAMPLE])
+    if np.count_nonzero((some > 0.0) & (some < TINIEST)) > MOST_FAR * some.size:
+        raise DataError(
+            f'coordinates below {TINIEST:g} m: is the byte order (is_bigendian) wrong?'
+        )
     largest = np.abs(xyz).max(initial=0.0, where=np.isfinite(xyz))
     if largest <= FARTHEST:
         return

@@ -274,6 +274,12 @@ def test_wrong_byte_order_is_refused():
     del message.fields[3:]
     with pytest.raises(DataError, match='is_bigendian'):
         scan_from_message(message)
+    columns |= {axis: np.round(columns[axis] * 8) / 8 for axis in 'xyz'}  # few digits
+    message = make_cloud(columns)
+    message.is_bigendian = True
+    del message.fields[3:]
+    with pytest.raises(DataError, match='is_bigendian'):
+        scan_from_message(message)
     columns['x'][7] = 3e30  # a stray value alone is no reason
     assert len(scan_from_message(make_cloud(columns)).xyz) == 500
 
