@@ -252,6 +252,11 @@ class Accumulator:
         self._drain()
         self.expire(now)
 
+    def refuse(self, reason: DropReason) -> None:
+        """Count a scan that was not taken at all."""
+        self._counts['scans'] += 1
+        self._dropped[reason] += 1
+
     def expire(self, now: float | None) -> None:
         """
         Drop the scans that have waited longer than ``max_wait``.

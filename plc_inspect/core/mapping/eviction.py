@@ -49,8 +49,8 @@ class Evictor:
 
     def clear(self) -> None:
         """Start over, after the map was cleared."""
-        self.nearest_wire = math.inf
-        """Least distance from the vehicle at which wires or supports were removed [m]."""
+        self.nearest = math.inf
+        """Least distance from the vehicle at which voxels were removed [m]."""
         self._order: Int64 = np.empty(0, dtype=np.int64)
         self._kept: Bool = WIRES
         self._active = False
@@ -86,9 +86,9 @@ class Evictor:
                 continue
             cell, self._order = int(self._order[0]), self._order[1:]
             dropped = voxels.drop(cell, self._kept)
-            if dropped and self._kept is NOTHING and vehicle is not None:
+            if dropped and vehicle is not None:
                 apart = float(np.linalg.norm(voxels.cells.centers[cell] - vehicle[:2]))
-                self.nearest_wire = min(self.nearest_wire, apart)
+                self.nearest = min(self.nearest, apart)
             removed += dropped
             self._rest[cell] = voxels.cells.count[cell]
         self._active = len(voxels) > target and len(self._order) > 0

@@ -19,6 +19,7 @@ class DropReason(enum.Enum):
     WRONG_FRAME = 'another frame than the scans before'
     OTHER_LAYOUT = 'x, y, z in another order than before'
     OVERLAP = 'of the same time as another: two drivers on one topic?'
+    OTHER_DRIVER = 'of a second driver on the topic'
     OUT_OF_MAP = 'points too far away for the map'
     RESET = 'waiting when the buffers were reset'
 

@@ -10,7 +10,6 @@ pipeline over the copy and builds the messages, which the executor's thread then
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from functools import partial
 import time
 from typing import Any
@@ -26,7 +25,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
-from plc_inspect.config import OutputSettings, Settings
+from plc_inspect.config import Settings
 from plc_inspect.core.live.session import LiveState, measure_reach, Session
 from plc_inspect.core.live.warm_up import warm_up_intake
 from plc_inspect.core.live.window import (
@@ -45,12 +44,20 @@ from plc_inspect.ros.node.diagnostics import (
     Health,
 )
 from plc_inspect.ros.node.intake import Complaints, Intake
-from plc_inspect.ros.node.jobs import Done, FinalSave, prepare, run_save, run_tick, Snapshot
+from plc_inspect.ros.node.jobs import (
+    Done,
+    FinalSave,
+    keep_state,
+    prepare,
+    run_save,
+    run_tick,
+    Snapshot,
+)
 from plc_inspect.ros.node.parameters import Parameters
 from plc_inspect.ros.node.publishing import make_bundle, ResultPublishers
 from plc_inspect.ros.node.teller import summarize, Teller
 from plc_inspect.ros.node.thin_link import Stream
-from plc_inspect.ros.node.watch import InputWatch
+from plc_inspect.ros.node.watch import InputWatch, SourceWatch
 from plc_inspect.ros.node.worker import Worker
 
 NODE_NAME = 'plc_inspect'
@@ -124,6 +131,8 @@ class InspectNode(Node):
             self, (settings.input.scan_topic, settings.input.odometry_topic), time.monotonic()
         )
         self._intake.on_restart = self._on_map_restart
+        source = SourceWatch(lambda: self.count_publishers(settings.input.scan_topic))
+        self._intake.accepts = source.accepts
         self._submit('start', partial(prepare, settings))
 
     def _subscribe(self, settings: Settings) -> None:
@@ -169,9 +178,9 @@ class InspectNode(Node):
                     self._fail(name, error)
 
         # The executor looks at the number of parameters of a subscription's callback.
-        if name in ('scan', 'odometry'):
-            return lambda message: run(message)
-        return lambda: run()
+        if name == 'scan':
+            return lambda message, info: run(message, info)
+        return (lambda message: run(message)) if name == 'odometry' else (lambda: run())
 
     def _fail(self, where: str, error: Exception) -> None:
         self._health.last_error = f'{where}: {type(error).__name__}: {error}'
@@ -233,16 +242,7 @@ class InspectNode(Node):
     def _on_map_restart(self) -> None:
         """Save what was found before the odometry left the map's reach, and begin anew."""
         self.get_logger().error('the odometry went out of reach of the map: it begins anew there')
-        if self._state is not None and self._state.confirmed:
-            # not into the folder of the settings, which the end of the flight takes
-            settings = replace(self.settings, output=OutputSettings())
-            everything = plan_everything(self._intake.accumulator.map, [])
-            window = list(copy_window(self._intake.accumulator.map, everything))[-1]
-            if window is not None:
-                snapshot = replace(self._describe(window), settings=settings)
-                FinalSave(self.get_logger().info, self.get_logger().error).rescue(
-                    snapshot, self._state, 'the map begins anew'
-                )
+        keep_state(self._describe(self._copy_everything()), self._state, self.get_logger())
         self._forget('the map began anew')
 
     def _forget(self, reason: str) -> None:
@@ -319,6 +319,11 @@ class InspectNode(Node):
         else:
             self._submit(job, partial(run_tick, self._session, snapshot))
 
+    def _copy_everything(self) -> Window:
+        voxels = self._intake.accumulator.map
+        copy = copy_window(voxels, plan_everything(voxels, []))
+        return next(item for item in copy if item is not None)
+
     def _describe(self, window: Window) -> Snapshot:
         return Snapshot(
             window=window,
@@ -384,15 +389,9 @@ class InspectNode(Node):
             log.info('nothing to save' if save else 'not saved')
             return True
         final = FinalSave(log.info, log.error)
-        plan = plan_everything(voxels, [])
-        window = next(item for item in copy_window(voxels, plan) if item is not None)
-        snapshot = self._describe(window)
-        if not stopped:
-            final.rescue(
-                snapshot, self._state, f'the running job did not end within {STOP_TIMEOUT:g} s'
-            )
-            return False
-        if doubt := self._intake.doubt:
-            final.rescue(snapshot, self._state, doubt)
+        snapshot = self._describe(self._copy_everything())
+        late = '' if stopped else f'the running job did not end within {STOP_TIMEOUT:g} s'
+        if reason := late or self._intake.doubt:
+            final.rescue(snapshot, self._state, reason)
             return False
         return final.run(self._session, snapshot, self._state)

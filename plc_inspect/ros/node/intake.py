@@ -3,7 +3,7 @@
 
 """What comes in: scans and odometry into the map, counted, complained of, bounded."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from threading import Event, Thread
 import time
@@ -13,9 +13,10 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import PointCloud2
 
 from plc_inspect.config import Settings
-from plc_inspect.core.live.session import FINISHED_DISTANCE
+from plc_inspect.core.live.window import NEAR
 from plc_inspect.core.mapping.accumulator import Accumulator
 from plc_inspect.core.mapping.eviction import Evictor
+from plc_inspect.core.mapping.scan_counters import DropReason
 from plc_inspect.errors import DataError
 from plc_inspect.messages.scans import pose_from_message, scan_from_message
 from plc_inspect.printable import make_printable
@@ -84,6 +85,8 @@ class Intake:
         """Stamp of the first scan [ns]."""
         self.on_restart: Callable[[], object] = lambda: None
         """Called when the map has begun anew."""
+        self.accepts: Callable[[Mapping[str, Any], float], bool] = lambda info, now: True
+        """Tells whether a scan is of the driver that is listened to."""
         self._num_restarts = 0
         self._refused_before = self._inserted_before = 0
         self._health = health
@@ -114,9 +117,12 @@ class Intake:
             self._taker.join()
             self._taker = None
 
-    def take_scan(self, message: PointCloud2) -> None:
-        """Put a scan in, or count it as malformed."""
+    def take_scan(self, message: PointCloud2, info: Mapping[str, Any] | None = None) -> None:
+        """Put a scan in, or count why not; ``info`` is what rclpy tells of the message."""
         now = time.monotonic()
+        if info is not None and not self.accepts(info, now):
+            self.accumulator.refuse(DropReason.OTHER_DRIVER)
+            return
         self._health.last_scan = now
         try:
             scan = scan_from_message(message)
@@ -174,7 +180,7 @@ class Intake:
         counters = self.accumulator.counters()
         refused = counters.points_dropped.get('map full', 0) - self._refused_before
         all_points = refused + counters.num_points_inserted - self._inserted_before
-        if refused <= MOST_REFUSED * all_points and self.evictor.nearest_wire > FINISHED_DISTANCE:
+        if refused <= MOST_REFUSED * all_points and self.evictor.nearest > NEAR:
             return ''
         return (
             f'the map is full with {self.accumulator.map.max_voxels} voxels and has gaps about '

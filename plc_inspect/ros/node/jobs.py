@@ -11,8 +11,9 @@ from typing import Any, TYPE_CHECKING
 
 import numba
 import numpy as np
+from rclpy.impl.rcutils_logger import RcutilsLogger
 
-from plc_inspect.config import Settings
+from plc_inspect.config import OutputSettings, Settings
 from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.live.session import LiveState, Session
 from plc_inspect.core.live.warm_up import warm_up_pipeline
@@ -226,3 +227,16 @@ class FinalSave:
             snapshot.settings.output, snapshot.first_stamp_ns, describe_run(part, result, empty)
         )
         self._complain(f'{reason}; results of the last tick, without points: {saved.describe()}')
+
+
+def keep_state(snapshot: Snapshot, state: LiveState | None, log: RcutilsLogger) -> None:
+    """
+    Save what was found in a map that begins anew.
+
+    It goes to a folder of its own, as that of the settings is taken at the end of the flight.
+    """
+    if state is not None and state.confirmed:
+        settings = replace(snapshot.settings, output=OutputSettings())
+        FinalSave(log.info, log.error).rescue(
+            replace(snapshot, settings=settings), state, 'the map begins anew'
+        )

@@ -4,6 +4,7 @@
 """Watches what comes in: why nothing goes into the map, and who publishes."""
 
 from collections import Counter
+from collections.abc import Callable, Mapping
 
 from rclpy.node import Node
 
@@ -14,6 +15,57 @@ from plc_inspect.ros.node.diagnostics import Health, SILENCE
 
 PATIENCE = 3
 """Reports in a row with two publishers until they are told of; a driver may be restarting."""
+
+MOST_JUMP = 50
+"""Messages of one publisher in a row that may be lost."""
+SILENT = 1.0
+"""A publisher that was silent so long may be followed by another one [s]."""
+
+
+class SourceWatch:
+    """
+    Lets through the messages of one publisher where there are several.
+
+    Each publisher numbers its messages: those of another one do not go on where the last ended.
+    (The middleware knows the publisher itself, but rclpy does not tell.)
+
+    Parameters
+    ----------
+    count : callable
+        Returns the number of publishers.
+
+    """
+
+    def __init__(self, count: Callable[[], int]) -> None:
+        self._count = count
+        self._last: int | None = None
+        self._heard = 0.0
+
+    def accepts(self, info: Mapping[str, int | None], now: float) -> bool:
+        """
+        Tell whether a message is of the publisher that is listened to.
+
+        Parameters
+        ----------
+        info : mapping
+            Of rclpy, with ``publication_sequence_number``.
+        now : float
+            Steady time [s].
+
+        Returns
+        -------
+        bool
+
+        """
+        number = info.get('publication_sequence_number')
+        if number is None:
+            return True
+        goes_on = self._last is not None and 0 < number - self._last <= MOST_JUMP
+        known = self._last is not None and now - self._heard <= SILENT
+        if known and not goes_on and self._count() > 1:
+            return False
+        self._last, self._heard = number, now
+        return True
 
 
 class InputWatch:
@@ -37,7 +89,7 @@ class InputWatch:
         self._before: Counters | None = None
         self._malformed: Counter[str] = Counter()
         self._crowded: Counter[str] = Counter()
-        self._overlaps = 0
+        self._overlaps: dict[str, int] = {}
 
     def look(
         self, counters: Counters, health: Health, settings: InputSettings, now: float
@@ -64,10 +116,11 @@ class InputWatch:
         """
         problem = self._find_standstill(counters, health, settings, now)
         crowds = [text for topic in self._topics if (text := self._find_crowd(topic))]
-        overlaps = counters.scans_dropped.get(DropReason.OVERLAP.value, 0)
-        if overlaps > self._overlaps and not problem:
-            problem = f'scans dropped: {DropReason.OVERLAP.value}'
-            problem = '; '.join([problem, *crowds])
+        reasons = (DropReason.OVERLAP.value, DropReason.OTHER_DRIVER.value)
+        overlaps = {reason: counters.scans_dropped.get(reason, 0) for reason in reasons}
+        news = [reason for reason in reasons if overlaps[reason] > self._overlaps.get(reason, 0)]
+        if news and not problem:
+            problem = '; '.join([f'scans dropped: {news[-1]}', *crowds])
         self._overlaps = overlaps
         return problem, '; '.join(crowds)
 

@@ -13,6 +13,7 @@ from sensor_msgs.msg import PointCloud2
 
 from plc_inspect.core.mapping.scan_counters import DropReason
 from plc_inspect.ros.graph.qos import PLAYER
+from plc_inspect.ros.node.watch import SourceWatch
 
 
 @pytest.fixture(scope='module')
@@ -148,7 +149,7 @@ def test_two_drivers_on_one_topic(rig):
         text = wait_for(told, 'error')
         while '2 publishers' not in text:
             text = wait_for(told, 'error')
-        assert DropReason.OVERLAP.value in text
+        assert DropReason.OTHER_DRIVER.value in text
         assert '/other_driver, /robot' in text
     finally:
         stop.set()
@@ -207,3 +208,25 @@ def test_full_map_holds_results_back(tmp_path, monkeypatch, capfd):
         assert 'nothing saved: the map is full' in capfd.readouterr().err
     finally:
         rig.close()
+
+
+@pytest.mark.parametrize('first', [1, 500])
+def test_scans_of_one_publisher_are_taken(first):
+    """The first has sent for long, or has just begun; another one joins, and stays at the end."""
+    publishers = [2]
+    watch = SourceWatch(lambda: publishers[0])
+
+    def accepts(number, now):
+        return watch.accepts({'publication_sequence_number': number}, now)
+
+    assert accepts(first, 0.0)
+    taken = []
+    for k in range(1, 100):
+        if k % 10:  # one in ten is lost
+            assert accepts(first + k, 0.1 * k)
+        taken.append(accepts(200 + k, 0.1 * k + 0.05))
+    assert not any(taken)
+    assert accepts(301, 12.0)  # the first was silent for two seconds
+    publishers[0] = 1
+    assert accepts(1, 12.1)  # started anew
+    assert watch.accepts({}, 12.2)
