@@ -196,6 +196,19 @@ def test_without_data_nothing_is_saved(start, tmp_path):
     assert not (tmp_path / 'plc_inspect').exists()
 
 
+def test_flight_of_which_nothing_was_used_is_no_success(start, robot, tmp_path):
+    node = start(NODE, '--ros-args', '-p', 'map.max_voxels:=20000')
+    robot.connect()
+    wait_for(lambda: 'ready' in node.text(), 'ready node', FIRST_DEADLINE)
+    for _ in range(30):
+        robot.time = round(robot.time + 0.1, 6)
+        robot.send_pose()
+        robot.send_scan(stamp=robot.time + 18.0)
+        time.sleep(0.05)
+    assert node.end() == 1
+    assert 'nothing to save: scan stamps are 18.' in node.text()
+
+
 @pytest.mark.parametrize(('arguments', 'text'), [
     (['--ros-args', '-p', 'height.beta:=1000.0'], 'height.beta must lie in [1, 50]'),
     (['--ros-args', '-p', 'height.betta:=5.0'], 'unknown parameter height.betta'),

@@ -384,10 +384,12 @@ class InspectNode(Node):
         self._intake.leave_memory()
         stopped = self._worker.stop(STOP_TIMEOUT)
         log = self.get_logger()
-        voxels = self._intake.accumulator.map
-        if not save or not len(voxels):
-            log.info('nothing to save' if save else 'not saved')
+        if not save:
             return True
+        if not len(self._intake.accumulator.map):
+            lost = self._intake.explain_nothing()
+            (log.error if lost else log.info)('nothing to save' + lost)
+            return not lost
         final = FinalSave(log.info, log.error)
         snapshot = self._describe(self._copy_everything())
         late = '' if stopped else f'the running job did not end within {STOP_TIMEOUT:g} s'

@@ -17,6 +17,7 @@ from plc_inspect.core.live.window import NEAR
 from plc_inspect.core.mapping.accumulator import Accumulator
 from plc_inspect.core.mapping.eviction import Evictor
 from plc_inspect.core.mapping.scan_counters import DropReason
+from plc_inspect.core.mapping.standstill import explain_standstill
 from plc_inspect.errors import DataError
 from plc_inspect.messages.scans import pose_from_message, scan_from_message
 from plc_inspect.printable import make_printable
@@ -90,6 +91,7 @@ class Intake:
         self._num_restarts = 0
         self._refused_before = self._inserted_before = 0
         self._health = health
+        self._settings = settings.input
         self._complaints = Complaints(warn)
         self._losses = LossReporter(warn)
         self._taker: Thread | None = None
@@ -173,6 +175,14 @@ class Intake:
             self.take_memory()
             self._begin_map()
             self.on_restart()
+
+    def explain_nothing(self) -> str:
+        """Return why none of the scans that came in is in the map, '' where none came in."""
+        counters = self.accumulator.counters()
+        if not counters.num_scans and not self._health.malformed['scan']:
+            return ''
+        cause = explain_standstill(counters, None, self._health.problems, self._settings)
+        return f': {cause}'
 
     @property
     def doubt(self) -> str:
