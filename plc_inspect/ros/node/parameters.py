@@ -3,6 +3,7 @@
 
 """Settings as ROS parameters: declared, described, checked as a whole, swapped as a whole."""
 
+from array import array
 from collections.abc import Callable, Mapping, Sequence
 import math
 from typing import Any
@@ -150,7 +151,10 @@ class Parameters:
     def _updated(self, parameters: Sequence[Parameter]) -> Settings:
         return update(
             self.settings,
-            {item.name: item.value for item in parameters if item.name in self._defaults},
+            {
+                item.name: list(item.value) if isinstance(item.value, array) else item.value
+                for item in parameters if item.name in self._defaults
+            },
         )
 
     def _check(self, parameters: Sequence[Parameter]) -> SetParametersResult:

@@ -3,6 +3,7 @@
 
 """The real node on a real graph: what it publishes, its services, its parameters."""
 
+from array import array
 import json
 from types import SimpleNamespace
 
@@ -244,6 +245,17 @@ def test_parameters_change_as_a_whole(shared):
     ])
     assert back.successful
     assert shared.node.settings == before
+
+
+def test_mount_can_be_set_in_flight(shared):
+    mount = array('d', [0.0, 30.0, 0.0])  # as a service brings it
+    try:
+        answer = shared.node.set_parameters([Parameter('input.lidar_rpy_deg', value=mount)])[0]
+        assert answer.successful, answer.reason
+        assert shared.node.settings.input.lidar_rpy_deg == (0.0, 30.0, 0.0)
+    finally:
+        shared.node.set_parameters([Parameter('input.lidar_rpy_deg', value=[0.0, 0.0, 0.0])])
+    assert shared.node.settings.input.lidar_rpy_deg == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(('overrides', 'message'), [
