@@ -23,6 +23,9 @@ _KINDS = {code: kind for kind, code in DATATYPES.items()}
 _TIME_FIELDS = ('time', 't', 'timestamp', 'offset_time', 'time_stamp')
 """Names that drivers give to the time of a point, the first that is there counts."""
 
+_WANTED = {'x', 'y', 'z', 'ring', *_TIME_FIELDS}
+"""Fields that are read."""
+
 _UNITS = (1.0, 1e-3, 1e-6, 1e-9)
 """Units in which drivers give times [s]."""
 LONGEST_SCAN = 1.5
@@ -154,6 +157,7 @@ def scan_from_message(message: Any) -> ScanArrays:
     """
     stamp_ns = stamp_from_header(message.header)
     cells = _view_cells(message)
+    _check_names(message)
     if cells is None:
         return ScanArrays(
             stamp_ns=stamp_ns,
@@ -176,7 +180,8 @@ def scan_from_message(message: Any) -> ScanArrays:
             xyz[:, axis] = columns[name]
     _check_reach(xyz)
     finite: Bool = np.logical_and.reduce(np.isfinite(xyz), axis=1)
-    time = _read_time(columns, stamp_ns)
+    with np.errstate(over='ignore', invalid='ignore'):  # times need be no numbers either
+        time = _read_time(columns, stamp_ns)
     ring = columns.get('ring')
     if ring is not None and ring.dtype.kind == 'f':
         ring = None
@@ -194,6 +199,13 @@ def scan_from_message(message: Any) -> ScanArrays:
         num_not_finite=num_not_finite,
         layout=_read_layout(message),
     )
+
+
+def _check_names(message: Any) -> None:
+    names = [field.name for field in message.fields if field.name in _WANTED]
+    for name in names:
+        if names.count(name) > 1:
+            raise DataError(f'field {name!r} is there twice')
 
 
 def _read_layout(message: Any) -> str:
@@ -249,13 +261,10 @@ def _view_cells(message: Any) -> NDArray[np.uint8] | None:
 def _view_columns(message: Any, cells: NDArray[np.uint8]) -> dict[str, NDArray[Any]]:
     """Return the fields that matter as views, after checking that they lie in the point."""
     order = '>' if message.is_bigendian else '<'
-    wanted = {'x', 'y', 'z', 'ring', *_TIME_FIELDS}
     columns: dict[str, NDArray[Any]] = {}
     for field in message.fields:
-        if field.name not in wanted:
+        if field.name not in _WANTED:
             continue
-        if field.name in columns:
-            raise DataError(f'field {field.name!r} is there twice')
         if field.datatype not in _KINDS or field.count not in (0, 1):
             raise DataError(
                 f'field {field.name!r} has datatype {field.datatype} and count {field.count}'
