@@ -20,9 +20,6 @@ Float64 = NDArray[np.float64]
 
 UNJUDGED = 0
 """Class of a return that is a mixture of two objects, and neither."""
-_RETURNS = 6
-_PASSING = 0.6
-"""Share of the beams that go on behind a leaf or strut."""
 _MIXING = 1.5
 """Objects nearer than this along a beam may give one return in between: half a pulse [m]."""
 
@@ -109,7 +106,7 @@ class Scanner:
         self._key += 1
         ranges, items = cast(
             self.world, beams.origins, beams.directions, beams.reach, survey.pattern.beam,
-            self._key, _RETURNS, _PASSING,
+            self._key,
         )
         beam, order = np.nonzero(items != MISS)
         conductor = self.labels.conductor[items[beam, order]]

@@ -13,6 +13,10 @@ from plc_inspect.sim.surveys.raycast import Beam
 
 Float64 = NDArray[np.float64]
 
+RETURNS = 6
+"""Of one beam, at most: a rack of wires, a crown and the ground."""
+PASSING = 0.6
+"""Share of the beams that go on behind a leaf or strut."""
 MOST_PULSES = 8e5
 """Of an airborne survey, about; what bounds the time that a scene takes."""
 MOST_BEAMS = 2e6
@@ -51,7 +55,8 @@ class Zigzag:
     @property
     def beam(self) -> Beam:
         """What decides which wires a pulse meets."""
-        return Beam(divergence=0.0, exit_width=0.3, wire_reach=self.reach)
+        return Beam(divergence=0.0, exit_width=0.3, wire_reach=self.reach, max_returns=RETURNS,
+                    pass_share=PASSING)
 
     def find_length(self, half_width: float) -> float:
         """Return how long a corridor of this half width can be [m]."""
@@ -86,7 +91,10 @@ class PushBroom:
     @property
     def beam(self) -> Beam:
         """What decides which wires a pulse meets."""
-        return Beam(divergence=self.step, exit_width=0.01, wire_fraction=0.1, wire_range=50.0)
+        return Beam(
+            divergence=self.step, exit_width=0.01, wire_fraction=0.1, wire_range=50.0,
+            max_returns=RETURNS, pass_share=PASSING,
+        )
 
     def find_length(self, half_width: float) -> float:
         """Return how long a corridor of this half width can be [m]."""
@@ -120,7 +128,7 @@ class PuckFlight:
     @property
     def beam(self) -> Beam:
         """What decides which wires a pulse meets."""
-        return Beam()
+        return Beam(max_returns=RETURNS, pass_share=PASSING)
 
     def find_length(self, half_width: float) -> float:
         """Return how long a corridor of this half width can be [m]."""

@@ -93,7 +93,8 @@ def simulate_map(
     if num_points is not None:
         density = max(density, 1.02 * num_points / scene.area)
     world, beam = build_world(scene), Beam(
-        divergence=0.0, exit_width=0.3, wire_reach=0.5 * _WIRE_WIDTH,
+        divergence=0.0, exit_width=0.3, wire_reach=0.5 * _WIRE_WIDTH, max_returns=4,
+        pass_share=0.6,
     )
     labels = label_items(scene, world)
     top = max(float(world.top.max(initial=-np.inf)), float(world.ground_top.max())) + _ALTITUDE
@@ -108,9 +109,7 @@ def simulate_map(
         ground = np.column_stack([xy, scene.terrain.heights(xy)])
         back = (top - ground[:, 2]) / np.cos(tilt)
         origins = ground - back[:, None] * directions
-        ranges, items = cast(
-            world, origins, directions, back + 60.0, beam, key + number, 4, 0.6,
-        )
+        ranges, items = cast(world, origins, directions, back + 60.0, beam, key + number)
         beam_index, order = np.nonzero(items != MISS)
         item = items[beam_index, order]
         exact = origins[beam_index] + ranges[beam_index, order][:, None] * directions[beam_index]

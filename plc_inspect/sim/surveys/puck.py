@@ -138,8 +138,8 @@ def scan(
     directions = np.einsum('nij,nj->ni', rotation @ mount, local)
     num_returns = 2 if puck.dual else 1
     ranges, items = cast(
-        world, origins, directions, np.full(len(local), puck.max_range), Beam(),
-        int(rng.integers(2**62)), num_returns, 0.5,
+        world, origins, directions, np.full(len(local), puck.max_range),
+        Beam(max_returns=num_returns, pass_share=0.5), int(rng.integers(2**62)),
     )
     if puck.dual:
         alone = items[:, 1] == MISS

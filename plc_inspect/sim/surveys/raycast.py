@@ -71,6 +71,10 @@ class Beam:
     """A wire that fills this share of the footprint always returns, a thinner one less often."""
     wire_range: float = 60.0
     """Range at which the returns of a wire have fallen to 1/e [m]."""
+    max_returns: int = 1
+    """A beam goes on behind wires, and with ``pass_share`` behind leaves and struts, so often."""
+    pass_share: float = 0.0
+    """Share of the beams that go on behind a leaf or strut that they hit."""
 
 
 def build_world(scene: Scene) -> World:
@@ -164,7 +168,6 @@ def _list_items(
 
 def cast(
     world: World, origins: Float64, directions: Float64, reach: Float64, beam: Beam, key: int,
-    max_returns: int = 1, pass_share: float = 0.0,
 ) -> tuple[Float64, Int32]:
     """
     Cast beams and return what they meet.
@@ -178,13 +181,9 @@ def cast(
     reach : ndarray
         (N,) float64 greatest range of each beam [m].
     beam : Beam
-        Shape of the beams.
+        Shape of the beams, and how often each returns.
     key : int
         Seed of the hash that stands for all chance.
-    max_returns : int
-        A beam goes on behind wires and, with ``pass_share``, behind leaves and struts up to this.
-    pass_share : float
-        Share of the beams that go on behind a leaf or strut that they hit.
 
     Returns
     -------
@@ -196,14 +195,14 @@ def cast(
     """
     wire = np.array([beam.divergence, beam.exit_width, beam.wire_reach, beam.wire_fraction,
                      beam.wire_range])
-    ranges = np.full((len(origins), max_returns), np.inf)
-    items = np.full((len(origins), max_returns), MISS, dtype=np.int32)
+    ranges = np.full((len(origins), beam.max_returns), np.inf)
+    items = np.full((len(origins), beam.max_returns), MISS, dtype=np.int32)
     edges = np.linspace(0, len(origins), _THREADS + 1).astype(np.int64)
     with ThreadPoolExecutor(_THREADS) as pool:
         jobs = [
             pool.submit(
-                trace_beams, world, origins, directions, reach, wire, np.uint64(key), pass_share,
-                ranges, items, first, last,
+                trace_beams, world, origins, directions, reach, wire, np.uint64(key),
+                beam.pass_share, ranges, items, first, last,
             )
             for first, last in pairwise(edges)
         ]

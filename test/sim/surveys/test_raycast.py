@@ -24,13 +24,13 @@ def make_builder(height=0.0):
     return SceneBuilder(name='toy', seed=0, terrain=terrain, rng=np.random.default_rng(0))
 
 
-def shoot(builder, origin, target, beam=SHARP, reach=100.0, **options):
+def shoot(builder, origin, target, beam=SHARP, reach=100.0):
     """Cast one beam and return range and item, and what the item is."""
     scene = builder.build(ROUTE, 40.0)
     world = build_world(scene)
     origin, target = np.array([origin], float), np.array([target], float)
     direction = (target - origin) / np.linalg.norm(target - origin)
-    ranges, items = cast(world, origin, direction, np.array([reach]), beam, 1, **options)
+    ranges, items = cast(world, origin, direction, np.array([reach]), beam, 1)
     return ranges[0], items[0], label_items(scene, world).label[items[0]]
 
 
@@ -118,7 +118,7 @@ def test_pulse_goes_on_behind_a_wire():
         np.array([-30.0, 0, 12]), np.array([30.0, 0, 12]), 0.02, line_id=0, span_id=0))
     top = float(builder.conductors[0].locate(np.array([20.0]))[0, 2])
     ranges, items, label = shoot(
-        builder, (-10.0, 0.1, 40), (-10.0, 0.1, 0), Beam(wire_reach=0.3), max_returns=4)
+        builder, (-10.0, 0.1, 40), (-10.0, 0.1, 0), Beam(wire_reach=0.3, max_returns=4))
     assert label[:2].tolist() == [Label.WIRE, Label.GROUND]
     assert ranges[:2] == pytest.approx([40.0 - top, 40.0], abs=1e-3)
     assert (items[2:] == MISS).all()
