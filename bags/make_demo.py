@@ -20,7 +20,7 @@ import numpy as np
 from plc_inspect.errors import PlcInspectError
 from plc_inspect.sim.scenes.catalogue import make_scene
 from plc_inspect.sim.surveys.bag import FlightWriter, open_bag
-from plc_inspect.sim.surveys.flight import simulate_flight
+from plc_inspect.sim.surveys.flight import Flight, simulate_flight
 from plc_inspect.sim.surveys.output import open_folder
 from plc_inspect.sim.surveys.puck import Puck, Scan
 from plc_inspect.sim.surveys.trajectory import Trajectory
@@ -61,8 +61,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         with open_folder(arguments.output, force=True) as folder:
             with open_bag(folder, 'demo') as writer:
                 truth = simulate_flight(
-                    scene, CompactWriter(writer), np.random.default_rng(SEED), puck=puck,
-                    odometry_rate=50.0,
+                    scene, CompactWriter(writer), np.random.default_rng(SEED),
+                    Flight(puck=puck, odometry_rate=50.0),
                 )
             (folder / 'truth.json').write_text(json.dumps(truth, indent=1) + '\n')
     except (PlcInspectError, OSError) as error:

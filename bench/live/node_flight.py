@@ -24,7 +24,7 @@ from plc_inspect.sim.scenes.catalogue import lay_route
 from plc_inspect.sim.scenes.scene import measure_offset, Scene, SceneBuilder
 from plc_inspect.sim.scenes.terrain import make_terrain
 from plc_inspect.sim.surveys.bag import open_bag
-from plc_inspect.sim.surveys.flight import simulate_flight
+from plc_inspect.sim.surveys.flight import Flight, simulate_flight
 from plc_inspect.sim.surveys.output import open_folder
 from plc_inspect.sim.surveys.puck import Puck
 from plc_inspect.sim.surveys.trajectory import FlightPlan, OdometryErrors
@@ -81,9 +81,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         with open_folder(arguments.output, arguments.force) as folder:
             with open_bag(folder, 'flight') as writer:
                 truth = simulate_flight(
-                    scene, writer, np.random.default_rng(arguments.seed), plan=plan, puck=puck,
-                    errors=OdometryErrors(drift=arguments.drift), odometry_rate=100.0,
-                    progress=show,
+                    scene, writer, np.random.default_rng(arguments.seed),
+                    Flight(plan=plan, puck=puck, errors=OdometryErrors(drift=arguments.drift)),
+                    show,
                 )
             (folder / 'truth.json').write_text(json.dumps(truth, indent=1) + '\n')
     except (PlcInspectError, OSError) as error:

@@ -21,7 +21,7 @@ from plc_inspect.sim.scenes.catalogue import make_scene, SCENES
 from plc_inspect.sim.scenes.scene import Scene
 from plc_inspect.sim.surveys.airborne import LabelledCloud, simulate_map
 from plc_inspect.sim.surveys.bag import open_bag
-from plc_inspect.sim.surveys.flight import PLANS, simulate_flight
+from plc_inspect.sim.surveys.flight import Flight, PLANS, simulate_flight
 from plc_inspect.sim.surveys.labelled_cloud import write_cloud
 from plc_inspect.sim.surveys.output import open_folder
 from plc_inspect.sim.surveys.puck import Puck
@@ -191,9 +191,10 @@ def _write_flight(folder: Path, scene: Scene, arguments: argparse.Namespace) -> 
             bar.update(done - bar.n)
 
         truth = simulate_flight(
-            scene, writer, np.random.default_rng(arguments.seed), plan=plan, puck=puck,
-            errors=OdometryErrors(drift=arguments.drift),
-            odometry_rate=arguments.odometry_rate, progress=show,
+            scene, writer, np.random.default_rng(arguments.seed), Flight(
+                plan=plan, puck=puck, errors=OdometryErrors(drift=arguments.drift),
+                odometry_rate=arguments.odometry_rate,
+            ), show,
         )
     (folder / 'truth.json').write_text(json.dumps(truth, indent=1) + '\n')
     return (f'flight of {truth["duration"]:.0f} s, {truth["num_scans"]} scans, '

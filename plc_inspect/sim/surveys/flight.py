@@ -4,7 +4,7 @@
 """Simulated flights: scans and odometry as they are recorded, and the truth they leave."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -47,6 +47,19 @@ PLANS: dict[str, FlightPlan] = {
     'demo': FlightPlan(speed=6.8, lateral=9.0, height=2.5, margin=5.0),
 }
 """How each scene is flown unless said otherwise."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Flight:
+    """How a scene is flown and recorded."""
+
+    plan: FlightPlan | None = None
+    """None: the scene's own."""
+    puck: Puck = field(default_factory=Puck)
+    errors: OdometryErrors = field(default_factory=OdometryErrors)
+    odometry_rate: float = 100.0
+    """Odometry messages per second, at most 200 [Hz]."""
+
 
 _CELL = 0.1
 _THIN = 0.15
@@ -130,9 +143,7 @@ def _begin_tally(scene: Scene) -> _Tally:
 
 
 def simulate_flight(
-    scene: Scene, writer: FlightSink, rng: np.random.Generator, *,
-    plan: FlightPlan | None = None, puck: Puck | None = None,
-    errors: OdometryErrors | None = None, odometry_rate: float = 100.0,
+    scene: Scene, writer: FlightSink, rng: np.random.Generator, flight: Flight | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, Any]:
     """
@@ -148,14 +159,8 @@ def simulate_flight(
         An open recording, or another taker of scans and poses.
     rng : numpy.random.Generator
         Source of all chance.
-    plan : FlightPlan, optional
-        The scene's own by default.
-    puck : Puck, optional
-        The scanner.
-    errors : OdometryErrors, optional
-        How the odometry errs.
-    odometry_rate : float
-        Odometry messages per second, at most 200 [Hz].
+    flight : Flight, optional
+        How it is flown and recorded.
     progress : callable, optional
         Called with the number of scans made and of all.
 
@@ -170,13 +175,14 @@ def simulate_flight(
         The plan makes no flight.
 
     """
-    puck, errors = puck or Puck(), errors or OdometryErrors()
-    truth = fly(scene, plan or PLANS.get(scene.name, FlightPlan()), rng)
-    odometry = drift(truth, errors, rng)
+    flight = flight or Flight()
+    puck = flight.puck
+    truth = fly(scene, flight.plan or PLANS.get(scene.name, FlightPlan()), rng)
+    odometry = drift(truth, flight.errors, rng)
     world = build_world(scene)
     labels, tally = label_items(scene, world), _begin_tally(scene)
     num_scans = int((truth.duration - START_DELAY - 1.0 / RATE) * puck.rate)
-    stride = max(1, round(RATE / odometry_rate))
+    stride = max(1, round(RATE / flight.odometry_rate))
     node = num_points = 0
     for number in range(num_scans):
         turn = scan(world, labels.label, truth, puck, number, rng)

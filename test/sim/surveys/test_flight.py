@@ -13,7 +13,7 @@ from plc_inspect.errors import ConfigError, DataError
 from plc_inspect.sim.scenes.catalogue import make_scene, SCENES
 from plc_inspect.sim.scenes.conductors import measure_distances
 from plc_inspect.sim.scenes.placement import PlacementSums
-from plc_inspect.sim.surveys.flight import PLANS, simulate_flight
+from plc_inspect.sim.surveys.flight import Flight, PLANS, simulate_flight
 from plc_inspect.sim.surveys.puck import POINT_DTYPE, Puck, scan
 from plc_inspect.sim.surveys.raycast import build_world, label_items
 from plc_inspect.sim.surveys.trajectory import (
@@ -204,8 +204,9 @@ def test_truth_of_a_flight_lies_where_the_odometry_puts_it(scene):
     sink = Sink()
     plan = replace(PLANS['demo'], duration=8.0)
     errors = OdometryErrors(drift=0.01)
-    truth = simulate_flight(scene, sink, np.random.default_rng(5), plan=plan, errors=errors,
-                            odometry_rate=50.0)
+    truth = simulate_flight(scene, sink, np.random.default_rng(5), Flight(
+        plan=plan, errors=errors, odometry_rate=50.0,
+    ))
     assert truth['num_scans'] == len(sink.scans) == 79
     assert truth['num_points'] == sum(item.points.size for item in sink.scans)
     assert np.diff(sink.nodes).tolist() == [4] * (len(sink.nodes) - 1)
