@@ -22,7 +22,8 @@ LEAST_FUNCTIONS = {
     'messages': 20, 'stream': 30, 'offline.readers': 60, 'offline.records': 30,
     'offline.report': 60, 'offline.export': 30, 'offline.commands': 60,
     'ros.graph': 5, 'ros.node': 90, 'monitor.picture': 40, 'monitor.record': 15,
-    'monitor.terminal': 20, 'monitor.web': 60, 'sim.random_scenes': 50,
+    'monitor.terminal': 20, 'monitor.web': 60, 'sim.scenes': 60, 'sim.surveys': 50,
+    'sim.random_scenes': 60, 'sim.evaluation': 40, 'sim': 6,
 }
 """Packages whose calls take few arguments, and the least number of functions in each."""
 SCRIPTS = [*(ROOT.parent / 'bench').rglob('*.py'), *(ROOT.parent / 'test').rglob('*.py')]
