@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from plc_inspect.sim.random_scenes.lines import Line
+from plc_inspect.sim.scenes.conductors import hang
 from plc_inspect.sim.scenes.lines import add_drop
 from plc_inspect.sim.scenes.scene import Label, SceneBuilder
 from plc_inspect.sim.scenes.structures import add_house
@@ -21,6 +22,8 @@ POLES = 0.5
 """Share of the poles from which a drop goes."""
 BELOW = 0.4
 """A drop leaves its pole this far below the lowest conductor [m]."""
+CLEARANCE = 2.7
+"""Least height of a drop above the ground [m]."""
 KEEP = 1.0
 """Houses keep this distance from the conductors that are there [m]."""
 
@@ -44,12 +47,14 @@ def add_drops(builder: SceneBuilder, line: Line, half_width: float) -> None:
         gap, _ = wires.query(base + ridge * UP)
         end = base - (0.55 * width + 0.25) * out + (eaves - 0.5) * UP
         start = stand.locate(0.0, min(z for _, z in line.layout.phases) - BELOW) + 0.16 * out
-        if gap < edge + KEEP or end[2] > start[2] + 1.0:
+        slack = rng.uniform(0.01, 0.03)
+        curve = hang(start, end, slack, line_id=0, span_id=0).sample(0.5)
+        low = float((curve[:, 2] - builder.terrain.heights(curve[:, :2])).min())
+        if gap < edge + KEEP or low < CLEARANCE:
             continue
         add_house(
             builder, xy, math.atan2(stand.ahead[1], stand.ahead[0]), length=length, width=width,
             eaves=eaves, ridge=ridge,
         )
         builder.add_strut(end + 0.25 * out, end + 0.02 * out, 0.02, Label.BUILDING)
-        add_drop(builder, start, end, sag_ratio=rng.uniform(0.01, 0.03),
-                 radius=rng.uniform(0.005, 0.01))
+        add_drop(builder, start, end, sag_ratio=slack, radius=rng.uniform(0.005, 0.01))

@@ -53,7 +53,7 @@ def draw_route(rng: np.random.Generator, layout: Layout, length: float) -> Float
     low, high = layout.spans
     typical = rng.uniform(low, high)
     spans: list[float] = []
-    most = int(rng.integers(2, MOST_SPANS + 1))
+    most = int(rng.integers(3, MOST_SPANS + 1))
     while not spans or (len(spans) < most and sum(spans) + 0.5 * typical < length):
         spans.append(float(np.clip(typical * rng.uniform(0.6, 1.4), low, high)))
     turns, heading = [], 0.0

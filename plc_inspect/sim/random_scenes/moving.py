@@ -19,8 +19,8 @@ from plc_inspect.sim.surveys.trajectory import drift, FlightPlan, fly, OdometryE
 Float64 = NDArray[np.float64]
 
 _BATCH = 400_000
-_SEEN = 60.0
-"""Beams of a car and of a Puck Lite are followed this far [m]."""
+_CAR_REACH, _PUCK_REACH = 60.0, 100.0
+"""Beams are followed this far [m]."""
 _UNDER = 0.35
 """A car hides what is this near to straight below its scanner [rad]."""
 _MAST = 2.2
@@ -59,7 +59,7 @@ def drive(scanner: Scanner, pattern: PushBroom, rng: np.random.Generator) -> Ite
         directions = np.column_stack([np.sin(turned)[:, None] * left[beam], np.cos(turned)])
         yield Beams(
             origins=eye[first:first + lines][beam], directions=directions,
-            reach=np.full(len(beam), _SEEN), skipped=np.zeros(len(beam)),
+            reach=np.full(len(beam), _CAR_REACH), skipped=np.zeros(len(beam)),
             offset=offset[first:first + lines][beam],
         )
 
@@ -88,6 +88,6 @@ def follow(scanner: Scanner, pattern: PuckFlight, rng: np.random.Generator) -> I
         put, turned = odometry.interpolate(times)
         yield Beams(
             origins=position, directions=np.einsum('nij,nj->ni', rotation, local),
-            reach=np.full(len(local), _SEEN), skipped=np.zeros(len(local)),
+            reach=np.full(len(local), _PUCK_REACH), skipped=np.zeros(len(local)),
             offset=put - position - start, turn=np.einsum('nij,nkj->nik', turned, rotation),
         )

@@ -19,8 +19,10 @@ PASSING = 0.6
 """Share of the beams that go on behind a leaf or strut."""
 MOST_PULSES = 8e5
 """Of an airborne survey, about; what bounds the time that a scene takes."""
-MOST_BEAMS = 2e6
+MOST_BEAMS = 1.5e6
 """Of a mobile survey or a flight with a Puck Lite, most of which meet nothing."""
+SHORTEST = 60.0
+"""A survey is at least this long, whatever it takes [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,7 +101,7 @@ class PushBroom:
     def find_length(self, half_width: float) -> float:
         """Return how long a corridor of this half width can be [m]."""
         del half_width
-        return MOST_BEAMS * self.spacing * self.step / (2.0 * np.pi)
+        return max(SHORTEST, MOST_BEAMS * self.spacing * self.step / (2.0 * np.pi))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -133,7 +135,7 @@ class PuckFlight:
     def find_length(self, half_width: float) -> float:
         """Return how long a corridor of this half width can be [m]."""
         del half_width
-        return max(120.0, MOST_BEAMS / 15_000.0 * self.advance)
+        return max(SHORTEST, MOST_BEAMS / 15_000.0 * self.advance)
 
 
 Pattern = Zigzag | PushBroom | PuckFlight
@@ -169,11 +171,11 @@ class Survey:
 def draw_survey(rng: np.random.Generator) -> Survey:
     """Draw a survey: three in five are airborne, one mobile and one a flight with a Puck Lite."""
     kind = rng.choice(['airborne', 'mobile', 'puck'], p=[0.6, 0.2, 0.2])
-    mixed, dropout = float(rng.choice([0.0, 0.02, 0.1])), float(rng.uniform(0.0, 0.6))
+    mixed, dropout = float(rng.choice([0.0, 0.02, 0.05])), float(rng.uniform(0.0, 0.6))
     if kind == 'mobile':
         return Survey(
             pattern=PushBroom(
-                spacing=_draw_log(rng, 0.03, 0.3), step=np.radians(rng.uniform(0.2, 0.5)),
+                spacing=_draw_log(rng, 0.04, 0.3), step=float(np.radians(rng.uniform(0.25, 0.5))),
                 lateral=float(rng.choice([-1.0, 1.0]) * rng.uniform(2.5, 9.0)),
                 tilt=float(rng.uniform(0.0, 0.5)), drift=float(rng.uniform(0.0, 0.05)),
             ),
@@ -188,7 +190,7 @@ def draw_survey(rng: np.random.Generator) -> Survey:
                 height=float(rng.uniform(2.5, 8.0)), advance=float(rng.uniform(0.4, 1.0)),
                 drift=float(rng.uniform(0.0, 0.006)),
             ),
-            levels=('low', 'medium', 'high', 'high'), widths=(25.0, 40.0),
+            levels=('low', 'medium', 'high', 'high'), widths=(40.0, 60.0),
             noise=0.03, noise_growth=float(rng.uniform(0.0, 3e-4)),
             jitter=float(rng.uniform(0.0, 5e-4)), mixed=0.0, dropout=0.3 * dropout,
         )

@@ -59,7 +59,9 @@ def test_conductors_hang_on_their_supports_and_off_the_ground(made):
             # A conductor hangs on an insulator, an arm or a peak.
             assert np.linalg.norm(ends - end, axis=1).min() < 0.5
         curve = item.sample(1.0)
-        assert (curve[:, 2] - scene.terrain.heights(curve[:, :2])).min() > 4.0
+        height = (curve[:, 2] - scene.terrain.heights(curve[:, :2])).min()
+        # Drops hang lower than lines.
+        assert height > (4.0 if item.line_id in carried else 2.5)
 
 
 def test_spans_are_counted_as_they_are_seen(made):
