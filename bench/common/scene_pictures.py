@@ -51,7 +51,7 @@ def draw(
         ('support', '#7f8fd0', 0.6, (label == PointClass.TOWER) & ~called),
         ('wire, found', 'black', 0.6, wire & called),
         ('wire, missed', 'red', 1.6, wire & ~called),
-        ('called wire, wrongly', 'magenta', 2.0, ~wire & called),
+        ('called wire, wrongly', 'magenta', 2.0, ~wire & called & (label > 0)),
     )
     rng = np.random.default_rng(0)
     figure, (plan, side) = plt.subplots(2, 1, figsize=(18.0, 11.0), layout='constrained')
