@@ -90,10 +90,21 @@ PARALLEL = 0.3
 Slope against the conductor, across or vertically, of a piece of wire at most.
 Source: judgement; not measured.
 """
-POLE_HEIGHT = 2.0
-"""Height of a pole at least [m].  Source: judgement; not measured."""
-POLE_WIDTH = 1.0
-"""Extent of a pole in plan at most, along each axis [m].  Source: judgement; not measured."""
+JUMPER_ROOM = 8.0
+"""
+Distance along the line from an end within which jumpers and insulators hang [m].
+Source: judgement; on bench/hazards.py one was at 6 m.
+"""
+JUMPER_REACH = 2.5
+"""
+Distance from a conductor that jumpers and insulators hang within [m].
+Source: judgement; not measured.
+"""
+POLE_WIDTH = 1.2
+"""
+Extent in plan, along each axis, of a pole or a piece of one at most [m].
+Source: chosen on bench/hazards.py.
+"""
 POLE_ROOM = 5.0
 """
 Distance along the line from an end of a conductor within which a pole is its support [m].
@@ -216,8 +227,9 @@ def _find_scraps(
     """
     Tell what is by itself, and is no hazard.
 
-    That is what does not go on away from a conductor (strays, spacers, dampers, balls), an
-    upright pole at the end of a span (debris), and what runs along the conductor (pieces).
+    That is what does not go on away from a conductor (strays, spacers, dampers, balls; farther
+    out near an end, jumpers and insulators), poles and slender pieces of them at the end of a
+    span (debris), and what runs along the conductor (pieces).
 
     Parameters
     ----------
@@ -242,9 +254,10 @@ def _find_scraps(
     extent = high - low
     piece = (spread <= THIN).all(axis=1) & (np.abs(slope) <= PARALLEL).all(axis=1)
     piece &= extent[:, 0] >= PIECE_LENGTH
-    pole = (extent[:, 2] >= POLE_HEIGHT) & (extent[:, :2] <= POLE_WIDTH).all(axis=1)
-    pole &= np.abs(mean[:, 0, None] - ends).min(axis=1) <= POLE_ROOM
-    return ((farthest <= FREE_RADIUS) | pole)[thing], piece[thing]
+    from_end = np.abs(mean[:, 0, None] - ends).min(axis=1)
+    pole = (from_end <= POLE_ROOM) & (extent[:, :2] <= POLE_WIDTH).all(axis=1)
+    reach = np.where(from_end <= JUMPER_ROOM, JUMPER_REACH, FREE_RADIUS)
+    return ((farthest <= reach) | pole)[thing], piece[thing]
 
 
 def find_wires(places: Float64) -> list[Int64]:

@@ -149,10 +149,10 @@ def test_no_points_no_models():
 def test_arms_of_a_support_are_no_hazard_but_a_tree_at_it_is(kind, room):
     models = [make_model(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))]
     rng = np.random.default_rng(2)
-    arm = rng.uniform((0.0, 0.8, 11.0), (0.8 * room, 1.4, 11.5), (60, 3))
+    arm = rng.uniform((0.0, 0.8, 8.0), (0.8 * room, 2.8, 11.5), (3000, 3))
     assert search(arm, models, supports=make_supports(kind)) == ()
     assert len(search(arm, models)) == 1
-    bush = rng.uniform((0.0, 0.8, 11.0), (2.0 * room, 1.4, 11.5), (300, 3))
+    bush = rng.uniform((0.0, 0.8, 8.0), (2.0 * room, 2.8, 11.5), (6000, 3))
     assert len(search(bush, models, supports=make_supports(kind))) == 1
 
 

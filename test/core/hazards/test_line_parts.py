@@ -104,10 +104,13 @@ def test_the_conductor_goes_on_beyond_an_open_end():
 def test_within_the_span_only_what_is_by_itself_is_of_the_line():
     model = make_model()
     rng = np.random.default_rng(3)
-    at = model.curve.position(np.array([10.0]))[0]
+    at = model.curve.position(np.array([model.start_x + 10.0]))[0]
     ball = at + rng.normal(0.0, 0.2, (60, 3))
     own, _, _ = find(ball)
     assert own.all()
+    hanging = ball - np.array([0.0, 0.0, 1.4])
+    assert not find(hanging)[0].any()
+    assert find(hanging - np.array([3.0, 0.0, 0.0]))[0].all()  # near the end, as jumpers do
     branch = at + np.column_stack([np.zeros(60), np.linspace(0.2, 3.0, 60), np.zeros(60)])
     own, unmodelled, _ = find(branch)
     assert not (own | unmodelled).any()
