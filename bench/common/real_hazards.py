@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import math
 from pathlib import Path
 
-from common.tables import at_most, Check, render_table
+from common.tables import at_most, Check, format_figure, render_table
 from frames import move, read
 import numpy as np
 from numpy.typing import NDArray
@@ -205,8 +205,8 @@ def describe(name: str, figures: Sequence[Figures]) -> tuple[str, ...]:
         str(max(item.on_wire for item in figures)), str(max(item.due for item in figures)),
         str(max(item.missed for item in figures)), str(max(item.twice for item in figures)),
         str(max(item.beyond for item in figures)),
-        f'{measure_worst(figures, 50.0):+.3f}', f'{measure_worst(figures, 95.0):.3f}',
-        f'{min(inside, default=math.nan):.0%}',
+        format_figure(measure_worst(figures, 50.0)), format_figure(measure_worst(figures, 95.0)),
+        f'{min(inside):.0%}' if inside else '-',
     )
 
 
