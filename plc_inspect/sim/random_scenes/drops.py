@@ -25,12 +25,13 @@ BELOW = 0.4
 CLEARANCE = 2.7
 """Least height of a drop above the ground [m]."""
 KEEP = 1.0
-"""Houses keep this distance from the conductors that are there [m]."""
+"""Houses keep this distance from the conductors, supports and houses that are there [m]."""
 
 
 def add_drops(builder: SceneBuilder, line: Line, half_width: float) -> None:
     """Add houses within the corridor and drops to them from some poles of a line."""
     rng = builder.rng
+    stood = [(post.position[:2], 0.0) for post in builder.posts]
     wires = cKDTree(np.vstack([item.sample(0.25) for item in builder.conductors]))
     for stand in line.stands:
         if rng.random() > POLES:
@@ -50,8 +51,10 @@ def add_drops(builder: SceneBuilder, line: Line, half_width: float) -> None:
         slack = rng.uniform(0.01, 0.03)
         curve = hang(start, end, slack, line_id=0, span_id=0).sample(0.5)
         low = float((curve[:, 2] - builder.terrain.heights(curve[:, :2])).min())
-        if gap < edge + KEEP or low < CLEARANCE:
+        taken = any(np.hypot(*(xy - other)) < edge + reach + KEEP for other, reach in stood)
+        if gap < edge + KEEP or low < CLEARANCE or taken:
             continue
+        stood.append((xy, edge))
         add_house(
             builder, xy, math.atan2(stand.ahead[1], stand.ahead[0]), length=length, width=width,
             eaves=eaves, ridge=ridge,
