@@ -8,6 +8,7 @@ Nothing of ROS is imported here.
 """
 
 from dataclasses import dataclass
+import math
 from typing import Any
 
 import numpy as np
@@ -38,10 +39,10 @@ FARTHEST = 1e6
 """Coordinates beyond cannot be of a lidar: they are other bytes than floats [m]."""
 TINIEST = 1e-20
 """Coordinates nearer to 0, and not 0, are other bytes than floats, too [m]."""
-SAMPLE = 64
-"""Points in which tiny coordinates are looked for."""
-MOST_FAR = 0.05
-"""Share of points with such coordinates from which a scan is refused; few are noise."""
+SAMPLE = 256
+"""Points of which the coordinates are looked at."""
+MOST_ODD = 0.05
+"""Share of such coordinates from which a scan is refused; few are noise."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -215,20 +216,14 @@ def _read_layout(message: Any) -> str:
 
 
 def _check_reach(xyz: Float32) -> None:
-    """Refuse coordinates that are no floats of this byte order."""
+    """Refuse coordinates that are no floats of this byte order, judged by some of the points."""
     some = np.abs(xyz[:: 1 + len(xyz) // SAMPLE])
-    if np.count_nonzero((some > 0.0) & (some < TINIEST)) > MOST_FAR * some.size:
+    tiny, far = (some > 0.0) & (some < TINIEST), (some > FARTHEST) & (some < np.inf)
+    odd = int(np.count_nonzero(tiny | far))
+    if odd > MOST_ODD * some.size:
         raise DataError(
-            f'coordinates below {TINIEST:g} m: is the byte order (is_bigendian) wrong?'
-        )
-    largest = np.abs(xyz).max(initial=0.0, where=np.isfinite(xyz))
-    if largest <= FARTHEST:
-        return
-    far = int(np.count_nonzero((np.abs(xyz) > FARTHEST).any(axis=1)))
-    if far > MOST_FAR * len(xyz):
-        raise DataError(
-            f'{far} of {len(xyz)} points lie up to {largest:.3g} m away: is the byte order '
-            '(is_bigendian) wrong, or the type of a field?'
+            f'{odd / some.size:.0%} of the coordinates are beyond {FARTHEST:g} m or below '
+            f'{TINIEST:g} m: is the byte order (is_bigendian) wrong, or the type of a field?'
         )
 
 
@@ -294,10 +289,14 @@ def _read_time(columns: dict[str, NDArray[Any]], stamp_ns: int) -> Float64 | Non
         return None
     column = columns[name]
     times = column.astype(np.float64)
-    known = times[np.isfinite(times)]
-    if not len(known):
+    if not len(times):
         return times
-    low, high = float(known.min()), float(known.max())
+    low, high = float(times.min()), float(times.max())
+    if not (math.isfinite(low) and math.isfinite(high)):
+        known = times[np.isfinite(times)]
+        if not len(known):
+            return times
+        low, high = float(known.min()), float(known.max())
     largest = max(abs(low), abs(high))
     for unit in _UNITS:  # since the epoch of the stamp
         start = stamp_ns / (unit * 1e9)

@@ -260,6 +260,13 @@ def test_field_that_is_there_twice_is_refused():
         scan_from_message(message)
 
 
+def test_returns_at_infinity_are_no_reason_to_refuse():
+    columns = make_points(500)
+    columns['x'][::2] = np.inf
+    scan = scan_from_message(make_cloud(columns))
+    assert (len(scan.xyz), scan.num_not_finite) == (250, 250)
+
+
 def test_layout_tells_swapped_names():
     message = make_cloud(make_points(4))
     assert scan_from_message(message).layout == 'xyz'

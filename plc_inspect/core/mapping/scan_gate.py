@@ -7,10 +7,10 @@ from collections import deque
 
 from plc_inspect.core.mapping.scan_counters import DropReason
 
-REMEMBERED = 64
+REMEMBERED = 16
 """
 Scans that a new one is compared with.
-Source: numerical: 3 s at 20 Hz; scans that come out of order are neighbours.
+Source: numerical: 0.8 s at 20 Hz; scans that come out of order are neighbours.
 """
 MOST_OVERLAP = 0.2
 """
