@@ -10,8 +10,9 @@ import time
 import numpy as np
 
 from plc_inspect.config import Settings
-from plc_inspect.core.live.session import measure_reach, Session
-from plc_inspect.core.live.window import copy_window, WindowPlanner
+from plc_inspect.core.live.map_labels import make_planner
+from plc_inspect.core.live.session import Session
+from plc_inspect.core.live.window import copy_window
 from plc_inspect.core.mapping.voxel_map import VoxelMap
 from plc_inspect.ros.node.system_memory import take_memory
 
@@ -61,7 +62,7 @@ def fly_along(points: np.ndarray, rng: np.random.Generator) -> Iterator[FlownTic
     voxels.reserve(voxels.max_voxels)
     take_memory(voxels.memory)
     session = Session()
-    planner = WindowPlanner(settings.height.beta, measure_reach(settings))
+    planner = make_planner(settings)
     for x in np.arange(points[0, 0], points[-1, 0], STEP):
         first, last = np.searchsorted(points[:, 0], (x - SIGHT, x + SIGHT))
         seen = points[first:last]

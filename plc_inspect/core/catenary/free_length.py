@@ -71,9 +71,11 @@ class FreeLength:
     """Of what lies within a metre of it [m]."""
     open: float
     """The same, where something was seen below it [m]."""
+    cluttered: float
+    """Metres with other things within a metre of it, not less free ones [m]."""
 
 
-UNKNOWN = FreeLength(close=-math.inf, wide=-math.inf, open=-math.inf)
+UNKNOWN = FreeLength(close=-math.inf, wide=-math.inf, open=-math.inf, cluttered=math.inf)
 """As if all of a curve were cluttered."""
 
 
@@ -112,10 +114,10 @@ def measure_free_length(
     FreeLength
 
     """
-    close, wide, above = _measure(
+    close, wide, above, cluttered = _measure(
         points, index.grid, curve.row, ignore, sight.seen, sight.origin, sight.cell_size
     )
-    return FreeLength(close=close, wide=wide, open=above)
+    return FreeLength(close=close, wide=wide, open=above, cluttered=cluttered)
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
@@ -152,7 +154,7 @@ def _measure(points, grid, row, ignore, seen, corner_seen, cell_seen):  # type: 
         part[count] = place
         count += 1
     if num_own == 0:
-        return 0.0, 0.0, 0.0
+        return 0.0, 0.0, 0.0, 0.0
 
     # the core is as thick as the points scatter
     scatter = np.median(own[:num_own]) / RAYLEIGH_MEDIAN
@@ -167,6 +169,7 @@ def _measure(points, grid, row, ignore, seen, corner_seen, cell_seen):  # type: 
     return (
         scale * np.where(is_open, close, np.minimum(close, 0.0)).sum(), scale * wide.sum(),
         scale * np.where(is_open, wide, np.minimum(wide, 0.0)).sum(),
+        -scale * np.minimum(wide, 0.0).sum(),
     )
 
 

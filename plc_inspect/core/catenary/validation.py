@@ -17,10 +17,10 @@ UNPROVEN = 'curvature not proven'
 CROWDED = 'not free in the air'
 TIED = 'tied to another line along its length'
 UNTIDY = 'thick, with other things at its surface'
-CURVATURE_BONUS, BESIDE_BONUS = 8.0, 6.0
+BONUS = 8.0
 """
-Metres of evidence that a proven curvature is worth, and a conductor beside.
-Source: with them 4 and 6 free metres prove a curve, and 12 without; on the real clouds without
+Metres of evidence that a proven curvature is worth, or a conductor beside.
+Source: with them 4 free metres prove a curve, and 12 without; on the real clouds without
 wires no straight thin curve had more than 9.4, `bench/frames.py`.
 """
 THICK_COST = 40.0
@@ -29,6 +29,13 @@ Metres of evidence against a curve for each THICK by which it is thicker than th
 Source: on a plant and a building site pipes, kerbs and chords of 0.13 to 0.3 m have up to 24, 54
 and 71 free metres; bundles of 0.22 m have 200, three low-voltage wires in 0.16 m 31.
 """
+CLOSE_RATIO = 2.0
+"""
+A free metre of the close ring stands for so many of the wide one, where both are asked of a curve.
+Source: judgement; with few points a metre the close ring tells half as much as the wide one.
+"""
+STRAIGHT_CLUTTER = 0.5
+"""Share of ``max_clutter`` of its length that may be cluttered where a curve is straight."""
 UNTIDY_RATIO = 4.0 / 3.0
 """A thick curve alone may have this many times ``max_crowding``.  Source: judgement."""
 UNSEEN_RATIO = 3.0
@@ -140,13 +147,18 @@ def list_evidence(
     if thick:
         yield weigh('max_constant', curve.fit.c, 'straighter than a conductor')
         yield weigh('max_crowding', profile.crowding, UNTIDY, UNTIDY_RATIO)
-        evidence = min(free.close, free.wide) + CURVATURE_BONUS * proof
+        evidence = min(free.close, free.wide) + BONUS * proof
         evidence -= THICK_COST * (measure_thickness(curve) / THICK - 1.0)
     else:
         evidence = free.open
         if proof == 1.0:
-            evidence = max(evidence, free.close, free.wide / UNSEEN_RATIO)
-        evidence += max(CURVATURE_BONUS * proof, BESIDE_BONUS * beside)
+            evidence = max(free.open, free.close, free.wide / UNSEEN_RATIO)
+        elif not beside:
+            evidence = min(free.open, CLOSE_RATIO * free.close)
+        evidence += BONUS * max(proof, float(beside))
     lacking = CROWDED if thick or proof == 1.0 else UNPROVEN
     yield weigh('min_evidence', evidence, lacking)
-    yield weigh('max_clutter', -free.wide, CROWDED, curve.length)
+    if proof == 1.0 or beside:
+        yield weigh('max_clutter', -free.wide, CROWDED, curve.length)
+    else:
+        yield weigh('max_clutter', free.cluttered, CROWDED, STRAIGHT_CLUTTER * curve.length)

@@ -7,19 +7,17 @@ The work of the node's worker: windows of the map in, the state of the inspectio
 One thread owns a session; the states that it returns never change.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 import time
 
 import numpy as np
 
 from plc_inspect.config import Settings
-from plc_inspect.core.catenary.nearest_span import find_near
 from plc_inspect.core.hazards.clearance_rules import RuleSet
-from plc_inspect.core.hazards.falling_trees import FALL_REACH
-from plc_inspect.core.live.window import CLOSE, LEAST_CLOSE, sample_span, Window
+from plc_inspect.core.live.map_labels import label_points
+from plc_inspect.core.live.window import sample_span, Window
 from plc_inspect.core.pipeline import Pipeline
-from plc_inspect.core.spans.span_model import SpanModel, tabulate
 from plc_inspect.core.tracking.hazard_tracking import (
     HazardBook,
     HazardNews,
@@ -30,7 +28,6 @@ from plc_inspect.core.tracking.hazard_tracking import (
 from plc_inspect.core.tracking.span_registry import SpanRegistry, TrackedSpan
 from plc_inspect.results import (
     Bool,
-    Decision,
     Float32,
     Float64,
     Hazard,
@@ -294,36 +291,6 @@ class Session:
             line_id=np.concatenate((kept.line_id, new.line_id)),
             span_id=np.concatenate((kept.span_id, new.span_id)),
         )
-
-
-def measure_reach(settings: Settings) -> float:
-    """Return how far from a conductor the rules may raise anything, at least LEAST_CLOSE [m]."""
-    own = settings.hazards
-    reach = max(own.warning_distance, own.critical_distance) + settings.catenary.bundle_width
-    return max(reach, LEAST_CLOSE, FALL_REACH if own.fall_distance > 0.0 else 0.0)
-
-
-def label_points(
-    points: Float64, models: Sequence[SpanModel], result: InspectionResult, settings: Settings
-) -> UInt8:
-    """
-    Return the (N,) labels for the map: Decision, or CLOSE where a rule may hold.
-
-    That is within the reach of the distances from any conductor, whatever the radius of the
-    corridor; and, where falling trees are looked for, what stands high enough to reach one.
-    """
-    labels = result.decision.astype(np.uint8)
-    if not models:
-        return labels
-    reach = measure_reach(settings)
-    found, distance, _ = find_near(points, tabulate(models), reach)
-    near = settings.hazards.warning_distance + settings.catenary.bundle_width
-    close = distance <= max(near, LEAST_CLOSE)
-    close |= result.ground_height[found] + settings.hazards.fall_distance >= distance
-    kept = (Decision.WIRE, Decision.SUPPORT, Decision.GROUND)
-    close &= ~np.isin(labels[found], kept)
-    labels[found[close]] = CLOSE
-    return labels
 
 
 def map_numbers(

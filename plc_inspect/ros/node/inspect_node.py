@@ -26,15 +26,10 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from plc_inspect.config import Settings
-from plc_inspect.core.live.session import LiveState, measure_reach, Session
+from plc_inspect.core.live.map_labels import make_planner
+from plc_inspect.core.live.session import LiveState, Session
 from plc_inspect.core.live.warm_up import warm_up_intake
-from plc_inspect.core.live.window import (
-    copy_window,
-    plan_everything,
-    Window,
-    WindowPlan,
-    WindowPlanner,
-)
+from plc_inspect.core.live.window import copy_window, plan_everything, Window, WindowPlan
 from plc_inspect.ros.graph.qos import DIAGNOSTICS, ODOMETRY, overridable, SCANS, watched
 from plc_inspect.ros.graph.requests import Requests
 from plc_inspect.ros.node.diagnostics import (
@@ -95,7 +90,7 @@ class InspectNode(Node):
         warm_up_intake()
         self._health = Health()
         self._intake = Intake(settings, self._health, self.get_logger().warning)
-        self._planner = WindowPlanner(settings.height.beta, measure_reach(settings))
+        self._planner = make_planner(settings)
         self._session = Session()
         self._state: LiveState | None = None
         self._copy: tuple[Iterator[Window | None], str] | None = None
@@ -201,7 +196,7 @@ class InspectNode(Node):
     def _configure(self, settings: Settings) -> None:
         """Put changed settings to work, all at once."""
         self._intake.accumulator.configure(settings)
-        self._planner = WindowPlanner(settings.height.beta, measure_reach(settings))
+        self._planner = make_planner(settings)
         self._timer.timer_period_ns = round(settings.segment.period * 1e9)
         self._timer.reset()
 

@@ -62,10 +62,21 @@ def test_points_in_few_places_are_no_span():
 @pytest.mark.parametrize(('length', 'c', 'beside', 'objection'), [
     (10.0, 1e5, False, UNPROVEN), (14.0, 1e5, False, ''),
     (10.0, 100.0, False, ''),  # half proven
-    (7.0, 1e5, True, ''), (5.0, 1e5, True, UNPROVEN),
+    (5.0, 1e5, True, ''), (5.0, 1e5, False, UNPROVEN),
 ])
 def test_free_metres_curvature_and_a_conductor_beside_add_up(length, c, beside, objection):
     assert judge(make(length, c=c), beside=beside) == objection
+
+
+def test_what_is_straight_and_alone_must_be_free_in_both_rings():
+    wire = make(30.0, c=1e5)
+    assert judge(wire) == ''
+    beside = make(24.0, c=1e5, per_metre=60.0, seed=4)  # it touches four fifths
+    beside[:, 1] += np.random.default_rng(0).uniform(0.1, 0.16, len(beside))
+    assert judge(wire, [beside]) == UNPROVEN
+    crown = make_ground((10, -1), (22, 1), 60.0) + np.array([0, 0, 11.4])
+    assert judge(wire, [crown]) in (UNPROVEN, CROWDED)
+    assert judge(make(30.0, c=300.0), [crown - np.array([0, 0, 0.4])]) == ''
 
 
 def test_a_curve_tighter_than_any_conductor_proves_nothing_by_its_curvature():

@@ -8,7 +8,8 @@ import pytest
 
 from plc_inspect.config import MapSettings, Settings
 from plc_inspect.core.hazards.falling_trees import FALL_REACH
-from plc_inspect.core.live.session import label_points, measure_reach, Session
+from plc_inspect.core.live.map_labels import label_points, measure_reach
+from plc_inspect.core.live.session import Session
 from plc_inspect.core.live.warm_up import make_sample
 from plc_inspect.core.live.window import CLOSE, copy_window, LEAST_CLOSE, WindowPlanner
 from plc_inspect.core.mapping.voxel_map import VoxelMap

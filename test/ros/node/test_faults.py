@@ -311,7 +311,7 @@ def test_callback_that_fails_is_survived(rig, said, monkeypatch):
         raise RuntimeError('made to fail')
 
     rig.feed(2)
-    monkeypatch.setattr('plc_inspect.core.live.session.Pipeline.run', fail)
+    monkeypatch.setattr('plc_inspect.core.live.session.Pipeline.trace', fail)
     answer = rig.call('segment')
     assert (answer.success, answer.message) == (False, 'made to fail')
     said('made to fail')
