@@ -40,6 +40,12 @@ UNTIDY_RATIO = 4.0 / 3.0
 """A thick curve alone may have this many times ``max_crowding``.  Source: judgement."""
 UNSEEN_RATIO = 3.0
 """A free metre below which nothing was seen counts one in so many.  Source: judgement."""
+STRAIGHTEST, SURE = 3000.0, 2.0
+"""
+A curve that is straighter than this catenary constant [m], by two standard deviations, counts
+against a conductor what a proven curvature counts for it.
+Source: conductors are strung at 300 to 2500 m; pipes, beams and rails are straight.
+"""
 LEAST_CONSTANT = 75.0
 """
 Least catenary constant that proves a conductor [m].
@@ -137,6 +143,8 @@ def list_evidence(
     significance = float(curve.fit.shape[2]) / sigma if sigma > 0.0 else 0.0
     sags = LEAST_CONSTANT <= curve.fit.c <= settings.max_constant
     proof = min(significance / settings.min_significance, 1.0) if sags else 0.0
+    if proof < 1.0 and curve.fit.shape[2] + SURE * sigma < 1.0 / STRAIGHTEST:
+        proof = -1.0
     yield weigh('min_length', curve.length, 'too short')
     yield weigh('min_points', curve.num_points, 'too few points')
     yield weigh('min_coverage', profile.coverage, 'seen in too few places')
@@ -155,7 +163,7 @@ def list_evidence(
             evidence = max(free.open, free.close, free.wide / UNSEEN_RATIO)
         elif not beside:
             evidence = min(free.open, CLOSE_RATIO * free.close)
-        evidence += BONUS * max(proof, float(beside))
+        evidence += BONUS * (proof + beside if proof < 0.0 else max(proof, float(beside)))
     lacking = CROWDED if thick or proof == 1.0 else UNPROVEN
     yield weigh('min_evidence', evidence, lacking)
     if proof == 1.0 or beside:

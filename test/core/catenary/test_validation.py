@@ -79,6 +79,14 @@ def test_what_is_straight_and_alone_must_be_free_in_both_rings():
     assert judge(make(30.0, c=300.0), [crown - np.array([0, 0, 0.4])]) == ''
 
 
+def test_what_is_surely_straight_must_be_free_for_longer():
+    pipe = {'c': 1e6, 'per_metre': 60.0, 'noise': 0.01}
+    assert judge(make(18.0, **pipe)) == UNPROVEN
+    assert judge(make(18.0, **pipe), beside=True) == ''
+    assert judge(make(25.0, **pipe)) == ''
+    assert judge(make(18.0, c=1e6, noise=0.04), tolerance=0.2) == ''  # it may sag unseen
+
+
 def test_a_curve_tighter_than_any_conductor_proves_nothing_by_its_curvature():
     assert judge(make(11.0, c=80.0, per_metre=40.0)) == ''
     assert judge(make(11.0, c=40.0, per_metre=40.0)) == UNPROVEN
