@@ -138,11 +138,12 @@ class Judge:
         curves = [self._curves[number] for number in known.tolist()]
         if len(curves) < 2:
             return
-        rows = pack_curves(curves)
-        tied = _find_tied(
-            self._points, self._index.grid, rows, find_far_apart(curves, TIE), self.wire
-        )
-        for number in known[tied].tolist():
+        rows, far = pack_curves(curves), find_far_apart(curves, TIE)
+        pairs = np.array(call_each(
+            lambda k: _find_tied(self._points, self._index.grid, rows, k, far[k], self.wire),
+            len(curves),
+        ))
+        for number in known[pairs.any(axis=0) | pairs.any(axis=1)].tolist():
             self.verdicts[number] = replace(self.verdicts[number], objection=TIED)
 
     def _mark(self, numbers: Int64) -> None:
@@ -222,24 +223,54 @@ def _mark_along(rows, far, reach):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _find_tied(points, grid, rows, far, wire):  # type: ignore[no-untyped-def]
-    """Tell which curves are tied to another one."""
+def _find_tied(points, grid, rows, number, far, wire):  # type: ignore[no-untyped-def]
+    """Tell which of the rows before one, by its number, are tied to it."""
     tied = np.zeros(len(rows), dtype=np.bool_)
-    for k in range(len(rows)):
-        for m in range(k):
-            if far[k, m] or abs(np.sin(rows[k, AZIMUTH] - rows[m, AZIMUTH])) > PARALLEL:
-                continue
-            if _measure_tie(points, grid, rows[k], rows[m], wire) >= TIE_SHARE:
-                tied[k] = tied[m] = True
+    row = rows[number]
+    between = np.empty((0, 3))
+    for k in range(number):
+        if far[k] or abs(math.sin(rows[k, AZIMUTH] - row[AZIMUTH])) > PARALLEL:
+            continue
+        if len(between) == 0:
+            between = _list_beside(points, grid, row, wire)
+            if len(between) == 0:
+                break
+        tied[k] = _measure_tie(between, row, rows[k]) >= TIE_SHARE
     return tied
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _measure_tie(points, grid, row, other, wire):  # type: ignore[no-untyped-def]
-    """Share of the metres common to two rows' curves with points in each part between them."""
+def _list_beside(points, grid, row, wire):  # type: ignore[no-untyped-def]
+    """Places within TIE of a row's curve, along, across and above it, that are of no wire [m]."""
     start, order, corner, cell, num_rows, num_columns = grid
     low, high = row[LOW], row[HIGH]
+    near = gather_strip(
+        start, order, corner, cell, num_rows, num_columns,
+        row[ORIGIN_X] + row[COS] * low, row[ORIGIN_Y] + row[SIN] * low,
+        row[ORIGIN_X] + row[COS] * high, row[ORIGIN_Y] + row[SIN] * high, TIE,
+    )
+    result = np.empty((len(near), 3))
+    count = 0
+    for i in near:
+        if wire[i]:
+            continue
+        x, y = to_local(row, points[i, 0], points[i, 1])
+        if x < low or x >= high or abs(y) > TIE:
+            continue
+        above = points[i, 2] - height_of(row, x)
+        if abs(above) <= TIE:
+            result[count, 0], result[count, 1], result[count, 2] = x, y, above
+            count += 1
+    return result[:count]
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _measure_tie(between, row, other):  # type: ignore[no-untyped-def]
+    """Share of the metres common to two rows' curves with points in each part between them."""
+    low, high = row[LOW], row[HIGH]
     num = max(int(high - low), 1)
+
+    # where the other curve is, metre by metre
     y, up = np.full(num, np.nan), np.empty(num)
     for place in range(num):
         x = low + (place + 0.5) * (high - low) / num
@@ -255,24 +286,16 @@ def _measure_tie(points, grid, row, other, wire):  # type: ignore[no-untyped-def
     common = num - np.isnan(y).sum()
     if common < LEAST_COMMON:
         return 0.0
+
+    # and which parts of the way to it hold points
     filled = np.zeros((num, TIE_PARTS), dtype=np.bool_)
-    for i in gather_strip(
-        start, order, corner, cell, num_rows, num_columns,
-        row[ORIGIN_X] + row[COS] * low, row[ORIGIN_Y] + row[SIN] * low,
-        row[ORIGIN_X] + row[COS] * high, row[ORIGIN_Y] + row[SIN] * high, TIE,
-    ):
-        if wire[i]:
-            continue
-        x, side = to_local(row, points[i, 0], points[i, 1])
-        if x < low or x >= high:
-            continue
-        place = min(int((x - low) / (high - low) * num), num - 1)
+    for k in range(len(between)):
+        place = min(int((between[k, 0] - low) / (high - low) * num), num - 1)
         if np.isnan(y[place]):
             continue
-        rise = points[i, 2] - height_of(row, x)
         apart = math.hypot(y[place], up[place])
-        along = (side * y[place] + rise * up[place]) / apart**2
-        across = (side * up[place] - rise * y[place]) / apart
+        along = (between[k, 1] * y[place] + between[k, 2] * up[place]) / apart**2
+        across = (between[k, 1] * up[place] - between[k, 2] * y[place]) / apart
         if abs(across) <= TIE_WIDTH and TIE_MARGIN < along < 1.0 - TIE_MARGIN:
             part = int((along - TIE_MARGIN) / (1.0 - 2.0 * TIE_MARGIN) * TIE_PARTS)
             filled[place, min(part, TIE_PARTS - 1)] = True
