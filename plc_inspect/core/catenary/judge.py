@@ -139,8 +139,11 @@ class Judge:
         if len(curves) < 2:
             return
         rows, far = pack_curves(curves), find_far_apart(curves, TIE)
+        own = np.zeros(len(self._points), dtype=bool)  # curves not believed may be the bracing
+        for number in known.tolist():
+            own[self.verdicts[number].profile.chosen] = True
         pairs = np.array(call_each(
-            lambda k: _find_tied(self._points, self._index.grid, rows, k, far[k], self.wire),
+            lambda k: _find_tied(self._points, self._index.grid, rows, k, far[k], own),
             len(curves),
         ))
         for number in known[pairs.any(axis=0) | pairs.any(axis=1)].tolist():
@@ -223,7 +226,7 @@ def _mark_along(rows, far, reach):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _find_tied(points, grid, rows, number, far, wire):  # type: ignore[no-untyped-def]
+def _find_tied(points, grid, rows, number, far, own):  # type: ignore[no-untyped-def]
     """Tell which of the rows before one, by its number, are tied to it."""
     tied = np.zeros(len(rows), dtype=np.bool_)
     row = rows[number]
@@ -232,7 +235,7 @@ def _find_tied(points, grid, rows, number, far, wire):  # type: ignore[no-untype
         if far[k] or abs(math.sin(rows[k, AZIMUTH] - row[AZIMUTH])) > PARALLEL:
             continue
         if len(between) == 0:
-            between = _list_beside(points, grid, row, wire)
+            between = _list_beside(points, grid, row, own)
             if len(between) == 0:
                 break
         tied[k] = _measure_tie(between, row, rows[k]) >= TIE_SHARE
@@ -240,8 +243,8 @@ def _find_tied(points, grid, rows, number, far, wire):  # type: ignore[no-untype
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _list_beside(points, grid, row, wire):  # type: ignore[no-untyped-def]
-    """Places within TIE of a row's curve, along, across and above it, that are of no wire [m]."""
+def _list_beside(points, grid, row, own):  # type: ignore[no-untyped-def]
+    """Places within TIE of a row's curve, along, across and above it, that are on none [m]."""
     start, order, corner, cell, num_rows, num_columns = grid
     low, high = row[LOW], row[HIGH]
     near = gather_strip(
@@ -252,7 +255,7 @@ def _list_beside(points, grid, row, wire):  # type: ignore[no-untyped-def]
     result = np.empty((len(near), 3))
     count = 0
     for i in near:
-        if wire[i]:
+        if own[i]:
             continue
         x, y = to_local(row, points[i, 0], points[i, 1])
         if x < low or x >= high or abs(y) > TIE:

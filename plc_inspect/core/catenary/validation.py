@@ -23,7 +23,7 @@ Metres of evidence that a proven curvature is worth, or a conductor beside.
 Source: with them 4 free metres prove a curve, and 12 without; on the real clouds without
 wires no straight thin curve had more than 9.4, `bench/frames.py`.
 """
-THICK_COST = 40.0
+THICK_COST = 50.0
 """
 Metres of evidence against a curve for each THICK by which it is thicker than that.
 Source: on a plant and a building site pipes, kerbs and chords of 0.13 to 0.3 m have up to 24, 54
