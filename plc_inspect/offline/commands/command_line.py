@@ -114,7 +114,7 @@ def run_command(name: str, body: Callable[[], int]) -> int:
 
     """
     try:
-        with _end_on_sigterm(), _collect_seldom():
+        with interruptible(), _end_on_sigterm(), _collect_seldom():
             code = body()
             sys.stdout.flush()
             return code
@@ -131,6 +131,20 @@ def run_command(name: str, body: Callable[[], int]) -> int:
         return _complain(name, f'{where}{error.strerror or type(error).__name__}')
     except MemoryError as error:
         return _complain(name, f'not enough memory: {error}' if str(error) else 'out of memory')
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Raise KeyboardInterrupt where a kernel was interrupted, which fails with SystemError."""
+    try:
+        yield
+    except SystemError as error:
+        cause = error.__cause__
+        while isinstance(cause, SystemError):
+            cause = cause.__cause__
+        if isinstance(cause, KeyboardInterrupt):
+            raise KeyboardInterrupt from error
+        raise
 
 
 @contextmanager

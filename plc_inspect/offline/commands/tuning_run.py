@@ -31,7 +31,7 @@ from plc_inspect.core.tuning.search import (
     Tell,
 )
 from plc_inspect.errors import DataError
-from plc_inspect.offline.commands.command_line import Progress
+from plc_inspect.offline.commands.command_line import interruptible, Progress
 from plc_inspect.offline.commands.result_table import format_number, format_table
 from plc_inspect.offline.commands.workers import Workers
 from plc_inspect.offline.readers.bag_map import accumulate
@@ -191,11 +191,12 @@ def tune(
 
         ledger = Ledger(evaluate, budget, get_values(settings))
         try:
-            ledger.begin()
-            if plan.method == 'grid':
-                search_grid(ledger, say)
-            else:
-                search_evolution(ledger, np.random.default_rng(plan.seed), say)
+            with interruptible():
+                ledger.begin()
+                if plan.method == 'grid':
+                    search_grid(ledger, say)
+                else:
+                    search_evolution(ledger, np.random.default_rng(plan.seed), say)
         except KeyboardInterrupt:
             interrupted = True
             say('interrupted: the best so far is kept')
