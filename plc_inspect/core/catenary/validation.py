@@ -164,7 +164,7 @@ def list_evidence(
         elif not beside:
             evidence = min(free.open, CLOSE_RATIO * free.close)
         evidence += BONUS * (proof + beside if proof < 0.0 else max(proof, float(beside)))
-    lacking = CROWDED if thick or proof == 1.0 else UNPROVEN
+    lacking = CROWDED if proof == 1.0 else UNPROVEN
     yield weigh('min_evidence', evidence, lacking)
     if proof == 1.0 or beside:
         yield weigh('max_clutter', -free.wide, CROWDED, curve.length)

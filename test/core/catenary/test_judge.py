@@ -34,6 +34,23 @@ def test_wires_that_hang_side_by_side_do_not_clutter_each_other():
     assert judge(wires) == [''] * 4
 
 
+def test_a_thick_curve_that_is_not_proven_frees_no_other():
+    rng = np.random.default_rng(2)
+    thick = make(y=0.8, c=2000.0, length=30.0)
+    thick[:, 1:] += rng.normal(0.0, 0.13, (len(thick), 2))
+    wire = make(c=1e5, length=30.0, seed=1)
+    points = np.vstack([wire, thick])
+    curves = [
+        make_curve(points, np.arange(len(wire))),
+        make_curve(points, np.arange(len(wire), len(points)), 0.4),
+    ]
+    found = Judge(points, make_index(points), make_sight(points), curves, CatenarySettings())
+    assert found.verdicts[1].objection == UNPROVEN
+    found.decide()
+    assert found.verdicts[0].objection
+    assert found.verdicts[1].objection
+
+
 def test_a_piece_too_short_alone_is_believed_beside_a_conductor():
     piece = make(z=11.0, start=20.0, length=8.0, c=1e5, seed=1)
     assert judge([piece]) == [UNPROVEN]

@@ -122,7 +122,7 @@ def test_the_thicker_a_curve_the_more_of_it_must_be_free():
         judge(make(30.0, c=1200.0, per_metre=60.0, noise=noise), tolerance=0.5)
         for noise in (0.13, 0.2)
     ]
-    assert told == ['', CROWDED]
+    assert told == ['', UNPROVEN]
 
 
 def test_a_thick_curve_whose_curvature_is_too_small_is_no_conductor():
