@@ -27,11 +27,11 @@ from plc_inspect.core.catenary.curve_row import (
     to_local,
 )
 from plc_inspect.core.catenary.duplicates import drop_duplicates, is_thick
-from plc_inspect.core.catenary.free_length import FreeLength, Sight
-from plc_inspect.core.catenary.growing import extend, Profile
-from plc_inspect.core.catenary.judge import Judge
+from plc_inspect.core.catenary.free_length import Sight
+from plc_inspect.core.catenary.growing import extend
+from plc_inspect.core.catenary.judge import Judge, Verdict
 from plc_inspect.core.catenary.track_fit import fit_tracks
-from plc_inspect.core.catenary.validation import list_evidence
+from plc_inspect.core.catenary.validation import list_evidence, TIED
 from plc_inspect.core.clustering.clustering import ClusteringResult
 from plc_inspect.core.numerics.plan_index import PlanIndex
 from plc_inspect.core.numerics.threads import call_each
@@ -99,13 +99,12 @@ def model_conductors(
     kept: list[Curve] = []
     doubtful = []
     objections: dict[str, int] = {}
-    for number, curve in enumerate(curves):
-        verdict = judge.verdicts[number]
+    for curve, verdict in zip(curves, judge.verdicts, strict=True):
         if not verdict.objection:
             kept.append(curve)
             continue
         objections[verdict.objection] = objections.get(verdict.objection, 0) + 1
-        if _may_continue(curve, verdict.profile, verdict.free, settings):
+        if _may_continue(curve, verdict, settings):
             doubtful.append(curve)
     return ConductorResult(
         curves=tuple(kept), doubtful=tuple(doubtful), wire=judge.wire,
@@ -133,16 +132,15 @@ def find_curves(
     return drop_duplicates(points, merge_bundles(points, wide, settings), settings)
 
 
-def _may_continue(
-    curve: Curve, profile: Profile, free: FreeLength, settings: CatenarySettings
-) -> bool:
+def _may_continue(curve: Curve, verdict: Verdict, settings: CatenarySettings) -> bool:
     """Whether nothing but too little evidence speaks against a curve."""
-    against = {
-        item.setting for item in list_evidence(curve, profile, free, settings) if not item.kept
-    }
-    return profile.crowding <= settings.max_crowding and against <= {
-        'min_significance', 'max_constant', 'min_evidence', 'max_clutter'
-    }
+    evidence = list_evidence(curve, verdict.profile, verdict.free, settings)
+    against = {item.setting for item in evidence if not item.kept}
+    return (
+        verdict.objection != TIED
+        and verdict.profile.crowding <= settings.max_crowding
+        and against <= {'max_constant', 'min_evidence', 'max_clutter'}
+    )
 
 
 def bridge(

@@ -154,6 +154,21 @@ def test_an_edge_with_other_things_all_along_it_is_no_conductor():
     assert len(model(points, lenient, tracks).curves) == 1
 
 
+def test_the_chords_of_a_truss_are_not_even_doubtful():
+    chords = [make(y=y, length=60.0, c=500.0, per_metre=30.0, seed=k)
+              for k, y in enumerate((0.0, 1.5))]
+    rng = np.random.default_rng(3)
+    x = rng.uniform(0.0, 60.0, 2400)
+    bracing = np.column_stack([
+        x, 1.5 * np.abs(2.0 * (x % 1.0) - 1.0), hang(x, 60.0, 20.0, 20.0, 500.0)
+    ])
+    points = np.vstack([*chords, bracing + rng.normal(0.0, 0.02, bracing.shape)])
+    found = model(points, tracks=find_tracks(points, np.arange(len(points) - len(bracing))))
+    assert len(found.curves) == 0
+    assert found.objections['tied to another line along its length'] == 2
+    assert all(curve.length < 30.0 for curve in found.doubtful)
+
+
 def test_a_tree_across_a_wire_costs_nothing():
     wire = make(z=12.0)
     tree = make_tree(40.0, 0.5, 14.0, 3.0, 2.5, 3000)
