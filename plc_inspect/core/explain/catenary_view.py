@@ -50,6 +50,8 @@ class CurveView:
 
     curve: Curve
     evidence: tuple[Evidence, ...]
+    objection: str
+    """Of all curves judged together, empty for a conductor."""
     believed: bool
     """It is a conductor of the result."""
 
@@ -59,7 +61,7 @@ class CurveView:
         against = [item.objection for item in self.evidence if not item.kept]
         if self.believed:
             return 'conductor'
-        return ', '.join(against) or 'dropped beside others'
+        return ', '.join(against) or self.objection or 'dropped beside others'
 
 
 class Curves:
@@ -81,7 +83,8 @@ class Curves:
                 curve, verdict.profile, verdict.free, limits, beside=verdict.beside
             )
             views.append(CurveView(
-                curve=curve, evidence=tuple(evidence), believed=_key(curve) in believed,
+                curve=curve, evidence=tuple(evidence), objection=verdict.objection,
+                believed=_key(curve) in believed,
             ))
         self.views = tuple(views)
 

@@ -10,6 +10,7 @@ import pytest
 from toys import make_line_cloud, make_tree, make_wire
 
 from plc_inspect.config import LinearitySettings, SegmentSettings, Settings
+from plc_inspect.core.explain.catenary_view import CurveView
 from plc_inspect.core.explain.checks import propose, rank
 from plc_inspect.core.explain.clustering_view import Windows
 from plc_inspect.core.explain.extraction_view import Place
@@ -257,3 +258,9 @@ def test_a_setting_that_was_moved_before_is_told_as_it_is(cloud):
     assert told.decision == Decision.NOT_LINEAR
     assert (told.change.proposal.setting, told.change.proposal.before) == (
         'linearity.threshold', 1.0)
+
+
+def test_what_was_taken_back_says_why():
+    view = CurveView(curve=None, evidence=(), objection='tied', believed=False)
+    assert view.fate == 'tied'
+    assert dataclasses.replace(view, objection='').fate == 'dropped beside others'
