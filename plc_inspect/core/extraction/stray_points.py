@@ -12,7 +12,7 @@ from numba import njit
 import numpy as np
 
 from plc_inspect.core.extraction.ground_surface import bounds
-from plc_inspect.results import Float64, Int64
+from plc_inspect.results import Bool, Float64, Int64
 
 STRAY_GAP = 500.0
 """
@@ -66,25 +66,25 @@ def leave_out_strays(points: Float64) -> tuple[Float64, int]:
         num_strays += _erase(points, low, cell, shape, stray.ravel())
 
 
-def _find_groups(counts: Int64) -> Int64:
-    """Return for each cell 1 where it belongs to a group of strays, else 0."""
+def _find_groups(counts: Int64) -> Bool:
+    """Tell the cells that belong to a group of strays."""
     from scipy.ndimage import label  # few clouds are long enough to need it
 
     groups, _ = label(counts > 0, structure=np.ones((3, 3, 3)))
     size = np.bincount(groups.ravel(), weights=counts.ravel())
     small = (size <= MOST_STRAYS) & (size <= STRAY_SHARE * size[1:].max())
     small[0] = False
-    stray: Int64 = small[groups].astype(np.int64)
+    stray: Bool = small[groups]
     return stray
 
 
 @njit(cache=True, nogil=True)
 def _find_cell(points, k, low, cell, shape):  # type: ignore[no-untyped-def]
     """Return the cell of a point, -1 where it is not finite."""
+    if not np.isfinite(points[k, 0] + points[k, 1] + points[k, 2]):
+        return np.int64(-1)
     at = np.int64(0)
     for axis in range(3):
-        if not np.isfinite(points[k, 0] + points[k, 1] + points[k, 2]):
-            return np.int64(-1)
         index = np.int64((points[k, axis] - low[axis]) / cell)
         at = at * shape[axis] + min(index, shape[axis] - 1)
     return at
@@ -106,7 +106,7 @@ def _erase(points, low, cell, shape, stray):  # type: ignore[no-untyped-def]
     count = 0
     for k in range(len(points)):
         at = _find_cell(points, k, low, cell, shape)
-        if at >= 0 and stray[at] == 1:
+        if at >= 0 and stray[at]:
             points[k, :] = np.nan
             count += 1
     return count
