@@ -175,7 +175,7 @@ class Session:
         self._keep_corridor(result, window, numbered, vehicle)
         return Tick(
             state=self._describe(news, result, window.sequence, started),
-            labels=label_points(window.points, trace.models, result, settings),
+            labels=label_points(window.points, trace.models, result, settings, rules),
         )
 
     def conclude(
@@ -228,7 +228,7 @@ class Session:
             supports=state.supports,
             hazards=state.hazards,
         )
-        return state, final, label_points(points, trace.models, result, settings)
+        return state, final, label_points(points, trace.models, result, settings, rules)
 
     def _describe(
         self, news: HazardNews, result: InspectionResult, sequence: int, started: float

@@ -90,7 +90,7 @@ class InspectNode(Node):
         warm_up_intake()
         self._health = Health()
         self._intake = Intake(settings, self._health, self.get_logger().warning)
-        self._planner = make_planner(settings)
+        self._planner = make_planner(settings, self._live_parameters.rules)
         self._session = Session()
         self._state: LiveState | None = None
         self._copy: tuple[Iterator[Window | None], str] | None = None
@@ -196,7 +196,7 @@ class InspectNode(Node):
     def _configure(self, settings: Settings) -> None:
         """Put changed settings to work, all at once."""
         self._intake.accumulator.configure(settings)
-        self._planner = make_planner(settings)
+        self._planner = make_planner(settings, self._live_parameters.rules)
         self._timer.timer_period_ns = round(settings.segment.period * 1e9)
         self._timer.reset()
 

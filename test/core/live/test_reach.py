@@ -14,6 +14,7 @@ from plc_inspect.core.live.warm_up import make_sample
 from plc_inspect.core.live.window import CLOSE, copy_window, LEAST_CLOSE, WindowPlanner
 from plc_inspect.core.mapping.voxel_map import VoxelMap
 from plc_inspect.core.pipeline import Pipeline
+from plc_inspect.offline.readers.catalogue import load_rules
 from plc_inspect.results import Decision, HazardKind
 from plc_inspect.setting_names import update
 
@@ -71,6 +72,24 @@ def test_trees_that_can_fall_are_kept_whole(cloud):
     tall = (cloud[:, 1] > 9.0) & (cloud[:, 1] < 15.0) & (cloud[:, 2] > 9.0)
     assert tall.any()
     assert (labels[tall] == CLOSE).all()
+
+
+@pytest.mark.parametrize(('rules', 'voltage', 'reach', 'name'), [
+    ('nerc_fac_003_4', 765.0, 15.0, 'near'), ('sweden', 20.0, FALL_REACH, 'tall'),
+])
+def test_what_a_rule_set_reaches_is_kept_whole(cloud, rules, voltage, reach, name):
+    settings = make_settings(
+        hazards__rules=rules, hazards__voltage=voltage, hazards__elevation=100.0
+    )
+    limits = load_rules(settings.hazards)
+    assert measure_reach(settings, limits) >= reach
+    trace = Pipeline(settings, limits).trace(cloud)
+    labels = label_points(cloud, trace.models, trace.result, settings, limits)
+    crown = (cloud[:, 1] > 9.0) & (cloud[:, 1] < 15.0) & (cloud[:, 2] > 6.0)
+    if name == 'tall':  # and high enough to fall on a conductor
+        crown &= cloud[:, 2] > 10.5
+    assert crown.any()
+    assert (labels[crown] == CLOSE).all()
 
 
 def fly(points, settings, ticks=24):
