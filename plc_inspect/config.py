@@ -329,7 +329,7 @@ class HazardSettings(Checked):
     )
     min_points: int = setting(3, 'fewest points of a hazard', low=1, high=10_000)
     min_confidence: float = setting(
-        0.2, 'hazards that are less sure are not raised', low=0.0, high=1.0
+        0.2, 'hazards that are less sure to break any limit are not raised', low=0.0, high=1.0
     )
     group_distance: float = setting(
         2.0, 'offending points within this distance are one hazard', unit='m', low=0.1, high=50.0

@@ -3,6 +3,7 @@
 
 """How sure a hazard is: by how much the limit is broken, and what speaks against it."""
 
+from dataclasses import dataclass
 import math
 from typing import Any
 
@@ -25,13 +26,33 @@ DOUBTED = 0.5
 Share of the confidence that each doubt leaves.
 Source: judgement; as likely as not.
 """
+LEAST_SIGMA = 1e-9
+"""Standard deviation, at least, in a divisor [m].  Source: numerical: avoids a division by 0."""
+IN_DOUBT = 'in doubt: '
+"""A part of a hazard's note that begins so says what speaks against it."""
 AT_END = 'near an end of the conductor whose support is not known'
 NOT_SHARP = 'the points of the conductor scatter more than those of the others'
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Confidence:
+    """How sure a hazard is: probabilities for normal errors of sigma, halved for each doubt."""
+
+    severity: float
+    """That the distance is less than that of its severity."""
+    hazard: float
+    """That it is less than the greatest at which anything is reported."""
+    doubts: tuple[str, ...]
+
+
+def find_doubts(note: str) -> str:
+    """Return the parts of a hazard's note that say what is in doubt, or an empty string."""
+    return '; '.join(part for part in note.split('; ') if part.startswith(IN_DOUBT))
+
+
 def judge_confidence(
     model: SpanModel, x: float, limit: Limit, values: dict[str, Any]
-) -> tuple[float, tuple[str, ...]]:
+) -> Confidence:
     """
     Tell how sure a hazard is.
 
@@ -48,29 +69,36 @@ def judge_confidence(
 
     Returns
     -------
-    confidence : float
-        Probability that the distance is less than that of the severity, for normal errors of
-        sigma, and half of it for each doubt.
-    doubts : tuple of str
+    Confidence
 
     """
     measured = {
         'distance': values['clearance'], 'horizontal': values['horizontal'],
         'vertical': abs(values['vertical']),
     }[limit.measure]
-    distance = next(
+    own = next(
         (reach for severity, reach in limit.tiers if severity == values['severity']), limit.reach
     )
-    margin = distance - measured
-    if values['kind'] == HazardKind.SAG:
-        margin = -margin
-    confidence = 0.5 * (1.0 + math.erf(margin / max(values['sigma'], 1e-9) / math.sqrt(2.0)))
+    above = -1.0 if values['kind'] == HazardKind.SAG else 1.0
+    doubts = _list_doubts(model, x)
+    severity, hazard = (
+        DOUBTED ** len(doubts) * _judge_margin(above * (distance - measured), values['sigma'])
+        for distance in (own, limit.reach)
+    )
+    return Confidence(severity=severity, hazard=hazard, doubts=doubts)
+
+
+def _judge_margin(margin: float, sigma: float) -> float:
+    """Return the probability that a margin [m] with a normal error is greater than 0."""
+    return 0.5 * (1.0 + math.erf(margin / max(sigma, LEAST_SIGMA) / math.sqrt(2.0)))
+
+
+def _list_doubts(model: SpanModel, x: float) -> tuple[str, ...]:
+    """Return what speaks against anything found at x of a curve [m]."""
     doubts = []
-    for place, is_open in (
-        (model.start_x, model.span.open_start), (model.end_x, model.span.open_end),
-    ):
-        if is_open and abs(x - place) <= END_ROOM and AT_END not in doubts:
-            doubts.append(AT_END)
+    ends = (model.start_x, model.span.open_start), (model.end_x, model.span.open_end)
+    if any(is_open and abs(x - place) <= END_ROOM for place, is_open in ends):
+        doubts.append(AT_END)
     if len(model.strands) == 1 and model.curve.fit.rmse > BLURRED * model.scatter:
         doubts.append(NOT_SHARP)
-    return confidence * DOUBTED ** len(doubts), tuple(doubts)
+    return tuple(doubts)

@@ -13,7 +13,7 @@ import numpy as np
 
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.hazards.clearance_rules import Limit, PLAIN_EDITION, RuleSet
-from plc_inspect.core.hazards.confidence import judge_confidence
+from plc_inspect.core.hazards.confidence import IN_DOUBT, judge_confidence
 from plc_inspect.core.hazards.grouping import group_cells, group_points
 from plc_inspect.core.hazards.trees import segment_trees
 from plc_inspect.core.spans.span_model import find_kind, find_support, SpanModel
@@ -362,7 +362,11 @@ def describe_hazard(
     limit: Limit,
     **values: Any,
 ) -> dict[str, Any]:
-    """Return the values of a Hazard: those given, those of the place, and those of the rule."""
+    """
+    Return the values of a Hazard: those given, those of the place, and those of the rule.
+
+    Further ``chance`` is the probability that anything is to be reported.
+    """
     along = float(model.along(np.array(x)))
     support, distance = find_support(model.span, along, supports)
     record: dict[str, Any] = {
@@ -379,6 +383,10 @@ def describe_hazard(
         'voltage': rules.voltage,
         'note': limit.note,
     } | values
-    confidence, doubts = judge_confidence(model, x, limit, record)
-    notes = [record['note'], *(f'in doubt: {doubt}' for doubt in doubts)]
-    return record | {'confidence': confidence, 'note': '; '.join(filter(None, notes))}
+    confidence = judge_confidence(model, x, limit, record)
+    notes = [record['note'], *(IN_DOUBT + doubt for doubt in confidence.doubts)]
+    return record | {
+        'confidence': confidence.severity,
+        'chance': confidence.hazard,
+        'note': '; '.join(filter(None, notes)),
+    }

@@ -129,7 +129,7 @@ def find_hazards(
     found += find_crossings(models, supports, rules)
     found += find_interference(models, supports, rules, settings)
     found += find_abnormal_sag(models, supports, rules, settings)
-    found = [item for item in found if item['confidence'] >= settings.min_confidence]
+    found = [item for item in found if item.pop('chance') >= settings.min_confidence]
     order = ('span_id', 'line_id', 'along_span', 'kind')
     found.sort(key=lambda item: tuple(item[name] for name in order))
     hazards = tuple(Hazard(hazard_id=number, **item) for number, item in enumerate(found))

@@ -5,6 +5,8 @@
 
 from typing import Any
 
+from plc_inspect.core.hazards.confidence import find_doubts
+
 Record = dict[str, Any]
 _NAMES = {
     'vegetation': 'vegetation', 'structure': 'a structure', 'ground': 'the ground',
@@ -69,6 +71,6 @@ def describe_place(
         text += f'; will touch at {contact:.0f} \u00b0C'
     if item['years'] is not None and item['years'] > 0:
         text += f'; critical in {item["years"]:.1f} years'
-    if 'in doubt' in item.get('note', ''):
-        text += f'; {item["note"][item["note"].index("in doubt"):]}'
+    if doubts := find_doubts(item.get('note', '')):
+        text += f'; {doubts}'
     return f'{where}: {text}.'

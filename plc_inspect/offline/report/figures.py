@@ -9,6 +9,7 @@ import math
 import numpy as np
 
 from plc_inspect.colors import line_color, SEVERITY_COLORS
+from plc_inspect.core.hazards.confidence import find_doubts
 from plc_inspect.offline.records.inspection import Record
 from plc_inspect.offline.report.drawing import Plot
 from plc_inspect.offline.report.point_scene import FIRST_STRUCTURE, FIRST_TREE, PALETTE, Scene
@@ -312,7 +313,7 @@ def rank(hazard: Record) -> tuple[int, bool, bool, float]:
 
     The excess of a sag is no distance that is kept: the greater, the worse.
     """
-    doubtful = 'in doubt' in hazard.get('note', '')
+    doubtful = bool(find_doubts(hazard.get('note', '')))
     order = list(SEVERITY_COLORS).index(hazard['severity']), doubtful
     clearance, required = hazard['clearance'], hazard['required']
     if clearance is None or not required:

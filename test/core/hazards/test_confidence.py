@@ -12,7 +12,13 @@ from toys import make_curve, make_tree, make_wire
 
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.hazards.clearance_rules import Limit
-from plc_inspect.core.hazards.confidence import AT_END, judge_confidence, NOT_SHARP
+from plc_inspect.core.hazards.confidence import (
+    AT_END,
+    find_doubts,
+    IN_DOUBT,
+    judge_confidence,
+    NOT_SHARP,
+)
 from plc_inspect.core.hazards.hazards import find_hazards
 from plc_inspect.core.spans.span_model import SpanModel
 from plc_inspect.results import HazardKind, Severity
@@ -36,7 +42,8 @@ def judge(model, x, clearance, severity=Severity.CRITICAL, sigma=0.1, **changes)
         'kind': HazardKind.VEGETATION, 'severity': severity, 'clearance': clearance,
         'horizontal': clearance, 'vertical': 0.0, 'sigma': sigma,
     }
-    return judge_confidence(model, x, LIMIT, values | changes)
+    found = judge_confidence(model, x, LIMIT, values | changes)
+    return found.severity, found.doubts
 
 
 @pytest.mark.parametrize(('clearance', 'confidence'), [
@@ -76,3 +83,22 @@ def test_hazards_say_how_sure_they_are_and_the_unsure_are_not_raised():
     assert 'doubt' not in second.note
     (only,) = find_hazards(*args, HazardSettings(min_confidence=0.6)).hazards
     assert only.along_span == second.along_span
+
+
+@pytest.mark.parametrize('least', [0.2, 0.6, 0.95])
+def test_what_breaks_the_warning_for_certain_is_raised_however_near_the_critical_it_is(least):
+    model = make_model()
+    for top in np.arange(10.6, 11.8, 0.05):  # clearances about the critical 2 m
+        tree = make_tree(50.0, 0.0, top, bottom=2.0)
+        near, spans = find_nearby(tree, [model], 20.0), make_span_result([model], len(tree))
+        settings = HazardSettings(min_confidence=least)
+        found = find_hazards(tree, tree[:, 2].astype(np.float32), near, spans, settings).hazards
+        assert len(found) == 1
+        assert found[0].clearance < 3.5
+
+
+def test_doubts_are_told_from_the_note_of_a_rule():
+    rule = 'ask the owner when in doubt'
+    assert find_doubts(rule) == ''
+    note = '; '.join([rule, IN_DOUBT + AT_END, IN_DOUBT + NOT_SHARP])
+    assert find_doubts(note) == f'{IN_DOUBT}{AT_END}; {IN_DOUBT}{NOT_SHARP}'
