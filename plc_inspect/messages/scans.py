@@ -33,6 +33,11 @@ LONGEST_SCAN = 1.5
 """No scan lasts longer [s]; the slowest sensors turn at 1 Hz."""
 MOST_POINTS = 3e7
 """No sensor gives more points a second; 25 million are the most of those on the market."""
+LEAST_DATE_NS = 32_000_000_000_000_000
+"""
+Stamps before this are no dates but time since a start; times of points are relative to them [ns].
+Source: a year; no computer runs longer without a pause, and no date of use is of 1970.
+"""
 EPOCH_REACH = 3600.0
 """Times since an epoch are this near to the stamp, else they are of another clock [s]."""
 FARTHEST = 1e6
@@ -60,7 +65,7 @@ class ScanArrays:
     """(N,) beam of each point, None if the message has none."""
     num_not_finite: int
     """Points of the message that were not finite."""
-    layout: str = 'xyz'
+    layout: str
     """Coordinates in the order of their bytes; drivers do not change it."""
 
 
@@ -167,6 +172,7 @@ def scan_from_message(message: Any) -> ScanArrays:
             time=np.empty(0),
             ring=None,
             num_not_finite=0,
+            layout=_read_layout(message),
         )
     columns = _view_columns(message, cells)
     for name in 'xyz':
@@ -298,7 +304,7 @@ def _read_time(columns: dict[str, NDArray[Any]], stamp_ns: int) -> Float64 | Non
             return times
         low, high = float(known.min()), float(known.max())
     largest = max(abs(low), abs(high))
-    for unit in _UNITS:  # since the epoch of the stamp
+    for unit in _UNITS if stamp_ns >= LEAST_DATE_NS else ():  # since the epoch of the stamp
         start = stamp_ns / (unit * 1e9)
         if abs(largest - start) * unit <= EPOCH_REACH:
             if column.dtype.itemsize == 4:

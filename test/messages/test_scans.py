@@ -272,6 +272,9 @@ def test_layout_tells_swapped_names():
     assert scan_from_message(message).layout == 'xyz'
     message.fields[0].name, message.fields[1].name = 'y', 'x'
     assert scan_from_message(message).layout == 'yxz'
+    message.height = message.width = message.row_step = 0
+    message.data = array('B')
+    assert scan_from_message(message).layout == 'yxz'
 
 
 def test_wrong_byte_order_is_refused():
@@ -302,6 +305,8 @@ def test_unit_of_times_is_recognised(kind, epoch, unit, duration):
     seconds = np.linspace(0.0, duration, 10_000) * (-1 if kind == 'i4' else 1)
     start = 1_700_000_000.123456789 if epoch else 0.0
     columns['time'] = (seconds + start) / unit
-    layout = DRIVER | {'time': (18, kind)}
-    scan = scan_from_message(make_cloud(columns, layout, point_step=26))
-    np.testing.assert_allclose(scan.time, seconds, atol=2e-6)
+    message = make_cloud(columns, DRIVER | {'time': (18, kind)}, point_step=26)
+    np.testing.assert_allclose(scan_from_message(message).time, seconds, atol=2e-6)
+    for stamp in () if epoch else (0, 1, 100, 3599, 5000):  # simulated time, or since the start
+        message.header.stamp.sec = stamp
+        np.testing.assert_allclose(scan_from_message(message).time, seconds, atol=2e-6)

@@ -64,7 +64,7 @@ class ScanGate:
         Parameters
         ----------
         frame_id, layout : str
-            Of the scan; those of the first one hold.
+            Of the scan; those of the first one hold.  A scan of no fields has no layout, ''.
         stamp_ns : int
             Header stamp [ns].
         times : tuple of int
@@ -78,10 +78,11 @@ class ScanGate:
 
         """
         if self._frame_id is None:
-            self._frame_id, self._layout = frame_id, layout
+            self._frame_id = frame_id
+        self._layout = self._layout or layout
         if frame_id != self._frame_id:
             return DropReason.WRONG_FRAME
-        if layout != self._layout:
+        if layout and layout != self._layout:
             return DropReason.OTHER_LAYOUT
         if any(_overlap((stamp_ns, *times), other) for other in self._taken):
             self._conflict = stamp_ns
@@ -105,4 +106,4 @@ def _overlap(scan: tuple[int, int, int], other: tuple[int, int, int]) -> bool:
     if abs(scan[0] - other[0]) < LEAST_STEP_NS:
         return True
     common = min(scan[2], other[2]) - max(scan[1], other[1])
-    return common > MOST_OVERLAP * min(scan[2] - scan[1], other[2] - other[1]) and common > 0
+    return common > MOST_OVERLAP * min(scan[2] - scan[1], other[2] - other[1])

@@ -22,6 +22,14 @@ def test_scans_of_one_driver_pass(duration):
     assert [judge(gate, stamp, duration) for stamp in stamps] == [None] * 7
 
 
+def test_an_empty_scan_of_no_fields_tells_no_layout():
+    gate = ScanGate()
+    assert judge(gate, 100, layout='') is None
+    assert judge(gate, 200, layout='yxz') is None
+    assert judge(gate, 300, layout='') is None
+    assert judge(gate, 400) == DropReason.OTHER_LAYOUT
+
+
 def test_scans_out_of_order_pass():
     gate = ScanGate()
     assert [judge(gate, stamp) for stamp in (100, 300, 200, 500, 400)] == [None] * 5
