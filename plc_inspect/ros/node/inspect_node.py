@@ -126,7 +126,8 @@ class InspectNode(Node):
             self, (settings.input.scan_topic, settings.input.odometry_topic), time.monotonic()
         )
         self._intake.on_restart = self._on_map_restart
-        source = SourceWatch(lambda: self.count_publishers(settings.input.scan_topic))
+        scans = self.resolve_topic_name(settings.input.scan_topic)  # counting does not remap
+        source = SourceWatch(lambda: self.count_publishers(scans))
         self._intake.accepts = source.accepts
         self._submit('start', partial(prepare, settings))
 

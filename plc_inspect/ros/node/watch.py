@@ -41,6 +41,11 @@ class SourceWatch:
         self._last: int | None = None
         self._heard = 0.0
 
+    @property
+    def num_publishers(self) -> int:
+        """Publishers there are now."""
+        return self._count()
+
     def accepts(self, info: Mapping[str, int | None], now: float) -> bool:
         """
         Tell whether a message is of the publisher that is listened to.
@@ -62,7 +67,7 @@ class SourceWatch:
             return True
         goes_on = self._last is not None and 0 < number - self._last <= MOST_JUMP
         known = self._last is not None and now - self._heard <= SILENT
-        if known and not goes_on and self._count() > 1:
+        if known and not goes_on and self.num_publishers > 1:
             return False
         self._last, self._heard = number, now
         return True

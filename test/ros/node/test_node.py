@@ -307,6 +307,12 @@ def test_integers_remappings_and_qos_overrides_at_the_start(shared):
         assert publishers[0].qos_profile.durability == QoSDurabilityPolicy.VOLATILE
         others = shared.client.get_publishers_info_by_topic('/drone/plc_inspect/corridor')
         assert others[0].qos_profile.durability == QoSDurabilityPolicy.TRANSIENT_LOCAL
+        drivers = [shared.client.create_publisher(PointCloud2, '/front/points', 1)
+                   for _ in range(2)]
+        source = node.intake.accepts.__self__
+        wait_for(lambda: source.num_publishers == 2, 'both drivers are counted')
+        for driver in drivers:
+            shared.client.destroy_publisher(driver)
         heard = []
         node.get_logger = lambda: SimpleNamespace(warning=heard.append, info=str)
         shared.client.create_subscription(
