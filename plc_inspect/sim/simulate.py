@@ -30,6 +30,8 @@ from plc_inspect.sim.surveys.truth import collect_sightings, make_truth
 
 RANDOM = 'random'
 """Name of the scene that the seed decides."""
+_OF_RANDOM = {'scene', 'kind', 'output', 'seed', 'force'}
+"""Options of random scenes; others choose their sensor and size themselves."""
 _MAP_NOISE = 0.03
 
 
@@ -127,7 +129,15 @@ def _positive(text: str) -> float:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run ``plc_simulate``; return 0 done, 2 bad usage or output that cannot be written."""
-    arguments = build_parser().parse_args(argv)
+    parser = build_parser()
+    arguments = parser.parse_args(argv)
+    refused = set(vars(arguments)) - _OF_RANDOM if arguments.scene == RANDOM else {'kind'}
+    given = sorted(
+        name for name in refused if getattr(arguments, name) != parser.get_default(name)
+    )
+    if given:
+        options = ', '.join(f'--{name.replace("_", "-")}' for name in given)
+        parser.error(f'the scene {arguments.scene} takes no {options}')
     try:
         with open_folder(arguments.output, arguments.force) as folder:
             if arguments.scene == RANDOM:

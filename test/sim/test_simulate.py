@@ -169,3 +169,15 @@ def test_random_scenes_are_written_with_their_truth(tmp_path):
     las = laspy.read(tmp_path / 'one' / 'map.laz')
     wires = sum(row['num_points'] for row in truth['spans'])
     assert wires == int((np.array(las.classification) == 14).sum()) > 0
+
+
+@pytest.mark.parametrize(('arguments', 'refused'), [
+    (('random', '--map', '--origin', '0', '0', '1'), 'the scene random takes no --map, --origin'),
+    (('random', '--dual', '--speed', '3'), 'takes no --dual, --speed'),
+    (('demo', '--kind', 'clean'), 'the scene demo takes no --kind'),
+])
+def test_options_that_a_scene_does_not_take_are_refused(tmp_path, capsys, arguments, refused):
+    with pytest.raises(SystemExit, match='2'):
+        main([*arguments, '-o', str(tmp_path / 'out')])
+    assert refused in capsys.readouterr().err
+    assert not (tmp_path / 'out').exists()
