@@ -331,6 +331,9 @@ def main() -> int:
             )
             if name == 'none' and found:
                 reference = json.loads((Path(found) / 'spans.json').read_text())['spans']
+            if not reference:
+                print(f'the flight without a fault found no span: {said}', file=sys.stderr)
+                return 1
             rows.append([name, compare(found, reference, FAULTS[name].offset), end, said[:300]])
             print(' | '.join(rows[-1]), flush=True)
     return 0
