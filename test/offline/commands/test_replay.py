@@ -15,7 +15,7 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 
-from plc_inspect.offline.commands.replay import main
+from plc_inspect.offline.commands.replay import describe_losses, main
 from plc_inspect.offline.export.results_folder import FILES
 
 REAL = Path(__file__).parents[4] / 'shared/data/real'
@@ -221,3 +221,11 @@ def test_real_scans_of_a_room(tmp_path, capfd, layout):
     assert 'no power line was found' in out
     counts = json.loads((tmp_path / 'out/run.json').read_text(encoding='utf-8'))['input']['counts']
     assert counts['num_scans'] == 4
+
+
+@pytest.mark.parametrize(('number', 'told'), [(0, ''), (2, 'begun anew 2 times')])
+def test_a_map_that_was_begun_anew_is_told(number, told):
+    nothing = {'scans_dropped': {}, 'poses_rejected': {}, 'skipped': {}, 'num_scans_lost': 0}
+    found = describe_losses(types.SimpleNamespace(counts=nothing | {'num_map_restarts': number}))
+    assert told in found
+    assert bool(found) == bool(number)
