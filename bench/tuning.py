@@ -36,7 +36,7 @@ import numba
 import numpy as np
 
 from plc_inspect.config import Settings
-from plc_inspect.core.pipeline import Pipeline
+from plc_inspect.core.pipeline import enter_frame, Pipeline
 from plc_inspect.core.tuning.objective import measure_f1, Objective
 from plc_inspect.core.tuning.parameters import put_values, SPACE, to_values
 from plc_inspect.offline.commands.tuning_run import METHODS, SearchPlan, tune, Tuned
@@ -72,7 +72,8 @@ class Case:
 
     def rate(self, settings: Settings) -> float:
         """Return F1 of the wire points."""
-        found = Pipeline(settings).find_lines(self.points).spans.line_id >= 0
+        points = enter_frame(self.points)[0]
+        found = Pipeline(settings).find_lines(points).spans.line_id >= 0
         return measure_f1(found, self.wire, self.left_out)
 
 

@@ -25,7 +25,7 @@ from plc_inspect.core.extraction.outliers import OutlierResult, remove_outliers
 from plc_inspect.core.spans.ground_revision import renumber_points, revise_ground
 from plc_inspect.core.spans.layout import find_layout, Layout
 from plc_inspect.core.spans.point_claims import settle_strays
-from plc_inspect.core.spans.route import trace_routes
+from plc_inspect.core.spans.route import EAST, trace_routes
 from plc_inspect.core.spans.service_drops import add_taps
 from plc_inspect.core.spans.spans import build_spans, SpanResult, spread_spans
 from plc_inspect.core.stage_log import StageLog
@@ -72,7 +72,9 @@ class _Hung:
     spans: SpanResult
 
 
-def find_lines(points: Float64, settings: Settings, log: StageLog) -> FoundLines:
+def find_lines(
+    points: Float64, settings: Settings, log: StageLog, east: Float64 = EAST
+) -> FoundLines:
     """
     Run the stages from the height histogram to the supports.
 
@@ -84,6 +86,8 @@ def find_lines(points: Float64, settings: Settings, log: StageLog) -> FoundLines
         Of all stages.
     log : StageLog
         Takes the reports; what its memory knows is not computed again.
+    east : (2,) float64
+        Unit vector in plan; lines and spans are numbered along it.
 
     Returns
     -------
@@ -155,7 +159,9 @@ def find_lines(points: Float64, settings: Settings, log: StageLog) -> FoundLines
     # Supports: where conductors hang, and the spans between them.
     hung = log.run(
         None,
-        lambda: _hang(points, cloud, height, inliers, conductors, settings, rng),
+        lambda: _hang(
+            *_revise(points, height, cloud, conductors, settings), inliers, settings, rng, east
+        ),
         lambda result: report_supports(result.layout, result.spans),
     )
     return FoundLines(
@@ -186,24 +192,39 @@ def _gather(points: Float64, height: HeightResult, settings: Settings) -> OffGro
     return cloud
 
 
-def _hang(
+def _revise(
     points: Float64,
-    cloud: OffGround,
     height: HeightResult,
-    inliers: LinearityResult,
+    cloud: OffGround,
     conductors: ConductorResult,
     settings: Settings,
+) -> tuple[HeightResult, OffGround, ConductorResult]:
+    """Find the ground anew below the conductors, and with it the points off the ground."""
+    revised = revise_ground(points, height, conductors.curves, settings.height)
+    if revised is height:
+        return height, cloud, conductors
+    own = gather_off_ground(points, revised, settings.height.beta / 2)
+    return revised, own, replace(
+        conductors,
+        curves=renumber_points(conductors.curves, cloud, own),
+        doubtful=renumber_points(conductors.doubtful, cloud, own),
+    )
+
+
+def _hang(
+    height: HeightResult,
+    cloud: OffGround,
+    conductors: ConductorResult,
+    inliers: LinearityResult,
+    settings: Settings,
     rng: np.random.Generator,
+    east: Float64,
 ) -> _Hung:
-    """Find spans and supports; the ground may be found anew below the conductors."""
-    curves, doubtful = conductors.curves, conductors.doubtful
-    revised = revise_ground(points, height, curves, settings.height)
-    if revised is not height:
-        before, cloud = cloud, gather_off_ground(points, revised, settings.height.beta / 2)
-        curves = renumber_points(curves, before, cloud)
-        doubtful = renumber_points(doubtful, before, cloud)
-    layout = find_layout(cloud.points, curves, doubtful, settings.supports)
-    spans = build_spans(cloud, layout, trace_routes(layout), settings, rng)
+    """Find spans and supports."""
+    layout = find_layout(
+        cloud.points, conductors.curves, conductors.doubtful, settings.supports
+    )
+    spans = build_spans(cloud, layout, trace_routes(layout, east), settings, rng)
     spans = add_taps(cloud, inliers, spans, settings)
     spans = spread_spans(settle_strays(cloud, spans), cloud)
-    return _Hung(height=revised, layout=layout, spans=spans)
+    return _Hung(height=height, layout=layout, spans=spans)

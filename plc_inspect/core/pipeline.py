@@ -6,6 +6,7 @@
 import numpy as np
 
 from plc_inspect.config import Settings
+from plc_inspect.core.cloud_frame import CloudFrame, find_cloud_frame
 from plc_inspect.core.corridor import CorridorResult, extract_corridor
 from plc_inspect.core.extraction.stray_points import leave_out_strays
 from plc_inspect.core.hazards.clearance_rules import RuleSet
@@ -19,6 +20,7 @@ from plc_inspect.core.hazards.hazards import (
 from plc_inspect.core.labels import choose_surroundings, label, Labels
 from plc_inspect.core.line_finder import find_lines, FoundLines
 from plc_inspect.core.spans.point_claims import FREE_RADIUS
+from plc_inspect.core.spans.route import EAST
 from plc_inspect.core.stage_log import Progress, StageLog, StageMemory
 from plc_inspect.core.stage_reports import report_corridor, report_hazards
 from plc_inspect.core.trace import Trace
@@ -55,7 +57,8 @@ class Pipeline:
         -------
         InspectionResult
             Arrays are parallel to ``points``.  The same points and settings give the same
-            result, whatever the number of threads.
+            result, whatever the number of threads, and up to rounding wherever the cloud lies
+            and however it is turned about the vertical.
 
         Raises
         ------
@@ -63,13 +66,26 @@ class Pipeline:
             ``points`` is not an (N, 3) array, or its extent is beyond what voxels can number.
 
         """
-        return self.trace(points, progress).result
+        log = StageLog(progress)
+        points, frame, log.num_strays = enter_frame(points)
+        trace = self._trace(points, log, frame.east)
+        return frame.leave_result(trace.result, trace.offending)
 
-    def trace(self, points: Float64, progress: Progress | None = None) -> Trace:
-        """Do what `run` does, and return what each stage found as well."""
+    def trace(
+        self, points: Float64, progress: Progress | None = None, east: Float64 = EAST
+    ) -> Trace:
+        """
+        Do what `run` does in the frame of the points, and return what each stage found as well.
+
+        The result is that of `run` where the points are in their own frame, `enter_frame`; lines
+        and spans are numbered along ``east``, a unit vector in plan.
+        """
         log = StageLog(progress)
         points, log.num_strays = leave_out_strays(_check(points))
-        lines = find_lines(points, self.settings, log)
+        return self._trace(points, log, east)
+
+    def _trace(self, points: Float64, log: StageLog, east: Float64) -> Trace:
+        lines = find_lines(points, self.settings, log, east)
         height, spans = lines.height.height, lines.spans
 
         # Eq. 9: what is near the conductors, at least as far as a rule or a stray reaches.
@@ -108,7 +124,9 @@ class Pipeline:
             corridor_span_id=labels.corridor_span_id,
             stages=tuple(log.reports),
         )
-        return Trace(lines=lines, corridor=corridor, result=result)
+        return Trace(
+            lines=lines, corridor=corridor, result=result, offending=found.offending
+        )
 
     def _judge(
         self, points: Float64, lines: FoundLines, corridor: CorridorResult, nearby: Nearby
@@ -144,6 +162,29 @@ class Pipeline:
         log = StageLog(memory=memory)
         points, log.num_strays = leave_out_strays(_check(points))
         return find_lines(points, self.settings, log)
+
+
+def enter_frame(points: Float64) -> tuple[Float64, CloudFrame, int]:
+    """
+    Bring a cloud into its own frame, without isolated points far away.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Map frame [m].
+
+    Returns
+    -------
+    points : (N, 3) float64
+        In the frame [m]; NaN where they were left out.
+    frame : CloudFrame
+    num_strays : int
+        Points that were left out.
+
+    """
+    points, num_strays = leave_out_strays(_check(points))
+    frame = find_cloud_frame(points)
+    return frame.enter(points), frame, num_strays
 
 
 def _check(points: Float64) -> Float64:

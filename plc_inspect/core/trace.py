@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from plc_inspect.core.corridor import CorridorResult
 from plc_inspect.core.line_finder import FoundLines
 from plc_inspect.core.spans.span_model import SpanModel
-from plc_inspect.results import InspectionResult
+from plc_inspect.results import Float64, InspectionResult
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -18,6 +18,8 @@ class Trace:
     lines: FoundLines
     corridor: CorridorResult
     result: InspectionResult
+    offending: tuple[Float64, ...]
+    """(K, 3) points of each hazard [m]."""
 
     @property
     def models(self) -> tuple[SpanModel, ...]:

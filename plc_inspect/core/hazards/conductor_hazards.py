@@ -126,7 +126,7 @@ def find_crossings(
                 vertical=float(above[2] - below[2]),
                 sigma=math.hypot(upper.sigma(x), lower.sigma(other_x)),
                 num_points=0,
-                extent=np.stack([below, below]),
+                offending=below[None],
                 other_line_id=lower.span.line_id,
             )
     kept: Records = []
@@ -236,7 +236,7 @@ def find_interference(
                 vertical=float(gap[worst]),
                 sigma=sigma,
                 num_points=0,
-                extent=np.stack([at[worst], at[worst]]),
+                offending=at[worst][None],
                 other_line_id=second.span.line_id,
                 **_own_rule('distance to the next conductor'),
             ))
@@ -305,7 +305,7 @@ def find_abnormal_sag(
             vertical=excess,
             sigma=sigma,
             num_points=model.span.num_points,
-            extent=np.stack([lowest, lowest]),
+            offending=lowest[None],
             **_own_rule('sag against the other conductors'),
             note=SAG_NOTE,
         ))

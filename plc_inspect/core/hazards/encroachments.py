@@ -349,7 +349,7 @@ def _describe(
         horizontal=horizontal,
         vertical=vertical,
         num_points=len(near.points),
-        extent=np.stack([near.points.min(axis=0), near.points.max(axis=0)]),
+        offending=near.points,
         years=years,
     )
 

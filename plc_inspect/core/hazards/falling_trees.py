@@ -153,7 +153,7 @@ def find_falling_trees(
             vertical=vertical,
             sigma=math.hypot(model.sigma(x), TREE_SIGMA),
             num_points=len(own),
-            extent=np.stack([own.min(axis=0), own.max(axis=0)]),
+            offending=own,
             height=tall,
             note='horizontal and vertical are from the foot, which is taken to be under the top',
         ))

@@ -36,6 +36,8 @@ class HazardResult:
 
     hazards: tuple[Hazard, ...]
     """Numbered in order of span, line and place."""
+    offending: tuple[Float64, ...]
+    """(K, 3) offending points of each, or the place of a conductor [m]."""
     foliage: Bool
     """(K,) neither of surfaces, such as roofs and walls, nor of lines and what holds them."""
     num_unmodelled: int
@@ -132,9 +134,13 @@ def find_hazards(
     found = [item for item in found if item.pop('chance') >= settings.min_confidence]
     order = ('span_id', 'line_id', 'along_span', 'kind')
     found.sort(key=lambda item: tuple(item[name] for name in order))
-    hazards = tuple(Hazard(hazard_id=number, **item) for number, item in enumerate(found))
+    offending = tuple(item.pop('offending') for item in found)
     return HazardResult(
-        hazards=hazards,
+        hazards=tuple(
+            Hazard(hazard_id=number, extent=np.stack([own.min(axis=0), own.max(axis=0)]), **item)
+            for number, (item, own) in enumerate(zip(found, offending, strict=True))
+        ),
+        offending=offending,
         foliage=foliage,
         num_unmodelled=parts.num_wires,
     )

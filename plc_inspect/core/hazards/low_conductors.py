@@ -134,5 +134,5 @@ def _describe_low(
         vertical=clearance,
         sigma=math.hypot(model.sigma(x), GROUND_SIGMA),
         num_points=int(below.sum()),
-        extent=np.stack([run.min(axis=0), run.max(axis=0)]),
+        offending=run,
     )

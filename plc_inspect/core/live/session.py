@@ -14,6 +14,7 @@ import time
 import numpy as np
 
 from plc_inspect.config import Settings
+from plc_inspect.core.cloud_frame import CloudFrame, find_cloud_frame
 from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.live.map_labels import label_points
 from plc_inspect.core.live.window import sample_span, Window
@@ -125,6 +126,8 @@ class Session:
         self._hazards = HazardBook()
         self._supports = SupportBook()
         self._corridor = _no_corridor()
+        self._frame: CloudFrame | None = None
+        """Of the first window, held so that cells do not move from tick to tick."""
 
     @property
     def state(self) -> LiveState:
@@ -160,8 +163,8 @@ class Session:
 
         """
         started = time.perf_counter()
-        trace = Pipeline(settings, rules).trace(window.points)
-        result = trace.result
+        self._frame = self._frame or find_cloud_frame(window.points)
+        result, labels = _run(window.points, self._frame, settings, rules)
         numbered = self._registry.update(result, window.points, window.spans)
         self._finish_spans(window, vehicle)
         keys = {item.key for item in self._registry.spans if item.confirmed}
@@ -175,7 +178,7 @@ class Session:
         self._keep_corridor(result, window, numbered, vehicle)
         return Tick(
             state=self._describe(news, result, window.sequence, started),
-            labels=label_points(window.points, trace.models, result, settings, rules),
+            labels=labels,
         )
 
     def conclude(
@@ -209,8 +212,7 @@ class Session:
 
         """
         started = time.perf_counter()
-        trace = Pipeline(settings, rules).trace(points)
-        result = trace.result
+        result, labels = _run(points, find_cloud_frame(points), settings, rules)
         known = [item.key for item in self._registry.spans]
         numbered = self._registry.update(
             result, points, known, final=True, complete=complete
@@ -228,7 +230,7 @@ class Session:
             supports=state.supports,
             hazards=state.hazards,
         )
-        return state, final, label_points(points, trace.models, result, settings, rules)
+        return state, final, labels
 
     def _describe(
         self, news: HazardNews, result: InspectionResult, sequence: int, started: float
@@ -291,6 +293,16 @@ class Session:
             line_id=np.concatenate((kept.line_id, new.line_id)),
             span_id=np.concatenate((kept.span_id, new.span_id)),
         )
+
+
+def _run(
+    points: Float64, frame: CloudFrame, settings: Settings, rules: RuleSet | None
+) -> tuple[InspectionResult, UInt8]:
+    """Return what the pipeline finds, and labels for the map."""
+    own = frame.enter(points)
+    trace = Pipeline(settings, rules).trace(own, east=frame.east)
+    labels = label_points(own, trace.models, trace.result, settings, rules)
+    return frame.leave_result(trace.result, trace.offending), labels
 
 
 def map_numbers(

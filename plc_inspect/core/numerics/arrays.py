@@ -19,6 +19,12 @@ Source: derived: zones of Gauss-Krueger put 60 million before an easting; 1e8 is
 """
 
 
+@njit(cache=True, nogil=True, inline='always')
+def is_on_earth(x, y, z):  # type: ignore[no-untyped-def]
+    """Tell coordinates that are finite and below MOST_COORDINATE."""
+    return max(abs(x), abs(y), abs(z)) < MOST_COORDINATE and 0.0 * (x + y + z) == 0.0
+
+
 @njit(cache=True, nogil=True)
 def put(values, target):  # type: ignore[no-untyped-def]
     """

@@ -48,6 +48,10 @@ Source: judgement; holds from 1.25 to 5 on bench/constants.py.
 """
 
 
+EAST = np.array([1.0, 0.0])
+"""Unit vector along x of the map frame (REP-103)."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Route:
     """Line, span and orientation of each of C curves."""
@@ -58,7 +62,7 @@ class Route:
     """True where the route runs from the curve's high x to its low x."""
 
 
-def trace_routes(layout: Layout) -> Route:
+def trace_routes(layout: Layout, east: Float64 = EAST) -> Route:
     """
     Find the span and the line that each curve belongs to.
 
@@ -70,6 +74,8 @@ def trace_routes(layout: Layout) -> Route:
     ----------
     layout : Layout
         Curves, and what they hang between.
+    east : (2,) float64
+        Unit vector in plan.
 
     Returns
     -------
@@ -79,7 +85,7 @@ def trace_routes(layout: Layout) -> Route:
     num = len(layout.curves)
     group = _group_spans(layout)
     line = _chain_lines(layout, group)
-    order, entry = _order_groups(layout, group)
+    order, entry = _order_groups(layout, group, east)
     rank = {number: place for place, number in enumerate(order)}
     span_id = [rank[number] for number in group]
     reverse = []
@@ -131,6 +137,12 @@ def _order_across(
         curve: (float(layer[place]), -round(float(left[place]), 3))
         for place, curve in enumerate(members)
     }
+
+
+def _place(position: Float64, east: Float64) -> tuple[float, float]:
+    """How far east and north a place is [m]."""
+    x, y = position[:2].tolist()
+    return x * east[0] + y * east[1], y * east[0] - x * east[1]
 
 
 def _end(layout: Layout, curve: int, side: int) -> Float64:
@@ -220,7 +232,7 @@ def _chain_lines(layout: Layout, group: Sequence[int]) -> list[int]:
 
 
 def _order_groups(
-    layout: Layout, group: list[int]
+    layout: Layout, group: list[int], east: Float64
 ) -> tuple[list[int], dict[int, Float64]]:
     """Order the groups along their routes, and where each route enters a group."""
     members: dict[int, list[int]] = {}
@@ -253,7 +265,7 @@ def _order_groups(
             at_station.setdefault(station, []).append(number)
 
     def place(number: int) -> tuple[float, float]:
-        return float(centers[number][0]), float(centers[number][1])
+        return _place(centers[number], east)
 
     def is_end(number: int) -> bool:
         return sum(len(at_station[station]) > 1 for station in stations[number]) <= 1
@@ -264,7 +276,9 @@ def _order_groups(
     for first in waiting:
         if first in entry:
             continue
-        entry[first] = _far_end(layout, members[first], stations[first], at_station)
+        entry[first] = _far_end(
+            layout, members[first], stations[first], at_station, east
+        )
         queue = deque([first])
         while queue:
             number = queue.popleft()
@@ -284,12 +298,13 @@ def _far_end(
     members: list[int],
     stations: set[int],
     at_station: dict[int, list[int]],
+    east: Float64,
 ) -> Float64:
     """Where a route begins: the end of its first group away from the next one."""
-    curve = min(members, key=lambda item: tuple(_end(layout, item, -1)))
+    curve = min(members, key=lambda item: _place(_end(layout, item, -1), east))
     ends = [_end(layout, curve, -1)[:2], _end(layout, curve, 1)[:2]]
     shared = [station for station in sorted(stations) if len(at_station[station]) > 1]
     if shared:
         away = layout.stations[shared[0]].position
         return max(ends, key=lambda end: float(np.linalg.norm(end - away)))
-    return min(ends, key=lambda end: (float(end[0]), float(end[1])))
+    return min(ends, key=lambda end: _place(end, east))

@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from plc_inspect.config import HazardSettings, Settings
 from plc_inspect.core.catenary.nearest_span import find_near
-from plc_inspect.core.pipeline import Pipeline
+from plc_inspect.core.pipeline import enter_frame, Pipeline
 from plc_inspect.core.spans.span_model import SpanModel, tabulate
 from plc_inspect.core.stage_log import StageMemory
 from plc_inspect.core.tuning.parameters import get_values, INITIAL, measure_distance, put_values
@@ -130,7 +130,8 @@ class Objective:
             Settings apart from the tuned ones, by default those of config.py.
 
         """
-        self.points = points
+        self.points = points = enter_frame(points)[0]
+        """(N, 3) in the frame in which the pipeline runs [m]."""
         self.truth = truth
         half = np.random.default_rng(seed).random(len(points)) < HALF
         self._half = points[half]
@@ -140,7 +141,7 @@ class Objective:
 
     @property
     def evidence(self) -> Float64:
-        """(E, 3) what looks like a conductor at Table 1's initial values, metre by metre [m]."""
+        """(E, 3) what looks like a conductor at Table 1's values, in the cloud's frame [m]."""
         if self._evidence is None:
             settings = _without_rules(put_values(self._base, INITIAL))
             self._evidence = gather_evidence(self.points, settings, self._memory)

@@ -114,7 +114,7 @@ def _tell_point(folder: Folder, arguments: argparse.Namespace) -> str:
     import numpy as np
 
     from plc_inspect.core.explain.point import confirm, explain_point, find_nearest
-    from plc_inspect.core.pipeline import Pipeline
+    from plc_inspect.core.pipeline import enter_frame, Pipeline
     from plc_inspect.offline.commands.explanation_text import render_point
     from plc_inspect.results import Decision, PointClass
 
@@ -124,13 +124,14 @@ def _tell_point(folder: Folder, arguments: argparse.Namespace) -> str:
         index = find_nearest(points, units.to_metres(np.array(arguments.at))[0])
         away = np.linalg.norm(units.from_metres(points[index]) - np.array(arguments.at[0]))
         lines.append(f'the nearest point is {away:.2f} {units.name} away')
+    points, frame, _ = enter_frame(points)
     with show_progress(quiet=False) as progress:
-        trace = Pipeline(settings).trace(points, progress)
+        trace = Pipeline(settings).trace(points, progress, frame.east)
         explanation = explain_point(trace, points, settings, index)
         if not arguments.quick:
             progress('trying', 0.9)
             explanation = confirm(explanation, points, settings)
-    x, y, z = units.from_metres(points[index]).tolist()
+    x, y, z = units.from_metres(folder.points[index]).tolist()
     kind = PointClass(int(folder.classification[index])).name.lower()
     lines.append(f'point {index} at {x:.2f}, {y:.2f}, {z:.2f}, class {kind}')
     before = int(folder.decision[index])
@@ -153,15 +154,17 @@ def _tell_stretch(folder: Folder, arguments: argparse.Namespace) -> str:
         follow_span,
         make_course,
     )
-    from plc_inspect.core.pipeline import Pipeline
+    from plc_inspect.core.pipeline import enter_frame, Pipeline
     from plc_inspect.offline.commands.explanation_text import render_stretch
 
     points, settings, units = folder.points, folder.settings, folder.units
+    points, frame, _ = enter_frame(points)
     course = None
     if arguments.at:
-        course = make_course(units.to_metres(np.array(arguments.at)), settings, arguments.reach)
+        places = frame.enter(units.to_metres(np.array(arguments.at)))
+        course = make_course(places, settings, arguments.reach)
     with show_progress(quiet=False) as progress:
-        trace = Pipeline(settings).trace(points, progress)
+        trace = Pipeline(settings).trace(points, progress, frame.east)
         if course is None:
             line, span = arguments.span
             course = follow_span(trace, line, span, arguments.reach)
@@ -170,11 +173,14 @@ def _tell_stretch(folder: Folder, arguments: argparse.Namespace) -> str:
         if not arguments.quick:
             progress('trying', 0.9)
             trials = confirm_stretch(stretch, points, settings)
-    x, y = course.origin / units.horizontal
+    def to_file(places: 'Float64') -> 'Float64':
+        return units.from_metres(frame.leave(places))
+
+    x, y, _ = to_file(np.append(course.origin, 0.0))
     name = 'line {}, span {}'.format(*arguments.span) if arguments.span else 'the stretch'
     return (
         f'{name}: {course.length:.1f} m from {x:.2f}, {y:.2f}; what each stage saw within'
-        f' {course.reach:g} m of it\n\n' + render_stretch(stretch, trials, settings, units)
+        f' {course.reach:g} m of it\n\n' + render_stretch(stretch, trials, settings, to_file)
     )
 
 

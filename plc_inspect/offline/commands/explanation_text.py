@@ -3,7 +3,7 @@
 
 """Explanations as text."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -13,8 +13,7 @@ from plc_inspect.core.explain.checks import Check, Finding, Proposal
 from plc_inspect.core.explain.point import Explanation
 from plc_inspect.core.explain.span import STAGES, Stretch, StretchTrial
 from plc_inspect.offline.commands.result_table import format_table
-from plc_inspect.offline.records.inspection import Units
-from plc_inspect.results import Decision
+from plc_inspect.results import Decision, Float64
 from plc_inspect.setting_names import to_mapping
 
 MEANINGS = {
@@ -71,7 +70,8 @@ def render_point(explanation: Explanation, settings: Settings, tried: bool) -> s
 
 
 def render_stretch(
-    stretch: Stretch, trials: Sequence[StretchTrial] | None, settings: Settings, units: Units
+    stretch: Stretch, trials: Sequence[StretchTrial] | None, settings: Settings,
+    to_file: Callable[[Float64], Float64],
 ) -> str:
     """
     Return what the stages saw along a stretch as text.
@@ -84,8 +84,8 @@ def render_stretch(
         Of its proposals, None where they were not tried.
     settings : Settings
         Of the run.
-    units : Units
-        Of coordinates.
+    to_file : callable
+        Brings points of the stretch's frame into coordinates of the file.
 
     Returns
     -------
@@ -107,7 +107,7 @@ def render_stretch(
             ' its parts (catenary.min_coverage): here it is lost'
         )
     for number, view in enumerate(stretch.curves):
-        lines += ['', *_render_curve(number + 1, view, settings, units)]
+        lines += ['', *_render_curve(number + 1, view, settings, to_file)]
     if not stretch.curves:
         lines.append('no curve was laid along it')
     lines += ['', *_render_trials(stretch, trials)]
@@ -140,10 +140,10 @@ def _render_check(check: Check, settings: Settings) -> str:
 
 
 def _render_curve(
-    number: int, view: CurveView, settings: Settings, units: Units
+    number: int, view: CurveView, settings: Settings, to_file: Callable[[Float64], Float64]
 ) -> Iterator[str]:
     curve = view.curve
-    ends = units.from_metres(curve.position(np.array([curve.low, curve.high])))
+    ends = to_file(curve.position(np.array([curve.low, curve.high])))
     (x0, y0, z0), (x1, y1, z1) = ends.tolist()
     yield (
         f'curve {number}: {view.fate}; from {x0:.2f}, {y0:.2f}, {z0:.2f} to {x1:.2f}, {y1:.2f},'
