@@ -20,6 +20,11 @@ from plc_inspect.results import Float64
 MIN_TOLERANCE = 0.1
 MAX_TOLERANCE = 0.35
 """Bounds of the residual of an inlier, when it is derived from the noise [m]."""
+ROUNDING = 1e-6
+"""
+Margin at ends that are themselves places of points [m].
+Source: numerical: rounding must not decide whether they are within.
+"""
 NUM_PLANES = 4
 """Rounds of fitting the plane and choosing the points near it."""
 ORIGIN_X, ORIGIN_Y, COS, SIN, MIDDLE, HEIGHT, SLOPE, CURVATURE, LOW, HIGH = range(10)

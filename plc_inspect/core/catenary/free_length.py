@@ -25,6 +25,7 @@ from plc_inspect.core.catenary.curve_row import (
     LOW,
     ORIGIN_X,
     ORIGIN_Y,
+    ROUNDING,
     SIN,
     slope_of,
     to_local,
@@ -139,10 +140,10 @@ def _measure(points, grid, row, ignore, seen, corner_seen, cell_seen):  # type: 
     count = num_own = 0
     for i in near:
         x, y = to_local(row, points[i, 0], points[i, 1])
-        if x < low or x > high or abs(y) > RING[1]:
+        if x < low - ROUNDING or x > high + ROUNDING or abs(y) > RING[1]:
             continue
         above = (points[i, 2] - height_of(row, x)) / math.hypot(1.0, slope_of(row, x))
-        place = min(int((x - low) / (high - low) * num), num - 1)
+        place = min(int((x - low + ROUNDING) / (high - low) * num), num - 1)
         is_open[place] = is_open[place] or above < -DROP
         radius = math.hypot(y, above)
         if radius <= row[TOLERANCE]:

@@ -26,6 +26,7 @@ from plc_inspect.core.catenary.curve_row import (
     NUM_POINTS,
     ORIGIN_X,
     ORIGIN_Y,
+    ROUNDING,
     sigma_of,
     SIN,
     SLOPE,
@@ -251,7 +252,7 @@ def _extend(points, grid, row, max_step):  # type: ignore[no-untyped-def]
             points, grid, row, first, row[HIGH] + reach, STEP, nothing
         )
         good = (core > 0) & (shell <= FOLLOW_SHARE * core)
-        own_low = int((row[LOW] - first) / STEP)
+        own_low = int(reach / STEP)
         own_high = int((row[HIGH] - first) / STEP)
         before = _walk(good[: own_low + 1][::-1], allowed)
         beyond = _walk(good[min(own_high, len(good) - 1) :], allowed)
@@ -260,7 +261,7 @@ def _extend(points, grid, row, max_step):  # type: ignore[no-untyped-def]
         num = 0
         for i in chosen:
             x, _ = to_local(row, points[i, 0], points[i, 1])
-            if low <= x <= high:
+            if low - ROUNDING <= x <= high + ROUNDING:
                 chosen[num] = i
                 num += 1
         grown, kept, step, _ = fit_row(
@@ -332,7 +333,7 @@ def profile_row(points, grid, row, low, high, step, ignore):  # type: ignore[no-
         x, y = to_local(row, points[i, 0], points[i, 1])
         if abs(y) > most:
             continue
-        place = math.floor((x - low) * by_step)
+        place = math.floor((x - low + ROUNDING) * by_step)
         if place < 0 or place >= num:
             continue
         d = x - low - (place + 0.5) * step
