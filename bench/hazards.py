@@ -201,21 +201,21 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(f'seed {seed}: {line}', file=sys.stderr)
     tallies = tally(rows)
     checks = check_tallies(tallies)
-    clouds = ''
+    real = []
     if arguments.real.is_dir():
-        clouds, own = run_clouds(
+        table, own = run_clouds(
             arguments.real, arguments.clouds, arguments.frames, arguments.seed, arguments.verbose
         )
         checks += own
+        real = [f'Real clouds as they are and in {arguments.frames} frames; the worst frame of'
+                ' each.', table]
     else:
         print(f'skipped: the real clouds, as there is no {arguments.real}', file=sys.stderr)
     text = '\n\n'.join([
         f'{arguments.seeds} scenes at {arguments.density:g} pulses/m2, range noise'
         f' {NOISE:g} m on each coordinate.',
         render_tallies(tallies),
-        'Real clouds as they are and in'
-        f' {arguments.frames} frames; the worst frame of each.',
-        clouds,
+        *real,
         render_table(CHECK_COLUMNS, [check.row() for check in checks]),
     ])
     print(text)

@@ -5,8 +5,9 @@
 Hazards in real clouds held against the classes of their points, in many frames.
 
 Into two tiles trees and cranes were pasted; what was pasted nearer to a wire than the limit has to
-be raised once.  In all clouds no hazard may rest on a point of a wire or tower, or lie beyond its
-limit, and its clearance is held against the nearest point of a wire.
+be raised once, and nothing where none was pasted or in the tiles without them.  In all clouds no
+hazard may rest on a point of a wire or tower, or lie beyond its limit, and its clearance is held
+against the nearest point of a wire.
 """
 
 from collections.abc import Iterator, Sequence
@@ -30,7 +31,9 @@ UInt8 = NDArray[np.uint8]
 
 PASTED = ('ahn_12AN2_20_pasted_trees', 'ahn_12BZ1_21_pasted_trees')
 FLOWN = ('uav_costarica_mv', 'uav_jujuy_street_trees')
-CLOUDS = (*PASTED, *FLOWN)
+CLEAN = ('ahn_12AN2_20', 'ahn_12BZ1_21')
+"""The tiles before anything was pasted."""
+CLOUDS = (*PASTED, *CLEAN, *FLOWN)
 PASTED_CLASSES = (5, 26)
 """ASPRS classes of pasted trees and cranes."""
 LINK = 2.0
@@ -63,6 +66,8 @@ class Figures:
     """Hazards beyond the first of one tree."""
     due: int
     """Pasted objects too near to a wire."""
+    for_nothing: int
+    """Hazards of any kind away from all that was pasted; 0 where nothing was."""
     errors: list[float] = field(default_factory=list)
     """Clearance less the distance to the nearest point of a wire [m]; none without objects."""
     sigmas: list[float] = field(default_factory=list)
@@ -130,17 +135,18 @@ def judge(
     """
     wire = cKDTree(points[label == PointClass.WIRE])
     everything = cKDTree(points)
-    result = Figures(num_hazards=len(hazards), on_wire=0, beyond=0, missed=0, twice=0, due=0)
+    result = Figures(
+        num_hazards=len(hazards), on_wire=0, beyond=0, missed=0, twice=0, due=0, for_nothing=0,
+    )
     good = []
+    for hazard in find_for_nothing(points[np.isin(label, PASTED_CLASSES)], hazards):
+        result.for_nothing += 1
+        result.faults.append(f'for nothing: {describe_hazard(hazard)}')
     for hazard in hazards:
         if hazard.kind not in (*_BESIDE, HazardKind.FALL_IN):
             continue
         _, own = everything.query(hazard.position)
-        text = (
-            f'{hazard.kind.name.lower()} {hazard.severity.name.lower()} {hazard.clearance:.2f} m'
-            f' of line {hazard.line_id} span {hazard.span_id} at'
-            f' {hazard.position.round(1).tolist()}, {hazard.num_points} points'
-        )
+        text = describe_hazard(hazard)
         if label[own] in (PointClass.WIRE, PointClass.TOWER):
             result.on_wire += 1
             result.faults.append(f'on class {label[own]}: {text}')
@@ -177,6 +183,23 @@ def judge(
     return result
 
 
+def find_for_nothing(pasted: Float64, hazards: Sequence[Hazard]) -> list[Hazard]:
+    """Return the hazards farther than NEAR from all (K, 3) pasted points; none without such."""
+    if not len(pasted) or not hazards:
+        return []
+    apart, _ = cKDTree(pasted).query(np.array([item.position for item in hazards]))
+    return [item for item, gap in zip(hazards, apart, strict=True) if gap > NEAR]
+
+
+def describe_hazard(hazard: Hazard) -> str:
+    """Return a hazard in words."""
+    return (
+        f'{hazard.kind.name.lower()} {hazard.severity.name.lower()} {hazard.clearance:.2f} m'
+        f' of line {hazard.line_id} span {hazard.span_id} at'
+        f' {hazard.position.round(1).tolist()}, {hazard.num_points} points'
+    )
+
+
 def list_objects(points: Float64, label: UInt8) -> list[Int64]:
     """Return which points each pasted object has."""
     result: list[Int64] = []
@@ -193,7 +216,7 @@ def list_objects(points: Float64, label: UInt8) -> list[Int64]:
 
 
 COLUMNS = ('cloud', 'frames', 'hazards', 'on wire or tower', 'objects due', 'missed', 'twice',
-           'beyond the limit', 'median error [m]', '95 % [m]', 'within 2 sigma')
+           'for nothing', 'beyond the limit', 'median error [m]', '95 % [m]', 'within 2 sigma')
 
 
 def describe(name: str, figures: Sequence[Figures]) -> tuple[str, ...]:
@@ -204,6 +227,7 @@ def describe(name: str, figures: Sequence[Figures]) -> tuple[str, ...]:
         name, str(len(figures)), f'{min(hazards)} to {max(hazards)}',
         str(max(item.on_wire for item in figures)), str(max(item.due for item in figures)),
         str(max(item.missed for item in figures)), str(max(item.twice for item in figures)),
+        str(max(item.for_nothing for item in figures)),
         str(max(item.beyond for item in figures)),
         format_figure(measure_worst(figures, 50.0)), format_figure(measure_worst(figures, 95.0)),
         f'{min(inside):.0%}' if inside else '-',
@@ -230,11 +254,17 @@ def check(name: str, figures: Sequence[Figures]) -> list[Check]:
     where = f'worst of {len(figures)} frames'
     result = [at_most(name, 'hazards on wire or tower',
                       float(max(item.on_wire for item in figures)), 0.0, remark=where)]
+    if name in CLEAN:
+        most = max(item.num_hazards for item in figures)
+        result.append(at_most(name, 'hazards', float(most), 0.0, remark=where))
     if name not in PASTED:
         return result
-    for measure in ('missed', 'twice', 'beyond'):
+    for measure, title in (
+        ('missed', 'objects missed'), ('twice', 'objects twice'), ('beyond', 'objects beyond'),
+        ('for_nothing', 'hazards where nothing was pasted'),
+    ):
         worst = max(getattr(item, measure) for item in figures)
-        result.append(at_most(name, f'objects {measure}', float(worst), 0.0, remark=where))
+        result.append(at_most(name, title, float(worst), 0.0, remark=where))
     result += [
         at_most(name, f'error of clearance, {title}', abs(measure_worst(figures, percent)),
                 ceiling, 'm', where)

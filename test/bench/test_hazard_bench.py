@@ -75,8 +75,22 @@ def test_hazards_are_held_against_classes(real):
     false = make_hazard(wire[3], clearance=0.1)
     result = real.judge(points, label, objects, [own, own, far, false])
     assert (result.due, result.missed, result.twice) == (1, 0, 1)
-    assert (result.on_wire, result.beyond) == (1, 1)
+    assert (result.on_wire, result.beyond, result.for_nothing) == (1, 1, 1)
     np.testing.assert_allclose(result.errors, [0.2, 0.2, 0.0], atol=1e-9)
     assert real.judge(points, label, objects, [false]).missed == 1
     checks = real.check(real.PASTED[0], [result])
-    assert [check.passed for check in checks] == [False, True, False, False, False, True]
+    assert [check.passed for check in checks] == [False, True, False, False, False, False, True]
+    nothing = real.judge(wire, label[:200], [], [own])
+    assert nothing.for_nothing == 0
+    assert [check.passed for check in real.check(real.CLEAN[0], [nothing])] == [False, False]
+    none = real.judge(wire, label[:200], [], [])
+    assert all(check.passed for check in real.check(real.CLEAN[0], [none]))
+
+
+def test_without_real_clouds_nothing_is_said_of_them(bench, rows, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(bench, 'survey', lambda seed, density: rows)
+    assert bench.main(['--seeds', '1', '--real', str(tmp_path / 'none')]) == 0
+    said = capsys.readouterr()
+    assert 'Real clouds' not in said.out
+    assert 'planted hazards' in said.out
+    assert 'there is no' in said.err
