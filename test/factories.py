@@ -4,11 +4,12 @@
 """Results made by hand, for tests of what is written from them."""
 
 import numpy as np
+from toys import make_curve, make_wire
 
 from plc_inspect.config import Settings
 from plc_inspect.core.catenary.nearest_span import find_near
 from plc_inspect.core.hazards.encroachments import Nearby
-from plc_inspect.core.spans.span_model import tabulate
+from plc_inspect.core.spans.span_model import SpanModel, tabulate
 from plc_inspect.core.spans.spans import SpanResult
 from plc_inspect.offline.records.inspection import Inspection
 from plc_inspect.results import (
@@ -60,6 +61,17 @@ def make_span(line_id, span_id, start, end, c=CONSTANT, **changes):
         'sigma': {'a': 1.5, 'b': 0.2, 'c': 1.5, 'sag': 0.012},
     }
     return Span(**(values | changes))
+
+
+def make_model(start, end, line_id=0, span_id=0, *, c=800.0, points=None, tolerance=0.1,
+               **changes):
+    """Make a span with the curve of its points, by default exact ones; changes are its own."""
+    if points is None:
+        points = make_wire(start, end, c, noise=0.0, per_metre=20.0)
+    curve = make_curve(points, tolerance=tolerance)
+    (start_x, end_x), _ = curve.local(np.array([start, end], float))
+    return SpanModel(span=make_span(line_id, span_id, start, end, c, **changes), curve=curve,
+                     start_x=float(start_x), end_x=float(end_x))
 
 
 def make_empty_result(num_points):

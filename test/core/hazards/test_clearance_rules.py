@@ -5,10 +5,9 @@
 
 from pathlib import Path
 
-from factories import find_nearby, make_span, make_span_result
+from factories import find_nearby, make_model, make_span_result
 import numpy as np
 import pytest
-from toys import make_curve, make_wire
 import yaml
 
 from plc_inspect.config import HazardSettings
@@ -19,7 +18,6 @@ from plc_inspect.core.hazards.clearance_rules import (
     plain_rules,
 )
 from plc_inspect.core.hazards.hazards import find_hazards
-from plc_inspect.core.spans.span_model import SpanModel
 from plc_inspect.errors import ConfigError
 from plc_inspect.results import HazardKind, Severity
 
@@ -165,12 +163,7 @@ def test_a_tree_at_a_hand_is_critical_by_every_rule_set_at_every_voltage(name):
 
 def judge_tree(rules, settings, side):
     """Return the severity of a crown that goes away from a conductor from one side of it on."""
-    curve = make_curve(make_wire((0.0, 0.0, 12.0), (100.0, 0.0, 12.0), 800.0, noise=0.0))
-    x = curve.local(np.array([(0.0, 0.0, 12.0), (100.0, 0.0, 12.0)]))[0]
-    model = SpanModel(
-        span=make_span(0, 0, (0.0, 0.0, 12.0), (100.0, 0.0, 12.0), 800.0), curve=curve,
-        start_x=float(x[0]), end_x=float(x[1]),
-    )
+    model = make_model((0.0, 0.0, 12.0), (100.0, 0.0, 12.0))
     away = np.array(side) / np.hypot(*side)
     rng = np.random.default_rng(2)
     reach = np.concatenate([[0.0, 0.01, 0.02], rng.uniform(0.0, 4.0, 900)])
@@ -179,7 +172,7 @@ def judge_tree(rules, settings, side):
         *(np.array(side)[:, None] + away[:, None] * reach
           + rng.uniform(-0.4, 0.4, (2, len(reach))) * np.minimum(reach, 1.0)),
     ])
-    points[:, 2] += float(curve.fit.height(curve.local(np.array([[50.0, 0.0]]))[0])[0])
+    points[:, 2] += float(model.curve.fit.height(model.curve.local(np.array([[50.0, 0.0]]))[0])[0])
     found = find_hazards(
         points, None, find_nearby(points, [model], 20.0), make_span_result([model], len(points)),
         settings, rules,

@@ -5,10 +5,10 @@
 
 import dataclasses
 
-from factories import find_nearby, make_span, make_span_result
+from factories import find_nearby, make_model, make_span_result
 import numpy as np
 import pytest
-from toys import make_curve, make_tree, make_wire
+from toys import make_tree, make_wire
 
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.hazards.clearance_rules import Limit
@@ -20,7 +20,6 @@ from plc_inspect.core.hazards.confidence import (
     NOT_SHARP,
 )
 from plc_inspect.core.hazards.hazards import find_hazards
-from plc_inspect.core.spans.span_model import SpanModel
 from plc_inspect.results import HazardKind, Severity
 
 START, END = (0.0, 0.0, 15.0), (100.0, 0.0, 15.0)
@@ -28,13 +27,10 @@ LIMIT = Limit(feature='vegetation', distance=4.0,
               tiers=((Severity.CRITICAL, 2.0), (Severity.WARNING, 4.0)))
 
 
-def make_model(is_open=(False, False)):
-    curve = make_curve(make_wire(START, END, 800.0, noise=0.02, per_metre=20.0))
-    x = curve.local(np.array([START, END]))[0]
-    span = dataclasses.replace(
-        make_span(0, 0, START, END, 800.0), open_start=is_open[0], open_end=is_open[1]
-    )
-    return SpanModel(span=span, curve=curve, start_x=float(x[0]), end_x=float(x[1]))
+def fit_model(**changes):
+    """Return a span with the curve of points that scatter."""
+    points = make_wire(START, END, 800.0, noise=0.02, per_metre=20.0)
+    return make_model(START, END, points=points, **changes)
 
 
 def judge(model, x, clearance, severity=Severity.CRITICAL, sigma=0.1, **changes):
@@ -50,7 +46,7 @@ def judge(model, x, clearance, severity=Severity.CRITICAL, sigma=0.1, **changes)
     (0.5, 1.0), (1.9, 0.841), (1.8, 0.977), (2.0, 0.5),
 ])
 def test_confidence_is_the_chance_that_the_limit_is_broken(clearance, confidence):
-    model = make_model()
+    model = fit_model()
     middle = (model.start_x + model.end_x) / 2
     found, doubts = judge(model, middle, clearance)
     assert found == pytest.approx(confidence, abs=0.001)
@@ -62,7 +58,7 @@ def test_confidence_is_the_chance_that_the_limit_is_broken(clearance, confidence
 
 
 def test_doubts_halve_it():
-    model = make_model((True, False))
+    model = fit_model(open_start=True)
     assert judge(model, model.start_x + 3.0, 0.5) == (pytest.approx(0.5), (AT_END,))
     assert judge(model, model.start_x + 8.0, 0.5)[1] == ()
     assert judge(model, model.end_x - 3.0, 0.5)[1] == ()
@@ -72,7 +68,7 @@ def test_doubts_halve_it():
 
 
 def test_hazards_say_how_sure_they_are_and_the_unsure_are_not_raised():
-    model = make_model((True, False))
+    model = fit_model(open_start=True)
     trees = np.vstack([make_tree(x, 0.0, 13.0, bottom=2.0) for x in (3.5, 50.0)])
     near, spans = find_nearby(trees, [model], 20.0), make_span_result([model], len(trees))
     args = trees, trees[:, 2].astype(np.float32), near, spans
@@ -87,7 +83,7 @@ def test_hazards_say_how_sure_they_are_and_the_unsure_are_not_raised():
 
 @pytest.mark.parametrize('least', [0.2, 0.6, 0.95])
 def test_what_breaks_the_warning_for_certain_is_raised_however_near_the_critical_it_is(least):
-    model = make_model()
+    model = fit_model()
     for top in np.arange(10.6, 11.8, 0.05):  # clearances about the critical 2 m
         tree = make_tree(50.0, 0.0, top, bottom=2.0)
         near, spans = find_nearby(tree, [model], 20.0), make_span_result([model], len(tree))

@@ -5,30 +5,21 @@
 
 import dataclasses
 
-from factories import make_span
+from factories import make_model
 import numpy as np
 import pytest
-from toys import make_curve, make_tree, make_wire
+from toys import make_tree
 
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.hazards.clearance_rules import plain_rules
 from plc_inspect.core.hazards.encroachments import find_encroachments, is_held, Surroundings
 from plc_inspect.core.hazards.falling_trees import Fallible, find_falling_trees
 from plc_inspect.core.hazards.trees import segment_trees
-from plc_inspect.core.spans.span_model import SpanModel
 from plc_inspect.results import HazardKind, Support
 
 SETTINGS = HazardSettings(fall_distance=2.0)
 RULES = plain_rules(SETTINGS)
-START, END = (0.0, 0.0, 12.0), (100.0, 0.0, 12.0)
-
-
-def make_model(backwards=False):
-    start, end = (END, START) if backwards else (START, END)
-    curve = make_curve(make_wire(start, end, 800.0, noise=0.0, per_metre=20.0))
-    x = curve.local(np.array([start, end]))[0]
-    return SpanModel(span=make_span(0, 0, start, end, 800.0), curve=curve,
-                     start_x=float(x[0]), end_x=float(x[1]))
+ENDS = ((0.0, 0.0, 12.0), (100.0, 0.0, 12.0))
 
 
 def make_supports(kind):
@@ -43,7 +34,7 @@ def make_supports(kind):
 
 def search(points, surface=None, supports=()):
     """Find encroachments among points near one span over flat ground at 0."""
-    model = make_model()
+    model = make_model(*ENDS)
     x, horizontal, vertical = model.part(points)
     around = Surroundings(
         points=points, height=points[:, 2].copy(), distance=np.hypot(horizontal, vertical),
@@ -70,10 +61,10 @@ def test_supports_explain_what_is_near_them_along_the_line_on_both_sides(kind, r
                        100.0 - room - 0.1, 100.0 - room + 0.1, 100.0 + room + 0.1])
     points = np.column_stack([places, np.full(9, 0.5), np.full(9, 11.0)])
     before = points.copy()
-    held = is_held(points, make_model(backwards), make_supports(kind))
+    held = is_held(points, make_model(*(ENDS[::-1] if backwards else ENDS)), make_supports(kind))
     assert held.tolist() == [False, True, True, True, False, False, False, True, False]
     np.testing.assert_array_equal(points, before)
-    assert is_held(points[:0], make_model(), make_supports(kind)).shape == (0,)
+    assert is_held(points[:0], make_model(*ENDS), make_supports(kind)).shape == (0,)
 
 
 @pytest.mark.parametrize(('aside', 'held'), [(6.0, True), (15.0, False)])
@@ -82,7 +73,7 @@ def test_a_support_of_other_lines_explains_only_what_is_near_it(aside, held):
         dataclasses.replace(item, line_ids=(7,), position=np.add(item.position, [0.0, aside, 0.0]))
         for item in make_supports('tower')
     )
-    assert is_held(np.array([[4.0, 0.0, 11.0]]), make_model(), others).tolist() == [held]
+    assert is_held(np.array([[4.0, 0.0, 11.0]]), make_model(*ENDS), others).tolist() == [held]
 
 
 @pytest.mark.parametrize('kind', ['pole', 'tower', 'unseen', None])
@@ -142,6 +133,6 @@ def test_what_holds_a_conductor_does_not_fall_on_it(x, falls):
         points=points, height=points[:, 2].copy(), surface=np.zeros(len(points), dtype=bool)
     )
     records = find_falling_trees(
-        fallible, [make_model()], make_supports('tower'), RULES, SETTINGS, []
+        fallible, [make_model(*ENDS)], make_supports('tower'), RULES, SETTINGS, []
     )
     assert [record['kind'] for record in records] == [HazardKind.FALL_IN] * falls

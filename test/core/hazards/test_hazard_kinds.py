@@ -6,30 +6,29 @@
 import dataclasses
 import math
 
-from factories import find_nearby, make_span, make_span_result
+from factories import find_nearby, make_model, make_span, make_span_result
 import numpy as np
 import pytest
-from toys import make_curve, make_tree, make_wire
+from toys import make_tree, make_wire
 
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.hazards.clearance_rules import parse_rules
 from plc_inspect.core.hazards.hazards import add_ground_clearance, find_hazards
-from plc_inspect.core.spans.span_model import find_support, SpanModel
+from plc_inspect.core.spans.span_model import find_support
 from plc_inspect.errors import ConfigError
 from plc_inspect.results import HazardKind, Severity, Support
 
 HEIGHT = 12.0
 
 
-def make_model(line_id, span_id, start, end, c=800.0, seed=0):
-    """Fit a curve to a noisy wire, and make the span of both ends."""
-    curve = make_curve(make_wire(start, end, c, 10.0, 0.02, seed))
-    x, _ = curve.local(np.array([start, end], float))
-    span = make_span(line_id, span_id, start, end, c, open_start=False, open_end=False)
-    span = dataclasses.replace(
-        span, sigma={'a': 0.01, 'b': 0.01, 'c': 1.0, 'sag': 0.01}, sag=curve.fit.sag(*sorted(x))[0]
+def hang(line_id, span_id, start, end, c=800.0, seed=0):
+    """Return a span with the curve of a noisy wire, and its sag."""
+    model = make_model(
+        start, end, line_id, span_id, c=c, points=make_wire(start, end, c, 10.0, 0.02, seed),
+        open_end=False, sigma={'a': 0.01, 'b': 0.01, 'c': 1.0, 'sag': 0.01},
     )
-    return SpanModel(span=span, curve=curve, start_x=float(x[0]), end_x=float(x[1]))
+    sag, _ = model.curve.fit.sag(model.low, model.high)
+    return dataclasses.replace(model, span=dataclasses.replace(model.span, sag=sag))
 
 
 def make_supports(kind='pole', lines=(0, 1, 2)):
@@ -41,7 +40,7 @@ def make_supports(kind='pole', lines=(0, 1, 2)):
 
 
 def three_lines():
-    return [make_model(i, 0, (0, y, HEIGHT), (100, y, HEIGHT), seed=i)
+    return [hang(i, 0, (0, y, HEIGHT), (100, y, HEIGHT), seed=i)
             for i, y in enumerate((-2.0, 0.0, 2.0))]
 
 
@@ -93,8 +92,8 @@ def test_one_tree_is_one_hazard_with_its_place_and_size():
 
 
 def test_far_end_counts_from_the_nearer_support_and_reversed_spans_too():
-    models = [make_model(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))]
-    back = [make_model(0, 0, (100, 0, HEIGHT), (0, 0, HEIGHT))]
+    models = [hang(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))]
+    back = [hang(0, 0, (100, 0, HEIGHT), (0, 0, HEIGHT))]
     tree = tree_beside(models[0], 80.0, 1.0)
     for own, along in ((models, 80.0), (back, 20.0)):
         (hazard,) = search(tree, own, supports=make_supports())
@@ -123,7 +122,7 @@ def test_a_crown_near_two_conductors_is_one_hazard():
     (1.85, Severity.CRITICAL), (2.15, Severity.WARNING), (3.85, Severity.WARNING), (4.15, None),
 ])
 def test_limits_hold_within_two_sigma(clearance, severity):
-    models = [make_model(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))]
+    models = [hang(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))]
     rng = np.random.default_rng(1)
     z = height_at(models[0], 40.0)
     wall = np.column_stack([rng.uniform(39, 41, 400), np.full(400, clearance),
@@ -147,7 +146,7 @@ def test_no_points_no_models():
 
 @pytest.mark.parametrize(('kind', 'room'), [('pole', 1.5), ('tower', 5.0)])
 def test_arms_of_a_support_are_no_hazard_but_a_tree_at_it_is(kind, room):
-    models = [make_model(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))]
+    models = [hang(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))]
     rng = np.random.default_rng(2)
     arm = rng.uniform((0.0, 0.8, 8.0), (0.8 * room, 2.8, 11.5), (3000, 3))
     assert search(arm, models, supports=make_supports(kind)) == ()
@@ -157,7 +156,7 @@ def test_arms_of_a_support_are_no_hazard_but_a_tree_at_it_is(kind, room):
 
 
 def test_roofs_are_structures():
-    models = [make_model(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))]
+    models = [hang(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))]
     rng = np.random.default_rng(2)
     z = height_at(models[0], 50.0) - 2.5
     roof = np.column_stack([rng.uniform(45, 55, 6000), rng.uniform(-4, 4, 6000), np.full(6000, z)])
@@ -168,7 +167,7 @@ def test_roofs_are_structures():
 
 
 def test_years_to_the_critical_distance():
-    models = [make_model(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))]
+    models = [hang(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))]
     tree = tree_beside(models[0], 40.0, 3.0)
     (hazard,) = search(tree, models, HazardSettings(growth=0.5))
     assert hazard.years == pytest.approx((hazard.clearance - 2.0) / 0.5)
@@ -177,7 +176,7 @@ def test_years_to_the_critical_distance():
 
 
 def test_rules_travel_in_the_hazard():
-    models = [make_model(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))]
+    models = [hang(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))]
     settings = HazardSettings(rules='nerc', voltage=230.0, elevation=0.0)
     rules = parse_rules({
         'name': 'nerc', 'title': 'MVCD', 'edition': 'FAC', 'source': 'table 2',
@@ -197,7 +196,7 @@ def test_rules_travel_in_the_hazard():
 
 
 def test_under_and_beside_have_their_own_distances_and_horizontal_is_horizontal():
-    models = [make_model(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))]
+    models = [hang(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))]
     settings = HazardSettings()
     rules = parse_rules({
         'name': 'x', 'title': 'x', 'edition': '1', 'source': 'x', 'limits': [
@@ -223,7 +222,7 @@ def test_under_and_beside_have_their_own_distances_and_horizontal_is_horizontal(
 
 @pytest.mark.parametrize(('foot', 'falls'), [(9.0, True), (13.5, True), (14.8, False)])
 def test_falling_trees(foot, falls):
-    models = [make_model(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT), c=5000.0)]
+    models = [hang(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT), c=5000.0)]
     tall = 18.0
     cone = make_tree(50.0, foot, tall, 0.2, radius=1.2, num=3000)
     cone = np.vstack([cone, [50.0, foot, tall]])
@@ -239,7 +238,7 @@ def test_falling_trees(foot, falls):
 
 
 def test_a_tree_that_is_a_hazard_where_it_stands_is_not_told_twice():
-    models = [make_model(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))]
+    models = [hang(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))]
     found = search(tree_beside(models[0], 40.0, 1.0), models, HazardSettings(fall_distance=1.0))
     assert [item.kind for item in found] == [HazardKind.VEGETATION]
 
@@ -261,10 +260,10 @@ def test_ground_is_told_once_a_span_at_its_lowest_place():
 
 @pytest.mark.parametrize(('gap', 'is_found'), [(1.8, True), (2.2, False)])
 def test_crossing_lines(gap, is_found):
-    upper = make_model(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))
+    upper = hang(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))
     z = height_at(upper, 50.0)
     sag = 30.0**2 / 8 / 4000.0
-    lower = make_model(1, 5, (50, -15, z - gap + sag), (50, 15, z - gap + sag), c=4000.0)
+    lower = hang(1, 5, (50, -15, z - gap + sag), (50, 15, z - gap + sag), c=4000.0)
     found = [item for item in search(np.zeros((0, 3)), [upper, lower])
              if item.kind == HazardKind.CROSSING]
     assert len(found) == is_found
@@ -276,16 +275,16 @@ def test_crossing_lines(gap, is_found):
 
 
 def test_spans_that_meet_at_a_support_do_not_cross():
-    first = make_model(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))
-    second = make_model(0, 1, (99.0, -0.4, HEIGHT), (180, 30, HEIGHT))
+    first = hang(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))
+    second = hang(0, 1, (99.0, -0.4, HEIGHT), (180, 30, HEIGHT))
     assert search(np.zeros((0, 3)), [first, second]) == ()
 
 
 @pytest.mark.parametrize(('deeper', 'is_found'), [(0.6, True), (0.1, False)])
 def test_conductors_that_come_near_in_the_span(deeper, is_found):
-    upper = make_model(0, 0, (0, 0, HEIGHT + 1.0), (100, 0, HEIGHT + 1.0),
+    upper = hang(0, 0, (0, 0, HEIGHT + 1.0), (100, 0, HEIGHT + 1.0),
                        c=100.0**2 / 8 / (1.6 + deeper))
-    lower = make_model(1, 0, (0, 0, HEIGHT), (100, 0, HEIGHT), c=100.0**2 / 8 / 1.6)
+    lower = hang(1, 0, (0, 0, HEIGHT), (100, 0, HEIGHT), c=100.0**2 / 8 / 1.6)
     found = [item for item in search(np.zeros((0, 3)), [lower, upper])
              if item.kind == HazardKind.INTERFERENCE]
     assert len(found) == is_found
@@ -298,7 +297,7 @@ def test_conductors_that_come_near_in_the_span(deeper, is_found):
 @pytest.mark.parametrize(('share', 'is_found'), [(1.4, True), (1.15, False)])
 def test_sag_beyond_the_other_conductors(share, is_found):
     models = [
-        make_model(i, 0, (0, y, HEIGHT), (100, y, HEIGHT), c=800.0 / (share if i == 1 else 1.0))
+        hang(i, 0, (0, y, HEIGHT), (100, y, HEIGHT), c=800.0 / (share if i == 1 else 1.0))
         for i, y in enumerate((-4.0, 0.0, 4.0))
     ]
     found = search(np.zeros((0, 3)), models)

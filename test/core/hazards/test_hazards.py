@@ -1,30 +1,20 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-from factories import find_nearby, make_span, make_span_result
+from factories import find_nearby, make_model, make_span_result
 import numpy as np
 import pytest
 from scipy.cluster.hierarchy import fcluster, linkage
-from toys import make_curve, make_tree, make_wire
+from toys import make_tree
 
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.hazards.grouping import group_points
 from plc_inspect.core.hazards.hazards import find_hazards
 from plc_inspect.core.hazards.surfaces import is_surface
-from plc_inspect.core.spans.span_model import SpanModel
 from plc_inspect.errors import ConfigError
 from plc_inspect.results import HazardKind, Severity
 
 SETTINGS = HazardSettings()
-
-
-def make_model(start, end, line=0, span=0, c=800.0, backwards=False):
-    """Make an exact span; ``backwards`` turns its curve against the route."""
-    curve = make_curve(make_wire(start, end, c, noise=0.0, per_metre=20.0))
-    ends = curve.local(np.array([start, end]))[0]
-    record = make_span(line, span, start, end, c)
-    assert (ends[0] > ends[1]) == backwards
-    return SpanModel(span=record, curve=curve, start_x=float(ends[0]), end_x=float(ends[1]))
 
 
 def find(points, models, ground=None, **changes):
@@ -84,7 +74,8 @@ def test_points_by_hand():
 
 
 def test_a_span_that_runs_backwards_measures_along_its_route():
-    model = make_model((100.0, 0.0, 15.0), (0.0, 0.0, 15.0), backwards=True)
+    model = make_model((100.0, 0.0, 15.0), (0.0, 0.0, 15.0))
+    assert model.start_x > model.end_x
     hazard = find(make_tree(30.0, 0.0, 12.0), [model])[0]
     assert hazard.along_span == pytest.approx(70.0, abs=1.5)
 

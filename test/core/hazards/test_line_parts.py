@@ -3,9 +3,7 @@
 
 """What is of a line near a conductor: its continuation, unmodelled wires, debris."""
 
-import dataclasses
-
-from factories import find_nearby, make_span, make_span_result
+from factories import find_nearby, make_model, make_span_result
 import numpy as np
 import pytest
 from toys import make_curve, make_tree, make_wire
@@ -13,24 +11,20 @@ from toys import make_curve, make_tree, make_wire
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.hazards.hazards import find_hazards
 from plc_inspect.core.hazards.line_parts import find_line_parts
-from plc_inspect.core.spans.span_model import SpanModel
 
 START, END, CONSTANT = (0.0, 0.0, 12.0), (100.0, 0.0, 12.0), 800.0
 REACH = 4.0
 
 
-def make_model(is_open=(False, False), end=END):
-    curve = make_curve(make_wire(START, END, CONSTANT, noise=0.02, per_metre=20.0))
-    x = curve.local(np.array([START, end]))[0]
-    span = dataclasses.replace(
-        make_span(0, 0, START, end, CONSTANT), open_start=is_open[0], open_end=is_open[1]
-    )
-    return SpanModel(span=span, curve=curve, start_x=float(x[0]), end_x=float(x[1]))
+def fit_model(end=END, **changes):
+    """Return a span, to the end that was found, with the curve of points that scatter."""
+    points = make_wire(START, END, CONSTANT, noise=0.02, per_metre=20.0)
+    return make_model(START, end, c=CONSTANT, points=points, **changes)
 
 
 def find(points, model=None, doubtful=(), reach=20.0):
     """Return what points are, those beyond reach as nothing."""
-    model = model or make_model()
+    model = model or fit_model()
     near = find_nearby(points, [model], reach)
     parts = find_line_parts(
         points[near.index], near.distance, near.span, [model], doubtful, REACH
@@ -41,7 +35,7 @@ def find(points, model=None, doubtful=(), reach=20.0):
 
 
 def raise_hazards(points, model=None):
-    model = model or make_model()
+    model = model or fit_model()
     near = find_nearby(points, [model], 20.0)
     spans = make_span_result([model], len(points))
     return find_hazards(
@@ -91,7 +85,7 @@ def test_sparse_foliage_is_no_wire(seed):
 
 
 def test_the_conductor_goes_on_beyond_an_open_end():
-    model = make_model(is_open=(False, True), end=tuple(make_wire(
+    model = fit_model(open_end=True, end=tuple(make_wire(
         START, END, CONSTANT, noise=0.0, per_metre=1.0)[60]))
     wire = make_wire(START, END, CONSTANT, noise=0.02, per_metre=10.0)
     beyond = wire[wire[:, 0] > model.span.end[0] + 0.1]
@@ -102,7 +96,7 @@ def test_the_conductor_goes_on_beyond_an_open_end():
 
 
 def test_within_the_span_only_what_is_by_itself_is_of_the_line():
-    model = make_model()
+    model = fit_model()
     rng = np.random.default_rng(3)
     at = model.curve.position(np.array([model.start_x + 10.0]))[0]
     ball = at + rng.normal(0.0, 0.2, (60, 3))
@@ -131,8 +125,9 @@ def test_a_pole_at_the_end_is_no_hazard_and_in_the_span_it_is():
     rng = np.random.default_rng(3)
     pole = np.column_stack([rng.normal(0, 0.1, 200), rng.normal(1.0, 0.1, 200),
                             rng.uniform(1.0, 11.0, 200)])
-    assert not raise_hazards(pole + np.array([3.0, 0.0, 0.0]), make_model((True, True)))
-    assert len(raise_hazards(pole + np.array([50.0, 0.0, 0.0]), make_model((True, True)))) == 1
+    model = fit_model(open_start=True, open_end=True)
+    assert not raise_hazards(pole + np.array([3.0, 0.0, 0.0]), model)
+    assert len(raise_hazards(pole + np.array([50.0, 0.0, 0.0]), model)) == 1
 
 
 def test_what_hangs_above_a_tree_is_not_of_it():

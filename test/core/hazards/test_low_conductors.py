@@ -5,26 +5,17 @@
 
 import dataclasses
 
-from factories import make_span
+from factories import make_model
 import numpy as np
 import pytest
-from toys import make_curve, make_wire
 
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.hazards.clearance_rules import plain_rules
 from plc_inspect.core.hazards.low_conductors import find_low_conductors, keep_seen
-from plc_inspect.core.spans.span_model import SpanModel
 
 RULES = plain_rules(HazardSettings())
-START, END = (0.0, 0.0, 12.0), (100.0, 0.0, 12.0)
-
-
-def make_model(backwards=False):
-    start, end = (END, START) if backwards else (START, END)
-    curve = make_curve(make_wire(start, end, 2000.0, noise=0.0, per_metre=20.0))
-    x = curve.local(np.array([start, end]))[0]
-    return SpanModel(span=make_span(0, 0, start, end, 2000.0), curve=curve,
-                     start_x=float(x[0]), end_x=float(x[1]))
+ENDS = ((0.0, 0.0, 12.0), (100.0, 0.0, 12.0))
+CONSTANT = 2000.0
 
 
 def measure(model, ground):
@@ -43,7 +34,7 @@ def find(model, ground):
 @pytest.mark.parametrize(('low', 'high'), [(40.0, 60.0), (42.0, 58.0), (0.0, 30.0), (55.0, 100.0)])
 @pytest.mark.parametrize('gap', [0.03, 0.8, -0.2])
 def test_the_conductor_is_not_its_own_ground(backwards, low, high, gap):
-    model = make_model(backwards)
+    model = make_model(*(ENDS[::-1] if backwards else ENDS), c=CONSTANT)
     conductor = measure(model, lambda along: 0.0 * along)[:, 1]
 
     def ground(along):
@@ -58,7 +49,7 @@ def test_the_conductor_is_not_its_own_ground(backwards, low, high, gap):
 
 @pytest.mark.parametrize('backwards', [False, True])
 def test_hills_and_banks_are_ground(backwards):
-    model = make_model(backwards)
+    model = make_model(*(ENDS[::-1] if backwards else ENDS), c=CONSTANT)
     (hill,) = find(model, lambda along: 9.0 * np.exp(-((along - 50.0) / 20.0) ** 2))
     assert 1.5 < hill['clearance'] < 3.0
     (bank,) = find(model, lambda along: 7.0 + 0.9 * (along > 50.0))
@@ -66,7 +57,7 @@ def test_hills_and_banks_are_ground(backwards):
 
 
 def test_no_ground_and_a_bundle():
-    model = make_model()
+    model = make_model(*ENDS, c=CONSTANT)
     assert find_low_conductors([model], [np.zeros((0, 2))], (), RULES) == []
     assert keep_seen(model, np.zeros((0, 2))).shape == (0, 2)
     quad = dataclasses.replace(model, strands=np.array([[0.0, 0.2], [0.0, -0.2]]))

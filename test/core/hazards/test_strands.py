@@ -5,15 +5,14 @@
 
 import dataclasses
 
-from factories import find_nearby, make_span, make_span_result
+from factories import find_nearby, make_model, make_span_result
 import numpy as np
 import pytest
-from toys import make_curve, make_wire
+from toys import make_wire
 
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.hazards.hazards import find_hazards
 from plc_inspect.core.hazards.strands import divide_section, find_strands, measure_distances
-from plc_inspect.core.spans.span_model import SpanModel
 
 BUNDLES = {
     1: [(0.0, 0.0)],
@@ -39,11 +38,7 @@ def make_bundle(num, noise=0.03):
     points = middle.copy()
     points[:, 1:] += centres[rng.integers(num, size=len(middle))]
     points += rng.normal(0.0, noise, points.shape)
-    curve = make_curve(points, tolerance=0.6)
-    x = curve.local(np.array([START, END]))[0]
-    model = SpanModel(span=make_span(0, 0, START, END, 900.0), curve=curve,
-                      start_x=float(x[0]), end_x=float(x[1]))
-    return points, model
+    return points, make_model(START, END, c=900.0, points=points, tolerance=0.6)
 
 
 @pytest.mark.parametrize('num', BUNDLES)
