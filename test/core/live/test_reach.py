@@ -4,15 +4,14 @@
 """What a rule reaches is never thinned out, and its alarms live are those of the end."""
 
 import numpy as np
+from passage import fly
 import pytest
 
-from plc_inspect.config import MapSettings, Settings
+from plc_inspect.config import Settings
 from plc_inspect.core.hazards.falling_trees import FALL_REACH
 from plc_inspect.core.live.map_labels import label_points, measure_reach
-from plc_inspect.core.live.session import Session
 from plc_inspect.core.live.warm_up import make_sample
-from plc_inspect.core.live.window import CLOSE, copy_window, LEAST_CLOSE, WindowPlanner
-from plc_inspect.core.mapping.voxel_map import VoxelMap
+from plc_inspect.core.live.window import CLOSE, LEAST_CLOSE
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.offline.readers.catalogue import load_rules
 from plc_inspect.results import Decision, HazardKind
@@ -92,34 +91,11 @@ def test_what_a_rule_set_reaches_is_kept_whole(cloud, rules, voltage, reach, nam
     assert (labels[crown] == CLOSE).all()
 
 
-def fly(points, settings, ticks=24):
-    """Let a vehicle pass, seeing the cloud piece by piece; return the states and the result."""
-    voxels = VoxelMap(MapSettings())
-    session, planner = Session(), WindowPlanner(4.0, measure_reach(settings))
-    states, rng = [], np.random.default_rng(0)
-    for number in range(ticks):
-        x = -10.0 + 150.0 * number / ticks
-        near = np.abs(points[:, 0] - x) < 35.0
-        voxels.insert(points[near & (rng.random(len(points)) < 0.5)])
-        spans = [item.span for item in states[-1].spans] if states else []
-        vehicle = np.array([x, 5.0, 20.0])
-        plan = planner.plan(voxels, spans, vehicle)
-        if plan is None:
-            continue
-        window = next(item for item in copy_window(voxels, plan) if item is not None)
-        done = session.tick(window, settings, vehicle)
-        voxels.label(window.slots, window.points, done.labels)
-        states.append(done.state)
-    _, result, _ = session.conclude(
-        voxels.centroids(), settings, voxels.sequence, complete=True
-    )
-    return states, result
-
-
 @pytest.mark.parametrize(('distance', 'trees'), [(12.0, 1), (30.0, 2)])
 def test_alarms_live_are_those_of_the_end(cloud, distance, trees):
     settings = make_settings(hazards__warning_distance=distance, corridor__radius=0.6)
-    states, result = fly(cloud, settings)
+    session, voxels, states = fly(cloud, 24, settings)
+    _, result, _ = session.conclude(voxels.centroids(), settings, voxels.sequence, complete=True)
     planted = [item for item in result.hazards
                if item.kind == HazardKind.VEGETATION and item.position[1] > 8.0]
     assert len(planted) == trees

@@ -6,11 +6,12 @@
 import dataclasses
 
 import numpy as np
+from passage import copy, fly
 import pytest
 from spans import make_span, sample_points
 
 from plc_inspect.config import MapSettings, Settings
-from plc_inspect.core.live.session import map_numbers, Session
+from plc_inspect.core.live.session import map_numbers
 from plc_inspect.core.live.warm_up import make_sample
 from plc_inspect.core.live.window import (
     CLOSE,
@@ -29,10 +30,6 @@ def make_map(points, **settings):
     voxels = VoxelMap(MapSettings(**settings))
     voxels.insert(points)
     return voxels
-
-
-def copy(voxels, plan):
-    return next(item for item in copy_window(voxels, plan) if item is not None)
 
 
 def make_block(x, y, height=12.0, num=2000, seed=0):
@@ -283,28 +280,6 @@ def sample():
     """Return the made-up line, and what the pipeline finds in all of it."""
     points = make_sample()
     return points, Pipeline(Settings()).run(points)
-
-
-def fly(points, ticks, **settings):
-    """Let a vehicle pass the sample, seeing it piece by piece; return session and map."""
-    voxels = VoxelMap(MapSettings(**settings))
-    session, planner = Session(), WindowPlanner(4.0)
-    states = []
-    rng = np.random.default_rng(0)
-    for number in range(ticks):
-        x = -10.0 + 150.0 * number / ticks
-        near = np.abs(points[:, 0] - x) < 35.0
-        voxels.insert(points[near & (rng.random(len(points)) < 0.5)])
-        spans = [item.span for item in states[-1].spans] if states else []
-        vehicle = np.array([x, 5.0, 20.0])
-        plan = planner.plan(voxels, spans, vehicle)
-        if plan is None:
-            continue
-        window = copy(voxels, plan)
-        done = session.tick(window, Settings(), vehicle)
-        voxels.label(window.slots, window.points, done.labels)
-        states.append(done.state)
-    return session, voxels, states
 
 
 def test_session_finds_in_pieces_what_the_pipeline_finds_in_the_whole(sample):
