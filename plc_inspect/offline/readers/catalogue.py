@@ -56,7 +56,7 @@ def load_rules(settings: HazardSettings) -> RuleSet:
             known = ', '.join([PLAIN, *list_rules()])
             raise ConfigError(f'unknown rule set {name!r}; there are {known}, or a .yaml file')
         path = shared
-    return parse_rules(_read_yaml(path), settings)
+    return parse_rules(read_yaml(path), settings)
 
 
 def load_conductor(name: str, path: Path | None = None) -> Conductor:
@@ -83,7 +83,7 @@ def load_conductor(name: str, path: Path | None = None) -> Conductor:
     path = path or find_shared('conductors.yaml')
     if path is None:
         raise ConfigError('config/conductors.yaml is not installed: give --conductors')
-    rows = _read_yaml(path)
+    rows = read_yaml(path)
     if not isinstance(rows, list) or not rows:
         raise ConfigError(f'{path}: expected a list of conductors')
     table = [_read_conductor(row, f'{path}, row {number + 1}') for number, row in enumerate(rows)]
@@ -135,13 +135,6 @@ def parse_case(text: str) -> Case:
     title += f', {values["wind"]:g} m/s wind' if values.get('wind') else ''
     try:
         return Case(name=name or title, **values)
-    except DataError as error:
-        raise ConfigError(str(error)) from error
-
-
-def _read_yaml(path: Path) -> Any:
-    try:
-        return read_yaml(path)
     except DataError as error:
         raise ConfigError(str(error)) from error
 

@@ -16,7 +16,7 @@ from typing import Any
 import yaml
 
 from plc_inspect.config import Settings
-from plc_inspect.errors import ConfigError, DataError
+from plc_inspect.errors import ConfigError
 from plc_inspect.offline.readers.text_file import parse_yaml, read_yaml
 from plc_inspect.setting_names import describe, to_mapping, update
 
@@ -160,10 +160,7 @@ def main() -> None:
 
 def _read_mapping(path: Path) -> Mapping[str, Any]:
     """Return the parameters of a file that are meant for us."""
-    try:
-        content = read_yaml(path)
-    except DataError as error:
-        raise ConfigError(str(error)) from error
+    content = read_yaml(path)
     if content is None:
         return {}
     if not isinstance(content, Mapping):

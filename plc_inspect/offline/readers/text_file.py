@@ -9,7 +9,8 @@ from typing import Any
 
 import yaml
 
-from plc_inspect.errors import DataError
+from plc_inspect.errors import ConfigError, DataError
+from plc_inspect.printable import make_one_line
 
 MOST_YAML = 1 << 18
 """Size of a YAML file [bytes]; ours have 20 kB."""
@@ -74,18 +75,21 @@ def read_text(path: Path, most: int) -> str:
 
 def read_yaml(path: Path) -> Any:
     """
-    Read a YAML file.
+    Read a YAML file; all that are read hold settings, rules or tables that a user may give.
 
     Raises
     ------
-    DataError
+    ConfigError
         As of ``read_text`` and ``parse_yaml``.
 
     """
     try:
         return parse_yaml(read_text(path, MOST_YAML))
     except yaml.YAMLError as error:
-        raise DataError(f'{path} is no YAML file: {" ".join(str(error).split())[:160]}') from error
+        text = make_one_line(error)[:160]
+        raise ConfigError(f'{path} is no YAML file: {text}') from error
+    except DataError as error:
+        raise ConfigError(str(error)) from error
 
 
 def parse_yaml(text: str) -> Any:
