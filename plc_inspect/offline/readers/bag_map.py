@@ -74,7 +74,7 @@ def accumulate(
                 now=now,
             )
         except DataError as error:
-            recording.skip('scans: malformed', error)
+            recording.skip('scan', 'scans: malformed', error)
         if progress is not None:
             progress(recording.progress)
     accumulator.finish()
@@ -104,14 +104,5 @@ def check_used(recording: Recording, accumulator: Accumulator, settings: Setting
     """
     counters = accumulator.counters()
     if not counters.num_points_inserted:
-        cause = explain_standstill(counters, None, _list_malformed(recording), settings.input)
+        cause = explain_standstill(counters, None, recording.malformed, settings.input)
         raise DataError(f'{recording.path}: no scan could be used: {cause}')
-
-
-def _list_malformed(recording: Recording) -> dict[str, str]:
-    """Return the first error of the scans and of the odometry, where there was one."""
-    found: dict[str, str] = {}
-    for reason, error in recording.first_errors.items():
-        kind = 'odometry' if recording.is_odometry(reason) else 'scan'
-        found.setdefault(kind, error)
-    return found

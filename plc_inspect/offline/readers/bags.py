@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import get_typestore, Stores
@@ -23,6 +23,7 @@ from plc_inspect.messages.scans import (
 
 SCAN_TYPE = 'sensor_msgs/msg/PointCloud2'
 ODOMETRY_TYPE = 'nav_msgs/msg/Odometry'
+MessageKind = Literal['scan', 'odometry']
 _SUFFIXES = ('.mcap', '.db3', '.bag')
 
 
@@ -79,6 +80,8 @@ class Recording:
         """Messages that could not be read: reason to count."""
         self.first_errors: dict[str, str] = {}
         """The same reasons to the text of the first error."""
+        self.malformed: dict[str, str] = {}
+        """'scan' and 'odometry' to the first error of any of theirs, where there was one."""
 
     def __enter__(self) -> Self:
         """Open the recording and find the topics."""
@@ -117,11 +120,6 @@ class Recording:
             for name, info in sorted(self._open_reader().topics.items())
         }
 
-    def is_odometry(self, reason: str) -> bool:
-        """Tell whether a reason of ``skipped`` is of poses, not of scans."""
-        topic = _absolute(reason.partition(':')[0])
-        return self._topics.get(topic) == ODOMETRY_TYPE
-
     @property
     def num_messages(self) -> int:
         """Scans and poses in the recording."""
@@ -154,6 +152,7 @@ class Recording:
         reader = self._open_reader()
         self.skipped.clear()
         self.first_errors.clear()
+        self.malformed.clear()
         for connection, stamp, raw in self._read(reader):
             content = self._convert(reader, connection, raw)
             if content is not None:
@@ -218,23 +217,26 @@ class Recording:
     def _convert(
         self, reader: AnyReader, connection: Any, raw: bytes
     ) -> ScanArrays | StampedPose | None:
+        kind: MessageKind = 'scan' if connection.msgtype == SCAN_TYPE else 'odometry'
         try:
             message = reader.deserialize(raw, connection.msgtype)
         except Exception as error:  # damaged bytes end in struct, index, unicode or other errors
-            self.skip(f'{connection.topic}: not decodable', error)
+            self.skip(kind, f'{connection.topic}: not decodable', error)
             return None
         try:
-            if connection.msgtype == SCAN_TYPE:
+            if kind == 'scan':
                 return scan_from_message(message)
             return pose_from_message(message)
         except DataError as error:
-            self.skip(f'{connection.topic}: malformed', error)
+            self.skip(kind, f'{connection.topic}: malformed', error)
             return None
 
-    def skip(self, reason: str, error: BaseException) -> None:
-        """Count a message that cannot be used, and remember the first error of its reason."""
+    def skip(self, kind: MessageKind, reason: str, error: BaseException) -> None:
+        """Count a message that cannot be used; remember the first error of its reason and kind."""
         self.skipped[reason] += 1
-        self.first_errors.setdefault(reason, _in_one_line(error))
+        text = _in_one_line(error)
+        self.first_errors.setdefault(reason, text)
+        self.malformed.setdefault(kind, text)
 
 
 def _absolute(topic: str) -> str:

@@ -204,6 +204,8 @@ def test_bad_messages_in_a_good_bag_are_skipped_and_counted(kind, tmp_path):
             '/odometry: not decodable': 1, '/velodyne_points: malformed': 1,
         }
         assert 'row_step 1' in recording.first_errors['/velodyne_points: malformed']
+        assert set(recording.malformed) == {'scan', 'odometry'}
+        assert 'row_step 1' in recording.malformed['scan']
     assert accumulator.counters().num_scans_inserted == 3
 
 
