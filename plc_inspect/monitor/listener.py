@@ -8,6 +8,7 @@ import contextlib
 from typing import Any
 
 from plc_inspect.errors import ConfigError
+from plc_inspect.printable import make_one_line
 from plc_inspect.ros.graph.ending import was_cut_short
 
 TOPICS = {'summary': 'summary', 'cloud': 'thin_corridor'}
@@ -58,7 +59,7 @@ class Listener:
         except Exception as error:  # rclpy has an exception for each kind of bad argument
             with contextlib.suppress(Exception):
                 rclpy.shutdown(context=self._context)
-            raise ConfigError(' '.join(str(error).split())) from error
+            raise ConfigError(make_one_line(error)) from error
 
     def subscribe(self, topic: str) -> None:
         """Subscribe, anew if need be: then the node sends again what it has."""

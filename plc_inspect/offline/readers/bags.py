@@ -20,6 +20,7 @@ from plc_inspect.messages.scans import (
     ScanArrays,
     StampedPose,
 )
+from plc_inspect.printable import make_one_line
 
 SCAN_TYPE = 'sensor_msgs/msg/PointCloud2'
 ODOMETRY_TYPE = 'nav_msgs/msg/Odometry'
@@ -244,8 +245,7 @@ def _absolute(topic: str) -> str:
 
 
 def _in_one_line(error: BaseException) -> str:
-    text = ' '.join(str(error).split())
-    return text or type(error).__name__
+    return make_one_line(error) or type(error).__name__
 
 
 def _find_source(path: Path) -> Path:

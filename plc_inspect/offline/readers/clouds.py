@@ -18,6 +18,7 @@ from plc_inspect.core.numerics.arrays import MOST_COORDINATE
 from plc_inspect.errors import ConfigError, DataError
 from plc_inspect.offline.readers.laz import read_las
 from plc_inspect.offline.readers.pcd import read_pcd
+from plc_inspect.printable import make_one_line
 from plc_inspect.results import Float64, Int32
 
 SUFFIXES = ('.las', '.laz', '.pcd')
@@ -175,7 +176,7 @@ def load_las(path: Path) -> tuple[laspy.LasData, Float64]:
     except OSError as error:
         raise _not_read(path, error) from error
     except Exception as error:  # laspy lets errors of lazrs, struct and numpy through
-        text = ' '.join(str(error).split()) or type(error).__name__
+        text = make_one_line(error) or type(error).__name__
         raise DataError(f'{path} cannot be read, is it truncated? {text}') from error
     expected = las.header.point_count
     if len(las.points) != expected:
@@ -242,7 +243,7 @@ def _find_crs(header: laspy.LasHeader, path: Path) -> tuple[str, tuple[float, fl
     try:
         system = header.parse_crs()
     except CRSError as error:
-        text = ' '.join(str(error).split())[:120]
+        text = make_one_line(error)[:120]
         raise DataError(f'{path} has a CRS that is not understood (give one): {text}') from error
     keys = _read_unit_keys(header)
     if system is None:

@@ -15,6 +15,7 @@ from plc_inspect.errors import DataError
 from plc_inspect.offline.readers.clouds import load_las
 from plc_inspect.offline.readers.json_file import read_json
 from plc_inspect.offline.records.inspection import Record, Units
+from plc_inspect.printable import make_one_line
 from plc_inspect.results import Float64, Hazard, HazardKind, Severity, Span
 
 
@@ -143,7 +144,7 @@ def understanding(path: Path) -> Iterator[None]:
     try:
         yield
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        text = ' '.join(str(error).split())
+        text = make_one_line(error)
         text = f'it has no {text}' if isinstance(error, KeyError) else text
         raise DataError(f'{path} is not understood: {text}') from error
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from plc_inspect.config import OutputSettings
 from plc_inspect.errors import ConfigError, DataError
+from plc_inspect.printable import make_one_line
 
 if TYPE_CHECKING:
     from plc_inspect.offline.records.inspection import Inspection
@@ -127,11 +128,10 @@ def _try_to_write(folder: Path, inspection: 'Inspection', tables_only: bool) -> 
     try:
         write_results(folder, inspection, force=True, tables_only=tables_only)
     except DataError as error:
-        return ' '.join(str(error).split())
+        return make_one_line(error)
     except BaseException as error:
         # The panic of a library in Rust is no Exception, and no module has its type.
         if not isinstance(error, Exception) and type(error).__name__ != 'PanicException':
             raise
-        text = ' '.join(str(error).split())
-        return f'{folder} cannot be written: {type(error).__name__}: {text}'
+        return f'{folder} cannot be written: {type(error).__name__}: {make_one_line(error)}'
     return ''
