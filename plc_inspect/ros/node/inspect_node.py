@@ -42,8 +42,10 @@ from plc_inspect.ros.node.intake import Complaints, Intake
 from plc_inspect.ros.node.jobs import (
     Done,
     FinalSave,
+    Flight,
     keep_state,
     prepare,
+    rescue,
     run_save,
     run_tick,
     Snapshot,
@@ -238,7 +240,8 @@ class InspectNode(Node):
     def _on_map_restart(self) -> None:
         """Save what was found before the odometry left the map's reach, and begin anew."""
         self.get_logger().error('the odometry went out of reach of the map: it begins anew there')
-        keep_state(self._describe(self._copy_everything()), self._state, self.get_logger())
+        if kept := keep_state(self._describe_flight(), self._state):
+            self.get_logger().error(kept)
         self._forget('the map began anew')
 
     def _forget(self, reason: str) -> None:
@@ -309,11 +312,8 @@ class InspectNode(Node):
             self._advance_guard.trigger()
             return
         self._copy = None
-        snapshot = self._describe(window)
-        if job == 'save':
-            self._submit(job, partial(run_save, self._session, snapshot))
-        else:
-            self._submit(job, partial(run_tick, self._session, snapshot))
+        run = run_save if job == 'save' else run_tick
+        self._submit(job, partial(run, self._session, self._describe(window)))
 
     def _copy_everything(self) -> Window:
         voxels = self._intake.accumulator.map
@@ -323,13 +323,18 @@ class InspectNode(Node):
     def _describe(self, window: Window) -> Snapshot:
         return Snapshot(
             window=window,
+            flight=self._describe_flight(),
+            stamp_ns=self._intake.accumulator.last_inserted or 0,
+            vehicle=self._intake.vehicle,
+            complete=self._intake.evictor.num_evicted == 0,
+        )
+
+    def _describe_flight(self) -> Flight:
+        return Flight(
             settings=self.settings,
             rules=self._live_parameters.rules,
             frame_id=self._intake.accumulator.frame_id,
             first_stamp_ns=self._intake.first_stamp or 0,
-            stamp_ns=self._intake.accumulator.last_inserted or 0,
-            vehicle=self._intake.vehicle,
-            complete=self._intake.evictor.num_evicted == 0,
             counts=self._intake.describe(),
         )
 
@@ -386,10 +391,9 @@ class InspectNode(Node):
             lost = self._intake.explain_nothing()
             (log.error if lost else log.info)('nothing to save' + lost)
             return not lost
-        final = FinalSave(log.info, log.error)
-        snapshot = self._describe(self._copy_everything())
         late = '' if stopped else f'the running job did not end within {STOP_TIMEOUT:g} s'
         if reason := late or self._intake.doubt:
-            final.rescue(snapshot, self._state, reason)
+            log.error(rescue(self._describe_flight(), self._state, reason))
             return False
-        return final.run(self._session, snapshot, self._state)
+        snapshot = self._describe(self._copy_everything())
+        return FinalSave(log.info, log.error).run(self._session, snapshot, self._state)

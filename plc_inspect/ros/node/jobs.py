@@ -11,7 +11,6 @@ from typing import Any, TYPE_CHECKING
 
 import numba
 import numpy as np
-from rclpy.impl.rcutils_logger import RcutilsLogger
 
 from plc_inspect.config import OutputSettings, Settings
 from plc_inspect.core.hazards.clearance_rules import RuleSet
@@ -37,22 +36,29 @@ GIVE_UP_AFTER = 120.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Snapshot:
-    """What a job works on; nothing in it changes afterwards."""
+class Flight:
+    """What results tell of the flight beside what was found."""
 
-    window: Window
     settings: Settings
     rules: RuleSet
     frame_id: str
     first_stamp_ns: int
     """Stamp of the first scan [ns], 0 before it."""
+    counts: Mapping[str, Any]
+    """What came in so far."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Snapshot:
+    """What a job works on; nothing in it changes afterwards."""
+
+    window: Window
+    flight: Flight
     stamp_ns: int
     """Newest scan that is in [ns]."""
     vehicle: Float64 | None
     complete: bool
     """Nothing was evicted from the map."""
-    counts: Mapping[str, Any]
-    """What came in so far."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -79,12 +85,12 @@ def prepare(settings: Settings, *, rare: bool = False) -> None:
 def run_tick(session: Session, snapshot: Snapshot) -> Done:
     """Run one tick and build its messages; it takes one core and leaves the others alone."""
     numba.set_num_threads(TICK_THREADS)
-    window = snapshot.window
-    tick = session.tick(window, snapshot.settings, snapshot.vehicle, snapshot.rules)
+    window, flight = snapshot.window, snapshot.flight
+    tick = session.tick(window, flight.settings, snapshot.vehicle, flight.rules)
     return Done(
         state=tick.state,
         bundle=make_bundle(
-            tick.state, snapshot.frame_id, snapshot.stamp_ns, snapshot.settings.stream
+            tick.state, flight.frame_id, snapshot.stamp_ns, flight.settings.stream
         ),
         slots=window.slots,
         points=window.points,
@@ -98,17 +104,17 @@ def conclude(
     """Run the pipeline over the whole map, with all cores; its labels go to the map."""
     numba.set_num_threads(ALL_THREADS)
     started = time.perf_counter()
-    window = snapshot.window
+    window, flight = snapshot.window, snapshot.flight
     state, result, labels = session.conclude(
-        window.points, snapshot.settings, window.sequence, complete=snapshot.complete,
-        rules=snapshot.rules,
+        window.points, flight.settings, window.sequence, complete=snapshot.complete,
+        rules=flight.rules,
     )
     seconds = time.perf_counter() - started
-    return state, describe_run(snapshot, result, window.points, seconds), labels
+    return state, describe_run(flight, result, window.points, seconds), labels
 
 
 def describe_run(
-    snapshot: Snapshot, result: InspectionResult, points: Float64, seconds: float = 0.0
+    flight: Flight, result: InspectionResult, points: Float64, seconds: float = 0.0
 ) -> 'Inspection':
     """Return a result with all that its folder tells of the flight."""
     from plc_inspect.offline.records.inspection import Inspection
@@ -116,12 +122,12 @@ def describe_run(
     return Inspection(
         result=result,
         points=points,
-        settings=snapshot.settings,
-        source=snapshot.settings.input.scan_topic,
+        settings=flight.settings,
+        source=flight.settings.input.scan_topic,
         command=COMMAND,
-        frame_id=snapshot.frame_id,
-        rules=snapshot.rules,
-        counts=snapshot.counts,
+        frame_id=flight.frame_id,
+        rules=flight.rules,
+        counts=flight.counts,
         seconds={'pipeline': seconds},
     )
 
@@ -129,12 +135,11 @@ def describe_run(
 def run_save(session: Session, snapshot: Snapshot) -> Done:
     """Run the pipeline over the whole map and write the results folder, or say why not."""
     state, inspection, labels = conclude(session, snapshot)
-    saved = save_results(snapshot.settings.output, snapshot.first_stamp_ns, inspection)
+    flight = snapshot.flight
+    saved = save_results(flight.settings.output, flight.first_stamp_ns, inspection)
     return Done(
         state=state,
-        bundle=make_bundle(
-            state, snapshot.frame_id, snapshot.stamp_ns, snapshot.settings.stream
-        ),
+        bundle=make_bundle(state, flight.frame_id, snapshot.stamp_ns, flight.settings.stream),
         slots=snapshot.window.slots,
         points=snapshot.window.points,
         labels=labels,
@@ -185,7 +190,9 @@ class FinalSave:
         thread.join(RESCUE_AFTER)
         if thread.is_alive() and self._writing.acquire(blocking=False):
             try:
-                self.rescue(snapshot, state, f'the map takes longer than {RESCUE_AFTER:g} s')
+                self._complain(rescue(
+                    snapshot.flight, state, f'the map takes longer than {RESCUE_AFTER:g} s'
+                ))
             finally:
                 self._writing.release()
         thread.join(max(GIVE_UP_AFTER - RESCUE_AFTER, 0.0))
@@ -193,7 +200,7 @@ class FinalSave:
             self._complain(f'the map was not worked through within {GIVE_UP_AFTER:g} s')
         elif self._error is not None:
             self._complain(f'the map failed: {type(self._error).__name__}: {self._error}')
-            self.rescue(snapshot, state, 'the map failed')
+            self._complain(rescue(snapshot.flight, state, 'the map failed'))
         elif self._saved is not None:
             tell = self._complain if self._saved.problem else self._say
             tell(self._saved.describe())
@@ -206,37 +213,54 @@ class FinalSave:
         except Exception as error:
             self._error = error
             return
+        flight = snapshot.flight
         with self._writing:
             self._saved = save_results(
-                snapshot.settings.output, snapshot.first_stamp_ns, inspection
+                flight.settings.output, flight.first_stamp_ns, inspection
             )
 
-    def rescue(self, snapshot: Snapshot, state: LiveState | None, reason: str) -> None:
-        """Write the results of the last tick alone, where the map is busy or gone."""
-        if state is None:
-            self._complain(f'nothing saved: {reason}, and no tick was done before')
-            return
-        empty = np.empty((0, 3))
-        result = replace(
-            Pipeline(snapshot.settings, snapshot.rules).run(empty),
-            spans=tuple(item.span for item in state.confirmed),
-            supports=state.supports, hazards=state.hazards,
-        )
-        part = replace(snapshot, counts={**snapshot.counts, 'results_of': 'the last tick'})
-        saved = save_results(
-            snapshot.settings.output, snapshot.first_stamp_ns, describe_run(part, result, empty)
-        )
-        self._complain(f'{reason}; results of the last tick, without points: {saved.describe()}')
 
-
-def keep_state(snapshot: Snapshot, state: LiveState | None, log: RcutilsLogger) -> None:
+def rescue(flight: Flight, state: LiveState | None, reason: str) -> str:
     """
-    Save what was found in a map that begins anew.
+    Write the results of the last tick alone, where the map is busy or gone.
+
+    Parameters
+    ----------
+    flight : Flight
+        What the results tell of it.
+    state : LiveState or None
+        Of the last tick.
+    reason : str
+        Why the map is not asked.
+
+    Returns
+    -------
+    str
+        What became of the results, for the log.
+
+    """
+    if state is None:
+        return f'nothing saved: {reason}, and no tick was done before'
+    empty = np.empty((0, 3))
+    result = replace(
+        Pipeline(flight.settings, flight.rules).run(empty),
+        spans=tuple(item.span for item in state.confirmed),
+        supports=state.supports, hazards=state.hazards,
+    )
+    part = replace(flight, counts={**flight.counts, 'results_of': 'the last tick'})
+    saved = save_results(
+        flight.settings.output, flight.first_stamp_ns, describe_run(part, result, empty)
+    )
+    return f'{reason}; results of the last tick, without points: {saved.describe()}'
+
+
+def keep_state(flight: Flight, state: LiveState | None) -> str:
+    """
+    Save what was found in a map that begins anew; return what became of it, '' if nothing was.
 
     It goes to a folder of its own, as that of the settings is taken at the end of the flight.
     """
-    if state is not None and state.confirmed:
-        settings = replace(snapshot.settings, output=OutputSettings())
-        FinalSave(log.info, log.error).rescue(
-            replace(snapshot, settings=settings), state, 'the map begins anew'
-        )
+    if state is None or not state.confirmed:
+        return ''
+    settings = replace(flight.settings, output=OutputSettings())
+    return rescue(replace(flight, settings=settings), state, 'the map begins anew')
