@@ -73,7 +73,6 @@ Source: judgement; not measured.
 UNSURE_SAMPLES = 10
 """Samples of unseen voxels and of outliers in any other cell.  Source: judgement; not measured."""
 
-_RING = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)], dtype=np.int64)
 _TURN = np.linspace(0.0, 2.0 * np.pi, NUM_TURNS, endpoint=False)
 _AROUND = SIDE * np.vstack(([[0.0, 0.0]], np.column_stack((np.cos(_TURN), np.sin(_TURN)))))
 
@@ -241,8 +240,8 @@ class WindowPlanner:
         new = np.flatnonzero(cells.num_new)
         if not len(new):
             return new
-        around = cells.find((cells.index[new][:, None, :] + _RING).reshape(-1, 2))
-        low = np.where(around >= 0, cells.low[around], np.inf).reshape(-1, len(_RING))
+        around = cells.find(_list_around(cells.index[new], 1).reshape(-1, 2))
+        low = np.where(around >= 0, cells.low[around], np.inf).reshape(len(new), -1)
         high = cells.high[new] - low.min(axis=1) >= self._beta
         num_new = cells.num_new[new]
         due = num_new > GROWTH * (cells.count[new] - num_new)
@@ -334,11 +333,15 @@ def _split(cells: Int64, count: Int32) -> list[Int64]:
 
 def _find_around(cells: CellIndex, index: Int64, width: int) -> Int64:
     """Return the cells at these places and up to so many cells beside them, ascending."""
-    steps = np.arange(-width, width + 1)
-    square = np.stack(np.meshgrid(steps, steps, indexing='ij'), axis=-1).reshape(-1, 2)
-    places = np.unique((index[:, None, :] + square).reshape(-1, 2), axis=0)
+    places = np.unique(_list_around(index, width).reshape(-1, 2), axis=0)
     found = np.unique(cells.find(places))
     return found[found >= 0].astype(np.int64)
+
+
+def _list_around(index: Int64, width: int) -> Int64:
+    """Return for (C, 2) places (C, K, 2): they and those up to so many cells beside them."""
+    square = np.mgrid[-width:width + 1, -width:width + 1].reshape(2, -1).T
+    return index[:, None, :] + square
 
 
 def _concatenate(parts: Sequence[Int64]) -> Int64:
