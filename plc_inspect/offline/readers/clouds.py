@@ -24,10 +24,16 @@ from plc_inspect.results import Float64, Int32
 SUFFIXES = ('.las', '.laz', '.pcd')
 
 _UNIT_CODES = {9001: 1.0, 9002: 0.3048, 9003: 1200.0 / 3937.0}
-"""EPSG codes of units in GeoTIFF keys to metres."""
+"""
+EPSG codes of units in GeoTIFF keys to metres.
+Source: EPSG registry: the metre, the international foot and that of the US surveys.
+"""
 
 MOST_FAR, MOST_FAR_SHARE = 100, 0.01
-"""Points beyond MOST_COORDINATE that are strays at most, as a number and as a share."""
+"""
+Points beyond MOST_COORDINATE that are strays at most, as a number and as a share.
+Source: judgement: as core.extraction.stray_points; more are of a wrong unit or CRS.
+"""
 
 _HORIZONTAL_UNIT_KEY, _VERTICAL_UNIT_KEY = 3076, 4099
 
@@ -39,9 +45,9 @@ class Cloud:
     path: Path
     points: Float64
     """(N, 3) coordinates of the file times ``metres_per_unit`` [m]; a point of which any
-    coordinate was not finite is NaN in all three."""
+    coordinate was not finite, or beyond MOST_COORDINATE, is NaN in all three."""
     num_not_finite: int
-    """Points that are NaN, those beyond all coordinate systems included."""
+    """Points that are NaN, those beyond MOST_COORDINATE included."""
     crs: str
     """Coordinate reference system as WKT, '' where neither file nor user names one."""
     metres_per_unit: tuple[float, float]
@@ -80,7 +86,7 @@ def read_cloud(path: Path | str, crs: str | None = None) -> Cloud:
     ------
     DataError
         The file is missing, truncated, damaged or of an unknown kind, its CRS is not in a length
-        unit, or its coordinates are those of no CRS.
+        unit, or more points than strays would be lie beyond MOST_COORDINATE.
     ConfigError
         ``crs`` is not a known CRS.
 
