@@ -58,6 +58,8 @@ class Limit:
     note: str = ''
     title: str = ''
     """Of the rule set that it was taken from, where that is another than its own."""
+    edition: str = ''
+    """Of that rule set."""
 
     @property
     def reach(self) -> float:
@@ -169,9 +171,9 @@ def parse_rules(content: Mapping[str, Any], settings: HazardSettings) -> RuleSet
     Raises
     ------
     ConfigError
-        A key is missing, unknown or of a wrong kind; two limits contradict one another; the
-        elevation is needed and unknown or beyond the table; or no limit is left, whatever the
-        voltage, or as it is unknown.
+        A key is missing, unknown or of a wrong kind; two limits, or the plain distances of the
+        settings, contradict one another; the elevation is needed and unknown or beyond the table;
+        or no limit is left, whatever the voltage, or as it is unknown.
 
     """
     if not isinstance(content, Mapping):
@@ -242,7 +244,7 @@ def _choose_plain(covered: set[str], name: str, settings: HazardSettings) -> lis
     plain = plain_rules(settings)
     return [
         replace(
-            limit, title=plain.title, source=plain.source,
+            limit, title=plain.title, edition=plain.edition, source=plain.source,
             note=f'{name} has no limit for this at {plain.voltage} voltage'
             if plain.voltage == UNKNOWN else f'{name} has no limit for this at {plain.voltage}',
         )

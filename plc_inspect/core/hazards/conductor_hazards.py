@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from plc_inspect.config import HazardSettings
-from plc_inspect.core.hazards.clearance_rules import Limit, RuleSet
+from plc_inspect.core.hazards.clearance_rules import Limit, PLAIN_EDITION, RuleSet
 from plc_inspect.core.hazards.encroachments import describe_hazard
 from plc_inspect.core.spans.span_model import SpanModel
 from plc_inspect.results import Bool, Float64, HazardKind, Int32, Severity, Support
@@ -320,6 +320,6 @@ def _own_rule(title: str) -> dict[str, str]:
     """Name the rule of a check that comes from the settings, whatever rule set is used."""
     return {
         'rule': title,
-        'edition': 'plc_inspect 0.1',
+        'edition': PLAIN_EDITION,
         'source': 'settings of section hazards; no authority',
     }

@@ -12,7 +12,7 @@ from numba import njit
 import numpy as np
 
 from plc_inspect.config import HazardSettings
-from plc_inspect.core.hazards.clearance_rules import Limit, PLAIN_EDITION, RuleSet
+from plc_inspect.core.hazards.clearance_rules import Limit, RuleSet
 from plc_inspect.core.hazards.confidence import IN_DOUBT, judge_confidence
 from plc_inspect.core.hazards.grouping import group_cells, group_points
 from plc_inspect.core.hazards.trees import segment_trees
@@ -378,7 +378,7 @@ def describe_hazard(
         'support_id': support,
         'from_support': distance,
         'rule': limit.title or rules.title,
-        'edition': PLAIN_EDITION if limit.title else rules.edition,
+        'edition': limit.edition or rules.edition,
         'source': limit.source or rules.source,
         'voltage': rules.voltage,
         'note': limit.note,
