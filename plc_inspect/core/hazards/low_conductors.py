@@ -62,11 +62,14 @@ def find_low_conductors(
         Values of Hazard without its number.
 
     """
+    limits = rules.find('ground')
+    if not limits:
+        return []
     worst: dict[int, dict[str, Any]] = {}
-    seen = [keep_seen(model, stations) for model, stations in zip(
-        models, ground_below, strict=True
-    )] if rules.find('ground') else []
-    for limit in rules.find('ground'):
+    seen = [
+        keep_seen(model, stations) for model, stations in zip(models, ground_below, strict=True)
+    ]
+    for limit in limits:
         for model, stations in zip(models, seen, strict=True):
             if not len(stations):
                 continue
@@ -103,9 +106,8 @@ def keep_seen(model: SpanModel, stations: Float64) -> Float64:
     stations = stations[stations[:, 1] + model.lowest_strand >= LEAST_GROUND]
     if not len(stations):
         return stations
-    direction = 1.0 if model.end_x > model.start_x else -1.0
     along = stations[:, 0]
-    ground = model.curve.fit.height(model.start_x + direction * along) - stations[:, 1]
+    ground = model.curve.fit.height(model.at(along)) - stations[:, 1]
     # the lowest that the ground can be, coming from either side
     ahead = np.minimum.accumulate(ground - STEEPEST * along) + STEEPEST * along
     behind = np.minimum.accumulate((ground + STEEPEST * along)[::-1])[::-1] - STEEPEST * along
@@ -119,10 +121,9 @@ def _describe_low(
 ) -> dict[str, Any]:
     along, height = stations[int(np.argmin(stations[:, 1]))].tolist()
     clearance = height + model.lowest_strand
-    direction = 1.0 if model.end_x > model.start_x else -1.0
-    x = model.start_x + direction * along
+    x = float(model.at(np.array(along)))
     below = stations[:, 1] + model.lowest_strand < limit.reach
-    run = model.curve.position(model.start_x + direction * stations[below, 0])
+    run = model.curve.position(model.at(stations[below, 0]))
     run[:, 2] -= stations[below, 1]
     return describe_hazard(
         model, x, supports, rules, limit,

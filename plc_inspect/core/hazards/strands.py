@@ -16,7 +16,7 @@ import math
 from numba import njit
 import numpy as np
 
-from plc_inspect.core.spans.span_model import SpanModel
+from plc_inspect.core.spans.span_model import NO_STRANDS, SpanModel
 from plc_inspect.core.spans.spans import SpanResult
 from plc_inspect.results import Float64, Int64
 
@@ -57,7 +57,6 @@ LEAST_SCATTER = 0.01
 Standard deviation of the points of a cloud at least [m].
 Source: judgement; scanners are no better.
 """
-NO_STRANDS: Float64 = np.zeros((1, 2))
 
 
 def find_strands(points: Float64, spans: SpanResult) -> tuple[SpanModel, ...]:
@@ -133,9 +132,9 @@ def divide_section(x: Float64, section: Float64) -> tuple[Float64, float]:
     if wide < LEAST_SPACING / 2:
         return NO_STRANDS, single
     extent = float(np.ptp(np.quantile(x, (1 - CORE, CORE))))
-    best = (_score(_fit(section, 1), len(x), 1), NO_STRANDS, single)
+    best = (_score(_fit_mixture(section, 1), len(x), 1), NO_STRANDS, single)
     for num in range(2, MOST_STRANDS + 1):
-        fit = _fit(section, num)
+        fit = _fit_mixture(section, num)
         centres, weight, part, deviation, _ = fit
         score = _score(fit, len(x), num)
         if score >= best[0] or weight.min() < LEAST_WEIGHT:
@@ -173,11 +172,6 @@ Fit = tuple[Float64, Float64, Int64, float, float]
 def _score(fit: Fit, num_points: int, num: int) -> float:
     """Return the Bayesian information criterion: less is better."""
     return 3 * num * math.log(num_points) - 2.0 * fit[4]
-
-
-def _fit(section: Float64, num: int) -> Fit:
-    centres, weight, part, deviation, likelihood = _fit_mixture(section, num)
-    return centres, weight, part, float(deviation), float(likelihood)
 
 
 @njit(cache=True, nogil=True, error_model='numpy')

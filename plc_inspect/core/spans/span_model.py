@@ -30,12 +30,13 @@ SUPPORT_REACH = 20.0
 A span hangs on the nearest support of its line within this of its end in plan [m].
 Source: judgement; not measured.
 """
-
 NEIGHBOR_REACH = 10.0
 """
 A support that is known to carry other lines only may hold an end within this of it [m].
 Source: judgement; not measured.
 """
+NO_STRANDS: Float64 = np.zeros((1, 2))
+"""(1, 2) place of the one conductor where there is no bundle [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -47,7 +48,7 @@ class SpanModel:
     start_x: float
     """x of the curve at the span's start [m]; greater than end_x where reversed."""
     end_x: float
-    strands: Float64 = field(default_factory=lambda: np.zeros((1, 2)))
+    strands: Float64 = field(default_factory=lambda: NO_STRANDS)
     """(S, 2) places of its sub-conductors across and above the curve [m]."""
     scatter: float = POINT_SIGMA
     """Standard deviation of one point of the cloud along each axis [m]."""
@@ -70,6 +71,10 @@ class SpanModel:
     def along(self, x: Float64) -> Float64:
         """Return the distance from the start of the span at the curve's x [m]."""
         return np.abs(np.asarray(x) - self.start_x)
+
+    def at(self, along: Float64) -> Float64:
+        """Return the curve's x at distances from the start of the span [m]."""
+        return self.start_x + math.copysign(1.0, self.end_x - self.start_x) * along
 
     def sigma(self, x: float) -> float:
         """Return the standard deviation of a distance to the curve at x [m]."""
