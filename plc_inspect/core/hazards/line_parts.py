@@ -64,6 +64,8 @@ FREE_LENGTH = 4.0
 Metres over which a wire must hang free of all else.
 Source: chosen on bench/hazards.py.
 """
+FREE_SHARE = 0.5
+"""Share of its metres over which a wire must hang free.  Source: judgement; not measured."""
 CLEARING = 0.8
 """Distance about a free place that is empty [m].  Source: chosen on bench/hazards.py."""
 CLUTTER = 0.25
@@ -121,7 +123,7 @@ class LineParts:
     unmodelled: Bool
     """(K,) of wires that were not modelled."""
     num_wires: int
-    """How many of these there are."""
+    """Doubtful curves that have points, and wires told by their dots; scraps are not counted."""
 
 
 def find_line_parts(
@@ -169,7 +171,7 @@ def find_line_parts(
     if not len(near):
         return LineParts(own=own, unmodelled=unmodelled, num_wires=num_wires)
     places, ends = _lay_out(points[near], owner[near], models)
-    for wire in find_wires(places):
+    for wire in _find_wires(places):
         unmodelled[near[wire]] = True
         num_wires += 1
     rest = np.flatnonzero(~unmodelled[near])
@@ -204,20 +206,19 @@ def _lay_out(
 
 def _find_continued(points: Float64, models: Sequence[SpanModel]) -> Int64:
     """Return the points on the curves beyond the ends of their spans."""
-    ends, inner = [], []
+    ends = []
     for model in models:
         is_open = (model.span.open_start, model.span.open_end)
         if model.start_x > model.end_x:
             is_open = is_open[::-1]
         beyond = [model.span.length if side else GONE_ON for side in is_open]
         ends.append((model.low - beyond[0], model.high + beyond[1]))
-        inner.append((model.low, model.high))
     found, which = _find_on(points, [model.curve for model in models], ends)
     outside = np.zeros(len(found), dtype=bool)
     for number in np.unique(which).tolist():
         mine = np.flatnonzero(which == number)
         x, _ = models[number].curve.local(points[found[mine]])
-        outside[mine] = (x < inner[number][0]) | (x > inner[number][1])
+        outside[mine] = (x < models[number].low) | (x > models[number].high)
     return found[outside]
 
 
@@ -260,7 +261,7 @@ def _find_scraps(
     return ((farthest <= reach) | pole)[thing], piece[thing]
 
 
-def find_wires(places: Float64) -> list[Int64]:
+def _find_wires(places: Float64) -> list[Int64]:
     """
     Find wires that run along a span.
 
@@ -372,7 +373,7 @@ def _follow(places: Float64, dots: Float64) -> Int64 | None:
     on = np.bincount(metre[away <= TUBE], minlength=num)
     beside = np.bincount(metre[(away > TUBE) & (away <= CLEARING)], minlength=num)
     free = (on > 0) & (beside <= CLUTTER * on)
-    if free.sum() < FREE_LENGTH or (free.sum() < (on > 0).sum() / 2):
+    if free.sum() < FREE_LENGTH or free.sum() < FREE_SHARE * (on > 0).sum():
         return None
     beyond = min(GONE_ON, high - low)
     about = np.flatnonzero((places[:, 0] >= low - beyond) & (places[:, 0] <= high + beyond))
