@@ -155,8 +155,7 @@ def are_apart(first: Line, second: Line) -> bool:
 
 def build_line(builder: SceneBuilder, line: Line) -> None:
     """Add a line; its ids go on where the builder's last line ended."""
-    first_line = 1 + max((item.line_id for item in builder.conductors), default=-1)
-    first_span = 1 + max((item.span_id for item in builder.conductors), default=-1)
+    first_line, first_span = builder.next_ids()
     num = 1 + max(item.line_id for item in line.conductors)
     for item in line.conductors:
         builder.conductors.append(Conductor(

@@ -86,8 +86,7 @@ class Scanner:
         self.scene, self.survey, self.rng = scene, survey, rng
         self.world: World = build_world(scene)
         self.labels: Labels = label_items(scene, self.world)
-        lines = 1 + max((item.line_id for item in scene.conductors), default=-1)
-        weak = survey.dropout * rng.uniform(0.0, 1.0, lines)
+        weak = survey.dropout * rng.uniform(0.0, 1.0, scene.num_lines)
         self.kept = 1.0 - np.array([*(weak[item.line_id] for item in scene.conductors), 0.0])
         self.lines = np.array([*(item.line_id for item in scene.conductors), -1], dtype=np.int32)
         self.spans = np.array([*(item.span_id for item in scene.conductors), -1], dtype=np.int32)

@@ -79,8 +79,7 @@ def add_line(builder: SceneBuilder, style: LineStyle, route: Float64) -> None:
         (K, 2) float64 feet of the supports [m].
 
     """
-    first_line = 1 + max((item.line_id for item in builder.conductors), default=-1)
-    first_span = 1 + max((item.span_id for item in builder.conductors), default=-1)
+    first_line, first_span = builder.next_ids()
     strings = _list_strings(style)
     line_ids = tuple(range(first_line, first_line + len(strings)))
     attachments = []
@@ -129,10 +128,9 @@ def add_drop(
         Of the conductor [m].
 
     """
+    line_id, span_id = builder.next_ids()
     builder.conductors.append(hang(
-        start, end, sag_ratio, radius=radius,
-        line_id=1 + max((item.line_id for item in builder.conductors), default=-1),
-        span_id=1 + max((item.span_id for item in builder.conductors), default=-1),
+        start, end, sag_ratio, radius=radius, line_id=line_id, span_id=span_id,
     ))
 
 

@@ -138,6 +138,13 @@ class SceneBuilder:
     _tree: cKDTree | None = None
     _num_conductors: int = -1
 
+    def next_ids(self) -> tuple[int, int]:
+        """Return the line and span ids that go on where the last line ended."""
+        return (
+            1 + max((item.line_id for item in self.conductors), default=-1),
+            1 + max((item.span_id for item in self.conductors), default=-1),
+        )
+
     def add_strut(self, start: Float64, end: Float64, radius: float, label: Label) -> None:
         """Add a cylinder from start (3,) to end (3,) [m]."""
         self.struts.append((*map(float, start), *map(float, end), radius))
