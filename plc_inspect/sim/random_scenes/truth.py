@@ -118,7 +118,7 @@ def measure_gaps(scene: Scene, cloud: LabelledCloud) -> Float64:
     foreign = foreign[np.isfinite(near)]
     towers = cloud.exact[cloud.label == Label.TOWER]
     feet = np.array([post.position[:2] for post in scene.posts])
-    owner = np.array([group[_find_first(scene, post.line_ids)] for post in scene.posts])
+    owner = np.array([post.line_ids[0] for post in scene.posts])
     _, nearest = cKDTree(feet).query(towers[:, :2])
     for number, item in enumerate(scene.conductors):
         other = [
@@ -129,13 +129,8 @@ def measure_gaps(scene: Scene, cloud: LabelledCloud) -> Float64:
     return gaps
 
 
-def _find_first(scene: Scene, line_ids: tuple[int, ...]) -> int:
-    """Return the number of the first conductor of some lines."""
-    return next(k for k, item in enumerate(scene.conductors) if item.line_id in line_ids)
-
-
 def group_conductors(scene: Scene) -> NDArray[np.int64]:
-    """Return for each conductor (C,) the number of the line, with all its phases, it is of."""
+    """Return for each conductor (C,) the first line id of those that hang on its supports."""
     owner = {}
     for post in scene.posts:
         for line_id in post.line_ids:
