@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter1d
 from plc_inspect.sim.random_scenes.returns import Beams, Scanner
 from plc_inspect.sim.random_scenes.surveys import PuckFlight, PushBroom
 from plc_inspect.sim.scenes.routes import shift_route
-from plc_inspect.sim.surveys.puck import NUM_RINGS
+from plc_inspect.sim.surveys.puck import NUM_RINGS, point_beams
 from plc_inspect.sim.surveys.trajectory import drift, FlightPlan, fly, OdometryErrors
 
 Float64 = NDArray[np.float64]
@@ -73,11 +73,7 @@ def follow(scanner: Scanner, pattern: PuckFlight, rng: np.random.Generator) -> I
     odometry = drift(truth, OdometryErrors(drift=pattern.drift), rng)
     firing = np.repeat(np.arange(_FIRINGS), NUM_RINGS)
     rings = np.tile(np.arange(NUM_RINGS), _FIRINGS)
-    azimuth, elevation = -2.0 * math.pi * firing / _FIRINGS, np.radians(-15.0 + 2.0 * rings)
-    local = np.column_stack([
-        np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth),
-        np.sin(elevation),
-    ])
+    local = point_beams(-2.0 * math.pi * firing / _FIRINGS, rings)
     start = odometry.position[0] - truth.position[0]
     for begin in np.arange(truth.start, truth.start + truth.duration - 0.1,
                            pattern.advance / _SPEED):

@@ -127,11 +127,7 @@ def scan(
     rings = np.tile(np.arange(NUM_RINGS), len(firing))
     delay = np.repeat(firing / (puck.num_firings * puck.rate), NUM_RINGS) + rings * _LASER_DELAY
     azimuth = -2 * np.pi * puck.rate * delay
-    elevation = np.radians(-15.0 + 2.0 * rings)
-    local = np.column_stack([
-        np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth),
-        np.sin(elevation),
-    ])
+    local = point_beams(azimuth, rings)
     position, rotation = trajectory.interpolate(begin + delay)
     mount = rotate(np.radians([puck.lidar_rpy_deg]))[0]
     origins = position + rotation @ np.array(puck.lidar_xyz)
@@ -169,6 +165,15 @@ def scan(
         points=table.reshape(-1, NUM_RINGS) if puck.organized else table[hit][None],
         exact=origins[source] + ranges[hit][:, None] * directions[source],
     )
+
+
+def point_beams(azimuth: Float64, rings: NDArray[np.int64]) -> Float64:
+    """Return the directions (N, 3) of beams in the lidar frame, by azimuth [rad] and ring."""
+    elevation = np.radians(-15.0 + 2.0 * rings)
+    return np.column_stack([
+        np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth),
+        np.sin(elevation),
+    ])
 
 
 def _is_detected(
