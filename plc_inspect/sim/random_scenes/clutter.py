@@ -28,9 +28,9 @@ class Spot:
     azimuth: float
     """Direction of the corridor there [rad]."""
 
-    def path(self, length: float, across: float = 0.0) -> Float64:
+    def path(self, length: float) -> Float64:
         """Return both ends (2, 2) of a straight stretch about the middle, along the corridor."""
-        u = np.array([math.cos(self.azimuth + across), math.sin(self.azimuth + across)])
+        u = np.array([math.cos(self.azimuth), math.sin(self.azimuth)])
         return np.array([self.xy - 0.5 * length * u, self.xy + 0.5 * length * u])
 
 
@@ -40,12 +40,16 @@ ROAD = 2.5
 """Half width of a road, on which nothing stands [m]."""
 TREE_ROAD = 5.0
 """Trees stand this far from the middle of a road, so that cars pass below their crowns [m]."""
+KEEP = 1.5
+"""Trees stand this far from the box of a face of a building or wall in plan [m]."""
+STEP = 1.0
+"""Distance of the samples of solid things [m]."""
 Maker = Callable[[SceneBuilder, Spot], None]
 
 
 def fill(
     builder: SceneBuilder, route: Float64, half_width: float, clear: float,
-    road: Float64 | None = None,
+    road: Float64 | None,
 ) -> None:
     """
     Fill a corridor with things and vegetation.
@@ -60,7 +64,7 @@ def fill(
         Half of its width [m].
     clear : float
         Distance that everything keeps from conductors [m].
-    road : ndarray, optional
+    road : ndarray or None
         (L, 2) the middle of a road that is kept free [m].
 
     """
@@ -82,9 +86,7 @@ def fill(
 class Site:
     """Where things are put: off the conductors, the supports and each other."""
 
-    def __init__(
-        self, builder: SceneBuilder, clear: float, road: Float64 | None = None,
-    ) -> None:
+    def __init__(self, builder: SceneBuilder, clear: float, road: Float64 | None) -> None:
         """Begin with the lines and houses that are there."""
         self.builder, self.clear = builder, clear
         self._boxes: list[Float64] = [
@@ -109,7 +111,7 @@ class Site:
                    for other in self._boxes):
                 return
             # Half of the distance of samples on either side.
-            if not self._is_clear(np.pad(shape, ((0, 0), (0, 1)), constant_values=0.5)):
+            if not self._is_clear(np.pad(shape, ((0, 0), (0, 1)), constant_values=0.5 * STEP)):
                 return
             if self.find_road_gaps(shape[:, :2]).min() < ROAD:
                 return
@@ -141,17 +143,17 @@ class Site:
         return bool((gap - balls[:, 3]).min() >= self.clear)
 
 
-def sample_solids(builder: SceneBuilder, step: float = 1.0) -> Float64:
-    """Return points (N, 3) on the struts and triangles of a builder, at most a step apart."""
+def sample_solids(builder: SceneBuilder) -> Float64:
+    """Return points (N, 3) on the struts and triangles of a builder, at most STEP apart."""
     parts = [np.zeros((0, 3))]
     for row in builder.struts:
         ends = np.array(row[:6]).reshape(2, 3)
-        num = max(2, math.ceil(float(np.linalg.norm(ends[1] - ends[0])) / step) + 1)
+        num = max(2, math.ceil(float(np.linalg.norm(ends[1] - ends[0])) / STEP) + 1)
         parts.append(ends[0] + np.linspace(0.0, 1.0, num)[:, None] * (ends[1] - ends[0]))
     for face in builder.triangles:
         corner = face.reshape(3, 3)
         size = max(float(np.linalg.norm(corner[k] - corner[0])) for k in (1, 2))
-        share = np.linspace(0.0, 1.0, max(2, math.ceil(size / step) + 1))
+        share = np.linspace(0.0, 1.0, max(2, math.ceil(size / STEP) + 1))
         u, v = (grid.ravel() for grid in np.meshgrid(share, share))
         inside = u + v <= 1.0
         parts.append(corner[0] + u[inside, None] * (corner[1] - corner[0])
@@ -173,12 +175,12 @@ def _scatter(
     return [(xy[k], math.atan2(*edges[edge[k]][::-1])) for k in range(num)]
 
 
-def _keep_off_buildings(builder: SceneBuilder, xy: Float64, keep: float = 1.5) -> Float64:
+def _keep_off_buildings(builder: SceneBuilder, xy: Float64) -> Float64:
     """Return the places that are not in or at a building or wall."""
     if not builder.triangles or not len(xy):
         return xy
     corners = np.array(builder.triangles).reshape(-1, 3, 3)[:, :, :2]
-    low, high = corners.min(axis=1) - keep, corners.max(axis=1) + keep
+    low, high = corners.min(axis=1) - KEEP, corners.max(axis=1) + KEEP
     inside = (xy[:, None] >= low).all(axis=2) & (xy[:, None] <= high).all(axis=2)
     return xy[~inside.any(axis=1)]
 
