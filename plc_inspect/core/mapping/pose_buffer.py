@@ -40,11 +40,6 @@ Source: judgement; not measured.
 """
 PERIODS = 16
 """Times between poses of which the median is taken.  Source: judgement; not measured."""
-SMALL_ANGLE = 1e-4
-"""
-Angle between quaternions up to which slerp is linear [rad].
-Source: numerical: the difference goes with its square, 1e-8.
-"""
 
 
 class PoseStatus(enum.Enum):
