@@ -11,6 +11,7 @@ node of another checkout.
 
 import argparse
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 import json
 import os
@@ -168,6 +169,7 @@ def read_flight(seconds: float) -> list[Event]:
     return events
 
 
+@contextmanager
 def open_feeder(two: bool) -> Iterator[Feeder]:
     """Yield publishers of a flight on a graph of their own, of two drivers if wanted."""
     from diagnostic_msgs.msg import DiagnosticArray
@@ -200,11 +202,13 @@ def open_feeder(two: bool) -> Iterator[Feeder]:
     executor.add_node(node)
     thread = threading.Thread(target=executor.spin, daemon=True)
     thread.start()
-    yield feeder
-    executor.shutdown()
-    thread.join(5.0)
-    node.destroy_node()
-    context.shutdown()
+    try:
+        yield feeder
+    finally:
+        executor.shutdown()
+        thread.join(5.0)
+        node.destroy_node()
+        context.shutdown()
 
 
 def fly(fault: Fault, events: list[Event], rate: float, root: Path, room: Path) -> list[str]:
@@ -236,7 +240,7 @@ def fly(fault: Fault, events: list[Event], rate: float, root: Path, room: Path) 
         if process.poll() is None:
             fault.before(out)
             events = fault.change(events)
-            for feeder in open_feeder(any(event.kind == 'second' for event in events)):
+            with open_feeder(any(event.kind == 'second' for event in events)) as feeder:
                 said = feeder.said
                 note = _send(feeder, events, fault, rate)
             process.send_signal(fault.number)
