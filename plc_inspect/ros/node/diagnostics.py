@@ -118,8 +118,7 @@ def _losses(counters: Counters) -> Iterator[tuple[str, int]]:
 
 
 def describe_input(
-    counters: Counters, health: Health, now: float, lossy: bool,
-    found: tuple[str, str] = ('', ''),
+    counters: Counters, health: Health, now: float, lossy: bool, found: tuple[str, str],
 ) -> DiagnosticStatus:
     """
     Describe scans and odometry.
@@ -193,7 +192,7 @@ def describe_input(
 
 
 def describe_map(
-    voxels: VoxelMap, num_evicted: int, refused: int, doubt: str = ''
+    voxels: VoxelMap, num_evicted: int, refused: int, doubt: str
 ) -> DiagnosticStatus:
     """Describe the size of the map and of the process; a doubt about the map is an error."""
     share = len(voxels) / voxels.max_voxels

@@ -119,10 +119,10 @@ class Intake:
             self._taker.join()
             self._taker = None
 
-    def take_scan(self, message: PointCloud2, info: Mapping[str, Any] | None = None) -> None:
+    def take_scan(self, message: PointCloud2, info: Mapping[str, Any]) -> None:
         """Put a scan in, or count why not; ``info`` is what rclpy tells of the message."""
         now = time.monotonic()
-        if info is not None and not self.accepts(info, now):
+        if not self.accepts(info, now):
             self.accumulator.refuse(DropReason.OTHER_DRIVER)
             return
         self._health.last_scan = now
