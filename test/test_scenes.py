@@ -30,8 +30,8 @@ def survey(name, density=20.0, seed=0):
 
 
 @pytest.mark.parametrize(('name', 'density', 'found'), [
-    ('rack', 20.0, 0.85), ('street', 20.0, 1.0), ('angle', 20.0, 1.0), ('low_voltage', 20.0, 0.95),
-    ('medium_voltage', 20.0, 1.0), ('hidden', 10.0, 1.0),
+    ('rack', 20.0, 0.85), ('street', 20.0, 1.0), ('angle', 10.0, 1.0), ('low_voltage', 10.0, 0.95),
+    ('medium_voltage', 10.0, 1.0), ('hidden', 6.0, 1.0),
 ])
 def test_lines_of_every_kind_are_found(name, density, found):
     cloud, result, scores = survey(name, density)
