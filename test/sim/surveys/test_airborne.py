@@ -5,6 +5,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from plc_inspect.errors import DataError
 from plc_inspect.sim.scenes.catalogue import make_scene
@@ -63,14 +64,12 @@ def test_canopy_hides_ground_but_not_all_of_it():
     cloud = simulate_map(scene, 5.0, np.random.default_rng(1))
     ground = cloud.exact[cloud.label == Label.GROUND]
     tops = scene.blobs[scene.blobs[:, 3] > 1.5]
-    under = np.zeros(len(ground), dtype=bool)
-    for x, y, _, radius, _ in tops:
-        under |= np.hypot(ground[:, 0] - x, ground[:, 1] - y) < radius
     spots = np.random.default_rng(2).uniform(ground.min(axis=0), ground.max(axis=0), (40_000, 3))
     spots = spots[scene.covers(spots[:, :2])]
-    shade = np.zeros(len(spots), dtype=bool)
-    for x, y, _, radius, _ in tops:
-        shade |= np.hypot(spots[:, 0] - x, spots[:, 1] - y) < radius
+    under, shade = np.zeros(len(ground), dtype=bool), np.zeros(len(spots), dtype=bool)
+    for places, covered in ((ground, under), (spots, shade)):
+        below = cKDTree(places[:, :2]).query_ball_point(tops[:, :2], tops[:, 3])
+        covered[np.concatenate(below).astype(int)] = True
     rate = under.mean() / shade.mean() / ((~under).mean() / (~shade).mean())
     assert 0.05 < rate < 0.75
 
