@@ -159,3 +159,20 @@ def to_ros1(ros1, message, kind):
               if f.name != '__msgtype__'}
     fields['header'] = header
     return bytes(ros1.serialize_ros1(ros1.types[kind](**fields), kind))
+
+
+@pytest.mark.parametrize(('arguments', 'text'), [
+    (['--rate', '0'], 'not a positive number'),
+    (['--start', '1000'], 'beyond the end'),
+    (['--scan-topic', 'camera'], 'has no /camera'),
+    (None, 'BAG'),
+])
+def test_bad_usage_is_one_line(capfd, arguments, text):
+    try:
+        code = main([] if arguments is None else [str(DEMO), *arguments])
+    except SystemExit as error:  # of argparse
+        code = error.code
+    said = capfd.readouterr().err
+    assert code == 2
+    assert text in said
+    assert said.count('\n') == 1
