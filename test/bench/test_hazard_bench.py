@@ -30,7 +30,7 @@ def bench():
 @pytest.fixture(scope='module')
 def rows(bench):
     """Survey one scene."""
-    return bench.survey(3, 40.0)
+    return bench.survey(3, 20.0)
 
 
 def test_what_is_planted_is_found_once_and_nothing_else(bench, rows):
