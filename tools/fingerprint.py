@@ -136,7 +136,7 @@ def fly(bag: Path) -> Iterator[tuple[str, Any]]:
     accumulator.finish()
     plan = plan_everything(voxels, [])
     window = next(item for item in copy_window(voxels, plan) if item is not None)
-    state, _ = session.conclude(window.points, settings, window.sequence, complete=True)
+    state, _, _ = session.conclude(window.points, settings, window.sequence, complete=True)
     yield from pack(state)
 
 
