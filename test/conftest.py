@@ -14,16 +14,15 @@ HERE = Path(__file__).parent
 FIRST = (
     'core/live/test_warm_up.py',
     'test_architecture.py', 'sim', 'core/numerics', 'core/mapping', 'offline/readers', 'messages',
-    'stream', 'test_constants.py', 'test_package.py',
-    'ros/test_processes.py', 'monitor/web/test_page.py', 'test_scenes.py', 'bench', 'ros',
-    'monitor',
+    'stream', 'test_constants.py', 'test_package.py', 'test_scenes.py', 'bench',
 )
+LAST = ('ros/test_processes.py', 'monitor/web/test_page.py', 'ros', 'monitor')
 """
-Files and folders in the order in which they are begun.
+Files and folders in the order in which they are begun, those not named between both.
 
 Where nothing is compiled yet, one process compiles the kernels of the pipeline in the first file
-while the other has work that needs none of them; then comes what takes longest, so that both end
-together.
+while the other has work that needs none of them.  Nodes in processes of their own come when all
+is compiled, and the longest of them first, so that both end together.
 """
 
 
@@ -38,6 +37,10 @@ def pytest_collection_modifyitems(items):
 
 
 def find_rank(path):
-    """Return the place of a file in FIRST, behind all of them if it is not there."""
+    """Return the place of a file: by FIRST, 0 where neither names it, by LAST."""
     parts = [path, *path.parents]
-    return next((k for k, name in enumerate(FIRST) if HERE / name in parts), len(FIRST))
+    for names, start in ((FIRST, -len(FIRST)), (LAST, 1)):
+        for k, name in enumerate(names):
+            if HERE / name in parts:
+                return start + k
+    return 0
