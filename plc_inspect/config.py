@@ -337,6 +337,18 @@ class HazardSettings(Checked):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ProximitySettings(Checked):
+    """How near the vehicle may come to conductors, supports and whatever else stands there."""
+
+    warning: float = setting(
+        15.0, 'nearer than this is a warning', unit='m', low=0.5, high=60.0
+    )
+    critical: float = setting(
+        8.0, 'nearer than this is critical', unit='m', low=0.0, high=60.0
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class OutputSettings(Checked):
     """Where the node writes; the commands are told by their arguments."""
 
@@ -376,5 +388,6 @@ class Settings:
     supports: SupportSettings = field(default_factory=SupportSettings)
     corridor: CorridorSettings = field(default_factory=CorridorSettings)
     hazards: HazardSettings = field(default_factory=HazardSettings)
+    proximity: ProximitySettings = field(default_factory=ProximitySettings)
     output: OutputSettings = field(default_factory=OutputSettings)
     stream: StreamSettings = field(default_factory=StreamSettings)

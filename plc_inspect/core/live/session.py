@@ -17,6 +17,7 @@ from plc_inspect.config import Settings
 from plc_inspect.core.cloud_frame import CloudFrame, find_cloud_frame
 from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.live.map_labels import label_points
+from plc_inspect.core.live.surroundings import Surroundings, SurroundingsBook
 from plc_inspect.core.live.window import sample_span, Window
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.core.tracking.hazard_tracking import (
@@ -92,6 +93,8 @@ class LiveState:
     supports: tuple[Support, ...] = ()
     hazards: tuple[Hazard, ...] = ()
     corridor: CorridorPoints
+    around: Surroundings = field(default_factory=Surroundings)
+    """What may be near the vehicle."""
     news: HazardNews = field(default_factory=HazardNews)
     stages: tuple[StageReport, ...] = ()
     num_points: int = 0
@@ -126,6 +129,7 @@ class Session:
         self._hazards = HazardBook()
         self._supports = SupportBook()
         self._corridor = _no_corridor()
+        self._surroundings = SurroundingsBook()
         self._frame: CloudFrame | None = None
         """Of the first window, held so that cells do not move from tick to tick."""
 
@@ -137,6 +141,7 @@ class Session:
             supports=self._supports.supports,
             hazards=self._hazards.hazards,
             corridor=self._corridor,
+            around=self._surroundings.known,
         )
 
     def tick(
@@ -176,6 +181,9 @@ class Session:
         news = news.clear(self._hazards.keep(keys), SPAN_GONE)
         self._supports.update(result.supports, told, window.holds)
         self._keep_corridor(result, window, numbered, vehicle)
+        self._surroundings.update(
+            [item.span for item in self._registry.spans], window, result, vehicle
+        )
         return Tick(
             state=self._describe(news, result, window.sequence, started),
             labels=labels,
@@ -240,6 +248,7 @@ class Session:
             supports=self._supports.supports,
             hazards=self._hazards.hazards,
             corridor=self._corridor,
+            around=self._surroundings.known,
             news=news,
             stages=result.stages,
             num_points=result.num_points,

@@ -7,6 +7,9 @@ import numpy as np
 
 from plc_inspect.results import Float32, Float64, InspectionResult, Int64, Span
 
+MOST_CUBES = 2**62
+"""Cubes that 64 bits number.  Source: numerical."""
+
 
 class WirePoints:
     """
@@ -43,6 +46,12 @@ def _pack(line_id: np.ndarray, span_id: np.ndarray) -> Int64:
 def thin_points(points: Float64, spacing: float) -> Int64:
     """Return the indices of one point for each cube of edge ``spacing`` that holds any."""
     cubes = np.floor(points / spacing).astype(np.int64)
+    if not len(cubes):
+        return np.empty(0, dtype=np.int64)
+    cubes -= cubes.min(axis=0)
+    rows, columns, layers = (cubes.max(axis=0) + 1).tolist()
+    if rows * columns * layers < MOST_CUBES:  # one number a cube sorts far faster than three
+        cubes = (cubes[:, 0] * columns + cubes[:, 1]) * layers + cubes[:, 2]
     _, first = np.unique(cubes, axis=0, return_index=True)
     result: Int64 = np.sort(first).astype(np.int64)
     return result

@@ -1,0 +1,182 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What is known about the vehicle: conductors, whatever else stands there, and what was seen."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plc_inspect.core.live.window import Window
+from plc_inspect.core.spans.span_model import POINT_SIGMA
+from plc_inspect.core.tracking.wire_points import thin_points
+from plc_inspect.results import Bool, Decision, Float64, InspectionResult, Int64, Span
+
+RANGE = 60.0
+"""
+Distance from the vehicle in plan up to which points are kept [m].
+Source: judgement: at 15 m/s four seconds to react.
+"""
+SPACING = 0.25
+"""
+Spacing to which points are thinned [m].
+Source: judgement: of a tree's surface the nearest point is at most half of it nearer.
+"""
+OFF_GROUND = 1.5
+"""
+Points at least this high above the ground stand off it [m].
+Source: judgement: below are grass, walls and errors of the ground.
+"""
+MOST_EXTENSION = 50.0
+"""A conductor goes on beyond an open end for at most this [m].  Source: judgement."""
+MOST_SIGMA = 1.0
+"""
+And as long as its place is known to this standard deviation [m].
+Source: judgement: an eighth of the default distance that is critical.
+"""
+LEAST_LENGTH = 1.0
+"""Length of a span in a divisor, at least [m].  Source: numerical: not 0."""
+COURSE = 9
+"""Length of a course."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Surroundings:
+    """All that may be near the vehicle; nothing in it changes afterwards."""
+
+    spans: tuple[Span, ...] = ()
+    """Also those that are not confirmed yet."""
+    courses: Float64 = field(default_factory=lambda: np.empty((0, COURSE)))
+    """(S, COURSE) of each span: start x, y; unit vector x, y; ends of x; a, b, c [m]."""
+    supports: Float64 = field(default_factory=lambda: np.empty((0, 3)))
+    """(K, 3) points of towers and poles, map frame [m]."""
+    obstacles: Float64 = field(default_factory=lambda: np.empty((0, 3)))
+    """(K, 3) points of all else that stands off the ground, conductors apart [m]."""
+    seen: Int64 = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
+    """(C, 2) places on the grid of plan cells in which something was seen, ascending."""
+    cell_size: float = 1.0
+    """Edge of a plan cell [m]."""
+
+    def is_seen(self, position: Float64, reach: float) -> bool:
+        """
+        Tell whether something was seen in every plan cell within a reach of a position.
+
+        Parameters
+        ----------
+        position : (3,) float64
+            Map frame [m].
+        reach : float
+            In plan [m].
+
+        """
+        if not len(self.seen) or not np.isfinite(position).all():
+            return False
+        low = np.floor((position[:2] - reach) / self.cell_size).astype(np.int64)
+        high = np.floor((position[:2] + reach) / self.cell_size).astype(np.int64)
+        cells = np.stack(
+            np.meshgrid(*(np.arange(a, b + 1) for a, b in zip(low, high, strict=True)),
+                        indexing='ij'), axis=-1,
+        ).reshape(-1, 2)
+        corner = cells * self.cell_size
+        apart = np.clip(position[:2], corner, corner + self.cell_size) - position[:2]
+        wanted = cells[np.hypot(*apart.T) <= reach]
+        known = (self.seen >= low).all(axis=1) & (self.seen <= high).all(axis=1)
+        found = np.zeros(high - low + 1, dtype=np.bool_)
+        found[tuple((self.seen[known] - low).T)] = True
+        return bool(found[tuple((wanted - low).T)].all())
+
+
+class SurroundingsBook:
+    """Keeps the surroundings from tick to tick."""
+
+    def __init__(self) -> None:
+        self._known = Surroundings()
+
+    @property
+    def known(self) -> Surroundings:
+        """What is known after the last tick."""
+        return self._known
+
+    def update(
+        self,
+        spans: Sequence[Span],
+        window: Window,
+        result: InspectionResult,
+        vehicle: Float64 | None,
+    ) -> None:
+        """
+        Replace what is known in the cells that a tick saw whole.
+
+        Parameters
+        ----------
+        spans : sequence of Span
+            All that are known.
+        window : Window
+            Of the tick.
+        result : InspectionResult
+            What it found.
+        vehicle : (2+,) float64 or None
+            Where it is [m].
+
+        """
+        points, decision = window.points, result.decision
+        stands = (result.ground_height >= OFF_GROUND) & (decision != Decision.WIRE)
+        stands &= _is_near(points, vehicle, RANGE)
+        rows = np.flatnonzero(stands)
+        rows = rows[window.holds(points[rows])]
+        rows = rows[thin_points(points[rows], SPACING)]
+        kept, is_support = self._known, decision[rows] == Decision.SUPPORT
+        cells = np.unique(np.concatenate((kept.seen, window.fresh)), axis=0)
+        near = _is_near((cells + 0.5) * window.cell_size, vehicle, 2.0 * RANGE)
+        self._known = Surroundings(
+            spans=tuple(spans),
+            courses=np.array([_describe(span) for span in spans]).reshape(-1, COURSE),
+            supports=_renew(kept.supports, points[rows[is_support]], window, vehicle),
+            obstacles=_renew(kept.obstacles, points[rows[~is_support]], window, vehicle),
+            seen=cells[near],
+            cell_size=window.cell_size,
+        )
+
+
+def _renew(kept: Float64, new: Float64, window: Window, vehicle: Float64 | None) -> Float64:
+    """Replace the points in the cells that a window holds whole; forget what is far."""
+    stays = ~window.holds(kept) & _is_near(kept, vehicle, RANGE)
+    return np.concatenate((kept[stays], new))
+
+
+def _is_near(points: NDArray[Any], vehicle: Float64 | None, reach: float) -> Bool:
+    """Tell which of (N, 2+) places are near the vehicle in plan; all where it is unknown."""
+    if vehicle is None:
+        return np.ones(len(points), dtype=np.bool_)
+    near: Bool = np.hypot(*(points[:, :2] - vehicle[:2]).T) <= reach
+    return near
+
+
+def find_sigma(span: Span, beyond: float) -> float:
+    """
+    Return the standard deviation of a span's place [m], ``beyond`` metres from its ends.
+
+    An error of the sag of a parabola of length L is, d beyond its end, one of 4 d (L + d) / L^2
+    times that.
+    """
+    lever = max(1.0, 4.0 * beyond * (span.length + beyond) / max(span.length, LEAST_LENGTH) ** 2)
+    return math.hypot(lever * span.sigma_sag, POINT_SIGMA, span.rmse)
+
+
+def _describe(span: Span) -> tuple[float, ...]:
+    """Return the course of a span, with the ends up to which it is known."""
+    reach = 0.0
+    if span.open_start or span.open_end:
+        # where find_sigma comes to MOST_SIGMA
+        room = MOST_SIGMA**2 - POINT_SIGMA**2 - span.rmse**2
+        ratio = math.sqrt(max(room, 0.0)) / max(span.sigma_sag, POINT_SIGMA)
+        reach = min(span.length * (math.sqrt(1.0 + ratio) - 1.0) / 2.0, MOST_EXTENSION)
+    unit = (span.end - span.start)[:2] / max(span.length, LEAST_LENGTH)
+    return (
+        *span.start[:2], *unit, -reach if span.open_start else 0.0,
+        span.length + (reach if span.open_end else 0.0), span.a, span.b, span.c,
+    )

@@ -1,0 +1,184 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""How near the vehicle is to what is known, and that nothing unseen is called clear."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from spans import make_span
+
+from plc_inspect.config import ProximitySettings
+from plc_inspect.core.live.motion import Motion
+from plc_inspect.core.live.proximity import HORIZON, Level, measure_proximity, Thing
+from plc_inspect.core.live.surroundings import (
+    find_sigma,
+    MOST_EXTENSION,
+    MOST_SIGMA,
+    RANGE,
+    SPACING,
+    SurroundingsBook,
+)
+from plc_inspect.core.live.window import Window
+from plc_inspect.results import Decision
+
+SETTINGS = ProximitySettings()
+CELL = 8.0
+STANDING = np.zeros(3)
+LOW, HIGH = (-60.0, -60.0, 10.0), (60.0, 60.0, 130.0)
+
+
+def make_around(spans=(), points=(), decision=(), size=10, vehicle=None):
+    """Return the surroundings after a tick that saw ``size`` cells each way about the origin."""
+    points = np.array(points, dtype=np.float64).reshape(-1, 3)
+    cells = np.stack(np.meshgrid(*2 * [np.arange(-size, size)], indexing='ij'), -1)
+    book = SurroundingsBook()
+    update(book, spans, points, decision, cells.reshape(-1, 2), vehicle)
+    return book.known
+
+
+def update(book, spans, points, decision, cells, vehicle=None):
+    decision = np.array(decision, dtype=np.uint8)
+    window = Window(
+        slots=np.arange(len(points)), points=points, fresh=cells, cell_size=CELL,
+        spans=frozenset(), sequence=1,
+    )
+    result = SimpleNamespace(decision=decision, ground_height=points[:, 2])
+    book.update(spans, window, result, vehicle)
+
+
+def look(around, position, velocity=STANDING, settings=SETTINGS):
+    found = measure_proximity(
+        around, np.array(position, dtype=np.float64), np.array(velocity, dtype=np.float64),
+        settings,
+    )
+    assert [item.thing for item in found] == list(Thing)
+    return found
+
+
+def sample(span, low, high):
+    x = np.linspace(low, high, 40_001)
+    unit = (span.end - span.start)[:2] / span.length
+    return np.column_stack([span.start[:2] + x[:, None] * unit, span.heights(x)])
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_the_nearest_place_of_conductors_is_that_of_dense_samples(seed):
+    rng = np.random.default_rng(seed)
+    spans = [
+        make_span(rng.uniform(LOW, HIGH), rng.uniform(LOW, HIGH),
+                  c=float(rng.uniform(80, 2000)))
+        for _ in range(4)
+    ]
+    places = np.concatenate([sample(span, 0.0, span.length) for span in spans])
+    around = make_around(spans)
+    for _ in range(20):
+        position, velocity = rng.uniform(LOW, HIGH), rng.normal(0.0, 5.0, 3)
+        found = look(around, position, velocity)[0]
+        distance = np.linalg.norm(places - position, axis=1)
+        assert found.distance == pytest.approx(distance.min(), abs=0.01)
+        assert np.linalg.norm(found.position - position) == pytest.approx(found.distance, abs=1e-6)
+        way = [
+            np.linalg.norm(places[::20] - position - time * velocity, axis=1).min()
+            for time in np.arange(0.0, HORIZON, 0.25)
+        ]
+        assert found.closest == pytest.approx(min(way), abs=0.7)
+        assert found.closest <= found.distance
+        at = position + found.closest_in * velocity
+        assert np.linalg.norm(places - at, axis=1).min() == pytest.approx(found.closest, abs=0.01)
+
+
+@pytest.mark.parametrize(('away', 'level'), [
+    (7.9, Level.CRITICAL), (8.1, Level.WARNING), (14.9, Level.WARNING), (15.1, Level.CLEAR),
+])
+def test_levels_by_distance(away, level):
+    around = make_around([make_span((-40.0, 0.0, 20.0), (40.0, 0.0, 20.0), c=1e6)])
+    conductor, support, obstacle = look(around, (0.0, away, 20.0))
+    assert conductor.level == level
+    assert conductor.distance == pytest.approx(away, abs=0.01)
+    assert (conductor.line_id, conductor.span_id) == (0, 0)
+    assert not conductor.extended
+    for other in (support, obstacle):
+        assert other.level == Level.CLEAR
+        assert math.isnan(other.distance)
+
+
+def test_what_was_not_seen_is_never_clear():
+    span = make_span((-40.0, 0.0, 20.0), (40.0, 0.0, 20.0))
+    for around in (SurroundingsBook().known, make_around([span], size=2)):
+        found = look(around, (0.0, 20.0, 20.0))
+        assert {item.level for item in found} == {Level.UNKNOWN}
+    # but what is known to be near is told all the same
+    assert look(make_around([span], size=1), (0.0, 5.0, 20.0))[0].level == Level.CRITICAL
+    seen = make_around([span], size=6)
+    assert look(seen, (0.0, 30.0, 20.0))[0].level == Level.CLEAR
+    assert look(seen, (0.0, 34.0, 20.0))[0].level == Level.UNKNOWN
+    assert look(seen, (np.nan, 0.0, 0.0))[2].level == Level.UNKNOWN
+
+
+def test_a_conductor_goes_on_beyond_an_open_end_only():
+    ends = (-40.0, 0.0, 20.0), (40.0, 0.0, 20.0)
+    hung, free = make_span(*ends, c=800.0), make_span(*ends, c=800.0, is_open=(False, True))
+    position = (65.0, 5.0, 21.0)
+    assert look(make_around([hung]), position)[0].distance == pytest.approx(25.5, abs=0.1)
+    found = look(make_around([free]), position)[0]
+    assert found.extended
+    assert found.distance == pytest.approx(5.0, abs=0.3)
+    assert found.sigma > find_sigma(free, 0.0)
+    far = look(make_around([free]), (200.0, 0.0, 20.0))[0]
+    beyond = far.position[0] - 40.0
+    assert beyond == pytest.approx(MOST_EXTENSION) or (
+        find_sigma(free, beyond) == pytest.approx(MOST_SIGMA, rel=0.05)
+    )
+
+
+def test_the_way_to_a_pole_and_a_tree():
+    points = [(30.0, 2.0, 10.0), (0.0, 40.0, 6.0)]
+    around = make_around([], points, [Decision.SUPPORT, Decision.NOT_LINEAR])
+    _, pole, tree = look(around, (0.0, 0.0, 10.0), (5.0, 0.0, 0.0))
+    assert pole.distance == pytest.approx(math.hypot(30.0, 2.0))
+    assert (pole.closest, pole.closest_in) == (pytest.approx(2.0), pytest.approx(6.0))
+    assert tree.distance == pytest.approx(math.hypot(40.0, 4.0))
+    assert tree.closest_in == pytest.approx(0.0)
+    np.testing.assert_array_equal(tree.position, points[1])
+    assert tree.sigma >= SPACING / 2
+    _, pole, _ = look(around, (0.0, 0.0, 10.0), (np.nan,) * 3)
+    assert math.isnan(pole.closest)
+    assert math.isnan(pole.closest_in)
+
+
+def test_ticks_replace_what_they_saw_whole():
+    book = SurroundingsBook()
+    cells = np.array([[0, 0], [1, 0]])
+    points = np.array([
+        [1.0, 1.0, 5.0], [1.01, 1.0, 5.0], [9.0, 1.0, 5.0], [2.0, 2.0, 0.2], [3.0, 3.0, 9.0],
+        [30.0, 1.0, 5.0],
+    ])
+    decision = [Decision.NOT_LINEAR] * 3 + [Decision.GROUND, Decision.WIRE, Decision.NOT_LINEAR]
+    update(book, [], points, decision, cells)
+    # thinned, off the ground, no wire, in cells that are whole
+    np.testing.assert_array_equal(book.known.obstacles, points[[0, 2]])
+    assert not len(book.known.supports)
+    update(book, [], points[:0], [], cells[:1])
+    np.testing.assert_array_equal(book.known.obstacles, points[[2]])
+    assert len(book.known.seen) == 2
+    update(book, [], points[:0], [], cells[:0], np.array([9.0 + RANGE + 1.0, 1.0]))
+    assert not len(book.known.obstacles)
+    assert len(book.known.seen) == 2
+    update(book, [], points[:0], [], cells[:0], np.array([500.0, 1.0]))
+    assert not len(book.known.seen)
+
+
+def test_velocity_from_poses():
+    motion = Motion()
+    assert np.isnan(motion.velocity).all()
+    for number in range(20):
+        time = 0.05 * number
+        motion.add(int(time * 1e9), np.array([3.0 * time, -time, 20.0]))
+    np.testing.assert_allclose(motion.velocity, [3.0, -1.0, 0.0], atol=1e-9)
+    motion.add(int(3.0e9), np.zeros(3))
+    assert np.isnan(motion.velocity).all()
+    motion.add(int(2.9e9), np.zeros(3))
+    assert np.isnan(motion.velocity).all()
