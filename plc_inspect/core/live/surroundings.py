@@ -38,6 +38,11 @@ MOST_SIGMA = 1.0
 And as long as its place is known to this standard deviation [m].
 Source: judgement: an eighth of the default distance that is critical.
 """
+SETTLED = 3
+"""
+Ticks after its first from which a cell is seen: so long a conductor in it may take to be found.
+Source: measured, bench/proximity.py: with 0, flights begin with a conductor near and "clear".
+"""
 LEAST_LENGTH = 1.0
 """Length of a span in a divisor, at least [m].  Source: numerical: not 0."""
 COURSE = 9
@@ -57,7 +62,7 @@ class Surroundings:
     obstacles: Float64 = field(default_factory=lambda: np.empty((0, 3)))
     """(K, 3) points of all else that stands off the ground, conductors apart [m]."""
     seen: Int64 = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
-    """(C, 2) places on the grid of plan cells in which something was seen, ascending."""
+    """(C, 2) places on the grid of plan cells that were seen for SETTLED ticks, ascending."""
     cell_size: float = 1.0
     """Edge of a plan cell [m]."""
 
@@ -95,6 +100,9 @@ class SurroundingsBook:
 
     def __init__(self) -> None:
         self._known = Surroundings()
+        self._cells = np.empty((0, 3), dtype=np.int64)
+        """Row, column and first tick of each cell in which something was seen."""
+        self._num_ticks = 0
 
     @property
     def known(self) -> Surroundings:
@@ -130,16 +138,28 @@ class SurroundingsBook:
         rows = rows[window.holds(points[rows])]
         rows = rows[thin_points(points[rows], SPACING)]
         kept, is_support = self._known, decision[rows] == Decision.SUPPORT
-        cells = np.unique(np.concatenate((kept.seen, window.fresh)), axis=0)
-        near = _is_near((cells + 0.5) * window.cell_size, vehicle, 2.0 * RANGE)
+        cells, first = self._see(window, vehicle)
         self._known = Surroundings(
             spans=tuple(spans),
             courses=np.array([_describe(span) for span in spans]).reshape(-1, COURSE),
             supports=_renew(kept.supports, points[rows[is_support]], window, vehicle),
             obstacles=_renew(kept.obstacles, points[rows[~is_support]], window, vehicle),
-            seen=cells[near],
+            seen=cells[first <= self._num_ticks - SETTLED],
             cell_size=window.cell_size,
         )
+
+
+    def _see(self, window: Window, vehicle: Float64 | None) -> tuple[Int64, Int64]:
+        """Add the cells of a window; return all near the vehicle and the first tick of each."""
+        self._num_ticks += 1
+        new = np.column_stack((window.fresh, np.full(len(window.fresh), self._num_ticks)))
+        both = np.concatenate((self._cells, new))
+        _, first = np.unique(both[:, :2], axis=0, return_index=True)
+        both = both[first]
+        self._cells = both[
+            _is_near((both[:, :2] + 0.5) * window.cell_size, vehicle, 2.0 * RANGE)
+        ]
+        return self._cells[:, :2], self._cells[:, 2]
 
 
 def _renew(kept: Float64, new: Float64, window: Window, vehicle: Float64 | None) -> Float64:

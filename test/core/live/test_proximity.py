@@ -18,6 +18,7 @@ from plc_inspect.core.live.surroundings import (
     MOST_EXTENSION,
     MOST_SIGMA,
     RANGE,
+    SETTLED,
     SPACING,
     SurroundingsBook,
 )
@@ -35,7 +36,8 @@ def make_around(spans=(), points=(), decision=(), size=10, vehicle=None):
     points = np.array(points, dtype=np.float64).reshape(-1, 3)
     cells = np.stack(np.meshgrid(*2 * [np.arange(-size, size)], indexing='ij'), -1)
     book = SurroundingsBook()
-    update(book, spans, points, decision, cells.reshape(-1, 2), vehicle)
+    for _ in range(1 + SETTLED):
+        update(book, spans, points, decision, cells.reshape(-1, 2), vehicle)
     return book.known
 
 
@@ -163,7 +165,10 @@ def test_ticks_replace_what_they_saw_whole():
     assert not len(book.known.supports)
     update(book, [], points[:0], [], cells[:1])
     np.testing.assert_array_equal(book.known.obstacles, points[[2]])
-    assert len(book.known.seen) == 2
+    assert not len(book.known.seen)  # not yet: a conductor may not be found at once
+    for _ in range(SETTLED):
+        update(book, [], points[:0], [], cells[:0])
+    np.testing.assert_array_equal(book.known.seen, cells)
     update(book, [], points[:0], [], cells[:0], np.array([9.0 + RANGE + 1.0, 1.0]))
     assert not len(book.known.obstacles)
     assert len(book.known.seen) == 2
