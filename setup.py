@@ -20,6 +20,7 @@ COMMANDS = {
     'plc_monitor': 'plc_inspect.monitor.command:main',
     'plc_evaluate': 'plc_inspect.sim.evaluation.evaluate:main',
     'plc_explain': 'plc_inspect.offline.commands.explain:main',
+    'plc_keys': 'plc_inspect.security.command:main',
 }
 
 
@@ -43,12 +44,15 @@ setup(
         (f'share/{NAME}', ['package.xml']),
         (f'share/{NAME}/config', list_files('config', '*.yaml', '*.rviz', '*.json', '*.xml')),
         (f'share/{NAME}/config/rules', list_files('config/rules', '*.yaml')),
+        (f'share/{NAME}/config/security', list_files('config/security', '*.xml')),
         (f'share/{NAME}/launch', list_files('launch', '*.launch.py')),
     ],
     python_requires='>=3.11',
     install_requires=[
         'setuptools',
+        'aiohttp>=3.9,<4',
         'cma>=4.0',
+        'cryptography>=41',
         'ezdxf>=1.1',
         'jinja2>=3.1',
         'laspy[lazrs]>=2.5',

@@ -21,7 +21,7 @@ LEAST_FUNCTIONS = {
     'core.tracking': 40, 'core.live': 25, 'core.explain': 60, 'core.tuning': 30,
     'messages': 20, 'stream': 30, 'offline.readers': 60, 'offline.records': 30,
     'offline.report': 60, 'offline.export': 30, 'offline.commands': 60,
-    'ros.graph': 5, 'ros.node': 90, 'monitor.picture': 40, 'monitor.record': 15,
+    'security': 30, 'ros.graph': 5, 'ros.node': 90, 'monitor.picture': 40, 'monitor.record': 15,
     'monitor.terminal': 20, 'monitor.web': 60, 'sim.scenes': 60, 'sim.surveys': 50,
     'sim.random_scenes': 60, 'sim.evaluation': 40, 'sim': 6,
 }
@@ -35,6 +35,7 @@ LAYERS = [
     'messages', 'stream',
     'offline.readers', 'offline.records', 'offline.report', 'offline.export', 'offline.commands',
     'sim.scenes', 'sim.surveys', 'sim.random_scenes', 'sim.evaluation', 'sim',
+    'security',
     'ros.graph', 'ros.node', 'ros',
     'monitor.picture', 'monitor.record', 'monitor.terminal', 'monitor.web', 'monitor',
 ]

@@ -19,6 +19,8 @@ import plc_inspect
 
 ROOT = Path(__file__).parents[1]
 IMPORT_TO_KEY = {
+    'aiohttp': 'python3-aiohttp',
+    'cryptography': 'python3-cryptography',
     'jinja2': 'python3-jinja2',
     'markupsafe': 'python3-jinja2',
     'numba': 'python3-numba',

@@ -1,0 +1,121 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The command ``plc_keys``: keys and certificates for a fleet."""
+
+import argparse
+from collections.abc import Sequence
+from datetime import datetime, UTC
+from pathlib import Path
+import sys
+
+from plc_inspect.errors import ConfigError
+from plc_inspect.offline.commands.command_line import DONE, Parser, run_command
+from plc_inspect.shared_files import find_shared
+from plc_inspect.whole_files import replace_file
+
+NAME = 'plc_keys'
+POLICY = 'security/policy.xml'
+PROFILE = 'fastdds.xml'
+DAYS = 365
+"""How long certificates hold [d]: a season, and to be renewed before the next."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; return 0 done, 2 bad usage or keys that cannot be read."""
+    return run_command(NAME, lambda: _run(_parse(argv)))
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    if arguments.action == 'profile':
+        return _write_profile(arguments)
+    from plc_inspect.security.keyring import Keyring
+    from plc_inspect.security.policy import read_policy
+
+    path = arguments.policy or find_shared(POLICY)
+    if path is None:
+        raise ConfigError(f'config/{POLICY} is not installed: name it with --policy')
+    keyring = Keyring(arguments.keys, read_policy(path))
+    if arguments.action == 'create':
+        register = keyring.create(
+            domain=arguments.domain, days=arguments.days, hosts=arguments.page
+        )
+    elif arguments.action == 'add':
+        register = keyring.add(arguments.name, arguments.role)
+    elif arguments.action == 'revoke':
+        register = keyring.revoke(arguments.name)
+        print(f'{arguments.name} is revoked: copy their folders to all others, which until '
+              'then still let it in')
+    elif arguments.action == 'renew':
+        register = keyring.renew()
+    else:
+        register = keyring.load()
+    now = datetime.now(UTC)
+    print(f'{"member":<16}{"role":<12}{"valid for":<12}')
+    for member in register.members.values():
+        left = (datetime.fromisoformat(member.until) - now).days
+        state = 'revoked' if member.revoked else f'{left} days' if left >= 0 else 'expired'
+        print(f'{member.name:<16}{member.role:<12}{state:<12}')
+    return DONE
+
+
+def _write_profile(arguments: argparse.Namespace) -> int:
+    from plc_inspect.security.graph_profile import make_profile, read_place, read_port
+
+    folder: Path = arguments.folder
+    listen, connect = (
+        None if text is None else read_place(text)
+        for text in (arguments.listen, arguments.connect)
+    )
+    aboard = None if arguments.aboard is None else read_port(arguments.aboard)
+    text = make_profile(folder, listen=listen, connect=connect, aboard=aboard)
+    if (listen or connect) and not (folder / 'graph.key').is_file():
+        raise ConfigError(f'{folder} is no folder of a member: it has no graph.key')
+    with replace_file(folder / PROFILE) as aside:
+        aside.write_text(text, encoding='utf-8')
+    print(f'export PLC_KEYS={folder.absolute()}')
+    return DONE
+
+
+def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = Parser(
+        prog=NAME, description='Makes keys and certificates for vehicle, ground and all others, '
+        'for TLS and for SROS2; docs/security.md says how to use them.',
+    )
+    actions = parser.add_subparsers(dest='action', required=True, metavar='ACTION')
+    create = actions.add_parser('create', help='make authorities and a member of each role')
+    create.add_argument('keys', type=Path, metavar='KEYS', help='new folder')
+    create.add_argument('--days', type=int, default=DAYS, metavar='N',
+                        help='how long certificates hold (default: %(default)s)')
+    create.add_argument('--domain', type=int, default=0, metavar='N',
+                        help='ROS_DOMAIN_ID that SROS2 permits (default: %(default)s)')
+    create.add_argument('--page', action='append', default=[], metavar='HOST',
+                        help='name or address of the ground station in browsers; may be repeated')
+    add = actions.add_parser('add', help='add a member, such as a second vehicle')
+    add.add_argument('keys', type=Path, metavar='KEYS')
+    add.add_argument('name', metavar='NAME')
+    add.add_argument('--role', required=True, metavar='ROLE',
+                     help='vehicle, ground, operator, driver, navigation or logger')
+    revoke = actions.add_parser('revoke', help='take the keys of a member back')
+    revoke.add_argument('keys', type=Path, metavar='KEYS')
+    revoke.add_argument('name', metavar='NAME')
+    for action, text in (('renew', 'issue all certificates anew'), ('list', 'show the members')):
+        actions.add_parser(action, help=text).add_argument('keys', type=Path, metavar='KEYS')
+    for item in actions.choices.values():
+        item.add_argument('--policy', type=Path, metavar='FILE',
+                          help='SROS2 policy in place of config/security/policy.xml')
+    profile = actions.add_parser(
+        'profile', help="write a member's Fast DDS profile, on the machine where it is used"
+    )
+    profile.add_argument('folder', type=Path, metavar='FOLDER', help='folder of the member')
+    profile.add_argument('--listen', metavar='ADDRESS:PORT',
+                         help='wait for TLS connections there: of the vehicle')
+    profile.add_argument('--connect', metavar='ADDRESS:PORT',
+                         help='connect to the vehicle there: of all others')
+    profile.add_argument('--aboard', metavar='PORT',
+                         help='loopback port of the node, for programs aboard without keys')
+    return parser.parse_args(argv)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,202 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Fast DDS profiles: TLS over TCP between machines, and what stays aboard.
+
+Fast DDS checks both certificates against the authority of the graph and their dates.  It reads
+no revocation list, so a certificate is taken back by a new authority of the graph (keyring.py).
+A participant with one of these profiles opens no UDP to the network: the multicast of the
+built-in transports is off, and loopback is opened only where it is asked for.
+"""
+
+from dataclasses import dataclass
+import ipaddress
+from pathlib import Path
+from xml.etree import ElementTree
+
+from plc_inspect.errors import ConfigError
+
+NAMESPACE = 'http://www.eprosima.com'
+LOOPBACK = '127.0.0.1'
+LOGICAL_PORT = 7410
+"""
+Where participants meet within a TCP connection; both ends must name the same number.
+"""
+BUFFER = 4_194_304
+"""Of a socket [bytes]: six scans of 660 kB."""
+SEGMENT, MESSAGE = 16_777_216, 2_097_152
+"""Shared memory and the largest message in it [bytes], as in config/fastdds.xml."""
+OPTIONS = ('NO_SSLV2', 'NO_SSLV3', 'NO_TLSV1', 'NO_TLSV1_1', 'SINGLE_DH_USE')
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Address and port of a listening participant."""
+
+    address: str
+    port: int
+
+
+def read_place(text: str) -> Place:
+    """
+    Read ADDRESS:PORT.
+
+    Raises
+    ------
+    ConfigError
+        It is no IPv4 address of one machine with a port.
+
+    """
+    address, colon, port = text.rpartition(':')
+    try:
+        good = bool(colon) and not ipaddress.IPv4Address(address).is_unspecified
+    except ValueError:
+        good = False
+    if not good:
+        raise ConfigError(f'{text!r} is no ADDRESS:PORT of one interface, such as 10.0.0.1:7411')
+    return Place(address, read_port(port))
+
+
+def read_port(text: str) -> int:
+    """
+    Read a port.
+
+    Raises
+    ------
+    ConfigError
+        It is none from 1024 to 65535.
+
+    """
+    if not (text.isascii() and text.isdigit() and 1024 <= int(text) <= 65_535):
+        raise ConfigError(f'{text!r} is no port from 1024 to 65535')
+    return int(text)
+
+
+def make_profile(
+    folder: Path, *, listen: Place | None = None, connect: Place | None = None,
+    aboard: int | None = None,
+) -> str:
+    """
+    Return the Fast DDS profile of one participant.
+
+    Parameters
+    ----------
+    folder : Path
+        Keys of the member; the profile names its files by absolute path.
+    listen : Place or None
+        Where it waits for TLS connections; one machine of a graph does.
+    connect : Place or None
+        Whom it connects to; others do.
+    aboard : int or None
+        Loopback port of the node for programs on its own machine that have no keys, which then
+        send by shared memory; None opens neither.
+
+    Returns
+    -------
+    str
+        XML.
+
+    Raises
+    ------
+    ConfigError
+        It both listens and connects, or does nothing.
+
+    """
+    if listen is not None and connect is not None:
+        raise ConfigError('a participant either listens or connects')
+    if listen is None and connect is None and aboard is None:
+        raise ConfigError('say where to listen, whom to connect to, or the port aboard')
+    root = ElementTree.Element('dds', xmlns=NAMESPACE)
+    profiles = ElementTree.SubElement(root, 'profiles')
+    transports = ElementTree.SubElement(profiles, 'transport_descriptors')
+    used = []
+    if aboard is not None:
+        _add_aboard(transports)
+        used += ['plc_shared_memory', 'plc_loopback']
+    if listen is not None or connect is not None:
+        _add_tls(transports, folder.absolute(), listen)
+        used.append('plc_tls')
+    attributes = {'profile_name': 'plc_inspect', 'is_default_profile': 'true'}
+    participant = ElementTree.SubElement(profiles, 'participant', attributes)
+    rtps = ElementTree.SubElement(participant, 'rtps')
+    chosen = ElementTree.SubElement(rtps, 'userTransports')
+    for name in used:
+        _text(chosen, 'transport_id', name)
+    _text(rtps, 'useBuiltinTransports', 'false')
+    _add_meetings(ElementTree.SubElement(rtps, 'builtin'), listen, connect, aboard)
+    ElementTree.indent(root)
+    head = '<?xml version="1.0" encoding="UTF-8"?>\n'
+    return head + ElementTree.tostring(root, encoding='unicode') + '\n'
+
+
+def _add_aboard(transports: ElementTree.Element) -> None:
+    memory = _transport(transports, 'plc_shared_memory', 'SHM')
+    _text(memory, 'segment_size', SEGMENT)
+    _text(memory, 'maxMessageSize', MESSAGE)
+    loopback = _transport(transports, 'plc_loopback', 'UDPv4')
+    _text(ElementTree.SubElement(loopback, 'interfaceWhiteList'), 'address', LOOPBACK)
+
+
+def _add_tls(transports: ElementTree.Element, folder: Path, listen: Place | None) -> None:
+    tcp = _transport(transports, 'plc_tls', 'TCPv4')
+    _text(tcp, 'sendBufferSize', BUFFER)
+    _text(tcp, 'receiveBufferSize', BUFFER)
+    if listen is not None:
+        _text(ElementTree.SubElement(tcp, 'interfaceWhiteList'), 'address', listen.address)
+        _text(ElementTree.SubElement(tcp, 'listening_ports'), 'port', listen.port)
+    tls = ElementTree.SubElement(tcp, 'tls')
+    _text(tls, 'private_key_file', folder / 'graph.key')
+    _text(tls, 'cert_chain_file', folder / 'graph.crt')
+    _text(tls, 'verify_file', folder / 'graph_ca.crt')
+    verify = ElementTree.SubElement(tls, 'verify_mode')
+    for word in ('VERIFY_PEER', 'VERIFY_FAIL_IF_NO_PEER_CERT'):
+        _text(verify, 'verify', word)
+    options = ElementTree.SubElement(tls, 'options')
+    for word in OPTIONS:
+        _text(options, 'option', word)
+    _text(tls, 'handshake_role', 'CLIENT' if listen is None else 'SERVER')
+
+
+def _add_meetings(
+    builtin: ElementTree.Element, listen: Place | None, connect: Place | None, aboard: int | None
+) -> None:
+    """Say where the participant is found, and where it looks for others."""
+    node_aboard = aboard is not None and listen is not None
+    if listen is not None or aboard is not None:
+        own = ElementTree.SubElement(builtin, 'metatrafficUnicastLocatorList')
+        if listen is not None:
+            _add_tcp(own, listen)
+        if aboard is not None:
+            _add_udp(own, aboard if node_aboard else None)
+    if connect is not None or (aboard is not None and not node_aboard):
+        peers = ElementTree.SubElement(builtin, 'initialPeersList')
+        if connect is not None:
+            _add_tcp(peers, connect)
+        if aboard is not None:
+            _add_udp(peers, aboard)
+
+
+def _add_tcp(parent: ElementTree.Element, place: Place) -> None:
+    locator = ElementTree.SubElement(ElementTree.SubElement(parent, 'locator'), 'tcpv4')
+    _text(locator, 'address', place.address)
+    _text(locator, 'port', LOGICAL_PORT)
+    _text(locator, 'physical_port', place.port)
+
+
+def _add_udp(parent: ElementTree.Element, port: int | None) -> None:
+    locator = ElementTree.SubElement(ElementTree.SubElement(parent, 'locator'), 'udpv4')
+    _text(locator, 'address', LOOPBACK)
+    if port is not None:
+        _text(locator, 'port', port)
+
+
+def _transport(parent: ElementTree.Element, name: str, kind: str) -> ElementTree.Element:
+    transport = ElementTree.SubElement(parent, 'transport_descriptor')
+    _text(transport, 'transport_id', name)
+    _text(transport, 'type', kind)
+    return transport
+
+
+def _text(parent: ElementTree.Element, name: str, value: object) -> None:
+    ElementTree.SubElement(parent, name).text = str(value)

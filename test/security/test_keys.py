@@ -1,0 +1,277 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Keys of a fleet: openssl and cryptography agree on them, and each member has its rights only."""
+
+from datetime import datetime, timedelta, UTC
+import json
+from pathlib import Path
+import re
+import shutil
+import stat
+import subprocess
+from xml.etree import ElementTree
+
+from cryptography import x509
+import pytest
+
+from plc_inspect.errors import ConfigError
+from plc_inspect.security.authority import issue, load_credential, make_authority, read_end
+from plc_inspect.security.command import main
+from plc_inspect.security.graph_profile import make_profile, Place, read_place, read_port
+from plc_inspect.security.keyring import Keyring, ROLES
+from plc_inspect.security.policy import DISCOVERY, read_policy
+
+ROOT = Path(__file__).parents[2]
+POLICY = ROOT / 'config/security/policy.xml'
+NAMESPACE = '{http://www.eprosima.com}'
+BARE = {'velodyne_points', 'odometry', 'clock', 'diagnostics', 'rosout', 'parameter_events'}
+"""Topics that are not below the node's name."""
+
+
+@pytest.fixture(scope='module')
+def keys(tmp_path_factory):
+    """Make keys, add a second vehicle, and take the logger's back."""
+    folder = tmp_path_factory.mktemp('keys') / 'keys'
+    assert main(['create', str(folder), '--domain', '5', '--page', '10.0.0.2']) == 0
+    assert main(['add', str(folder), 'second', '--role', 'vehicle']) == 0
+    shutil.copytree(folder, folder.with_name('before'))
+    assert main(['revoke', str(folder), 'logger']) == 0
+    return folder
+
+
+@pytest.fixture(scope='module')
+def openssl():
+    """Return a function that runs openssl, and tells whether it was content."""
+    program = shutil.which('openssl')
+    if program is None:
+        pytest.skip('openssl is not installed')
+
+    def run(*arguments):
+        done = subprocess.run([program, *map(str, arguments)], capture_output=True, check=False)
+        return done.returncode == 0, (done.stdout + done.stderr).decode()
+
+    return run
+
+
+def enclave_of(keys, name):
+    """Return the folder of a member's enclave."""
+    return keys / name / 'sros2/enclaves/plc_inspect' / name
+
+
+def read_table():
+    """Return the rights of docs/security.md, as sets of DDS topics by role."""
+    text = (ROOT / 'docs/security.md').read_text(encoding='utf-8')
+    body = text.partition('| enclave | publishes')[2].partition('\n\n')[0]
+    rights = {}
+    for row in re.findall(r'^\| ([a-z]+) \|(.*)\|$', body, re.MULTILINE):
+        cells = [cell.split() for cell in row[1].split('|')]
+        topics = [
+            {('rt/' if name in BARE else 'rt/plc_inspect/') + name for name in cell}
+            for cell in cells[:2]
+        ]
+        asked, answered = (
+            [{f'{kind}/plc_inspect/{name}{end}' for name in cell} for cell in cells[2:]]
+            for kind, end in (('rq', 'Request'), ('rr', 'Reply'))
+        )
+        own = {DISCOVERY, 'rt/parameter_events'}
+        rights[row[0]] = (
+            topics[0] | own | asked[1] | answered[0],
+            topics[1] | {DISCOVERY} | asked[0] | answered[1],
+        )
+    return rights
+
+
+def test_each_enclave_has_exactly_the_rights_of_the_table(keys):
+    table = read_table()
+    assert set(table) == set(ROLES)
+    for role in set(ROLES) - {'logger'}:
+        signed = (enclave_of(keys, role) / 'permissions.p7s').read_text(encoding='utf-8')
+        (document,) = re.findall(r'<\?xml.*?</dds>', signed, re.DOTALL)
+        (grant,) = ElementTree.fromstring(document.replace('\r', '')).iter('grant')
+        assert grant.findtext('subject_name') == f'CN=/plc_inspect/{role}'
+        assert grant.findtext('default') == 'DENY'
+        (rule,) = grant.findall('allow_rule')
+        assert [item.text for item in rule.findall('domains/id')] == ['5']
+        found = [
+            {item.text for item in rule.findall(f'{kind}/topics/topic')}
+            for kind in ('publish', 'subscribe')
+        ]
+        assert found == list(table[role]), role
+    assert 'rq/plc_inspect/resetRequest' not in table['ground'][0]
+    assert 'rq/plc_inspect/saveRequest' in table['ground'][0]
+    assert 'rq/plc_inspect/resetRequest' in table['operator'][0]
+    assert [role for role in ROLES if 'rt/velodyne_points' in table[role][0]] == ['driver']
+
+
+def test_openssl_verifies_the_keystore(keys, openssl):
+    for role in set(ROLES) - {'logger'} | {'second'}:
+        folder = enclave_of(keys, role)
+        for name in ('permissions', 'governance'):
+            good, text = openssl(
+                'smime', '-verify', '-text', '-in', folder / f'{name}.p7s', '-CAfile',
+                folder / 'permissions_ca.cert.pem',
+            )
+            assert good, text
+            place = folder if name == 'permissions' else folder.parents[1]
+            xml = (place / f'{name}.xml').read_text(encoding='utf-8')
+            assert xml.strip() in text.replace('\r', '')
+        good, text = openssl(
+            'verify', '-crl_check', '-CRLfile', folder / 'crl.pem', '-CAfile',
+            folder / 'identity_ca.cert.pem', folder / 'cert.pem',
+        )
+        assert good, text
+        good, text = openssl('verify', '-CAfile', keys / role / 'graph_ca.crt',
+                             keys / role / 'graph.crt')
+        assert good, text
+
+
+def test_a_changed_document_does_not_verify(keys, openssl, tmp_path):
+    folder = enclave_of(keys, 'ground')
+    signed = (folder / 'permissions.p7s').read_bytes()
+    changed = tmp_path / 'permissions.p7s'
+    changed.write_bytes(signed.replace(b'saveRequest', b'resetRequest'))
+    assert changed.read_bytes() != signed
+    good, _ = openssl('smime', '-verify', '-text', '-in', changed, '-CAfile',
+                      folder / 'permissions_ca.cert.pem')
+    assert not good
+
+
+def test_what_is_revoked_is_on_the_list_and_of_the_old_graph(keys, openssl):
+    before = keys.with_name('before')
+    assert not (keys / 'logger').exists()
+    old = enclave_of(before, 'logger') / 'cert.pem'
+    ca = keys / 'ground/root_ca.crt'
+    assert openssl('verify', '-CAfile', ca, old)[0]
+    good, text = openssl('verify', '-crl_check', '-CRLfile',
+                         enclave_of(keys, 'ground') / 'crl.pem', '-CAfile', ca, old)
+    assert not good
+    assert 'revoked' in text
+    for name in ('logger', 'ground'):  # all certificates of the old authority of the graph
+        assert not openssl('verify', '-CAfile', keys / 'ground/graph_ca.crt',
+                           before / name / 'graph.crt')[0]
+    assert [item['name'] for item in json.loads((keys / 'register.json').read_text())['members']
+            if item['revoked']] == ['logger']
+
+
+def test_private_keys_are_private_and_stay_at_home(keys):
+    for path in keys.rglob('*'):
+        secret = path.name.endswith(('.key', 'key.pem')) or path.name == 'register.json'
+        if path.is_file() and secret:
+            assert stat.S_IMODE(path.stat().st_mode) == 0o600, path
+    assert stat.S_IMODE((keys / 'authority').stat().st_mode) == 0o700
+    authority = {(keys / 'authority' / name).read_bytes() for name in ('root.key', 'graph.key')}
+    for role in ROLES:
+        for path in (keys / role).rglob('*'):
+            assert not path.is_symlink()
+            assert path.is_dir() or path.read_bytes() not in authority
+    # Only vehicles sign the stream, each with a key of its own; all others can check both.
+    streams = sorted(keys.rglob('stream.key'))
+    assert [path.parent.name for path in streams] == ['second', 'vehicle']
+    assert streams[0].read_bytes() != streams[1].read_bytes()
+    assert (keys / 'ground/stream.pub').read_bytes().count(b'BEGIN PUBLIC KEY') == 2
+
+
+def test_the_page_has_its_names(keys):
+    certificate = x509.load_pem_x509_certificate((keys / 'ground/page.crt').read_bytes())
+    names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    assert [str(item) for item in names.get_values_for_type(x509.IPAddress)] == [
+        '127.0.0.1', '10.0.0.2',
+    ]
+    assert names.get_values_for_type(x509.DNSName) == ['localhost']
+    assert not (keys / 'driver/page.key').exists()
+
+
+def test_certificates_end(openssl, tmp_path):
+    then = datetime.now(UTC) - timedelta(days=30)
+    authority = make_authority('a', 100, then)
+    (tmp_path / 'ca').write_bytes(authority.pem)
+    for days, good in ((29, False), (31, True)):
+        own = issue(authority, 'b', days, (), then)
+        (tmp_path / 'own').write_bytes(own.pem)
+        assert openssl('verify', '-CAfile', tmp_path / 'ca', tmp_path / 'own')[0] == good
+        assert abs(read_end(own.pem) - then - timedelta(days=days)) < timedelta(seconds=2)
+    with pytest.raises(ConfigError, match='1 to 3650 days, not 0'):
+        issue(authority, 'b', 0)
+    with pytest.raises(ConfigError, match='do not belong together'):
+        load_credential(own.key_pem, authority.pem)
+
+
+def test_a_revoked_name_can_be_given_again(tmp_path, openssl):
+    policy = read_policy(POLICY)
+    keyring = Keyring(tmp_path / 'keys', policy)
+    first = keyring.create(domain=0, days=10, hosts=())
+    stolen = (enclave_of(keyring.folder, 'vehicle') / 'cert.pem').read_bytes()
+    keyring.revoke('vehicle')
+    again = keyring.add('vehicle', 'vehicle')
+    assert not again.members['vehicle'].revoked
+    assert again.old_serials == (first.members['vehicle'].serial,)
+    assert keyring.load() == again
+    (tmp_path / 'stolen').write_bytes(stolen)
+    for path, good in ((tmp_path / 'stolen', False),
+                       (enclave_of(keyring.folder, 'vehicle') / 'cert.pem', True)):
+        crl = enclave_of(keyring.folder, 'ground') / 'crl.pem'
+        assert openssl('verify', '-crl_check', '-CRLfile', crl, '-CAfile',
+                       keyring.folder / 'ground/root_ca.crt', path)[0] == good
+
+
+@pytest.mark.parametrize(('arguments', 'message'), [
+    (['create', '{keys}'], 'is not empty'),
+    (['create', '{new}', '--days', '0'], '1 to 3650 days, not 0'),
+    (['create', '{new}', '--domain', '233'], 'not 233'),
+    (['add', '{keys}', 'ground', '--role', 'ground'], 'there already'),
+    (['add', '{keys}', '../x', '--role', 'ground'], 'is no name'),
+    (['add', '{keys}', 'authority', '--role', 'ground'], 'is no name'),
+    (['add', '{keys}', 'x', '--role', 'admin'], 'is no role'),
+    (['revoke', '{keys}', 'nobody'], 'no member with keys'),
+    (['revoke', '{keys}', 'logger'], 'no member with keys'),
+    (['list', '{new}'], 'holds no keys'),
+    (['profile', '{new}', '--connect', '10.0.0.1:7411'], 'no graph.key'),
+    (['profile', '{keys}', '--connect', '0.0.0.0:7411'], 'is no ADDRESS:PORT'),
+    (['profile', '{keys}'], 'say where to listen'),
+])
+def test_what_is_wrong_is_said_in_one_line(keys, tmp_path, capsys, arguments, message):
+    given = [item.format(keys=keys, new=tmp_path / 'new') for item in arguments]
+    assert main(given) == 2
+    error = capsys.readouterr().err
+    assert error.startswith('plc_keys: ')
+    assert message in error
+    assert error.count('\n') == 1
+
+
+def test_profiles_open_what_they_should(tmp_path):
+    place = Place('10.0.0.1', 7411)
+    node = ElementTree.fromstring(make_profile(tmp_path, listen=place, aboard=17412))
+    kinds = [item.text for item in node.iter(f'{NAMESPACE}type')]
+    assert kinds == ['SHM', 'UDPv4', 'TCPv4']
+    assert [item.text for item in node.iter(f'{NAMESPACE}useBuiltinTransports')] == ['false']
+    addresses = [item.text for item in node.iter(f'{NAMESPACE}address')]
+    assert addresses == ['127.0.0.1', '10.0.0.1', '10.0.0.1', '127.0.0.1']
+    ground = ElementTree.fromstring(make_profile(tmp_path, connect=place))
+    assert [item.text for item in ground.iter(f'{NAMESPACE}type')] == ['TCPv4']
+    assert not list(ground.iter(f'{NAMESPACE}listening_ports'))
+    for profile in (node, ground):
+        assert [item.text for item in profile.iter(f'{NAMESPACE}verify')] == [
+            'VERIFY_PEER', 'VERIFY_FAIL_IF_NO_PEER_CERT',
+        ]
+    with pytest.raises(ConfigError, match='either listens or connects'):
+        make_profile(tmp_path, listen=place, connect=place)
+    for text in ('10.0.0.1', '10.0.0.1:80', 'host:7411', '0.0.0.0:7411', '::1:7411'):
+        with pytest.raises(ConfigError):
+            read_place(text)
+    with pytest.raises(ConfigError):
+        read_port('٣٣٣٣')
+
+
+@pytest.mark.parametrize('change', [
+    ('publish="ALLOW"', 'publish="DENY"'), ('<topic>odometry</topic>', '<topic>*</topic>'),
+    ('<topic>odometry</topic>', '<topic></topic>'), ('reply=', 'offer='),
+    ('version="0.2.0"', 'version="0.3.0"'), ('<policy', '<!DOCTYPE x []><policy'),
+])
+def test_a_policy_that_is_not_understood_is_refused(tmp_path, change):
+    text = POLICY.read_text(encoding='utf-8')
+    assert change[0] in text
+    path = tmp_path / 'policy.xml'
+    path.write_text(text.replace(*change), encoding='utf-8')
+    with pytest.raises(ConfigError):
+        read_policy(path)
