@@ -8,8 +8,8 @@ import contextlib
 from typing import Any
 
 from plc_inspect.errors import ConfigError
-from plc_inspect.printable import make_one_line
 from plc_inspect.ros.graph.ending import was_cut_short
+from plc_inspect.ros.graph.transport import explain_start
 
 TOPICS = {'summary': 'summary', 'cloud': 'thin_corridor'}
 
@@ -59,7 +59,7 @@ class Listener:
         except Exception as error:  # rclpy has an exception for each kind of bad argument
             with contextlib.suppress(Exception):
                 rclpy.shutdown(context=self._context)
-            raise ConfigError(make_one_line(error)) from error
+            raise ConfigError(explain_start(error)) from error
 
     def subscribe(self, topic: str) -> None:
         """Subscribe, anew if need be: then the node sends again what it has."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from plc_inspect.monitor.listener import Listener
 from plc_inspect.monitor.picture.model import Monitor
 from plc_inspect.monitor.picture.picture import Picture
+from plc_inspect.monitor.seen_runs import SeenRuns
 
 if TYPE_CHECKING:
     from plc_inspect.monitor.record.recorder import Recorder
@@ -36,7 +37,7 @@ class Station:
     Raises
     ------
     ConfigError
-        ROS does not take the arguments or the name.
+        ROS does not take the arguments or the name, or the keys cannot be read.
 
     """
 
@@ -44,7 +45,8 @@ class Station:
         self, node_name: str, arguments: list[str], *, cloud: bool = True,
         recorder: 'Recorder | None' = None,
     ) -> None:
-        self.monitor = Monitor(cloud=cloud)
+        self._seen = SeenRuns()
+        self.monitor = Monitor(cloud=cloud, admission=self._seen.admission)
         self._recorder = recorder
         self._recorded = 0.0
         take = {'summary': self._take_summary}
@@ -68,6 +70,7 @@ class Station:
         alive = self._listener.spin(seconds)
         for topic in self.monitor.take_wishes(time.monotonic()):
             self._listener.subscribe(topic)
+        self._seen.save()
         now = time.monotonic()
         if self._recorder is not None and now - self._recorded >= RECORD_PERIOD:
             self._recorded = now

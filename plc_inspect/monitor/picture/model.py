@@ -13,6 +13,7 @@ import math
 from typing import Any
 
 from plc_inspect.errors import DataError
+from plc_inspect.monitor.picture.admission import Admission, Judgement, Verdict
 from plc_inspect.monitor.picture.cloud_store import CloudStore
 from plc_inspect.monitor.picture.node_clock import NodeClock
 from plc_inspect.monitor.picture.picture import (
@@ -32,6 +33,7 @@ from plc_inspect.monitor.picture.picture import (
 )
 from plc_inspect.results import Severity
 from plc_inspect.stream.blocks import read_cloud
+from plc_inspect.stream.frame import SUMMARY
 from plc_inspect.stream.summary import (
     KEYS,
     read_summary,
@@ -52,6 +54,14 @@ TRACK_STEP = 1.0
 PATIENCE = 5.0
 """What is missing is asked for at most this often [s]."""
 RATE_WINDOW = 10.0
+REFUSALS = {
+    'forged': 'messages that the node did not send are refused',
+    'replayed': 'messages that were sent before are refused',
+    'reordered': 'messages came after newer ones and are not used',
+    'foreign': 'another node of this name speaks: it is shown once this one is silent',
+}
+REFUSAL_PERIOD = 10.0
+"""Refused messages of one kind are told of at most this often [s]."""
 
 
 class Monitor:
@@ -62,17 +72,19 @@ class Monitor:
     ----------
     cloud : bool
         The thinned corridor is subscribed to.
+    admission : Admission or None
+        Tells the node's messages from others; None: without keys.
 
     """
 
-    def __init__(self, *, cloud: bool = True) -> None:
+    def __init__(self, *, cloud: bool = True, admission: Admission | None = None) -> None:
         self._listens = cloud
+        self._admission = Admission() if admission is None else admission
+        self._refused_at: dict[str, float] = {}
         self.cloud = CloudStore()
         self._clock = NodeClock()
         self._counts = Counts()
         self._session: int | None = None
-        self._past: set[int] = set()
-        self._sequence = -1
         self._complete = False
         self._cloud_session: int | None = None
         self._cloud_sequence = -1
@@ -113,15 +125,14 @@ class Monitor:
         except DataError as error:
             self._complain(error, now)
             return False
-        session, sequence = message.frame.session, message.frame.sequence
-        if session != self._session:
-            if session in self._past:
-                self._note_foreign(now)
-                return False
-            self._begin(message, now)
-        elif sequence <= self._sequence:
+        resets = message.status.resets
+        judgement = self._admission.judge(message.frame, data, now, resets)
+        if not judgement.good:
+            self._refuse(judgement, now)
             return False
-        missing = sequence - self._sequence - 1 if self._sequence >= 0 else 0
+        if message.frame.session != self._session:
+            self._begin(message, now)
+        missing = judgement.missing
         if missing and not message.keyframe:
             self._complete = False
             self._wishes.setdefault('summary', now)
@@ -131,7 +142,7 @@ class Monitor:
             )
             self._tell(now, 1, f'{missing} messages of the summary were lost')
         self._end_silence(now)
-        self._sequence, self._last = sequence, now
+        self._last = now
         self._clock.hear(message.frame.uptime, now)
         self._apply(message, now)
         self._compare_cloud(now)
@@ -145,21 +156,20 @@ class Monitor:
         except DataError as error:
             self._complain(error, now)
             return False
-        session, sequence = message.frame.session, message.frame.sequence
-        if session in self._past:
-            self._note_foreign(now)
+        judgement = self._admission.judge(message.frame, data, now)
+        if not judgement.good:
+            self._refuse(judgement, now)
             return False
-        if session != self._cloud_session:
+        if message.frame.session != self._cloud_session:
             self.cloud.clear()
-            self._cloud_session, self._cloud_sequence = session, sequence - 1
-        if sequence <= self._cloud_sequence:
-            return False
-        missing = sequence - self._cloud_sequence - 1
+            self._cloud_session = message.frame.session
+        missing = judgement.missing
         if missing:
             self._counts = replace(self._counts, lost_cloud=self._counts.lost_cloud + missing)
             self._tell(now, 1, f'{missing} messages of the corridor were lost: asked for anew')
             self._wishes.setdefault('cloud', now)
-        self._cloud_sequence, self._last_cloud, self._behind = sequence, now, None
+        self._cloud_sequence = message.frame.sequence
+        self._last_cloud, self._behind = now, None
         self.cloud.put(message)
         return True
 
@@ -182,7 +192,7 @@ class Monitor:
         due = {name for name, since in self._wishes.items() if now >= since}
         if 'summary' in due:
             # What the node kept comes from its beginning, and begins with a keyframe.
-            self._sequence = -1
+            self._admission.reopen(SUMMARY)
             self._wishes['summary'] = now + PATIENCE
         if 'cloud' in due:
             del self._wishes['cloud']
@@ -222,10 +232,10 @@ class Monitor:
     def _begin(self, message: SummaryMessage, now: float) -> None:
         """Forget the session before, and say so."""
         session, resets = message.frame.session, message.status.resets
+        taken_over = self._session is not None
         if self._session is None:
             self._tell(now, 0, 'the node is there')
         else:
-            self._past.add(self._session)
             same = (session - resets) % (1 << 32) == (self._session - self._status.resets) % (
                 1 << 32
             )
@@ -239,13 +249,13 @@ class Monitor:
         if self._cloud_session != session:
             self.cloud.clear()
             self._cloud_session, self._last_cloud, self._behind = None, math.nan, None
-        self._session, self._sequence, self._complete = session, -1, False
+        self._session, self._complete = session, False
         self._status = Status()
         self._items = ((), (), ())
         self._track.clear()
         self._raised.clear()
         if not message.keyframe:
-            self._wishes.setdefault('summary', now + 1.0)
+            self._wishes.setdefault('summary', now if taken_over else now + 1.0)
 
     def _apply(self, message: SummaryMessage, now: float) -> None:
         before = {item.hazard_id: item for item in self._items[2]}
@@ -347,10 +357,16 @@ class Monitor:
             self._counts, messages=self._counts.messages + 1, bytes=self._counts.bytes + size
         )
 
-    def _note_foreign(self, now: float) -> None:
-        if not self._counts.foreign:
-            self._tell(now, 1, 'two nodes of this name are there: only the newer one is shown')
-        self._counts = replace(self._counts, foreign=self._counts.foreign + 1)
+    def _refuse(self, judgement: Judgement, now: float) -> None:
+        """Count a message that is not used, and say so from time to time."""
+        if judgement.verdict is Verdict.KEPT:
+            return
+        name = judgement.verdict.value
+        count = getattr(self._counts, name) + 1
+        self._counts = replace(self._counts, **{name: count})
+        if now - self._refused_at.get(name, -math.inf) >= REFUSAL_PERIOD:
+            self._refused_at[name] = now
+            self._tell(now, 1, f'{REFUSALS[name]}: {count} so far')
 
     def _complain(self, error: DataError, now: float) -> None:
         self._counts = replace(self._counts, malformed=self._counts.malformed + 1)

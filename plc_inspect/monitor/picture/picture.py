@@ -162,8 +162,20 @@ class Counts:
     malformed: int = 0
     foreign: int = 0
     """Messages of another node of the same name, not taken."""
+    forged: int = 0
+    """Messages that the node did not send: without its signature, or with a number that leaps."""
+    replayed: int = 0
+    """Messages that were sent again: taken before, or of an earlier run of the node."""
+    reordered: int = 0
+    """Messages that came after newer ones."""
     restarts: int = 0
     """Times the node came up anew, or was reset."""
+
+    def describe_refused(self) -> str:
+        """Return what was refused and why, '' where nothing was."""
+        names = ('forged', 'replayed', 'reordered', 'foreign')
+        found = [f'{count} {name}' for name in names if (count := getattr(self, name))]
+        return f'refused {", ".join(found)}' if found else ''
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

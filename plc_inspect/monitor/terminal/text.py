@@ -112,6 +112,8 @@ def _draw_head(picture: Picture, name: str, width: int) -> Text:
     if not picture.complete:
         text.append('  INCOMPLETE', style='bold red')
     text.append(f'  lost {lost}', style='yellow' if lost else '')
+    if refused := picture.counts.describe_refused():
+        text.append(f'  {refused}', style='bold red')
     text.append(f'  {picture.counts.kbps:.0f} kbit/s')
     if width >= WIDE:
         text.append(f'  delay {format_age(picture.ages.delay)}  restarts {picture.counts.restarts}'

@@ -49,7 +49,7 @@ def draw_bar(picture: Picture) -> str:
         'bar.html', picture=picture, state=state, color=color,
         incomplete=not picture.complete and picture.link is not Link.WAITING,
         lost=picture.counts.lost_summary + picture.counts.lost_cloud,
-        alarms=picture.alarms[:MOST_ALARMS],
+        refused=picture.counts.describe_refused(), alarms=picture.alarms[:MOST_ALARMS],
     )
 
 

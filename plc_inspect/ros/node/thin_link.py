@@ -19,12 +19,14 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.event_handler import PublisherEventCallbacks, QoSPublisherMatchedInfo
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from std_msgs.msg import UInt8MultiArray
 
 from plc_inspect.config import StreamSettings
 from plc_inspect.core.live.session import CORRIDOR_REACH, LiveState
 from plc_inspect.results import Float64
 from plc_inspect.ros.graph.qos import overridable, SUMMARY, THIN_CORRIDOR, watched
+from plc_inspect.security.member_keys import find_keys
 from plc_inspect.stream.blocks import (
     BlockKey,
     Cells,
@@ -115,6 +117,11 @@ class Stream:
     guard : callable
         Wraps a callback under a name, so that its failure does not end the node.
 
+    Raises
+    ------
+    ConfigError
+        PLC_KEYS names keys that cannot be read.
+
     """
 
     def __init__(
@@ -128,6 +135,8 @@ class Stream:
         self._find_vehicle = vehicle
         self._started = time.monotonic()
         self._session = secrets.randbits(32)
+        keys = find_keys()
+        self._signer = None if keys is None else keys.make_signer()
         self._status = Status()
         self._texts = ['', *('' for _ in STATUSES)]
         self._tables = SummaryTables()
@@ -210,8 +219,7 @@ class Stream:
         )
         self._until_keyframe = KEYFRAME_EVERY - 1 if keyframe else self._until_keyframe - 1
         self._told = now
-        self._budget.spend(len(data))
-        self._summary.publish(_wrap(data))
+        self._publish(self._summary, data)
 
     def _on_match(self, info: QoSPublisherMatchedInfo) -> None:
         # Who leaves and comes at once does not change the count of those that are there.
@@ -250,8 +258,13 @@ class Stream:
         ))
         self._sequence += 1
         self._status = replace(self._status, cloud_sent=self._sequence)
+        self._publish(self._corridor, data)
+
+    def _publish(self, topic: Publisher, data: bytes) -> None:
+        """Send a message, signed where there is a key."""
+        data = data if self._signer is None else self._signer.sign(data)
         self._budget.spend(len(data))
-        self._corridor.publish(_wrap(data))
+        topic.publish(_wrap(data))
 
 
 def _wrap(data: bytes) -> UInt8MultiArray:

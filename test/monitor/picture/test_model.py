@@ -182,15 +182,21 @@ def test_a_reset_is_told_from_a_restart(monitor):
     assert picture.ages.data == pytest.approx(0.0, abs=0.01)
 
 
-def test_of_two_nodes_only_the_newer_is_shown(monitor, source):
+def test_of_two_nodes_the_one_that_was_there_is_shown(monitor, source):
     other = Source(session=999)
-    monitor.take_summary(other.summary(1.0, keyframe=True, tables=NO_TABLES), 101.0)
-    assert not monitor.take_summary(source.summary(6.0), 101.5)
-    assert not monitor.take_cloud(source.cloud(6.0), 101.5)
+    assert not monitor.take_summary(other.summary(1.0, keyframe=True, tables=NO_TABLES), 101.0)
+    assert not monitor.take_cloud(other.cloud(1.0), 101.2)
+    assert monitor.take_summary(source.summary(6.0), 101.5)
+    assert monitor.take_cloud(source.cloud(6.0), 101.5)
     picture = monitor.look(102.0)
-    assert picture.spans == ()
+    assert len(picture.spans) == 6
     assert picture.counts.foreign == 2
-    assert any('two nodes' in text for text in tell(picture))
+    assert any('another node of this name' in text for text in tell(picture))
+    # When it is silent the other is shown, and when that is, the first again.
+    assert monitor.take_summary(other.summary(3.0, keyframe=True, tables=NO_TABLES), 104.1)
+    assert monitor.look(104.2).spans == ()
+    assert monitor.take_summary(source.summary(12.0, keyframe=True), 107.0)
+    assert len(monitor.look(107.0).spans) == 6
 
 
 def test_new_critical_hazards_are_alarms_for_a_while(monitor, source):

@@ -38,15 +38,16 @@ class Radio:
         self.context = Context()
         rclpy.init(context=self.context, domain_id=domain)
         self.node = rclpy.create_node('plc_inspect', context=self.context)
-        self.publisher = self.node.create_publisher(
-            UInt8MultiArray, '/plc_inspect/summary', SUMMARY
-        )
+        self.publisher = self.publish()
         self.source, self.silent, self.ended = Source(), False, False
         self.began = time.monotonic()
         self.rows = make_rows(40, 30)
         self.keyframe = True
         self.thread = threading.Thread(target=self.run)
         self.thread.start()
+
+    def publish(self):
+        return self.node.create_publisher(UInt8MultiArray, '/plc_inspect/summary', SUMMARY)
 
     def run(self):
         while not self.ended:
@@ -59,7 +60,11 @@ class Radio:
             time.sleep(0.3)
 
     def restart(self):
-        """Be another node that knows nothing yet."""
+        """Be another node that knows nothing yet, and keeps nothing of the one before."""
+        self.silent = True
+        time.sleep(0.4)
+        self.node.destroy_publisher(self.publisher)
+        self.publisher = self.publish()
         self.source, self.rows, self.keyframe = Source(session=4242), NO_TABLES, True
         self.began = time.monotonic()
         self.silent = False
@@ -194,7 +199,8 @@ def run(domain, *arguments, timeout=60):
 
 
 def test_once_prints_a_snapshot(domain, radio):
-    radio.source, radio.rows, radio.keyframe = Source(session=77), make_rows(6, 3), True
+    radio.restart()
+    radio.rows = make_rows(6, 3)
     time.sleep(0.5)
     done = run(domain, '--once')
     assert done.returncode == 0, done.stderr

@@ -1,0 +1,202 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Which messages are the node's: others are told apart by kind, and not used.
+
+With keys, only what the node has signed counts, and only once and in order.  Without, nobody
+can tell the node from who speaks in its name; then at least no single message silences it: another
+session is taken only when the one that was there is silent or was reset, and numbers cannot leap.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+import enum
+import math
+
+from plc_inspect.stream.frame import Frame
+from plc_inspect.stream.signature import Signature, Verifier
+
+SILENT = 2.5
+"""Another session may take over after this silence [s]; the node speaks every second."""
+KEPT = 24
+"""Messages that the node keeps for who comes late: as many may come once more on request."""
+LEAP, LEAP_RATE = 100, 50.0
+"""
+Greatest gap of numbers without keys, and what each second of silence adds [1/s]: five times what a
+tick of 0.1 s sends, so that a long loss is followed and a forged number is not.
+"""
+REMEMBERED = 256
+"""Numbers of messages that are known to have been taken, to tell repeated from late."""
+
+
+class Verdict(enum.Enum):
+    """What is made of a message."""
+
+    TAKEN = 'taken'
+    FORGED = 'forged'
+    """Without the node's signature, or with a number that cannot be."""
+    REPLAYED = 'replayed'
+    """The node's, but taken before or of an earlier run."""
+    REORDERED = 'reordered'
+    """The node's, but older than what was taken."""
+    KEPT = 'kept'
+    """The node's, of before a reset, sent again because it was asked to."""
+    FOREIGN = 'foreign'
+    """Of another node, while the one that was there speaks."""
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """A verdict, and what was missed."""
+
+    verdict: Verdict
+    missing: int = 0
+    """Messages between the one before and this one."""
+
+    @property
+    def good(self) -> bool:
+        """Whether the message is to be used."""
+        return self.verdict is Verdict.TAKEN
+
+
+class Admission:
+    """
+    The door of one monitor, for the summary and the corridor.
+
+    Parameters
+    ----------
+    verifier : Verifier or None
+        Knows the keys of the fleet's vehicles; None: there are none.
+    runs : dict of str to int
+        Newest run that was seen of each signer; kept up to date.
+
+    """
+
+    def __init__(
+        self, verifier: Verifier | None = None, runs: dict[str, int] | None = None
+    ) -> None:
+        self._verifier = verifier
+        self.runs: dict[str, int] = {} if runs is None else runs
+        self.session: int | None = None
+        """Of the messages that are taken."""
+        self._signer: str | None = None
+        self._origin: int | None = None
+        self._past: deque[int] = deque(maxlen=REMEMBERED)
+        self._heard = -math.inf
+        self._counters: dict[bytes, _Counter] = {}
+
+    def judge(
+        self, frame: Frame, data: bytes, now: float, resets: int | None = None
+    ) -> Judgement:
+        """
+        Judge a message.
+
+        Parameters
+        ----------
+        frame : Frame
+            What the message says of itself.
+        data : bytes
+            As it came in.
+        now : float
+            Steady time [s].
+        resets : int or None
+            How often the node says it was reset, None where the message does not say.
+
+        Returns
+        -------
+        Judgement
+
+        """
+        signature = None
+        if self._verifier is not None:
+            signature = self._verifier.check(data)
+            if signature is None:
+                return Judgement(Verdict.FORGED)
+        if frame.session == self.session and (
+            signature is None or signature.signer == self._signer
+        ):
+            if signature is not None and signature.run < self.runs.get(signature.signer, 0):
+                return Judgement(Verdict.REPLAYED)
+            return self._judge_number(frame, now)
+        origin = None if resets is None else (frame.session - resets) % (1 << 32)
+        refusal = self._refuse_session(frame.session, signature, origin, now)
+        if refusal is not None:
+            asked = frame.kind in self._counters and self._counters[frame.kind].asked
+            kept = asked and frame.session in self._past
+            return Judgement(Verdict.KEPT if kept else refusal)
+        self._begin(frame.session, signature, origin)
+        return self._judge_number(frame, now)
+
+    def reopen(self, kind: bytes) -> None:
+        """Take what the node keeps once more, as it was asked to send it again."""
+        if kind in self._counters:
+            self._counters[kind].reopen()
+
+    def _refuse_session(
+        self, session: int, signature: Signature | None, origin: int | None, now: float
+    ) -> Verdict | None:
+        """Return why a session is not taken, None where it may be."""
+        silent = now - self._heard > SILENT
+        if signature is None:
+            reset = (
+                self.session is not None and origin is not None and origin == self._origin
+                and session == (self.session + 1) % (1 << 32)
+            )
+            return None if self.session is None or silent or reset else Verdict.FOREIGN
+        newest = self.runs.get(signature.signer, -1)
+        if signature.run < newest:
+            return Verdict.REPLAYED
+        if self.session is None or signature.signer != self._signer:
+            return None if self.session is None or silent else Verdict.FOREIGN
+        if signature.run == newest and (session - self.session) % (1 << 32) >= 1 << 31:
+            return Verdict.REPLAYED  # before a reset
+        return None
+
+    def _begin(
+        self, session: int, signature: Signature | None, origin: int | None
+    ) -> None:
+        if self.session is not None:
+            self._past.append(self.session)
+        self.session, self._origin, self._counters = session, origin, {}
+        if signature is not None:
+            self._signer = signature.signer
+            self.runs[signature.signer] = signature.run
+
+    def _judge_number(self, frame: Frame, now: float) -> Judgement:
+        counter = self._counters.setdefault(frame.kind, _Counter())
+        judgement = counter.judge(frame.sequence, now, strict=self._verifier is not None)
+        if judgement.good:
+            self._heard = now
+        return judgement
+
+
+class _Counter:
+    """Numbers of the messages of one kind in one session."""
+
+    def __init__(self) -> None:
+        self._newest = self._floor = -1
+        self.asked = True
+        """What the node keeps may come; before the first message nothing can be missing."""
+        self._heard = -math.inf
+        self._taken: deque[int] = deque(maxlen=REMEMBERED)
+
+    def reopen(self) -> None:
+        self._floor, self.asked = max(-1, self._newest - KEPT), True
+
+    def judge(self, number: int, now: float, *, strict: bool) -> Judgement:
+        begun, quiet = bool(self._taken), now - self._heard
+        lowest = self._floor if self.asked else self._newest
+        if number <= lowest:
+            if strict or quiet <= SILENT:
+                repeated = number in self._taken
+                return Judgement(Verdict.REPLAYED if repeated else Verdict.REORDERED)
+            # Without keys: what came before had a number that was not the node's.
+            self.asked = True
+        elif begun and not strict and number - self._newest > LEAP + LEAP_RATE * quiet:
+            return Judgement(Verdict.FORGED)
+        missing = 0 if self.asked else number - self._newest - 1
+        self._newest, self._floor, self.asked = number, number, False
+        self._heard = now
+        self._taken.append(number)
+        return Judgement(Verdict.TAKEN, missing)
