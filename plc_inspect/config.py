@@ -355,6 +355,7 @@ class OutputSettings(Checked):
     directory: str = setting(
         '',
         'results folder of plc_node, replaced at every save; empty: a new one below ~/.ros',
+        structural=True,
     )
 
 
@@ -369,6 +370,16 @@ class StreamSettings(Checked):
     voxel_size: float = setting(
         0.5, 'edge of a cell of the thinned corridor', unit='m', low=0.1, high=10.0,
         structural=True,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SecuritySettings(Checked):
+    """Who may come in; docs/security.md."""
+
+    require: str = setting(
+        'off', 'the node starts on nothing less: TLS or DDS Security; off: it warns',
+        choices=('off', 'tls', 'sros2'), structural=True,
     )
 
 
@@ -391,3 +402,4 @@ class Settings:
     proximity: ProximitySettings = field(default_factory=ProximitySettings)
     output: OutputSettings = field(default_factory=OutputSettings)
     stream: StreamSettings = field(default_factory=StreamSettings)
+    security: SecuritySettings = field(default_factory=SecuritySettings)

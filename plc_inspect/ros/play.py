@@ -12,12 +12,12 @@ import sys
 import time
 from typing import Any
 
-from plc_inspect.errors import DataError, PlcInspectError
+from plc_inspect.errors import ConfigError, DataError, PlcInspectError
 from plc_inspect.offline.commands.command_line import parse_with_ros, Parser
 from plc_inspect.offline.readers.bags import Recording
 from plc_inspect.printable import make_one_line
 from plc_inspect.ros.graph.ending import was_cut_short
-from plc_inspect.ros.graph.transport import prepare_transport
+from plc_inspect.ros.graph.transport import explain_start, lacks_plugins, prepare_transport
 
 NAME = 'plc_play'
 DONE, BAD_INPUT = 0, 2
@@ -42,8 +42,8 @@ class Due:
 def main(argv: Sequence[str] | None = None) -> int:
     """Play a recording; return 0 done, 2 bad usage or a recording that cannot be read."""
     arguments = _parse(argv)
-    prepare_transport()
     try:
+        prepare_transport()
         return _run(arguments)
     except PlcInspectError as error:
         print(f'{NAME}: {make_one_line(error)}', file=sys.stderr)
@@ -64,6 +64,8 @@ def _run(arguments: argparse.Namespace) -> int:
         try:
             player = Player(recording, arguments.scan_topic, arguments.odometry_topic)
         except Exception as error:  # a signal came while it was set up
+            if lacks_plugins(error):
+                raise ConfigError(explain_start(error)) from error
             if not was_cut_short(error):
                 raise
             return DONE

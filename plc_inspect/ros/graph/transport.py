@@ -13,6 +13,7 @@ machine (43 of 100 arrive), and its TCP part can end the process when a peer lea
 
 import os
 
+from plc_inspect.security.member_keys import find_keys
 from plc_inspect.shared_files import find_shared
 
 VARIABLE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
@@ -25,10 +26,39 @@ ADVICE = (
 )
 
 
+NO_PLUGINS = (
+    'this Fast DDS has no security plugins; use TLS: docs/security.md (unset ROS_SECURITY_ENABLE), '
+    'or a sourced Jazzy, which has them'
+)
+
+
+def explain_start(error: Exception) -> str:
+    """Return in one line why a node did not come up."""
+    text = ' '.join(str(error).split())
+    return NO_PLUGINS if 'security libraries' in text else text
+
+
+def lacks_plugins(error: Exception) -> bool:
+    """Tell whether a node did not come up because its Fast DDS knows no DDS Security."""
+    return explain_start(error) is NO_PLUGINS
+
+
 def prepare_transport() -> None:
-    """Choose the transport for large messages, unless the user chose one; before rclpy.init."""
+    """
+    Choose the transport, unless the user chose one; before rclpy.init.
+
+    That is the profile of the keys that PLC_KEYS names, or one for large messages.
+
+    Raises
+    ------
+    ConfigError
+        PLC_KEYS names no keys.
+
+    """
+    keys = find_keys()
     if any(os.environ.get(name) for name in CHOICES):
         return
-    profile = find_shared(PROFILE)
+    profile = None if keys is None else keys.profile
+    profile = profile or find_shared(PROFILE)
     if profile is not None:
         os.environ[VARIABLE] = str(profile)

@@ -30,6 +30,7 @@ from plc_inspect.core.live.map_labels import make_planner
 from plc_inspect.core.live.session import LiveState, Session
 from plc_inspect.core.live.warm_up import warm_up_intake
 from plc_inspect.core.live.window import copy_window, plan_everything, Window, WindowPlan
+from plc_inspect.ros.graph.guard import Guard
 from plc_inspect.ros.graph.qos import DIAGNOSTICS, ODOMETRY, overridable, SCANS, watched
 from plc_inspect.ros.graph.requests import Requests
 from plc_inspect.ros.node.diagnostics import (
@@ -89,6 +90,7 @@ class InspectNode(Node):
     def _set_up(self) -> None:
         self._live_parameters = Parameters(self, self._configure)
         settings = self.settings
+        self._door = Guard(settings.security)
         warm_up_intake()
         self._health = Health()
         self._intake = Intake(settings, self._health, self.get_logger().warning)
@@ -223,6 +225,7 @@ class InspectNode(Node):
                 counters.points_dropped.get('map full', 0), self._intake.doubt,
             ),
             describe_segmentation(self._state, self._health, self._worker.busy),
+            self._door.describe(),
         ]
         header = Header(stamp=self.get_clock().now().to_msg())
         self._diagnostics.publish(DiagnosticArray(header=header, status=status))
@@ -231,8 +234,8 @@ class InspectNode(Node):
     def _on_reset(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        self._intake.reset()
         self._forget('the node was reset')
+        self._intake.reset()
         self.get_logger().info('reset: map, lines and hazards are forgotten')
         response.success, response.message = True, 'map, lines and hazards are forgotten'
         return response
@@ -240,12 +243,12 @@ class InspectNode(Node):
     def _on_map_restart(self) -> None:
         """Save what was found before the odometry left the map's reach, and begin anew."""
         self.get_logger().error('the odometry went out of reach of the map: it begins anew there')
-        if kept := keep_state(self._describe_flight(), self._state):
-            self.get_logger().error(kept)
         self._forget('the map began anew')
 
     def _forget(self, reason: str) -> None:
-        """Forget what was found, and whatever is being worked on."""
+        """Save what was found and forget it, and whatever is being worked on."""
+        if kept := keep_state(self._describe_flight(), self._state, reason):
+            self.get_logger().error(kept)
         self._session = Session()
         self._copy = None
         if self._job in ('tick', 'save'):

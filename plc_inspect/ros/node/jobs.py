@@ -254,13 +254,13 @@ def rescue(flight: Flight, state: LiveState | None, reason: str) -> str:
     return f'{reason}; results of the last tick, without points: {saved.describe()}'
 
 
-def keep_state(flight: Flight, state: LiveState | None) -> str:
+def keep_state(flight: Flight, state: LiveState | None, reason: str) -> str:
     """
-    Save what was found in a map that begins anew; return what became of it, '' if nothing was.
+    Save what was found in a map that is given up for a reason; return what became of it, or ''.
 
     It goes to a folder of its own, as that of the settings is taken at the end of the flight.
     """
     if state is None or not state.confirmed:
         return ''
     settings = replace(flight.settings, output=OutputSettings())
-    return rescue(replace(flight, settings=settings), state, 'the map begins anew')
+    return rescue(replace(flight, settings=settings), state, reason)

@@ -14,7 +14,7 @@ from typing import NoReturn
 from plc_inspect.errors import PlcInspectError
 from plc_inspect.printable import make_one_line
 from plc_inspect.ros.graph.ending import was_cut_short
-from plc_inspect.ros.graph.transport import prepare_transport
+from plc_inspect.ros.graph.transport import explain_start, lacks_plugins, prepare_transport
 
 NAME = 'plc_node'
 DONE, DEFECT, BAD_INPUT = 0, 1, 2
@@ -28,7 +28,10 @@ SWITCH_INTERVAL = 0.0005
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the node until it is interrupted; return the exit code."""
-    prepare_transport()
+    try:
+        prepare_transport()
+    except PlcInspectError as error:
+        return _complain(error)
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
 
@@ -58,6 +61,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         rclpy.utilities.try_shutdown()
         return _complain(error)
     except Exception as error:
+        if lacks_plugins(error):
+            rclpy.utilities.try_shutdown()
+            return _complain(explain_start(error))
         if not was_cut_short(error):
             raise
         return DONE

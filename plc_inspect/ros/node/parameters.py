@@ -160,9 +160,8 @@ class Parameters:
     def _check(self, parameters: Sequence[Parameter]) -> SetParametersResult:
         try:
             settings = self._updated(parameters)
+            self._refuse_paths(settings)
             self._read_rules(settings.hazards)
-            if settings.output != self.settings.output:
-                check_output(settings.output)
         except ConfigError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
@@ -173,9 +172,27 @@ class Parameters:
             self._read = settings, load_rules(settings)
         return self._read[1]
 
+    def _log_changes(self, settings: Settings) -> None:
+        """Leave a trace of what was changed in flight; the log has the time."""
+        for name in self._defaults:
+            section, _, key = name.partition('.')
+            old, new = (getattr(getattr(item, section), key) for item in (self.settings, settings))
+            if old != new:
+                self._node.get_logger().warning(f'parameter {name} was {old!r}, is {new!r}')
+
+    def _refuse_paths(self, settings: Settings) -> None:
+        """Refuse a file in flight: whoever may set parameters may not read the vehicle's files."""
+        rules = settings.hazards.rules
+        if rules != self.settings.hazards.rules and not rules.replace('_', '').isalnum():
+            raise ConfigError(
+                f'hazards.rules: {rules!r} is a path, which is taken at the start only; in flight '
+                'name a rule set of config/rules'
+            )
+
     def _swap(self, parameters: Sequence[Parameter]) -> None:
         settings = self._updated(parameters)
         if settings != self.settings:
+            self._log_changes(settings)
             self.rules = self._read_rules(settings.hazards)
             self.settings = settings
             self._changed(settings)

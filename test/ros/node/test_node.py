@@ -215,7 +215,10 @@ def test_every_setting_is_a_described_parameter(shared):
     ('map.voxel_size', 0.2, 'read-only'),
     ('input.lidar_xyz', [1.0, 2.0], 'must hold 3'),
     ('hazards.rules', 'nonsense', "unknown rule set 'nonsense'"),
-    ('hazards.rules', '/nowhere.yaml', '/nowhere.yaml cannot be read'),
+    ('hazards.rules', '/etc/secret.yaml', 'is a path, which is taken at the start only'),
+    ('hazards.rules', '../secret', 'is a path'),
+    ('output.directory', '/tmp', 'read-only'),
+    ('security.require', 'off', 'read-only'),
 ])
 def test_bad_parameters_are_refused(shared, name, value, problem):
     before = shared.node.settings
@@ -223,6 +226,27 @@ def test_bad_parameters_are_refused(shared, name, value, problem):
     assert not result.successful
     assert problem in result.reason
     assert shared.node.settings == before
+
+
+def test_changes_of_parameters_are_logged_with_their_old_value(shared, monkeypatch):
+    before, told = shared.node.settings.hazards.critical_distance, []
+    log = shared.node.get_logger()
+    monkeypatch.setattr(type(log), 'warning', lambda self, text, **_: told.append(text))
+    for value in (3.5, 3.5, before):
+        parameter = Parameter('hazards.critical_distance', value=value)
+        assert shared.node.set_parameters([parameter])[0].successful
+    assert [text for text in told if 'critical_distance' in text] == [
+        'parameter hazards.critical_distance was 2.0, is 3.5',
+        'parameter hazards.critical_distance was 3.5, is 2.0',
+    ]
+
+
+def test_it_says_who_may_come_in(shared):
+    status, values = shared.status('security')
+    assert status.level == b'\x01'
+    assert status.message.startswith('graph is open to the network: UDP ')
+    assert values['DDS Security'] == 'False'
+    assert values['certificates end in [d]'] == 'none'
 
 
 def test_parameters_change_as_a_whole(shared):

@@ -52,10 +52,19 @@ def test_folder_that_cannot_be_written_is_refused(rig, tmp_path, kind):
     setting = Parameter('output.directory', value=str(folder))
     answer = rig.node.set_parameters([setting])[0]
     assert not answer.successful
-    assert reason in answer.reason
+    assert 'read-only' in answer.reason  # who may set parameters may not write elsewhere
     assert rig.node.settings.output.directory == str(tmp_path / 'out')
     with pytest.raises(ConfigError, match=reason):
         InspectNode(context=rig.contexts[1], namespace='/other', parameter_overrides=[setting])
+
+
+def test_a_reset_saves_first(rig, home):
+    assert rig.call('segment').success
+    assert rig.node.state.confirmed
+    assert rig.call('reset').success
+    (folder,) = home.iterdir()
+    assert len(json.loads((folder / 'spans.json').read_text())['spans']) >= 3
+    assert rig.node.state is None
 
 
 def test_folder_that_became_foreign_is_replaced_by_another(rig, home, tmp_path):
