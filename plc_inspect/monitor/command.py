@@ -9,14 +9,17 @@ from contextlib import ExitStack
 import math
 import os
 from pathlib import Path
-import secrets
+import ssl
 import sys
 import time
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 from plc_inspect.errors import ConfigError, DataError
 from plc_inspect.monitor.picture.picture import Picture
 from plc_inspect.offline.commands.command_line import DONE, parse_with_ros, Parser, run_command
+
+if TYPE_CHECKING:
+    from plc_inspect.monitor.web.access import Tokens
 
 NAME = 'plc_monitor'
 NODE = '/plc_inspect'
@@ -26,8 +29,8 @@ SETTLE = 0.3
 """After the first keyframe, what the node kept may go on coming in for so long [s]."""
 
 AUTO = 'auto'
-SHORTEST_TOKEN = 8
-VARIABLE = 'PLC_MONITOR_TOKEN'
+VARIABLE, VIEW_VARIABLE = 'PLC_MONITOR_TOKEN', 'PLC_MONITOR_VIEW_TOKEN'
+"""Tokens of who may acknowledge alarms, and of who may only view."""
 
 View = Callable[[Picture], object]
 
@@ -106,27 +109,53 @@ def _show_page(station: Any, arguments: argparse.Namespace) -> int:
     from plc_inspect.monitor.web.gate import is_loopback
     from plc_inspect.monitor.web.page import Page
 
-    token = _choose_token(arguments)
-    with Page(arguments.host, arguments.port, token, station.monitor.cloud) as page:
+    tokens, tls = _choose_tokens(arguments), _choose_certificate()
+    with Page(arguments.host, arguments.port, station.monitor.cloud, tokens, tls) as page:
         print(f'{NAME}: {page.address}', flush=True)
         if arguments.token == AUTO:
-            print(f'{NAME}: token {token}', flush=True)
-        if not is_loopback(arguments.host):
-            print(f'{NAME}: the token and the page cross the network unencrypted', flush=True)
+            for role, token in tokens.by_role.items():
+                print(f'{NAME}: token to {role.value}: {token}', flush=True)
+        if tls is None and not is_loopback(arguments.host):
+            print(f'{NAME}: the token and the page cross the network unencrypted: set PLC_KEYS '
+                  'for HTTPS (docs/security.md)', flush=True)
         _loop(station, PERIOD, page.show)
     return DONE
 
 
-def _choose_token(arguments: argparse.Namespace) -> str:
-    """Return what browsers must show: given, made up, or nothing on this machine alone."""
-    token: str = arguments.token
-    if token == AUTO:
-        return secrets.token_urlsafe(9)
-    if token and len(token) < SHORTEST_TOKEN:
+def _choose_tokens(arguments: argparse.Namespace) -> 'Tokens':
+    """Return what browsers must show: from a file, the environment, made up, or nothing."""
+    from plc_inspect.monitor.web.access import check_tokens, make_tokens, read_tokens, Role
+
+    if arguments.token_file is not None:
+        return read_tokens(arguments.token_file)
+    if arguments.token == AUTO:
+        return make_tokens()
+    if arguments.token:
         raise ConfigError(
-            f'a token needs at least {SHORTEST_TOKEN} characters, this has {len(token)}'
+            f'--token TEXT would show it to all users of this machine: set {VARIABLE}, or use '
+            '--token-file or --token auto'
         )
-    return token
+    given = {
+        role: text for role, name in ((Role.ACKNOWLEDGE, VARIABLE), (Role.VIEW, VIEW_VARIABLE))
+        if (text := os.environ.get(name, ''))
+    }
+    return check_tokens(given)
+
+
+def _choose_certificate() -> ssl.SSLContext | None:
+    """Return the page's certificate, from the keys of this machine."""
+    from plc_inspect.security.member_keys import find_keys
+
+    keys = find_keys()
+    if keys is None:
+        return None
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    try:
+        context.load_cert_chain(keys.folder / 'member.crt', keys.folder / 'member.key')
+    except (OSError, ssl.SSLError) as error:
+        raise ConfigError(f'{keys.folder}/member.crt cannot be used: {error}') from error
+    return context
 
 
 def _loop(station: Any, period: float, show: View) -> None:
@@ -163,9 +192,11 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
                         '(default: %(default)s)')
     parser.add_argument('--port', type=_port, default=8080, metavar='N',
                         help='port of --web, 0 any (default: %(default)s)')
-    parser.add_argument('--token', default=os.environ.get(VARIABLE, ''), metavar='TEXT',
-                        help=f'what browsers must show, auto makes one up; also {VARIABLE} in the '
-                        'environment')
+    parser.add_argument('--token', default='', metavar='auto',
+                        help='make up what browsers must show, to view and to acknowledge alarms; '
+                        f'or give it by {VARIABLE} and {VIEW_VARIABLE} in the environment')
+    parser.add_argument('--token-file', type=Path, metavar='FILE',
+                        help='lines "view TOKEN" and "acknowledge TOKEN", for its owner alone')
     parser.add_argument('--once', action='store_true', help='print a snapshot and end')
     parser.add_argument('--json', action='store_true', help='print a JSON object a line')
     parser.add_argument('--period', type=_positive, default=1.0, metavar='S',

@@ -4,35 +4,51 @@
 """
 The door of the page: who may come in, before anything reaches the server behind it.
 
-The library that draws the page has no password.  So it listens on a port of its own on this
-machine, and this forwards to it what may pass: with a token, only browsers that have shown it;
-without one, only what is meant for this machine.
+With tokens, only browsers that have shown one pass, and each answer says what a browser may do
+with it; without, only what is meant for this machine.
 """
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import AsyncIterable, Awaitable, Callable
 import concurrent.futures
 import contextlib
-from dataclasses import dataclass
 import hmac
-from http import HTTPStatus
-from http.cookies import CookieError, SimpleCookie
 import ipaddress
 import secrets
+import ssl
 import threading
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import unquote, urlsplit
+
+from aiohttp import ClientError, ClientSession, ClientTimeout, web, WSMessage, WSMsgType
 
 from plc_inspect.errors import ConfigError
+from plc_inspect.monitor.web.access import NO_TOKENS, Penalties, Role, Tokens
+from plc_inspect.monitor.web.inner_server import add_nonce, Inner, SECRET
 from plc_inspect.monitor.web.template import render
 
 COOKIE = 'plc_monitor'
-MOST_HEAD, MOST_BODY = 16_384, 4096
+MOST_BODY = 4096
+MOST_MESSAGE = 50 * 1024 * 1024
+"""Of a web socket, as viser has it [bytes]."""
+MOST_CONNECTIONS = 200
 TIMEOUT = 15.0
 """A browser must have said what it wants by then [s]."""
-PENALTY = 0.5
-"""After a wrong token, the next is looked at no sooner [s]."""
-ONCE = {'host', 'content-length', 'transfer-encoding', 'origin', 'upgrade', 'cookie'}
-"""Headers that a request may have once."""
+HEADERS = {
+    'X-Content-Type-Options': 'nosniff', 'X-Frame-Options': 'DENY',
+    'Referrer-Policy': 'same-origin', 'Cross-Origin-Opener-Policy': 'same-origin',
+    'Cross-Origin-Resource-Policy': 'same-origin', 'Cache-Control': 'no-store',
+    'Permissions-Policy': 'camera=(), geolocation=(), microphone=()',
+}
+"""With no referrer at all, browsers would send forms with an origin of ``null``."""
+POLICY = (
+    "default-src 'none'; script-src 'nonce-{nonce}' 'wasm-unsafe-eval'; worker-src blob:; "
+    "connect-src 'self' data: blob:; img-src 'self' data: blob:; font-src 'self' data:; "
+    "style-src 'self' 'unsafe-inline'; form-action 'self'; base-uri 'none'; "
+    "frame-ancestors 'none'"
+)
+"""Styles are inline throughout in viser's page; scripts are not, but for those with the nonce."""
+
+Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
 def is_loopback(host: str) -> bool:
@@ -41,39 +57,6 @@ def is_loopback(host: str) -> bool:
         return host == 'localhost' or ipaddress.ip_address(host.strip('[]')).is_loopback
     except ValueError:
         return False
-
-
-@dataclass(frozen=True, slots=True)
-class Request:
-    """What a browser asks for."""
-
-    method: str
-    target: str
-    headers: Mapping[str, str]
-    """By name in small letters."""
-    head: bytes
-
-    @property
-    def upgrade(self) -> bool:
-        """Whether it is to become a web socket."""
-        return self.headers.get('upgrade', '').lower() == 'websocket'
-
-
-def read_head(head: bytes) -> Request | None:
-    """Return the request that a head holds, None where it is malformed."""
-    try:
-        first, *lines = head.decode('latin-1').rstrip('\r\n').split('\r\n')
-        method, target, version = first.split(' ')
-        headers: dict[str, str] = {}
-        for line in lines:
-            name, colon, value = line.partition(':')
-            key = name.lower()
-            if not colon or name.strip() != name or (key in headers and key in ONCE):
-                return None
-            headers[key] = value.strip()
-    except ValueError:
-        return None
-    return Request(method, target, headers, head) if version.startswith('HTTP/1.') else None
 
 
 class Gate:
@@ -86,10 +69,14 @@ class Gate:
         Address to listen on.
     port : int
         Port to listen on, 0 any.
-    inner : int
-        Port of the page's server on this machine.
-    token : str
-        What a browser must show, empty for nothing.
+    inner : Inner
+        The page's server on this machine.
+    tokens : Tokens
+        What a browser must show.
+    tls : SSLContext or None
+        Certificate of the page; None: plain HTTP.
+    acknowledge : callable
+        Called when somebody who may takes note of the alarms.
 
     Raises
     ------
@@ -98,37 +85,37 @@ class Gate:
 
     """
 
-    def __init__(self, host: str, port: int, inner: int, token: str = '') -> None:
-        if not token and not is_loopback(host):
+    def __init__(
+        self, host: str, port: int, inner: Inner, tokens: Tokens = NO_TOKENS, *,
+        tls: ssl.SSLContext | None = None, acknowledge: Callable[[], object] = lambda: None,
+    ) -> None:
+        if not tokens.by_role and not is_loopback(host):
             raise ConfigError(
-                f'others can reach {host}: give a --token that they must show, or --token auto'
+                f'others can reach {host}: give tokens that they must show, as --token auto or '
+                '--token-file'
             )
-        self._local = is_loopback(host)
-        self._inner, self._token = inner, token
-        self._secret = secrets.token_urlsafe(32)
-        self._busy = asyncio.Lock()
+        self._local, self._scheme = is_loopback(host), 'http' if tls is None else 'https'
+        self._inner, self._tokens, self._acknowledge = inner, tokens, acknowledge
+        self._secrets = {role: secrets.token_urlsafe(32) for role in tokens.by_role}
+        self._penalties = Penalties()
+        self._open: dict[object, bool] = {}
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._run, name='plc_gate', daemon=True)
         self._thread.start()
-        started = asyncio.run_coroutine_threadsafe(
-            asyncio.start_server(self._serve, host, port, limit=MOST_HEAD), self._loop
-        )
+        started = asyncio.run_coroutine_threadsafe(self._start(host, port, tls), self._loop)
         try:
-            self._server = started.result(TIMEOUT)
+            self.port: int = started.result(TIMEOUT)
         except (OSError, concurrent.futures.TimeoutError) as error:
             self._stop_loop()
             reason = getattr(error, 'strerror', None) or error
             raise ConfigError(f'cannot listen on {host} port {port}: {reason}') from error
-        self.port: int = self._server.sockets[0].getsockname()[1]
 
     def close(self) -> None:
         """Stop listening, and cut all connections."""
         async def end() -> None:
             self._server.close()
-            tasks = [task for task in asyncio.all_tasks() if task is not asyncio.current_task()]
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+            await self._runner.cleanup()
+            await self._session.close()
 
         with contextlib.suppress(concurrent.futures.TimeoutError):
             asyncio.run_coroutine_threadsafe(end(), self._loop).result(5.0)
@@ -142,127 +129,179 @@ class Gate:
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join(5.0)
 
-    async def _serve(
-        self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
-    ) -> None:
-        try:
-            head = await asyncio.wait_for(reader.readuntil(b'\r\n\r\n'), TIMEOUT)
-            request = read_head(head)
-            if request is None:
-                await _answer(writer, HTTPStatus.BAD_REQUEST, 'malformed request')
-            elif not self._is_meant_for_us(request):
-                await _answer(writer, HTTPStatus.FORBIDDEN, 'this page is for its own address')
-            elif self._token and not self._knows(request):
-                await self._welcome(request, reader, writer)
-            else:
-                await self._forward(request, reader, writer)
-        except (OSError, asyncio.IncompleteReadError, asyncio.LimitOverrunError, TimeoutError,
-                asyncio.CancelledError):
-            pass  # It is cancelled only when the gate closes.
-        finally:
-            writer.close()
-            with contextlib.suppress(OSError):
-                await writer.wait_closed()
+    async def _start(self, host: str, port: int, tls: ssl.SSLContext | None) -> int:
+        app = web.Application(middlewares=[self._guard], client_max_size=MOST_BODY)
+        app.router.add_post('/login', self._log_in)
+        app.router.add_post('/acknowledge', self._take_note)
+        app.router.add_get('/{path:.*}', self._forward)
+        self._session = ClientSession(timeout=ClientTimeout(total=None, sock_connect=TIMEOUT))
+        self._runner = web.AppRunner(
+            app, access_log=None, keepalive_timeout=TIMEOUT, shutdown_timeout=1.0
+        )
+        await self._runner.setup()
+        self._server = await self._loop.create_server(
+            self._make_protocol, host, port, ssl=tls,
+            ssl_handshake_timeout=None if tls is None else TIMEOUT,
+        )
+        number: int = self._server.sockets[0].getsockname()[1]
+        return number
 
-    def _is_meant_for_us(self, request: Request) -> bool:
+    def _make_protocol(self) -> web.RequestHandler:
+        """Return what serves a connection, and cut it off where it says nothing in time."""
+        server = self._runner.server
+        if server is None:
+            raise OSError('the page is closed')
+        protocol = server()
+        self._open = {
+            item: served for item, served in self._open.items()
+            if getattr(item, 'transport', None) is not None
+        }
+
+        def check() -> None:
+            if not self._open.get(protocol) and protocol.transport is not None:
+                protocol.transport.close()
+
+        self._loop.call_later(0.0 if len(self._open) >= MOST_CONNECTIONS else TIMEOUT, check)
+        self._open[protocol] = False
+        return protocol
+
+    @web.middleware
+    async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+        """Let pass what may, and say on each answer what a browser may do with it."""
+        self._open[request.protocol] = True
+        request['nonce'] = secrets.token_urlsafe(16)
+        try:
+            response = await self._let_in(request, handler)
+        except web.HTTPException as error:
+            response = web.Response(status=error.status, text=error.reason)
+        except (ClientError, ConnectionError, TimeoutError):
+            response = web.Response(status=502, text='the page does not answer')
+        if not response.prepared:
+            response.headers.update(HEADERS)
+            response.headers['Content-Security-Policy'] = POLICY.format(nonce=request['nonce'])
+            response.headers['Server'] = 'plc_monitor'
+            if self._scheme == 'https':
+                response.headers['Strict-Transport-Security'] = 'max-age=31536000'
+        return response
+
+    async def _let_in(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+        if not self._is_meant_for_us(request):
+            return web.Response(status=403, text='this page is for its own address')
+        if any(part == '..' for part in unquote(request.rel_url.raw_path).split('/')):
+            return web.Response(status=404, text='not found')
+        request['role'] = self._find_role(request)
+        logs_in = request.path == '/login' and request.method == 'POST'
+        if request['role'] is None and not logs_in:
+            wait = self._penalties.wait_of(request.remote or '')
+            return _ask_for_token('Token?' if not wait else 'Wait a little.', 401)
+        return await handler(request)
+
+    def _is_meant_for_us(self, request: web.Request) -> bool:
         """Whether the browser was not sent here by a page from elsewhere."""
-        host = request.headers.get('host', '')
+        host = request.headers.get('Host', '')
         if self._local and not is_loopback(urlsplit(f'//{host}').hostname or ''):
             return False
-        origin = request.headers.get('origin')
-        return not request.upgrade or origin is None or urlsplit(origin).netloc == host
-
-    def _knows(self, request: Request) -> bool:
-        """Whether the browser has shown the token before."""
-        try:
-            cookies = SimpleCookie(request.headers.get('cookie', ''))
-        except CookieError:
+        acts = request.method != 'GET' or 'Upgrade' in request.headers
+        origin = request.headers.get('Origin')
+        if acts and request.headers.get('Sec-Fetch-Site', 'same-origin') == 'cross-site':
             return False
-        own = cookies.get(COOKIE)
-        return own is not None and hmac.compare_digest(
-            own.value.encode(), self._secret.encode()
+        return not acts or origin is None or origin == f'{self._scheme}://{host}'
+
+    def _find_role(self, request: web.Request) -> Role | None:
+        """Return what a browser may do, by its cookie or header; None: nothing."""
+        if not self._tokens.by_role:
+            return Role.ACKNOWLEDGE
+        own = request.cookies.get(COOKIE, '').encode()
+        for role, secret in self._secrets.items():
+            if hmac.compare_digest(own, secret.encode()):
+                return role
+        word, _, shown = request.headers.get('Authorization', '').partition(' ')
+        return self._try_token(request, shown) if word == 'Bearer' and shown else None
+
+    def _try_token(self, request: web.Request, shown: str) -> Role | None:
+        """Return the role of a token; who showed a wrong one waits before the next."""
+        peer = request.remote or ''
+        if self._penalties.wait_of(peer):
+            raise web.HTTPTooManyRequests(reason='wait a little before the next token')
+        role = self._tokens.find_role(shown)
+        if role is None:
+            self._penalties.note_wrong(peer)
+        else:
+            self._penalties.note_right(peer)
+        return role
+
+    async def _log_in(self, request: web.Request) -> web.StreamResponse:
+        shown = str((await request.post()).get('token', ''))
+        role = self._try_token(request, shown) if shown else None
+        if role is None:
+            return _ask_for_token('Wrong token.' if shown else 'Token?', 401)
+        response = web.Response(status=303, headers={'Location': '/'})
+        response.set_cookie(
+            COOKIE, self._secrets[role], path='/', httponly=True, samesite='Strict',
+            secure=self._scheme == 'https',
         )
+        return response
 
-    async def _welcome(
-        self, request: Request, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
-    ) -> None:
-        """Look at the token that is shown, or ask for it."""
-        shown = ''
-        if request.method == 'POST':
-            size = request.headers.get('content-length', '')
-            if not size.isdigit() or int(size) > MOST_BODY:
-                await _answer(writer, HTTPStatus.BAD_REQUEST, 'malformed request')
-                return
-            body = await asyncio.wait_for(reader.readexactly(int(size)), TIMEOUT)
-            shown = parse_qs(body.decode('utf-8', 'replace')).get('token', [''])[0]
-        else:
-            shown = parse_qs(urlsplit(request.target).query).get('token', [''])[0]
-        if not shown:
-            await _ask_for_token(writer, 'Token?')
-            return
-        async with self._busy:
-            good = hmac.compare_digest(shown.encode(), self._token.encode())
-            if not good:
-                await asyncio.sleep(PENALTY)
-        if good:
-            await _answer(
-                writer, HTTPStatus.SEE_OTHER, '', headers={
-                    'Location': '/',
-                    'Set-Cookie': f'{COOKIE}={self._secret}; Path=/; HttpOnly; SameSite=Lax',
-                },
-            )
-        else:
-            await _ask_for_token(writer, 'Wrong token.')
+    async def _take_note(self, request: web.Request) -> web.StreamResponse:
+        if request['role'] is not Role.ACKNOWLEDGE:
+            return web.Response(status=403, text='this token is for viewing only')
+        self._acknowledge()
+        return web.Response(status=303, headers={'Location': '/'})
 
-    async def _forward(
-        self, request: Request, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
-    ) -> None:
+    async def _forward(self, request: web.Request) -> web.StreamResponse:
         """Pass a request on to the page's server, and everything that follows."""
-        inner_reader, inner_writer = await asyncio.open_connection('127.0.0.1', self._inner)
-        inner_writer.write(request.head if request.upgrade else _close_after(request.head))
-        tasks = [
-            asyncio.create_task(_pump(inner_reader, writer)),
-            asyncio.create_task(_pump(reader, inner_writer)),
-        ]
-        try:
-            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-        finally:
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
-            inner_writer.close()
+        url = f'127.0.0.1:{self._inner.port}{request.rel_url.raw_path}'
+        secret = {SECRET: self._inner.secret}
+        if request.headers.get('Upgrade', '').lower() == 'websocket':
+            return await self._join(request, f'ws://{url}', secret)
+        async with self._session.get(f'http://{url}', headers=secret) as answer:
+            body = await answer.read()
+            kind = answer.headers.get('Content-Type', 'application/octet-stream')
+            if kind.startswith('text/html'):
+                body = add_nonce(body, request['nonce'])
+            page = web.Response(status=answer.status, body=body, headers={'Content-Type': kind})
+            page.enable_compression()
+            return page
+
+    async def _join(
+        self, request: web.Request, url: str, secret: dict[str, str]
+    ) -> web.StreamResponse:
+        """Join a web socket of a browser to the page's server."""
+        offered = request.headers.get('Sec-WebSocket-Protocol', '').split(',')
+        protocols = [item.strip() for item in offered if item.strip()]
+        outer = web.WebSocketResponse(
+            protocols=protocols, max_msg_size=MOST_MESSAGE, compress=False
+        )
+        async with self._session.ws_connect(
+            url, headers=secret, protocols=protocols, max_msg_size=MOST_MESSAGE, compress=0
+        ) as inner:
+            await outer.prepare(request)
+            tasks = [
+                asyncio.create_task(_pump(outer, inner.send_bytes, inner.send_str)),
+                asyncio.create_task(_pump(inner, outer.send_bytes, outer.send_str)),
+            ]
+            try:
+                await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            finally:
+                for task in tasks:
+                    task.cancel()
+                await asyncio.gather(*tasks, return_exceptions=True)
+                await outer.close()
+        return outer
 
 
-def _close_after(head: bytes) -> bytes:
-    """Return a head that lets the server end the connection after its answer."""
-    lines = head.split(b'\r\n')
-    kept = [line for line in lines[:-2] if not line.lower().startswith(b'connection:')]
-    return b'\r\n'.join([*kept, b'Connection: close', b'', b''])
-
-
-async def _pump(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-    with contextlib.suppress(OSError):
-        while data := await reader.read(65_536):
-            writer.write(data)
-            await writer.drain()
-
-
-async def _ask_for_token(writer: asyncio.StreamWriter, message: str) -> None:
-    text = render('token.html', message=message)
-    await _answer(writer, HTTPStatus.UNAUTHORIZED, text, html=True)
-
-
-async def _answer(
-    writer: asyncio.StreamWriter, status: HTTPStatus, text: str, *, html: bool = False,
-    headers: Mapping[str, str] | None = None,
+async def _pump(
+    source: AsyncIterable[WSMessage],
+    send_bytes: Callable[[bytes], Awaitable[None]], send_text: Callable[[str], Awaitable[None]],
 ) -> None:
-    body = text.encode()
-    lines = [
-        f'HTTP/1.1 {status.value} {status.phrase}',
-        f'Content-Type: text/{"html" if html else "plain"}; charset=utf-8',
-        f'Content-Length: {len(body)}', 'Connection: close', 'Cache-Control: no-store',
-        'X-Content-Type-Options: nosniff', 'Referrer-Policy: no-referrer',
-        *(f'{name}: {value}' for name, value in (headers or {}).items()),
-    ]
-    writer.write('\r\n'.join([*lines, '', '']).encode() + body)
-    await writer.drain()
+    with contextlib.suppress(ConnectionError, ClientError):
+        async for message in source:
+            if message.type is WSMsgType.BINARY:
+                await send_bytes(message.data)
+            elif message.type is WSMsgType.TEXT:
+                await send_text(message.data)
+
+
+def _ask_for_token(message: str, status: int) -> web.Response:
+    text = render('token.html', message=message)
+    return web.Response(status=status, text=text, content_type='text/html')

@@ -4,8 +4,9 @@
 """The page: a live 3D picture in the browser, drawn by viser behind the gate."""
 
 import contextlib
+import dataclasses
 import io
-import socket
+import ssl
 import threading
 from types import TracebackType
 from typing import Any
@@ -14,7 +15,9 @@ import numpy as np
 
 from plc_inspect.monitor.picture.cloud_store import CellArrays, CloudStore
 from plc_inspect.monitor.picture.picture import Picture, SpanItem
+from plc_inspect.monitor.web.access import NO_TOKENS, Tokens
 from plc_inspect.monitor.web.gate import Gate
+from plc_inspect.monitor.web.inner_server import find_inner, start_inner
 from plc_inspect.monitor.web.panel import Panel
 from plc_inspect.monitor.web.profile import PROFILE_WIDTH
 from plc_inspect.monitor.web.scene_3d import Scene
@@ -30,10 +33,12 @@ class Page:
         Address to listen on.
     port : int
         Port to listen on, 0 any.
-    token : str
-        What browsers must show, empty for nothing.
     cloud : CloudStore
         Of the monitor.
+    tokens : Tokens
+        What browsers must show.
+    tls : SSLContext or None
+        Certificate of the page; None: plain HTTP.
 
     Raises
     ------
@@ -42,16 +47,20 @@ class Page:
 
     """
 
-    def __init__(self, host: str, port: int, token: str, cloud: CloudStore) -> None:
+    def __init__(
+        self, host: str, port: int, cloud: CloudStore, tokens: Tokens = NO_TOKENS,
+        tls: ssl.SSLContext | None = None,
+    ) -> None:
         self._cloud = cloud
+        self._noted: set[int] = set()
         self._lock = threading.RLock()
         self._panels: dict[int, Panel] = {}
         self._picture: Picture | None = None
-        inner = _find_port()
-        self._gate = Gate(host, port, inner, token)
-        self._host = host
+        inner = find_inner()
+        self._gate = Gate(host, port, inner, tokens, tls=tls, acknowledge=self._acknowledge)
+        self._host, self._scheme = host, 'http' if tls is None else 'https'
         try:
-            self._server = _start_server(inner)
+            self._server = start_inner(inner)
         except BaseException:
             self._gate.close()
             raise
@@ -76,15 +85,23 @@ class Page:
     def address(self) -> str:
         """Where the page is."""
         host = f'[{self._host}]' if ':' in self._host else self._host
-        return f'http://{host}:{self._gate.port}/'
+        return f'{self._scheme}://{host}:{self._gate.port}/'
 
     def show(self, picture: Picture) -> None:
-        """Show a picture in all browsers."""
+        """Show a picture in all browsers; alarms that somebody has noted are no more."""
         with self._lock:
+            self._noted &= {item.hazard_id for item in picture.alarms}
+            left = tuple(item for item in picture.alarms if item.hazard_id not in self._noted)
+            picture = dataclasses.replace(picture, alarms=left)
             self._picture = picture
             arrived = self._scene.update(picture, self._cloud)
             for panel in self._panels.values():
                 panel.update(picture, arrived)
+
+    def _acknowledge(self) -> None:
+        with self._lock:
+            if self._picture is not None:
+                self._noted |= {item.hazard_id for item in self._picture.alarms}
 
     def _on_connect(self, client: Any) -> None:
         with self._lock:
@@ -106,25 +123,3 @@ class Page:
     def _cut_out(self, span: SpanItem) -> CellArrays:
         with self._lock:
             return self._cloud.cut_out(np.array(span.start), np.array(span.end), PROFILE_WIDTH)
-
-
-def _find_port() -> int:
-    """Return a port of this machine that nobody uses."""
-    with socket.socket() as probe:
-        probe.bind(('127.0.0.1', 0))
-        port: int = probe.getsockname()[1]
-        return port
-
-
-def _start_server(port: int) -> Any:
-    """Start viser, quietly, and without the tunnel that would lead around the gate."""
-    import viser
-
-    with contextlib.redirect_stdout(io.StringIO()):
-        server = viser.ViserServer(host='127.0.0.1', port=port, label='plc_monitor',
-                                   verbose=False)
-    server.request_share_url = lambda *_, **__: None  # type: ignore[method-assign]
-    server.gui.configure_theme(
-        show_logo=False, show_share_button=False, dark_mode=True, control_width='large'
-    )
-    return server

@@ -212,8 +212,9 @@ def test_once_prints_a_snapshot(domain, radio):
 
 @pytest.mark.parametrize(('arguments', 'text'), [
     (['--once', '--wait', '0.3', '--node', '/nobody'], 'no summary of /nobody within 0.3 s'),
-    (['--web', '--host', '0.0.0.0'], 'others can reach 0.0.0.0: give a --token'),
-    (['--web', '--token', 'short'], 'a token needs at least 8 characters, this has 5'),
+    (['--web', '--host', '0.0.0.0'], 'others can reach 0.0.0.0: give tokens'),
+    (['--web', '--token', 'secret word'], '--token TEXT would show it to all users'),
+    (['--web', '--token-file', '/nowhere'], '/nowhere cannot be read'),
     (['--web', '--port', '99999'], '99999 is no port'),
     (['--record', '/nowhere/x.mcap', '--json'], '/nowhere/x.mcap: No such file'),
     (['--period', '0', '--json'], '0 is not a positive number'),

@@ -1,37 +1,47 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Who may see the page: tokens, cookies, pages from elsewhere, and what is malformed."""
+"""Who may see the page: what the OWASP guides list, tried on the real gate."""
 
+import asyncio
 import contextlib
 import http.client
 import http.server
+import os
 import socket
+import ssl
 import threading
+import time
+from typing import ClassVar
 
 import pytest
+import websockets.asyncio.client
+import websockets.asyncio.server
+import websockets.exceptions
 
 from plc_inspect.errors import ConfigError
-from plc_inspect.monitor.web.gate import Gate, is_loopback, read_head
+from plc_inspect.monitor.web import access
+from plc_inspect.monitor.web import gate as gate_module
+from plc_inspect.monitor.web.access import check_tokens, Penalties, read_tokens, Role, Tokens
+from plc_inspect.monitor.web.gate import Gate, is_loopback
+from plc_inspect.monitor.web.inner_server import add_nonce, find_inner, SECRET, start_inner
+from plc_inspect.security.authority import issue, make_authority
 
-TOKEN = 'correct horse'
+TOKENS = Tokens({Role.VIEW: 'only looking', Role.ACKNOWLEDGE: 'correct horse'})
 
 
-class Inner(http.server.BaseHTTPRequestHandler):
+class Behind(http.server.BaseHTTPRequestHandler):
     """The server behind the gate; it answers with what it was asked for."""
 
     protocol_version = 'HTTP/1.1'
+    asked: ClassVar[list[str]] = []
 
     def do_GET(self):
-        if self.headers.get('Upgrade'):
-            self.connection.sendall(b'HTTP/1.1 101 Switching Protocols\r\n\r\n')
-            while data := self.connection.recv(100):
-                self.connection.sendall(data[::-1])
-            self.close_connection = True
-            return
-        body = f'{self.path} {self.headers["Connection"]}'.encode()
+        self.asked.append(self.path)
+        body = f'{self.path} {self.headers[SECRET]} {self.headers["Cookie"]}'.encode()
         self.send_response(200)
         self.send_header('Content-Length', str(len(body)))
+        self.send_header('Set-Cookie', 'inner=1')
         self.end_headers()
         self.wfile.write(body)
 
@@ -41,27 +51,33 @@ class Inner(http.server.BaseHTTPRequestHandler):
 
 @pytest.fixture(scope='module')
 def inner():
-    """Run the server behind the gate and return its port."""
-    server = http.server.ThreadingHTTPServer(('127.0.0.1', 0), Inner)
+    """Run the server behind the gate and return where it is."""
+    server = http.server.ThreadingHTTPServer(('127.0.0.1', 0), Behind)
     thread = threading.Thread(target=server.serve_forever, daemon=True)
     thread.start()
-    yield server.server_port
+    yield find_inner().__class__(server.server_port, 'between us')
     server.shutdown()
     server.server_close()
 
 
 @pytest.fixture(scope='module')
 def open_gate(inner):
-    """Return a gate without a token."""
+    """Return a gate without tokens."""
     gate = Gate('127.0.0.1', 0, inner)
     yield gate
     gate.close()
 
 
-@pytest.fixture(scope='module')
-def gate(inner):
-    """Return a gate with a token."""
-    gate = Gate('127.0.0.1', 0, inner, TOKEN)
+@pytest.fixture
+def noted():
+    """Return what was acknowledged."""
+    return []
+
+
+@pytest.fixture
+def gate(inner, noted):
+    """Return a gate with tokens."""
+    gate = Gate('127.0.0.1', 0, inner, TOKENS, acknowledge=lambda: noted.append(1))
     yield gate
     gate.close()
 
@@ -76,66 +92,86 @@ def ask(gate, path='/', method='GET', body=None, **headers):
         return answer.status, dict(answer.headers), answer.read().decode()
 
 
+def log_in(gate, token, **headers):
+    """Return status and cookie of a try."""
+    status, found, _ = ask(gate, '/login', 'POST', f'token={token.replace(" ", "+")}',
+                           Content_Type='application/x-www-form-urlencoded', **headers)
+    return status, found.get('Set-Cookie', '').split(';')[0]
+
+
 def say(gate, data):
     """Send raw bytes and return all that comes back."""
     with socket.create_connection(('127.0.0.1', gate.port), timeout=10) as link:
         link.sendall(data)
         link.shutdown(socket.SHUT_WR)
         answer = b''
-        while piece := link.recv(4096):
-            answer += piece
+        with contextlib.suppress(ConnectionError):
+            while piece := link.recv(4096):
+                answer += piece
         return answer
 
 
 def test_on_this_machine_no_token_is_needed(open_gate):
-    status, _, text = ask(open_gate, '/page?x=1')
-    assert (status, text) == (200, '/page?x=1 close')
+    status, headers, text = ask(open_gate, '/page?x=1', Cookie='own=1')
+    assert status == 200
+    assert text == '/page between us None'  # neither cookies nor queries go on
+    assert 'Set-Cookie' not in headers
 
 
 def test_a_token_opens_the_page_and_a_cookie_keeps_it_open(gate):
     status, _, text = ask(gate)
     assert status == 401
     assert 'type="password"' in text
-    status, headers, _ = ask(gate, '/?token=correct+horse')
+    status, headers, _ = ask(gate, '/login', 'POST', 'token=correct+horse',
+                             Content_Type='application/x-www-form-urlencoded')
     assert (status, headers['Location']) == (303, '/')
-    assert 'HttpOnly' in headers['Set-Cookie']
-    assert TOKEN not in headers['Set-Cookie']
-    cookie = headers['Set-Cookie'].split(';')[0]
-    assert ask(gate, '/page', Cookie=cookie)[::2] == (200, '/page close')
-    assert ask(gate, '/page', Cookie=f'other=1; {cookie}')[0] == 200
+    cookie = headers['Set-Cookie']
+    assert 'HttpOnly' in cookie
+    assert 'SameSite=Strict' in cookie
+    assert 'horse' not in cookie
+    assert ask(gate, '/page', Cookie=f'other=1; {cookie.split(";")[0]}')[0] == 200
 
 
-def test_the_form_takes_the_token(gate):
-    status, headers, _ = ask(gate, '/login', 'POST', 'token=correct+horse')
-    assert status == 303
-    assert 'Set-Cookie' in headers
-    status, headers, text = ask(gate, '/login', 'POST', 'token=wrong')
-    assert status == 401
-    assert 'Set-Cookie' not in headers
-    assert 'Wrong token' in text
+def test_a_header_opens_the_page_and_an_address_never_does(gate):
+    assert ask(gate, '/page', Authorization='Bearer correct horse')[0] == 200
+    assert ask(gate, '/page', Authorization='Bearer only looking')[0] == 200
+    for path in ('/?token=correct+horse', '/login?token=correct+horse', '/token/correct+horse'):
+        assert ask(gate, path)[0] == 401  # a referrer or a log would keep it
 
 
 @pytest.mark.parametrize('cookie', [
-    'plc_monitor=', 'plc_monitor=guess', f'plc_monitor={TOKEN}', 'plc_monitor="a;b', '=;;',
+    'plc_monitor=', 'plc_monitor=guess', 'plc_monitor=correct horse', 'plc_monitor="a;b', '=;;',
 ])
 def test_without_the_right_cookie_nothing_passes(gate, cookie):
+    Behind.asked.clear()
     assert ask(gate, '/page', Cookie=cookie)[0] == 401
     upgrade = {'Upgrade': 'websocket', 'Connection': 'Upgrade', 'Cookie': cookie}
     assert ask(gate, '/', **upgrade)[0] == 401
+    assert Behind.asked == []
 
 
-def test_a_web_socket_passes_both_ways(open_gate):
-    host = f'127.0.0.1:{open_gate.port}'
-    head = (f'GET / HTTP/1.1\r\nHost: {host}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n'
-            f'Origin: http://{host}\r\n\r\n')
-    with socket.create_connection(('127.0.0.1', open_gate.port), timeout=10) as link:
-        link.sendall(head.encode())
-        assert link.recv(100).startswith(b'HTTP/1.1 101')
-        link.sendall(b'abc')
-        assert link.recv(100) == b'cba'
+def test_who_may_view_may_not_acknowledge(gate, noted):
+    for token, status in (('only looking', 403), ('correct horse', 303)):
+        _, cookie = log_in(gate, token)
+        assert ask(gate, '/', Cookie=cookie)[0] == 200
+        assert ask(gate, '/acknowledge', 'POST', Cookie=cookie)[0] == status
+    assert noted == [1]
+    assert ask(gate, '/acknowledge', 'POST')[0] == 401
 
 
-def test_pages_from_elsewhere_are_refused(open_gate, gate):
+def test_forms_of_other_pages_do_nothing(gate, noted):
+    _, cookie = log_in(gate, 'correct horse')
+    host = f'127.0.0.1:{gate.port}'
+    for origin in ('http://evil.example', 'null', f'https://{host}', f'http://127.0.0.1:{1}'):
+        assert ask(gate, '/acknowledge', 'POST', Cookie=cookie, Origin=origin)[0] == 403
+        assert log_in(gate, 'correct horse', Origin=origin)[0] == 403
+    assert ask(gate, '/acknowledge', 'POST', Cookie=cookie, Sec_Fetch_Site='cross-site')[0] == 403
+    assert ask(gate, '/acknowledge', 'GET', Cookie=cookie)[0] in (200, 405)
+    assert noted == []
+    assert ask(gate, '/acknowledge', 'POST', Cookie=cookie, Origin=f'http://{host}')[0] == 303
+
+
+def test_foreign_hosts_and_origins_are_refused(open_gate, gate):
     upgrade = {'Upgrade': 'websocket', 'Connection': 'Upgrade'}
     for origin in ('http://evil.example', f'http://127.0.0.1:{open_gate.port + 1}', 'null'):
         assert ask(open_gate, '/', Origin=origin, **upgrade)[0] == 403
@@ -146,29 +182,110 @@ def test_pages_from_elsewhere_are_refused(open_gate, gate):
     assert ask(gate, '/', Host='evil.example')[0] == 403
 
 
+@pytest.mark.parametrize('path', [
+    '/../secret', '/a/../../secret', '/%2e%2e/secret', '/..%2fsecret', '/a/%2e%2e/%2e%2e/secret',
+])
+def test_nothing_above_the_page_is_reached(open_gate, path):
+    Behind.asked.clear()
+    link = http.client.HTTPConnection('127.0.0.1', open_gate.port, timeout=10)
+    link.putrequest('GET', path, skip_host=False)
+    link.endheaders()
+    answer = link.getresponse()
+    answer.read()
+    link.close()
+    assert answer.status in (200, 404)
+    assert not any('..' in asked or '%2e' in asked.lower() for asked in Behind.asked)
+
+
+def test_every_answer_says_what_a_browser_may_do(gate):
+    _, cookie = log_in(gate, 'correct horse')
+    nonces = set()
+    for status, found, _ in (
+        ask(gate), ask(gate, Cookie=cookie), ask(gate, Host='evil.example'),
+        ask(gate, '/x', 'DELETE', Cookie=cookie), ask(gate, '/login', 'POST', 'x' * 9000),
+    ):
+        assert status in (200, 401, 403, 405, 413)
+        policy = dict(
+            item.strip().split(' ', 1) for item in found['Content-Security-Policy'].split(';')
+        )
+        assert policy['default-src'] == policy['frame-ancestors'] == policy['base-uri'] == "'none'"
+        assert 'unsafe' not in policy['script-src'].replace('wasm-unsafe-eval', '')
+        assert policy['form-action'] == "'self'"
+        nonces.add(policy['script-src'])
+        assert found['X-Frame-Options'] == 'DENY'
+        assert found['X-Content-Type-Options'] == 'nosniff'
+        assert found['Referrer-Policy'] == 'same-origin'
+        assert found['Cache-Control'] == 'no-store'
+        assert found['Server'] == 'plc_monitor'
+    assert len(nonces) == 5
+
+
+def test_who_guesses_waits_and_nobody_else(monkeypatch):
+    clock = [0.0]
+    monkeypatch.setattr(access.time, 'monotonic', lambda: clock[0])
+    penalties, waits = Penalties(), []
+    for _ in range(8):
+        penalties.note_wrong('10.0.0.9')
+        waits.append(penalties.wait_of('10.0.0.9'))
+        assert penalties.wait_of('10.0.0.1') == 0.0
+        clock[0] += waits[-1]
+    assert waits == [0.5, 1.0, 2.0, 4.0, 5.0, 5.0, 5.0, 5.0]
+    assert penalties.wait_of('10.0.0.9') == 0.0
+    for number in range(access.MOST_PEERS + 10):
+        penalties.note_wrong(str(number))
+    assert len(penalties._peers) == access.MOST_PEERS
+
+
+def test_brute_force_is_slow_and_a_session_does_not_notice(gate):
+    _, cookie = log_in(gate, 'correct horse')
+    answers = [log_in(gate, f'wrong token {k}')[0] for k in range(100)]
+    assert answers[0] == 401
+    assert answers.count(429) >= 95
+    assert ask(gate, '/', Cookie=cookie)[0] == 200
+    assert log_in(gate, 'correct horse')[0] == 429  # not even the right one is looked at
+    started = time.monotonic()
+    while log_in(gate, 'correct horse')[0] != 303:
+        assert time.monotonic() - started < access.MOST_PENALTY + 1.0
+        time.sleep(0.1)
+
+
 @pytest.mark.parametrize('data', [
     b'nonsense\r\n\r\n', b'GET /\r\n\r\n', b'GET / SPDY/3\r\n\r\n',
-    b'GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nHost: other\r\n\r\n',
     b'GET / HTTP/1.1\r\nHost : 127.0.0.1\r\n\r\n', b'GET / HTTP/1.1\r\nno colon\r\n\r\n',
+    b'GET / HTTP/1.1\r\nX: ' + b'x' * 100_000,
+    b'POST /login HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 5\r\n'
+    b'Transfer-Encoding: chunked\r\n\r\n0\r\n\r\n',
 ])
 def test_what_is_malformed_is_refused(open_gate, data):
-    assert say(open_gate, data).startswith(b'HTTP/1.1 400')
-
-
-def test_endless_heads_and_bodies_are_cut_off(open_gate, gate):
-    # Cut off, which the sender may see as an answer that never came.
-    with contextlib.suppress(OSError):
-        assert say(open_gate, b'GET / HTTP/1.1\r\nX: ' + b'x' * 100_000) == b''
-    head = b'POST /login HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 99999999\r\n\r\n'
-    assert say(gate, head).startswith(b'HTTP/1.1 400')
+    answer = say(open_gate, data)
+    assert not answer or answer.split()[1] in (b'400', b'403')
     assert ask(open_gate)[0] == 200
+
+
+def test_who_says_nothing_is_cut_off(inner, monkeypatch):
+    monkeypatch.setattr(gate_module, 'TIMEOUT', 0.5)
+    monkeypatch.setattr(gate_module, 'MOST_CONNECTIONS', 30)
+    gate = Gate('127.0.0.1', 0, inner)
+    try:
+        slow = [socket.create_connection(('127.0.0.1', gate.port), 10) for _ in range(20)]
+        for link in slow:
+            link.sendall(b'GET / HTTP/1.1\r\nHo')
+        assert ask(gate)[0] == 200
+        started = time.monotonic()
+        for link in slow:
+            with contextlib.suppress(ConnectionError):
+                assert link.recv(1) == b''
+            link.close()
+        assert time.monotonic() - started < 3.0
+    finally:
+        gate.close()
 
 
 def test_others_want_a_token(inner):
     for host in ('0.0.0.0', '192.0.2.7', '::', 'some.name'):
-        with pytest.raises(ConfigError, match=f'others can reach {host}: give a --token'):
+        with pytest.raises(ConfigError, match=f'others can reach {host}: give tokens'):
             Gate(host, 0, inner)
-    gate = Gate('0.0.0.0', 0, inner, TOKEN)
+    gate = Gate('0.0.0.0', 0, inner, TOKENS)
     assert ask(gate)[0] == 401
     gate.close()
 
@@ -183,7 +300,93 @@ def test_what_is_this_machine():
     assert not any(map(is_loopback, ('', '0.0.0.0', '::', '10.0.0.1', 'localhost.evil.example')))
 
 
-def test_heads_are_read():
-    request = read_head(b'GET /a?b HTTP/1.1\r\nHost: x\r\nUpgrade: WebSocket\r\n\r\n')
-    assert (request.method, request.target, request.upgrade) == ('GET', '/a?b', True)
-    assert request.headers == {'host': 'x', 'upgrade': 'WebSocket'}
+def test_https_has_the_certificate_of_the_fleet(inner, tmp_path):
+    authority = make_authority('root', 10)
+    own = issue(authority, 'ground', 5, ('localhost', '127.0.0.1'))
+    (tmp_path / 'crt').write_bytes(own.pem)
+    (tmp_path / 'key').write_bytes(own.key_pem)
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(tmp_path / 'crt', tmp_path / 'key')
+    gate = Gate('127.0.0.1', 0, inner, TOKENS, tls=context)
+    try:
+        trusting = ssl.create_default_context(cadata=authority.pem.decode())
+        link = http.client.HTTPSConnection('127.0.0.1', gate.port, timeout=10, context=trusting)
+        link.request('POST', '/login', 'token=correct+horse',
+                     {'Content-Type': 'application/x-www-form-urlencoded'})
+        answer = link.getresponse()
+        answer.read()
+        link.close()
+        assert answer.status == 303
+        assert 'Secure' in answer.headers['Set-Cookie']
+        assert 'max-age' in answer.headers['Strict-Transport-Security']
+        stranger = http.client.HTTPSConnection('127.0.0.1', gate.port, timeout=10)
+        with pytest.raises(ssl.SSLCertVerificationError):
+            stranger.request('GET', '/')
+    finally:
+        gate.close()
+
+
+@pytest.mark.parametrize(('text', 'mode', 'problem'), [
+    ('view a token\n', 0o644, 'may be read by others'), ('', 0o600, 'holds no token'),
+    ('look abcdefgh', 0o600, 'lines are'), ('view short', 0o600, 'at least 8'),
+    ('view same word\nacknowledge same word', 0o600, 'the same token'),
+])
+def test_files_of_tokens_are_looked_at(tmp_path, text, mode, problem):
+    path = tmp_path / 'tokens'
+    path.write_text(text)
+    path.chmod(mode)
+    with pytest.raises(ConfigError, match=problem):
+        read_tokens(path)
+
+
+def test_tokens_are_read(tmp_path):
+    path = tmp_path / 'tokens'
+    path.write_text('view only looking\n\nacknowledge  correct horse\n')
+    path.chmod(0o600)
+    assert read_tokens(path) == TOKENS
+    assert check_tokens({}) == Tokens({})
+
+
+def test_the_server_behind_answers_to_the_gate_alone():
+    inner = find_inner()
+    before = websockets.asyncio.server.serve
+    server = start_inner(inner)
+    gate = Gate('127.0.0.1', 0, inner, TOKENS)
+
+    async def join(port, **options):
+        async with websockets.asyncio.client.connect(f'ws://127.0.0.1:{port}/', **options) as link:
+            return await asyncio.wait_for(link.recv(), 10)
+
+    try:
+        assert websockets.asyncio.server.serve is before
+        for headers in ({}, {SECRET: 'guess'}):
+            link = http.client.HTTPConnection('127.0.0.1', inner.port, timeout=10)
+            link.request('GET', '/', headers=headers)
+            assert link.getresponse().status == 403
+            link.close()
+            with pytest.raises(websockets.exceptions.InvalidStatus, match='403'):
+                asyncio.run(join(inner.port, additional_headers=headers))
+        _, headers, page = ask(gate, '/', Authorization='Bearer correct horse')
+        nonce = headers['Content-Security-Policy'].split("'nonce-")[1].split("'")[0]
+        assert page.count(nonce) == 2  # of the loader, and of the program that it adds
+        import viser
+        own = {'subprotocols': [f'viser-v{viser.__version__}']}
+        _, cookie = log_in(gate, 'only looking')
+        assert asyncio.run(join(gate.port, additional_headers={'Cookie': cookie}, **own))
+        with pytest.raises(websockets.exceptions.InvalidStatus, match='401'):
+            asyncio.run(join(gate.port, **own))
+        with pytest.raises(websockets.exceptions.InvalidStatus, match='403'):
+            asyncio.run(join(gate.port, additional_headers={'Cookie': cookie},
+                             origin='http://evil.example', **own))
+    finally:
+        gate.close()
+        server.stop()
+
+
+def test_a_page_that_is_another_gets_no_nonce():
+    assert add_nonce(b'<script>alert(1)</script>', 'n') == b'<script>alert(1)</script>'
+
+
+def test_no_token_stands_in_the_process_list(gate):
+    with open(f'/proc/{os.getpid()}/cmdline', 'rb') as file:
+        assert b'correct horse' not in file.read()

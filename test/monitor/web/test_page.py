@@ -27,6 +27,7 @@ from stream_pieces import make_rows, Source
 from plc_inspect.errors import ConfigError
 from plc_inspect.messages.rows import read_rows
 from plc_inspect.monitor.picture.model import Monitor
+from plc_inspect.monitor.web.access import Role, Tokens
 from plc_inspect.monitor.web.page import Page
 from plc_inspect.offline.report.browser import find_browser
 from plc_inspect.results import HazardKind
@@ -139,10 +140,14 @@ def browse(program, tmp_path):
     """Return a function that opens a page; the browsers are closed after the test."""
     browsers = []
 
-    def browse(address, width=1280, height=800, **options):
+    def browse(address, width=1280, height=800, token='', **options):
         chrome = Chrome(program, tmp_path / f'profile{len(browsers)}', width, height, **options)
         browsers.append(chrome)
         chrome.open(address)
+        if token:
+            chrome.wait("!!document.querySelector('input[name=token]')")
+            chrome.run(f"document.querySelector('input[name=token]').value = '{token}'")
+            chrome.run("document.querySelector('form').submit()")
         chrome.wait("!!document.querySelector('#plc-link')")
         return chrome
 
@@ -232,7 +237,8 @@ def test_it_shows_what_is_published_and_recovers(flight, browse, tmp_path):
 def test_a_phone_a_profile_a_tap_and_a_frozen_page(browse):
     monitor, source = Monitor(), Source()
     began, ended = time.monotonic(), threading.Event()
-    with Page('127.0.0.1', 0, 'token to be shown', monitor.cloud) as page:
+    tokens = Tokens({Role.ACKNOWLEDGE: 'token to be shown'})
+    with Page('127.0.0.1', 0, monitor.cloud, tokens) as page:
         def run():
             while not ended.is_set():
                 now = time.monotonic()
@@ -245,7 +251,7 @@ def test_a_phone_a_profile_a_tap_and_a_frozen_page(browse):
         thread = threading.Thread(target=run)
         thread.start()
         try:
-            phone = browse(page.address + '?token=token+to+be+shown', 390, 844, phone=True)
+            phone = browse(page.address, 390, 844, phone=True, token='token to be shown')
             phone.wait(TABLE % 'hazards' + ' != "[]"')
             left, right, width = phone.run(WIDTH)
             assert left >= 0.0
@@ -279,7 +285,7 @@ def test_a_hazard_is_tapped_in_the_picture(browse):
     monitor, source = Monitor(), Source()
     now = time.monotonic()
     monitor.take_summary(source.summary(1.0, keyframe=True, tables=make_rows(6, 1)), now)
-    with Page('127.0.0.1', 0, '', monitor.cloud) as page:
+    with Page('127.0.0.1', 0, monitor.cloud) as page:
         page.show(monitor.look(now))
         chrome = browse(page.address, 1280, 600)
         panel = wait_for(lambda: next(iter(page._panels.values()), None), 'panel')
