@@ -79,6 +79,9 @@ def make_authority(name: str, days: int, now: datetime | None = None) -> Credent
     usage = _usage(key_cert_sign=True, crl_sign=True, digital_signature=True)
     builder = builder.add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
     builder = builder.add_extension(usage, critical=True)
+    builder = builder.add_extension(
+        x509.AuthorityKeyIdentifier.from_issuer_public_key(key.public_key()), critical=False
+    )
     return Credential(key, builder.sign(key, hashes.SHA256()))
 
 
@@ -162,6 +165,11 @@ def make_revocation_list(
         issuer_name=authority.certificate.subject, last_update=time - SLACK,
         next_update=time + timedelta(days=days),
     )
+    builder = builder.add_extension(
+        x509.AuthorityKeyIdentifier.from_issuer_public_key(authority.key.public_key()),
+        critical=False,
+    )
+    builder = builder.add_extension(x509.CRLNumber(int(time.timestamp())), critical=False)
     for serial in sorted(serials):
         entry = x509.RevokedCertificateBuilder(serial_number=serial, revocation_date=time)
         builder = builder.add_revoked_certificate(entry.build())

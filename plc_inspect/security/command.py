@@ -11,6 +11,7 @@ import sys
 
 from plc_inspect.errors import ConfigError
 from plc_inspect.offline.commands.command_line import DONE, Parser, run_command
+from plc_inspect.printable import make_printable
 from plc_inspect.shared_files import find_shared
 from plc_inspect.whole_files import replace_file
 
@@ -29,6 +30,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(arguments: argparse.Namespace) -> int:
     if arguments.action == 'profile':
         return _write_profile(arguments)
+    if arguments.action == 'tunnel':
+        return _carry(arguments)
     from plc_inspect.security.keyring import Keyring
     from plc_inspect.security.policy import read_policy
 
@@ -44,8 +47,8 @@ def _run(arguments: argparse.Namespace) -> int:
         register = keyring.add(arguments.name, arguments.role)
     elif arguments.action == 'revoke':
         register = keyring.revoke(arguments.name)
-        print(f'{arguments.name} is revoked: copy their folders to all others, which until '
-              'then still let it in')
+        print(f'{arguments.name} is revoked: copy crl.pem to all others, which until then still '
+              'let it in')
     elif arguments.action == 'renew':
         register = keyring.renew()
     else:
@@ -60,20 +63,40 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _write_profile(arguments: argparse.Namespace) -> int:
-    from plc_inspect.security.graph_profile import make_profile, read_place, read_port
+    from plc_inspect.security.graph_profile import make_profile, read_port
 
+    ports = {
+        name: None if text is None else read_port(text)
+        for name in ('listen', 'connect', 'aboard')
+        for text in [getattr(arguments, name)]
+    }
+    text = make_profile(**ports)
     folder: Path = arguments.folder
-    listen, connect = (
-        None if text is None else read_place(text)
-        for text in (arguments.listen, arguments.connect)
-    )
-    aboard = None if arguments.aboard is None else read_port(arguments.aboard)
-    text = make_profile(folder, listen=listen, connect=connect, aboard=aboard)
-    if (listen or connect) and not (folder / 'graph.key').is_file():
-        raise ConfigError(f'{folder} is no folder of a member: it has no graph.key')
+    if not folder.is_dir():
+        raise ConfigError(f'{folder} is no folder')
     with replace_file(folder / PROFILE) as aside:
         aside.write_text(text, encoding='utf-8')
     print(f'export PLC_KEYS={folder.absolute()}')
+    return DONE
+
+
+def _carry(arguments: argparse.Namespace) -> int:
+    import asyncio
+
+    from plc_inspect.security.graph_profile import read_place, read_port
+    from plc_inspect.security.tunnel import Tunnel
+
+    if (arguments.listen is None) == (arguments.connect is None):
+        raise ConfigError('the tunnel either listens or connects: --listen or --connect')
+    place, port = read_place(arguments.listen or arguments.connect), read_port(arguments.port)
+    tunnel = Tunnel(arguments.folder, place, port, arguments.peer)
+    try:
+        asyncio.run(tunnel.listen() if arguments.listen else tunnel.connect())
+    finally:
+        counts = tunnel.counts
+        print(f'{NAME}: {counts.accepted} connections, {counts.refused} refused', flush=True)
+        for reason, count in sorted(counts.reasons.items()):
+            print(f'{NAME}: {count} refused: {make_printable(reason)}', flush=True)
     return DONE
 
 
@@ -108,12 +131,22 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
         'profile', help="write a member's Fast DDS profile, on the machine where it is used"
     )
     profile.add_argument('folder', type=Path, metavar='FOLDER', help='folder of the member')
-    profile.add_argument('--listen', metavar='ADDRESS:PORT',
-                         help='wait for TLS connections there: of the vehicle')
-    profile.add_argument('--connect', metavar='ADDRESS:PORT',
-                         help='connect to the vehicle there: of all others')
+    profile.add_argument('--listen', metavar='PORT',
+                         help='loopback port where the tunnel finds the node: of the vehicle')
+    profile.add_argument('--connect', metavar='PORT',
+                         help='loopback port of the entrance to the tunnel: of other machines')
     profile.add_argument('--aboard', metavar='PORT',
-                         help='loopback port of the node, for programs aboard without keys')
+                         help='loopback port where programs of its own machine find the node')
+    tunnel = actions.add_parser(
+        'tunnel', help='carry the graph between vehicle and others by mutual TLS, until stopped'
+    )
+    tunnel.add_argument('folder', type=Path, metavar='FOLDER', help='folder of the member')
+    tunnel.add_argument('--listen', metavar='ADDRESS:PORT', help='on the vehicle: its address')
+    tunnel.add_argument('--connect', metavar='ADDRESS:PORT', help="on others: the vehicle's")
+    tunnel.add_argument('--port', required=True, metavar='PORT',
+                        help='loopback port of the profile')
+    tunnel.add_argument('--peer', default='', metavar='NAME',
+                        help='talk to this member only (default: any of the fleet)')
     return parser.parse_args(argv)
 
 

@@ -53,8 +53,8 @@ class Exposure:
 
     @property
     def is_tls(self) -> bool:
-        """Whether there is no way in without a certificate of the fleet."""
-        return not self.open_doors and (bool(self.closed) or self.own_profile)
+        """Whether there is no way in but by the tunnel, which asks for a certificate."""
+        return not self.open_doors and self.own_profile
 
     def describe(self) -> str:
         """Return it in one line."""
@@ -64,10 +64,9 @@ class Exposure:
         if doors:
             more = f' and {len(doors) - 1} more' if len(doors) > 1 else ''
             return f'graph is open to the network: {doors[0]}{more}; {ADVICE}'
-        if self.closed:
-            names = ', '.join(f'{host}:{port}' for host, port in self.closed)
-            return f'TLS with certificates on {names}, nothing else is open to the network'
-        return 'nothing is open to the network'
+        return 'nothing is open to the network' + (
+            ', which has the tunnel of PLC_KEYS' if self.own_profile else ''
+        )
 
     def demand(self, require: str) -> None:
         """
@@ -91,7 +90,7 @@ class Exposure:
             )
         if require == 'tls' and not self.is_tls:
             cause = self.describe() if self.open_doors else (
-                f'no port asks for a certificate, and PLC_KEYS gave no profile; {ADVICE}'
+                f'PLC_KEYS gave no profile; {ADVICE}'
             )
             raise ConfigError(f'security.require is tls, but {cause}')
 

@@ -2,17 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Fast DDS profiles: TLS over TCP between machines, and what stays aboard.
+Fast DDS profiles whose every socket is on loopback.
 
-Fast DDS checks both certificates against the authority of the graph and their dates.  It reads
-no revocation list, so a certificate is taken back by a new authority of the graph (keyring.py).
-A participant with one of these profiles opens no UDP to the network: the multicast of the
-built-in transports is off, and loopback is opened only where it is asked for.
+Between machines the tunnel carries their TCP (tunnel.py); aboard, programs find the node over
+loopback and send large messages through shared memory.  The multicast of the built-in transports
+is off, so that nobody on the network sees a participant with one of these profiles.
 """
 
 from dataclasses import dataclass
 import ipaddress
-from pathlib import Path
 from xml.etree import ElementTree
 
 from plc_inspect.errors import ConfigError
@@ -27,12 +25,11 @@ BUFFER = 4_194_304
 """Of a socket [bytes]: six scans of 660 kB."""
 SEGMENT, MESSAGE = 16_777_216, 2_097_152
 """Shared memory and the largest message in it [bytes], as in config/fastdds.xml."""
-OPTIONS = ('NO_SSLV2', 'NO_SSLV3', 'NO_TLSV1', 'NO_TLSV1_1', 'SINGLE_DH_USE')
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Address and port of a listening participant."""
+    """Address and port of the vehicle's end of the tunnel."""
 
     address: str
     port: int
@@ -74,23 +71,19 @@ def read_port(text: str) -> int:
 
 
 def make_profile(
-    folder: Path, *, listen: Place | None = None, connect: Place | None = None,
-    aboard: int | None = None,
+    *, listen: int | None = None, connect: int | None = None, aboard: int | None = None
 ) -> str:
     """
     Return the Fast DDS profile of one participant.
 
     Parameters
     ----------
-    folder : Path
-        Keys of the member; the profile names its files by absolute path.
-    listen : Place or None
-        Where it waits for TLS connections; one machine of a graph does.
-    connect : Place or None
-        Whom it connects to; others do.
+    listen : int or None
+        TCP port on loopback where it waits for the tunnel: of the node.
+    connect : int or None
+        TCP port on loopback of the tunnel's entrance: of programs on other machines.
     aboard : int or None
-        Loopback port of the node for programs on its own machine that have no keys, which then
-        send by shared memory; None opens neither.
+        UDP port on loopback of the node, for programs on its own machine.
 
     Returns
     -------
@@ -115,8 +108,8 @@ def make_profile(
         _add_aboard(transports)
         used += ['plc_shared_memory', 'plc_loopback']
     if listen is not None or connect is not None:
-        _add_tls(transports, folder.absolute(), listen)
-        used.append('plc_tls')
+        _add_tcp_transport(transports, listen)
+        used.append('plc_tcp')
     attributes = {'profile_name': 'plc_inspect', 'is_default_profile': 'true'}
     participant = ElementTree.SubElement(profiles, 'participant', attributes)
     rtps = ElementTree.SubElement(participant, 'rtps')
@@ -138,28 +131,17 @@ def _add_aboard(transports: ElementTree.Element) -> None:
     _text(ElementTree.SubElement(loopback, 'interfaceWhiteList'), 'address', LOOPBACK)
 
 
-def _add_tls(transports: ElementTree.Element, folder: Path, listen: Place | None) -> None:
-    tcp = _transport(transports, 'plc_tls', 'TCPv4')
+def _add_tcp_transport(transports: ElementTree.Element, listen: int | None) -> None:
+    tcp = _transport(transports, 'plc_tcp', 'TCPv4')
     _text(tcp, 'sendBufferSize', BUFFER)
     _text(tcp, 'receiveBufferSize', BUFFER)
+    _text(ElementTree.SubElement(tcp, 'interfaceWhiteList'), 'address', LOOPBACK)
     if listen is not None:
-        _text(ElementTree.SubElement(tcp, 'interfaceWhiteList'), 'address', listen.address)
-        _text(ElementTree.SubElement(tcp, 'listening_ports'), 'port', listen.port)
-    tls = ElementTree.SubElement(tcp, 'tls')
-    _text(tls, 'private_key_file', folder / 'graph.key')
-    _text(tls, 'cert_chain_file', folder / 'graph.crt')
-    _text(tls, 'verify_file', folder / 'graph_ca.crt')
-    verify = ElementTree.SubElement(tls, 'verify_mode')
-    for word in ('VERIFY_PEER', 'VERIFY_FAIL_IF_NO_PEER_CERT'):
-        _text(verify, 'verify', word)
-    options = ElementTree.SubElement(tls, 'options')
-    for word in OPTIONS:
-        _text(options, 'option', word)
-    _text(tls, 'handshake_role', 'CLIENT' if listen is None else 'SERVER')
+        _text(ElementTree.SubElement(tcp, 'listening_ports'), 'port', listen)
 
 
 def _add_meetings(
-    builtin: ElementTree.Element, listen: Place | None, connect: Place | None, aboard: int | None
+    builtin: ElementTree.Element, listen: int | None, connect: int | None, aboard: int | None
 ) -> None:
     """Say where the participant is found, and where it looks for others."""
     node_aboard = aboard is not None and listen is not None
@@ -177,11 +159,11 @@ def _add_meetings(
             _add_udp(peers, aboard)
 
 
-def _add_tcp(parent: ElementTree.Element, place: Place) -> None:
+def _add_tcp(parent: ElementTree.Element, port: int) -> None:
     locator = ElementTree.SubElement(ElementTree.SubElement(parent, 'locator'), 'tcpv4')
-    _text(locator, 'address', place.address)
+    _text(locator, 'address', LOOPBACK)
     _text(locator, 'port', LOGICAL_PORT)
-    _text(locator, 'physical_port', place.port)
+    _text(locator, 'physical_port', port)
 
 
 def _add_udp(parent: ElementTree.Element, port: int | None) -> None:

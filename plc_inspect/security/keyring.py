@@ -4,10 +4,8 @@
 """
 The keyring: an authority, a register, and a folder of keys for each member of a fleet.
 
-Two authorities stand behind it.  The root signs SROS2's documents and identities and the page's
-certificate; what it takes back is on its revocation list.  That of the graph signs the TLS
-certificates of Fast DDS, which reads no such list: whenever one is taken back, a new authority
-of the graph issues the certificates of all others anew.
+One certificate serves a member for the tunnel, as identity under SROS2 and, on the ground, for
+the page.  What is taken back is on the revocation list, which tunnel and SROS2 read.
 """
 
 from collections.abc import Mapping, Sequence
@@ -69,8 +67,6 @@ class Register:
 
     domain: int
     days: int
-    generation: int = 1
-    """Of the authority of the graph."""
     hosts: tuple[str, ...] = ()
     """Names and addresses of the page, besides this machine's."""
     members: Mapping[str, Member]
@@ -99,7 +95,7 @@ class Keyring:
         self, *, domain: int, days: int, hosts: Sequence[str], now: datetime | None = None
     ) -> Register:
         """
-        Make both authorities and a member of each role.
+        Make the authority and a member of each role.
 
         Raises
         ------
@@ -115,7 +111,6 @@ class Keyring:
         self.folder.chmod(0o700)
         root = make_authority('plc_inspect root', _longest(days), now)
         self._put_authority('root', root)
-        self._put_authority('graph', make_authority('plc_inspect graph 1', _longest(days), now))
         register = Register(domain=domain, days=days, hosts=tuple(hosts), members={})
         for role in ROLES:
             register = self._issue(register, role, role, now)
@@ -144,7 +139,7 @@ class Keyring:
         return self._finish(self._issue(register, name, role, now), now)
 
     def renew(self, now: datetime | None = None) -> Register:
-        """Issue the certificates of all members anew, by the authorities that are there."""
+        """Issue the certificates of all members anew, by the authority that is there."""
         register = self.load()
         for member in register.members.values():
             if not member.revoked:
@@ -153,7 +148,7 @@ class Keyring:
 
     def revoke(self, name: str, now: datetime | None = None) -> Register:
         """
-        Take the keys of a member back: others get new ones for the graph.
+        Take the keys of a member back; all others get the new revocation list.
 
         Raises
         ------
@@ -166,18 +161,9 @@ class Keyring:
         if member is None or member.revoked:
             known = ', '.join(key for key, item in register.members.items() if not item.revoked)
             raise ConfigError(f'{name!r} is no member with keys; those are {known}')
-        generation = register.generation + 1
-        self._put_authority('graph', make_authority(
-            f'plc_inspect graph {generation}', _longest(register.days), now
-        ))
         shutil.rmtree(self.folder / name, ignore_errors=True)
-        register = replace(register, generation=generation, members={
-            **register.members, name: replace(member, revoked=True),
-        })
-        for other in register.members.values():
-            if not other.revoked:
-                register = self._issue(register, other.name, other.role, now)
-        return self._finish(register, now)
+        members = {**register.members, name: replace(member, revoked=True)}
+        return self._finish(replace(register, members=members), now)
 
     def load(self) -> Register:
         """
@@ -225,7 +211,7 @@ class Keyring:
         self, register: Register, name: str, role: str, now: datetime | None
     ) -> Register:
         """Write the folder of a member; return the register with it."""
-        root, graph = self._take_authority('root'), self._take_authority('graph')
+        root = self._take_authority('root')
         days, enclave = register.days, f'{ENCLAVES}/{name}'
         hosts = (*LOCAL_HOSTS, *register.hosts) if role in ('ground', 'operator') else ()
         own = issue(root, enclave, days, hosts, now)
@@ -233,14 +219,9 @@ class Keyring:
         end = begin + SLACK + timedelta(days=days)
         folder = self.folder / name
         folder.mkdir(mode=0o700, exist_ok=True)
-        own_graph = issue(graph, name, days, (), now)
-        _put(folder / 'graph.key', own_graph.key_pem, SECRET)
-        _put(folder / 'graph.crt', own_graph.pem, PUBLIC)
-        _put(folder / 'graph_ca.crt', graph.pem, PUBLIC)
+        _put(folder / 'member.key', own.key_pem, SECRET)
+        _put(folder / 'member.crt', own.pem, PUBLIC)
         _put(folder / 'root_ca.crt', root.pem, PUBLIC)
-        if hosts:
-            _put(folder / 'page.key', own.key_pem, SECRET)
-            _put(folder / 'page.crt', own.pem, PUBLIC)
         if role == 'vehicle':  # it signs its stream with a key of its own
             stream = Ed25519PrivateKey.generate()
             _put(folder / 'stream.key', stream.private_bytes(
@@ -279,6 +260,7 @@ class Keyring:
             folder = self.folder / member.name
             enclave = folder / 'sros2' / 'enclaves' / ENCLAVES[1:] / member.name
             _put(enclave / 'crl.pem', revoked, PUBLIC)
+            _put(folder / 'crl.pem', revoked, PUBLIC)
             _put(folder / 'stream.pub', public, PUBLIC)
         values = asdict(register)
         values['members'] = list(values['members'].values())

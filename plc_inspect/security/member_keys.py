@@ -48,7 +48,7 @@ class MemberKeys:
             They cannot be read.
 
         """
-        end = read_end(self._read('graph.crt'))
+        end = read_end(self._read('member.crt'))
         return (end - datetime.now(UTC)).days
 
     def make_signer(self) -> Signer | None:
@@ -100,7 +100,7 @@ def find_keys() -> MemberKeys | None:
     if not text:
         return None
     folder = Path(text).expanduser().absolute()
-    if not (folder / 'graph.crt').is_file():
+    if not (folder / 'member.crt').is_file():
         raise ConfigError(f'{VARIABLE}: {folder} is no folder of a member (docs/security.md)')
     return MemberKeys(folder)
 

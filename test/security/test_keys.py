@@ -121,8 +121,9 @@ def test_openssl_verifies_the_keystore(keys, openssl):
             folder / 'identity_ca.cert.pem', folder / 'cert.pem',
         )
         assert good, text
-        good, text = openssl('verify', '-CAfile', keys / role / 'graph_ca.crt',
-                             keys / role / 'graph.crt')
+        good, text = openssl('verify', '-x509_strict', '-crl_check', '-CRLfile',
+                             keys / role / 'crl.pem', '-CAfile', keys / role / 'root_ca.crt',
+                             keys / role / 'member.crt')
         assert good, text
 
 
@@ -137,7 +138,7 @@ def test_a_changed_document_does_not_verify(keys, openssl, tmp_path):
     assert not good
 
 
-def test_what_is_revoked_is_on_the_list_and_of_the_old_graph(keys, openssl):
+def test_what_is_revoked_is_on_the_list(keys, openssl):
     before = keys.with_name('before')
     assert not (keys / 'logger').exists()
     old = enclave_of(before, 'logger') / 'cert.pem'
@@ -147,9 +148,6 @@ def test_what_is_revoked_is_on_the_list_and_of_the_old_graph(keys, openssl):
                          enclave_of(keys, 'ground') / 'crl.pem', '-CAfile', ca, old)
     assert not good
     assert 'revoked' in text
-    for name in ('logger', 'ground'):  # all certificates of the old authority of the graph
-        assert not openssl('verify', '-CAfile', keys / 'ground/graph_ca.crt',
-                           before / name / 'graph.crt')[0]
     assert [item['name'] for item in json.loads((keys / 'register.json').read_text())['members']
             if item['revoked']] == ['logger']
 
@@ -160,7 +158,7 @@ def test_private_keys_are_private_and_stay_at_home(keys):
         if path.is_file() and secret:
             assert stat.S_IMODE(path.stat().st_mode) == 0o600, path
     assert stat.S_IMODE((keys / 'authority').stat().st_mode) == 0o700
-    authority = {(keys / 'authority' / name).read_bytes() for name in ('root.key', 'graph.key')}
+    authority = {(keys / 'authority/root.key').read_bytes()}
     for role in ROLES:
         for path in (keys / role).rglob('*'):
             assert not path.is_symlink()
@@ -173,13 +171,15 @@ def test_private_keys_are_private_and_stay_at_home(keys):
 
 
 def test_the_page_has_its_names(keys):
-    certificate = x509.load_pem_x509_certificate((keys / 'ground/page.crt').read_bytes())
+    certificate = x509.load_pem_x509_certificate((keys / 'ground/member.crt').read_bytes())
     names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     assert [str(item) for item in names.get_values_for_type(x509.IPAddress)] == [
         '127.0.0.1', '10.0.0.2',
     ]
     assert names.get_values_for_type(x509.DNSName) == ['localhost']
-    assert not (keys / 'driver/page.key').exists()
+    driver = x509.load_pem_x509_certificate((keys / 'driver/member.crt').read_bytes())
+    with pytest.raises(x509.ExtensionNotFound):
+        driver.extensions.get_extension_for_class(x509.SubjectAlternativeName)
 
 
 def test_certificates_end(openssl, tmp_path):
@@ -226,9 +226,13 @@ def test_a_revoked_name_can_be_given_again(tmp_path, openssl):
     (['revoke', '{keys}', 'nobody'], 'no member with keys'),
     (['revoke', '{keys}', 'logger'], 'no member with keys'),
     (['list', '{new}'], 'holds no keys'),
-    (['profile', '{new}', '--connect', '10.0.0.1:7411'], 'no graph.key'),
-    (['profile', '{keys}', '--connect', '0.0.0.0:7411'], 'is no ADDRESS:PORT'),
+    (['profile', '{new}', '--connect', '17411'], 'is no folder'),
+    (['profile', '{keys}', '--connect', '80'], 'is no port'),
     (['profile', '{keys}'], 'say where to listen'),
+    (['tunnel', '{keys}/ground', '--port', '17411'], 'either listens or connects'),
+    (['tunnel', '{keys}/ground', '--connect', '0.0.0.0:1', '--port', '17411'],
+     'is no ADDRESS:PORT'),
+    (['tunnel', '{keys}', '--connect', '10.0.0.1:7411', '--port', '17411'], 'cannot be read'),
 ])
 def test_what_is_wrong_is_said_in_one_line(keys, tmp_path, capsys, arguments, message):
     given = [item.format(keys=keys, new=tmp_path / 'new') for item in arguments]
@@ -239,28 +243,32 @@ def test_what_is_wrong_is_said_in_one_line(keys, tmp_path, capsys, arguments, me
     assert error.count('\n') == 1
 
 
-def test_profiles_open_what_they_should(tmp_path):
-    place = Place('10.0.0.1', 7411)
-    node = ElementTree.fromstring(make_profile(tmp_path, listen=place, aboard=17412))
+def test_profiles_open_nothing_but_loopback():
+    node = ElementTree.fromstring(make_profile(listen=17411, aboard=17412))
     kinds = [item.text for item in node.iter(f'{NAMESPACE}type')]
     assert kinds == ['SHM', 'UDPv4', 'TCPv4']
-    assert [item.text for item in node.iter(f'{NAMESPACE}useBuiltinTransports')] == ['false']
-    addresses = [item.text for item in node.iter(f'{NAMESPACE}address')]
-    assert addresses == ['127.0.0.1', '10.0.0.1', '10.0.0.1', '127.0.0.1']
-    ground = ElementTree.fromstring(make_profile(tmp_path, connect=place))
+    ground = ElementTree.fromstring(make_profile(connect=17411))
     assert [item.text for item in ground.iter(f'{NAMESPACE}type')] == ['TCPv4']
     assert not list(ground.iter(f'{NAMESPACE}listening_ports'))
-    for profile in (node, ground):
-        assert [item.text for item in profile.iter(f'{NAMESPACE}verify')] == [
-            'VERIFY_PEER', 'VERIFY_FAIL_IF_NO_PEER_CERT',
+    driver = ElementTree.fromstring(make_profile(aboard=17412))
+    for profile in (node, ground, driver):
+        assert [item.text for item in profile.iter(f'{NAMESPACE}useBuiltinTransports')] == [
+            'false'
         ]
+        assert {item.text for item in profile.iter(f'{NAMESPACE}address')} == {'127.0.0.1'}
+        sockets = [
+            item for item in profile.iter(f'{NAMESPACE}transport_descriptor')
+            if item.findtext(f'{NAMESPACE}type') != 'SHM'
+        ]
+        assert all(item.find(f'{NAMESPACE}interfaceWhiteList') is not None for item in sockets)
     with pytest.raises(ConfigError, match='either listens or connects'):
-        make_profile(tmp_path, listen=place, connect=place)
+        make_profile(listen=17411, connect=17411)
+    assert read_place('10.0.0.1:7411') == Place('10.0.0.1', 7411)
     for text in ('10.0.0.1', '10.0.0.1:80', 'host:7411', '0.0.0.0:7411', '::1:7411'):
         with pytest.raises(ConfigError):
             read_place(text)
     with pytest.raises(ConfigError):
-        read_port('٣٣٣٣')
+        read_port('\u0663\u0663\u0663\u0663')
 
 
 @pytest.mark.parametrize('change', [

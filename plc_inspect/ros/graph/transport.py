@@ -12,6 +12,7 @@ machine (43 of 100 arrive), and its TCP part can end the process when a peer lea
 """
 
 import os
+import warnings
 
 from plc_inspect.security.member_keys import find_keys
 from plc_inspect.shared_files import find_shared
@@ -27,8 +28,8 @@ ADVICE = (
 
 
 NO_PLUGINS = (
-    'this Fast DDS has no security plugins; use TLS: docs/security.md (unset ROS_SECURITY_ENABLE), '
-    'or a sourced Jazzy, which has them'
+    'this Fast DDS has no security plugins; use TLS: docs/security.md (and unset '
+    'ROS_SECURITY_ENABLE), or a sourced Jazzy, which has them'
 )
 
 
@@ -55,6 +56,8 @@ def prepare_transport() -> None:
         PLC_KEYS names no keys.
 
     """
+    # Where a node does not come up, what is said of it is enough.
+    warnings.filterwarnings('ignore', 'Failed to fini rosout publisher', RuntimeWarning)
     keys = find_keys()
     if any(os.environ.get(name) for name in CHOICES):
         return

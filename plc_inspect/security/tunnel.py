@@ -1,0 +1,232 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+A tunnel of mutual TLS between machines, for DDS over TCP that never leaves loopback itself.
+
+Fast DDS has TLS of its own, but its listening side asks nobody for a certificate: it sets what it
+wants to verify only after the handshake.  So the graph's TCP stays on 127.0.0.1, and this
+carries it: both ends must show a certificate of the fleet that holds and is not revoked.
+"""
+
+import asyncio
+from collections.abc import Callable
+import contextlib
+from dataclasses import dataclass, field
+from pathlib import Path
+import socket
+import ssl
+from typing import Any
+
+from plc_inspect.errors import ConfigError
+from plc_inspect.security.graph_profile import LOOPBACK, Place
+
+HANDSHAKE = 10.0
+"""Longest handshake [s]; who is slower is cut off."""
+MOST_CONNECTIONS = 128
+"""Connections at once, handshakes included: others wait in the queue of the system."""
+PIECE = 65_536
+FILES = ('root_ca.crt', 'crl.pem', 'member.crt', 'member.key')
+
+
+@dataclass(slots=True)
+class Counts:
+    """What came of connections."""
+
+    accepted: int = 0
+    refused: int = 0
+    """Connections without a certificate that counts."""
+    reasons: dict[str, int] = field(default_factory=dict)
+
+
+def make_context(folder: Path, *, server: bool) -> ssl.SSLContext:
+    """
+    Return what each end demands: TLS 1.3, a certificate of the fleet, not on the revocation list.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the member, as ``plc_keys`` made it.
+    server : bool
+        This end waits for the other.
+
+    Returns
+    -------
+    SSLContext
+
+    Raises
+    ------
+    ConfigError
+        A file is missing or damaged.
+
+    """
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER if server else ssl.PROTOCOL_TLS_CLIENT)
+    context.minimum_version = ssl.TLSVersion.TLSv1_3
+    context.check_hostname = False  # members are known by their names, not their addresses
+    context.verify_mode = ssl.CERT_REQUIRED
+    context.verify_flags |= ssl.VERIFY_CRL_CHECK_LEAF | ssl.VERIFY_X509_STRICT
+    try:
+        context.load_verify_locations(folder / 'root_ca.crt')
+        context.load_verify_locations(folder / 'crl.pem')
+        context.load_cert_chain(folder / 'member.crt', folder / 'member.key')
+    except OSError as error:  # of ssl too
+        raise ConfigError(f'{folder} is no folder of a member: {error}') from error
+    return context
+
+
+class Tunnel:
+    """
+    One end of the tunnel, for an event loop.
+
+    Parameters
+    ----------
+    folder : Path
+        Keys of the member; they are read anew when they change, so that a new revocation list
+        holds for the next connection.
+    place : Place
+        Of the vehicle's end, on the link.
+    port : int
+        Of Fast DDS on loopback: of the node there, of the entrance here.
+    peer : str
+        Member that is expected at the other end, '' any of the fleet.
+
+    """
+
+    def __init__(self, folder: Path, place: Place, port: int, peer: str = '') -> None:
+        self._folder, self._place, self._port, self._peer = folder, place, port, peer
+        self.counts = Counts()
+        self._contexts: dict[bool, tuple[tuple[float, ...], ssl.SSLContext]] = {}
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    async def listen(self) -> None:
+        """
+        Be the vehicle's end until cancelled.
+
+        Raises
+        ------
+        ConfigError
+            The keys cannot be read, or the port cannot be had.
+
+        """
+        self._context(server=True)
+        await self._serve(self._place, self._let_in)
+
+    async def connect(self) -> None:
+        """Be the other end until cancelled; as ``listen``."""
+        self._context(server=False)
+        await self._serve(Place(LOOPBACK, self._port), self._lead_out)
+
+    async def _serve(self, place: Place, handle: Callable[[socket.socket], Any]) -> None:
+        try:
+            listener = socket.create_server((place.address, place.port), backlog=MOST_CONNECTIONS)
+        except OSError as error:
+            raise ConfigError(
+                f'cannot listen on {place.address}:{place.port}: {error.strerror or error}'
+            ) from error
+        listener.setblocking(False)
+        slots = asyncio.Semaphore(MOST_CONNECTIONS)
+
+        async def run(link: socket.socket) -> None:
+            try:
+                await handle(link)
+            except (OSError, TimeoutError, ConfigError) as error:  # of ssl too
+                self._note(error)
+            finally:
+                link.close()
+                slots.release()
+
+        try:
+            while True:
+                await slots.acquire()
+                link, _ = await asyncio.get_running_loop().sock_accept(listener)
+                task = asyncio.create_task(run(link))
+                self._tasks.add(task)
+                task.add_done_callback(self._tasks.discard)
+        finally:
+            listener.close()
+            for task in self._tasks:
+                task.cancel()
+
+    async def _let_in(self, link: socket.socket) -> None:
+        outer = await _take(link, self._context(server=True))
+        try:
+            self._check_peer(outer[1])
+            self.counts.accepted += 1
+            await _join(outer, await asyncio.open_connection(LOOPBACK, self._port))
+        finally:
+            outer[1].close()
+
+    async def _lead_out(self, link: socket.socket) -> None:
+        inner = await _take(link, None)
+        try:
+            outer = await asyncio.wait_for(asyncio.open_connection(
+                self._place.address, self._place.port, ssl=self._context(server=False),
+                ssl_handshake_timeout=HANDSHAKE, server_hostname='plc_inspect',
+            ), HANDSHAKE + 1.0)
+            try:
+                self._check_peer(outer[1])
+                self.counts.accepted += 1
+                await _join(inner, outer)
+            finally:
+                outer[1].close()
+        finally:
+            inner[1].close()
+
+    def _check_peer(self, writer: asyncio.StreamWriter) -> None:
+        certificate = writer.get_extra_info('peercert') or {}
+        names = [value for item in certificate.get('subject', ()) for _, value in item]
+        if not names or (self._peer and names != [f'/plc_inspect/{self._peer}']):
+            raise PermissionError(f'the other end is {", ".join(names) or "nobody"}')
+
+    def _context(self, *, server: bool) -> ssl.SSLContext:
+        try:
+            times = tuple((self._folder / name).stat().st_mtime for name in FILES)
+        except OSError as error:
+            raise ConfigError(f'{error.filename} cannot be read: {error.strerror}') from error
+        known = self._contexts.get(server)
+        if known is None or known[0] != times:
+            known = times, make_context(self._folder, server=server)
+            self._contexts[server] = known
+        return known[1]
+
+    def _note(self, error: Exception) -> None:
+        self.counts.refused += 1
+        reason = getattr(error, 'verify_message', '') or getattr(error, 'reason', '') or str(error)
+        reason = reason or type(error).__name__
+        if len(self.counts.reasons) < 50 or reason in self.counts.reasons:
+            self.counts.reasons[reason] = self.counts.reasons.get(reason, 0) + 1
+
+
+Ends = tuple[asyncio.StreamReader, asyncio.StreamWriter]
+
+
+async def _take(link: socket.socket, context: ssl.SSLContext | None) -> Ends:
+    """Return both ends of an accepted connection; TLS is spoken from its first byte on."""
+    loop = asyncio.get_running_loop()
+    reader = asyncio.StreamReader()
+    protocol = asyncio.StreamReaderProtocol(reader)
+    transport, _ = await loop.connect_accepted_socket(
+        lambda: protocol, link, ssl=context,
+        ssl_handshake_timeout=None if context is None else HANDSHAKE,
+    )
+    return reader, asyncio.StreamWriter(transport, protocol, reader, loop)
+
+
+async def _join(one: Ends, other: Ends) -> None:
+    """Carry what either end says to the other, until one is done."""
+    async def pump(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with contextlib.suppress(OSError):
+            while data := await reader.read(PIECE):
+                writer.write(data)
+                await writer.drain()
+
+    tasks = [
+        asyncio.create_task(pump(one[0], other[1])), asyncio.create_task(pump(other[0], one[1]))
+    ]
+    try:
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        other[1].close()

@@ -1,0 +1,207 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The tunnel, with keys of all kinds at its doors."""
+
+import asyncio
+import contextlib
+from datetime import datetime, timedelta, UTC
+import os
+from pathlib import Path
+import shutil
+import socket
+import ssl
+
+import pytest
+
+from plc_inspect.errors import ConfigError
+from plc_inspect.security.authority import issue, load_credential
+from plc_inspect.security.graph_profile import Place
+from plc_inspect.security.keyring import Keyring
+from plc_inspect.security.policy import read_policy
+from plc_inspect.security.tunnel import make_context, Tunnel
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope='module')
+def fleet(tmp_path_factory):
+    """Return a folder with keys of a fleet and of strangers."""
+    folder = tmp_path_factory.mktemp('fleet')
+    policy = read_policy(ROOT / 'config/security/policy.xml')
+    keyring = Keyring(folder / 'keys', policy)
+    keyring.create(domain=0, days=30, hosts=())
+    shutil.copytree(folder / 'keys/logger', folder / 'revoked')
+    keyring.revoke('logger')
+    Keyring(folder / 'foreign', policy).create(domain=0, days=30, hosts=())
+    root = load_credential((folder / 'keys/authority/root.key').read_bytes(),
+                           (folder / 'keys/authority/root.crt').read_bytes())
+    for name, days in (('expired', -3), ('early', 3)):
+        shutil.copytree(folder / 'keys/ground', folder / name)
+        own = issue(root, '/plc_inspect/ground', 1, (), datetime.now(UTC) + timedelta(days=days))
+        (folder / name / 'member.key').write_bytes(own.key_pem)
+        (folder / name / 'member.crt').write_bytes(own.pem)
+    return folder
+
+
+def find_port():
+    """Return a port that nobody uses."""
+    with socket.socket() as probe:
+        probe.bind(('127.0.0.1', 0))
+        return probe.getsockname()[1]
+
+
+class Rig:
+    """A node that says everything twice, behind the vehicle's end of a tunnel."""
+
+    def __init__(self, keys):
+        self.place, self.node = Place('127.0.0.1', find_port()), find_port()
+        self.tunnel = Tunnel(keys, self.place, self.node)
+        self.heard, self.tasks = b'', []
+
+    async def __aenter__(self):
+        async def echo(reader, writer):
+            while data := await reader.read(100_000):
+                self.heard += data
+                writer.write(data * 2)
+                await writer.drain()
+            writer.close()
+
+        self.server = await asyncio.start_server(echo, '127.0.0.1', self.node)
+        self.tasks.append(asyncio.create_task(self.tunnel.listen()))
+        await asyncio.sleep(0.1)
+        return self
+
+    async def __aexit__(self, *_):
+        for task in self.tasks:
+            task.cancel()
+        await asyncio.gather(*self.tasks, return_exceptions=True)
+        self.server.close()
+
+    async def ask(self, keys, data=b'hello', **options):
+        """Return what comes back through a tunnel with some keys."""
+        entrance = find_port()
+        self.other = Tunnel(keys, self.place, entrance, **options)
+        self.tasks.append(asyncio.create_task(self.other.connect()))
+        await asyncio.sleep(0.1)
+        reader, writer = await asyncio.open_connection('127.0.0.1', entrance)
+        writer.write(data)
+        answer = b''
+        with contextlib.suppress(ConnectionError):
+            while len(answer) < 2 * len(data):
+                piece = await asyncio.wait_for(reader.read(100_000), 5.0)
+                if not piece:
+                    break
+                answer += piece
+        writer.close()
+        return answer
+
+
+def run(body):
+    """Run a test's coroutine with time to spare."""
+    return asyncio.run(asyncio.wait_for(body, 60.0))
+
+
+def test_members_reach_the_node(fleet):
+    async def body():
+        async with Rig(fleet / 'keys/vehicle') as rig:
+            assert await rig.ask(fleet / 'keys/ground') == b'hellohello'
+            large = os.urandom(3_000_000)
+            assert len(await rig.ask(fleet / 'keys/operator', large)) == 6_000_000
+            assert rig.heard == b'hello' + large
+            assert rig.tunnel.counts.refused == 0
+
+    run(body())
+
+
+@pytest.mark.parametrize(('keys', 'reason'), [
+    ('foreign/ground', 'self-signed'), ('revoked', 'revoked'), ('expired', 'expired'),
+    ('early', 'not yet valid'),
+])
+def test_others_reach_nothing(fleet, keys, reason):
+    async def body():
+        async with Rig(fleet / 'keys/vehicle') as rig:
+            assert await rig.ask(fleet / keys) == b''
+            assert rig.heard == b''
+            reasons = {**rig.tunnel.counts.reasons, **rig.other.counts.reasons}
+            assert any(reason in text for text in reasons), reasons
+            assert rig.tunnel.counts.accepted == 0
+
+    run(body())
+
+
+def test_who_shows_nothing_reaches_nothing(fleet):
+    async def body():
+        async with Rig(fleet / 'keys/vehicle') as rig:
+            context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+            context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+            reader, writer = await asyncio.open_connection(
+                '127.0.0.1', rig.place.port, ssl=context
+            )
+            with contextlib.suppress(OSError):
+                writer.write(b'hello')
+                assert await reader.read(10) == b''
+            writer.close()
+            context.maximum_version = ssl.TLSVersion.TLSv1_2
+            with pytest.raises((ssl.SSLError, ConnectionError)):
+                await asyncio.open_connection('127.0.0.1', rig.place.port, ssl=context)
+            assert rig.heard == b''
+
+    run(body())
+
+
+def test_a_new_revocation_list_holds_at_once(fleet, tmp_path):
+    vehicle = shutil.copytree(fleet / 'keys/vehicle', tmp_path / 'vehicle')
+    older = fleet / 'revoked/crl.pem'  # of before the logger was revoked
+
+    async def body():
+        async with Rig(vehicle) as rig:
+            current = (vehicle / 'crl.pem').read_bytes()
+            (vehicle / 'crl.pem').write_bytes(older.read_bytes())
+            os.utime(vehicle / 'crl.pem', (1, 1))
+            assert await rig.ask(fleet / 'revoked') == b'hellohello'
+            (vehicle / 'crl.pem').write_bytes(current)
+            assert await rig.ask(fleet / 'revoked') == b''
+
+    run(body())
+
+
+def test_the_other_end_is_who_it_should_be(fleet):
+    async def body():
+        async with Rig(fleet / 'keys/driver') as rig:  # a member, but no vehicle
+            assert await rig.ask(fleet / 'keys/ground', peer='vehicle') == b''
+            assert await rig.ask(fleet / 'keys/ground', peer='driver') == b'hellohello'
+
+    run(body())
+
+
+def test_garbage_and_slow_talkers_are_cut_off(fleet, monkeypatch):
+    monkeypatch.setattr('plc_inspect.security.tunnel.HANDSHAKE', 1.0)
+
+    async def body():
+        async with Rig(fleet / 'keys/vehicle') as rig:
+            slow = [await asyncio.open_connection('127.0.0.1', rig.place.port) for _ in range(20)]
+            for number in range(100):
+                _, writer = await asyncio.open_connection('127.0.0.1', rig.place.port)
+                writer.write(os.urandom(300) if number % 2 else b'RTCP' * 50)
+                writer.close()
+            assert await rig.ask(fleet / 'keys/ground') == b'hellohello'
+            for reader, writer in slow:
+                with contextlib.suppress(ConnectionError):
+                    assert await asyncio.wait_for(reader.read(10), 10.0) == b''
+                writer.close()
+            assert rig.heard == b'hello'
+            assert rig.tunnel.counts.refused >= 100
+
+    run(body())
+
+
+def test_keys_that_are_none_are_told(fleet, tmp_path):
+    with pytest.raises(ConfigError, match='no folder of a member'):
+        make_context(tmp_path, server=True)
+    with pytest.raises(ConfigError, match='cannot be read'):
+        run(Tunnel(tmp_path, Place('127.0.0.1', find_port()), 1).listen())
+    with socket.create_server(('127.0.0.1', 0)) as taken:
+        place = Place('127.0.0.1', taken.getsockname()[1])
+        with pytest.raises(ConfigError, match=f'cannot listen on 127.0.0.1:{place.port}'):
+            run(Tunnel(fleet / 'keys/vehicle', place, 1).listen())
