@@ -69,6 +69,7 @@ setup(
         'shapely>=2.0',
         'tqdm>=4.65',
         'viser>=1.1,<2',
+        'websockets>=13',
         'zstandard>=0.20',
     ],
     extras_require={

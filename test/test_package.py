@@ -36,7 +36,8 @@ IMPORT_TO_KEY = {
 IMPORT_TO_REQUIREMENT = {
     'markupsafe': 'jinja2', 'sklearn': 'scikit-learn', 'yaml': 'PyYAML', 'lazrs': 'laspy',
 }
-WITHOUT_KEY = {'cma', 'ezdxf', 'laspy', 'lazrs', 'mcap', 'pyogrio', 'rich', 'viser', 'zstandard'}
+WITHOUT_KEY = {'cma', 'ezdxf', 'laspy', 'lazrs', 'mcap', 'pyogrio', 'rich', 'viser',
+               'websockets', 'zstandard'}
 
 
 @pytest.fixture(scope='module')
