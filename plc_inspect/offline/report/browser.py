@@ -3,10 +3,13 @@
 
 """A headless Chromium, where one is installed, prints the report."""
 
+import os
 from pathlib import Path
+import pwd
 import shutil
 import subprocess
 import tempfile
+from typing import Any
 
 from plc_inspect.errors import ConfigError, DataError
 
@@ -14,10 +17,14 @@ BROWSERS = ('chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stab
 TIMEOUT = 120.0
 """Longer than this no page takes to print [s]."""
 FLAGS = (
-    '--headless', '--no-sandbox', '--disable-gpu', '--use-angle=swiftshader',
+    '--headless', '--disable-gpu', '--use-angle=swiftshader',
     '--enable-unsafe-swiftshader', '--disable-background-networking', '--hide-scrollbars',
     '--disable-dev-shm-usage', '--no-first-run',
 )
+
+NO_SANDBOX = '--no-sandbox'
+NOBODY = 'nobody'
+"""User without rights, for a browser that root starts."""
 
 
 def find_browser() -> str:
@@ -87,16 +94,51 @@ def print_pdf(page: Path, path: Path) -> None:
 
 
 def _run(page: Path, path: Path, *arguments: str) -> None:
-    """Run the browser on a page, in a profile of its own."""
-    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
+    """
+    Run the browser on a page, in a profile of its own and with as few rights as there can be.
+
+    It is in its sandbox, but for root, whom it refuses that: then it runs as a user without
+    rights, on a copy of the page, as it may not read what is root's.
+    """
+    as_root = os.geteuid() == 0
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as room:
+        shown, made = page.absolute(), path.absolute()
+        options: dict[str, Any] = {}
+        if as_root:
+            shown, made, options = _hand_over(Path(room), shown, made)
+        given = [item.replace(str(path.absolute()), str(made)) for item in arguments]
         command = [
-            find_browser(), *FLAGS, f'--user-data-dir={profile}', *arguments,
-            page.absolute().as_uri(),
+            find_browser(), *FLAGS, *([NO_SANDBOX] if as_root else []),
+            f'--user-data-dir={room}/profile', *given, shown.as_uri(),
         ]
         try:
-            done = subprocess.run(command, capture_output=True, timeout=TIMEOUT, check=False)
+            done = subprocess.run(
+                command, capture_output=True, timeout=TIMEOUT, check=False, **options
+            )
         except subprocess.TimeoutExpired as error:
             raise DataError(f'{page.name} was not drawn within {TIMEOUT:g} s') from error
-    if done.returncode or not path.exists() or not path.stat().st_size:
+        drawn = not done.returncode and made.exists() and made.stat().st_size > 0
+        if drawn and made != path.absolute():
+            shutil.copyfile(made, path)
+    if not drawn:
         text = done.stderr.decode('utf-8', 'replace').strip().splitlines()
         raise DataError(f'{page.name} was not drawn: {text[-1] if text else done.returncode}')
+
+
+def _hand_over(room: Path, page: Path, path: Path) -> tuple[Path, Path, dict[str, Any]]:
+    """Copy a page into a room that belongs to nobody; return it, the drawing, and how to run."""
+    try:
+        user = pwd.getpwnam(NOBODY)
+    except KeyError as error:
+        raise ConfigError(
+            f'root prints as the user {NOBODY}, and there is none: print as another user'
+        ) from error
+    copy, made = room / page.name, room / f'drawn{path.suffix}'
+    shutil.copyfile(page, copy)
+    (room / 'profile').mkdir()
+    for item in (room, copy, room / 'profile'):
+        os.chown(item, user.pw_uid, user.pw_gid)
+    return copy, made, {
+        'user': user.pw_uid, 'group': user.pw_gid, 'extra_groups': [],
+        'env': {'PATH': os.environ.get('PATH', os.defpath), 'HOME': str(room)}, 'cwd': room,
+    }

@@ -4,6 +4,7 @@
 """The report in a real browser: drawn, quick, sortable, printed."""
 
 import dataclasses
+import os
 import re
 import subprocess
 
@@ -14,7 +15,14 @@ import pytest
 
 from plc_inspect.errors import ConfigError
 from plc_inspect.offline.report import browser
-from plc_inspect.offline.report.browser import find_browser, FLAGS, print_pdf, take_screenshot
+from plc_inspect.offline.report.browser import (
+    find_browser,
+    FLAGS,
+    NO_SANDBOX,
+    NOBODY,
+    print_pdf,
+    take_screenshot,
+)
 from plc_inspect.offline.report.report import render_report
 from plc_inspect.results import Severity
 
@@ -82,8 +90,8 @@ def page(tmp_path_factory):
 
 def run(chromium, profile, page, *arguments):
     done = subprocess.run(
-        [chromium, *FLAGS, f'--user-data-dir={profile}', '--window-size=1200,2400', *arguments,
-         page.as_uri()],
+        [chromium, *FLAGS, NO_SANDBOX, f'--user-data-dir={profile}', '--window-size=1200,2400',
+         *arguments, page.as_uri()],
         capture_output=True, timeout=90, check=True, text=True,
     )
     return done.stdout
@@ -131,3 +139,27 @@ def test_without_a_browser_it_is_said(monkeypatch, page, tmp_path):
     monkeypatch.setattr(browser, 'BROWSERS', ('no-such-browser',))
     with pytest.raises(ConfigError, match='needs one of no-such-browser'):
         print_pdf(page, tmp_path / 'report.pdf')
+
+
+def test_it_is_in_its_sandbox_or_a_user_without_rights(tmp_path, monkeypatch):
+    program = tmp_path / 'chromium'
+    program.write_text("""#!/bin/sh
+for item in "$@"; do case $item in --screenshot=*) out=${item#--screenshot=};; esac; done
+{ id -un; cat "$(echo "$item" | sed s,file://,,)"; echo "$@"; env; } > "$out"
+""")
+    program.chmod(0o755)
+    monkeypatch.setenv('PATH', f'{tmp_path}:{os.environ["PATH"]}')
+    monkeypatch.setenv('SECRET', 'of the shell')
+    for folder in (tmp_path, *tmp_path.parents[:2]):  # the program is to be found by anyone
+        folder.chmod(0o755)
+    (tmp_path / 'page.html').write_text('the page')
+    (tmp_path / 'page.html').chmod(0o600)  # root's alone
+    take_screenshot(tmp_path / 'page.html', tmp_path / 'page.png')
+    user, page, arguments, *rest = (tmp_path / 'page.png').read_text().replace(
+        'the page', 'the page\n').splitlines()
+    assert page == 'the page'
+    if os.geteuid() == 0:
+        assert user == NOBODY
+        assert not any('SECRET' in line for line in rest)
+    else:
+        assert NO_SANDBOX not in arguments
