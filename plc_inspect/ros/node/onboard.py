@@ -13,7 +13,7 @@ from typing import NoReturn
 
 from plc_inspect.errors import PlcInspectError
 from plc_inspect.printable import make_one_line
-from plc_inspect.ros.graph.ending import was_cut_short
+from plc_inspect.ros.graph.ending import bounded, was_cut_short
 from plc_inspect.ros.graph.transport import explain_start, lacks_plugins, prepare_transport
 
 NAME = 'plc_node'
@@ -82,9 +82,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         for number in (signal.SIGINT, signal.SIGTERM, *ALSO_TERM):
             signal.signal(number, signal.SIG_IGN)
         saved = node.close()
-        executor.shutdown()
-        node.destroy_node()
-        rclpy.utilities.try_shutdown()
+        with bounded(DONE if saved else DEFECT):
+            executor.shutdown()
+            node.destroy_node()
+            rclpy.utilities.try_shutdown()
     if not saved:
         _leave_at_once()
     return DONE
