@@ -257,14 +257,16 @@ def fly(bag: Path, folder: Path, network: Network) -> None:
         time.sleep(3.0)
         last = watcher.last
         node.send_signal(signal.SIGINT)
-        code = node.wait(START)
+        began = time.monotonic()
+        code = node.wait(PATIENCE)
+        ended = time.monotonic() - began
     print(f'\n| stranger | {" | ".join(next(iter(found.values())))} |')
     print('| --- ' * 6 + '|')
     for name, result in found.items():
         print(f'| {name} | {" | ".join(map(str, result.values()))} |')
     counts = last['counts']
     print(f'\n{GARBAGE} garbage and {SLOW} slow connections, 3 members killed; the node ended '
-          f'with {code}')
+          f'with {code} within {ended:.0f} s')
     print(f'scans {watcher.health("scans"):.0f} of 463, lost {watcher.health("scans_lost"):.0f}, '
           f'dropped {watcher.health("scans_dropped"):.0f}, spans {len(last["spans"])}, '
           f'summary lost {counts["lost_summary"]}, refused: '

@@ -3,40 +3,10 @@
 
 """The end of ROS: a signal shuts it down, whatever rclpy is in the middle of."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-import os
-import sys
-import threading
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rclpy.context import Context
-
-
-LEAVE_AFTER = 5.0
-"""
-Longest time to leave the graph [s].  Fast DDS over TCP waits there for connections of peers that
-are gone: 10 s after one was killed, more than 200 s after three (``bench/security.py``).
-"""
-
-
-@contextmanager
-def bounded(code: int) -> Iterator[None]:
-    """End the process with a code where the block, which leaves the graph, takes too long."""
-    def leave() -> None:
-        for stream in (sys.stdout, sys.stderr):
-            with suppress(OSError, ValueError):
-                stream.flush()
-        os._exit(code)
-
-    timer = threading.Timer(LEAVE_AFTER, leave)
-    timer.daemon = True
-    timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()
 
 
 def was_cut_short(error: Exception, context: 'Context | None' = None) -> bool:

@@ -13,8 +13,9 @@ from typing import NoReturn
 
 from plc_inspect.errors import PlcInspectError
 from plc_inspect.printable import make_one_line
-from plc_inspect.ros.graph.ending import bounded, was_cut_short
+from plc_inspect.ros.graph.ending import was_cut_short
 from plc_inspect.ros.graph.transport import explain_start, lacks_plugins, prepare_transport
+from plc_inspect.security.member_keys import find_keys
 
 NAME = 'plc_node'
 DONE, DEFECT, BAD_INPUT = 0, 1, 2
@@ -82,12 +83,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         for number in (signal.SIGINT, signal.SIGTERM, *ALSO_TERM):
             signal.signal(number, signal.SIG_IGN)
         saved = node.close()
-        with bounded(DONE if saved else DEFECT):
-            executor.shutdown()
-            node.destroy_node()
-            rclpy.utilities.try_shutdown()
+        if find_keys() is not None:
+            # Fast DDS over TCP waits for connections of peers that are gone, some for ever.
+            _leave_at_once(DONE if saved else DEFECT)
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.utilities.try_shutdown()
     if not saved:
-        _leave_at_once()
+        _leave_at_once(DEFECT)
     return DONE
 
 
@@ -96,12 +99,12 @@ def _pass_on(number: int, frame: FrameType | None) -> None:
     os.kill(os.getpid(), signal.SIGTERM)
 
 
-def _leave_at_once() -> NoReturn:
-    """End with DEFECT without waiting for threads, of which one may be busy for long."""
+def _leave_at_once(code: int) -> NoReturn:
+    """End without waiting for threads, of which one may be busy for long."""
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError):
             stream.flush()
-    os._exit(DEFECT)
+    os._exit(code)
 
 
 @contextmanager
