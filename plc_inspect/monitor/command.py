@@ -17,6 +17,7 @@ from typing import Any, TYPE_CHECKING
 from plc_inspect.errors import ConfigError, DataError
 from plc_inspect.monitor.picture.picture import Picture
 from plc_inspect.offline.commands.command_line import DONE, parse_with_ros, Parser, run_command
+from plc_inspect.security.member_keys import VARIABLE as KEYS
 
 if TYPE_CHECKING:
     from plc_inspect.monitor.web.access import Tokens
@@ -38,7 +39,13 @@ View = Callable[[Picture], object]
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the monitor; return 0 done, 2 bad usage or no node with ``--once``."""
     arguments = _parse(argv)
-    return run_command(NAME, lambda: _run(arguments))
+    code = run_command(NAME, lambda: _run(arguments))
+    if os.environ.get(KEYS):
+        # Fast DDS over TCP waits for connections of peers that are gone, some for ever.
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+    return code
 
 
 def _run(arguments: argparse.Namespace) -> int:

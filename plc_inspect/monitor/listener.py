@@ -10,6 +10,7 @@ from typing import Any
 from plc_inspect.errors import ConfigError
 from plc_inspect.ros.graph.ending import was_cut_short
 from plc_inspect.ros.graph.transport import explain_start
+from plc_inspect.security.member_keys import find_keys
 
 TOPICS = {'summary': 'summary', 'cloud': 'thin_corridor'}
 
@@ -92,7 +93,9 @@ class Listener:
         return bool(self._context.ok())
 
     def close(self) -> None:
-        """Leave the graph."""
+        """Leave the graph; over TCP, where that may take for ever, the end of the process does."""
+        if find_keys() is not None:
+            return
         self._executor.shutdown()
         self._node.destroy_node()
         self._rclpy.shutdown(context=self._context, uninstall_handlers=False)
