@@ -267,9 +267,11 @@ def fly(bag: Path, folder: Path, network: Network) -> None:
     counts = last['counts']
     print(f'\n{GARBAGE} garbage and {SLOW} slow connections, 3 members killed; the node ended '
           f'with {code} within {ended:.0f} s')
-    print(f'scans {watcher.health("scans"):.0f} of 463, lost {watcher.health("scans_lost"):.0f}, '
-          f'dropped {watcher.health("scans_dropped"):.0f}, spans {len(last["spans"])}, '
-          f'summary lost {counts["lost_summary"]}, refused: '
+    flown = json.loads((folder / 'out/run.json').read_text(encoding='utf-8'))['counts']
+    spans = json.loads((folder / 'out/spans.json').read_text(encoding='utf-8'))['spans']
+    print(f'the node: {len(spans)} spans, {flown}')
+    print(f'the monitor: link {last["link"]}, {len(last["spans"])} spans, scans '
+          f'{watcher.health("scans"):.0f}, summary lost {counts["lost_summary"]}, refused: '
           + ', '.join(f'{counts[name]} {name}' for name in ('forged', 'replayed', 'foreign')))
 
 

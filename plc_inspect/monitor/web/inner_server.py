@@ -23,7 +23,7 @@ from plc_inspect.errors import ConfigError
 
 SECRET = 'X-Plc-Inner'  # nosec B105
 """Header with the secret."""
-_TAG, _LOADED = b'<script data-p=', b'e.type="module";'
+_LOADER, _LOADED = b' data-p=', b'e.type="module";'
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,9 +69,9 @@ def start_inner(inner: Inner) -> Any:
 
 def add_nonce(page: bytes, nonce: str) -> bytes:
     """Return viser's page with a nonce for its loader and for the program that it adds."""
-    mark = nonce.encode()
-    page = page.replace(_TAG, b'<script nonce="' + mark + b'" data-p=', 1)
-    return page.replace(_LOADED, b'e.nonce="' + mark + b'";' + _LOADED, 1)
+    mark = b'nonce="' + nonce.encode() + b'"'
+    page = page.replace(_LOADER, b' ' + mark + _LOADER, 1)
+    return page.replace(_LOADED, b'e.' + mark + b';' + _LOADED, 1)
 
 
 @contextlib.contextmanager

@@ -5,8 +5,10 @@
 
 import dataclasses
 import os
+from pathlib import Path
 import re
 import subprocess
+import tempfile
 
 from factories import make_inspection
 import numpy as np
@@ -141,17 +143,23 @@ def test_without_a_browser_it_is_said(monkeypatch, page, tmp_path):
         print_pdf(page, tmp_path / 'report.pdf')
 
 
-def test_it_is_in_its_sandbox_or_a_user_without_rights(tmp_path, monkeypatch):
-    program = tmp_path / 'chromium'
+@pytest.fixture
+def shelf():
+    """Return a folder that everyone may read."""
+    with tempfile.TemporaryDirectory() as folder:
+        os.chmod(folder, 0o755)
+        yield Path(folder)
+
+
+def test_it_is_in_its_sandbox_or_a_user_without_rights(tmp_path, shelf, monkeypatch):
+    program = shelf / 'chromium'
     program.write_text("""#!/bin/sh
 for item in "$@"; do case $item in --screenshot=*) out=${item#--screenshot=};; esac; done
 { id -un; cat "$(echo "$item" | sed s,file://,,)"; echo "$@"; env; } > "$out"
 """)
     program.chmod(0o755)
-    monkeypatch.setenv('PATH', f'{tmp_path}:{os.environ["PATH"]}')
+    monkeypatch.setenv('PATH', f'{shelf}:{os.environ["PATH"]}')
     monkeypatch.setenv('SECRET', 'of the shell')
-    for folder in (tmp_path, *tmp_path.parents[:2]):  # the program is to be found by anyone
-        folder.chmod(0o755)
     (tmp_path / 'page.html').write_text('the page')
     (tmp_path / 'page.html').chmod(0o600)  # root's alone
     take_screenshot(tmp_path / 'page.html', tmp_path / 'page.png')
