@@ -267,7 +267,11 @@ def fly(bag: Path, folder: Path, network: Network) -> None:
     counts = last['counts']
     print(f'\n{GARBAGE} garbage and {SLOW} slow connections, 3 members killed; the node ended '
           f'with {code} within {ended:.0f} s')
-    flown = json.loads((folder / 'out/run.json').read_text(encoding='utf-8'))['counts']
+    run = json.loads((folder / 'out/run.json').read_text(encoding='utf-8'))
+    flown = {
+        name: run['input']['counts'][name] for name in
+        ('num_scans', 'num_scans_inserted', 'num_scans_lost', 'scans_dropped', 'num_poses')
+    }
     spans = json.loads((folder / 'out/spans.json').read_text(encoding='utf-8'))['spans']
     print(f'the node: {len(spans)} spans, {flown}')
     print(f'the monitor: link {last["link"]}, {len(last["spans"])} spans, scans '
