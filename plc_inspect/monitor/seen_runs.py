@@ -28,6 +28,8 @@ class SeenRuns:
 
     def __init__(self) -> None:
         keys = find_keys()
+        self.keys = keys is not None
+        """Whether this machine has keys, and the graph is reached over TCP."""
         self._path = None if keys is None else state_folder() / FILE
         self._saved = self._load()
         self.admission = Admission(

@@ -15,6 +15,11 @@ from plc_inspect.monitor.seen_runs import SeenRuns
 if TYPE_CHECKING:
     from plc_inspect.monitor.record.recorder import Recorder
 
+REJOIN_AFTER, MOST_REJOIN = 10.0, 60.0
+"""
+Over TCP, Fast DDS does not always connect again: after so long without news the graph is joined
+anew, and each time that does not help twice as late [s].
+"""
 RECORD_PERIOD = 1.0
 """Time between two pictures that are recorded [s]."""
 
@@ -48,11 +53,15 @@ class Station:
         self._seen = SeenRuns()
         self.monitor = Monitor(cloud=cloud, admission=self._seen.admission)
         self._recorder = recorder
-        self._recorded = 0.0
+        self._recorded = self._heard = 0.0
         take = {'summary': self._take_summary}
         if cloud:
             take['cloud'] = self._take_cloud
-        self._listener = Listener(node_name, take, arguments)
+        self._join = lambda: Listener(node_name, take, arguments)
+        self._listener = self._join()
+        self._left: list[Listener] = []
+        self._patience = REJOIN_AFTER
+        self._joined = time.monotonic()
 
     def __enter__(self) -> 'Station':
         """Return the station."""
@@ -72,6 +81,7 @@ class Station:
             self._listener.subscribe(topic)
         self._seen.save()
         now = time.monotonic()
+        self._rejoin(now)
         if self._recorder is not None and now - self._recorded >= RECORD_PERIOD:
             self._recorded = now
             self._recorder.show(self.monitor.look(now), self.monitor.cloud)
@@ -81,8 +91,20 @@ class Station:
         """Return what is known now."""
         return self.monitor.look(time.monotonic())
 
+    def _rejoin(self, now: float) -> None:
+        """Join the graph anew where nothing comes; none is left, as that may take for ever."""
+        if not self._seen.keys or now - self._joined < self._patience:
+            return
+        if now - self._heard < REJOIN_AFTER:
+            self._joined, self._patience = now, REJOIN_AFTER
+            return
+        self._left.append(self._listener)
+        self._listener = self._join()
+        self._joined, self._patience = now, min(2.0 * self._patience, MOST_REJOIN)
+
     def _take_summary(self, data: bytes) -> None:
         self._record('summary', data)
+        self._heard = time.monotonic()
         self.monitor.take_summary(data, time.monotonic())
 
     def _take_cloud(self, data: bytes) -> None:
