@@ -100,6 +100,7 @@ class Station:
             return
         self._left.append(self._listener)
         self._listener = self._join()
+        self.monitor.rejoin()
         self._joined, self._patience = now, min(2.0 * self._patience, MOST_REJOIN)
 
     def _take_summary(self, data: bytes) -> None:

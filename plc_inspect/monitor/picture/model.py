@@ -198,6 +198,10 @@ class Monitor:
             del self._wishes['cloud']
         return due
 
+    def rejoin(self) -> None:
+        """Expect what the node keeps once more, as the graph was joined anew."""
+        self._admission.reopen(SUMMARY)
+
     def look(self, now: float) -> Picture:
         """Return what is known now."""
         self._watch(now)

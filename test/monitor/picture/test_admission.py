@@ -213,3 +213,12 @@ def test_what_was_kept_from_before_a_reset_is_no_attack():
     assert monitor.take_wishes(102.0) == {'summary'}
     assert [monitor.take_summary(data, 102.1) for data in kept] == [False, False, True, True]
     assert monitor.look(102.2).counts.describe_refused() == ''
+
+
+def test_what_comes_again_after_joining_anew_is_no_attack(monitor, node):
+    again = Node()
+    kept = [again.summary(5.0 + k, keyframe=not k) for k in range(10)]
+    monitor.rejoin()
+    assert all(monitor.take_summary(data, 120.0) for data in kept)
+    assert monitor.take_summary(node.summary(26.0), 120.5)
+    assert monitor.look(121.0).counts.describe_refused() == ''
