@@ -10,6 +10,7 @@ Nothing of ROS is imported here; node, playback and recorder make messages of th
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 import enum
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -30,6 +31,9 @@ from plc_inspect.messages.items import (
     SupportLike,
 )
 from plc_inspect.results import Float64, Severity
+
+if TYPE_CHECKING:
+    from plc_inspect.core.live.proximity import Proximity
 
 SPANS_PER_LINE = 100_000
 """The number of a catenary is line_id times this, plus span_id."""
@@ -110,6 +114,44 @@ def list_marks(
     marks += [_mark_support(support, origin) for support in supports]
     for hazard in hazards:
         marks += _mark_hazard(hazard, origin)
+    return marks
+
+
+def mark_proximity(found: 'Sequence[Proximity]', vehicle: Place) -> list[Mark]:
+    """
+    List what is drawn of what is near: a line to what is too near, and how far it is.
+
+    Parameters
+    ----------
+    found : sequence of Proximity
+        As from ``measure_proximity``.
+    vehicle : (3,) float
+        Where the vehicle is, map frame [m].
+
+    Returns
+    -------
+    list of Mark
+        None for what is clear or unknown.
+
+    """
+    marks = []
+    for item in found:
+        color = SEVERITY_COLORS.get(item.level.name.lower())
+        if color is None:
+            continue
+        marks += [
+            Mark(
+                namespace='proximity', number=int(item.thing), kind=MarkKind.LINE_STRIP,
+                position=ORIGIN, scale=(WIRE_WIDTH, 0.0, 0.0), color=color,
+                points=np.array([vehicle, item.position]),
+            ),
+            Mark(
+                namespace='proximity_text', number=int(item.thing), kind=MarkKind.TEXT,
+                position=_move((item.position + vehicle) / 2, ORIGIN), color=color,
+                scale=(0.0, 0.0, HAZARD_SIZE),
+                text=f'{item.thing.name.lower()} {item.distance:.1f} m',
+            ),
+        ]
     return marks
 
 

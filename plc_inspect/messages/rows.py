@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from plc_inspect.messages.items import HazardLike, number_kind, ORIGIN, Place, SpanLike
 
 if TYPE_CHECKING:
+    from plc_inspect.core.live.proximity import Proximity
     from plc_inspect.core.tracking.span_registry import TrackedSpan
 
 DATATYPES = {'i1': 1, 'u1': 2, 'i2': 3, 'u2': 4, 'i4': 5, 'u4': 6, 'f4': 7, 'f8': 8}
@@ -33,6 +34,11 @@ HAZARDS = np.dtype([
     *_XYZ, ('id', '<u4'), *_IDS, ('kind', 'u1'), ('severity', 'u1'), ('clearance', '<f4'),
     ('required', '<f4'), ('horizontal', '<f4'), ('vertical', '<f4'), ('sigma', '<f4'),
     ('along_span', '<f4'), ('num_points', '<u4'),
+])
+PROXIMITY = np.dtype([
+    *_XYZ, ('thing', 'u1'), ('level', 'u1'), ('distance', '<f4'), ('direction_x', '<f4'),
+    ('direction_y', '<f4'), ('direction_z', '<f4'), ('closest', '<f4'), ('closest_in', '<f4'),
+    ('sigma', '<f4'), *_IDS, ('extended', 'u1'),
 ])
 
 
@@ -148,6 +154,32 @@ def make_hazards(hazards: Sequence[HazardLike], origin: Place = ORIGIN) -> NDArr
                      'vertical', 'sigma', 'along_span', 'num_points'):
             row[name] = getattr(hazard, name)
         _put_place(row, hazard.position, origin)
+    return rows
+
+
+def make_proximity(found: 'Sequence[Proximity]', vehicle: Place) -> NDArray[Any]:
+    """
+    Return one row for each kind of thing.
+
+    Parameters
+    ----------
+    found : sequence of Proximity
+        As from ``measure_proximity``.
+    vehicle : (3,) float
+        Where the vehicle is, map frame [m].
+
+    Returns
+    -------
+    (N,) PROXIMITY
+
+    """
+    rows = np.empty(len(found), dtype=PROXIMITY)
+    for row, item in zip(rows, found, strict=True):
+        for name in ('thing', 'level', 'distance', 'closest', 'closest_in', 'sigma', 'line_id',
+                     'span_id', 'extended'):
+            row[name] = getattr(item, name)
+        _put_place(row, item.position, ORIGIN)
+        _put_place(row, (item.position - vehicle) / item.distance, ORIGIN, 'direction_')
     return rows
 
 

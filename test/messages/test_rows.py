@@ -7,7 +7,10 @@ import numpy as np
 import pytest
 from spans import make_hazard, make_span, sample_points
 
+from plc_inspect.colors import SEVERITY_COLORS
+from plc_inspect.core.live.proximity import Level, Proximity, Thing
 from plc_inspect.core.tracking.span_registry import TrackedSpan
+from plc_inspect.messages.markers import mark_proximity
 from plc_inspect.messages.rows import (
     CATENARIES,
     CORRIDOR,
@@ -20,6 +23,8 @@ from plc_inspect.messages.rows import (
     make_corridor,
     make_hazards,
     make_lines,
+    make_proximity,
+    PROXIMITY,
     read_rows,
 )
 from plc_inspect.messages.typestore import MessageMaker
@@ -35,7 +40,8 @@ RAISED = tuple(
     make_hazard((10.0 * k, 1.0, 5.0), 3, 1, hazard_id=k, kind=kind, severity=Severity(1 + k % 3))
     for k, kind in enumerate(HazardKind)
 )
-KINDS = {'LINES': LINES, 'CORRIDOR': CORRIDOR, 'CATENARIES': CATENARIES, 'HAZARDS': HAZARDS}
+KINDS = {'LINES': LINES, 'CORRIDOR': CORRIDOR, 'CATENARIES': CATENARIES, 'HAZARDS': HAZARDS,
+         'PROXIMITY': PROXIMITY}
 
 
 def make_items(spans=(), hazards=()):
@@ -150,3 +156,23 @@ def test_nothing_gives_no_rows():
     corridor = make_corridor(none, classification=5, clearance=1.0, line_id=-1, span_id=-1)
     assert (len(corridor), corridor.dtype) == (0, CORRIDOR)
     assert len(gather_lines([])) == len(make_catenaries([])) == len(make_hazards([])) == 0
+
+
+def test_rows_and_marks_of_what_is_near():
+    near = Proximity(
+        thing=Thing.CONDUCTOR, level=Level.CRITICAL, distance=5.0, closest=3.0, closest_in=2.0,
+        position=np.array([3.0, 14.0, 30.0]), sigma=0.1, line_id=4, span_id=2, extended=True,
+    )
+    nothing = Proximity(thing=Thing.SUPPORT, level=Level.UNKNOWN, position=np.full(3, np.nan))
+    vehicle = np.array([0.0, 10.0, 30.0])
+    row, other = make_proximity((near, nothing), vehicle)
+    assert row.tolist()[:5] == (3.0, 14.0, 30.0, 0, 3)
+    assert [row['direction_' + axis] for axis in 'xyz'] == pytest.approx([0.6, 0.8, 0.0])
+    assert (row['line_id'], row['span_id'], row['extended']) == (4, 2, 1)
+    assert (row['distance'], row['closest'], row['closest_in']) == (5.0, 3.0, 2.0)
+    assert (other['thing'], other['level'], other['line_id']) == (1, 0, -1)
+    assert np.isnan([other['distance'], other['x'], other['direction_x']]).all()
+    line, text = mark_proximity((near, nothing), vehicle)
+    np.testing.assert_array_equal(line.points, [vehicle, near.position])
+    assert line.color == SEVERITY_COLORS['critical']
+    assert text.text == 'conductor 5.0 m'
