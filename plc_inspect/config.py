@@ -22,7 +22,22 @@ class InputSettings(Checked):
         'velodyne_points', 'PointCloud2 topic, relative or absolute', structural=True
     )
     odometry_topic: str = setting(
-        'odometry', 'Odometry topic, relative or absolute', structural=True
+        'odometry', 'topic of the poses, relative or absolute', structural=True
+    )
+    odometry_type: str = setting(
+        'auto', 'type of that topic; auto: the one it has; tf: poses from /tf, no topic',
+        choices=('auto', 'Odometry', 'PoseStamped', 'PoseWithCovarianceStamped', 'tf'),
+        structural=True,
+    )
+    map_frame: str = setting(
+        'odom', 'frame of the map, where poses come from tf', structural=True
+    )
+    base_frame: str = setting(
+        'base_link', 'frame that the poses are of, where their messages do not tell',
+        structural=True,
+    )
+    use_tf: bool = setting(
+        True, 'take the mount of the lidar from /tf_static where lidar_xyz and lidar_rpy_deg are 0'
     )
     lidar_xyz: tuple[float, ...] = setting(
         (0.0, 0.0, 0.0), 'position of the lidar in the base frame of the odometry', unit='m',

@@ -69,22 +69,6 @@ class ScanArrays:
     """Coordinates in the order of their bytes; drivers do not change it."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class StampedPose:
-    """One pose of the vehicle; its values are not checked yet."""
-
-    stamp_ns: int
-    """Header stamp [ns]."""
-    frame_id: str
-    """Frame of the position and orientation."""
-    child_frame_id: str
-    """Frame of the vehicle's base."""
-    position: Float64
-    """(3,) [m]."""
-    quaternion: Float64
-    """(4,) x y z w."""
-
-
 def stamp_from_header(header: Any) -> int:
     """
     Return the stamp of a std_msgs/Header in nanoseconds.
@@ -99,39 +83,6 @@ def stamp_from_header(header: Any) -> int:
     if seconds < 0 or nanoseconds >= 1_000_000_000 or not (seconds or nanoseconds):
         raise DataError(f'stamp of {seconds} s and {nanoseconds} ns is no time')
     return seconds * 1_000_000_000 + nanoseconds
-
-
-def pose_from_message(message: Any) -> StampedPose:
-    """
-    Read a nav_msgs/Odometry.
-
-    Parameters
-    ----------
-    message : nav_msgs/Odometry
-        Of rclpy or rosbags.
-
-    Returns
-    -------
-    StampedPose
-        Stamp, frames and pose.
-
-    Raises
-    ------
-    DataError
-        The stamp is no time.
-
-    """
-    position = message.pose.pose.position
-    orientation = message.pose.pose.orientation
-    return StampedPose(
-        stamp_ns=stamp_from_header(message.header),
-        frame_id=message.header.frame_id,
-        child_frame_id=message.child_frame_id,
-        position=np.array([position.x, position.y, position.z], dtype=np.float64),
-        quaternion=np.array(
-            [orientation.x, orientation.y, orientation.z, orientation.w], dtype=np.float64
-        ),
-    )
 
 
 def scan_from_message(message: Any) -> ScanArrays:

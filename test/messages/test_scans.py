@@ -12,7 +12,8 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from plc_inspect.errors import DataError
-from plc_inspect.messages.scans import pose_from_message, scan_from_message
+from plc_inspect.messages.poses import pose_from_message
+from plc_inspect.messages.scans import scan_from_message
 
 REAL = Path(__file__).parents[3] / 'shared' / 'data' / 'real'
 CODES = {'i1': 1, 'u1': 2, 'i2': 3, 'u2': 4, 'i4': 5, 'u4': 6, 'f4': 7, 'f8': 8}

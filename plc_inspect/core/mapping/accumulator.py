@@ -10,23 +10,23 @@ whole, or dropped whole and counted with the reason.
 
 from collections import Counter, deque
 from collections.abc import Iterator
-from dataclasses import dataclass
 import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plc_inspect.config import Settings
-from plc_inspect.core.mapping.deskew import deskew, make_transform
-from plc_inspect.core.mapping.pose_buffer import Bracket, PoseBuffer, PoseStatus
+from plc_inspect.core.mapping.placement import Placer, WaitingScan
+from plc_inspect.core.mapping.pose_buffer import PoseBuffer, PoseStatus
 from plc_inspect.core.mapping.scan_clock import ScanClock
 from plc_inspect.core.mapping.scan_counters import Counters, DropReason
 from plc_inspect.core.mapping.scan_gate import ScanGate
 from plc_inspect.core.mapping.scan_points import select_points
 from plc_inspect.core.mapping.voxel_map import Insertion, VoxelMap
 from plc_inspect.core.numerics.arrays import MOST_COORDINATE
+from plc_inspect.core.setup.mount import Mount
 from plc_inspect.errors import DataError
-from plc_inspect.results import Float32, Float64, Int64
+from plc_inspect.results import Float32, Float64
 
 QUEUE_SIZE = 64
 """
@@ -55,25 +55,6 @@ Source: judgement; not measured.
 LEADS = 16
 """Scans of which the median lead over the odometry is taken.  Source: judgement; not measured."""
 
-_REASON_OF_BRACKET = {
-    Bracket.BEFORE: DropReason.NO_POSE_BEFORE,
-    Bracket.AFTER: DropReason.NO_POSE_AFTER,
-    Bracket.GAP: DropReason.POSE_GAP,
-    Bracket.JUMP: DropReason.POSE_JUMP,
-}
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _WaitingScan:
-    stamp_ns: int
-    xyz: Float32
-    stamps: Int64
-    first: int
-    last: int
-    arrival: float | None
-    placed: bool
-    """The points are in the frame of the odometry already."""
-
 
 class Accumulator:
     """
@@ -93,19 +74,25 @@ class Accumulator:
     def __init__(self, settings: Settings) -> None:
         self.poses = PoseBuffer(settings.input)
         self.map = VoxelMap(settings.map)
+        self.placer = Placer(settings.input)
+        """Frames of the vehicle, and the mount of the lidar."""
         self.configure(settings)
         self.map.reserve(RESERVED_VOXELS)
         self._clock = ScanClock()
-        self._queue: deque[_WaitingScan] = deque()
+        self._queue: deque[WaitingScan] = deque()
         self._counts: Counter[str] = Counter()
         self._dropped: Counter[DropReason] = Counter()
         self._frames: tuple[str, str] | None = None
+        self._lidar_frame = ''
+        self._mount: Mount | None = None
         self._gate = ScanGate()
         self._leads: deque[float] = deque(maxlen=LEADS)
         self._last_inserted: int | None = None
         self._beyond_since: int | None = None
         self.num_map_restarts = 0
-        """Times the map began anew, as the odometry had gone where it does not reach."""
+        """Times the map began anew."""
+        self.restart_cause = ''
+        """Why it did so last."""
 
     def configure(self, settings: Settings) -> None:
         """Use other settings from now on, except for the structural ones."""
@@ -113,7 +100,7 @@ class Accumulator:
         self._min_range = source.min_range
         self._max_range = source.max_range
         self._max_wait = source.max_wait
-        self._T_base_lidar = make_transform(source.lidar_xyz, source.lidar_rpy_deg)
+        self.placer.configure(source)
         self.poses.configure(source)
         self.map.configure(settings.map)
 
@@ -239,6 +226,7 @@ class Accumulator:
             return
         if self.poses.last_stamp is not None:
             self._leads.append((last - self.poses.last_stamp) * 1e-9)
+        self._lidar_frame = frame_id
         self._counts['points'] += len(points) + num_not_finite
         self._counts['not finite'] += not_finite + num_not_finite
         self._counts['too near'] += near
@@ -248,7 +236,7 @@ class Accumulator:
         if len(self._queue) == QUEUE_SIZE:
             self._queue.popleft()
             self._dropped[DropReason.QUEUE_FULL] += 1
-        self._queue.append(_WaitingScan(stamp_ns, kept, stamps, first, last, now, placed))
+        self._queue.append(WaitingScan(stamp_ns, kept, stamps, first, last, now, placed))
         self._drain()
         self.expire(now)
 
@@ -299,10 +287,10 @@ class Accumulator:
             self._dropped[DropReason.RESET] += 1
         if not keep_map:
             self.map.clear()
-            self._frames = self._last_inserted = None
+            self._frames = self._last_inserted = self._mount = None
             self._gate = ScanGate()
 
-    def _take_waiting(self) -> Iterator[_WaitingScan]:
+    def _take_waiting(self) -> Iterator[WaitingScan]:
         """Yield the scans that wait now, each taken out of the queue."""
         for _ in range(len(self._queue)):
             yield self._queue.popleft()
@@ -318,15 +306,16 @@ class Accumulator:
             else:
                 self._insert(scan)
 
-    def _insert(self, scan: _WaitingScan) -> None:
-        seen = np.zeros_like(scan.xyz) if scan.placed else scan.xyz
-        result = deskew(seen, scan.stamps, self.poses, self._T_base_lidar)
-        if not result.complete:
-            self._dropped[_REASON_OF_BRACKET[Bracket(int(result.bracket.max()))]] += 1
+    def _insert(self, scan: WaitingScan) -> None:
+        self._follow_mount()
+        found = self.placer.place(scan, self.poses)
+        if isinstance(found, DropReason):
+            self._dropped[found] += 1
             return
-        points = self._limit(scan.xyz, result.points) if scan.placed else result.points
+        self._counts['too near'] += found.num_near
+        self._counts['too far'] += found.num_far
         try:
-            insertion = self._put(points, scan.stamp_ns)
+            insertion = self._put(found.points, scan.stamp_ns)
         except DataError:
             self._dropped[DropReason.OUT_OF_MAP] += 1
             return
@@ -336,13 +325,19 @@ class Accumulator:
         self._counts['points inserted'] += insertion.num_points
         self._counts['map full'] += insertion.num_refused
 
-    def _limit(self, xyz: Float32, lidar: Float64) -> Float64:
-        """Return the points of the map frame that are within range of the lidar's places."""
-        apart = np.linalg.norm(xyz - lidar, axis=1)
-        near, far = apart < self._min_range, apart > self._max_range
-        self._counts['too near'] += int(near.sum())
-        self._counts['too far'] += int(far.sum())
-        return xyz[~(near | far)].astype(np.float64)
+    def _follow_mount(self) -> None:
+        """Begin the map anew where the lidar is mounted otherwise than for the scans in it."""
+        base = self._frames[1] if self._frames else ''
+        self.placer.set_frames(base, self._lidar_frame)
+        mount, before = self.placer.mount, self._mount
+        self._mount = mount
+        if before is not None and not mount.equals(before) and len(self.map):
+            self._begin_anew(f'the mount of the lidar is another one: {mount.describe()}')
+
+    def _begin_anew(self, cause: str) -> None:
+        self.map.clear()
+        self.num_map_restarts += 1
+        self.restart_cause = cause
 
     def _put(self, points: Float64, stamp_ns: int) -> Insertion:
         """Insert points; where none are within reach for long, the map begins anew."""
@@ -354,8 +349,7 @@ class Accumulator:
             reached = np.abs(points).max(initial=0.0) < MOST_COORDINATE
             if stamp_ns - self._beyond_since < RESTART_AFTER_NS or not reached:
                 raise
-        self.map.clear()
-        self.num_map_restarts += 1
+        self._begin_anew('the odometry went out of reach of the map')
         return self.map.insert(points)
 
     def counters(self) -> Counters:

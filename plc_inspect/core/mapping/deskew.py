@@ -13,7 +13,7 @@ import math
 
 from numba import njit
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from plc_inspect.core.mapping.pose_buffer import bracket_stamps, PoseBuffer
 from plc_inspect.errors import DataError
@@ -33,41 +33,6 @@ class DeskewedScan:
     def complete(self) -> bool:
         """Whether every point has a pose."""
         return not self.bracket.any()
-
-
-def make_transform(xyz: ArrayLike, rpy_deg: ArrayLike) -> Float64:
-    """
-    Build the pose of a sensor from its position and its roll, pitch and yaw.
-
-    Rotations are about the fixed axes x, then y, then z (REP-103, as in URDF).
-
-    Parameters
-    ----------
-    xyz : array_like
-        (3,) position of the sensor in the base frame [m].
-    rpy_deg : array_like
-        (3,) roll, pitch, yaw [degrees].
-
-    Returns
-    -------
-    Float64
-        (4, 4) ``T_base_sensor``.
-
-    """
-    roll, pitch, yaw = np.radians(np.asarray(rpy_deg, dtype=np.float64))
-    about_x = np.array(
-        [[1, 0, 0], [0, math.cos(roll), -math.sin(roll)], [0, math.sin(roll), math.cos(roll)]]
-    )
-    about_y = np.array(
-        [[math.cos(pitch), 0, math.sin(pitch)], [0, 1, 0], [-math.sin(pitch), 0, math.cos(pitch)]]
-    )
-    about_z = np.array(
-        [[math.cos(yaw), -math.sin(yaw), 0], [math.sin(yaw), math.cos(yaw), 0], [0, 0, 1]]
-    )
-    transform = np.eye(4)
-    transform[:3, :3] = about_z @ about_y @ about_x
-    transform[:3, 3] = np.asarray(xyz, dtype=np.float64)
-    return transform
 
 
 def deskew(

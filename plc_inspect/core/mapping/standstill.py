@@ -13,6 +13,11 @@ MOST_LEAD = 0.5
 Difference of the clocks of scans and odometry that is named as the cause [s].
 Source: judgement: several times the delay of a driver; not measured.
 """
+OTHER_EPOCH = 3.2e7
+"""
+Difference of the clocks from which one of them does not tell the date [s].
+Source: derived: a year, as LEAST_DATE_NS of messages/scans.
+"""
 _NO_POSE = (
     DropReason.WAITED_TOO_LONG.value, DropReason.NO_POSE_BEFORE.value,
     DropReason.NO_POSE_AFTER.value,
@@ -32,7 +37,8 @@ def explain_standstill(
     before : Counters or None
         The same when a point went in last; None: from the start.
     malformed : mapping
-        Messages that could not be used since, 'scan' or 'odometry' to the newest reason.
+        Messages that could not be used since, 'scan' or 'odometry' to the newest reason; 'poses'
+        to why their source gives none.
     settings : InputSettings
         Ranges and gaps.
 
@@ -54,6 +60,8 @@ def explain_standstill(
     if not num_poses:
         if rejected:
             return f'all poses are rejected: {max(rejected, key=lambda name: rejected[name])}'
+        if 'poses' in malformed:
+            return malformed['poses']
         return (
             f'all poses are malformed: {malformed["odometry"]}' if 'odometry' in malformed
             else 'no odometry came in'
@@ -81,6 +89,12 @@ def _compare_clocks(counters: Counters) -> str:
     lead = counters.stamp_lead
     if lead is None or abs(lead) <= MOST_LEAD:
         return ''
+    if abs(lead) > OTHER_EPOCH:
+        early = 'scans' if lead < 0 else 'odometry'
+        return (
+            f'the stamps of {early} count from a start, such as power-on: they are '
+            f'{abs(lead):.1f} s behind the others; set both by one clock'
+        )
     side = 'ahead of' if lead > 0 else 'behind'
     return f'scan stamps are {abs(lead):.1f} s {side} odometry: set both by one clock'
 

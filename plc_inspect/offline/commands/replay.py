@@ -73,12 +73,14 @@ def replay(
     tell = progress or (lambda step, share: None)
     topics = (settings.input.scan_topic, settings.input.odometry_topic)
     started = time.perf_counter()
-    with Recording(path, *topics) as recording:
+    with Recording(path, *topics, settings.input) as recording:
         accumulator = accumulate(recording, settings, lambda share: tell('reading', share))
         check_used(recording, accumulator, settings)
         counts = asdict(accumulator.counters())
         counts['skipped'] = dict(recording.skipped)
         counts['first_errors'] = dict(recording.first_errors)
+        counts['mount'] = accumulator.placer.mount.describe()
+        counts['mount_doubt'] = accumulator.placer.mount.doubt
     points = accumulator.map.centroids()
     points = points[accumulator.map.counts() >= settings.map.min_points]
     seconds = {'read': time.perf_counter() - started}
@@ -102,7 +104,7 @@ def replay(
 def describe_losses(inspection: 'Inspection') -> str:
     """Return what of the recording did not get into the map, '' if all did."""
     counts = inspection.counts
-    parts = []
+    parts = [counts['mount_doubt']] if counts.get('mount_doubt') else []
     for title, key in (
         ('scans dropped', 'scans_dropped'),
         ('poses rejected', 'poses_rejected'),

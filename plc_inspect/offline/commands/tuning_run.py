@@ -116,7 +116,7 @@ def read_points(
         points = read_cloud(path, crs).points
     else:
         topics = (settings.input.scan_topic, settings.input.odometry_topic)
-        with Recording(path, *topics) as recording:
+        with Recording(path, *topics, settings.input) as recording:
             voxels = accumulate(
                 recording, settings, lambda share: progress('reading', share)
             ).map

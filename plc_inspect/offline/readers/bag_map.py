@@ -10,7 +10,7 @@ from plc_inspect.config import Settings
 from plc_inspect.core.mapping.accumulator import Accumulator
 from plc_inspect.core.mapping.standstill import explain_standstill
 from plc_inspect.errors import DataError
-from plc_inspect.messages.scans import StampedPose
+from plc_inspect.messages.poses import StampedPose
 from plc_inspect.offline.readers.bags import Recording
 
 MAX_VOXELS = 200_000_000
@@ -51,6 +51,8 @@ def accumulate(
     """
     room = dataclasses.replace(settings.map, max_voxels=MAX_VOXELS)
     accumulator = Accumulator(dataclasses.replace(settings, map=room))
+    for item in recording.fixed_transforms:
+        accumulator.placer.add_frame(item)
     for message in recording:
         content, now = message.content, message.log_stamp_ns * 1e-9
         if isinstance(content, StampedPose):
@@ -104,5 +106,8 @@ def check_used(recording: Recording, accumulator: Accumulator, settings: Setting
     """
     counters = accumulator.counters()
     if not counters.num_points_inserted:
-        cause = explain_standstill(counters, None, recording.malformed, settings.input)
+        malformed = {'poses': recording.problem} if recording.problem else {}
+        cause = explain_standstill(
+            counters, None, malformed | recording.malformed, settings.input
+        )
         raise DataError(f'{recording.path}: no scan could be used: {cause}')

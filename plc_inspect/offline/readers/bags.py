@@ -13,17 +13,26 @@ from typing import Any, Literal, Self
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import get_typestore, Stores
 
+from plc_inspect.config import InputSettings
+from plc_inspect.core.setup.moving_frames import MovingFrames
+from plc_inspect.core.setup.transforms import FrameTree, StampedTransform
 from plc_inspect.errors import DataError
-from plc_inspect.messages.scans import (
+from plc_inspect.messages.poses import (
+    AUTO,
     pose_from_message,
-    scan_from_message,
-    ScanArrays,
+    POSE_TYPES,
+    poses_from_transforms,
     StampedPose,
+    STATIC_TOPIC,
+    TF,
+    TF_TOPIC,
+    TF_TYPES,
+    transforms_from_message,
 )
+from plc_inspect.messages.scans import scan_from_message, ScanArrays
 from plc_inspect.printable import make_one_line
 
 SCAN_TYPE = 'sensor_msgs/msg/PointCloud2'
-ODOMETRY_TYPE = 'nav_msgs/msg/Odometry'
 MessageKind = Literal['scan', 'odometry']
 _SUFFIXES = ('.mcap', '.db3', '.bag')
 
@@ -60,6 +69,9 @@ class Recording:
         A rosbag2 folder, a lone ``.mcap`` or ``.db3`` file, or a ROS 1 ``.bag``.
     scan_topic, odometry_topic : str
         Topic names; a missing leading slash does not matter.
+    source : InputSettings or None
+        ``odometry_type``, ``map_frame`` and ``base_frame`` are used, by default those of config.
+        Where the type is 'auto' and the topic of poses is missing, they come from /tf.
 
     Raises
     ------
@@ -69,11 +81,19 @@ class Recording:
 
     """
 
-    def __init__(self, path: Path | str, scan_topic: str, odometry_topic: str) -> None:
+    def __init__(
+        self, path: Path | str, scan_topic: str, odometry_topic: str,
+        source: InputSettings | None = None,
+    ) -> None:
         self.path = Path(path)
-        self._topics = {_absolute(scan_topic): SCAN_TYPE, _absolute(odometry_topic): ODOMETRY_TYPE}
-        if len(self._topics) != 2:
+        self._scans, self._poses = _absolute(scan_topic), _absolute(odometry_topic)
+        self._source = source or InputSettings()
+        if self._scans == self._poses:
             raise DataError(f'scans and odometry cannot share the topic {scan_topic!r}')
+        self._moving: MovingFrames | None = None
+        self._fixed: list[StampedTransform] = []
+        self.pose_type = ''
+        """Type of the messages that poses come from, known when it is open."""
         self._reader: AnyReader | None = None
         self._connections: list[Any] = []
         self._num_read = 0
@@ -97,6 +117,7 @@ class Recording:
         self._reader = reader
         try:
             self._connections = self._find_connections()
+            self._fixed = self._read_fixed()
         except DataError:
             self.__exit__(None, None, None)
             raise
@@ -120,6 +141,21 @@ class Recording:
             name: info.msgtype or 'several types'
             for name, info in sorted(self._open_reader().topics.items())
         }
+
+    @property
+    def pose_topic(self) -> str:
+        """Topic that poses come from, with the leading slash."""
+        return TF_TOPIC if self.pose_type in TF_TYPES else self._poses
+
+    @property
+    def fixed_transforms(self) -> list[StampedTransform]:
+        """Those of /tf_static, whenever they were recorded."""
+        return self._fixed
+
+    @property
+    def problem(self) -> str:
+        """Why /tf gave no poses so far, '' where it did or is not used."""
+        return self._moving.explain() if self._moving is not None else ''
 
     @property
     def num_messages(self) -> int:
@@ -154,9 +190,9 @@ class Recording:
         self.skipped.clear()
         self.first_errors.clear()
         self.malformed.clear()
+        self._moving = self._follow_frames()
         for connection, stamp, raw in self._read(reader):
-            content = self._convert(reader, connection, raw)
-            if content is not None:
+            for content in self._convert(reader, connection, raw):
                 yield RecordedMessage(stamp, content)
 
     def raw_messages(self) -> Iterator[RawMessage]:
@@ -199,38 +235,80 @@ class Recording:
         return self._reader
 
     def _find_connections(self) -> list[Any]:
+        scans = self._find(self._scans, (SCAN_TYPE,))
+        wanted = self._source.odometry_type
+        there = {_absolute(c.topic): c.msgtype for c in self._open_reader().connections}
+        from_tf = wanted == TF or (
+            wanted == AUTO and self._poses not in there and there.get(TF_TOPIC) in TF_TYPES
+        )
+        if from_tf:
+            poses = self._find(TF_TOPIC, TF_TYPES)
+        else:
+            kinds = tuple(POSE_TYPES.values()) if wanted == AUTO else (POSE_TYPES[wanted],)
+            poses = self._find(self._poses, kinds)
+        self.pose_type = poses[0].msgtype
+        return scans + poses
+
+    def _find(self, topic: str, kinds: tuple[str, ...]) -> list[Any]:
+        """Return the connections of a topic, all of the first of some types that is there."""
+        matching = [c for c in self._open_reader().connections if _absolute(c.topic) == topic]
+        for kind in kinds:
+            if good := [c for c in matching if c.msgtype == kind]:
+                return good
+        problem = f'has no {topic}'
+        if matching:
+            problem = f'has {topic} as {matching[0].msgtype}'
+        there = ', '.join(f'{name} ({type_})' for name, type_ in self.topics.items())
+        raise DataError(
+            f'{self.path} {problem}, wanted {" or ".join(kinds)}; its topics: {there or "none"}'
+        )
+
+    def _follow_frames(self) -> MovingFrames | None:
+        if self.pose_type not in TF_TYPES:
+            return None
+        tree = FrameTree()
+        for item in self._fixed:
+            tree.add(item)
+        return MovingFrames(tree, self._source.map_frame, self._source.base_frame)
+
+    def _read_fixed(self) -> list[StampedTransform]:
         reader = self._open_reader()
-        found = []
-        for topic, kind in self._topics.items():
-            matching = [c for c in reader.connections if _absolute(c.topic) == topic]
-            good = [c for c in matching if c.msgtype == kind]
-            if not good:
-                problem = f'has no {topic}'
-                if matching:
-                    problem = f'has {topic} as {matching[0].msgtype}'
-                there = ', '.join(f'{name} ({type_})' for name, type_ in self.topics.items())
-                raise DataError(
-                    f'{self.path} {problem}, wanted {kind}; its topics: {there or "none"}'
-                )
-            found += good
+        matching = [
+            c for c in reader.connections
+            if _absolute(c.topic) == STATIC_TOPIC and c.msgtype in TF_TYPES
+        ]
+        found: list[StampedTransform] = []
+        tree = FrameTree()
+        try:
+            for connection, _, raw in reader.messages(matching) if matching else ():
+                message = reader.deserialize(raw, connection.msgtype)
+                for item in transforms_from_message(message, fixed=True):
+                    tree.add(item)
+                    found.append(item)
+        except Exception as error:  # as in __enter__
+            raise DataError(
+                f'{self.path}: {STATIC_TOPIC} cannot be read: {_in_one_line(error)}'
+            ) from error
         return found
 
     def _convert(
         self, reader: AnyReader, connection: Any, raw: bytes
-    ) -> ScanArrays | StampedPose | None:
+    ) -> list[ScanArrays | StampedPose]:
         kind: MessageKind = 'scan' if connection.msgtype == SCAN_TYPE else 'odometry'
         try:
             message = reader.deserialize(raw, connection.msgtype)
         except Exception as error:  # damaged bytes end in struct, index, unicode or other errors
             self.skip(kind, f'{connection.topic}: not decodable', error)
-            return None
+            return []
         try:
             if kind == 'scan':
-                return scan_from_message(message)
-            return pose_from_message(message)
+                return [scan_from_message(message)]
+            if self._moving is not None:
+                return list(poses_from_transforms(message, self._moving, self._source))
+            return [pose_from_message(message)]
         except DataError as error:
             self.skip(kind, f'{connection.topic}: malformed', error)
-            return None
+            return []
 
     def skip(self, kind: MessageKind, reason: str, error: BaseException) -> None:
         """Count a message that cannot be used; remember the first error of its reason and kind."""

@@ -19,7 +19,8 @@ from plc_inspect.core.mapping.eviction import Evictor
 from plc_inspect.core.mapping.scan_counters import DropReason
 from plc_inspect.core.mapping.standstill import explain_standstill
 from plc_inspect.errors import DataError
-from plc_inspect.messages.scans import pose_from_message, scan_from_message
+from plc_inspect.messages.poses import pose_from_message
+from plc_inspect.messages.scans import scan_from_message
 from plc_inspect.printable import make_printable
 from plc_inspect.results import Float64
 from plc_inspect.ros.node.diagnostics import Health, LossReporter
@@ -207,6 +208,8 @@ class Intake:
         return asdict(self.accumulator.counters()) | {
             'skipped': dict(self._health.malformed), 'first_errors': {},
             'num_voxels_evicted': self.evictor.num_evicted,
+            'mount': self.accumulator.placer.mount.describe(),
+            'mount_doubt': self.accumulator.placer.mount.doubt,
         }
 
     def reset(self) -> None:

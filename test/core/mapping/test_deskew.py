@@ -6,8 +6,9 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 from plc_inspect.config import InputSettings
-from plc_inspect.core.mapping.deskew import deskew, make_transform
+from plc_inspect.core.mapping.deskew import deskew
 from plc_inspect.core.mapping.pose_buffer import Bracket, PoseBuffer
+from plc_inspect.core.setup.transforms import make_transform
 from plc_inspect.errors import DataError
 
 MS = 1_000_000

@@ -13,7 +13,8 @@ from rosbags.typesys import get_typestore, Stores
 from plc_inspect.config import InputSettings, Settings
 from plc_inspect.core.mapping.accumulator import DropReason
 from plc_inspect.errors import DataError
-from plc_inspect.messages.scans import ScanArrays, StampedPose
+from plc_inspect.messages.poses import StampedPose
+from plc_inspect.messages.scans import ScanArrays
 from plc_inspect.offline.readers.bag_map import accumulate
 from plc_inspect.offline.readers.bags import Recording
 

@@ -1,0 +1,121 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Puts the points of a scan to their places in the map frame, or says why that cannot be."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from plc_inspect.config import InputSettings
+from plc_inspect.core.mapping.deskew import deskew
+from plc_inspect.core.mapping.pose_buffer import Bracket, PoseBuffer
+from plc_inspect.core.mapping.scan_counters import DropReason
+from plc_inspect.core.setup.mount import choose_mount, Mount
+from plc_inspect.core.setup.transforms import FrameTree, StampedTransform
+from plc_inspect.results import Float32, Float64, Int64
+
+_REASON_OF_BRACKET = {
+    Bracket.BEFORE: DropReason.NO_POSE_BEFORE,
+    Bracket.AFTER: DropReason.NO_POSE_AFTER,
+    Bracket.GAP: DropReason.POSE_GAP,
+    Bracket.JUMP: DropReason.POSE_JUMP,
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WaitingScan:
+    """A scan that waits for the odometry."""
+
+    stamp_ns: int
+    xyz: Float32
+    """(N, 3) in the lidar's frame, or in that of the odometry [m]."""
+    stamps: Int64
+    """(N,) [ns]."""
+    first: int
+    last: int
+    """Least and greatest of them [ns]."""
+    arrival: float | None
+    placed: bool
+    """The points are in the frame of the odometry already."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacedScan:
+    """Points of a scan in the map frame."""
+
+    points: Float64
+    """(M, 3) [m]."""
+    stamps: Int64
+    """(M,) [ns]."""
+    num_near: int = 0
+    """Points left out as too near, or too far, in a scan that came in the map frame."""
+    num_far: int = 0
+
+
+class Placer:
+    """
+    Puts scans into the map frame by poses and mount.
+
+    Parameters
+    ----------
+    settings : InputSettings
+        Mount, ranges, ``use_tf`` and ``base_frame``.
+
+    """
+
+    def __init__(self, settings: InputSettings) -> None:
+        self._frames = FrameTree()
+        self._base = self._lidar = ''
+        self.configure(settings)
+
+    def configure(self, settings: InputSettings) -> None:
+        """Use other settings from now on."""
+        self._settings = settings
+        self._mount: Mount | None = None
+
+    def add_frame(self, item: StampedTransform) -> None:
+        """
+        Take a transform of /tf_static.
+
+        Raises
+        ------
+        DataError
+            Its values are not those of a transform.
+
+        """
+        self._frames.add(item)
+        self._mount = None
+
+    def set_frames(self, base: str, lidar: str) -> None:
+        """Take the frames of the odometry's child and of the scans."""
+        if (base, lidar) != (self._base, self._lidar):
+            self._base, self._lidar = base, lidar
+            self._mount = None
+
+    @property
+    def mount(self) -> Mount:
+        """The mount that holds now."""
+        if self._mount is None:
+            self._mount = choose_mount(self._settings, self._frames, self._base, self._lidar)
+        return self._mount
+
+    def place(self, scan: WaitingScan, poses: PoseBuffer) -> PlacedScan | DropReason:
+        """
+        Return the points of a scan in the map frame, each by the pose of its own time.
+
+        The points of a scan that came in the map frame stay where they are; those not within
+        range of the lidar's place at their time are left out.
+        """
+        seen = np.zeros_like(scan.xyz) if scan.placed else scan.xyz
+        result = deskew(seen, scan.stamps, poses, self.mount.transform)
+        if not result.complete:
+            return _REASON_OF_BRACKET[Bracket(int(result.bracket.max()))]
+        if not scan.placed:
+            return PlacedScan(result.points, scan.stamps)
+        apart = np.linalg.norm(scan.xyz - result.points, axis=1)
+        near, far = apart < self._settings.min_range, apart > self._settings.max_range
+        kept = ~(near | far)
+        return PlacedScan(
+            scan.xyz[kept].astype(np.float64), scan.stamps[kept], int(near.sum()), int(far.sum())
+        )

@@ -1,0 +1,143 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Messages with poses to arrays, by attribute only: messages of rclpy and of rosbags serve alike.
+
+Nothing of ROS is imported here.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from plc_inspect.config import InputSettings
+from plc_inspect.core.setup.moving_frames import MovingFrames
+from plc_inspect.core.setup.transforms import StampedTransform
+from plc_inspect.messages.scans import stamp_from_header
+from plc_inspect.results import Float64
+
+POSE_TYPES = {
+    'Odometry': 'nav_msgs/msg/Odometry',
+    'PoseStamped': 'geometry_msgs/msg/PoseStamped',
+    'PoseWithCovarianceStamped': 'geometry_msgs/msg/PoseWithCovarianceStamped',
+}
+"""Values of input.odometry_type to the types of messages, the first that is there counts."""
+AUTO, TF = 'auto', 'tf'
+TF_TYPES = ('tf2_msgs/msg/TFMessage', 'tf/msg/tfMessage')
+TF_TOPIC, STATIC_TOPIC = '/tf', '/tf_static'
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StampedPose:
+    """One pose of the vehicle; its values are not checked yet."""
+
+    stamp_ns: int
+    """Header stamp [ns]."""
+    frame_id: str
+    """Frame of the position and orientation."""
+    child_frame_id: str
+    """Frame of the vehicle's base, '' where the message does not tell."""
+    position: Float64
+    """(3,) [m]."""
+    quaternion: Float64
+    """(4,) x y z w."""
+
+
+def pose_from_message(message: Any) -> StampedPose:
+    """
+    Read a message of one of POSE_TYPES.
+
+    Parameters
+    ----------
+    message : Odometry, PoseStamped or PoseWithCovarianceStamped
+        Of rclpy or rosbags.
+
+    Returns
+    -------
+    StampedPose
+        Stamp, frames and pose.
+
+    Raises
+    ------
+    DataError
+        The stamp is no time.
+
+    """
+    pose = getattr(message.pose, 'pose', message.pose)
+    return StampedPose(
+        stamp_ns=stamp_from_header(message.header),
+        frame_id=message.header.frame_id,
+        child_frame_id=getattr(message, 'child_frame_id', ''),
+        position=_read(pose.position, 'xyz'),
+        quaternion=_read(pose.orientation, 'xyzw'),
+    )
+
+
+def transforms_from_message(message: Any, *, fixed: bool = False) -> list[StampedTransform]:
+    """
+    Read a tf2_msgs/TFMessage.
+
+    Parameters
+    ----------
+    message : tf2_msgs/TFMessage
+        Of rclpy or rosbags.
+    fixed : bool
+        Of /tf_static, where stamps mean nothing.
+
+    Returns
+    -------
+    list[StampedTransform]
+
+    Raises
+    ------
+    DataError
+        A stamp is no time.
+
+    """
+    return [
+        StampedTransform(
+            stamp_ns=0 if fixed else stamp_from_header(item.header),
+            parent=item.header.frame_id,
+            child=item.child_frame_id,
+            position=_read(item.transform.translation, 'xyz'),
+            quaternion=_read(item.transform.rotation, 'xyzw'),
+        )
+        for item in message.transforms
+    ]
+
+
+def poses_from_transforms(
+    message: Any, moving: MovingFrames, source: InputSettings
+) -> Iterator[StampedPose]:
+    """
+    Yield the poses that a tf2_msgs/TFMessage gives.
+
+    Parameters
+    ----------
+    message : tf2_msgs/TFMessage
+        Of /tf.
+    moving : MovingFrames
+        Takes the transforms.
+    source : InputSettings
+        ``map_frame`` and ``base_frame``.
+
+    Raises
+    ------
+    DataError
+        A transform is none, or more than one moves between map and base.
+
+    """
+    for item in transforms_from_message(message):
+        pose = moving.add(item)
+        if pose is not None:
+            yield StampedPose(
+                stamp_ns=item.stamp_ns, frame_id=source.map_frame,
+                child_frame_id=source.base_frame, position=pose[0], quaternion=pose[1],
+            )
+
+
+def _read(item: Any, names: str) -> Float64:
+    return np.array([getattr(item, name) for name in names], dtype=np.float64)
