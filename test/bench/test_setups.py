@@ -12,6 +12,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from plc_inspect.config import Settings
+from plc_inspect.core.setup.sharpness import SharpnessBook
 from plc_inspect.errors import DataError
 from plc_inspect.offline.readers.bag_map import accumulate, check_used
 from plc_inspect.offline.readers.bags import Recording
@@ -70,3 +71,13 @@ def test_settings_that_contradict_tf_are_said(flight, tmp_path):
     given = {'input.lidar_rpy_deg': [0.0, 25.0, 0.0]}
     setup = setups.Setup(name='', layout=layout, settings=given)
     assert '5.0 degrees off' in read_map(setup, flight, tmp_path).placer.mount.doubt
+
+
+@pytest.mark.parametrize('setup', BLURRED, ids=lambda item: item.name)
+def test_a_mount_that_nobody_told_is_not_sharp(setup, tmp_path):
+    flight = setups.read_flight(step=1, seconds=11.0)
+    book = SharpnessBook()
+    bag = setups.write_bag(tmp_path / 'bag', flight, setup.layout)
+    with Recording(bag, 'velodyne_points', 'odometry') as recording:
+        accumulate(recording, Settings(), book=book)
+    assert setup.cause in book.judge().describe()

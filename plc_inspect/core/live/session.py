@@ -7,7 +7,7 @@ The work of the node's worker: windows of the map in, the state of the inspectio
 One thread owns a session; the states that it returns never change.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import time
 
@@ -20,6 +20,7 @@ from plc_inspect.core.live.map_labels import label_points
 from plc_inspect.core.live.surroundings import Surroundings, SurroundingsBook
 from plc_inspect.core.live.window import sample_span, Window
 from plc_inspect.core.pipeline import Pipeline
+from plc_inspect.core.setup.sharpness import LookWindow, Sharpness, SharpnessBook
 from plc_inspect.core.tracking.hazard_tracking import (
     HazardBook,
     HazardNews,
@@ -45,6 +46,11 @@ CORRIDOR_REACH = 150.0
 """
 Distance from the vehicle within which corridor points are kept for messages [m].
 Source: judgement; not measured.
+"""
+REMEMBERED = 72
+"""
+Windows by which the sharpness of the map is judged.
+Source: derived: a minute of flight.
 """
 FINISHED_DISTANCE = 150.0
 """
@@ -92,6 +98,8 @@ class LiveState:
     """Ordered by line_id, then span_id; those with numbers below 0 are not confirmed yet."""
     supports: tuple[Support, ...] = ()
     hazards: tuple[Hazard, ...] = ()
+    sharpness: Sharpness = field(default_factory=Sharpness)
+    """Of the map; hazards are held back where it is poor."""
     corridor: CorridorPoints
     around: Surroundings = field(default_factory=Surroundings)
     """What may be near the vehicle."""
@@ -132,6 +140,7 @@ class Session:
         self._surroundings = SurroundingsBook()
         self._frame: CloudFrame | None = None
         """Of the first window, held so that cells do not move from tick to tick."""
+        self._book = SharpnessBook(REMEMBERED)
 
     @property
     def state(self) -> LiveState:
@@ -146,7 +155,7 @@ class Session:
 
     def tick(
         self, window: Window, settings: Settings, vehicle: Float64 | None,
-        rules: RuleSet | None = None,
+        rules: RuleSet | None = None, looks: Sequence[LookWindow] = (),
     ) -> Tick:
         """
         Run the pipeline over a window and update what is known.
@@ -161,20 +170,24 @@ class Session:
             (2+,) where the vehicle is [m].
         rules : RuleSet or None
             Clearance rules, by default the plain ones of the settings.
+        looks : sequence of LookWindow
+            New points that tell how sharp the map is.
 
         Returns
         -------
         Tick
+            Without hazards where the map is not sharp.
 
         """
         started = time.perf_counter()
+        self._book.add(looks)
         self._frame = self._frame or find_cloud_frame(window.points)
         result, labels = _run(window.points, self._frame, settings, rules)
         numbered = self._registry.update(result, window.points, window.spans)
         self._finish_spans(window, vehicle)
         keys = {item.key for item in self._registry.spans if item.confirmed}
         told = {old: new for old, new in numbered.items() if new in keys}
-        news = self._hazards.update(
+        news = HazardNews() if self._book.judge().poor else self._hazards.update(
             leave_out_ends(result.hazards, result.spans, result.supports), told, window.spans,
             window.holds,
         )
@@ -191,7 +204,7 @@ class Session:
 
     def conclude(
         self, points: Float64, settings: Settings, sequence: int, *, complete: bool,
-        rules: RuleSet | None = None,
+        rules: RuleSet | None = None, looks: Sequence[LookWindow] = (),
     ) -> tuple[LiveState, InspectionResult, UInt8]:
         """
         Run the pipeline over the whole map, and replace what is known by what it finds.
@@ -209,6 +222,8 @@ class Session:
             kept, with their supports and hazards.
         rules : RuleSet or None
             As for ``tick``.
+        looks : sequence of LookWindow
+            As for ``tick``.
 
         Returns
         -------
@@ -220,6 +235,7 @@ class Session:
 
         """
         started = time.perf_counter()
+        self._book.add(looks)
         result, labels = _run(points, find_cloud_frame(points), settings, rules)
         known = [item.key for item in self._registry.spans]
         numbered = self._registry.update(
@@ -227,7 +243,9 @@ class Session:
         )
         fresh = set(numbered.values())
         holds = _hold_all if complete else _hold_none
-        news = self._hazards.update(result.hazards, numbered, fresh, holds, final=complete)
+        news = HazardNews() if self._book.judge().poor else self._hazards.update(
+            result.hazards, numbered, fresh, holds, final=complete
+        )
         keys = {item.key for item in self._registry.spans}
         news = news.clear(self._hazards.keep(keys), SPAN_GONE)
         self._supports.update(result.supports, numbered, holds, final=complete)
@@ -243,10 +261,12 @@ class Session:
     def _describe(
         self, news: HazardNews, result: InspectionResult, sequence: int, started: float
     ) -> LiveState:
+        sharpness = self._book.judge()
         return LiveState(
             spans=self._registry.spans,
             supports=self._supports.supports,
-            hazards=self._hazards.hazards,
+            hazards=() if sharpness.poor else self._hazards.hazards,
+            sharpness=sharpness,
             corridor=self._corridor,
             around=self._surroundings.known,
             news=news,

@@ -25,6 +25,7 @@ from plc_inspect.core.mapping.scan_points import select_points
 from plc_inspect.core.mapping.voxel_map import Insertion, VoxelMap
 from plc_inspect.core.numerics.arrays import MOST_COORDINATE
 from plc_inspect.core.setup.mount import Mount
+from plc_inspect.core.setup.sharpness import SharpnessMeter
 from plc_inspect.errors import DataError
 from plc_inspect.results import Float32, Float64
 
@@ -76,6 +77,8 @@ class Accumulator:
         self.map = VoxelMap(settings.map)
         self.placer = Placer(settings.input)
         """Frames of the vehicle, and the mount of the lidar."""
+        self.meter = SharpnessMeter()
+        """Gathers what tells whether the map is sharp."""
         self.configure(settings)
         self.map.reserve(RESERVED_VOXELS)
         self._clock = ScanClock()
@@ -287,6 +290,7 @@ class Accumulator:
             self._dropped[DropReason.RESET] += 1
         if not keep_map:
             self.map.clear()
+            self.meter.clear()
             self._frames = self._last_inserted = self._mount = None
             self._gate = ScanGate()
 
@@ -321,6 +325,7 @@ class Accumulator:
             return
         self._beyond_since = None
         self._last_inserted = scan.stamp_ns
+        self.meter.add(found.points, found.stamps, found.apart)
         self._counts['scans inserted'] += 1
         self._counts['points inserted'] += insertion.num_points
         self._counts['map full'] += insertion.num_refused
@@ -336,6 +341,7 @@ class Accumulator:
 
     def _begin_anew(self, cause: str) -> None:
         self.map.clear()
+        self.meter.clear()
         self.num_map_restarts += 1
         self.restart_cause = cause
 

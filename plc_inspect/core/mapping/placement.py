@@ -48,6 +48,8 @@ class PlacedScan:
     """(M, 3) [m]."""
     stamps: Int64
     """(M,) [ns]."""
+    apart: Float64
+    """(M,) distance from the lidar [m]."""
     num_near: int = 0
     """Points left out as too near, or too far, in a scan that came in the map frame."""
     num_far: int = 0
@@ -112,10 +114,17 @@ class Placer:
         if not result.complete:
             return _REASON_OF_BRACKET[Bracket(int(result.bracket.max()))]
         if not scan.placed:
-            return PlacedScan(result.points, scan.stamps)
-        apart = np.linalg.norm(scan.xyz - result.points, axis=1)
+            return PlacedScan(result.points, scan.stamps, _measure(scan.xyz))
+        apart = _measure(scan.xyz - result.points)
         near, far = apart < self._settings.min_range, apart > self._settings.max_range
         kept = ~(near | far)
         return PlacedScan(
-            scan.xyz[kept].astype(np.float64), scan.stamps[kept], int(near.sum()), int(far.sum())
+            scan.xyz[kept].astype(np.float64), scan.stamps[kept], apart[kept],
+            int(near.sum()), int(far.sum()),
         )
+
+
+def _measure(points: Float32 | Float64) -> Float64:
+    """Return the lengths of (N, 3) vectors."""
+    result: Float64 = np.sqrt(np.einsum('ij,ij->i', points, points))
+    return result

@@ -88,7 +88,7 @@ def choose_mount(settings: InputSettings, frames: FrameTree, base: str, lidar: s
     if told is not None:
         return Mount(told, '/tf_static' if base != lidar else 'the frames, which are one')
     doubt = ''
-    if settings.use_tf and frames.frames:
+    if settings.use_tf and frames.frames and lidar:
         doubt = (
             f'no way leads from {base} to {lidar} in /tf_static (frames: '
             f'{", ".join(frames.frames[:8])}): the lidar is taken to be mounted straight; set '

@@ -11,6 +11,7 @@ from pathlib import Path
 import time
 from typing import TYPE_CHECKING
 
+from plc_inspect.errors import DataError
 from plc_inspect.offline.commands.command_line import (
     DONE,
     make_parser,
@@ -63,8 +64,13 @@ def replay(
     DataError
         The recording cannot be read, lacks a topic, or no scan of it can be used.
 
+    Notes
+    -----
+    Where the map is not sharp, hazards are left out and ``counts['held_back']`` says so.
+
     """
     from plc_inspect.core.pipeline import Pipeline
+    from plc_inspect.core.setup.sharpness import SharpnessBook
     from plc_inspect.offline.commands.request import hash_input
     from plc_inspect.offline.readers.bag_map import accumulate, check_used
     from plc_inspect.offline.readers.bags import Recording
@@ -73,19 +79,27 @@ def replay(
     tell = progress or (lambda step, share: None)
     topics = (settings.input.scan_topic, settings.input.odometry_topic)
     started = time.perf_counter()
+    book = SharpnessBook()
     with Recording(path, *topics, settings.input) as recording:
-        accumulator = accumulate(recording, settings, lambda share: tell('reading', share))
+        accumulator = accumulate(
+            recording, settings, lambda share: tell('reading', share), book
+        )
         check_used(recording, accumulator, settings)
         counts = asdict(accumulator.counters())
         counts['skipped'] = dict(recording.skipped)
         counts['first_errors'] = dict(recording.first_errors)
         counts['mount'] = accumulator.placer.mount.describe()
         counts['mount_doubt'] = accumulator.placer.mount.doubt
+    sharpness = book.judge()
+    counts['sharpness'] = sharpness.record()
+    counts['held_back'] = sharpness.describe() if sharpness.poor else ''
     points = accumulator.map.centroids()
     points = points[accumulator.map.counts() >= settings.map.min_points]
     seconds = {'read': time.perf_counter() - started}
     started = time.perf_counter()
     result = Pipeline(settings, rules).run(points, progress=tell)
+    if sharpness.poor:
+        result = dataclasses.replace(result, hazards=())
     seconds['pipeline'] = time.perf_counter() - started
     return Inspection(
         result=result,
@@ -148,6 +162,8 @@ def _run(argv: Sequence[str] | None) -> int:
         parts = [render_summary(inspection), describe_losses(inspection)]
         print(make_printable('\n\n'.join(part for part in parts if part)))
         print(f'\nreport: {arguments.output / "report.html"}')
+    if inspection.counts['held_back']:
+        raise DataError(f'{arguments.bag}: {inspection.counts["held_back"]}')
     return DONE
 
 

@@ -154,6 +154,7 @@ def describe_run(inspection: Inspection, num_written: int) -> Record:
         'num_supports': len(result.supports),
         'num_hazards': len(result.hazards),
         'num_corridor_points': len(result.corridor),
+        'held_back': inspection.counts.get('held_back', ''),
         'not_covered': inspection.rules.gaps if inspection.rules is not None else '',
         'classes': {
             item.name.lower(): int(np.count_nonzero(result.classification == item))

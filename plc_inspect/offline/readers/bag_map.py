@@ -9,6 +9,7 @@ import dataclasses
 from plc_inspect.config import Settings
 from plc_inspect.core.mapping.accumulator import Accumulator
 from plc_inspect.core.mapping.standstill import explain_standstill
+from plc_inspect.core.setup.sharpness import SharpnessBook
 from plc_inspect.errors import DataError
 from plc_inspect.messages.poses import StampedPose
 from plc_inspect.offline.readers.bags import Recording
@@ -21,6 +22,7 @@ def accumulate(
     recording: Recording,
     settings: Settings,
     progress: Callable[[float], None] | None = None,
+    book: SharpnessBook | None = None,
 ) -> Accumulator:
     """
     Put all scans of a recording into a map, as the node would have done in flight.
@@ -37,6 +39,8 @@ def accumulate(
         nothing to it.
     progress : callable or None
         Called with the share that was read, 0 to 1, after each scan and at the end.
+    book : SharpnessBook or None
+        Takes how sharp the map is.
 
     Returns
     -------
@@ -77,6 +81,8 @@ def accumulate(
             )
         except DataError as error:
             recording.skip('scan', 'scans: malformed', error)
+        if book is not None:
+            book.add(accumulator.meter.take())
         if progress is not None:
             progress(recording.progress)
     accumulator.finish()

@@ -34,6 +34,14 @@ ODOMETRY = QoSProfile(
 )
 """Sensor data; a second at 400 Hz."""
 
+TF_STATIC = QoSProfile(
+    history=QoSHistoryPolicy.KEEP_LAST,
+    depth=100,
+    reliability=QoSReliabilityPolicy.RELIABLE,
+    durability=QoSDurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""As tf2 publishes it: each publisher's last message reaches whoever comes late."""
+
 RESULTS = QoSProfile(
     history=QoSHistoryPolicy.KEEP_LAST,
     depth=1,

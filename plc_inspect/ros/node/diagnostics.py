@@ -4,7 +4,7 @@
 """What the node says of itself: /diagnostics, and the log lines about what was lost."""
 
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 import os
@@ -17,6 +17,7 @@ import numpy as np
 from plc_inspect.core.live.session import LiveState
 from plc_inspect.core.mapping.scan_counters import Counters
 from plc_inspect.core.mapping.voxel_map import VoxelMap
+from plc_inspect.core.setup.sharpness import Sharpness
 from plc_inspect.ros.graph.transport import ADVICE
 
 SILENCE = 2.0
@@ -33,6 +34,12 @@ class Health:
     """Messages that could not be used, by topic."""
     problems: dict[str, str] = field(default_factory=dict)
     """Why the newest of them could not be used, by topic."""
+    hints: dict[str, str] = field(default_factory=dict)
+    """Why no 'scan' or no 'odometry' comes in, where the graph tells."""
+    mount: str = ''
+    """How the lidar is mounted, once a scan is in."""
+    mount_doubt: str = ''
+    """What does not fit about it."""
     num_ticks: int = 0
     num_postponed: int = 0
     """Ticks that fell due while another ran, and were taken up after it."""
@@ -148,17 +155,20 @@ def describe_input(
     missing = [name for name, age in ages.items() if age is None or age > SILENCE]
     level, text = DiagnosticStatus.OK, 'scans and odometry come in'
     if missing:
-        level, text = DiagnosticStatus.ERROR, f'no {" and no ".join(missing)}'
+        hints = [health.hints[name] for name in missing if health.hints.get(name)]
+        text = '; '.join([f'no {" and no ".join(missing)}', *hints])
+        level = DiagnosticStatus.ERROR
     elif found[0]:
         level, text = DiagnosticStatus.ERROR, found[0]
-    elif found[1]:
-        level, text = DiagnosticStatus.WARN, found[1]
+    elif doubts := '; '.join(item for item in (found[1], health.mount_doubt) if item):
+        level, text = DiagnosticStatus.WARN, doubts
     elif lossy:
         level, text = DiagnosticStatus.WARN, 'something was lost'
         if counters.num_scans_lost:
             text = f'{counters.num_scans_lost} scans lost so far; {ADVICE}'
     period = counters.scan_period
-    values: dict[str, object] = {
+    first = {'mount of the lidar': health.mount} if health.mount else {}
+    values: dict[str, object] = first | {
         'scan rate [Hz]': 'unknown' if not period else round(1.0 / period, 2),
         'scans': counters.num_scans,
         'scans inserted': counters.num_scans_inserted,
@@ -192,13 +202,20 @@ def describe_input(
 
 
 def describe_map(
-    voxels: VoxelMap, num_evicted: int, refused: int, doubt: str
+    voxels: VoxelMap, num_evicted: int, refused: int, doubt: str,
+    sharpness: Sharpness | None,
 ) -> DiagnosticStatus:
-    """Describe the size of the map and of the process; a doubt about the map is an error."""
+    """
+    Describe size and sharpness of the map, and the size of the process.
+
+    A doubt about the map is an error, and so is a map that is not sharp.
+    """
     share = len(voxels) / voxels.max_voxels
     level, text = DiagnosticStatus.OK, f'{share:.0%} of the map in use'
     if doubt:
         level, text = DiagnosticStatus.ERROR, doubt
+    elif sharpness is not None and sharpness.poor:
+        level, text = DiagnosticStatus.ERROR, sharpness.describe()
     elif refused:
         level, text = DiagnosticStatus.WARN, f'map full: {refused} points were refused'
     values: dict[str, object] = {
@@ -209,6 +226,12 @@ def describe_map(
         'map memory [MB]': round(voxels.nbytes / 1e6, 1),
         'resident memory [MB]': round(measure_memory() / 1e6, 1),
     }
+    if sharpness is not None and sharpness.known:
+        values |= {
+            'sharpness, 0.5 at least': round(sharpness.figure, 3),
+            'things seen twice apart [m]': round(sharpness.distance, 4),
+            'noise [m]': round(sharpness.noise, 4),
+        }
     return _make_status('map', level, text, values)
 
 
@@ -250,6 +273,13 @@ def describe_segmentation(
     return _make_status('segmentation', level, text, values)
 
 
+def sign(status: Iterable[DiagnosticStatus], node: str) -> None:
+    """Put the node's full name in front, by which vehicles are told apart."""
+    for item in status:
+        item.hardware_id = node.lstrip('/')
+        item.name = f'{item.hardware_id}: {item.name}'
+
+
 def measure_memory() -> int:
     """Return the resident memory of this process [bytes]."""
     try:
@@ -264,8 +294,7 @@ def _make_status(
 ) -> DiagnosticStatus:
     return DiagnosticStatus(
         level=level,
-        name=f'plc_inspect: {name}',
+        name=name,
         message=text,
-        hardware_id='plc_inspect',
         values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
     )

@@ -15,13 +15,10 @@ import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from nav_msgs.msg import Odometry
 from rclpy.clock import Clock, JumpThreshold, TimeJump
 from rclpy.clock_type import ClockType
 from rclpy.duration import Duration
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
@@ -31,13 +28,14 @@ from plc_inspect.core.live.session import LiveState, Session
 from plc_inspect.core.live.warm_up import warm_up_intake
 from plc_inspect.core.live.window import copy_window, plan_everything, Window, WindowPlan
 from plc_inspect.ros.graph.guard import Guard
-from plc_inspect.ros.graph.qos import DIAGNOSTICS, ODOMETRY, overridable, SCANS, watched
+from plc_inspect.ros.graph.qos import DIAGNOSTICS, watched
 from plc_inspect.ros.graph.requests import Requests
 from plc_inspect.ros.node.diagnostics import (
     describe_input,
     describe_map,
     describe_segmentation,
     Health,
+    sign,
 )
 from plc_inspect.ros.node.intake import Complaints, Intake
 from plc_inspect.ros.node.jobs import (
@@ -53,6 +51,7 @@ from plc_inspect.ros.node.jobs import (
 )
 from plc_inspect.ros.node.parameters import Parameters
 from plc_inspect.ros.node.publishing import make_bundle, ResultPublishers
+from plc_inspect.ros.node.subscriptions import Subscriptions
 from plc_inspect.ros.node.teller import summarize, Teller
 from plc_inspect.ros.node.thin_link import Stream
 from plc_inspect.ros.node.watch import InputWatch, SourceWatch
@@ -112,7 +111,9 @@ class InspectNode(Node):
         )
         self._advance_guard = self.create_guard_condition(self._guard('step', self._advance))
         self._worker = Worker(self._advance_guard.trigger)
-        self._subscribe(settings)
+        self._sources = Subscriptions(
+            self, settings.input, self._intake, self._guard, self._on_message_lost
+        )
         self._segmenting = Requests(self, 'segment', self._advance_guard.trigger)
         self._saving = Requests(self, 'save', self._advance_guard.trigger)
         self.create_service(Trigger, '~/reset', self._on_reset)
@@ -134,18 +135,6 @@ class InspectNode(Node):
         source = SourceWatch(lambda: self.count_publishers(scans))
         self._intake.accepts = source.accepts
         self._submit('start', partial(prepare, settings))
-
-    def _subscribe(self, settings: Settings) -> None:
-        events = SubscriptionEventCallbacks(message_lost=self._on_message_lost)
-        self.create_subscription(
-            PointCloud2, settings.input.scan_topic,
-            self._guard('scan', self._intake.take_scan), event_callbacks=events,
-            **overridable(SCANS),
-        )
-        self.create_subscription(
-            Odometry, settings.input.odometry_topic,
-            self._guard('odometry', self._intake.take_odometry), **overridable(ODOMETRY),
-        )
 
     @property
     def settings(self) -> Settings:
@@ -180,7 +169,8 @@ class InspectNode(Node):
         # The executor looks at the number of parameters of a subscription's callback.
         if name == 'scan':
             return lambda message, info: run(message, info)
-        return (lambda message: run(message)) if name == 'odometry' else (lambda: run())
+        timed = name in ('step', 'timer', 'diagnostics', 'stream')
+        return (lambda: run()) if timed else (lambda message: run(message))
 
     def _fail(self, where: str, error: Exception) -> None:
         self._health.last_error = f'{where}: {type(error).__name__}: {error}'
@@ -213,6 +203,7 @@ class InspectNode(Node):
 
     def _on_second(self) -> None:
         now = time.monotonic()
+        self._health.hints = self._sources.look()
         lossy = self._intake.report_losses()
         counters = self._intake.accumulator.counters()
         status = [
@@ -223,10 +214,12 @@ class InspectNode(Node):
             describe_map(
                 self._intake.accumulator.map, self._intake.evictor.num_evicted,
                 counters.points_dropped.get('map full', 0), self._intake.doubt,
+                self._state.sharpness if self._state else None,
             ),
             describe_segmentation(self._state, self._health, self._worker.busy),
             self._door.describe(),
         ]
+        sign(status, self.get_fully_qualified_name())
         header = Header(stamp=self.get_clock().now().to_msg())
         self._diagnostics.publish(DiagnosticArray(header=header, status=status))
         self._stream.tell_health(status)
@@ -242,7 +235,8 @@ class InspectNode(Node):
 
     def _on_map_restart(self) -> None:
         """Save what was found before the odometry left the map's reach, and begin anew."""
-        self.get_logger().error('the odometry went out of reach of the map: it begins anew there')
+        cause = self._intake.accumulator.restart_cause
+        self.get_logger().error(f'{cause}: the map begins anew')
         self._forget('the map began anew')
 
     def _forget(self, reason: str) -> None:
@@ -330,6 +324,7 @@ class InspectNode(Node):
             stamp_ns=self._intake.accumulator.last_inserted or 0,
             vehicle=self._intake.vehicle,
             complete=self._intake.evictor.num_evicted == 0,
+            looks=self._intake.accumulator.meter.take(),
         )
 
     def _describe_flight(self) -> Flight:
@@ -362,6 +357,8 @@ class InspectNode(Node):
         self._state = done.state
         self._results.publish(done.bundle)
         self._teller.tell(done.state)
+        if done.state.sharpness.poor:
+            self._complaints.complain('sharpness', done.state.sharpness.describe())
         if done.saved is not None:
             tell = self.get_logger().error if done.saved.problem else self.get_logger().info
             tell(done.saved.describe())

@@ -9,6 +9,7 @@ from threading import Event, Thread
 import time
 from typing import Any
 
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import PointCloud2
 
@@ -18,8 +19,15 @@ from plc_inspect.core.mapping.accumulator import Accumulator
 from plc_inspect.core.mapping.eviction import Evictor
 from plc_inspect.core.mapping.scan_counters import DropReason
 from plc_inspect.core.mapping.standstill import explain_standstill
+from plc_inspect.core.setup.moving_frames import MovingFrames
+from plc_inspect.core.setup.transforms import FrameTree
 from plc_inspect.errors import DataError
-from plc_inspect.messages.poses import pose_from_message
+from plc_inspect.messages.poses import (
+    pose_from_message,
+    poses_from_transforms,
+    StampedPose,
+    transforms_from_message,
+)
 from plc_inspect.messages.scans import scan_from_message
 from plc_inspect.printable import make_printable
 from plc_inspect.results import Float64
@@ -93,6 +101,10 @@ class Intake:
         self._refused_before = self._inserted_before = 0
         self._health = health
         self._settings = settings.input
+        self._fixed = FrameTree()
+        self._moving = MovingFrames(
+            self._fixed, settings.input.map_frame, settings.input.base_frame
+        )
         self._complaints = Complaints(warn)
         self._losses = LossReporter(warn)
         self._taker: Thread | None = None
@@ -146,21 +158,37 @@ class Intake:
         self._follow_restart()
         self.evictor.step(self.vehicle)
 
-    def take_odometry(self, message: Odometry) -> None:
+    def take_odometry(self, message: Odometry | PoseStamped | PoseWithCovarianceStamped) -> None:
         """Put a pose in; what is rejected is counted by the accumulator."""
-        now = time.monotonic()
-        self._health.last_pose = now
         try:
-            pose = pose_from_message(message)
+            self._take_pose(pose_from_message(message))
         except DataError as error:
-            self._health.malformed['odometry'] += 1
-            self._health.problems['odometry'] = str(error)
-            self._complaints.complain(
-                'odometry',
-                f'pose rejected, malformed: {error} '
-                f'({self._health.malformed["odometry"]} so far)',
-            )
-            return
+            self._complain_of_pose(error)
+
+    def take_moving(self, message: Any) -> None:
+        """Put the poses of a tf2_msgs/TFMessage of /tf in."""
+        try:
+            for pose in poses_from_transforms(message, self._moving, self._settings):
+                self._take_pose(pose)
+        except DataError as error:
+            self._complain_of_pose(error)
+
+    def take_fixed(self, message: Any) -> None:
+        """Take the frames of a tf2_msgs/TFMessage of /tf_static."""
+        try:
+            for item in transforms_from_message(message, fixed=True):
+                self._fixed.add(item)
+                self.accumulator.placer.add_frame(item)
+        except DataError as error:
+            self._complaints.complain('/tf_static', f'transform of /tf_static dropped: {error}')
+
+    @property
+    def tf_problem(self) -> str:
+        """Why /tf gives no poses, '' where it does."""
+        return self._moving.explain()
+
+    def _take_pose(self, pose: StampedPose) -> None:
+        now = self._health.last_pose = time.monotonic()
         accepted = self.accumulator.add_pose(
             pose.stamp_ns, pose.position, pose.quaternion, frame_id=pose.frame_id,
             child_frame_id=pose.child_frame_id, now=now,
@@ -168,6 +196,15 @@ class Intake:
         if accepted:
             self.vehicle = pose.position
         self._follow_restart()
+
+    def _complain_of_pose(self, error: DataError) -> None:
+        self._health.last_pose = time.monotonic()
+        self._health.malformed['odometry'] += 1
+        self._health.problems['odometry'] = str(error)
+        self._complaints.complain(
+            'odometry',
+            f'pose rejected, malformed: {error} ({self._health.malformed["odometry"]} so far)',
+        )
 
     def _follow_restart(self) -> None:
         if self.accumulator.num_map_restarts > self._num_restarts:
@@ -201,6 +238,11 @@ class Intake:
     def report_losses(self) -> bool:
         """Log what was lost since the last call; return whether anything was."""
         self.accumulator.expire(time.monotonic())
+        if self.accumulator.last_inserted is not None:
+            mount = self.accumulator.placer.mount
+            if mount.doubt and mount.doubt != self._health.mount_doubt:
+                self._complaints.complain('mount', mount.doubt)
+            self._health.mount, self._health.mount_doubt = mount.describe(), mount.doubt
         return self._losses.report(self.accumulator.counters())
 
     def describe(self) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 
 """What the node's worker does: the start, what few ticks need, a tick, a results folder."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 import threading
 import time
@@ -18,6 +18,7 @@ from plc_inspect.core.live.session import LiveState, Session
 from plc_inspect.core.live.warm_up import warm_up_pipeline
 from plc_inspect.core.live.window import Window
 from plc_inspect.core.pipeline import Pipeline
+from plc_inspect.core.setup.sharpness import LookWindow
 from plc_inspect.results import Float64, InspectionResult, Int64, UInt8
 from plc_inspect.ros.node.publishing import Bundle, make_bundle
 from plc_inspect.ros.node.saving import save_results, Saved
@@ -59,6 +60,8 @@ class Snapshot:
     vehicle: Float64 | None
     complete: bool
     """Nothing was evicted from the map."""
+    looks: Sequence[LookWindow] = ()
+    """What tells how sharp the map is, since the last job."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -86,7 +89,9 @@ def run_tick(session: Session, snapshot: Snapshot) -> Done:
     """Run one tick and build its messages; it takes one core and leaves the others alone."""
     numba.set_num_threads(TICK_THREADS)
     window, flight = snapshot.window, snapshot.flight
-    tick = session.tick(window, flight.settings, snapshot.vehicle, flight.rules)
+    tick = session.tick(
+        window, flight.settings, snapshot.vehicle, flight.rules, snapshot.looks
+    )
     return Done(
         state=tick.state,
         bundle=make_bundle(
@@ -107,10 +112,17 @@ def conclude(
     window, flight = snapshot.window, snapshot.flight
     state, result, labels = session.conclude(
         window.points, flight.settings, window.sequence, complete=snapshot.complete,
-        rules=flight.rules,
+        rules=flight.rules, looks=snapshot.looks,
     )
+    flight = replace(flight, counts={**flight.counts, **describe_sharpness(state)})
     seconds = time.perf_counter() - started
     return state, describe_run(flight, result, window.points, seconds), labels
+
+
+def describe_sharpness(state: LiveState) -> dict[str, Any]:
+    """Return how sharp the map is, JSON-serialisable, and why hazards are held back."""
+    held = state.sharpness.describe() if state.sharpness.poor else ''
+    return {'sharpness': state.sharpness.record(), 'held_back': held}
 
 
 def describe_run(
@@ -163,6 +175,7 @@ class FinalSave:
         self._writing = threading.Lock()
         self._saved: Saved | None = None
         self._error: Exception | None = None
+        self._doubt = ''
 
     def run(self, session: Session, snapshot: Snapshot, state: LiveState | None) -> bool:
         """
@@ -180,7 +193,7 @@ class FinalSave:
         Returns
         -------
         bool
-            Whether all files of the whole map were written.
+            Whether all files of the whole map were written, and nothing was held back.
 
         """
         thread = threading.Thread(
@@ -204,15 +217,19 @@ class FinalSave:
         elif self._saved is not None:
             tell = self._complain if self._saved.problem else self._say
             tell(self._saved.describe())
-            return self._saved.whole
+            if self._doubt:
+                self._complain(self._doubt)
+            return self._saved.whole and not self._doubt
         return False
 
     def _conclude(self, session: Session, snapshot: Snapshot) -> None:
         try:
-            _, inspection, _ = conclude(session, snapshot)
+            concluded, inspection, _ = conclude(session, snapshot)
         except Exception as error:
             self._error = error
             return
+        if concluded.sharpness.poor:
+            self._doubt = concluded.sharpness.describe()
         flight = snapshot.flight
         with self._writing:
             self._saved = save_results(
@@ -247,7 +264,9 @@ def rescue(flight: Flight, state: LiveState | None, reason: str) -> str:
         spans=tuple(item.span for item in state.confirmed),
         supports=state.supports, hazards=state.hazards,
     )
-    part = replace(flight, counts={**flight.counts, 'results_of': 'the last tick'})
+    part = replace(flight, counts={
+        **flight.counts, **describe_sharpness(state), 'results_of': 'the last tick',
+    })
     saved = save_results(
         flight.settings.output, flight.first_stamp_ns, describe_run(part, result, empty)
     )

@@ -1,0 +1,126 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Puts flights together with wrong mounts and clocks, and prints how sharp the map is said to be.
+
+Flights are the demo and simulated ones.  With --seed 11 the limits were chosen; others check them.
+Ends with 1 where a right set-up is held back, or sharpness does not fall as an error grows.
+"""
+
+import argparse
+from contextlib import redirect_stdout
+import io
+from pathlib import Path
+import sys
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from common.setups import DEMO, Flight, read_flight
+
+from plc_inspect.config import Settings
+from plc_inspect.core.mapping.accumulator import Accumulator
+from plc_inspect.core.pipeline import Pipeline
+from plc_inspect.core.setup.sharpness import Sharpness, SharpnessBook
+from plc_inspect.errors import DataError
+from plc_inspect.setting_names import update
+from plc_inspect.sim.simulate import main as simulate
+
+SERIES = {
+    axis: [(tuple(np.eye(3)[number] * angle), 0.0) for angle in (2.0, 5.0, 10.0, 30.0)]
+    for number, axis in enumerate(('roll', 'pitch', 'yaw'))
+} | {
+    'time': [((0.0, 0.0, 0.0), lead) for lead in (0.05, 0.2, 1.0)],
+    'both': [((0.0, 2.0, 0.0), 0.05), ((0.0, 5.0, 0.0), 0.2), ((0.0, 10.0, 0.0), 1.0)],
+}
+"""Growing errors: roll, pitch and yaw of the mount [degrees], and lead of the scans' clock [s]."""
+SCENES = ('low_voltage', 'street', 'bundles', 'crossing', 'valley', 'angle')
+
+
+def build(
+    flight: Flight, turn: tuple[float, ...], lead: float
+) -> tuple[Accumulator, Sharpness]:
+    """Return map and sharpness of a flight whose mount is said, and clock set, wrongly."""
+    settings = update(Settings(), {'input.lidar_rpy_deg': list(turn), 'input.max_wait': 5.0})
+    accumulator, book = Accumulator(settings), SharpnessBook()
+    events = [(scan.log_ns, 1, index) for index, scan in enumerate(flight.scans)]
+    events += [(int(stamp), 0, index) for index, stamp in enumerate(flight.pose_ns)]
+    for log, kind, index in sorted(events):
+        if kind == 0:
+            accumulator.add_pose(
+                log, flight.position[index], flight.quaternion[index], frame_id='odom',
+                now=log * 1e-9,
+            )
+            continue
+        scan = flight.scans[index]
+        accumulator.add_scan(
+            scan.stamp_ns + round(lead * 1e9), scan.xyz, scan.time, frame_id='velodyne',
+            now=log * 1e-9,
+        )
+        book.add(accumulator.meter.take())
+    return accumulator, book.judge()
+
+
+def describe(accumulator: Accumulator) -> str:
+    """Return what the pipeline finds in a map."""
+    result = Pipeline().run(accumulator.map.centroids())
+    hazards = ', '.join(
+        f'{item.kind.name.lower()} {item.clearance:.2f}' for item in result.hazards[:6]
+    )
+    return f'{result.num_lines} lines, {len(result.hazards)} hazards ({hazards})'
+
+
+def read_scene(name: str, seed: int, cache: Path) -> Flight:
+    """Return a simulated flight, from the cache if it is there."""
+    folder = cache / f'{name}-{seed}'
+    if not folder.is_dir():
+        with redirect_stdout(io.StringIO()):
+            code = simulate([name, '-o', str(folder), '--seed', str(seed), '--duration', '30'])
+        if code:
+            raise DataError(f'the flight of {name} was not made')
+    return read_flight(folder)
+
+
+def main() -> int:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('scenes', nargs='*', help='demo, or scenes of plc_simulate')
+    parser.add_argument('--seed', type=int, default=11)
+    parser.add_argument('--cache', type=Path, default=Path('build/sharpness'))
+    parser.add_argument('--results', action='store_true', help='run the pipeline as well')
+    arguments = parser.parse_args()
+    wrong = 0
+    print('| flight | error | sharpness | apart [m] | |\n| --- | --- | --- | --- | --- |')
+    for name in arguments.scenes or ('demo', *SCENES):
+        flight = (
+            read_flight(DEMO) if name == 'demo'
+            else read_scene(name, arguments.seed, arguments.cache)
+        )
+        accumulator, right = build(flight, (0.0, 0.0, 0.0), 0.0)
+        wrong += right.poor
+        show(name, 'none', right, describe(accumulator) if arguments.results else '')
+        for series, errors in SERIES.items():
+            before = right
+            for turn, lead in errors:
+                accumulator, found = build(flight, turn, lead)
+                falls = found.figure < before.figure
+                wrong += not falls
+                text = describe(accumulator) if arguments.results else ''
+                size = f'{max(turn):g} degrees' if any(turn) else ''
+                error = ' '.join([series, size, f'{lead:g} s' if lead else '']).strip()
+                show(name, error, found, text if falls else f'{text} RISES')
+                before = found
+    return min(wrong, 1)
+
+
+def show(name: str, error: str, found: Sharpness, text: str) -> None:
+    """Print a row."""
+    figure = f'{found.figure:.3f}' if found.known else 'unknown'
+    held = ' held back' if found.poor else ''
+    print(f'| {name} | {error} | {figure}{held} | {found.distance:.3f} | {text} |', flush=True)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

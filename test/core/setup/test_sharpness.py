@@ -1,0 +1,103 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""How sharp a map is: a made-up flight over a plane and along a wire, put together wrongly."""
+
+import numpy as np
+import pytest
+
+from plc_inspect.core.setup.sharpness import (
+    LEAST_PLANES,
+    LookWindow,
+    measure_spread,
+    MOST_WAITING,
+    SharpnessBook,
+    SharpnessMeter,
+)
+from plc_inspect.core.setup.transforms import make_transform
+
+SPEED, RATE = 7.0, 10
+
+
+def fly(rpy=(0.0, 0.0, 0.0), *, seconds=11.0, noise=0.02, speed=SPEED, wires=True):
+    """Return how sharp the map is where the lidar's mount is not as it is said."""
+    rng = np.random.default_rng(3)
+    turn = make_transform((0.0, 0.0, 0.0), rpy)[:3, :3]
+    meter, book = SharpnessMeter(), SharpnessBook()
+    for number in range(int(seconds * RATE)):
+        place = np.array([speed * number / RATE, 0.0, 10.0])
+        ground = np.column_stack((rng.uniform(-20.0, 20.0, (900, 2)), np.full(900, -8.0)))
+        wire = np.column_stack((
+            rng.uniform(-20.0, 20.0, 150), np.full(150, 12.5), np.full(150, 1.5),
+        ))
+        seen = np.concatenate((ground, wire)) if wires else ground
+        seen += rng.normal(0.0, noise, seen.shape)
+        stamps = np.full(len(seen), round(number / RATE * 1e9), dtype=np.int64)
+        meter.add(seen @ turn.T + place, stamps, np.linalg.norm(seen, axis=1))
+        book.add(meter.take())
+    return book.judge()
+
+
+def test_right_mount_is_sharp():
+    found = fly()
+    assert found.known
+    assert not found.poor
+    assert found.noise == pytest.approx(0.02, rel=0.3)
+    assert found.distance < 0.01
+
+
+@pytest.mark.parametrize('axis', [1, 2])
+def test_sharpness_falls_with_the_error(axis):
+    figures = [fly(np.eye(3)[axis] * angle) for angle in (0.0, 2.0, 5.0, 10.0, 30.0)]
+    assert all(item.poor for item in figures[1:])
+    assert np.all(np.diff([item.figure for item in figures]) < 0.0)
+    assert 'map is not sharp: check mount, frames, time' in figures[1].describe()
+
+
+def test_noisy_and_rough_is_not_blurred():
+    assert not fly(noise=0.05).poor
+
+
+def test_where_nothing_moves_a_wrong_mount_does_not_show():
+    assert not fly((0.0, 30.0, 0.0), speed=0.0).poor
+
+
+@pytest.mark.parametrize('seconds', [0.0, 0.2, 0.9])
+def test_short_flights_tell_nothing(seconds):
+    found = fly(seconds=seconds)
+    assert not found.known
+    assert not found.poor
+    assert 'unknown' in found.describe()
+
+
+def test_meter_is_bounded_and_forgets():
+    meter = SharpnessMeter()
+    for number in range(300):
+        meter.add(np.ones((5, 3)), np.full(5, number * 100_000_000), np.ones(5))
+    assert len(meter.take()) == MOST_WAITING
+    meter.clear()
+    assert meter.take() == []
+
+
+def test_one_point_and_points_alone_give_no_cells():
+    for count in (1, 40):
+        points = np.arange(3.0 * count).reshape(-1, 3) * 10.0
+        found = measure_spread(LookWindow(1, points, np.arange(count) * 100_000_000))
+        assert len(found.planes) == len(found.lines) == 0
+
+
+def test_input_is_unchanged():
+    points = np.random.default_rng(0).uniform(0.0, 8.0, (500, 3))
+    stamps = np.arange(500) * 10_000_000
+    before = points.copy(), stamps.copy()
+    measure_spread(LookWindow(1, points, stamps))
+    np.testing.assert_array_equal(points, before[0])
+    np.testing.assert_array_equal(stamps, before[1])
+
+
+def test_too_few_planes_are_not_believed():
+    assert LEAST_PLANES > 1
+    book = SharpnessBook()
+    points = np.random.default_rng(0).uniform(0.0, 3.9, (900, 3)) * (1.0, 1.0, 0.001)
+    book.add([LookWindow(1, points, np.arange(900) * 5_000_000)])
+    assert not book.judge().known
