@@ -76,14 +76,14 @@ Scans against a second, and half seconds against five.  The long one sees small 
 smear its looks until they show no planes and lines, while the short one goes on.  Where little is
 near, planes farther away count, with a greater limit, as the noise of the attitude grows with
 range; lines there are arcs of the scan on the ground.
-Source: measured: bench/studies/sharpness.py: with the right set-up 0.009 to 0.017 m near and 0.024 to
-0.032 m far; 0.041 and more, and 0.046 and more, where the first hazard changes.
+Source: measured: bench/studies/sharpness.py: with the right set-up 0.009 to 0.017 m near and
+0.024 to 0.032 m far; 0.041 and more, and 0.046 and more, where the first hazard changes.
 """
 GROSS_PLANES, GROSS_LINES = 0.15, 0.17
 """
 Distances between looks of the short scale from which that one counts [m].
-Source: measured: bench/studies/sharpness.py: bundles and arcs of the scan on the ground, which are no
-planes and lines, reach 0.10 and 0.14 with the right set-up.
+Source: measured: bench/studies/sharpness.py: bundles and arcs of the scan on the ground, which
+are no planes and lines, reach 0.10 and 0.14 with the right set-up.
 """
 
 

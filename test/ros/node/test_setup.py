@@ -1,0 +1,195 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Poses of other types, tf, several vehicles, and maps that are not sharp."""
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+import numpy as np
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rig import isolate, put_stamp, Rig, take_domain, VEHICLE, wait_for
+from sensor_msgs.msg import PointCloud2
+
+from plc_inspect.config import Settings
+from plc_inspect.core.live.session import Session
+from plc_inspect.core.live.warm_up import make_sample
+from plc_inspect.core.setup.sharpness import Spread
+from plc_inspect.core.setup.transforms import make_transform, to_quaternion
+from plc_inspect.errors import ConfigError
+from plc_inspect.messages.typestore import MessageMaker
+from plc_inspect.ros.graph.qos import PLAYER
+from plc_inspect.ros.node.inspect_node import InspectNode
+from plc_inspect.ros.node.subscriptions import import_tf
+
+TF = 'tf2_msgs/msg/TFMessage'
+
+
+@pytest.fixture(scope='module')
+def shared():
+    """Return one rig for the tests that leave it as it was."""
+    rig = Rig()
+    yield rig
+    rig.close()
+
+
+class Poser:
+    """Publishes the robot's poses as another type."""
+
+    def __init__(self, rig, kind):
+        self._rig, self._kind = rig, kind
+        rig.robot.node.destroy_publisher(rig.robot.odometry)
+        self._publisher = rig.robot.odometry = rig.robot.node.create_publisher(
+            kind, 'odometry', PLAYER
+        )
+        rig.robot.send_pose = self.send
+
+    def send(self, stamp=None):
+        """Send one pose."""
+        message = self._kind()
+        message.header.frame_id = 'map'
+        put_stamp(message, self._rig.robot.time if stamp is None else stamp)
+        pose = message.pose.pose if self._kind is PoseWithCovarianceStamped else message.pose
+        pose.position.x, pose.position.y, pose.position.z = VEHICLE.tolist()
+        self._publisher.publish(message)
+
+
+@pytest.mark.parametrize('kind', [PoseStamped, PoseWithCovarianceStamped])
+def test_poses_of_another_type_are_found(kind):
+    rig = Rig(ready=False)
+    try:
+        Poser(rig, kind)
+        wait_for(rig.robot.odometry.get_subscription_count, 'subscription of the other type')
+        rig.feed(3)
+        assert rig.node.intake.accumulator.frame_id == 'map'
+    finally:
+        rig.close()
+
+
+def test_type_that_is_set_is_the_only_one():
+    rig = Rig(ready=False, **{'input.odometry_type': 'Odometry'})
+    try:
+        Poser(rig, PoseStamped)
+        text = wait_for(
+            lambda: next((
+                item.message for array in rig.received['diagnostics'] for item in array.status
+                if 'PoseStamped' in item.message
+            ), None), 'error', 5.0,
+        )
+        assert 'no scan and no odometry' in text
+        assert '/odometry is geometry_msgs/msg/PoseStamped, not nav_msgs/msg/Odometry' in text
+    finally:
+        rig.close()
+
+
+def test_topics_of_the_right_type_are_named():
+    rig = Rig(ready=False)
+    try:
+        rig.robot.node.destroy_publisher(rig.robot.scans)
+        rig.robot.scans = rig.robot.node.create_publisher(PointCloud2, '/ouster/points', PLAYER)
+
+        def look():
+            status, _ = rig.status('input')
+            assert status.level == DiagnosticStatus.ERROR
+            return 'nobody publishes /velodyne_points; there is /ouster/points' in status.message
+
+        wait_for(look, 'topic that is there', 5.0)
+    finally:
+        rig.close()
+
+
+@pytest.mark.skipif(import_tf() is not None, reason='tf2_msgs is there')
+def test_poses_of_tf_need_its_messages():
+    with pytest.raises(ConfigError, match='tf2_msgs cannot be imported'):
+        Rig(**{'input.odometry_type': 'tf'})
+
+
+def make_transforms(parent, child, xyz, rpy, stamp):
+    """Return a message of /tf or /tf_static, of the typestore."""
+    maker = MessageMaker()
+    matrix = make_transform(xyz, rpy)
+    x, y, z, w = (float(value) for value in to_quaternion(matrix[:3, :3]))
+    return maker.make(TF, transforms=[maker.make(
+        'geometry_msgs/msg/TransformStamped', header=maker.header(stamp, parent),
+        child_frame_id=child, transform=maker.make(
+            'geometry_msgs/msg/Transform', translation=maker.vector('Vector3', matrix[:3, 3]),
+            rotation=maker.make('geometry_msgs/msg/Quaternion', x=x, y=y, z=z, w=w),
+        ),
+    )])
+
+
+def test_mount_of_tf_begins_the_map_anew(shared):
+    shared.reset()
+    shared.feed(3)
+    intake = shared.node.intake
+    before = intake.accumulator.num_map_restarts
+    intake.take_fixed(make_transforms('base_link', 'velodyne', (0, 0, 0.5), (0, 0, 0), 0))
+    shared.feed(3)
+    assert intake.accumulator.num_map_restarts == before + 1
+    assert 'another one: xyz 0.000 0.000 0.500 m' in intake.accumulator.restart_cause
+    highest = intake.accumulator.map.centroids()[:, 2].max()
+    assert highest == pytest.approx(make_sample()[:, 2].max() + 0.5, abs=0.2)
+    _, values = shared.status('input')
+    assert 'from /tf_static' in values['mount of the lidar']
+    intake.take_fixed(make_transforms('base_link', 'velodyne', (0, 0, 0), (0, 0, 0), 0))
+
+
+def test_poses_of_tf_are_taken(shared):
+    intake = shared.node.intake
+    intake.accumulator.reset()
+    for number in range(3):
+        stamp = (5000 + number) * 1_000_000_000
+        intake.take_moving(make_transforms('odom', 'base_link', (number, 0, 0), (0, 0, 0), stamp))
+    assert intake.tf_problem == ''
+    assert intake.accumulator.frame_id == 'odom'
+    assert intake.vehicle.tolist() == [2.0, 0.0, 0.0]
+
+
+def test_vehicles_in_namespaces_are_told_apart():
+    isolate()
+    context, domain = Context(), take_domain()
+    rclpy.init(context=context, domain_id=domain)
+    nodes = [InspectNode(context=context, namespace=name) for name in ('uav1', 'uav2')]
+    client = Node('client', context=context)
+    names = set()
+    client.create_subscription(
+        DiagnosticArray, '/diagnostics',
+        lambda message: names.update((item.name, item.hardware_id) for item in message.status), 10,
+    )
+    executor = SingleThreadedExecutor(context=context)
+    for node in (*nodes, client):
+        executor.add_node(node)
+
+    def found():
+        executor.spin_once(timeout_sec=0.1)
+        return len(names) == 6
+
+    wait_for(found, 'diagnostics of both')
+    assert names == {
+        (f'{vehicle}/plc_inspect: {part}', f'{vehicle}/plc_inspect')
+        for vehicle in ('uav1', 'uav2') for part in ('input', 'map', 'segmentation')
+    }
+    executor.shutdown()
+    for node in nodes:
+        node.close(save=False)
+        node.destroy_node()
+    client.destroy_node()
+    rclpy.shutdown(context=context)
+
+
+def test_hazards_are_held_back_while_the_map_is_not_sharp():
+    points = make_sample()
+    session, settings = Session(), Settings()
+    whole = session.conclude(points, settings, 1, complete=True)
+    assert whole[0].hazards
+    blurred = Spread(1, np.full(50, 0.2**2), np.zeros(0), np.full(50, 0.02**2))
+    session._book._spreads.append(blurred)
+    state, result, _ = session.conclude(points, settings, 2, complete=True)
+    assert state.sharpness.poor
+    assert state.hazards == result.hazards == ()
+    assert len(state.spans) == len(whole[0].spans)
+    session._book.clear()
+    assert session.conclude(points, settings, 3, complete=True)[0].hazards
