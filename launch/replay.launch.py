@@ -20,9 +20,11 @@ def generate_launch_description():
     share = get_package_share_directory('plc_inspect')
     inspect = PythonLaunchDescriptionSource(os.path.join(share, 'launch', 'inspect.launch.py'))
     return LaunchDescription([
-        DeclareLaunchArgument('bag'),
-        DeclareLaunchArgument('rate', default_value='1.0'),
-        DeclareLaunchArgument('rviz', default_value='true'),
+        DeclareLaunchArgument(
+            'bag', description='rosbag2 folder, .mcap, .db3 or ROS 1 .bag file'),
+        DeclareLaunchArgument(
+            'rate', default_value='1.0', description='speed, 1 as it was recorded'),
+        DeclareLaunchArgument('rviz', default_value='true', description='show it in RViz'),
         IncludeLaunchDescription(inspect, launch_arguments={'use_sim_time': 'true'}.items()),
         Node(
             package='plc_inspect',

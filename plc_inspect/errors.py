@@ -18,3 +18,9 @@ class DataError(PlcInspectError):
 
 class FitError(PlcInspectError):
     """A model cannot be fitted to the given points."""
+
+
+def explain_missing(error: ModuleNotFoundError) -> str:
+    """Return in one line which Python package is missing, and how to get it."""
+    package = (error.name or str(error)).partition('.')[0]
+    return f'the Python package {package} is missing: install it as docs/install.md says'

@@ -63,8 +63,10 @@ def build(
     return accumulator, book.judge()
 
 
-def describe(accumulator: Accumulator) -> str:
+def describe(accumulator: Accumulator, found: Sharpness) -> str:
     """Return what the pipeline finds in a map."""
+    if found.hopeless:
+        return 'not looked for'
     result = Pipeline().run(accumulator.map.centroids())
     hazards = ', '.join(
         f'{item.kind.name.lower()} {item.clearance:.2f}' for item in result.hazards[:6]
@@ -100,14 +102,14 @@ def main() -> int:
         )
         accumulator, right = build(flight, (0.0, 0.0, 0.0), 0.0)
         wrong += right.poor
-        show(name, 'none', right, describe(accumulator) if arguments.results else '')
+        show(name, 'none', right, describe(accumulator, right) if arguments.results else '')
         for series, errors in SERIES.items():
             before = right
             for turn, lead in errors:
                 accumulator, found = build(flight, turn, lead)
                 falls = found.figure < before.figure
                 wrong += not falls
-                text = describe(accumulator) if arguments.results else ''
+                text = describe(accumulator, found) if arguments.results else ''
                 size = f'{max(turn):g} degrees' if any(turn) else ''
                 error = ' '.join([series, size, f'{lead:g} s' if lead else '']).strip()
                 show(name, error, found, text if falls else f'{text} RISES')

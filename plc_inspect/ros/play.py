@@ -6,13 +6,14 @@
 import argparse
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+import importlib
 import math
 from pathlib import Path
 import sys
 import time
 from typing import Any
 
-from plc_inspect.errors import ConfigError, DataError, PlcInspectError
+from plc_inspect.errors import ConfigError, DataError, explain_missing, PlcInspectError
 from plc_inspect.offline.commands.command_line import parse_with_ros, Parser
 from plc_inspect.offline.readers.bags import Recording
 from plc_inspect.printable import make_one_line
@@ -47,7 +48,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _run(arguments)
     except PlcInspectError as error:
         print(f'{NAME}: {make_one_line(error)}', file=sys.stderr)
-        return BAD_INPUT
+    except ModuleNotFoundError as error:
+        print(f'{NAME}: {explain_missing(error)}', file=sys.stderr)
+    return BAD_INPUT
 
 
 def _run(arguments: argparse.Namespace) -> int:
@@ -62,7 +65,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
         rclpy.init(args=['--ros-args', *arguments.ros] if arguments.ros else None)
         try:
-            player = Player(recording, arguments.scan_topic, arguments.odometry_topic)
+            player = Player(recording, arguments.scan_topic)
         except Exception as error:  # a signal came while it was set up
             if lacks_plugins(error):
                 raise ConfigError(explain_start(error)) from error
@@ -95,13 +98,13 @@ class Player:
     ----------
     recording : Recording
         Open.
-    scan_topic, odometry_topic : str
-        Where to publish; the recording was opened with the same names.
+    scan_topic : str
+        Where to publish scans; the recording was opened with the same name.  Poses are published
+        where and as they were recorded.
 
     """
 
-    def __init__(self, recording: Recording, scan_topic: str, odometry_topic: str) -> None:
-        from nav_msgs.msg import Odometry
+    def __init__(self, recording: Recording, scan_topic: str) -> None:
         from rclpy.node import Node
         from rosgraph_msgs.msg import Clock
         from sensor_msgs.msg import PointCloud2
@@ -113,7 +116,9 @@ class Player:
         self._clock_type = Clock
         self._publishers = {
             '/' + topic.strip('/'): self._node.create_publisher(kind, topic, **overridable(PLAYER))
-            for topic, kind in ((scan_topic, PointCloud2), (odometry_topic, Odometry))
+            for topic, kind in (
+                (scan_topic, PointCloud2), (recording.pose_name, _find_class(recording.pose_type))
+            )
         }
         self._clock = self._node.create_publisher(Clock, '/clock', CLOCK)
 
@@ -182,6 +187,12 @@ class Player:
 
         seconds, nanoseconds = divmod(max(stamp_ns, 0), 1_000_000_000)
         self._clock.publish(self._clock_type(clock=Time(sec=seconds, nanosec=nanoseconds)))
+
+
+def _find_class(kind: str) -> Any:
+    """Return the class of a type of poses, such as nav_msgs/msg/Odometry."""
+    package, _, name = kind.split('/')
+    return getattr(importlib.import_module(f'{package}.msg'), name)
 
 
 def _wait_for_acknowledgement(publisher: Any) -> None:

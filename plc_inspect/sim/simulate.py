@@ -12,9 +12,8 @@ import sys
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
-from plc_inspect.errors import PlcInspectError
+from plc_inspect.errors import explain_missing, PlcInspectError
 from plc_inspect.sim.random_scenes.scenes import KINDS
 from plc_inspect.sim.random_scenes.truth import make_random
 from plc_inspect.sim.scenes.catalogue import make_scene, SCENES
@@ -149,6 +148,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (PlcInspectError, OSError) as error:
         print(f'plc_simulate: {error}', file=sys.stderr)
         return 2
+    except ModuleNotFoundError as error:
+        print(f'plc_simulate: {explain_missing(error)}', file=sys.stderr)
+        return 2
     print(f'{arguments.output}: {text}')
     return 0
 
@@ -193,6 +195,8 @@ def _write_flight(folder: Path, scene: Scene, arguments: argparse.Namespace) -> 
         lidar_xyz=tuple(arguments.lidar_xyz), lidar_rpy_deg=tuple(arguments.lidar_rpy_deg),
         view_direction_deg=arguments.view[0], view_width_deg=arguments.view[1],
     )
+    from tqdm import tqdm
+
     with open_bag(folder, 'flight') as writer, tqdm(
         unit='scan', disable=not sys.stderr.isatty(), leave=False,
     ) as bar:

@@ -45,8 +45,9 @@ def test_launch_files_name_what_exists(path):
     for string in strings:
         if re.fullmatch(r'(output|input|map|segment|height)\.\w+', string):
             assert string in settings
-    declared = re.findall(r"DeclareLaunchArgument\('(\w+)'", text)
-    used = re.findall(r"LaunchConfiguration\('(\w+)'\)", text)
+    declared = re.findall(r"DeclareLaunchArgument\(\s*'(\w+)'", text)
+    assert text.count('description=') == len(declared)
+    used = re.findall(r"(?:LaunchConfiguration|_read)\((?:context, )?'(\w+)'\)", text)
     assert set(used) == set(declared)
 
 

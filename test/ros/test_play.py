@@ -116,7 +116,7 @@ def test_the_end_of_ros_ends_a_loop(graph):
     rclpy.init()
     try:
         with Recording(DEMO, 'velodyne_points', 'odometry') as recording:
-            player = Player(recording, 'velodyne_points', 'odometry')
+            player = Player(recording, 'velodyne_points')
             assert player.wait_for_subscribers(20.0)
             threading.Timer(0.5, rclpy.utilities.try_shutdown).start()
             count = player.play(1.0, 0.0)

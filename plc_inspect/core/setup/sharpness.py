@@ -87,6 +87,14 @@ are no planes and lines, reach 0.10 and 0.14 with the right set-up.
 """
 
 
+HOPELESS = 10.0
+"""
+Blur over its limit from which lines are not looked for in the whole map any more.
+Source: measured: bench/studies/sharpness.py: no right line was found from 4 on, and from 20 on the
+pipeline takes minutes over what the smear makes of a flight of 46 s.
+"""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class LookWindow:
     """Points of one window of one scale."""
@@ -136,6 +144,11 @@ class Sharpness:
         return self.known and self.blur > HELD
 
     @property
+    def hopeless(self) -> bool:
+        """Whether lines are not looked for either."""
+        return self.known and self.blur > HOPELESS
+
+    @property
     def figure(self) -> float:
         """Sharpness from 0 to 1; 0.5 is the limit."""
         return 1.0 / (1.0 + self.blur)
@@ -158,7 +171,8 @@ class Sharpness:
         )
         if not self.poor:
             return text
-        return f'map is not sharp: check mount, frames, time ({text}); hazards are held back'
+        held = 'nothing is looked for in it' if self.hopeless else 'hazards are held back'
+        return f'map is not sharp: check mount, frames, time ({text}); {held}'
 
 
 class SharpnessMeter:

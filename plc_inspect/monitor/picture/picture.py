@@ -17,6 +17,10 @@ from plc_inspect.stream.summary import FINISHED, metres, OPEN_END, OPEN_START, S
 Place = tuple[float, float, float]
 
 
+ERROR = 2
+"""Level of diagnostics."""
+
+
 class Link(enum.Enum):
     """How the link to the node is."""
 
@@ -202,6 +206,7 @@ class Picture:
     track: tuple[Place, ...]
     """Where the vehicle was."""
     levels: tuple[int, ...]
+    """Of the node's diagnostics: 0 good, 1 warning, 2 error."""
     texts: tuple[str, ...]
     health: Mapping[str, float]
     cloud_blocks: int
@@ -213,6 +218,14 @@ class Picture:
     """Oldest first."""
     alarms: tuple[HazardItem, ...]
     """Critical hazards that were raised a short while ago, newest first."""
+
+    @property
+    def problem(self) -> str:
+        """Why the node finds nothing, or nothing to be relied on; '' where it is well."""
+        return next(
+            (text or 'the node is in error'
+             for level, text in zip(self.levels, self.texts, strict=False) if level >= ERROR), '',
+        )
 
 
 def name_severity(severity: int) -> str:

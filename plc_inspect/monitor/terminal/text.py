@@ -101,6 +101,8 @@ def print_once(picture: Picture, name: str) -> None:
 
 def _draw_head(picture: Picture, name: str, width: int) -> Text:
     style, word = _LINK[picture.link]
+    if picture.link is Link.LIVE and picture.problem:
+        style, word = 'white on red', 'LIVE, NODE IN ERROR'
     text = Text(f' {word} ', style=style, no_wrap=True, overflow='ellipsis')
     if picture.link is Link.WAITING:
         text.append(f' nothing heard of {name} yet', style='bold')

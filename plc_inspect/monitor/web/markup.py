@@ -45,6 +45,9 @@ def draw_bar(picture: Picture) -> str:
     color = LINK_COLORS[picture.link]
     if picture.link is Link.LIVE and ages.data > STALE:
         state, color = 'live, but nothing new', LINK_COLORS[Link.LATE]
+    if picture.link is Link.LIVE and picture.problem:
+        news = ', nothing new' if ages.data > STALE else ''
+        state, color = f'live, but in error{news}: {picture.problem}', LINK_COLORS[Link.LOST]
     return render(
         'bar.html', picture=picture, state=state, color=color,
         incomplete=not picture.complete and picture.link is not Link.WAITING,

@@ -16,7 +16,7 @@ import threading
 from types import FrameType
 from typing import Any, NoReturn
 
-from plc_inspect.errors import PlcInspectError
+from plc_inspect.errors import explain_missing, PlcInspectError
 from plc_inspect.printable import make_one_line
 
 DONE, DEFECT, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -120,6 +120,8 @@ def run_command(name: str, body: Callable[[], int]) -> int:
             return code
     except PlcInspectError as error:
         return _complain(name, str(error))
+    except ModuleNotFoundError as error:
+        return _complain(name, explain_missing(error))
     except KeyboardInterrupt:
         return INTERRUPTED
     except BrokenPipeError:

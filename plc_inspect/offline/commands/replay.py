@@ -62,7 +62,8 @@ def replay(
     Raises
     ------
     DataError
-        The recording cannot be read, lacks a topic, or no scan of it can be used.
+        The recording cannot be read, lacks a topic, no scan of it can be used, or the map is so
+        far from sharp that nothing can be found in it.
 
     Notes
     -----
@@ -91,6 +92,8 @@ def replay(
         counts['mount'] = accumulator.placer.mount.describe()
         counts['mount_doubt'] = accumulator.placer.mount.doubt
     sharpness = book.judge()
+    if sharpness.hopeless:
+        raise DataError(f'{path}: {sharpness.describe()}')
     counts['sharpness'] = sharpness.record()
     counts['held_back'] = sharpness.describe() if sharpness.poor else ''
     points = accumulator.map.centroids()

@@ -87,6 +87,7 @@ class Recording:
     ) -> None:
         self.path = Path(path)
         self._scans, self._poses = _absolute(scan_topic), _absolute(odometry_topic)
+        self._pose_name = odometry_topic
         self._source = source or InputSettings()
         if self._scans == self._poses:
             raise DataError(f'scans and odometry cannot share the topic {scan_topic!r}')
@@ -146,6 +147,11 @@ class Recording:
     def pose_topic(self) -> str:
         """Topic that poses come from, with the leading slash."""
         return TF_TOPIC if self.pose_type in TF_TYPES else self._poses
+
+    @property
+    def pose_name(self) -> str:
+        """The same as it was given, which may be relative."""
+        return TF_TOPIC if self.pose_type in TF_TYPES else self._pose_name
 
     @property
     def fixed_transforms(self) -> list[StampedTransform]:

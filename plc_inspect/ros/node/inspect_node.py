@@ -392,8 +392,10 @@ class InspectNode(Node):
             (log.error if lost else log.info)('nothing to save' + lost)
             return not lost
         late = '' if stopped else f'the running job did not end within {STOP_TIMEOUT:g} s'
-        if reason := late or self._intake.doubt:
-            log.error(rescue(self._describe_flight(), self._state, reason))
+        state = self._state
+        blurred = state.sharpness.describe() if state and state.sharpness.hopeless else ''
+        if reason := late or self._intake.doubt or blurred:
+            log.error(rescue(self._describe_flight(), state, reason))
             return False
         snapshot = self._describe(self._copy_everything())
         return FinalSave(log.info, log.error).run(self._session, snapshot, self._state)

@@ -11,7 +11,7 @@ import sys
 from types import FrameType
 from typing import NoReturn
 
-from plc_inspect.errors import PlcInspectError
+from plc_inspect.errors import explain_missing, PlcInspectError
 from plc_inspect.printable import make_one_line
 from plc_inspect.ros.graph.ending import was_cut_short
 from plc_inspect.ros.graph.transport import explain_start, lacks_plugins, prepare_transport
@@ -31,13 +31,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the node until it is interrupted; return the exit code."""
     try:
         prepare_transport()
+        import rclpy
+        from rclpy.executors import SingleThreadedExecutor
+
+        from plc_inspect.ros.node.inspect_node import InspectNode
     except PlcInspectError as error:
         return _complain(error)
-    import rclpy
-    from rclpy.executors import SingleThreadedExecutor
-
-    from plc_inspect.ros.node.inspect_node import InspectNode
-
+    except ModuleNotFoundError as error:
+        return _complain(explain_missing(error))
     arguments = list(sys.argv if argv is None else [NAME, *argv])
     if {'-h', '--help'} & set(arguments):
         print(f'usage: {NAME} [--ros-args -p NAME:=VALUE --params-file FILE -r FROM:=TO ...]\n\n'
