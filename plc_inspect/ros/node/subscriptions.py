@@ -37,6 +37,8 @@ NO_TF = (
     '(install ros-jazzy-tf2-msgs, or set input.odometry_topic, input.lidar_xyz and '
     'input.lidar_rpy_deg)'
 )
+PATIENCE = 3
+"""Looks at the graph without a publisher of poses until they are taken from tf."""
 MOST_NAMED = 6
 """Topics of a type that are named at most."""
 
@@ -82,6 +84,7 @@ class Subscriptions:
         self._node, self._settings, self._intake, self._guard = node, settings, intake, guard
         self._poses: Subscription | None = None
         self._type = ''
+        self._num_silent = 0
         self._tf_type = import_tf()
         if settings.odometry_type == TF and self._tf_type is None:
             raise ConfigError(f'input.odometry_type is tf, but {NO_TF}')
@@ -134,10 +137,11 @@ class Subscriptions:
         poses = self._types_on(self._settings.odometry_topic)
         found = [name for name, kind in POSE_TYPES.items() if kind in poses]
         moving = bool(self._types_on(TF_TOPIC) & set(TF_TYPES))
+        self._num_silent = 0 if found else self._num_silent + 1
         if self._settings.odometry_type == AUTO:
             if found:
                 self._follow(self._type if self._type in found else found[0])
-            elif moving and self._tf_type is not None:
+            elif moving and self._tf_type is not None and self._num_silent > PATIENCE:
                 self._follow(TF)
         return {
             'scan': self._explain(self._settings.scan_topic, {SCAN_TYPE}),
