@@ -63,7 +63,12 @@ def test_poses_of_another_type_are_found(kind):
     try:
         Poser(rig, kind)
         wait_for(rig.robot.odometry.get_subscription_count, 'subscription of the other type')
-        rig.feed(3)
+
+        def fly():
+            rig.robot.step()
+            return rig.inserted() >= 3
+
+        wait_for(fly, 'inserted scans')
         assert rig.node.intake.accumulator.frame_id == 'map'
     finally:
         rig.close()
