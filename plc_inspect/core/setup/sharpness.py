@@ -44,7 +44,7 @@ ROUGH, ROUGH_SHARE = 0.1**2, 0.25
 A look is a rough plane where it is thinner than this [m2] and than this share of its width.
 Source: derived: ground with grass of 0.1 m.
 """
-LEAST_PLANES, LEAST_LINES = 20, 5
+LEAST_PLANES, LEAST_LINES = 30, 5
 """Cells from which a figure is believed.  Source: judgement; not measured."""
 HELD = 1.0
 """
@@ -109,7 +109,7 @@ class LookWindow:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spread:
-    """How far looks lie apart in the cells of one window, as variances [m2]."""
+    """How far looks lie apart in the cells of one window beyond their noise, as variances [m2]."""
 
     scale: int
     planes: Float64
@@ -270,7 +270,9 @@ def measure_spread(window: LookWindow) -> Spread:
     between = _sum(home, (apart[:, :, None] * apart[:, None, :]).reshape(-1, 9), len(looks))
     kept = looks >= LEAST_LOOKS
     within = _sum(home, scatter, len(looks))[kept] / (total[kept] - looks[kept, None])
-    between = (between[kept] / total[kept]).reshape(-1, 3, 3)
+    # without what the noise of one look's mean is in any map
+    expected = within * ((looks[kept] - 1) / total[kept, 0])[:, None]
+    between = (between[kept] / total[kept] - expected).reshape(-1, 3, 3)
     values, axes = np.linalg.eigh(within.reshape(-1, 3, 3))
     line = values[:, 1] < LINE * values[:, 2]
     plane = (values[:, 0] < PLANE * values[:, 1]) | (
@@ -292,8 +294,8 @@ def _sum(group: Int64, values: Float64, num: int) -> Float64:
 
 
 def _project(variance: Float64, axis: Float64) -> Float64:
-    """Return the variances along axes (N, 3)."""
-    result: Float64 = np.einsum('ni,nij,nj->n', axis, variance, axis)
+    """Return the variances along axes (N, 3), 0 at least."""
+    result: Float64 = np.maximum(np.einsum('ni,nij,nj->n', axis, variance, axis), 0.0)
     return result
 
 
