@@ -95,6 +95,14 @@ pipeline takes minutes over what the smear makes of a flight of 46 s.
 """
 
 
+SURELY_SHARP = 0.02
+"""
+Distance of planes, of the long scale, up to which lines of the short one are arcs of the scan [m].
+Source: measured: bench/studies/sharpness.py: 0.017 at most with the right set-up, 0.044 and more
+where wires are smeared so far that the long scale does not see them.
+"""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class LookWindow:
     """Points of one window of one scale."""
@@ -329,29 +337,36 @@ class SharpnessBook:
     def judge(self) -> Sharpness:
         """Return how sharp the map is, by the worst of planes and lines of all scales."""
         found = Sharpness()
-        for index, scale in enumerate(SCALES):
-            if scale is FAR and found.known:
-                break
-            own = [item for item in self._spreads if item.scale == index]
-            noise = _gather([item.noise for item in own])
-            for values, least, gross in (
-                (_gather([item.planes for item in own]), LEAST_PLANES, GROSS_PLANES),
-                (_gather([item.lines for item in own]), LEAST_LINES, GROSS_LINES),
-            ):
-                if len(values) < least or (scale is FAR and least == LEAST_LINES):
-                    continue
-                distance = float(np.sqrt(np.median(values)))
-                if scale is SHORT:
-                    if distance <= gross:
-                        continue
-                    # what grows with the way flown is that much more over a long window
-                    distance *= LONG.window_ns / SHORT.window_ns
-                if distance / scale.limit >= found.blur:
-                    found = Sharpness(
-                        blur=distance / scale.limit, distance=distance, num_cells=len(values),
-                        noise=float(np.sqrt(np.median(noise))) if len(noise) else 0.0,
-                    )
+        planes = self._measure(LONG, 'planes', LEAST_PLANES)
+        sharp = planes is not None and planes.distance <= SURELY_SHARP
+        for scale, kind, least, gross in (
+            (LONG, 'planes', LEAST_PLANES, 0.0), (LONG, 'lines', LEAST_LINES, 0.0),
+            (SHORT, 'planes', LEAST_PLANES, GROSS_PLANES),
+            (SHORT, 'lines', LEAST_LINES, GROSS_LINES), (FAR, 'planes', LEAST_PLANES, 0.0),
+        ):
+            own = self._measure(scale, kind, least)
+            if own is None or own.distance < gross:
+                continue
+            if (scale is FAR and found.known) or (kind == 'lines' and gross and sharp):
+                continue
+            if own.blur >= found.blur:
+                found = own
         return found
+
+    def _measure(self, scale: Scale, kind: str, least: int) -> Sharpness | None:
+        """Return what one scale says by planes or lines, None where there are too few."""
+        own = [item for item in self._spreads if SCALES[item.scale] is scale]
+        values = _gather([item.planes if kind == 'planes' else item.lines for item in own])
+        if len(values) < least:
+            return None
+        noise = _gather([item.noise for item in own])
+        distance = float(np.sqrt(np.median(values)))
+        # what grows with the way flown is that much more over a long window
+        share = LONG.window_ns / scale.window_ns
+        return Sharpness(
+            blur=share * distance / scale.limit, distance=distance, num_cells=len(values),
+            noise=float(np.sqrt(np.median(noise))) if len(noise) else 0.0,
+        )
 
 
 def _gather(parts: Sequence[Float64]) -> Float64:
