@@ -19,10 +19,10 @@ from itertools import islice
 from pathlib import Path
 import sys
 
+from common.flown_ticks import FlownTick, fly_along
 from common.measure import measure
 from common.surveys import make_map, open_cache
 from common.tables import at_most, Check, CHECK_COLUMNS, render_table, replace_section
-from flown_ticks import FlownTick, fly_along
 from matplotlib import pyplot
 import numpy as np
 

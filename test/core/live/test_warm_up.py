@@ -18,7 +18,7 @@ from pathlib import Path
 import pkgutil
 import sys
 
-from flown_ticks import fly_along
+from common.flown_ticks import fly_along
 from numba.core.dispatcher import Dispatcher
 import numpy as np
 from common.surveys import make_map

@@ -29,7 +29,7 @@ from plc_inspect.sim.scenes.scene import Scene, SceneBuilder
 from plc_inspect.sim.scenes.terrain import make_terrain
 from plc_inspect.sim.surveys.airborne import simulate_map
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PAGE = ROOT / 'docs/results.md'
 SPAN = 90.0
 """Length of a span [m]."""

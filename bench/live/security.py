@@ -29,7 +29,7 @@ from plc_inspect.security.graph_profile import make_profile, Place
 from plc_inspect.security.keyring import Keyring
 from plc_inspect.security.policy import read_policy
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 NODE, PLAYER = 'plc_inspect.ros.node.onboard', 'plc_inspect.ros.play'
 MONITOR, KEYS = 'plc_inspect.monitor.command', 'plc_inspect.security.command'
 STRANGER = ROOT / 'bench/common/stranger.py'
