@@ -10,7 +10,7 @@ from rosbags.typesys import get_typestore, Stores
 from spans import make_hazard, make_result, make_span, make_support, sample_points
 
 from plc_inspect.colors import line_color, OK_COLOR, parse_color, SEVERITY_COLORS
-from plc_inspect.config import Settings, StreamSettings
+from plc_inspect.config import Settings
 from plc_inspect.core.live.session import CorridorPoints, LiveState
 from plc_inspect.core.tracking.span_registry import TrackedSpan
 from plc_inspect.messages.markers import list_marks, MarkKind, MOST_SEGMENTS
@@ -18,6 +18,7 @@ from plc_inspect.monitor.picture.model import Monitor
 from plc_inspect.monitor.picture.picture import HazardItem
 from plc_inspect.monitor.record import recorder as recorder_module
 from plc_inspect.monitor.record.recorder import Recorder
+from plc_inspect.node_config import StreamSettings
 from plc_inspect.offline.export.playback import write_playback
 from plc_inspect.offline.records.inspection import Inspection
 from plc_inspect.results import HazardKind, Severity

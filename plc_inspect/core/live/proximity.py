@@ -16,9 +16,9 @@ from typing import Any
 from numba import njit
 import numpy as np
 
-from plc_inspect.config import ProximitySettings
 from plc_inspect.core.live.surroundings import find_sigma, SPACING, Surroundings
 from plc_inspect.core.spans.span_model import POINT_SIGMA
+from plc_inspect.node_config import ProximitySettings
 from plc_inspect.results import Float64
 
 HORIZON = 20.0

@@ -5,7 +5,7 @@
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
-from plc_inspect.config import SecuritySettings
+from plc_inspect.node_config import SecuritySettings
 from plc_inspect.security.exposure import Exposure, look_at_exposure, WARN_DAYS
 from plc_inspect.security.member_keys import find_keys
 

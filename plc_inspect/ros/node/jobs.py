@@ -12,13 +12,14 @@ from typing import Any, TYPE_CHECKING
 import numba
 import numpy as np
 
-from plc_inspect.config import OutputSettings, Settings
+from plc_inspect.config import Settings
 from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.live.session import LiveState, Session
 from plc_inspect.core.live.warm_up import warm_up_pipeline
 from plc_inspect.core.live.window import Window
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.core.setup.sharpness import LookWindow
+from plc_inspect.node_config import OutputSettings
 from plc_inspect.results import Float64, InspectionResult, Int64, UInt8
 from plc_inspect.ros.node.publishing import Bundle, make_bundle
 from plc_inspect.ros.node.saving import save_results, Saved

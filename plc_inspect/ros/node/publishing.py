@@ -11,7 +11,6 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from plc_inspect.config import StreamSettings
 from plc_inspect.core.live.session import LiveState
 from plc_inspect.messages.markers import list_marks
 from plc_inspect.messages.rows import (
@@ -20,6 +19,7 @@ from plc_inspect.messages.rows import (
     make_corridor,
     make_hazards,
 )
+from plc_inspect.node_config import StreamSettings
 from plc_inspect.ros.graph.qos import overridable, RESULTS, watched
 from plc_inspect.ros.node.markers import add_deletions, make_marker, MarkerKey
 from plc_inspect.ros.node.result_messages import make_cloud

@@ -9,8 +9,8 @@ from pathlib import Path
 import time
 from typing import TYPE_CHECKING
 
-from plc_inspect.config import OutputSettings
 from plc_inspect.errors import ConfigError, DataError
+from plc_inspect.node_config import OutputSettings
 from plc_inspect.printable import make_one_line
 
 if TYPE_CHECKING:

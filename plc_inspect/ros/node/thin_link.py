@@ -22,8 +22,8 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from std_msgs.msg import UInt8MultiArray
 
-from plc_inspect.config import StreamSettings
 from plc_inspect.core.live.session import CORRIDOR_REACH, LiveState
+from plc_inspect.node_config import StreamSettings
 from plc_inspect.results import Float64
 from plc_inspect.ros.graph.qos import overridable, SUMMARY, THIN_CORRIDOR, watched
 from plc_inspect.security.member_keys import find_keys

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from spans import make_span
 
-from plc_inspect.config import ProximitySettings
 from plc_inspect.core.live.motion import Motion
 from plc_inspect.core.live.proximity import HORIZON, Level, measure_proximity, Thing
 from plc_inspect.core.live.surroundings import (
@@ -23,6 +22,7 @@ from plc_inspect.core.live.surroundings import (
     SurroundingsBook,
 )
 from plc_inspect.core.live.window import Window
+from plc_inspect.node_config import ProximitySettings
 from plc_inspect.results import Decision
 
 SETTINGS = ProximitySettings()
