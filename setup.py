@@ -15,6 +15,7 @@ COMMANDS = {
     'plc_survey': 'plc_inspect.offline.commands.survey:main',
     'plc_compare': 'plc_inspect.offline.commands.compare:main',
     'plc_replay': 'plc_inspect.offline.commands.replay:main',
+    'plc_recover': 'plc_inspect.offline.commands.recover:main',
     'plc_tune': 'plc_inspect.offline.commands.tune:main',
     'plc_simulate': 'plc_inspect.sim.simulate:main',
     'plc_monitor': 'plc_inspect.monitor.command:main',

@@ -29,6 +29,11 @@ class OutputSettings(Checked):
         'results folder of plc_node, replaced at every save; empty: a new one below ~/.ros',
         structural=True,
     )
+    record: bool = setting(
+        True,
+        'write a flight record beside the results folder, which survives a crash',
+        structural=True,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,12 +9,18 @@ there before is removed only when the new one is complete.
 """
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+import fcntl
+import glob
 import os
 from pathlib import Path
+import shutil
 import tempfile
 
 from plc_inspect.errors import DataError
+
+PARTIAL = '.partial'
+"""Ends the names of folders that hold what is being written."""
 
 
 def check_folder(folder: Path, force: bool) -> None:
@@ -105,11 +111,51 @@ def replace_file(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def _make_room(place: Path) -> Iterator[Path]:
-    """Yield an empty folder beside a place, on the same file system."""
+    """Yield an empty folder beside a place, on the same file system; it is held meanwhile."""
     with tempfile.TemporaryDirectory(
-        prefix=f'.{place.name}.', suffix='.partial', dir=place.parent
+        prefix=f'.{place.name}.', suffix=PARTIAL, dir=place.parent
     ) as room:
-        yield Path(room)
+        number = os.open(room, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        try:
+            with suppress(OSError):  # not all file systems can
+                fcntl.flock(number, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            yield Path(room)
+        finally:
+            os.close(number)
+
+
+def sweep_partial(folder: Path, name: str = '') -> list[Path]:
+    """
+    Remove what runs that were killed left half-written, and put back what they had moved away.
+
+    Parameters
+    ----------
+    folder : Path
+        Where to look; missing is empty.
+    name : str
+        Of the file or folder that was being written, '' any.
+
+    Returns
+    -------
+    list[Path]
+        What was removed; what another process holds, or nobody may remove, stays.
+
+    """
+    removed = []
+    for room in sorted(folder.glob(f'.{glob.escape(name) or "*"}.*{PARTIAL}')):
+        own = name or room.name[1 : -len(PARTIAL)].rpartition('.')[0]
+        with suppress(OSError):
+            number = os.open(room, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+            try:
+                fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                place = folder / own
+                if (room / 'old').exists() and not place.exists():
+                    (room / 'old').rename(place)
+                shutil.rmtree(room)
+                removed.append(room)
+            finally:
+                os.close(number)
+    return removed
 
 
 @contextmanager

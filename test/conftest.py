@@ -6,6 +6,8 @@
 from pathlib import Path
 import signal
 
+import pytest
+
 # In the background of a shell interrupts are ignored, and programs that tests start would
 # inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -44,3 +46,11 @@ def find_rank(path):
             if HERE / name in parts:
                 return start + k
     return 0
+
+
+@pytest.fixture(scope='session', autouse=True)
+def _home(tmp_path_factory):
+    """Keep results and records that have no place of their own out of the user's home."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv('ROS_HOME', str(tmp_path_factory.mktemp('ros_home')))
+        yield

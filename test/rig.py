@@ -170,7 +170,9 @@ class Rig:
         self.contexts = [Context(), Context()]
         for context in self.contexts:
             rclpy.init(context=context, domain_id=self.domain)
-        defaults = {'map.max_voxels': 200_000, 'segment.period': 3600.0}
+        defaults = {
+            'map.max_voxels': 200_000, 'segment.period': 3600.0, 'output.record': False,
+        }
         overrides = [
             Parameter(name, value=value) for name, value in (defaults | parameters).items()
         ]

@@ -9,7 +9,13 @@ from pathlib import Path
 import pytest
 
 from plc_inspect.errors import DataError
-from plc_inspect.whole_files import check_file, check_folder, replace_file, replace_folder
+from plc_inspect.whole_files import (
+    check_file,
+    check_folder,
+    replace_file,
+    replace_folder,
+    sweep_partial,
+)
 
 REPLACE = {'folder': replace_folder, 'file': replace_file}
 
@@ -132,3 +138,23 @@ def test_what_is_there_needs_force(tmp_path):
         check_file(folder, force=True)
     with pytest.raises(DataError, match='nowhere is no folder that can be written to'):
         check_file(tmp_path / 'nowhere' / 'file', force=True)
+
+
+def test_what_killed_runs_left_is_swept_and_what_is_held_stays(tmp_path):
+    for name in ('.it.abc.partial', '.other.abc.partial'):
+        (tmp_path / name / 'new').mkdir(parents=True)
+    with replace_folder(tmp_path / 'it') as aside:
+        put(aside, 'new')
+        assert sweep_partial(tmp_path, 'it') == [tmp_path / '.it.abc.partial']
+    assert get(tmp_path / 'it') == 'new'
+    assert names(tmp_path) == ['.other.abc.partial', 'it']
+    assert sweep_partial(tmp_path) == [tmp_path / '.other.abc.partial']
+    assert sweep_partial(tmp_path / 'missing') == []
+
+
+def test_results_that_were_moved_away_are_put_back(tmp_path):
+    room = tmp_path / '.it.abc.partial'
+    (room / 'old').mkdir(parents=True)
+    put(room / 'old', 'good')
+    assert sweep_partial(tmp_path) == [room]
+    assert get(tmp_path / 'it') == 'good'

@@ -13,7 +13,7 @@ from plc_inspect.messages.items import HazardLike, number_kind, ORIGIN, Place, S
 
 if TYPE_CHECKING:
     from plc_inspect.core.live.proximity import Proximity
-    from plc_inspect.core.tracking.span_registry import TrackedSpan
+    from plc_inspect.core.tracking.tracked_span import TrackedSpan
 
 DATATYPES = {'i1': 1, 'u1': 2, 'i2': 3, 'u2': 4, 'i4': 5, 'u4': 6, 'f4': 7, 'f8': 8}
 """Types of numpy to codes of sensor_msgs/PointField."""

@@ -65,7 +65,7 @@ def _run(bag: Path, output: Path) -> int:
     print(f'{bag}: {duration:.0f} s of flight, at the speed it was recorded; node and player are '
           'two processes')
     with _Process('plc_inspect.ros.node.onboard', '--ros-args', '--log-level', 'warn', '-p',
-                  f'output.directory:={output.absolute()}') as node:
+                  f'output.directory:={output.absolute()}', '-p', 'output.record:=false') as node:
         monitor = _join_graph(started)
         try:
             monitor.wait_until_ready(node, READY_TIMEOUT)

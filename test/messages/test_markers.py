@@ -11,8 +11,9 @@ from spans import make_hazard, make_result, make_span, make_support, sample_poin
 
 from plc_inspect.colors import line_color, OK_COLOR, parse_color, SEVERITY_COLORS
 from plc_inspect.config import Settings
-from plc_inspect.core.live.session import CorridorPoints, LiveState
-from plc_inspect.core.tracking.span_registry import TrackedSpan
+from plc_inspect.core.live.corridor_points import CorridorPoints
+from plc_inspect.core.live.session import LiveState
+from plc_inspect.core.tracking.tracked_span import TrackedSpan
 from plc_inspect.messages.markers import list_marks, MarkKind, MOST_SEGMENTS
 from plc_inspect.monitor.picture.model import Monitor
 from plc_inspect.monitor.picture.picture import HazardItem

@@ -9,7 +9,7 @@ from spans import make_hazard, make_span, sample_points
 
 from plc_inspect.colors import SEVERITY_COLORS
 from plc_inspect.core.live.proximity import Level, Proximity, Thing
-from plc_inspect.core.tracking.span_registry import TrackedSpan
+from plc_inspect.core.tracking.tracked_span import TrackedSpan
 from plc_inspect.messages.markers import mark_proximity
 from plc_inspect.messages.rows import (
     CATENARIES,

@@ -17,6 +17,8 @@ import rclpy
 from rclpy.context import Context
 from rig import FIRST_DEADLINE, isolate, Robot, take_domain, wait_for
 
+from plc_inspect.offline.commands.recover import main as recover
+
 ROOT = Path(__file__).parents[2]
 DEMO = ROOT / 'bags' / 'demo'
 NODE = 'plc_inspect.ros.node.onboard'
@@ -145,6 +147,33 @@ def test_limit_of_file_size_leaves_the_tables(start, robot, tmp_path):
     assert f'saved the tables only to {tmp_path / "out"}' in node.text()
     assert len(json.loads((tmp_path / 'out' / 'spans.json').read_text())['spans']) == 6
     assert not (tmp_path / 'out' / 'points.laz').exists()
+
+
+def test_killed_node_goes_on_and_its_record_makes_the_results(start, robot, tmp_path):
+    options = ('--ros-args', '-p', f'output.directory:={tmp_path / "out"}',
+               '-p', 'map.max_voxels:=200000', '-p', 'segment.period:=0.3')
+    stale = tmp_path / '.out.abc.partial'
+    (stale / 'new').mkdir(parents=True)
+    node = start(NODE, *options)
+    fly(node, robot)
+    assert f'{stale} was left half-written' in node.text()
+    assert not stale.exists()
+    wait_for(lambda: robot.step() or time.sleep(0.05) or 'line 2 found' in node.text(), 'lines')
+    time.sleep(1.0)
+    assert node.end(signal.SIGKILL) == -signal.SIGKILL
+    assert not (tmp_path / 'out').exists()
+    assert recover([str(tmp_path / 'out.record'), '-o', str(tmp_path / 'made'), '--quiet']) == 0
+    again = start(NODE, *options)
+    wait_for(lambda: again.text().endswith(': ready\n'), 'ready node')
+    assert ' goes on: ' in again.text()
+    assert again.end(signal.SIGTERM) == 0, again.text()
+    keys = [
+        [(row['line_id'], row['span_id'])
+         for row in json.loads((tmp_path / name / 'spans.json').read_text())['spans']]
+        for name in ('made', 'out')
+    ]
+    assert len(keys[0]) == 6
+    assert keys[0] == keys[1]
 
 
 SPIN = """

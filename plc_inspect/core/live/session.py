@@ -16,6 +16,12 @@ import numpy as np
 from plc_inspect.config import Settings
 from plc_inspect.core.cloud_frame import CloudFrame, find_cloud_frame
 from plc_inspect.core.hazards.clearance_rules import RuleSet
+from plc_inspect.core.live.corridor_points import (
+    CorridorPoints,
+    map_numbers,
+    no_corridor,
+    renumber,
+)
 from plc_inspect.core.live.map_labels import label_points
 from plc_inspect.core.live.surroundings import Surroundings, SurroundingsBook
 from plc_inspect.core.live.window import sample_span, Window
@@ -24,18 +30,19 @@ from plc_inspect.core.setup.sharpness import LookWindow, Sharpness, SharpnessBoo
 from plc_inspect.core.tracking.hazard_tracking import (
     HazardBook,
     HazardNews,
+    KeptHazards,
+    KeptSupports,
     leave_out_ends,
     SPAN_GONE,
     SupportBook,
 )
-from plc_inspect.core.tracking.span_registry import SpanRegistry, TrackedSpan
+from plc_inspect.core.tracking.span_registry import SpanRegistry
+from plc_inspect.core.tracking.tracked_span import KeptSpans, TrackedSpan
 from plc_inspect.results import (
     Bool,
-    Float32,
     Float64,
     Hazard,
     InspectionResult,
-    Int32,
     SpanKey,
     StageReport,
     Support,
@@ -62,32 +69,6 @@ FINISHED_SPACING = 20.0
 Spacing of the samples that give a span's distance, at most [m].
 Source: judgement; not measured.
 """
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class CorridorPoints:
-    """Points of the corridor around the vehicle."""
-
-    points: Float64
-    """(K, 3) map frame [m]."""
-    classification: UInt8
-    """(K,) PointClass."""
-    clearance: Float32
-    """(K,) distance to the nearest conductor [m]."""
-    line_id: Int32
-    """(K,) nearest conductor."""
-    span_id: Int32
-    """(K,) nearest span."""
-
-    def select(self, chosen: Bool) -> 'CorridorPoints':
-        """Return some of the points."""
-        return CorridorPoints(
-            points=self.points[chosen],
-            classification=self.classification[chosen],
-            clearance=self.clearance[chosen],
-            line_id=self.line_id[chosen],
-            span_id=self.span_id[chosen],
-        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -129,6 +110,15 @@ class Tick:
     """(N,) label of each point of the window, for the map."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Kept:
+    """What a session keeps from tick to tick, but for the points of the corridor."""
+
+    spans: KeptSpans = field(default_factory=KeptSpans)
+    hazards: KeptHazards = field(default_factory=KeptHazards)
+    supports: KeptSupports = field(default_factory=KeptSupports)
+
+
 class Session:
     """Runs the pipeline tick by tick, and keeps what is known."""
 
@@ -136,7 +126,7 @@ class Session:
         self._registry = SpanRegistry()
         self._hazards = HazardBook()
         self._supports = SupportBook()
-        self._corridor = _no_corridor()
+        self._corridor = no_corridor()
         self._surroundings = SurroundingsBook()
         self._frame: CloudFrame | None = None
         """Of the first window, held so that cells do not move from tick to tick."""
@@ -152,6 +142,19 @@ class Session:
             corridor=self._corridor,
             around=self._surroundings.known,
         )
+
+    def remember(self) -> Kept:
+        """Return what is to be kept from tick to tick."""
+        return Kept(
+            spans=self._registry.remember(), hazards=self._hazards.remember(),
+            supports=self._supports.remember(),
+        )
+
+    def restore(self, kept: Kept) -> None:
+        """Go on from what a session kept; the corridor is empty until ticks find it again."""
+        self._registry.restore(kept.spans)
+        self._hazards.restore(kept.hazards)
+        self._supports.restore(kept.supports)
 
     def tick(
         self, window: Window, settings: Settings, vehicle: Float64 | None,
@@ -334,77 +337,9 @@ def _run(
     return frame.leave_result(trace.result, trace.offending), labels
 
 
-def map_numbers(
-    line_id: Int32, span_id: Int32, numbered: Mapping[SpanKey, SpanKey]
-) -> tuple[Int32, Int32]:
-    """
-    Translate (N,) numbers of lines and spans.
-
-    Parameters
-    ----------
-    line_id, span_id : Int32
-        (N,) numbers, -1 none.
-    numbered : mapping
-        Old to new numbers of spans.
-
-    Returns
-    -------
-    tuple[Int32, Int32]
-        (N,) new numbers, -1 for those not in ``numbered``.
-
-    """
-    width = int(max((key[1] for key in numbered), default=0)) + 2
-    tall = int(max((key[0] for key in numbered), default=0)) + 2
-    table = np.full((tall, width, 2), -1, dtype=np.int32)
-    for (line, span), new in numbered.items():
-        table[line, span] = new
-    bad = (line_id < 0) | (span_id < 0) | (line_id >= tall - 1) | (span_id >= width - 1)
-    both = table[np.where(bad, tall - 1, line_id), np.where(bad, width - 1, span_id)]
-    return both[:, 0], both[:, 1]
-
-
-def renumber(result: InspectionResult, numbered: Mapping[SpanKey, SpanKey]) -> InspectionResult:
-    """
-    Return a result whose points carry other numbers of lines and spans.
-
-    Parameters
-    ----------
-    result : InspectionResult
-        With numbers of its own.
-    numbered : mapping
-        Its numbers of spans to the new ones.
-
-    Returns
-    -------
-    InspectionResult
-        Spans, supports and hazards are those of ``result``.
-
-    """
-    line_id, span_id = map_numbers(result.line_id, result.span_id, numbered)
-    near_line, near_span = map_numbers(
-        result.corridor_line_id, result.corridor_span_id, numbered
-    )
-    others = result.line_id[result.corridor] < 0
-    span_id[result.corridor[others]] = near_span[others]
-    return replace(
-        result, line_id=line_id, span_id=span_id,
-        corridor_line_id=near_line, corridor_span_id=near_span,
-    )
-
-
 def _hold_all(points: Float64) -> Bool:
     return np.ones(len(points), dtype=np.bool_)
 
 
 def _hold_none(points: Float64) -> Bool:
     return np.zeros(len(points), dtype=np.bool_)
-
-
-def _no_corridor() -> CorridorPoints:
-    return CorridorPoints(
-        points=np.empty((0, 3)),
-        classification=np.empty(0, dtype=np.uint8),
-        clearance=np.empty(0, dtype=np.float32),
-        line_id=np.empty(0, dtype=np.int32),
-        span_id=np.empty(0, dtype=np.int32),
-    )

@@ -73,6 +73,7 @@ def warm_up_intake() -> None:
         window.holds(window.points)
         voxels.label(window.slots, window.points, np.zeros(len(window.slots), dtype=np.uint8))
     voxels.drop(0, np.zeros(256, dtype=np.bool_))
+    voxels.take_changes(0, 10)
 
 
 def warm_up_pipeline(settings: Settings, *, rare: bool = False) -> int:

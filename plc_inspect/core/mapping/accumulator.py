@@ -85,7 +85,8 @@ class Accumulator:
         self._queue: deque[WaitingScan] = deque()
         self._counts: Counter[str] = Counter()
         self._dropped: Counter[DropReason] = Counter()
-        self._frames: tuple[str, str] | None = None
+        self.frames: tuple[str, str] | None = None
+        """Frame of the odometry, and of the base; None before the first pose."""
         self._lidar_frame = ''
         self._mount: Mount | None = None
         self._gate = ScanGate()
@@ -96,6 +97,13 @@ class Accumulator:
         """Times the map began anew."""
         self.restart_cause = ''
         """Why it did so last."""
+        self._before: Counters | None = None
+
+    def resume(
+        self, frames: tuple[str, str] | None, before: Counters | None, last_inserted: int | None
+    ) -> None:
+        """Go on after an interruption: frames, counts and last stamp [ns] of what is there."""
+        self.frames, self._before, self._last_inserted = frames, before, last_inserted
 
     def configure(self, settings: Settings) -> None:
         """Use other settings from now on, except for the structural ones."""
@@ -115,7 +123,7 @@ class Accumulator:
     @property
     def frame_id(self) -> str:
         """Frame of the odometry and so of the map, '' before the first pose."""
-        return self._frames[0] if self._frames else ''
+        return self.frames[0] if self.frames else ''
 
     def add_pose(
         self,
@@ -150,12 +158,12 @@ class Accumulator:
 
         """
         frames = (frame_id, child_frame_id)
-        if self._frames is not None and frames != self._frames:
+        if self.frames is not None and frames != self.frames:
             self._counts['poses of another frame'] += 1
             return False
         status = self.poses.insert(stamp_ns, position, quaternion)
         if status.accepted:
-            self._frames = frames
+            self.frames = frames
             if status is PoseStatus.RESTARTED:
                 self._gate.forget_times()
             self._drain()
@@ -291,7 +299,7 @@ class Accumulator:
         if not keep_map:
             self.map.clear()
             self.meter.clear()
-            self._frames = self._last_inserted = self._mount = None
+            self.frames = self._last_inserted = self._mount = None
             self._gate = ScanGate()
 
     def _take_waiting(self) -> Iterator[WaitingScan]:
@@ -332,7 +340,7 @@ class Accumulator:
 
     def _follow_mount(self) -> None:
         """Begin the map anew where the lidar is mounted otherwise than for the scans in it."""
-        base = self._frames[1] if self._frames else ''
+        base = self.frames[1] if self.frames else ''
         self.placer.set_frames(base, self._lidar_frame)
         mount, before = self.placer.mount, self._mount
         self._mount = mount
@@ -365,7 +373,7 @@ class Accumulator:
         if counts['poses of another frame']:
             rejected['another frame'] = counts['poses of another frame']
         causes = ('not finite', 'too near', 'too far', 'map full')
-        return Counters(
+        now = Counters(
             num_scans=counts['scans'],
             num_scans_inserted=counts['scans inserted'],
             num_scans_waiting=len(self._queue),
@@ -386,3 +394,4 @@ class Accumulator:
             stamp_lead=float(np.median(self._leads)) if self._leads else None,
             pose_period=self.poses.period,
         )
+        return now if self._before is None else now.add(self._before)

@@ -125,6 +125,11 @@ class CellIndex:
         """Count no voxel of these cells as new any more."""
         self._state[cells, 1] = 0
 
+    def renew(self, xy: Float64, reach: float) -> None:
+        """Count all voxels as new in the cells within reach of a (2+,) place [m]."""
+        near = np.linalg.norm(self.centers - xy[:2], axis=1) <= reach
+        self._state[: self._num][near, 1] = self.count[near]
+
     def link(
         self, slots: Int32, voxels: VoxelArrays, origin: Int64, sequence: int
     ) -> None:
@@ -153,6 +158,40 @@ class CellIndex:
             if start == len(slots):
                 return
             self._grow()
+
+    def copy_state(self) -> tuple[Int64, Int32]:
+        """Return copies of the (C,) keys and (C, 5) states of all cells, for ``restore``."""
+        return self._keys[: self._num].copy(), self._state[: self._num].copy()
+
+    def restore(
+        self, keys: Int64, state: Int32, voxels: VoxelArrays, slots: Int32, origin: Int64
+    ) -> None:
+        """
+        Put cells and their lists in place of those there are.
+
+        Parameters
+        ----------
+        keys, state : Int64, Int32
+            As from ``copy_state``; what they count may differ from what is in ``slots``.
+        voxels : VoxelArrays
+            Of the map; ``following`` is changed in place.
+        slots : Int32
+            (M,) all slots in use, in the order in which voxels were made.
+        origin : Int64
+            (3,) voxel index of the origin of the keys.
+
+        """
+        self.clear()
+        while len(self._keys) < len(keys):
+            self._grow()
+        self._num = len(keys)
+        self._keys[: len(keys)] = keys
+        self._table = index_keys(keys, len(self._keys))
+        self._state[: len(keys), 3:] = state[:, 3:]
+        self.link(slots, voxels, origin, int(state[:, 2].max(initial=0)))
+        known = self._state[: len(keys)]
+        known[:, 1] = np.clip(state[:, 1] + known[:, 0] - state[:, 0], 0, known[:, 0])
+        known[:, 2] = state[:, 2]
 
     def _grow(self) -> None:
         num = len(self._keys)
@@ -215,7 +254,7 @@ class CellIndex:
         return int(
             drop_slots(
                 cell, kept, self._head, self._state, voxels.following, voxels.table, voxels.keys,
-                voxels.counts, voxels.labels, out,
+                voxels.counts, voxels.labels, voxels.changed, out,
             )
         )
 

@@ -6,6 +6,7 @@
 from numba import njit
 import numpy as np
 
+from plc_inspect.core.mapping.voxel_changes import LABELLED, TOUCHED
 from plc_inspect.core.numerics.hash_table import forget_key
 
 SAMPLE = 50
@@ -97,7 +98,7 @@ def _follow_lists(cells, head, state, following, labels):  # type: ignore[no-unt
 
 @njit(cache=True, nogil=True)
 def drop_slots(  # type: ignore[no-untyped-def]
-    cell, kept, head, state, following, table, keys, counts, labels, out
+    cell, kept, head, state, following, table, keys, counts, labels, changed, out
 ):
     """Free the slots of one cell's voxels that are not kept, and return their number."""
     num = 0
@@ -115,6 +116,7 @@ def drop_slots(  # type: ignore[no-untyped-def]
             forget_key(keys[slot], table, keys)
             counts[slot] = 0
             labels[slot] = 0
+            changed[slot] |= TOUCHED | LABELLED
             out[num] = slot
             num += 1
         slot = after

@@ -56,6 +56,10 @@ class Evictor:
         self._active = False
         self._rest: Int64 = np.empty(0, dtype=np.int64)
 
+    def resume(self, num_evicted: int, nearest: float) -> None:
+        """Go on with the counts of another process."""
+        self.num_evicted, self.nearest = num_evicted, nearest
+
     def step(self, vehicle: Float64 | None) -> int:
         """
         Evict about BATCH voxels if the map is nearly full.

@@ -3,8 +3,10 @@
 
 """Counts of what came in, and of what was dropped, by reason."""
 
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import dataclass, fields
 import enum
+from typing import Any
 
 
 class DropReason(enum.Enum):
@@ -58,3 +60,16 @@ class Counters:
     """Median time by which scans are ahead of the newest pose on arrival [s], None unknown."""
     pose_period: float | None
     """Median time between poses [s], None while unknown."""
+
+    def add(self, before: 'Counters') -> 'Counters':
+        """Return the counts of both; what is no count, and what waits, is of this one."""
+        own: dict[str, Any] = {}
+        for item in fields(self):
+            value, other = getattr(self, item.name), getattr(before, item.name)
+            if isinstance(value, dict):
+                own[item.name] = dict(Counter(other) + Counter(value))
+            elif isinstance(value, int) and item.name != 'num_scans_waiting':
+                own[item.name] = value + other
+            else:
+                own[item.name] = value
+        return Counters(**own)

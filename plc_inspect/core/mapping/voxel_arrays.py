@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from plc_inspect.core.mapping.voxel_changes import LANES
 from plc_inspect.core.mapping.voxel_hash import fill_table
 from plc_inspect.core.numerics.hash_table import size_table, UInt32
 from plc_inspect.results import Float32, Int32, Int64, UInt8
@@ -29,6 +30,8 @@ class VoxelArrays:
     """(C,) labels, such as PointClass."""
     free: Int32
     """(C,) slots that are free, as many as the map says; the last is taken first."""
+    changed: UInt8
+    """(C,) what changed of each voxel since it was last taken; LANES of them are a word."""
     table: UInt32
     """Hash table of the keys."""
 
@@ -40,7 +43,10 @@ class VoxelArrays:
     @property
     def columns(self) -> tuple[NDArray[np.generic], ...]:
         """All arrays by slot."""
-        return self.keys, self.counts, self.means, self.following, self.labels, self.free
+        return (
+            self.keys, self.counts, self.means, self.following, self.labels, self.free,
+            self.changed,
+        )
 
     def grow(self, capacity: int, num_slots: int) -> 'VoxelArrays':
         """
@@ -75,5 +81,6 @@ def allocate_voxels(capacity: int) -> VoxelArrays:
         following=np.zeros(capacity, dtype=np.int32),
         labels=np.zeros(capacity, dtype=np.uint8),
         free=np.zeros(capacity, dtype=np.int32),
+        changed=np.zeros(-(-capacity // LANES) * LANES, dtype=np.uint8),
         table=np.zeros(size_table(capacity), dtype=np.uint32),
     )

@@ -6,6 +6,7 @@
 from numba import njit
 import numpy as np
 
+from plc_inspect.core.mapping.voxel_changes import MADE, TOUCHED
 from plc_inspect.core.numerics.hash_table import (
     enter,
     hash_key,
@@ -15,7 +16,7 @@ from plc_inspect.core.numerics.hash_table import (
     UInt32,
     walk,
 )
-from plc_inspect.results import Float32, Int32, Int64
+from plc_inspect.results import Float32, Int32, Int64, UInt8
 
 BLOCK = 64
 """
@@ -88,6 +89,7 @@ def accumulate_points(
     slot_keys: Int64,
     counts: UInt32,
     means: Float32,
+    changed: UInt8,
 ) -> tuple[int, int, int, int, int]:
     """
     Add points to their voxels until all are in or there is no room.
@@ -112,7 +114,7 @@ def accumulate_points(
         (N,) slots of the voxels made so far by this insertion, changed in place.
     num_created : int
         How many they are.
-    table, slot_keys, counts, means
+    table, slot_keys, counts, means, changed
         The map's arrays, changed in place.
 
     Returns
@@ -170,6 +172,7 @@ def accumulate_points(
             # its first point is in now, so slots[k] stays -1
             slot_keys[slot] = key
             counts[slot] = 1
+            changed[slot] |= MADE | TOUCHED
             _begin(slot, offsets[i], means)
             table[place] = make_entry(hashes[k], slot, mask)
             created[num_created] = slot
@@ -181,5 +184,6 @@ def accumulate_points(
         for k in range(block):
             if slots[k] >= 0:
                 _take_in(slots[k], offsets[order[first + k]], shares[k], means)
+                changed[slots[k]] |= TOUCHED
         first += block
     return size, num_free, num_created, stop, refused

@@ -5,9 +5,9 @@
 The global map: a hash of voxels that keep the mean of their points, not the points.
 
 A voxel stores its key, the number of its points, their mean offset from its centre, a label and
-the next voxel of its plan cell: 33 bytes with its place in the list of free ones, and 8 to 16
-bytes of hash table.  A mean instead of a sum, so that float32 keeps its precision however often a
-voxel is hit.
+the next voxel of its plan cell: 34 bytes with its place in the list of free ones and what changed
+of it, and 8 to 16 bytes of hash table.  A mean instead of a sum, so that float32 keeps its
+precision however often a voxel is hit.
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,13 @@ from numpy.typing import NDArray
 from plc_inspect.config import MapSettings
 from plc_inspect.core.mapping.cell_index import CellIndex
 from plc_inspect.core.mapping.voxel_arrays import allocate_voxels
-from plc_inspect.core.mapping.voxel_hash import accumulate_points
+from plc_inspect.core.mapping.voxel_changes import (
+    copy_changes,
+    LABELLED,
+    StoredMap,
+    VoxelChanges,
+)
+from plc_inspect.core.mapping.voxel_hash import accumulate_points, fill_table
 from plc_inspect.core.mapping.voxel_keys import (
     find_centroids,
     KEY_HALF_RANGE,
@@ -75,6 +81,8 @@ class VoxelMap:
         self._max_voxels = settings.max_voxels
         self._min_points = settings.min_points
         self._sequence = 0
+        self.generation = 0
+        """Times that all voxels were forgotten."""
         self._set_empty(min(INITIAL_CAPACITY, self._max_voxels))
 
     def _set_empty(self, capacity: int) -> None:
@@ -105,6 +113,11 @@ class VoxelMap:
         return self._sequence
 
     @property
+    def origin(self) -> Int64 | None:
+        """(3,) voxel index of the origin of the keys, None while the map is empty."""
+        return self._origin
+
+    @property
     def nbytes(self) -> int:
         """Memory of the voxels in use and of the hash table [bytes]."""
         return sum(
@@ -117,6 +130,7 @@ class VoxelMap:
 
     def clear(self) -> None:
         """Forget all voxels; the sequence goes on."""
+        self.generation += 1
         self._set_empty(self._voxels.capacity)
 
     def reserve(self, num_voxels: int) -> None:
@@ -202,7 +216,7 @@ class VoxelMap:
                 keys, offsets, ordered, start, self._size,
                 voxels.capacity == self._max_voxels,
                 voxels.free, self._num_free, created, num_created,
-                voxels.table, voxels.keys, voxels.counts, voxels.means,
+                voxels.table, voxels.keys, voxels.counts, voxels.means, voxels.changed,
             )
             num_refused += refused
             if start == len(ordered):
@@ -294,7 +308,9 @@ class VoxelMap:
             return
         keys, _, _ = locate_voxels(centroids, self._origin, self._voxel_size)
         same = (self._voxels.keys[slots] == keys) & (self._voxels.counts[slots] > 0)
+        same &= self._voxels.labels[slots] != labels
         self._voxels.labels[slots[same]] = labels[same]
+        self._voxels.changed[slots[same]] |= LABELLED
 
     def order_free(self) -> None:
         """
@@ -325,3 +341,52 @@ class VoxelMap:
         num = self.cells.drop(cell, kept, self._voxels, self._voxels.free[self._num_free :])
         self._num_free += num
         return num
+
+    def take_changes(
+        self, start: int, most: int, *, stop: int | None = None, everything: bool = False
+    ) -> tuple[VoxelChanges, int]:
+        """
+        Copy the voxels that changed since they were last taken, and count them as taken.
+
+        Parameters
+        ----------
+        start : int
+            First slot to look at.
+        most : int
+            Voxels to copy at most.
+        stop : int or None
+            Slot to end before, None all that were ever in use.
+        everything : bool
+            Copy voxels that did not change too.
+
+        Returns
+        -------
+        VoxelChanges
+        int
+            First slot that was not looked at.
+
+        """
+        stop = self._size if stop is None else min(stop, self._size)
+        return copy_changes(self._voxels, (min(start, stop), stop, most), everything)
+
+    def restore(self, stored: StoredMap) -> None:
+        """
+        Put a stored map in place of this one; DataError, and nothing done, where it has no room.
+
+        Every voxel gets its slot, key, count, mean and label.  Free slots are used in ascending
+        order from now on, and the lists of the cells are in the order of the slots.
+        """
+        size = len(stored.keys)
+        if size > self._max_voxels:
+            raise DataError(f'{size} voxels are stored, map.max_voxels is {self._max_voxels}')
+        self._set_empty(max(self._voxels.capacity, size))
+        if stored.origin is None:
+            return
+        empty = stored.fill(self._voxels)
+        self._size, self._num_free, self._origin = size, len(empty), stored.origin
+        fill_table(self._voxels.keys[:size], self._voxels.counts[:size], self._voxels.table)
+        used = self._used().astype(np.int32)
+        self.cells.restore(
+            stored.cell_keys, stored.cell_state, self._voxels, used, stored.origin
+        )
+        self._sequence = max(stored.sequence, int(stored.cell_state[:, 2].max(initial=0)))

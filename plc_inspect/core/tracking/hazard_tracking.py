@@ -81,6 +81,26 @@ class HazardNews:
         )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class KeptHazards:
+    """What the book of hazards keeps from tick to tick."""
+
+    hazards: tuple[TrackedHazard, ...] = ()
+    """Those with numbers below 0 were not raised yet."""
+    next_number: int = 0
+    next_provisional: int = -1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class KeptSupports:
+    """What the book of supports keeps from tick to tick."""
+
+    supports: tuple[Support, ...] = ()
+    misses: tuple[int, ...] = ()
+    """Ticks in a row that did not find each of them."""
+    next_number: int = 0
+
+
 @dataclass(slots=True)
 class HazardBook:
     """Hazards over ticks; owned by one thread."""
@@ -95,6 +115,18 @@ class HazardBook:
         return tuple(
             self._known[number].hazard for number in sorted(self._known) if number >= 0
         )
+
+    def remember(self) -> KeptHazards:
+        """Return all that the book keeps from tick to tick."""
+        return KeptHazards(
+            hazards=tuple(self._known.values()), next_number=self._next,
+            next_provisional=self._next_provisional,
+        )
+
+    def restore(self, kept: KeptHazards) -> None:
+        """Go on from what a book kept."""
+        self._known = {item.hazard.hazard_id: item for item in kept.hazards}
+        self._next, self._next_provisional = kept.next_number, kept.next_provisional
 
     def update(
         self,
@@ -263,6 +295,19 @@ class SupportBook:
     def supports(self) -> tuple[Support, ...]:
         """All supports, ordered by number."""
         return tuple(self._known[number] for number in sorted(self._known))
+
+    def remember(self) -> KeptSupports:
+        """Return all that the book keeps from tick to tick."""
+        return KeptSupports(
+            supports=tuple(self._known.values()), next_number=self._next,
+            misses=tuple(self._misses[number] for number in self._known),
+        )
+
+    def restore(self, kept: KeptSupports) -> None:
+        """Go on from what a book kept."""
+        self._known = {item.support_id: item for item in kept.supports}
+        self._misses = dict(zip(self._known, kept.misses, strict=True))
+        self._next = kept.next_number
 
     def update(
         self,

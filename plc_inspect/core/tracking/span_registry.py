@@ -22,8 +22,9 @@ from plc_inspect.core.tracking.span_matching import (
     Overlap,
     Piece,
 )
+from plc_inspect.core.tracking.tracked_span import KeptSpans, TrackedSpan
 from plc_inspect.core.tracking.wire_points import thin_points, WirePoints
-from plc_inspect.results import Float32, Float64, InspectionResult, Span, SpanKey
+from plc_inspect.results import Float64, InspectionResult, Span, SpanKey
 
 CONFIRMATIONS = 2
 """Ticks that find a span before it is numbered and published.  Source: judgement; not measured."""
@@ -43,29 +44,6 @@ MAX_WAIT = 6
 Ticks that a new line waits to be joined to a known one ahead of whose end it lies.
 Source: judgement; not measured.
 """
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class TrackedSpan:
-    """A span with the numbers of the registry, and its wire points."""
-
-    span: Span
-    points: Float64
-    """(K, 3) wire points, map frame [m]."""
-    residual: Float32
-    """(K,) their distance to the curve [m]."""
-    hits: int = 1
-    """Ticks that found it."""
-    misses: int = 0
-    """Ticks in a row that should have found it and did not."""
-    confirmed: bool = False
-    finished: bool = False
-    """Left behind: kept whatever later ticks find, unless they see as much of it or more."""
-
-    @property
-    def key(self) -> SpanKey:
-        """line_id and span_id."""
-        return self.span.line_id, self.span.span_id
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -103,6 +81,21 @@ class SpanRegistry:
     def spans(self) -> tuple[TrackedSpan, ...]:
         """All spans, ordered by line_id, then span_id."""
         return tuple(self._spans[key] for key in sorted(self._spans))
+
+    def remember(self) -> KeptSpans:
+        """Return all that the registry keeps from tick to tick."""
+        return KeptSpans(
+            spans=self.spans, next_line=self._next_line, next_span=self._next_span,
+            next_provisional=self._next_provisional, num_merges=self.num_merges,
+            agreed=tuple((*key, count) for key, count in sorted(self._agreed.items())),
+        )
+
+    def restore(self, kept: KeptSpans) -> None:
+        """Go on from what a registry kept."""
+        self._spans = {item.key: item for item in kept.spans}
+        self._next_line, self._next_span = kept.next_line, kept.next_span
+        self._next_provisional, self.num_merges = kept.next_provisional, kept.num_merges
+        self._agreed = Counter({item[:3]: item[3] for item in kept.agreed})
 
     def update(
         self,

@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
+from plc_inspect.mcap_file import McapFile
 from plc_inspect.messages.markers import list_marks
 from plc_inspect.messages.rows import make_catenaries, make_corridor, make_hazards
 from plc_inspect.messages.typestore import MessageMaker
 from plc_inspect.monitor.picture.cloud_store import CloudStore
 from plc_inspect.monitor.picture.picture import Link, Picture
-from plc_inspect.monitor.record.mcap_file import McapFile
 from plc_inspect.stream.summary import HEALTH, STATUSES
 
 FLUSH_PERIOD = 0.8

@@ -144,7 +144,8 @@ def render_table() -> str:
             ]
             previous = section
         bounds = ', '.join(meta['choices'])
-        if not bounds and isinstance(_first(default), int | float):
+        number = isinstance(_first(default), int | float) and not isinstance(default, bool)
+        if not bounds and number:
             bounds = f'{meta["low"]:,.10g} to {meta["high"]:,.10g}'
         about = meta['description'] + ('; structural' if meta['structural'] else '')
         value = _scalar(list(default) if isinstance(default, tuple) else default)

@@ -18,6 +18,7 @@ from plc_inspect.core.live.session import LiveState
 from plc_inspect.core.mapping.scan_counters import Counters
 from plc_inspect.core.mapping.voxel_map import VoxelMap
 from plc_inspect.core.setup.sharpness import Sharpness
+from plc_inspect.flight_record.recording import Condition
 from plc_inspect.ros.graph.transport import ADVICE
 
 SILENCE = 2.0
@@ -90,6 +91,10 @@ class LossReporter:
     def __init__(self, say: Callable[[str], object]) -> None:
         self._say = say
         self._before: dict[str, int] = {}
+
+    def skip(self, counters: Counters) -> None:
+        """Take what was lost so far as told."""
+        self._before = dict(_losses(counters))
 
     def report(self, counters: Counters) -> bool:
         """Log what was lost since the last call; return whether anything was."""
@@ -271,6 +276,13 @@ def describe_segmentation(
     if durations:
         values['callbacks p99 [ms]'] = round(float(np.percentile(durations, 99)) * 1e3, 2)
     return _make_status('segmentation', level, text, values)
+
+
+def describe_record(condition: Condition) -> DiagnosticStatus:
+    """Describe the flight record."""
+    level = DiagnosticStatus.WARN if condition.problem else DiagnosticStatus.OK
+    text = condition.problem or str(condition.values['record'])
+    return _make_status('record', level, text, condition.values)
 
 
 def sign(status: Iterable[DiagnosticStatus], node: str) -> None:

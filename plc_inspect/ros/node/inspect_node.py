@@ -27,12 +27,15 @@ from plc_inspect.core.live.map_labels import make_planner
 from plc_inspect.core.live.session import LiveState, Session
 from plc_inspect.core.live.warm_up import warm_up_intake
 from plc_inspect.core.live.window import copy_window, plan_everything, Window, WindowPlan
+from plc_inspect.flight_record.recording import PERIOD
+from plc_inspect.offline.records.flight import Flight
 from plc_inspect.ros.graph.guard import Guard
 from plc_inspect.ros.graph.qos import DIAGNOSTICS, watched
 from plc_inspect.ros.graph.requests import Requests
 from plc_inspect.ros.node.diagnostics import (
     describe_input,
     describe_map,
+    describe_record,
     describe_segmentation,
     Health,
     sign,
@@ -41,14 +44,14 @@ from plc_inspect.ros.node.intake import Complaints, Intake
 from plc_inspect.ros.node.jobs import (
     Done,
     FinalSave,
-    Flight,
     keep_state,
     prepare,
-    rescue,
     run_save,
     run_tick,
-    Snapshot,
+    take_flight,
+    take_snapshot,
 )
+from plc_inspect.ros.node.keeper import Keeper
 from plc_inspect.ros.node.parameters import Parameters
 from plc_inspect.ros.node.publishing import make_bundle, ResultPublishers
 from plc_inspect.ros.node.subscriptions import Subscriptions
@@ -135,6 +138,14 @@ class InspectNode(Node):
         source = SourceWatch(lambda: self.count_publishers(scans))
         self._intake.accepts = source.accepts
         self._submit('start', partial(prepare, settings))
+        self._keeper = Keeper(
+            settings, self._live_parameters.rules, self._intake, self.get_logger(), self._forget
+        )
+        if self._keeper.resume(self._session):
+            self._state = self._session.state
+            self._publish(self._state, self._intake.accumulator.frame_id)
+            self._teller.tell(self._state)
+        self.create_timer(PERIOD, self._guard('record', self._keeper.step), clock=self._steady)
 
     @property
     def settings(self) -> Settings:
@@ -192,6 +203,7 @@ class InspectNode(Node):
         """Put changed settings to work, all at once."""
         self._intake.accumulator.configure(settings)
         self._planner = make_planner(settings, self._live_parameters.rules)
+        self._keeper.configure(settings, self._live_parameters.rules)
         self._timer.timer_period_ns = round(settings.segment.period * 1e9)
         self._timer.reset()
 
@@ -218,6 +230,7 @@ class InspectNode(Node):
             ),
             describe_segmentation(self._state, self._health, self._worker.busy),
             self._door.describe(),
+            describe_record(self._keeper.describe()),
         ]
         sign(status, self.get_fully_qualified_name())
         header = Header(stamp=self.get_clock().now().to_msg())
@@ -249,11 +262,19 @@ class InspectNode(Node):
             self._job = 'discarded'
         self._state = None
         self._teller.clear()
+        self._answer_all(reason)
+        self._keeper.forget()
+        self._stream.forget()
+        self._publish(self._session.state, '')
+
+    def _publish(self, state: LiveState, frame_id: str) -> None:
+        """Publish what is known, as of now."""
+        now = self.get_clock().now().nanoseconds
+        self._results.publish(make_bundle(state, frame_id, now, self.settings.stream))
+
+    def _answer_all(self, reason: str) -> None:
         self._segmenting.answer(False, reason)
         self._saving.answer(False, reason)
-        now = self.get_clock().now().nanoseconds
-        self._stream.forget()
-        self._results.publish(make_bundle(self._session.state, '', now, self.settings.stream))
 
     def _submit(self, job: str, work: Callable[[], Any]) -> None:
         self._job = job
@@ -266,7 +287,7 @@ class InspectNode(Node):
             job, self._job = self._job, ''
             self._finish(job, outcome.value, outcome.error)
         if self._copy is not None:
-            self._step_copy()
+            self._step_copy(*self._copy)
         elif not self._worker.busy:
             self._begin()
 
@@ -277,8 +298,7 @@ class InspectNode(Node):
         plan: WindowPlan | None
         if doubt := self._intake.doubt:
             self._wants_tick = False
-            self._segmenting.answer(False, doubt)
-            self._saving.answer(False, doubt)
+            self._answer_all(doubt)
         if self._saving:
             if not len(voxels):
                 self._saving.answer(False, 'nothing to save: the map is empty')
@@ -300,41 +320,17 @@ class InspectNode(Node):
         self._copy = copy_window(voxels, plan), job
         self._advance_guard.trigger()
 
-    def _step_copy(self) -> None:
-        if self._copy is None:
-            return
-        copy, job = self._copy
-        window = next(copy)
-        if window is None:
+    def _step_copy(self, copy: Iterator[Window | None], job: str) -> None:
+        if (window := next(copy)) is None:
             self._advance_guard.trigger()
             return
         self._copy = None
         run = run_save if job == 'save' else run_tick
-        self._submit(job, partial(run, self._session, self._describe(window)))
-
-    def _copy_everything(self) -> Window:
-        voxels = self._intake.accumulator.map
-        copy = copy_window(voxels, plan_everything(voxels, []))
-        return next(item for item in copy if item is not None)
-
-    def _describe(self, window: Window) -> Snapshot:
-        return Snapshot(
-            window=window,
-            flight=self._describe_flight(),
-            stamp_ns=self._intake.accumulator.last_inserted or 0,
-            vehicle=self._intake.vehicle,
-            complete=self._intake.evictor.num_evicted == 0,
-            looks=self._intake.accumulator.meter.take(),
-        )
+        snapshot = take_snapshot(self._intake, window, self._describe_flight())
+        self._submit(job, partial(run, self._session, snapshot))
 
     def _describe_flight(self) -> Flight:
-        return Flight(
-            settings=self.settings,
-            rules=self._live_parameters.rules,
-            frame_id=self._intake.accumulator.frame_id,
-            first_stamp_ns=self._intake.first_stamp or 0,
-            counts=self._intake.describe(),
-        )
+        return take_flight(self._intake, self.settings, self._live_parameters.rules)
 
     def _finish(self, job: str, done: Done | None, error: Exception | None) -> None:
         """Publish what the worker found, or say what went wrong."""
@@ -355,6 +351,7 @@ class InspectNode(Node):
             return
         self._intake.accumulator.map.label(done.slots, done.points, done.labels)
         self._state = done.state
+        self._keeper.keep(done.kept)
         self._results.publish(done.bundle)
         self._teller.tell(done.state)
         if done.state.sharpness.poor:
@@ -385,17 +382,18 @@ class InspectNode(Node):
         self._intake.leave_memory()
         stopped = self._worker.stop(STOP_TIMEOUT)
         log = self.get_logger()
-        if not save:
-            return True
-        if not len(self._intake.accumulator.map):
+        if not save or not len(self._intake.accumulator.map):
+            self._keeper.close(None)
+            if not save:
+                return True
             lost = self._intake.explain_nothing()
             (log.error if lost else log.info)('nothing to save' + lost)
             return not lost
+        self._keeper.flush()
         late = '' if stopped else f'the running job did not end within {STOP_TIMEOUT:g} s'
-        state = self._state
-        blurred = state.sharpness.describe() if state and state.sharpness.hopeless else ''
-        if reason := late or self._intake.doubt or blurred:
-            log.error(rescue(self._describe_flight(), state, reason))
-            return False
-        snapshot = self._describe(self._copy_everything())
-        return FinalSave(log.info, log.error).run(self._session, snapshot, self._state)
+        final = FinalSave(log.info, log.error)
+        whole = final.save(
+            self._session, self._intake, self._describe_flight(), self._state, late
+        )
+        self._keeper.close(final.saved)
+        return whole

@@ -4,24 +4,28 @@
 """What comes in: scans and odometry into the map, counted, complained of, bounded."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, fields
+import math
 from threading import Event, Thread
 import time
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
+import numpy as np
 from sensor_msgs.msg import PointCloud2
 
 from plc_inspect.config import Settings
 from plc_inspect.core.live.window import NEAR
 from plc_inspect.core.mapping.accumulator import Accumulator
 from plc_inspect.core.mapping.eviction import Evictor
-from plc_inspect.core.mapping.scan_counters import DropReason
+from plc_inspect.core.mapping.scan_counters import Counters, DropReason
 from plc_inspect.core.mapping.standstill import explain_standstill
+from plc_inspect.core.mapping.voxel_changes import StoredMap
 from plc_inspect.core.setup.moving_frames import MovingFrames
 from plc_inspect.core.setup.transforms import FrameTree
 from plc_inspect.errors import DataError
+from plc_inspect.flight_record.plain_values import from_plain
 from plc_inspect.messages.poses import (
     pose_from_message,
     poses_from_transforms,
@@ -97,6 +101,10 @@ class Intake:
         """Called when the map has begun anew."""
         self.accepts: Callable[[Mapping[str, Any], float], bool] = lambda info, now: True
         """Tells whether a scan is of the driver that is listened to."""
+        self.judge_pose: Callable[[StampedPose], bool] | None = None
+        """Tells of the first poses after an interruption whether they are to be taken."""
+        self._interrupted: list[int | None] = []
+        self._pose_before: int | None = None
         self._num_restarts = 0
         self._refused_before = self._inserted_before = 0
         self._health = health
@@ -189,6 +197,8 @@ class Intake:
 
     def _take_pose(self, pose: StampedPose) -> None:
         now = self._health.last_pose = time.monotonic()
+        if self.judge_pose is not None and not self.judge_pose(pose):
+            return
         accepted = self.accumulator.add_pose(
             pose.stamp_ns, pose.position, pose.quaternion, frame_id=pose.frame_id,
             child_frame_id=pose.child_frame_id, now=now,
@@ -249,10 +259,73 @@ class Intake:
         """Return what came in so far, JSON-serialisable, as in the results of a replay."""
         return asdict(self.accumulator.counters()) | {
             'skipped': dict(self._health.malformed), 'first_errors': {},
-            'num_voxels_evicted': self.evictor.num_evicted,
+            'num_voxels_evicted': self.num_evicted, 'interrupted': self._interrupted,
             'mount': self.accumulator.placer.mount.describe(),
             'mount_doubt': self.accumulator.placer.mount.doubt,
         }
+
+    @property
+    def num_evicted(self) -> int:
+        """Voxels removed from the map since the start of the flight."""
+        return self.evictor.num_evicted
+
+    def remember(self) -> dict[str, Any]:
+        """Return what ``resume`` needs beside the map, JSON-serialisable."""
+        accumulator, vehicle = self.accumulator, self.vehicle
+        return {
+            'frames': accumulator.frames, 'first_stamp_ns': self.first_stamp,
+            'stamp_ns': accumulator.last_inserted,
+            'pose_stamp_ns': accumulator.poses.last_stamp or self._pose_before,
+            'vehicle': None if vehicle is None else vehicle.tolist(),
+            'nearest_evicted': self.evictor.nearest, 'doubt': self.doubt,
+            'judged_from': [self._refused_before, self._inserted_before],
+            'counts': self.describe(),
+        }
+
+    def resume(self, state: Mapping[str, Any], stored: StoredMap) -> None:
+        """
+        Go on with what another process remembered; poses are new, so there is a gap.
+
+        Parameters
+        ----------
+        state : mapping
+            As from ``remember``.
+        stored : StoredMap
+            The map.
+
+        Raises
+        ------
+        DataError
+            It does not fit together, or the map has no room for it; then nothing changed.
+
+        """
+        counts = state['counts']
+        before = from_plain(Counters, {
+            item.name: counts[item.name] for item in fields(Counters)
+        })
+        frames, stamp = from_plain(tuple[str, str], state['frames']), state['stamp_ns']
+        vehicle = state['vehicle']
+        self.accumulator.map.restore(stored)
+        self.accumulator.resume(frames, before, stamp)
+        self.first_stamp = state['first_stamp_ns']
+        self._pose_before = state['pose_stamp_ns']
+        self.vehicle = None if vehicle is None else np.array(vehicle, dtype=np.float64)
+        nearest = state['nearest_evicted']
+        self.evictor.resume(
+            counts['num_voxels_evicted'], math.inf if nearest is None else float(nearest)
+        )
+        self._refused_before, self._inserted_before = state['judged_from']
+        self._health.malformed.update(counts['skipped'])
+        self._interrupted = [*counts['interrupted'], stamp]
+        self._losses.skip(self.accumulator.counters())
+
+    def disown(self) -> None:
+        """Forget a flight that was resumed wrongly, its counts too."""
+        self.reset()
+        self.accumulator.resume(None, None, None)
+        self.evictor.resume(0, math.inf)
+        self._health.malformed.clear()
+        self._interrupted, self._pose_before, self.vehicle = [], None, None
 
     def reset(self) -> None:
         """Forget the map and all that waits; counters go on."""

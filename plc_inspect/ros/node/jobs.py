@@ -3,31 +3,30 @@
 
 """What the node's worker does: the start, what few ticks need, a tick, a results folder."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 import threading
-import time
-from typing import Any, TYPE_CHECKING
 
 import numba
-import numpy as np
 
 from plc_inspect.config import Settings
 from plc_inspect.core.hazards.clearance_rules import RuleSet
-from plc_inspect.core.live.session import LiveState, Session
+from plc_inspect.core.live.session import Kept, LiveState, Session
 from plc_inspect.core.live.warm_up import warm_up_pipeline
 from plc_inspect.core.live.window import Window
-from plc_inspect.core.pipeline import Pipeline
-from plc_inspect.core.setup.sharpness import LookWindow
 from plc_inspect.node_config import OutputSettings
-from plc_inspect.results import Float64, InspectionResult, Int64, UInt8
+from plc_inspect.offline.records.flight import (
+    conclude,
+    copy_everything,
+    describe_last_tick,
+    Flight,
+    Snapshot,
+)
+from plc_inspect.results import Float64, Int64, UInt8
+from plc_inspect.ros.node.intake import Intake
 from plc_inspect.ros.node.publishing import Bundle, make_bundle
 from plc_inspect.ros.node.saving import save_results, Saved
 
-if TYPE_CHECKING:
-    from plc_inspect.offline.records.inspection import Inspection
-
-COMMAND = 'plc_node'
 ALL_THREADS: int = numba.get_num_threads()
 TICK_THREADS = 1
 """On a busy machine a second thread is waited for longer than it helps with small windows."""
@@ -35,34 +34,6 @@ RESCUE_AFTER = 20.0
 """Results of the last tick are written where those of the whole map take longer [s]."""
 GIVE_UP_AFTER = 120.0
 """The whole map is waited for no longer [s]."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Flight:
-    """What results tell of the flight beside what was found."""
-
-    settings: Settings
-    rules: RuleSet
-    frame_id: str
-    first_stamp_ns: int
-    """Stamp of the first scan [ns], 0 before it."""
-    counts: Mapping[str, Any]
-    """What came in so far."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Snapshot:
-    """What a job works on; nothing in it changes afterwards."""
-
-    window: Window
-    flight: Flight
-    stamp_ns: int
-    """Newest scan that is in [ns]."""
-    vehicle: Float64 | None
-    complete: bool
-    """Nothing was evicted from the map."""
-    looks: Sequence[LookWindow] = ()
-    """What tells how sharp the map is, since the last job."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -75,6 +46,8 @@ class Done:
     points: Float64
     labels: UInt8
     """For the map: one for each point of the window."""
+    kept: Kept
+    """What the session keeps, for the record."""
     saved: Saved | None = None
     """What became of the results, None for a tick."""
 
@@ -101,52 +74,36 @@ def run_tick(session: Session, snapshot: Snapshot) -> Done:
         slots=window.slots,
         points=window.points,
         labels=tick.labels,
+        kept=session.remember(),
     )
 
 
-def conclude(
-    session: Session, snapshot: Snapshot
-) -> tuple[LiveState, 'Inspection', UInt8]:
-    """Run the pipeline over the whole map, with all cores; its labels go to the map."""
-    numba.set_num_threads(ALL_THREADS)
-    started = time.perf_counter()
-    window, flight = snapshot.window, snapshot.flight
-    state, result, labels = session.conclude(
-        window.points, flight.settings, window.sequence, complete=snapshot.complete,
-        rules=flight.rules, looks=snapshot.looks,
+def take_flight(intake: Intake, settings: Settings, rules: RuleSet) -> Flight:
+    """Return what results tell of the flight now."""
+    return Flight(
+        settings=settings,
+        rules=rules,
+        frame_id=intake.accumulator.frame_id,
+        first_stamp_ns=intake.first_stamp or 0,
+        counts=intake.describe(),
     )
-    flight = replace(flight, counts={**flight.counts, **describe_sharpness(state)})
-    seconds = time.perf_counter() - started
-    return state, describe_run(flight, result, window.points, seconds), labels
 
 
-def describe_sharpness(state: LiveState) -> dict[str, Any]:
-    """Return how sharp the map is, JSON-serialisable, and why hazards are held back."""
-    held = state.sharpness.describe() if state.sharpness.poor else ''
-    return {'sharpness': state.sharpness.record(), 'held_back': held}
-
-
-def describe_run(
-    flight: Flight, result: InspectionResult, points: Float64, seconds: float = 0.0
-) -> 'Inspection':
-    """Return a result with all that its folder tells of the flight."""
-    from plc_inspect.offline.records.inspection import Inspection
-
-    return Inspection(
-        result=result,
-        points=points,
-        settings=flight.settings,
-        source=flight.settings.input.scan_topic,
-        command=COMMAND,
-        frame_id=flight.frame_id,
-        rules=flight.rules,
-        counts=flight.counts,
-        seconds={'pipeline': seconds},
+def take_snapshot(intake: Intake, window: Window, flight: Flight) -> Snapshot:
+    """Return what is known of the flight now; the meter of sharpness begins anew."""
+    return Snapshot(
+        window=window,
+        flight=flight,
+        stamp_ns=intake.accumulator.last_inserted or 0,
+        vehicle=intake.vehicle,
+        complete=intake.num_evicted == 0,
+        looks=intake.accumulator.meter.take(),
     )
 
 
 def run_save(session: Session, snapshot: Snapshot) -> Done:
     """Run the pipeline over the whole map and write the results folder, or say why not."""
+    numba.set_num_threads(ALL_THREADS)
     state, inspection, labels = conclude(session, snapshot)
     flight = snapshot.flight
     saved = save_results(flight.settings.output, flight.first_stamp_ns, inspection)
@@ -156,6 +113,7 @@ def run_save(session: Session, snapshot: Snapshot) -> Done:
         slots=snapshot.window.slots,
         points=snapshot.window.points,
         labels=labels,
+        kept=session.remember(),
         saved=saved,
     )
 
@@ -174,9 +132,42 @@ class FinalSave:
     def __init__(self, say: Callable[[str], object], complain: Callable[[str], object]) -> None:
         self._say, self._complain = say, complain
         self._writing = threading.Lock()
-        self._saved: Saved | None = None
+        self.saved: Saved | None = None
+        """What became of the results of the whole map, None if nothing yet."""
         self._error: Exception | None = None
         self._doubt = ''
+
+    def save(
+        self, session: Session, intake: Intake, flight: Flight, state: LiveState | None, late: str
+    ) -> bool:
+        """
+        Write the results of the whole map, or those of the last tick where the map is in doubt.
+
+        Parameters
+        ----------
+        session : Session
+            What is known; belongs to this object from now on.
+        intake : Intake
+            Owns the map.
+        flight : Flight
+            What the results tell of it.
+        state : LiveState or None
+            Of the last tick.
+        late : str
+            Why the map cannot be used, '' if it can.
+
+        Returns
+        -------
+        bool
+            Whether all files of the whole map were written, and nothing was held back.
+
+        """
+        blurred = state.sharpness.describe() if state and state.sharpness.hopeless else ''
+        if reason := late or intake.doubt or blurred:
+            self._complain(rescue(flight, state, reason))
+            return False
+        window = copy_everything(intake.accumulator.map)
+        return self.run(session, take_snapshot(intake, window, flight), state)
 
     def run(self, session: Session, snapshot: Snapshot, state: LiveState | None) -> bool:
         """
@@ -215,16 +206,17 @@ class FinalSave:
         elif self._error is not None:
             self._complain(f'the map failed: {type(self._error).__name__}: {self._error}')
             self._complain(rescue(snapshot.flight, state, 'the map failed'))
-        elif self._saved is not None:
-            tell = self._complain if self._saved.problem else self._say
-            tell(self._saved.describe())
+        elif self.saved is not None:
+            tell = self._complain if self.saved.problem else self._say
+            tell(self.saved.describe())
             if self._doubt:
                 self._complain(self._doubt)
-            return self._saved.whole and not self._doubt
+            return self.saved.whole and not self._doubt
         return False
 
     def _conclude(self, session: Session, snapshot: Snapshot) -> None:
         try:
+            numba.set_num_threads(ALL_THREADS)
             concluded, inspection, _ = conclude(session, snapshot)
         except Exception as error:
             self._error = error
@@ -233,7 +225,7 @@ class FinalSave:
             self._doubt = concluded.sharpness.describe()
         flight = snapshot.flight
         with self._writing:
-            self._saved = save_results(
+            self.saved = save_results(
                 flight.settings.output, flight.first_stamp_ns, inspection
             )
 
@@ -259,17 +251,8 @@ def rescue(flight: Flight, state: LiveState | None, reason: str) -> str:
     """
     if state is None:
         return f'nothing saved: {reason}, and no tick was done before'
-    empty = np.empty((0, 3))
-    result = replace(
-        Pipeline(flight.settings, flight.rules).run(empty),
-        spans=tuple(item.span for item in state.confirmed),
-        supports=state.supports, hazards=state.hazards,
-    )
-    part = replace(flight, counts={
-        **flight.counts, **describe_sharpness(state), 'results_of': 'the last tick',
-    })
     saved = save_results(
-        flight.settings.output, flight.first_stamp_ns, describe_run(part, result, empty)
+        flight.settings.output, flight.first_stamp_ns, describe_last_tick(flight, state)
     )
     return f'{reason}; results of the last tick, without points: {saved.describe()}'
 

@@ -56,6 +56,11 @@ def check_output(settings: OutputSettings) -> None:
         raise ConfigError(f'output.directory: {error}') from error
 
 
+def find_home() -> Path:
+    """Return the folder below ROS_HOME (~/.ros) for results that have no place of their own."""
+    return Path(os.environ.get('ROS_HOME') or Path.home() / '.ros') / 'plc_inspect'
+
+
 def choose_folder(settings: OutputSettings, stamp_ns: int) -> Path:
     """
     Return where the results go.
@@ -75,7 +80,7 @@ def choose_folder(settings: OutputSettings, stamp_ns: int) -> Path:
     """
     if settings.directory:
         return Path(settings.directory).expanduser()
-    home = Path(os.environ.get('ROS_HOME') or Path.home() / '.ros') / 'plc_inspect'
+    home = find_home()
     name = time.strftime('flight_%Y%m%dT%H%M%SZ', time.gmtime(stamp_ns // 1_000_000_000))
     folder, number = home / name, 1
     while folder.exists():

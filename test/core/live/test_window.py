@@ -11,7 +11,7 @@ import pytest
 from spans import make_span, sample_points
 
 from plc_inspect.config import MapSettings, Settings
-from plc_inspect.core.live.session import map_numbers
+from plc_inspect.core.live.corridor_points import map_numbers
 from plc_inspect.core.live.warm_up import make_sample
 from plc_inspect.core.live.window import (
     CLOSE,

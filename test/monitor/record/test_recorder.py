@@ -17,10 +17,10 @@ from rosbags.rosbag2 import Reader
 from stream_pieces import make_rows, Source
 
 from plc_inspect.errors import ConfigError
+from plc_inspect.mcap_file import McapFile
 from plc_inspect.messages.rows import read_rows
 from plc_inspect.monitor.picture.model import Monitor
 from plc_inspect.monitor.record import recorder as recorder_module
-from plc_inspect.monitor.record.mcap_file import McapFile
 from plc_inspect.monitor.record.recorder import Recorder
 from plc_inspect.stream.summary import read_summary
 
@@ -28,7 +28,7 @@ ROOT = Path(__file__).parents[3]
 ENDLESS = """
 import sys, time
 from pathlib import Path
-from plc_inspect.monitor.record.mcap_file import McapFile
+from plc_inspect.mcap_file import McapFile
 file = McapFile(Path(sys.argv[1]))
 channel = file.add_channel('/count', 'std_msgs/msg/String', 'string data')
 number = 0

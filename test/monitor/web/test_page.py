@@ -92,7 +92,8 @@ class Flight:
 
     def start_node(self):
         return self.start('plc_inspect.ros.node.onboard', '--ros-args', '--log-level', 'warn',
-                          '-p', f'output.directory:={self.folder / "out"}')
+                          '-p', f'output.directory:={self.folder / "out"}',
+                          '-p', 'output.record:=false')
 
     def play(self, *arguments):
         return self.start('plc_inspect.ros.play', 'bags/demo', '--wait', '30', '--quiet',

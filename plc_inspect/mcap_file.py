@@ -48,6 +48,8 @@ class McapFile:
         File to write.
     force : bool
         Replace a file that is there.
+    profile : str
+        What the messages are for, as the MCAP specification lists it.
 
     Raises
     ------
@@ -56,7 +58,7 @@ class McapFile:
 
     """
 
-    def __init__(self, path: Path, *, force: bool = False) -> None:
+    def __init__(self, path: Path, *, force: bool = False, profile: str = 'ros2') -> None:
         flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | (os.O_TRUNC if force else os.O_EXCL)
         try:
             self._file = os.open(path, flags, 0o644)
@@ -74,9 +76,10 @@ class McapFile:
         self._counts: Counter[int] = Counter()
         self._span: tuple[int, int] | None = None
         head = RecordBuilder()
-        Header(profile='ros2', library=f'plc_inspect {__version__}').write(head)
+        Header(profile=profile, library=f'plc_inspect {__version__}').write(head)
         start = MCAP0_MAGIC + head.end()
         self._end = self._tail = 0
+        self._packed = b''
         self._put(start)
 
     def __enter__(self) -> 'McapFile':
@@ -90,7 +93,20 @@ class McapFile:
         """End the file in order."""
         self.close()
 
-    def add_channel(self, topic: str, kind: str, definition: str) -> int:
+    @property
+    def size(self) -> int:
+        """What was written so far [bytes]."""
+        return self._end
+
+    @property
+    def fileno(self) -> int:
+        """Number of the open file."""
+        return self._file
+
+    def add_channel(
+        self, topic: str, kind: str, definition: str,
+        encoding: tuple[str, str] = ('ros2msg', 'cdr'),
+    ) -> int:
         """
         Announce a topic.
 
@@ -102,6 +118,8 @@ class McapFile:
             Its type, such as ``std_msgs/msg/String``.
         definition : str
             The type as ROS 2 writes it, with the types it uses.
+        encoding : tuple of str
+            Of the definition and of the messages.
 
         Returns
         -------
@@ -113,18 +131,18 @@ class McapFile:
             return self._channels[topic].id
         schema = self._schemas.get(kind)
         if schema is None:
-            schema = Schema(id=len(self._schemas) + 1, name=kind, encoding='ros2msg',
+            schema = Schema(id=len(self._schemas) + 1, name=kind, encoding=encoding[0],
                             data=definition.encode())
             self._schemas[kind] = schema
             schema.write(self._chunk)
-        channel = Channel(id=len(self._channels) + 1, topic=topic, message_encoding='cdr',
+        channel = Channel(id=len(self._channels) + 1, topic=topic, message_encoding=encoding[1],
                           metadata={}, schema_id=schema.id)
         self._channels[topic] = channel
         channel.write(self._chunk)
         return channel.id
 
     def write(self, channel: int, time_ns: int, data: bytes) -> None:
-        """Put a message, serialised as CDR, into the chunk that is being filled."""
+        """Put a message, serialised, into the chunk that is being filled."""
         index = self._indexes.setdefault(channel, MessageIndex(channel_id=channel, records=[]))
         index.records.append((time_ns, self._chunk.count))
         Message(channel_id=channel, log_time=time_ns, publish_time=time_ns, data=data,
@@ -133,9 +151,29 @@ class McapFile:
         self._times.append(time_ns)
 
     def flush(self) -> None:
-        """Write what was put in since the last time; the file is whole before and after."""
+        """
+        Write what was put in since the last time; the file is whole before and after.
+
+        Raises
+        ------
+        OSError
+            It cannot be written now; the next call writes it.
+
+        """
+        self._pack()
+        if self._packed:
+            self._put(self._packed)
+            self._packed = b''
+
+    def sync(self) -> None:
+        """Have the system put on the disk what was written; OSError where it cannot."""
+        os.fsync(self._file)
+
+    def _pack(self) -> None:
+        """Make a chunk of what was put in, to be written next."""
         if not self._times:
             return
+        start = self._end + len(self._packed)
         plain = self._chunk.end()
         first, last = min(self._times), max(self._times)
         packed = self._compressor.compress(plain)
@@ -145,10 +183,10 @@ class McapFile:
         length = out.count
         offsets = {}
         for number, index in self._indexes.items():
-            offsets[number] = self._end + out.count
+            offsets[number] = start + out.count
             index.write(out)
         self._chunk_indexes.append(ChunkIndex(
-            chunk_length=length, chunk_start_offset=self._end, compression='zstd',
+            chunk_length=length, chunk_start_offset=start, compression='zstd',
             compressed_size=len(packed), message_start_time=first, message_end_time=last,
             message_index_length=out.count - length, message_index_offsets=offsets,
             uncompressed_size=len(plain),
@@ -156,7 +194,7 @@ class McapFile:
         low, high = self._span or (first, last)
         self._span = min(low, first), max(high, last)
         self._indexes, self._times = {}, []
-        self._put(out.end())
+        self._packed += out.end()
 
     def close(self) -> None:
         """Write the rest and the summary."""

@@ -1,0 +1,166 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What changed in the map: taken by slot, bit by bit, and a map as it is stored."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from numba import njit
+import numpy as np
+
+from plc_inspect.core.numerics.hash_table import UInt32
+from plc_inspect.results import Float32, Int32, Int64, UInt8
+
+if TYPE_CHECKING:
+    from plc_inspect.core.mapping.voxel_arrays import VoxelArrays
+
+TOUCHED = np.uint8(1)
+"""Points were added, or the voxel was removed.  Source: numerical: one bit each."""
+MADE = np.uint8(2)
+"""The slot got another voxel.  Source: numerical: one bit each."""
+LABELLED = np.uint8(4)
+"""The label changed.  Source: numerical: one bit each."""
+LANES = 8
+"""Slots whose changes are looked at together.  Source: numerical: bytes of a word."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class VoxelChanges:
+    """Copies of K voxels."""
+
+    slots: Int32
+    """(K,) ascending."""
+    kinds: UInt8
+    """(K,) what changed: TOUCHED, MADE and LABELLED together."""
+    keys: Int64
+    """(K,) packed keys."""
+    counts: UInt32
+    """(K,) points, 0 where there is no voxel any more."""
+    means: Float32
+    """(K, 3) mean offset of the points from the voxel's centre [m]."""
+    labels: UInt8
+    """(K,) labels."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StoredMap:
+    """All of a map that is needed to go on with it; S slots, C cells."""
+
+    keys: Int64
+    """(S,) packed keys."""
+    counts: UInt32
+    """(S,) points, 0 where a slot is free."""
+    means: Float32
+    """(S, 3) mean offset of the points from the voxel's centre [m]."""
+    labels: UInt8
+    """(S,) labels."""
+    origin: Int64 | None
+    """(3,) voxel index of the origin of the keys, None of an empty map."""
+    sequence: int
+    """Number of the newest insertion."""
+    moved: bool
+    """Slots were used again, so a voxel may be stored twice."""
+    cell_keys: Int64
+    """(C,) as from ``CellIndex.copy_state``."""
+    cell_state: Int32
+    """(C, 5) the same."""
+
+    def fill(self, voxels: 'VoxelArrays') -> Int64:
+        """Write all voxels to arrays with room for them, and return the free slots."""
+        size = len(self.keys)
+        voxels.keys[:size], voxels.counts[:size] = self.keys, self.counts
+        voxels.means[:size], voxels.labels[:size] = self.means, self.labels
+        if self.moved:
+            voxels.counts[find_doubles(self.keys, self.counts)] = 0
+        empty = np.flatnonzero(voxels.counts[:size] == 0)
+        voxels.labels[empty] = 0
+        voxels.free[: len(empty)] = empty[::-1]
+        return empty
+
+
+def copy_changes(
+    voxels: 'VoxelArrays', part: tuple[int, int, int], everything: bool
+) -> tuple[VoxelChanges, int]:
+    """
+    Copy changed voxels and count them as taken; see ``VoxelMap.take_changes``.
+
+    Parameters
+    ----------
+    voxels : VoxelArrays
+        Of the map; ``changed`` is changed in place.
+    part : tuple of int
+        First slot to look at, slot to end before, and voxels to copy at most.
+    everything : bool
+        Copy voxels that did not change too.
+
+    Returns
+    -------
+    tuple[VoxelChanges, int]
+        And the first slot that was not looked at.
+
+    """
+    *columns, start = _take_changes(
+        voxels.changed, voxels.keys, voxels.counts, voxels.means, voxels.labels, part, everything
+    )
+    slots, kinds, keys, counts, means, labels = columns
+    return VoxelChanges(
+        slots=slots, kinds=kinds, keys=keys, counts=counts, means=means, labels=labels
+    ), start
+
+
+@njit(cache=True, nogil=True)
+def _take_changes(  # type: ignore[no-untyped-def]
+    changed, keys, counts, means, labels, part, everything
+):
+    """
+    Copy the changed voxels of a part of the slots.
+
+    Returns the columns of `VoxelChanges` and the first slot that was not looked at.
+    """
+    start, stop, most = part
+    words = changed.view(np.uint64)
+    slots = np.empty(most, dtype=np.int32)
+    num, slot = 0, start
+    while slot < stop and num < most:
+        # mostly nothing changed: look at a word of them together
+        if not everything and slot % LANES == 0 and words[slot // LANES] == 0:
+            slot += LANES
+            continue
+        if everything or changed[slot] != 0:
+            slots[num] = slot
+            num += 1
+        slot += 1
+    slots = slots[:num].copy()
+    kinds, own_keys = np.empty(num, dtype=np.uint8), np.empty(num, dtype=np.int64)
+    own_counts, own_means = np.empty(num, np.uint32), np.empty((num, 3), np.float32)
+    own_labels = np.empty(num, dtype=np.uint8)
+    for k in range(num):
+        own = slots[k]
+        kinds[k] = TOUCHED | MADE | LABELLED if everything else changed[own]
+        changed[own] = 0
+        own_keys[k], own_counts[k], own_labels[k] = keys[own], counts[own], labels[own]
+        for j in range(3):
+            own_means[k, j] = means[own, j]
+    return slots, kinds, own_keys, own_counts, own_means, own_labels, min(slot, stop)
+
+
+def find_doubles(keys: Int64, counts: UInt32) -> Int64:
+    """
+    Find voxels that are stored twice, as one was moved while the map was being stored.
+
+    Parameters
+    ----------
+    keys, counts : Int64, UInt32
+        (S,) by slot.
+
+    Returns
+    -------
+    Int64
+        Slots to leave out: of those with the same key all but the one with most points.
+
+    """
+    used = np.flatnonzero(counts)
+    order = used[np.lexsort((counts[used], keys[used]))]
+    doubled: Int64 = order[:-1][keys[order[:-1]] == keys[order[1:]]]
+    return doubled

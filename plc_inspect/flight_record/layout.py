@@ -1,0 +1,114 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+What a flight record holds; see docs/record.md.
+
+A record is a folder of segments, MCAP files that are read one after the other.  What is in one
+chunk belongs together.
+"""
+
+from dataclasses import dataclass
+import io
+import json
+from pathlib import Path
+from typing import Any
+import zipfile
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plc_inspect.errors import DataError
+
+PROFILE = 'plc_inspect'
+VERSION = 1
+"""Of the layout; a reader takes no other."""
+SUFFIX = '.record'
+"""A record is named after its results folder, and this."""
+
+HEADER, STATE, BOOKS, VOXELS, CELLS, WIRES = (
+    'header', 'state', 'books', 'voxels', 'cells', 'wires'
+)
+"""Ends of topics: the first three hold JSON, the others arrays."""
+TOPIC = '/plc_inspect/record/'
+"""Their beginning."""
+_DESCRIPTIONS = {
+    HEADER: 'what the node was started with',
+    STATE: 'what came in so far, and what the map is; closes each chunk',
+    BOOKS: 'spans, supports and hazards that changed, with all that is kept of them',
+}
+_JSON = 'jsonschema', 'json'
+_ARRAYS = '', 'npz'
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """How a topic is announced."""
+
+    name: str
+    definition: str
+    encoding: tuple[str, str]
+
+
+def describe_topic(topic: str) -> Kind:
+    """Return how a topic is announced in a file."""
+    name = f'plc_inspect.record.{topic}'
+    if topic not in _DESCRIPTIONS:
+        return Kind(name, '', _ARRAYS)
+    schema = {'type': 'object', 'title': name, 'description': _DESCRIPTIONS[topic]}
+    return Kind(name, json.dumps(schema), _JSON)
+
+
+def pack_json(value: Any) -> bytes:
+    """Return a plain value as JSON."""
+    return json.dumps(value, ensure_ascii=False, allow_nan=False).encode()
+
+
+def unpack_json(data: bytes) -> dict[str, Any]:
+    """Return what ``pack_json`` packed; DataError where it is no object."""
+    try:
+        value = json.loads(data)
+    except (ValueError, RecursionError) as error:
+        raise DataError(f'this is no JSON: {error}') from error
+    if not isinstance(value, dict):
+        raise DataError(f'this holds a {type(value).__name__}, not an object')
+    return value
+
+
+def pack_arrays(**arrays: NDArray[Any]) -> bytes:
+    """Return arrays as the NPZ format of numpy has them, not compressed."""
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays)  # type: ignore[arg-type]
+    return buffer.getvalue()
+
+
+def unpack_arrays(data: bytes) -> dict[str, NDArray[Any]]:
+    """Return what ``pack_arrays`` packed; DataError where it is something else."""
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as held:
+            return {name: held[name] for name in held.files}
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise DataError(f'these are no arrays: {error}') from error
+
+
+def split_bytes(values: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return the first bytes of all values, then the second ones, and so on: they pack better."""
+    flat = np.ascontiguousarray(values).reshape(-1)
+    return np.ascontiguousarray(flat.view(np.uint8).reshape(len(flat), flat.dtype.itemsize).T)
+
+
+def join_bytes(split: NDArray[np.uint8], dtype: Any) -> NDArray[Any]:
+    """Return the values that ``split_bytes`` split."""
+    return np.ascontiguousarray(split.T).reshape(-1).view(dtype)
+
+
+def list_segments(folder: Path) -> list[Path]:
+    """List the segments of a record in their order; one segment alone is a record too."""
+    if folder.is_file():
+        return [folder]
+    return sorted(item for item in folder.glob('[0-9]*.mcap') if item.is_file())
+
+
+def name_segment(folder: Path, number: int) -> Path:
+    """Return the path of a segment."""
+    return folder / f'{number:06d}.mcap'

@@ -1,0 +1,131 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""One segment of a record: batches of what changed become chunks of an MCAP file."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+import errno
+from pathlib import Path
+import time
+from typing import Any
+
+from plc_inspect.core.live.session import Kept
+from plc_inspect.core.mapping.voxel_changes import VoxelChanges
+from plc_inspect.flight_record.books import BookWriter
+from plc_inspect.flight_record.layout import (
+    BOOKS,
+    CELLS,
+    describe_topic,
+    HEADER,
+    pack_arrays,
+    pack_json,
+    PROFILE,
+    STATE,
+    TOPIC,
+    VERSION,
+    VOXELS,
+    WIRES,
+)
+from plc_inspect.flight_record.map_pieces import find_changed_cells, pack_voxels
+from plc_inspect.flight_record.plain_values import to_plain
+from plc_inspect.mcap_file import McapFile
+from plc_inspect.results import Int32, Int64
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Batch:
+    """What changed in a fraction of a second; nothing in it changes afterwards."""
+
+    generation: int
+    """Times that the map was forgotten before."""
+    changes: tuple[VoxelChanges, ...]
+    """Voxels that changed; no slot is in two of them."""
+    sweep: tuple[VoxelChanges, ...]
+    """Voxels that were told of once more before, changed or not; no slot is in two of them."""
+    cells: tuple[Int64, Int32]
+    """All cells of the map, as from ``CellIndex.copy_state``."""
+    kept: Kept | None
+    """What the session keeps, None: as before."""
+    state: Mapping[str, Any]
+    """What came in so far, JSON-serialisable."""
+    begins: bool = False
+    """A new segment begins, in which all of the map is told of once more."""
+    complete: bool = False
+    """All of the map was told of in this segment."""
+
+
+class Segment:
+    """
+    Writes one segment.
+
+    Parameters
+    ----------
+    path : Path
+        Its file, which is not there yet.
+    header : mapping
+        What the node was started with, JSON-serialisable.
+    fresh : bool
+        Nothing of the segments before it counts any more.
+
+    Raises
+    ------
+    ConfigError
+        The file cannot be made.
+
+    """
+
+    def __init__(self, path: Path, header: Mapping[str, Any], *, fresh: bool) -> None:
+        self.path = path
+        self._file = McapFile(path, profile=PROFILE)
+        self._books = BookWriter()
+        self._cells: tuple[Int64, Int32] | None = None
+        head = {'version': VERSION, 'fresh': fresh, **header}
+        self._write(HEADER, pack_json(to_plain(head)))
+
+    @property
+    def size(self) -> int:
+        """What was written so far [bytes]."""
+        return self._file.size
+
+    def put(self, batch: Batch) -> None:
+        """Put a batch into the chunk that is written next."""
+        for parts in (batch.sweep, batch.changes):
+            if any(len(part.slots) for part in parts):
+                self._write(VOXELS, pack_voxels(parts))
+        cells = find_changed_cells(self._cells, batch.cells)
+        self._cells = batch.cells
+        if len(cells['cells']):
+            self._write(CELLS, pack_arrays(**cells))
+        if batch.kept is not None:
+            news, wires = self._books.describe(batch.kept)
+            self._write(BOOKS, pack_json(news))
+            if wires is not None:
+                self._write(WIRES, pack_arrays(**wires))
+        self._write(STATE, pack_json(to_plain(batch.state)))
+
+    def flush(self) -> None:
+        """
+        Write what was put in, and have the system put it on the disk.
+
+        Raises
+        ------
+        OSError
+            It cannot be written now; the next call writes it.
+
+        """
+        self._file.flush()
+        self._file.sync()
+        if not self.path.exists():
+            raise FileNotFoundError(errno.ENOENT, 'the record was removed')
+
+    def close(self) -> None:
+        """End the file with its summary; OSError where it cannot be written."""
+        self._file.close()
+
+    def _write(self, topic: str, data: bytes) -> None:
+        kind = describe_topic(topic)
+        channel = self._file.add_channel(
+            TOPIC + topic, kind.name, kind.definition, kind.encoding
+        )
+        self._file.write(channel, time.time_ns(), data)

@@ -1,0 +1,113 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""From the map of a flight to what its results folder holds, live and from its record."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+import time
+from typing import Any, TYPE_CHECKING
+
+import numpy as np
+
+from plc_inspect.config import Settings
+from plc_inspect.core.hazards.clearance_rules import RuleSet
+from plc_inspect.core.live.session import LiveState, Session
+from plc_inspect.core.live.window import copy_window, plan_everything, Window
+from plc_inspect.core.mapping.voxel_map import VoxelMap
+from plc_inspect.core.pipeline import Pipeline
+from plc_inspect.core.setup.sharpness import LookWindow
+from plc_inspect.results import Float64, InspectionResult, UInt8
+
+if TYPE_CHECKING:
+    from plc_inspect.offline.records.inspection import Inspection
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Flight:
+    """What results tell of a flight beside what was found."""
+
+    settings: Settings
+    rules: RuleSet
+    frame_id: str
+    first_stamp_ns: int
+    """Stamp of the first scan [ns], 0 before it."""
+    counts: Mapping[str, Any]
+    """What came in so far."""
+    command: str = 'plc_node'
+    """Name of the executable."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Snapshot:
+    """What is known of a flight at one moment; nothing in it changes afterwards."""
+
+    window: Window
+    flight: Flight
+    stamp_ns: int
+    """Newest scan that is in [ns]."""
+    vehicle: Float64 | None
+    complete: bool
+    """Nothing was evicted from the map."""
+    looks: Sequence[LookWindow] = ()
+    """What tells how sharp the map is, since the last job."""
+
+
+def copy_everything(voxels: VoxelMap) -> Window:
+    """Return a window that is the whole map."""
+    copy = copy_window(voxels, plan_everything(voxels, []))
+    return next(item for item in copy if item is not None)
+
+
+def conclude(
+    session: Session, snapshot: Snapshot
+) -> tuple[LiveState, 'Inspection', UInt8]:
+    """Run the pipeline over the whole map; its labels go to the map."""
+    started = time.perf_counter()
+    window, flight = snapshot.window, snapshot.flight
+    state, result, labels = session.conclude(
+        window.points, flight.settings, window.sequence, complete=snapshot.complete,
+        rules=flight.rules, looks=snapshot.looks,
+    )
+    flight = replace(flight, counts={**flight.counts, **describe_sharpness(state)})
+    seconds = time.perf_counter() - started
+    return state, describe_run(flight, result, window.points, seconds), labels
+
+
+def describe_sharpness(state: LiveState) -> dict[str, Any]:
+    """Return how sharp the map is, JSON-serialisable, and why hazards are held back."""
+    held = state.sharpness.describe() if state.sharpness.poor else ''
+    return {'sharpness': state.sharpness.record(), 'held_back': held}
+
+
+def describe_last_tick(flight: Flight, state: LiveState) -> 'Inspection':
+    """Return the results of the last tick alone, without points."""
+    empty = np.empty((0, 3))
+    result = replace(
+        Pipeline(flight.settings, flight.rules).run(empty),
+        spans=tuple(item.span for item in state.confirmed),
+        supports=state.supports, hazards=state.hazards,
+    )
+    part = replace(flight, counts={
+        **flight.counts, **describe_sharpness(state), 'results_of': 'the last tick',
+    })
+    return describe_run(part, result, empty)
+
+
+def describe_run(
+    flight: Flight, result: InspectionResult, points: Float64, seconds: float = 0.0
+) -> 'Inspection':
+    """Return a result with all that its folder tells of the flight."""
+    from plc_inspect.offline.records.inspection import Inspection
+
+    return Inspection(
+        result=result,
+        points=points,
+        settings=flight.settings,
+        source=flight.settings.input.scan_topic,
+        command=flight.command,
+        frame_id=flight.frame_id,
+        rules=flight.rules,
+        counts=flight.counts,
+        seconds={'pipeline': seconds},
+    )

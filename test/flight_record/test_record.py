@@ -1,0 +1,299 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""A record holds all that was handed over, wherever it ends and whatever the disk does."""
+
+from dataclasses import replace
+import json
+import resource
+import time
+
+from mcap.records import Chunk
+from mcap.stream_reader import StreamReader
+import numpy as np
+import pytest
+
+from plc_inspect.config import MapSettings, Settings
+from plc_inspect.core.live.session import Session
+from plc_inspect.core.live.warm_up import make_sample
+from plc_inspect.core.mapping.voxel_map import VoxelMap
+from plc_inspect.errors import DataError
+from plc_inspect.flight_record import recorder as recorder_module
+from plc_inspect.flight_record.layout import list_segments, pack_json
+from plc_inspect.flight_record.plain_values import from_plain, to_plain
+from plc_inspect.flight_record.reader import find_end, read_flight
+from plc_inspect.flight_record.recording import Recording, set_aside
+from plc_inspect.results import Hazard
+
+NUM_CUTS = 60
+SETTINGS = MapSettings(max_voxels=100_000)
+
+
+class Source:
+    """A map that grows, and a session that knows more and more."""
+
+    def __init__(self, folder):
+        self.voxels = VoxelMap(SETTINGS)
+        self.session = Session()
+        self.said = []
+        self.number = 0
+        self.recording = Recording(
+            self.voxels, lambda: {'number': self.number}, self.said.append
+        )
+        self.recording.begin(folder, {'settings': {}}, fresh=True)
+        self._rng = np.random.default_rng(0)
+        self._sample = make_sample()
+
+    def grow(self, knows=None):
+        """Let something happen, and wait until it is handed over."""
+        self.number += 1
+        chosen = self._rng.random(len(self._sample)) < 0.3
+        self.voxels.insert(self._sample[chosen])
+        if knows is not None:
+            self.recording.keep(knows)
+        self.recording.flush()
+
+    def wait(self):
+        """Wait until all is on the disk."""
+        end = time.monotonic() + 20.0
+        while self.recording._recorder.busy:
+            assert time.monotonic() < end
+            time.sleep(0.01)
+
+
+@pytest.fixture(scope='module')
+def knows():
+    """Return what a session keeps that found the sample."""
+    session = Session()
+    session.conclude(make_sample(), Settings(), 0, complete=True)
+    return session.remember()
+
+
+def check_map(flight, voxels):
+    """Check that a flight has the map, bit for bit."""
+    other = VoxelMap(SETTINGS)
+    other.restore(flight.map)
+    assert other.num_slots == voxels.num_slots
+    assert other.centroids().tobytes() == voxels.centroids().tobytes()
+    assert other.counts().tolist() == voxels.counts().tolist()
+
+
+def describe(flight):
+    """Return all that a record adds up to."""
+    columns = flight.map.keys, flight.map.counts, flight.map.means, flight.map.labels
+    return (
+        *(column.tobytes() for column in columns), flight.map.cell_state.tobytes(),
+        json.dumps(to_plain(flight.kept.hazards)), flight.state['number'],
+        [(item.key, item.hits, item.points.tobytes()) for item in flight.kept.spans.spans],
+    )
+
+
+@pytest.fixture(scope='module')
+def made(tmp_path_factory, knows):
+    """Return a record as a node that was killed leaves it, and where its chunks end."""
+    folder = tmp_path_factory.mktemp('made') / 'it.record'
+    source = Source(folder)
+    fewer = replace(knows, spans=replace(knows.spans, spans=knows.spans.spans[:4]))
+    for number in range(12):
+        source.grow({3: fewer, 7: knows}.get(number))
+        source.wait()
+    (segment,) = list_segments(folder)
+    data = segment.read_bytes()
+    with segment.open('rb') as stream:
+        ends = [
+            stream.tell() for record in StreamReader(stream, emit_chunks=True).records
+            if isinstance(record, Chunk)
+        ]
+    flight = read_flight(folder)
+    assert flight.notes == ()
+    check_map(flight, source.voxels)
+    source.recording.close()
+    return data, ends
+
+
+def test_books_come_back(tmp_path, knows):
+    source = Source(tmp_path / 'it.record')
+    source.grow(knows)
+    source.recording.close('somewhere')
+    flight = read_flight(tmp_path / 'it.record')
+    for name in ('hazards', 'supports'):
+        assert to_plain(getattr(flight.kept, name)) == to_plain(getattr(knows, name))
+    assert len(flight.kept.spans.spans) == len(knows.spans.spans) == 6
+    for one, other in zip(flight.kept.spans.spans, knows.spans.spans, strict=True):
+        assert to_plain(one.span) == to_plain(other.span)
+        np.testing.assert_allclose(one.points, other.points, rtol=0, atol=2e-5)
+    restored = Session()
+    restored.restore(flight.kept)
+    sessions = [restored, Session()]
+    sessions[1].restore(knows)
+    found = [
+        session.conclude(make_sample(), Settings(), 1, complete=True)[0] for session in sessions
+    ]
+    assert to_plain([item.span for item in found[0].spans]) == to_plain(
+        [item.span for item in found[1].spans]
+    )
+    assert to_plain(found[0].hazards) == to_plain(found[1].hazards)
+
+
+def test_cut_at_any_byte_gives_the_last_whole_chunk(tmp_path, made):
+    data, ends = made
+    rng = np.random.default_rng(3)
+    places = [*rng.integers(0, len(data), NUM_CUTS), len(data)]
+    places += [end + k for end in ends[::4] for k in (-1, 0, 1)]
+    path = tmp_path / '000001.mcap'
+    expected = {}
+    for end in ends:
+        path.write_bytes(data[:end])
+        expected[end] = describe(read_flight(tmp_path))
+    for place in places:
+        path.write_bytes(data[:place])
+        whole = [end for end in ends if end <= place]
+        if not whole:
+            with pytest.raises(DataError, match='no whole chunk'):
+                read_flight(tmp_path)
+            continue
+        assert describe(read_flight(tmp_path)) == expected[whole[-1]]
+
+
+def test_damage_costs_what_is_behind_it(tmp_path, made):
+    data, ends = made
+    rng = np.random.default_rng(4)
+    path = tmp_path / '000001.mcap'
+    numbers = set()
+    for place in rng.integers(ends[2], ends[-1], 20).tolist():
+        harmed = bytearray(data)
+        harmed[place] ^= 1 << int(rng.integers(8))
+        path.write_bytes(harmed)
+        number = read_flight(tmp_path).state['number']
+        path.write_bytes(data[: max(end for end in ends if end <= place)])
+        assert number >= read_flight(tmp_path).state['number']
+        numbers.add(number)
+    assert len(numbers) > 3
+
+
+def test_full_disk_costs_record_for_a_while_and_nothing_else(tmp_path, monkeypatch):
+    monkeypatch.setattr(recorder_module, 'RETRY', 0.05)
+    source = Source(tmp_path / 'it.record')
+    source.grow()
+    source.wait()
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))
+    try:
+        end = time.monotonic() + 20.0
+        while not source.recording.describe().problem:
+            source.grow()
+            time.sleep(0.05)
+            assert time.monotonic() < end
+        assert 'File too large' in source.recording.describe().problem
+        for _ in range(50):  # nothing more is taken while it lasts
+            source.voxels.insert(make_sample()[::50])
+            source.recording.step()
+        waiting = source.recording._recorder._queue
+        assert len(waiting) <= 3 + 1
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    source.wait()
+    source.recording.step()
+    assert 'cannot be written' in source.said[0]
+    assert 'written again' in source.said[-1]
+    source.recording.flush()
+    source.wait()
+    check_map(read_flight(tmp_path / 'it.record'), source.voxels)
+    source.recording.close()
+
+
+def test_segments_that_are_told_of_once_more_go(tmp_path, knows, monkeypatch):
+    monkeypatch.setattr(recorder_module, 'LEAST_GROWTH', 300_000)
+    folder = tmp_path / 'it.record'
+    source = Source(folder)
+    source.grow(knows)
+    seen = set()
+    for _ in range(40):
+        source.grow()
+        source.wait()
+        seen |= {path.name for path in list_segments(folder)}
+        flight = read_flight(folder)
+        assert flight.state['number'] == source.number
+        check_map(flight, source.voxels)
+        assert len(flight.kept.spans.spans) == 6
+    assert len(seen) > 2
+    assert len(list_segments(folder)) <= 2
+    source.recording.close()
+
+
+def test_map_that_begins_anew_begins_a_record_anew(tmp_path, knows):
+    folder = tmp_path / 'it.record'
+    source = Source(folder)
+    source.grow(knows)
+    source.voxels.clear()
+    source.recording.forget()
+    source.grow()
+    source.wait()
+    flight = read_flight(folder)
+    check_map(flight, source.voxels)
+    assert flight.kept.spans.spans == ()
+    assert [path.name for path in list_segments(folder)] == ['000002.mcap']
+    source.recording.close()
+
+
+def test_record_goes_on_after_the_segments_there_are(tmp_path, knows):
+    folder = tmp_path / 'it.record'
+    source = Source(folder)
+    source.grow(knows)
+    source.recording.close()
+    assert find_end(folder) == ''
+    flight = read_flight(folder)
+    other = Source(tmp_path / 'none')
+    other.recording.close()
+    other.voxels.restore(flight.map)
+    other.recording.begin(folder, {'settings': {}}, fresh=False)
+    other.recording.keep(flight.kept)
+    other.grow()
+    other.recording.close('/data/out')
+    assert find_end(folder) == '/data/out'
+    check_map(read_flight(folder), other.voxels)
+    assert len(read_flight(folder).kept.spans.spans) == 6
+    assert len(list_segments(folder)) == 2
+
+
+def test_record_of_another_process_is_left_alone(tmp_path):
+    source = Source(tmp_path / 'it.record')
+    other = Source(tmp_path / 'it.record')
+    assert 'is written by another node' in other.recording.describe().problem
+    assert other.said == [other.recording.describe().problem]
+    other.grow()
+    other.recording.close()
+    source.recording.close()
+
+
+def test_records_that_were_not_saved_are_kept_aside(tmp_path):
+    for number in (1, 2):
+        folder = tmp_path / 'out.record'
+        folder.mkdir()
+        assert set_aside(folder) == tmp_path / f'out.lost_{number}.record'
+        assert not folder.exists()
+
+
+@pytest.mark.parametrize(('content', 'text'), [
+    (None, 'does not exist'), ({}, 'no segment'), ({'000001.mcap': b''}, 'no whole chunk'),
+    ({'000001.mcap': b'nothing of MCAP at all'}, 'no whole chunk'),
+])
+def test_what_is_no_record_is_said(tmp_path, content, text):
+    folder = tmp_path / 'it.record'
+    if content is not None:
+        folder.mkdir()
+        for name, data in content.items():
+            (folder / name).write_bytes(data)
+    with pytest.raises(DataError, match=text):
+        read_flight(folder)
+    assert find_end(folder) == ''
+
+
+@pytest.mark.parametrize('change', [
+    {'hazard_id': 'one'}, {'position': 'here'}, {'kind': 99}, {'nonsense': 1}, {'extent': None},
+])
+def test_values_of_another_kind_are_refused(knows, change):
+    plain = json.loads(pack_json(to_plain(knows.hazards.hazards[0].hazard)))
+    assert to_plain(from_plain(Hazard, plain)) == plain
+    with pytest.raises(DataError, match='no Hazard'):
+        from_plain(Hazard, plain | change)
