@@ -18,8 +18,8 @@ import numpy as np
 from plc_inspect.config import InputSettings, MapSettings
 from plc_inspect.core.mapping.deskew import deskew
 from plc_inspect.core.mapping.pose_buffer import PoseBuffer
-from plc_inspect.core.mapping.voxel_map import VoxelMap
 from plc_inspect.core.setup.transforms import make_transform
+from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
 from plc_inspect.ros.node.system_memory import take_memory
 
 SPEED = 15.0

@@ -9,7 +9,7 @@ from plc_inspect.config import MapSettings, Settings
 from plc_inspect.core.live.map_labels import make_planner
 from plc_inspect.core.live.session import Session
 from plc_inspect.core.live.window import copy_window
-from plc_inspect.core.mapping.voxel_map import VoxelMap
+from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
 
 
 def copy(voxels, plan):

@@ -34,8 +34,8 @@ from plc_inspect.offline.commands.replay import replay
 from plc_inspect.offline.export.results_folder import write_results
 from plc_inspect.offline.readers.bags import Recording
 from plc_inspect.offline.readers.clouds import read_cloud
-from plc_inspect.ros.node.markers import add_deletions
-from plc_inspect.ros.node.publishing import make_bundle
+from plc_inspect.ros.results.markers import add_deletions
+from plc_inspect.ros.results.publishing import make_bundle
 from plc_inspect.sim.scenes.catalogue import make_scene
 from plc_inspect.sim.surveys.airborne import simulate_map
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from plc_inspect.core.mapping.voxel_changes import LABELLED, MADE, StoredMap, VoxelChanges
+from plc_inspect.core.voxel_buffer.voxel_changes import LABELLED, MADE, StoredMap, VoxelChanges
 from plc_inspect.errors import DataError
 from plc_inspect.flight_record.layout import join_bytes, pack_arrays, split_bytes
 from plc_inspect.results import Float32, Int32, Int64

@@ -3,8 +3,8 @@
 
 """Takes what changes in the map, a little at a time, so that its owner is never kept waiting."""
 
-from plc_inspect.core.mapping.voxel_changes import VoxelChanges
-from plc_inspect.core.mapping.voxel_map import VoxelMap
+from plc_inspect.core.voxel_buffer.voxel_changes import VoxelChanges
+from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
 
 STEPS = 5
 """Steps in which all of the map is looked at."""

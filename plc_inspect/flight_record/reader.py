@@ -23,7 +23,7 @@ from mcap.stream_reader import breakup_chunk, StreamReader
 import zstandard
 
 from plc_inspect.core.live.session import Kept
-from plc_inspect.core.mapping.voxel_changes import StoredMap
+from plc_inspect.core.voxel_buffer.voxel_changes import StoredMap
 from plc_inspect.errors import DataError
 from plc_inspect.flight_record.books import BookReader
 from plc_inspect.flight_record.layout import (

@@ -10,7 +10,7 @@ import time
 from typing import Any
 
 from plc_inspect.core.live.session import Kept
-from plc_inspect.core.mapping.voxel_map import VoxelMap
+from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
 from plc_inspect.errors import DataError
 from plc_inspect.flight_record.layout import SUFFIX
 from plc_inspect.flight_record.map_tap import MapTap

@@ -11,7 +11,7 @@ import time
 from typing import Any
 
 from plc_inspect.core.live.session import Kept
-from plc_inspect.core.mapping.voxel_changes import VoxelChanges
+from plc_inspect.core.voxel_buffer.voxel_changes import VoxelChanges
 from plc_inspect.flight_record.books import BookWriter
 from plc_inspect.flight_record.layout import (
     BOOKS,

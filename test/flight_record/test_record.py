@@ -16,7 +16,7 @@ import pytest
 from plc_inspect.config import MapSettings, Settings
 from plc_inspect.core.live.session import Session
 from plc_inspect.core.live.warm_up import make_sample
-from plc_inspect.core.mapping.voxel_map import VoxelMap
+from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
 from plc_inspect.errors import DataError
 from plc_inspect.flight_record import recorder as recorder_module
 from plc_inspect.flight_record.layout import list_segments, pack_json

@@ -57,7 +57,7 @@ def read_markers(path):
 def bundle():
     """Return all messages of the live node for one state."""
     publishing = pytest.importorskip(
-        'plc_inspect.ros.node.publishing', reason='needs ROS', exc_type=ImportError
+        'plc_inspect.ros.results.publishing', reason='needs ROS', exc_type=ImportError
     )
     none = np.zeros(0)
     state = LiveState(

@@ -66,7 +66,7 @@ def pack_by_rosbags(rows):
 
 def pack_by_rclpy(rows):
     """Make a cloud of the node."""
-    name = 'plc_inspect.ros.node.result_messages'
+    name = 'plc_inspect.ros.results.result_messages'
     module = pytest.importorskip(name, reason='needs ROS', exc_type=ImportError)
     from std_msgs.msg import Header
     return module.make_cloud(Header(frame_id='odom'), rows)

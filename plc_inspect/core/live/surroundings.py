@@ -46,7 +46,7 @@ Source: measured, bench/proximity.py: with 0, flights begin with a conductor nea
 LEAST_LENGTH = 1.0
 """Length of a span in a divisor, at least [m].  Source: numerical: not 0."""
 COURSE = 9
-"""Length of a course."""
+"""Length of a course.  Source: derived: two places, two ends, three of the catenary."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

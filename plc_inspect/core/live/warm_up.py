@@ -13,8 +13,8 @@ from plc_inspect.core.hazards.strands import divide_section
 from plc_inspect.core.live.session import Session
 from plc_inspect.core.live.window import copy_window, WindowPlanner
 from plc_inspect.core.mapping.accumulator import Accumulator
-from plc_inspect.core.mapping.voxel_map import INITIAL_CAPACITY
 from plc_inspect.core.numerics.assignment import assign
+from plc_inspect.core.voxel_buffer.voxel_map import INITIAL_CAPACITY
 from plc_inspect.results import Float64
 
 

@@ -20,8 +20,8 @@ import math
 from numba import njit
 import numpy as np
 
-from plc_inspect.core.mapping.cell_index import CellIndex
-from plc_inspect.core.mapping.voxel_map import VoxelMap
+from plc_inspect.core.voxel_buffer.cell_index import CellIndex
+from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
 from plc_inspect.results import Bool, Decision, Float64, Int32, Int64, Span, SpanKey, UInt8
 
 NEAR = 50.0

@@ -22,10 +22,10 @@ from plc_inspect.core.mapping.scan_clock import ScanClock
 from plc_inspect.core.mapping.scan_counters import Counters, DropReason
 from plc_inspect.core.mapping.scan_gate import ScanGate
 from plc_inspect.core.mapping.scan_points import select_points
-from plc_inspect.core.mapping.voxel_map import Insertion, VoxelMap
 from plc_inspect.core.numerics.arrays import MOST_COORDINATE
 from plc_inspect.core.setup.mount import Mount
 from plc_inspect.core.setup.sharpness import SharpnessMeter
+from plc_inspect.core.voxel_buffer.voxel_map import Insertion, VoxelMap
 from plc_inspect.errors import DataError
 from plc_inspect.results import Float32, Float64
 

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from plc_inspect.core.mapping.voxel_map import VoxelMap
+from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
 from plc_inspect.results import Bool, Decision, Float64, Int64
 
 START = 0.95

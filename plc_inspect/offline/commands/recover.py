@@ -63,7 +63,7 @@ def _inspect(flight: 'Flight') -> 'Inspection':
     from plc_inspect.config import Settings
     from plc_inspect.core.hazards.clearance_rules import RuleSet
     from plc_inspect.core.live.session import Session
-    from plc_inspect.core.mapping.voxel_map import VoxelMap
+    from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
     from plc_inspect.errors import DataError
     from plc_inspect.flight_record.plain_values import from_plain
     from plc_inspect.offline.records.flight import (

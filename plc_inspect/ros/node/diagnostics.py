@@ -16,8 +16,8 @@ import numpy as np
 
 from plc_inspect.core.live.session import LiveState
 from plc_inspect.core.mapping.scan_counters import Counters
-from plc_inspect.core.mapping.voxel_map import VoxelMap
 from plc_inspect.core.setup.sharpness import Sharpness
+from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
 from plc_inspect.flight_record.recording import Condition
 from plc_inspect.ros.graph.transport import ADVICE
 

@@ -53,12 +53,12 @@ from plc_inspect.ros.node.jobs import (
 )
 from plc_inspect.ros.node.keeper import Keeper
 from plc_inspect.ros.node.parameters import Parameters
-from plc_inspect.ros.node.publishing import make_bundle, ResultPublishers
 from plc_inspect.ros.node.subscriptions import Subscriptions
-from plc_inspect.ros.node.teller import summarize, Teller
-from plc_inspect.ros.node.thin_link import Stream
 from plc_inspect.ros.node.watch import InputWatch, SourceWatch
 from plc_inspect.ros.node.worker import Worker
+from plc_inspect.ros.results.publishing import make_bundle, ResultPublishers
+from plc_inspect.ros.results.teller import summarize, Teller
+from plc_inspect.ros.results.thin_link import Stream
 
 NODE_NAME = 'plc_inspect'
 STOP_TIMEOUT = 30.0

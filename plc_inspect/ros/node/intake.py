@@ -21,9 +21,9 @@ from plc_inspect.core.mapping.accumulator import Accumulator
 from plc_inspect.core.mapping.eviction import Evictor
 from plc_inspect.core.mapping.scan_counters import Counters, DropReason
 from plc_inspect.core.mapping.standstill import explain_standstill
-from plc_inspect.core.mapping.voxel_changes import StoredMap
 from plc_inspect.core.setup.moving_frames import MovingFrames
 from plc_inspect.core.setup.transforms import FrameTree
+from plc_inspect.core.voxel_buffer.voxel_changes import StoredMap
 from plc_inspect.errors import DataError
 from plc_inspect.flight_record.plain_values import from_plain
 from plc_inspect.messages.poses import (

@@ -24,8 +24,8 @@ from plc_inspect.offline.records.flight import (
 )
 from plc_inspect.results import Float64, Int64, UInt8
 from plc_inspect.ros.node.intake import Intake
-from plc_inspect.ros.node.publishing import Bundle, make_bundle
 from plc_inspect.ros.node.saving import save_results, Saved
+from plc_inspect.ros.results.publishing import Bundle, make_bundle
 
 ALL_THREADS: int = numba.get_num_threads()
 TICK_THREADS = 1

@@ -21,8 +21,8 @@ from plc_inspect.core.live.window import (
     WindowPlanner,
 )
 from plc_inspect.core.mapping.eviction import BATCH, Evictor, START, STOP
-from plc_inspect.core.mapping.voxel_map import VoxelMap
 from plc_inspect.core.pipeline import Pipeline
+from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
 from plc_inspect.results import Decision, PointClass
 
 

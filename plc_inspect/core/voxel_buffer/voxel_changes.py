@@ -13,7 +13,7 @@ from plc_inspect.core.numerics.hash_table import UInt32
 from plc_inspect.results import Float32, Int32, Int64, UInt8
 
 if TYPE_CHECKING:
-    from plc_inspect.core.mapping.voxel_arrays import VoxelArrays
+    from plc_inspect.core.voxel_buffer.voxel_arrays import VoxelArrays
 
 TOUCHED = np.uint8(1)
 """Points were added, or the voxel was removed.  Source: numerical: one bit each."""

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from plc_inspect.config import MapSettings
-from plc_inspect.core.mapping.cell_lists import SAMPLE
-from plc_inspect.core.mapping.voxel_keys import locate_voxels
-from plc_inspect.core.mapping.voxel_map import INITIAL_CAPACITY, VoxelMap
 from plc_inspect.core.numerics.hash_table import hash_key
+from plc_inspect.core.voxel_buffer.cell_lists import SAMPLE
+from plc_inspect.core.voxel_buffer.voxel_keys import locate_voxels
+from plc_inspect.core.voxel_buffer.voxel_map import INITIAL_CAPACITY, VoxelMap
 from plc_inspect.errors import DataError
 
 ALL = np.ones(256, dtype=np.uint8)

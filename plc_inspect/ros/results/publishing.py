@@ -21,9 +21,9 @@ from plc_inspect.messages.rows import (
 )
 from plc_inspect.node_config import StreamSettings
 from plc_inspect.ros.graph.qos import overridable, RESULTS, watched
-from plc_inspect.ros.node.markers import add_deletions, make_marker, MarkerKey
-from plc_inspect.ros.node.result_messages import make_cloud
-from plc_inspect.ros.node.thin_link import make_news, News, Stream
+from plc_inspect.ros.results.markers import add_deletions, make_marker, MarkerKey
+from plc_inspect.ros.results.result_messages import make_cloud
+from plc_inspect.ros.results.thin_link import make_news, News, Stream
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,9 +11,6 @@ are never removed; an empty one costs 40 bytes.
 from numba import njit
 import numpy as np
 
-from plc_inspect.core.mapping.cell_lists import collect_slots, drop_slots
-from plc_inspect.core.mapping.voxel_arrays import VoxelArrays
-from plc_inspect.core.mapping.voxel_keys import KEY_BITS, KEY_HALF_RANGE
 from plc_inspect.core.numerics.hash_table import (
     find_slot,
     hash_key,
@@ -23,6 +20,9 @@ from plc_inspect.core.numerics.hash_table import (
     probe,
     UInt32,
 )
+from plc_inspect.core.voxel_buffer.cell_lists import collect_slots, drop_slots
+from plc_inspect.core.voxel_buffer.voxel_arrays import VoxelArrays
+from plc_inspect.core.voxel_buffer.voxel_keys import KEY_BITS, KEY_HALF_RANGE
 from plc_inspect.results import Bool, Float64, Int32, Int64, UInt8
 
 CELL_SIZE = 10.0

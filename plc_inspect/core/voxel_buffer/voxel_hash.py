@@ -6,7 +6,6 @@
 from numba import njit
 import numpy as np
 
-from plc_inspect.core.mapping.voxel_changes import MADE, TOUCHED
 from plc_inspect.core.numerics.hash_table import (
     enter,
     hash_key,
@@ -16,6 +15,7 @@ from plc_inspect.core.numerics.hash_table import (
     UInt32,
     walk,
 )
+from plc_inspect.core.voxel_buffer.voxel_changes import MADE, TOUCHED
 from plc_inspect.results import Float32, Int32, Int64, UInt8
 
 BLOCK = 64

@@ -6,8 +6,8 @@
 from numba import njit
 import numpy as np
 
-from plc_inspect.core.mapping.voxel_changes import LABELLED, TOUCHED
 from plc_inspect.core.numerics.hash_table import forget_key
+from plc_inspect.core.voxel_buffer.voxel_changes import LABELLED, TOUCHED
 
 SAMPLE = 50
 """

@@ -16,16 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plc_inspect.config import MapSettings
-from plc_inspect.core.mapping.cell_index import CellIndex
-from plc_inspect.core.mapping.voxel_arrays import allocate_voxels
-from plc_inspect.core.mapping.voxel_changes import (
+from plc_inspect.core.voxel_buffer.cell_index import CellIndex
+from plc_inspect.core.voxel_buffer.voxel_arrays import allocate_voxels
+from plc_inspect.core.voxel_buffer.voxel_changes import (
     copy_changes,
     LABELLED,
     StoredMap,
     VoxelChanges,
 )
-from plc_inspect.core.mapping.voxel_hash import accumulate_points, fill_table
-from plc_inspect.core.mapping.voxel_keys import (
+from plc_inspect.core.voxel_buffer.voxel_hash import accumulate_points, fill_table
+from plc_inspect.core.voxel_buffer.voxel_keys import (
     find_centroids,
     KEY_HALF_RANGE,
     locate_voxels,

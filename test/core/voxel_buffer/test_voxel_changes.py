@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from plc_inspect.config import MapSettings
-from plc_inspect.core.mapping.voxel_changes import (
+from plc_inspect.core.voxel_buffer.voxel_changes import (
     find_doubles,
     LABELLED,
     MADE,
     StoredMap,
     TOUCHED,
 )
-from plc_inspect.core.mapping.voxel_map import VoxelMap
+from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
 from plc_inspect.errors import DataError
 
 NOTHING = np.zeros(256, dtype=np.bool_)
