@@ -24,7 +24,7 @@ from visualization_msgs.msg import MarkerArray
 
 from plc_inspect.core.live.warm_up import make_sample
 from plc_inspect.messages.rows import read_rows
-from plc_inspect.ros.graph.qos import PLAYER, RESULTS
+from plc_inspect.ros.graph.qos import PLAYER, PROXIMITY, RESULTS
 from plc_inspect.ros.graph.transport import prepare_transport
 from plc_inspect.ros.node.inspect_node import InspectNode
 
@@ -183,6 +183,8 @@ class Rig:
         self.received, self.services = {}, {}
         for name in ('lines', 'corridor', 'catenaries', 'hazards'):
             self.listen(name, PointCloud2, f'/plc_inspect/{name}', RESULTS)
+        self.listen('proximity', PointCloud2, '/plc_inspect/proximity', PROXIMITY)
+        self.listen('proximity_markers', MarkerArray, '/plc_inspect/proximity_markers', PROXIMITY)
         self.listen('markers', MarkerArray, '/plc_inspect/markers', RESULTS)
         self.listen('diagnostics', DiagnosticArray, '/diagnostics', 10)
         self.executors = [

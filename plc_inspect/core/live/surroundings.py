@@ -4,7 +4,7 @@
 """What is known about the vehicle: conductors, whatever else stands there, and what was seen."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import math
 from typing import Any
 
@@ -95,6 +95,12 @@ class Surroundings:
         return bool(found[tuple((wanted - low).T)].all())
 
 
+def surround(spans: Sequence[Span], obstacles: Float64) -> Surroundings:
+    """Return surroundings of spans and (K, 3) obstacles [m], nothing of them seen."""
+    courses = np.array([_describe(span) for span in spans]).reshape(-1, COURSE)
+    return Surroundings(spans=tuple(spans), courses=courses, obstacles=obstacles)
+
+
 class SurroundingsBook:
     """Keeps the surroundings from tick to tick."""
 
@@ -139,11 +145,11 @@ class SurroundingsBook:
         rows = rows[thin_points(points[rows], SPACING)]
         kept, is_support = self._known, decision[rows] == Decision.SUPPORT
         cells, first = self._see(window, vehicle)
-        self._known = Surroundings(
-            spans=tuple(spans),
-            courses=np.array([_describe(span) for span in spans]).reshape(-1, COURSE),
+        self._known = replace(
+            surround(
+                spans, _renew(kept.obstacles, points[rows[~is_support]], window, vehicle)
+            ),
             supports=_renew(kept.supports, points[rows[is_support]], window, vehicle),
-            obstacles=_renew(kept.obstacles, points[rows[~is_support]], window, vehicle),
             seen=cells[first <= self._num_ticks - SETTLED],
             cell_size=window.cell_size,
         )

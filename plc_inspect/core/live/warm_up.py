@@ -10,7 +10,9 @@ import numpy as np
 from plc_inspect.config import MapSettings, Settings
 from plc_inspect.core.hazards.clearance_rules import PLAIN
 from plc_inspect.core.hazards.strands import divide_section
+from plc_inspect.core.live.proximity import measure_proximity
 from plc_inspect.core.live.session import Session
+from plc_inspect.core.live.surroundings import surround
 from plc_inspect.core.live.window import copy_window, WindowPlanner
 from plc_inspect.core.mapping.accumulator import Accumulator
 from plc_inspect.core.numerics.assignment import assign
@@ -101,4 +103,6 @@ def warm_up_pipeline(settings: Settings, *, rare: bool = False) -> int:
         divide_section(along, np.column_stack((along % 2.0, along % 3.0 / 100.0)))  # a bundle
         points = np.concatenate((points, make_rarities()))
     _, result, _ = Session().conclude(points, settings, 0, complete=True)
+    around = surround(result.spans, points)
+    measure_proximity(around, points[0], np.ones(3), settings.proximity)
     return len(result.spans)

@@ -67,6 +67,6 @@ def describe_security(exposure: Exposure, days_left: int | None) -> DiagnosticSt
         'certificates end in [d]': 'none' if days_left is None else days_left,
     }
     return DiagnosticStatus(
-        level=level, name='plc_inspect: security', message=text, hardware_id='plc_inspect',
+        level=level, name='security', message=text,
         values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
     )

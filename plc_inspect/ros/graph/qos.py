@@ -50,6 +50,14 @@ RESULTS = QoSProfile(
 )
 """Each message replaces the one before; whoever comes late gets the last."""
 
+PROXIMITY = QoSProfile(
+    history=QoSHistoryPolicy.KEEP_LAST,
+    depth=10,
+    reliability=QoSReliabilityPolicy.RELIABLE,
+    durability=QoSDurabilityPolicy.VOLATILE,
+)
+"""Whoever comes late waits for the next; the last may be old."""
+
 DIAGNOSTICS = QoSProfile(depth=10)
 
 SUMMARY = QoSProfile(

@@ -56,6 +56,7 @@ from plc_inspect.ros.node.parameters import Parameters
 from plc_inspect.ros.node.subscriptions import Subscriptions
 from plc_inspect.ros.node.watch import InputWatch, SourceWatch
 from plc_inspect.ros.node.worker import Worker
+from plc_inspect.ros.results.keep_out import KeepOut
 from plc_inspect.ros.results.publishing import make_bundle, ResultPublishers
 from plc_inspect.ros.results.teller import summarize, Teller
 from plc_inspect.ros.results.thin_link import Stream
@@ -137,6 +138,7 @@ class InspectNode(Node):
         scans = self.resolve_topic_name(settings.input.scan_topic)  # counting does not remap
         source = SourceWatch(lambda: self.count_publishers(scans))
         self._intake.accepts = source.accepts
+        self._intake.on_pose = KeepOut(self, lambda: (self._state, self.settings.proximity)).tell
         self._submit('start', partial(prepare, settings))
         self._keeper = Keeper(
             settings, self._live_parameters.rules, self._intake, self.get_logger(), self._forget
@@ -180,7 +182,7 @@ class InspectNode(Node):
         # The executor looks at the number of parameters of a subscription's callback.
         if name == 'scan':
             return lambda message, info: run(message, info)
-        timed = name in ('step', 'timer', 'diagnostics', 'stream')
+        timed = name in ('step', 'timer', 'diagnostics', 'stream', 'record')
         return (lambda: run()) if timed else (lambda message: run(message))
 
     def _fail(self, where: str, error: Exception) -> None:
@@ -191,12 +193,11 @@ class InspectNode(Node):
         self._health.messages_lost += event.total_count_change
 
     def _on_clock_jump(self, jump: TimeJump) -> None:
-        seconds = jump.delta.nanoseconds * 1e-9
         self._health.num_clock_jumps += 1
         self._intake.accumulator.reset(keep_map=True)
         self.get_logger().warning(
-            f'time jumped by {seconds:.3f} s: poses and waiting scans were reset, the map was '
-            'kept; call ~/reset to forget it too'
+            f'time jumped by {jump.delta.nanoseconds * 1e-9:.3f} s: poses and waiting scans were '
+            'reset, the map was kept; call ~/reset to forget it too'
         )
 
     def _configure(self, settings: Settings) -> None:
@@ -248,8 +249,7 @@ class InspectNode(Node):
 
     def _on_map_restart(self) -> None:
         """Save what was found before the odometry left the map's reach, and begin anew."""
-        cause = self._intake.accumulator.restart_cause
-        self.get_logger().error(f'{cause}: the map begins anew')
+        self.get_logger().error(f'{self._intake.accumulator.restart_cause}: the map begins anew')
         self._forget('the map began anew')
 
     def _forget(self, reason: str) -> None:
@@ -294,8 +294,8 @@ class InspectNode(Node):
     def _begin(self) -> None:
         """Start a save or a tick, if one is wanted, else what there is time for now."""
         voxels = self._intake.accumulator.map
-        spans = [item.span for item in self._state.spans] if self._state else []
         plan: WindowPlan | None
+        spans = [item.span for item in self._state.spans] if self._state else []
         if doubt := self._intake.doubt:
             self._wants_tick = False
             self._answer_all(doubt)

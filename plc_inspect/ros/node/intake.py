@@ -101,6 +101,8 @@ class Intake:
         """Called when the map has begun anew."""
         self.accepts: Callable[[Mapping[str, Any], float], bool] = lambda info, now: True
         """Tells whether a scan is of the driver that is listened to."""
+        self.on_pose: Callable[[StampedPose], None] = lambda pose: None
+        """Called with each pose that is taken."""
         self.judge_pose: Callable[[StampedPose], bool] | None = None
         """Tells of the first poses after an interruption whether they are to be taken."""
         self._interrupted: list[int | None] = []
@@ -205,6 +207,7 @@ class Intake:
         )
         if accepted:
             self.vehicle = pose.position
+            self.on_pose(pose)
         self._follow_restart()
 
     def _complain_of_pose(self, error: DataError) -> None:

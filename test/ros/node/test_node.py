@@ -15,12 +15,20 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSDurabilityPolicy, QoSReliabilityPolicy
-from rig import Rig, wait_for
+from rig import Rig, VEHICLE, wait_for
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import Marker
 
+from plc_inspect.core.live.proximity import Level, Thing
 from plc_inspect.errors import ConfigError
-from plc_inspect.messages.rows import CATENARIES, CORRIDOR, HAZARDS, LINES, read_rows
+from plc_inspect.messages.rows import (
+    CATENARIES,
+    CORRIDOR,
+    HAZARDS,
+    LINES,
+    PROXIMITY,
+    read_rows,
+)
 from plc_inspect.results import PointClass
 from plc_inspect.ros.graph.qos import RESULTS
 from plc_inspect.ros.node.inspect_node import InspectNode
@@ -87,6 +95,40 @@ def test_tables_say_what_was_found(found):
     assert message.header.frame_id == 'odom'
     stamp = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
     assert stamp == pytest.approx(1_700_000_000 + found.robot.time - 0.03, abs=1e-3)
+
+
+def test_proximity_follows_the_poses(found):
+    def near(*position):
+        count = len(found.received['proximity'])
+        for _ in range(6):
+            found.robot.time = round(found.robot.time + 0.1, 6)
+            found.robot.send_pose(position=position)
+        wait_for(lambda: len(found.received['proximity']) >= count + 6, 'proximity')
+        message = found.received['proximity'][-1]
+        assert message.header.frame_id == 'odom'
+        stamp = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
+        assert stamp == pytest.approx(1_700_000_000 + found.robot.time, abs=1e-3)
+        rows = read_rows(message)
+        assert rows.dtype == PROXIMITY
+        assert rows['thing'].tolist() == list(Thing)
+        return rows
+
+    # the outer conductor hangs at y = -1.2, 9.5 m high half way between middle and pole
+    conductor, support, obstacle = near(*(np.array([45.0, -6.2, 9.25]) - VEHICLE))
+    assert conductor['distance'] == pytest.approx(5.0, abs=0.1)
+    assert conductor['level'] == Level.CRITICAL
+    assert conductor['direction_y'] == pytest.approx(1.0, abs=0.01)
+    assert conductor['line_id'] in (0, 2)
+    assert support['distance'] == pytest.approx(np.hypot(15.0, 6.2), abs=0.5)
+    assert obstacle['thing'] == Thing.OBSTACLE
+    conductor, *_ = near(*(np.array([45.0, -46.2, 9.25]) - VEHICLE))
+    assert conductor['distance'] == pytest.approx(45.0, abs=0.1)
+    assert conductor['level'] == Level.UNKNOWN  # nothing was seen about there
+    wait_for(lambda: any(
+        mark.ns == 'proximity' and mark.action == Marker.ADD
+        for message in found.received['proximity_markers'] for mark in message.markers
+    ), 'marker of what is near')
+    found.robot.time = round(found.robot.time + 5.0, 6)
 
 
 def test_hazard_has_a_life(found):

@@ -1,0 +1,84 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""How near the vehicle is to conductors, supports and all else, at the rate of its poses."""
+
+from collections.abc import Callable
+
+from builtin_interfaces.msg import Time
+import numpy as np
+from rclpy.node import Node
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Header
+from visualization_msgs.msg import MarkerArray
+
+from plc_inspect.core.live.motion import Motion
+from plc_inspect.core.live.proximity import measure_proximity
+from plc_inspect.core.live.session import LiveState
+from plc_inspect.core.live.surroundings import Surroundings
+from plc_inspect.messages.markers import mark_proximity
+from plc_inspect.messages.poses import StampedPose
+from plc_inspect.messages.rows import make_proximity
+from plc_inspect.node_config import ProximitySettings
+from plc_inspect.ros.graph.qos import overridable, PROXIMITY, watched
+from plc_inspect.ros.results.markers import add_deletions, make_marker, MarkerKey
+from plc_inspect.ros.results.result_messages import make_cloud
+
+LEAST_PERIOD_NS = 18_000_000
+"""Poses that come faster are not all answered [ns]: about 50 Hz."""
+MARKER_PERIOD_NS = 200_000_000
+"""Marks are drawn no more often [ns]."""
+NOTHING = Surroundings()
+"""What is known before the first tick."""
+
+
+class KeepOut:
+    """
+    Publishes ``~/proximity`` and ``~/proximity_markers``.
+
+    Parameters
+    ----------
+    node : Node
+        Owns the publishers.
+    look : callable
+        Returns what was found last, None before the first tick, and the settings that hold.
+
+    """
+
+    def __init__(
+        self, node: Node, look: Callable[[], tuple[LiveState | None, ProximitySettings]]
+    ) -> None:
+        self._look = look
+        self._motion = Motion()
+        self._rows = node.create_publisher(
+            PointCloud2, '~/proximity', **overridable(PROXIMITY), **watched(node, 'proximity')
+        )
+        self._marks = node.create_publisher(
+            MarkerArray, '~/proximity_markers', **overridable(PROXIMITY),
+            **watched(node, 'proximity_markers'),
+        )
+        self._told = self._drawn = 0
+        self._seen: set[MarkerKey] = set()
+
+    def tell(self, pose: StampedPose) -> None:
+        """Tell how near the vehicle is at a pose; a map that is not sharp is taken as unseen."""
+        vehicle = np.array(pose.position, dtype=np.float64)
+        self._motion.add(pose.stamp_ns, vehicle)
+        if 0 <= pose.stamp_ns - self._told < LEAST_PERIOD_NS:
+            return
+        self._told = pose.stamp_ns
+        state, settings = self._look()
+        blurred = state is None or state.sharpness.poor
+        around = NOTHING if state is None or blurred else state.around
+        found = measure_proximity(around, vehicle, self._motion.velocity, settings)
+        seconds, nanoseconds = divmod(pose.stamp_ns, 1_000_000_000)
+        header = Header(stamp=Time(sec=seconds, nanosec=nanoseconds), frame_id=pose.frame_id)
+        place = vehicle[0], vehicle[1], vehicle[2]
+        self._rows.publish(make_cloud(header, make_proximity(found, place)))
+        if 0 <= pose.stamp_ns - self._drawn < MARKER_PERIOD_NS:
+            return
+        self._drawn = pose.stamp_ns
+        marks = [make_marker(header, mark) for mark in mark_proximity(found, place)]
+        message, self._seen = add_deletions(header, marks, self._seen)
+        if message.markers:
+            self._marks.publish(message)
