@@ -102,8 +102,12 @@ class Watcher:
             self.due = time + PERIOD
             self._tick(time, position)
         if index % (EVERY * 2) == 0:
+            seen = self.around.is_seen(
+                self.accumulator.map.cells, position, self.settings.proximity.warning,
+                self.settings.height.beta,
+            )
             found = measure_proximity(
-                self.around, position, self.motion.velocity, self.settings.proximity
+                self.around, seen, position, self.motion.velocity, self.settings.proximity
             )[0]
             self.told.append((time, position.copy(), found.distance, found.level))
 

@@ -77,7 +77,8 @@ class Proximity:
 
 
 def measure_proximity(
-    around: Surroundings, position: Float64, velocity: Float64, settings: ProximitySettings
+    around: Surroundings, seen: bool, position: Float64, velocity: Float64,
+    settings: ProximitySettings,
 ) -> tuple[Proximity, ...]:
     """
     Return the nearest thing of each kind.
@@ -86,6 +87,8 @@ def measure_proximity(
     ----------
     around : Surroundings
         What is known.
+    seen : bool
+        Whether all within the distance of a warning was seen.
     position : (3,) float64
         Of the vehicle, map frame [m].
     velocity : (3,) float64
@@ -99,7 +102,6 @@ def measure_proximity(
         One for each Thing, in its order.
 
     """
-    seen = around.is_seen(position, settings.warning)
     way = velocity if np.isfinite(velocity).all() else np.zeros(3)
     moves = bool(np.linalg.norm(way) >= LEAST_SPEED)
     way = way if moves else np.zeros(3)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from plc_inspect.core.live.window import Window
 from plc_inspect.core.spans.span_model import POINT_SIGMA
 from plc_inspect.core.tracking.wire_points import thin_points
+from plc_inspect.core.voxel_buffer.cell_index import CellIndex
 from plc_inspect.results import Bool, Decision, Float64, InspectionResult, Int64, Span
 
 RANGE = 60.0
@@ -61,42 +62,47 @@ class Surroundings:
     """(K, 3) points of towers and poles, map frame [m]."""
     obstacles: Float64 = field(default_factory=lambda: np.empty((0, 3)))
     """(K, 3) points of all else that stands off the ground, conductors apart [m]."""
-    seen: Int64 = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
-    """(C, 2) places on the grid of plan cells that were seen for SETTLED ticks, ascending."""
-    cell_size: float = 1.0
-    """Edge of a plan cell [m]."""
+    settled: frozenset[tuple[int, int]] = frozenset()
+    """Places on the grid of plan cells that ticks saw whole SETTLED ticks ago or earlier."""
 
-    def is_seen(self, position: Float64, reach: float) -> bool:
+    def is_seen(self, cells: CellIndex, position: Float64, reach: float, beta: float) -> bool:
         """
-        Tell whether something was seen in every plan cell within a reach of a position.
+        Tell whether all that is about a position was seen.
+
+        Every plan cell of the map within reach must hold something; and where something stands
+        high, ticks must have looked at it for SETTLED ticks.
 
         Parameters
         ----------
+        cells : CellIndex
+            Of the map.
         position : (3,) float64
             Map frame [m].
         reach : float
             In plan [m].
+        beta : float
+            Something this far above the lowest place is high, and looked at by ticks [m].
 
         """
-        if not len(self.seen) or not np.isfinite(position).all():
+        if not np.isfinite(position).all():
             return False
-        low = np.floor((position[:2] - reach) / self.cell_size).astype(np.int64)
-        high = np.floor((position[:2] + reach) / self.cell_size).astype(np.int64)
-        cells = np.stack(
+        low, high = cells.locate(np.array([position[:2] - reach, position[:2] + reach]))
+        places = np.stack(
             np.meshgrid(*(np.arange(a, b + 1) for a, b in zip(low, high, strict=True)),
                         indexing='ij'), axis=-1,
         ).reshape(-1, 2)
-        corner = cells * self.cell_size
-        apart = np.clip(position[:2], corner, corner + self.cell_size) - position[:2]
-        wanted = cells[np.hypot(*apart.T) <= reach]
-        known = (self.seen >= low).all(axis=1) & (self.seen <= high).all(axis=1)
-        found = np.zeros(high - low + 1, dtype=np.bool_)
-        found[tuple((self.seen[known] - low).T)] = True
-        return bool(found[tuple((wanted - low).T)].all())
+        corner = places * cells.cell_size
+        apart = np.clip(position[:2], corner, corner + cells.cell_size) - position[:2]
+        places = places[np.hypot(*apart.T) <= reach]
+        found = cells.find(places)
+        if (found < 0).any() or not cells.count[found].all():
+            return False
+        is_high = cells.high[found] - cells.low[found].min() >= beta
+        return {*map(tuple, places[is_high].tolist())} <= self.settled
 
 
 def surround(spans: Sequence[Span], obstacles: Float64) -> Surroundings:
-    """Return surroundings of spans and (K, 3) obstacles [m], nothing of them seen."""
+    """Return surroundings of spans and (K, 3) obstacles [m], nothing of it settled."""
     courses = np.array([_describe(span) for span in spans]).reshape(-1, COURSE)
     return Surroundings(spans=tuple(spans), courses=courses, obstacles=obstacles)
 
@@ -150,8 +156,7 @@ class SurroundingsBook:
                 spans, _renew(kept.obstacles, points[rows[~is_support]], window, vehicle)
             ),
             supports=_renew(kept.supports, points[rows[is_support]], window, vehicle),
-            seen=cells[first <= self._num_ticks - SETTLED],
-            cell_size=window.cell_size,
+            settled=frozenset(map(tuple, cells[first <= self._num_ticks - SETTLED].tolist())),
         )
 
 

@@ -104,5 +104,5 @@ def warm_up_pipeline(settings: Settings, *, rare: bool = False) -> int:
         points = np.concatenate((points, make_rarities()))
     _, result, _ = Session().conclude(points, settings, 0, complete=True)
     around = surround(result.spans, points)
-    measure_proximity(around, points[0], np.ones(3), settings.proximity)
+    measure_proximity(around, True, points[0], np.ones(3), settings.proximity)
     return len(result.spans)

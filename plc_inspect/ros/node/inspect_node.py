@@ -138,7 +138,7 @@ class InspectNode(Node):
         scans = self.resolve_topic_name(settings.input.scan_topic)  # counting does not remap
         source = SourceWatch(lambda: self.count_publishers(scans))
         self._intake.accepts = source.accepts
-        self._intake.on_pose = KeepOut(self, lambda: (self._state, self.settings.proximity)).tell
+        self._intake.on_pose = KeepOut(self, lambda: (self._state, self.settings)).tell
         self._submit('start', partial(prepare, settings))
         self._keeper = Keeper(
             settings, self._live_parameters.rules, self._intake, self.get_logger(), self._forget

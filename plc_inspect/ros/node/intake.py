@@ -23,6 +23,7 @@ from plc_inspect.core.mapping.scan_counters import Counters, DropReason
 from plc_inspect.core.mapping.standstill import explain_standstill
 from plc_inspect.core.setup.moving_frames import MovingFrames
 from plc_inspect.core.setup.transforms import FrameTree
+from plc_inspect.core.voxel_buffer.cell_index import CellIndex
 from plc_inspect.core.voxel_buffer.voxel_changes import StoredMap
 from plc_inspect.errors import DataError
 from plc_inspect.flight_record.plain_values import from_plain
@@ -101,8 +102,8 @@ class Intake:
         """Called when the map has begun anew."""
         self.accepts: Callable[[Mapping[str, Any], float], bool] = lambda info, now: True
         """Tells whether a scan is of the driver that is listened to."""
-        self.on_pose: Callable[[StampedPose], None] = lambda pose: None
-        """Called with each pose that is taken."""
+        self.on_pose: Callable[[StampedPose, CellIndex], None] = lambda pose, cells: None
+        """Called with each pose that is taken, and the cells of the map."""
         self.judge_pose: Callable[[StampedPose], bool] | None = None
         """Tells of the first poses after an interruption whether they are to be taken."""
         self._interrupted: list[int | None] = []
@@ -207,7 +208,7 @@ class Intake:
         )
         if accepted:
             self.vehicle = pose.position
-            self.on_pose(pose)
+            self.on_pose(pose, self.accumulator.map.cells)
         self._follow_restart()
 
     def _complain_of_pose(self, error: DataError) -> None:

@@ -12,14 +12,15 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
+from plc_inspect.config import Settings
 from plc_inspect.core.live.motion import Motion
 from plc_inspect.core.live.proximity import measure_proximity
 from plc_inspect.core.live.session import LiveState
 from plc_inspect.core.live.surroundings import Surroundings
+from plc_inspect.core.voxel_buffer.cell_index import CellIndex
 from plc_inspect.messages.markers import mark_proximity
 from plc_inspect.messages.poses import StampedPose
 from plc_inspect.messages.rows import make_proximity
-from plc_inspect.node_config import ProximitySettings
 from plc_inspect.ros.graph.qos import overridable, PROXIMITY, watched
 from plc_inspect.ros.results.markers import add_deletions, make_marker, MarkerKey
 from plc_inspect.ros.results.result_messages import make_cloud
@@ -46,7 +47,7 @@ class KeepOut:
     """
 
     def __init__(
-        self, node: Node, look: Callable[[], tuple[LiveState | None, ProximitySettings]]
+        self, node: Node, look: Callable[[], tuple[LiveState | None, Settings]]
     ) -> None:
         self._look = look
         self._motion = Motion()
@@ -60,8 +61,18 @@ class KeepOut:
         self._told = self._drawn = 0
         self._seen: set[MarkerKey] = set()
 
-    def tell(self, pose: StampedPose) -> None:
-        """Tell how near the vehicle is at a pose; a map that is not sharp is taken as unseen."""
+    def tell(self, pose: StampedPose, cells: CellIndex) -> None:
+        """
+        Tell how near the vehicle is at a pose; a map that is not sharp is taken as unseen.
+
+        Parameters
+        ----------
+        pose : StampedPose
+            Of the vehicle.
+        cells : CellIndex
+            Of the map.
+
+        """
         vehicle = np.array(pose.position, dtype=np.float64)
         self._motion.add(pose.stamp_ns, vehicle)
         if 0 <= pose.stamp_ns - self._told < LEAST_PERIOD_NS:
@@ -70,7 +81,12 @@ class KeepOut:
         state, settings = self._look()
         blurred = state is None or state.sharpness.poor
         around = NOTHING if state is None or blurred else state.around
-        found = measure_proximity(around, vehicle, self._motion.velocity, settings)
+        seen = not blurred and around.is_seen(
+            cells, vehicle, settings.proximity.warning, settings.height.beta
+        )
+        found = measure_proximity(
+            around, seen, vehicle, self._motion.velocity, settings.proximity
+        )
         seconds, nanoseconds = divmod(pose.stamp_ns, 1_000_000_000)
         header = Header(stamp=Time(sec=seconds, nanosec=nanoseconds), frame_id=pose.frame_id)
         place = vehicle[0], vehicle[1], vehicle[2]

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from spans import make_span
 
+from plc_inspect.config import MapSettings
 from plc_inspect.core.live.motion import Motion
 from plc_inspect.core.live.proximity import HORIZON, Level, measure_proximity, Thing
 from plc_inspect.core.live.surroundings import (
@@ -22,6 +23,7 @@ from plc_inspect.core.live.surroundings import (
     SurroundingsBook,
 )
 from plc_inspect.core.live.window import Window
+from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
 from plc_inspect.node_config import ProximitySettings
 from plc_inspect.results import Decision
 
@@ -51,9 +53,9 @@ def update(book, spans, points, decision, cells, vehicle=None):
     book.update(spans, window, result, vehicle)
 
 
-def look(around, position, velocity=STANDING, settings=SETTINGS):
+def look(around, position, velocity=STANDING, settings=SETTINGS, *, seen=True):
     found = measure_proximity(
-        around, np.array(position, dtype=np.float64), np.array(velocity, dtype=np.float64),
+        around, seen, np.array(position, dtype=np.float64), np.array(velocity, dtype=np.float64),
         settings,
     )
     assert [item.thing for item in found] == list(Thing)
@@ -109,15 +111,29 @@ def test_levels_by_distance(away, level):
 
 def test_what_was_not_seen_is_never_clear():
     span = make_span((-40.0, 0.0, 20.0), (40.0, 0.0, 20.0))
-    for around in (SurroundingsBook().known, make_around([span], size=2)):
-        found = look(around, (0.0, 20.0, 20.0))
+    for around in (SurroundingsBook().known, make_around([span])):
+        found = look(around, (0.0, 20.0, 20.0), seen=False)
         assert {item.level for item in found} == {Level.UNKNOWN}
     # but what is known to be near is told all the same
-    assert look(make_around([span], size=1), (0.0, 5.0, 20.0))[0].level == Level.CRITICAL
-    seen = make_around([span], size=6)
-    assert look(seen, (0.0, 30.0, 20.0))[0].level == Level.CLEAR
-    assert look(seen, (0.0, 34.0, 20.0))[0].level == Level.UNKNOWN
-    assert look(seen, (np.nan, 0.0, 0.0))[2].level == Level.UNKNOWN
+    assert look(make_around([span]), (0.0, 5.0, 20.0), seen=False)[0].level == Level.CRITICAL
+
+
+def test_seen_is_what_the_map_holds_all_about_and_ticks_have_looked_at():
+    voxels = VoxelMap(MapSettings(max_voxels=100_000))
+    ground = np.mgrid[-40.0:40.0:0.5, -40.0:40.0:0.5].reshape(2, -1).T
+    voxels.insert(np.column_stack((ground, np.zeros(len(ground)))))
+    cells, beta, nothing = voxels.cells, 2.0, SurroundingsBook().known
+    assert nothing.is_seen(cells, np.array([0.0, 0.0, 20.0]), 15.0, beta)  # an open field
+    assert nothing.is_seen(cells, np.array([24.0, 0.0, 20.0]), 15.0, beta)
+    assert not nothing.is_seen(cells, np.array([26.0, 0.0, 20.0]), 15.0, beta)
+    assert not nothing.is_seen(cells, np.array([np.nan, 0.0, 20.0]), 15.0, beta)
+    voxels.insert(np.array([[3.0, 3.0, 9.0]]))  # something stands there
+    assert not nothing.is_seen(cells, np.array([0.0, 0.0, 20.0]), 15.0, beta)
+    book, place = SurroundingsBook(), cells.locate(np.array([[3.0, 3.0]]))
+    for number in range(1 + SETTLED):
+        assert not book.known.is_seen(cells, np.array([0.0, 0.0, 20.0]), 15.0, beta), number
+        update(book, [], np.empty((0, 3)), [], place)
+    assert book.known.is_seen(cells, np.array([0.0, 0.0, 20.0]), 15.0, beta)
 
 
 def test_a_conductor_goes_on_beyond_an_open_end_only():
@@ -165,15 +181,15 @@ def test_ticks_replace_what_they_saw_whole():
     assert not len(book.known.supports)
     update(book, [], points[:0], [], cells[:1])
     np.testing.assert_array_equal(book.known.obstacles, points[[2]])
-    assert not len(book.known.seen)  # not yet: a conductor may not be found at once
+    assert not book.known.settled  # not yet: a conductor may not be found at once
     for _ in range(SETTLED):
         update(book, [], points[:0], [], cells[:0])
-    np.testing.assert_array_equal(book.known.seen, cells)
+    assert book.known.settled == {(0, 0), (1, 0)}
     update(book, [], points[:0], [], cells[:0], np.array([9.0 + RANGE + 1.0, 1.0]))
     assert not len(book.known.obstacles)
-    assert len(book.known.seen) == 2
+    assert len(book.known.settled) == 2
     update(book, [], points[:0], [], cells[:0], np.array([500.0, 1.0]))
-    assert not len(book.known.seen)
+    assert not book.known.settled
 
 
 def test_velocity_from_poses():
