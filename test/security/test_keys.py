@@ -25,7 +25,10 @@ from plc_inspect.security.policy import DISCOVERY, read_policy
 ROOT = Path(__file__).parents[2]
 POLICY = ROOT / 'config/security/policy.xml'
 NAMESPACE = '{http://www.eprosima.com}'
-BARE = {'velodyne_points', 'odometry', 'clock', 'diagnostics', 'rosout', 'parameter_events'}
+BARE = {
+    'velodyne_points', 'odometry', 'tf', 'tf_static', 'clock', 'diagnostics', 'rosout',
+    'parameter_events',
+}
 """Topics that are not below the node's name."""
 
 
