@@ -4,6 +4,7 @@
 """``plc_recover`` makes results of a record that ends anywhere, as the node does at the end."""
 
 import json
+import time
 
 import numpy as np
 import pytest
@@ -24,6 +25,11 @@ from plc_inspect.setting_names import to_mapping, update
 SETTINGS = update(Settings(), {'map.max_voxels': 200_000, 'hazards.warning_distance': 4.5})
 
 
+def size_of(folder):
+    """Return the bytes of a record."""
+    return sum(path.stat().st_size for path in list_segments(folder))
+
+
 @pytest.fixture(scope='module')
 def record(tmp_path_factory):
     """Return the record of a flight that was killed, and what was known in it."""
@@ -40,7 +46,11 @@ def record(tmp_path_factory):
     for _ in range(4):
         points = make_sample()
         voxels.insert(points[rng.random(len(points)) < 0.6])
+        before = size_of(folder)
         recording.flush()
+        until = time.monotonic() + 30.0
+        while size_of(folder) == before and time.monotonic() < until:
+            time.sleep(0.01)  # each in a chunk of its own
     state, result, _ = session.conclude(voxels.centroids(), SETTINGS, 1, complete=True)
     recording.keep(session.remember())
     recording.flush()

@@ -170,12 +170,14 @@ def test_vehicles_in_namespaces_are_told_apart():
 
     def found():
         executor.spin_once(timeout_sec=0.1)
-        return len(names) == 6
+        return len(names) == 10
 
     wait_for(found, 'diagnostics of both')
     assert names == {
         (f'{vehicle}/plc_inspect: {part}', f'{vehicle}/plc_inspect')
-        for vehicle in ('uav1', 'uav2') for part in ('input', 'map', 'segmentation')
+        for vehicle in ('uav1', 'uav2') for part in (
+            'input', 'map', 'segmentation', 'record', 'security',
+        )
     }
     executor.shutdown()
     for node in nodes:

@@ -16,7 +16,7 @@ from plc_inspect.monitor.picture.model import Monitor
 from plc_inspect.monitor.picture.picture import Link
 from plc_inspect.monitor.station import Station
 from plc_inspect.ros.graph.qos import SUMMARY, THIN_CORRIDOR
-from plc_inspect.ros.node import thin_link
+from plc_inspect.ros.results import thin_link
 from plc_inspect.stream.blocks import place_cells, read_cloud
 from plc_inspect.stream.budget import OVERHEAD
 from plc_inspect.stream.summary import HEALTH, read_summary
