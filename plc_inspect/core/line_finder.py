@@ -22,6 +22,7 @@ from plc_inspect.core.extraction.linearity import (
 )
 from plc_inspect.core.extraction.off_ground import gather_off_ground, OffGround
 from plc_inspect.core.extraction.outliers import OutlierResult, remove_outliers
+from plc_inspect.core.spans.adoption import adopt
 from plc_inspect.core.spans.ground_revision import renumber_points, revise_ground
 from plc_inspect.core.spans.layout import find_layout, Layout
 from plc_inspect.core.spans.point_claims import settle_strays
@@ -204,10 +205,14 @@ def _revise(
     if revised is height:
         return height, cloud, conductors
     own = gather_off_ground(points, revised, settings.height.beta / 2)
+    wire = np.zeros(own.num_total, dtype=np.bool_)
+    wire[cloud.place] = conductors.wire
     return revised, own, replace(
         conductors,
         curves=renumber_points(conductors.curves, cloud, own),
         doubtful=renumber_points(conductors.doubtful, cloud, own),
+        crowded=renumber_points(conductors.crowded, cloud, own),
+        wire=wire[own.place],
     )
 
 
@@ -222,7 +227,7 @@ def _hang(
 ) -> _Hung:
     """Find spans and supports."""
     layout = find_layout(
-        cloud.points, conductors.curves, conductors.doubtful, settings.supports
+        cloud.points, conductors.curves, adopt(cloud, conductors, settings), settings.supports
     )
     spans = build_spans(cloud, layout, trace_routes(layout, east), settings, rng)
     spans = add_taps(cloud, inliers, spans, settings)

@@ -18,6 +18,8 @@ from plc_inspect.results import Float64
 
 BUNDLE_SHARE = 0.75
 """Tolerance of a bundle's curve as a share of the greatest width of a bundle."""
+WIDENINGS = 3
+"""Times that a curve is fitted to the points about it, which moves it.  Source: judgement."""
 
 
 def merge_bundles(
@@ -63,17 +65,29 @@ def widen(
     profile = profile_curve(points, index, curve, curve.low, curve.high)
     if profile.crowding <= settings.max_crowding:
         return curve
-    wide = dataclasses.replace(curve, tolerance=BUNDLE_SHARE * settings.bundle_width)
     try:
-        for _ in range(3):
-            chosen = profile_curve(points, index, wide, curve.low, curve.high).chosen
-            wide = fit_curve(
-                points, chosen, tolerance=wide.tolerance, azimuth=curve.azimuth
-            )
+        wide = widen_to(points, index, curve, BUNDLE_SHARE * settings.bundle_width)
     except FitError:
         return curve
     profile = profile_curve(points, index, wide, wide.low, wide.high)
     return wide if profile.crowding <= settings.max_crowding else curve
+
+
+def widen_to(points: Float64, index: PlanIndex, curve: Curve, tolerance: float) -> Curve:
+    """
+    Fit a curve anew to all points within a greater tolerance of it [m].
+
+    Raises
+    ------
+    FitError
+        They agree on no curve.
+
+    """
+    wide = dataclasses.replace(curve, tolerance=tolerance)
+    for _ in range(WIDENINGS):
+        chosen = profile_curve(points, index, wide, curve.low, curve.high).chosen
+        wide = fit_curve(points, chosen, tolerance=tolerance, azimuth=curve.azimuth)
+    return wide
 
 
 def _merge_pair(

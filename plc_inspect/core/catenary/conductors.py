@@ -53,6 +53,8 @@ class ConductorResult:
     """
     With too little evidence of their own; conductors if they continue one at a support.
     """
+    crowded: tuple[Curve, ...]
+    """The same with other things close about them, which may be conductors themselves."""
     objections: dict[str, int]
     """Why the others were dropped, and how many."""
     wire: Bool
@@ -97,7 +99,8 @@ def model_conductors(
     judge = Judge(points, index, sight, curves, settings)
     judge.decide()
     kept: list[Curve] = []
-    doubtful = []
+    doubtful: list[Curve] = []
+    crowded: list[Curve] = []
     objections: dict[str, int] = {}
     for curve, verdict in zip(curves, judge.verdicts, strict=True):
         if not verdict.objection:
@@ -105,9 +108,10 @@ def model_conductors(
             continue
         objections[verdict.objection] = objections.get(verdict.objection, 0) + 1
         if _may_continue(curve, verdict, settings):
-            doubtful.append(curve)
+            crowding = verdict.profile.crowding
+            (doubtful if crowding <= settings.max_crowding else crowded).append(curve)
     return ConductorResult(
-        curves=tuple(kept), doubtful=tuple(doubtful), wire=judge.wire,
+        curves=tuple(kept), doubtful=tuple(doubtful), crowded=tuple(crowded), wire=judge.wire,
         objections=dict(sorted(objections.items())),
     )
 
@@ -136,11 +140,9 @@ def _may_continue(curve: Curve, verdict: Verdict, settings: CatenarySettings) ->
     """Whether nothing but too little evidence speaks against a curve."""
     evidence = list_evidence(curve, verdict.profile, verdict.free, settings)
     against = {item.setting for item in evidence if not item.kept}
-    return (
-        verdict.objection != TIED
-        and verdict.profile.crowding <= settings.max_crowding
-        and against <= {'max_constant', 'min_evidence', 'max_clutter'}
-    )
+    return verdict.objection != TIED and against <= {
+        'max_constant', 'max_crowding', 'min_evidence', 'max_clutter'
+    }
 
 
 def bridge(

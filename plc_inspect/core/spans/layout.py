@@ -19,11 +19,6 @@ from plc_inspect.core.spans.joints import find_joints, Joint
 from plc_inspect.errors import FitError
 from plc_inspect.results import Float64
 
-ADOPTION_MISS = 0.3
-"""
-A doubtful curve meets a believed one within this [m].
-Source: judgement; holds from 0.15 to 0.6 on bench/constants.py.
-"""
 PARALLEL = math.radians(15.0)
 """
 Conductors of one span differ by less in azimuth.
@@ -84,7 +79,7 @@ class Layout:
 def find_layout(
     points: Float64,
     curves: Sequence[Curve],
-    doubtful: Sequence[Curve],
+    adopted: Sequence[Curve],
     settings: SupportSettings,
     attempts: int = 4,
 ) -> Layout:
@@ -101,8 +96,8 @@ def find_layout(
         Coordinates [m].
     curves : sequence of Curve
         Curves, each within one span.
-    doubtful : sequence of Curve
-        Curves that are kept only if they continue one of the others.
+    adopted : sequence of Curve
+        Curves of `adoption.adopt`, kept only if they continue one of the others.
     settings : SupportSettings
         Settings of this stage.
     attempts : int
@@ -114,7 +109,7 @@ def find_layout(
 
     """
     num_believed = len(curves)
-    curves = _adopt(list(curves), list(doubtful), settings)
+    curves = [*curves, *adopted]
     joints, stations = _drop_weak(find_joints(curves, settings.max_reach), settings)
     held = {number for joint in joints for number in joint.curves}
     kept = [c for number, c in enumerate(curves) if number < num_believed or number in held]
@@ -184,27 +179,6 @@ def _choose_originals(rows, start_x, end_x, near, order):  # type: ignore[no-unt
                 )
         kept[number] = on_other.mean() < MOST_SHARED
     return kept
-
-
-def _adopt(
-    curves: list[Curve], doubtful: list[Curve], settings: SupportSettings
-) -> list[Curve]:
-    """Add the doubtful curves that continue a believed one at a support, best seen first."""
-    waiting = sorted(doubtful, key=lambda curve: (-curve.num_points, *curve.origin))
-    number = 0
-    while number < len(waiting):
-        # those it may meet, and those that these may meet instead
-        near = ~find_far_apart([waiting[number], *curves], 4 * settings.max_reach)[0, 1:]
-        around = [curve for curve, is_near in zip(curves, near, strict=True) if is_near]
-        joints = find_joints([*around, waiting[number]], settings.max_reach)
-        if any(
-            max(joint.curves) == len(around) and joint.miss < ADOPTION_MISS for joint in joints
-        ):
-            curves = [*curves, waiting.pop(number)]
-            number = 0
-        else:
-            number += 1
-    return curves
 
 
 def _drop_weak(

@@ -12,9 +12,9 @@ from plc_inspect.errors import ConfigError
 SETTINGS = SupportSettings()
 
 
-def lay_out(supports, doubtful=(), settings=SETTINGS, **changes):
+def lay_out(supports, adopted=(), settings=SETTINGS, **changes):
     points, curves = make_route(supports, **changes)
-    return find_layout(points, curves, doubtful, settings)
+    return find_layout(points, curves, adopted, settings)
 
 
 def test_spans_end_at_the_supports_between_them():
@@ -68,7 +68,7 @@ def test_a_conductor_that_fades_out_hangs_at_the_support_of_its_neighbours():
     assert at[:, 0].max() == pytest.approx(90.0, abs=0.5)
 
 
-def test_a_doubtful_curve_is_adopted_if_it_continues_another():
+def test_an_adopted_curve_that_continues_none_is_dropped():
     points, curves = make_route([(0, 0), (90, 0), (114, 0)], offsets=(0.0,))
     believed, doubtful = curves
     far = make_wire((0.0, 60.0, 15.0), (24.0, 60.0, 15.0), seed=3)
@@ -78,20 +78,6 @@ def test_a_doubtful_curve_is_adopted_if_it_continues_another():
     assert len(layout.curves) == 2
     assert len(layout.stations) == 1
     assert len(find_layout(points, [believed], [alone], SETTINGS).curves) == 1
-
-
-def test_of_two_doubtful_curves_the_better_seen_continues():
-    points, curves = make_route([(0, 0), (90, 0), (150, 0)], offsets=(0.0,))
-    believed, wire = curves
-    # a twig beyond the support that the wire hangs from, as if the line went on there
-    twig = make_wire((110.0, 0.1, 15.3), (126.0, 0.1, 15.3), per_metre=1.0, seed=4)
-    points = np.vstack([points, twig])
-    other = make_curve(points, np.arange(len(points) - len(twig), len(points)))
-    for doubtful in ([wire, other], [other, wire]):
-        layout = find_layout(points, [believed], doubtful, SETTINGS)
-        assert sorted(curve.num_points for curve in layout.curves) == sorted(
-            [believed.num_points, wire.num_points]
-        )
 
 
 def test_joints_of_two_lines_far_apart_are_two_supports():

@@ -1,0 +1,109 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Adoption: curves with too little evidence of their own that continue a conductor."""
+
+from collections.abc import Sequence
+
+from plc_inspect.config import Settings
+from plc_inspect.core.catenary.bundles import widen_to
+from plc_inspect.core.catenary.conductors import ConductorResult
+from plc_inspect.core.catenary.curve import Curve, find_far_apart
+from plc_inspect.core.catenary.duplicates import is_thick
+from plc_inspect.core.catenary.growing import Profile, profile_curve
+from plc_inspect.core.extraction.off_ground import OffGround
+from plc_inspect.core.numerics.threads import call_each
+from plc_inspect.core.spans.joints import find_joints
+from plc_inspect.errors import FitError
+from plc_inspect.results import Bool
+
+ADOPTION_MISS = 0.3
+"""
+A doubtful curve meets a believed one within this [m].
+Source: judgement; holds from 0.15 to 0.6 on bench/constants.py.
+"""
+
+
+def adopt(
+    cloud: OffGround, conductors: ConductorResult, settings: Settings
+) -> tuple[Curve, ...]:
+    """
+    Find the curves that continue a conductor at a support, best seen first.
+
+    A conductor goes on beyond its support, so a curve that meets it there needs no evidence of
+    its own but that it is not one of many lines in a crown.  It is what the conductor is: the
+    continuation of a bundle takes in all sub-conductors.  Others that continue conductors beside
+    it are no crown.
+
+    Parameters
+    ----------
+    cloud : OffGround
+        Points of the curves.
+    conductors : ConductorResult
+        Curves that are believed, and those that may be.
+    settings : Settings
+        Of all stages.
+
+    Returns
+    -------
+    tuple of Curve
+
+    """
+    reach = settings.supports.max_reach
+    curves = list(conductors.curves)
+    crowded = _clear(cloud, conductors, settings)
+    waiting = sorted(
+        [*conductors.doubtful, *crowded], key=lambda curve: (-curve.num_points, *curve.origin)
+    )
+    number = 0
+    while number < len(waiting):
+        if _find_partner(waiting[number], curves, reach) is not None:
+            curves.append(waiting.pop(number))
+            number = 0
+        else:
+            number += 1
+    return tuple(curves[len(conductors.curves) :])
+
+
+def _find_partner(curve: Curve, curves: Sequence[Curve], reach: float) -> Curve | None:
+    """Return the curve that one meets at a support, if no other meets it better there."""
+    # those it may meet, and those that these may meet instead
+    near = ~find_far_apart([curve, *curves], 4 * reach)[0, 1:]
+    around = [other for other, is_near in zip(curves, near, strict=True) if is_near]
+    for joint in find_joints([*around, curve], reach):
+        if max(joint.curves) == len(around) and joint.miss < ADOPTION_MISS:
+            return around[min(joint.curves)]
+    return None
+
+
+def _clear(
+    cloud: OffGround, conductors: ConductorResult, settings: Settings
+) -> tuple[Curve, ...]:
+    """Return the crowded curves that are free once all that continue conductors are left out."""
+    reach = settings.supports.max_reach
+    going_on: list[Curve] = []
+    for curve in conductors.crowded:
+        partner = _find_partner(curve, conductors.curves, reach)
+        if partner is None:
+            continue
+        if is_thick(partner) and not is_thick(curve):
+            try:  # from a sub-conductor at the rim of the bundle to its middle
+                for reach_across in (2.0 * partner.tolerance, partner.tolerance):
+                    curve = widen_to(cloud.points, cloud.index, curve, reach_across)
+            except FitError:
+                continue
+        going_on.append(curve)
+
+    def profile(curve: Curve, ignore: Bool) -> Profile:
+        return profile_curve(
+            cloud.points, cloud.index, curve, curve.low, curve.high, ignore=ignore
+        )
+
+    wire = conductors.wire.copy()
+    for number in call_each(lambda k: profile(going_on[k], wire).chosen, len(going_on)):
+        wire[number] = True
+    crowding = call_each(lambda k: profile(going_on[k], wire).crowding, len(going_on))
+    limit = settings.catenary.max_crowding
+    return tuple(
+        curve for curve, share in zip(going_on, crowding, strict=True) if share <= limit
+    )

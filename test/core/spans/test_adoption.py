@@ -1,0 +1,99 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from toys import make_curve, make_route, make_tree, make_wire
+
+from plc_inspect.config import Settings
+from plc_inspect.core.catenary.conductors import ConductorResult
+from plc_inspect.core.extraction.height import extract_high
+from plc_inspect.core.extraction.off_ground import gather_off_ground
+from plc_inspect.core.spans.adoption import adopt
+
+SETTINGS = Settings()
+TWIN = 0.4
+"""Distance of the sub-conductors of a bundle [m]."""
+
+
+def take(points, believed, doubtful=(), crowded=()):
+    """Adopt curves of a cloud in which all is off the ground."""
+    ground = np.array([[x, y, 0.0] for x in range(-20, 140, 2) for y in range(-20, 21, 2)])
+    everything = np.vstack([points, ground])
+    cloud = gather_off_ground(everything, extract_high(everything, SETTINGS.height), -np.inf)
+    place = np.argsort(cloud.place)
+    curves = [[
+        make_curve(cloud.points, np.sort(place[curve.points]), curve.tolerance)
+        for curve in group
+    ] for group in (believed, doubtful, crowded)]
+    wire = np.zeros(len(cloud.points), dtype=bool)
+    for curve in curves[0]:
+        wire[curve.points] = True
+    return adopt(cloud, ConductorResult(
+        curves=tuple(curves[0]), doubtful=tuple(curves[1]), crowded=tuple(curves[2]),
+        objections={}, wire=wire,
+    ), SETTINGS)
+
+
+def add(points, *clouds):
+    """Add clouds to points, and return all with a curve of each cloud."""
+    ends = np.cumsum([len(points), *map(len, clouds)])
+    points = np.vstack([points, *clouds])
+    return points, [make_curve(points, np.arange(*own)) for own in pairwise(ends)]
+
+
+def make_bundle(tip=106.0):
+    """Make a bundle of two over a span of 90 m and the first metres of the next one."""
+    clouds = [
+        make_wire(start, end, 800.0, seed=seed)
+        for y, seed in ((-TWIN / 2, 1), (TWIN / 2, 2))
+        for start, end in ((((0.0, y, 15.0)), (90.0, y, 15.0)), ((90.0, y, 15.0), (tip, y, 14.4)))
+    ]
+    whole = np.vstack([clouds[0], clouds[2]])
+    points, twins = add(whole, clouds[1], clouds[3])
+    return points, make_curve(points, np.arange(len(whole)), 0.3), twins
+
+
+def test_a_curve_that_continues_another_is_adopted():
+    points, curves = make_route([(0, 0), (90, 0), (114, 0)], offsets=(0.0,))
+    believed, doubtful = curves
+    points, (alone,) = add(points, make_wire((0.0, 60.0, 15.0), (24.0, 60.0, 15.0), seed=3))
+    adopted = take(points, [believed], [doubtful, alone])
+    assert [curve.num_points for curve in adopted] == [doubtful.num_points]
+    assert take(points, [believed], [alone]) == ()
+
+
+def test_of_two_the_better_seen_continues():
+    points, curves = make_route([(0, 0), (90, 0), (150, 0)], offsets=(0.0,))
+    believed, wire = curves
+    # a twig beyond the support that the wire hangs from, as if the line went on there
+    twig = make_wire((110.0, 0.1, 15.3), (126.0, 0.1, 15.3), per_metre=1.0, seed=4)
+    points, (other,) = add(points, twig)
+    for doubtful in ([wire, other], [other, wire]):
+        assert take(points, [believed], doubtful)[0].num_points == wire.num_points
+
+
+def test_a_bundle_goes_on_as_a_bundle():
+    points, bundle, twins = make_bundle()
+    adopted = take(points, [bundle], crowded=twins)
+    assert adopted
+    for curve in adopted:
+        assert curve.tolerance == bundle.tolerance
+        assert curve.num_points == pytest.approx(sum(twin.num_points for twin in twins), rel=0.1)
+
+
+def test_what_goes_on_into_a_crown_is_not_adopted():
+    points, bundle, twins = make_bundle()
+    crown = make_tree(98.0, 0.0, 16.0, bottom=12.0, radius=3.0, num=6000)
+    crown = crown[np.hypot(crown[:, 1], crown[:, 2] - 14.7) > 0.35]
+    assert take(np.vstack([points, crown]), [bundle], crowded=twins) == ()
+
+
+def test_wires_that_crowd_each_other_go_on_side_by_side():
+    offsets = (-0.15, 0.0, 0.15)
+    points, curves = make_route([(0, 0), (90, 0), (106, 0)], offsets=offsets)
+    believed, crowded = curves[:3], curves[3:]
+    assert len(take(points, believed, crowded=crowded)) == 3
+    assert take(points, [], crowded=crowded) == ()
