@@ -193,6 +193,15 @@ def sigma_of(row, x):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
+def slope_variance_of(row, x):  # type: ignore[no-untyped-def]
+    """Return the variance of dz/dx of a row's curve at x."""
+    g, t = row[SLOPE], x - row[MIDDLE]
+    root, cosh = math.sqrt(1.0 + g * g), math.cosh(row[CURVATURE] * t + math.asinh(g))
+    c = row[COVARIANCE:]
+    return max(cosh**2 * ((c[4] / root + 2.0 * t * c[5]) / root + t * t * c[8]), 0.0)
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
 def to_local(row, px, py):  # type: ignore[no-untyped-def]
     """Return x along and y across a row's curve of a plan position [m]."""
     dx, dy = px - row[ORIGIN_X], py - row[ORIGIN_Y]

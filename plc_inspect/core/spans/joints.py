@@ -21,7 +21,9 @@ from plc_inspect.core.catenary.curve_row import (
     sigma_of,
     SIN,
     slope_of,
+    slope_variance_of,
     to_local,
+    TURN_SIGMA,
 )
 from plc_inspect.results import Float64, Int64
 
@@ -39,6 +41,12 @@ MIN_RISE = 0.008
 """
 Least kink at a support: half the lengths of both spans over c is more [-].
 Source: judgement; holds from 0.004 to 0.016 on bench/constants.py.
+"""
+MIN_TURN = 0.012
+"""
+Least turn in plan, or kink upwards, at a support where no kink tells of one [rad], on top of its
+own uncertainty.
+Source: the least kink at which a track is cut, `catenary/breaks.py`.
 """
 STRETCH_COST = 0.02
 """
@@ -75,6 +83,11 @@ SURE_SIGMAS = 3.0
 Standard deviations of the extrapolated curves by which they may miss each other more.
 Source: derived: 0.3 % of normal errors lie beyond.
 """
+TURN_SIGMAS = 4.0
+"""
+Standard deviations by which a turn or a kink upwards is more than MIN_TURN.
+Source: that of the kinks at which a track is cut, `catenary/breaks.py`.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -101,8 +114,10 @@ def find_joints(curves: Sequence[Curve], max_reach: float) -> tuple[Joint, ...]:
     """
     Pair the ends of curves that meet at a support, each end at most once.
 
-    Two ends meet where the extrapolated curves come within ``MAX_MISS`` of each other, both
-    rising towards the place taken together, as conductors hanging from a support do.
+    Two ends meet where the extrapolated curves come within ``MAX_MISS`` of each other, if the
+    conductor is bent there: both rise towards the place taken together, as conductors hanging
+    from a support do, or it surely turns in plan, or is drawn upwards, as at a support on a low
+    point.
 
     Parameters
     ----------
@@ -209,10 +224,21 @@ def _meet_all(rows, pairs, max_reach):  # type: ignore[no-untyped-def]
         other_beyond = (other_x - (second[HIGH] if other_side > 0 else second[LOW])) * other_side
         stretch = max(beyond, 0.0) + max(other_beyond, 0.0)
         overlap = max(-beyond, 0.0) + max(-other_beyond, 0.0)
-        met[k] = rise >= MIN_RISE
+        met[k] = rise >= MIN_RISE or _is_bent(first, second, x, other_x, rise)
         values[k, 0], values[k, 1], values[k, 2], values[k, 3] = x, other_x, miss, rise
         values[k, 4] = miss + STRETCH_COST * stretch + OVERLAP_COST * overlap
     return met, values
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _is_bent(row, other, x, other_x, rise):  # type: ignore[no-untyped-def]
+    """Tell whether two curves surely turn in plan, or fall, towards where they meet."""
+    turn = abs(math.asin(row[COS] * other[SIN] - row[SIN] * other[COS]))
+    sigma = math.hypot(row[TURN_SIGMA], other[TURN_SIGMA])
+    if turn >= MIN_TURN + TURN_SIGMAS * sigma:
+        return True
+    sigma = math.sqrt(slope_variance_of(row, x) + slope_variance_of(other, other_x))
+    return -rise >= MIN_TURN + TURN_SIGMAS * sigma
 
 
 @njit(cache=True, nogil=True, error_model='numpy')

@@ -37,6 +37,35 @@ def test_each_conductor_meets_its_own_where_the_line_turns(angle):
         assert joint.position[2] == pytest.approx(15.0, abs=0.1)
 
 
+def test_a_conductor_that_is_drawn_upwards_has_a_support_there():
+    low = (90.0, 0.0, 15.0)
+    wires = [make_wire((0.0, 0.0, 25.0), low), make_wire(low, (170.0, 0.0, 25.0), seed=1)]
+    points = np.vstack(wires)
+    curves = [make_curve(points, np.arange(len(wires[0]))),
+              make_curve(points, np.arange(len(wires[0]), len(points)))]
+    (joint,) = find_joints(curves, 40.0)
+    assert joint.kink < -0.1
+    np.testing.assert_allclose(joint.position, [90.0, 0.0, 15.0], atol=0.1)
+
+
+@pytest.mark.parametrize(('angle', 'num'), [(0.0, 0), (4.0, 1)])
+def test_a_smooth_catenary_meets_itself_where_it_turns_in_plan(angle, num):
+    whole = make_wire((0.0, 0.0, 15.0), (170.0, 0.0, 15.0))
+    beyond = whole[:, 0] > 90.0
+    middle = np.array([90.0, 0.0, 0.0])
+    points = np.vstack([
+        whole[~beyond], turn(whole[beyond] - middle, np.radians(angle)) + middle
+    ])
+    curves = [make_curve(points, np.flatnonzero(own)) for own in (
+        np.arange(len(points)) < (~beyond).sum(), np.arange(len(points)) >= (~beyond).sum()
+    )]
+    joints = find_joints(curves, 40.0)
+    assert len(joints) == num
+    for joint in joints:
+        assert abs(joint.kink) < 0.008
+        np.testing.assert_allclose(joint.position[:2], [90.0, 0.0], atol=0.5)
+
+
 def test_each_end_meets_once():
     _, _, joints = find([(0, 0), (90, 0), (170, 0), (260, 10)], offsets=(0.0, 0.4, 0.8, 1.2))
     ends = [end for joint in joints
