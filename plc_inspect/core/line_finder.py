@@ -29,6 +29,7 @@ from plc_inspect.core.spans.point_claims import settle_strays
 from plc_inspect.core.spans.route import EAST, trace_routes
 from plc_inspect.core.spans.service_drops import add_taps
 from plc_inspect.core.spans.spans import build_spans, SpanResult, spread_spans
+from plc_inspect.core.spans.standing_poles import find_poles
 from plc_inspect.core.stage_log import StageLog
 from plc_inspect.core.stage_reports import (
     report_alignment,
@@ -227,7 +228,8 @@ def _hang(
 ) -> _Hung:
     """Find spans and supports."""
     layout = find_layout(
-        cloud.points, conductors.curves, adopt(cloud, conductors, settings), settings.supports
+        cloud.points, conductors.curves, adopt(cloud, conductors, settings), settings.supports,
+        find_poles(cloud, conductors.curves, conductors.wire),
     )
     spans = build_spans(cloud, layout, trace_routes(layout, east), settings, rng)
     spans = add_taps(cloud, inliers, spans, settings)

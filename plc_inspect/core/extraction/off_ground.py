@@ -35,6 +35,8 @@ class OffGround:
     """(K,) which points of the cloud these are."""
     num_total: int
     """N."""
+    least: float
+    """Points lower above the ground than this are not among them [m]."""
     high: Int64
     """Those to be searched for wires, ascending."""
     height: HeightResult
@@ -89,6 +91,7 @@ def gather_off_ground(points: Float64, height: HeightResult, least: float) -> Of
         points=own,
         place=index.order,
         num_total=len(points),
+        least=least,
         high=find_true(is_high),
         height=replace(height, height=own_height, high=is_high),
         index=replace(index, order=np.arange(len(own), dtype=np.int32)),

@@ -11,12 +11,17 @@ from numba import njit
 import numpy as np
 
 from plc_inspect.config import SupportSettings
-from plc_inspect.core.catenary.curve import Curve, find_far_apart, fit_curve, pack_curves
+from plc_inspect.core.catenary.curve import Curve, find_far_apart, pack_curves
 from plc_inspect.core.catenary.curve_row import TOLERANCE
 from plc_inspect.core.catenary.duplicates import mark_course, NUM_STATIONS, SLACK
 from plc_inspect.core.numerics.disjoint_sets import unite
 from plc_inspect.core.spans.joints import find_joints, Joint
-from plc_inspect.errors import FitError
+from plc_inspect.core.spans.standing_poles import (
+    cut_at_poles,
+    cut_curve,
+    join_at_poles,
+    StandingPole,
+)
 from plc_inspect.results import Float64
 
 PARALLEL = math.radians(15.0)
@@ -81,14 +86,15 @@ def find_layout(
     curves: Sequence[Curve],
     adopted: Sequence[Curve],
     settings: SupportSettings,
+    poles: Sequence[StandingPole] = (),
     attempts: int = 4,
 ) -> Layout:
     """
     Find the supports that curves meet at, and end every curve at its supports.
 
     Joints of neighbouring conductors that lie side by side are one support.  A conductor that
-    passes a support of its neighbours unbroken is cut there; one that fades out before it is
-    extended to it.
+    passes a support of its neighbours, or a pole, unbroken is cut there; one that fades out
+    before a support is extended to it.
 
     Parameters
     ----------
@@ -100,6 +106,8 @@ def find_layout(
         Curves of `adoption.adopt`, kept only if they continue one of the others.
     settings : SupportSettings
         Settings of this stage.
+    poles : sequence of StandingPole
+        What stands at curves.
     attempts : int
         How often the layout is made anew after curves were dropped as duplicates.
 
@@ -108,18 +116,23 @@ def find_layout(
     Layout
 
     """
-    num_believed = len(curves)
-    curves = [*curves, *adopted]
-    joints, stations = _drop_weak(find_joints(curves, settings.max_reach), settings)
+    def meet() -> tuple[tuple[Joint, ...], tuple[tuple[Joint, ...], ...]]:
+        joints = find_joints(curves, settings.max_reach)
+        return _drop_weak(join_at_poles(curves, joints, poles, settings.radius), settings)
+
+    believed = cut_at_poles(points, curves, poles, settings.min_span / 2)
+    num_believed = len(believed)
+    curves = [*believed, *adopted]
+    joints, stations = meet()
     held = {number for joint in joints for number in joint.curves}
     kept = [c for number, c in enumerate(curves) if number < num_believed or number in held]
     if len(kept) < len(curves):  # lost the place that they were adopted for to better ones
         curves = kept
-        joints, stations = _drop_weak(find_joints(curves, settings.max_reach), settings)
+        joints, stations = meet()
     cut = cut_at_stations(points, curves, stations, settings)
     if len(cut) != len(curves):
         curves = cut
-        joints, stations = _drop_weak(find_joints(curves, settings.max_reach), settings)
+        joints, stations = meet()
     start_x = np.array([curve.low for curve in curves])
     end_x = np.array([curve.high for curve in curves])
     start_station = [-1] * len(curves)
@@ -136,13 +149,13 @@ def find_layout(
         for side, taken, ends in ((1, end_station, end_x), (-1, start_station, start_x)):
             if taken[number] < 0:
                 other = (start_station if side > 0 else end_station)[number]
-                found = _station_ahead(curve, side, placed, other, settings)
+                found = _station_ahead(curve, side, placed, other, poles, settings)
                 if found is not None:
                     taken[number], ends[number] = found
     keep = _find_originals(curves, start_x, end_x, settings.max_reach)
     if len(keep) < len(curves) and attempts > 1:
         originals = [curves[number] for number in keep]
-        return find_layout(points, originals, (), settings, attempts - 1)
+        return find_layout(points, originals, (), settings, poles, attempts - 1)
     return Layout(
         curves=tuple(curves),
         start_x=start_x,
@@ -268,23 +281,11 @@ def cut_at_stations(
             height, z = station.attachments[:, 2], float(curve.fit.height(x))
             if not height.min() - HEIGHT_ROOM < z < height.max() + HEIGHT_ROOM:
                 continue
-            parts = [piece for part in parts for piece in _cut(points, part, station.position)]
+            parts = [
+                piece for part in parts for piece in cut_curve(points, part, station.position)
+            ]
         result += parts
     return result
-
-
-def _cut(points: Float64, curve: Curve, position: Float64) -> list[Curve]:
-    at, _ = curve.local_place(position)
-    if not curve.low < at < curve.high:
-        return [curve]
-    x, _ = curve.local(points[curve.points])
-    pieces = []
-    for part in (curve.points[x < at], curve.points[x >= at]):
-        try:
-            pieces.append(fit_curve(points, part, tolerance=curve.tolerance))
-        except FitError:
-            continue
-    return pieces
 
 
 def _station_ahead(
@@ -292,10 +293,16 @@ def _station_ahead(
     side: int,
     stations: Sequence[Station],
     taken: int,
+    poles: Sequence[StandingPole],
     settings: SupportSettings,
 ) -> tuple[int, float] | None:
     """Find the support at which an open end would hang, if its neighbours tell of one."""
     end = curve.high if side > 0 else curve.low
+    at_poles = [
+        (curve.local_place(pole.position)[0] - end) * side for pole in poles if pole.holds(curve)
+    ]
+    if any(abs(ahead) <= settings.radius for ahead in at_poles):
+        return None  # it ends there
     best = None
     for number, station in enumerate(stations):
         if number == taken:

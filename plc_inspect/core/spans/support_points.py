@@ -16,6 +16,11 @@ POLE_SLICE, TOWER_SLICE = (0.8, 0.8), (2.0, 2.0)
 Half thickness along the line, and reach beyond the attachments across it, of supports [m].
 Source: judgement; holds at half and twice on bench/constants.py.
 """
+HOLD_RADIUS = 3.0
+"""
+Within this of a conductor's end insulators and arms leave points [m].
+Source: judgement; 6 m holds, 2.1 m does not, on bench/constants.py.
+"""
 STUB_LENGTH, STUB_RADIUS = 2.5, 0.35
 """
 What lies in line beyond the end of a conductor goes on with it: jumpers, the next span [m].
@@ -93,3 +98,14 @@ def _mark_stub(points, found, end, outward, mask):  # type: ignore[no-untyped-de
         along, across = dx * outward[0] + dy * outward[1], dy * outward[0] - dx * outward[1]
         if 0.0 < along <= STUB_LENGTH and math.hypot(across, dz) <= STUB_RADIUS:
             mask[i] = True
+
+
+@njit(cache=True, nogil=True)
+def count_around(points, wire, found, end):  # type: ignore[no-untyped-def]
+    """How many of the points found are within HOLD_RADIUS of the end and no conductor's."""
+    count = 0
+    for i in found:
+        apart = (points[i, 0] - end[0]) ** 2 + (points[i, 1] - end[1]) ** 2
+        apart += (points[i, 2] - end[2]) ** 2
+        count += apart <= HOLD_RADIUS**2 and not wire[i]
+    return count

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import math
 from typing import Any
 
-from numba import njit
 import numpy as np
 
 from plc_inspect.core.extraction.height import ground_at
@@ -17,8 +16,19 @@ from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.core.spans.layout import Layout
 from plc_inspect.core.spans.route import Route, SIDE_BY_SIDE
 from plc_inspect.core.spans.span_fit import CutCurve
-from plc_inspect.core.spans.structures import COLUMN, find_structure, Stand, Structure
-from plc_inspect.core.spans.support_points import mark_structure, mark_stub
+from plc_inspect.core.spans.structures import (
+    COLUMN,
+    find_structure,
+    MAX_BELOW,
+    Stand,
+    Structure,
+)
+from plc_inspect.core.spans.support_points import (
+    count_around,
+    HOLD_RADIUS,
+    mark_structure,
+    mark_stub,
+)
 from plc_inspect.results import Bool, Float64, Support
 
 TERMINAL_SPREAD = 2.5
@@ -33,15 +43,12 @@ Source: judgement; holds from 0.025 to 0.1 on bench/constants.py."""
 ARM_SCATTER = 0.12
 """And of where the points of a conductor give way to those of the arm it ends at [m].
 Source: judgement; holds from 0.06 to 0.24 on bench/constants.py."""
-MAX_BELOW = 0.7
-"""The top of a support lies at most this far below the lowest conductor it holds [m].
-Source: judgement; holds from 0.35 to 1.4 on bench/constants.py."""
 MIN_TOWER = 3.0
 """Three and more conductors that end within less than this hang on a pole [m].
 Source: judgement; holds from 1.5 to 6 on bench/constants.py."""
-HOLD_RADIUS, HOLD_POINTS = 3.0, 3
-"""Within this of a conductor's end insulators and arms leave this many points [m].
-Source: judgement; 6 m and 1 point hold, 2.1 m and 5 points do not, on bench/constants.py."""
+HOLD_POINTS = 3
+"""This many points within HOLD_RADIUS of a conductor's end hold it.
+Source: judgement; 1 point holds, 5 points do not, on bench/constants.py."""
 BEYOND = 5.0
 """The cloud must go on this far beyond a conductor that ends at a support [m].
 Source: judgement; holds from 2.5 to 10 on bench/constants.py."""
@@ -243,6 +250,7 @@ def _find_structure(cloud: OffGround, wire: Bool, item: Standing) -> Structure |
         reach=FEW_REACH if few else MANY_REACH,
         attachment=float(attachment.min()) - base,
         top=float(attachment.max()) - base,
+        lowest=cloud.least,
         may_be_tower=few or float(np.ptp(across)) > MIN_TOWER,
     ))
     if structure is not None and structure.top < float(attachment.min()) - MAX_BELOW:
@@ -359,24 +367,13 @@ def _are_held(cloud: OffGround, wire: Bool, ends: Sequence[SpanEnd]) -> bool:
         if not math.isfinite(float(ground_at(height, ahead, max_gap=BEYOND)[0])):
             return False
         found = index.strip(end.place, end.place, HOLD_RADIUS)
-        held += _count_around(cloud.points, wire, found, end.place) >= HOLD_POINTS
+        held += count_around(cloud.points, wire, found, end.place) >= HOLD_POINTS
     low = height.origin
     high = low + height.cell_size * np.array(height.ground.shape[::-1])
     inside = all(
         ((end.place[:2] > low + BEYOND) & (end.place[:2] < high - BEYOND)).all() for end in ends
     )
     return inside and 2 * held >= len(ends)
-
-
-@njit(cache=True, nogil=True)
-def _count_around(points, wire, found, end):  # type: ignore[no-untyped-def]
-    """How many of the points found are within HOLD_RADIUS of the end and no conductor's."""
-    count = 0
-    for i in found:
-        apart = (points[i, 0] - end[0]) ** 2 + (points[i, 1] - end[1]) ** 2
-        apart += (points[i, 2] - end[2]) ** 2
-        count += apart <= HOLD_RADIUS**2 and not wire[i]
-    return count
 
 
 def _mean_azimuth(ends: Sequence[SpanEnd]) -> float:

@@ -13,7 +13,7 @@ def find(points, near=(0.0, 0.0), reach=2.5, attachment=15.0, wire=None, **chang
     azimuth, top = changes.get('azimuth', 0.0), changes.get('top', attachment)
     stand = Stand(
         near=np.array(near), azimuth=azimuth, reach=reach, attachment=attachment, top=top,
-        may_be_tower=changes.get('may_be_tower', True),
+        lowest=changes.get('lowest', 0.0), may_be_tower=changes.get('may_be_tower', True),
     )
     return find_structure(
         points, points[:, 2].astype(np.float32), make_index(points), wire, stand

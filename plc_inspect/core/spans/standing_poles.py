@@ -1,0 +1,339 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Poles that stand at conductors: supports at which no conductor needs to be bent."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+
+from numba import njit, prange
+import numpy as np
+
+from plc_inspect.core.catenary.curve import Curve, fit_curve, pack_curves
+from plc_inspect.core.catenary.curve_row import (
+    COS,
+    height_of,
+    HIGH,
+    LOW,
+    ORIGIN_X,
+    ORIGIN_Y,
+    SIN,
+    to_local,
+)
+from plc_inspect.core.extraction.height import ground_at
+from plc_inspect.core.extraction.off_ground import OffGround
+from plc_inspect.core.numerics.plan_index import gather_strip
+from plc_inspect.core.numerics.threads import call_each
+from plc_inspect.core.spans.joints import Joint, MAX_MISS, MAX_TURN
+from plc_inspect.core.spans.structures import (
+    COLUMN,
+    FILLED,
+    find_structure,
+    LEAST_HEIGHT,
+    LEAST_METRES,
+    MAX_BELOW,
+    Stand,
+    TOP_METRES,
+)
+from plc_inspect.errors import FitError
+from plc_inspect.results import Bool, Float64
+
+BESIDE = 1.0
+"""
+Distance in plan of a pole from the conductor that it holds, at most [m].
+Source: judgement; arms of low-voltage poles are shorter, and one conductor of three on an arm
+hangs near the pole.
+"""
+ARM = 3.0
+"""
+Distance in plan of the other conductors that a pole holds, at most [m].
+Source: half of `supports.MIN_TOWER`, twice over: arms of medium-voltage poles are 1 to 2.5 m.
+"""
+SAME_POLE = 1.0
+"""Poles nearer to each other are one [m].  Source: judgement; A-frames have two legs."""
+CELL = 0.5
+"""Edge of the plan cells of which columns are looked for [m].  Source: COLUMN to both sides."""
+HIGHEST = 62
+"""Metres above ground that are told apart.  Source: numerical: bits of an integer."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StandingPole:
+    """A pole that reaches up to a conductor and stands at it."""
+
+    position: Float64
+    """(2,) plan position [m]."""
+    base: float
+    """Height of the ground [m]."""
+    top: float
+    """Height of its highest point [m]."""
+
+    def holds(self, curve: Curve) -> bool:
+        """Tell whether a curve passes it, between its ends or beyond, as a conductor does."""
+        x, y = curve.local_place(self.position)
+        z = float(curve.fit.height(x))
+        return abs(y) <= ARM and self.base < z <= self.top + MAX_BELOW
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _PoleEnd:
+    """An end of a curve at a pole."""
+
+    number: int
+    side: int
+    x: float
+    """Of the pole along the curve [m]."""
+    place: Float64
+    """(3,) of the curve there [m]."""
+
+
+def find_poles(
+    cloud: OffGround, curves: Sequence[Curve], wire: Bool
+) -> tuple[StandingPole, ...]:
+    """
+    Find the poles along curves.
+
+    Where conductors run straight over a pole, or hang there as if it were not, none of them tells
+    of it: what stands there does.
+
+    Parameters
+    ----------
+    cloud : OffGround
+        K points.
+    curves : sequence of Curve
+        Conductors.
+    wire : (K,) bool
+        Points of conductors.
+
+    Returns
+    -------
+    tuple of StandingPole
+
+    """
+    if not curves:
+        return ()
+    places = []
+    columns = _list_columns(cloud, pack_curves(curves), wire)
+    for curve, along in zip(curves, columns, strict=True):
+        places += [(curve, x) for x in along.tolist()]
+    found = call_each(lambda k: _stand_at(cloud, wire, *places[k]), len(places))
+    poles: list[StandingPole] = []
+    for pole in sorted(
+        (pole for pole in found if pole is not None),
+        key=lambda pole: (-pole.top, *pole.position),
+    ):
+        if all(math.dist(pole.position, other.position) > SAME_POLE for other in poles):
+            poles.append(pole)
+    return tuple(poles)
+
+
+def cut_at_poles(
+    points: Float64, curves: Sequence[Curve], poles: Sequence[StandingPole], least: float
+) -> list[Curve]:
+    """
+    Cut curves at the poles that hold them, where both parts are longer than ``least`` [m].
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    curves : sequence of Curve
+        Conductors.
+    poles : sequence of StandingPole
+        As from `find_poles`.
+    least : float
+        Least length of a part [m].
+
+    Returns
+    -------
+    list of Curve
+
+    """
+    parts = list(curves)
+    for pole in poles:
+        parts = [piece for curve in parts for piece in _cut(points, curve, pole, least)]
+    return parts
+
+
+def cut_curve(points: Float64, curve: Curve, position: Float64) -> list[Curve]:
+    """Return the parts of a curve on both sides of a (2,) plan position that can be fitted."""
+    at, _ = curve.local_place(position)
+    if not curve.low < at < curve.high:
+        return [curve]
+    x, _ = curve.local(points[curve.points])
+    pieces = []
+    for part in (curve.points[x < at], curve.points[x >= at]):
+        try:
+            pieces.append(fit_curve(points, part, tolerance=curve.tolerance))
+        except FitError:
+            continue
+    return pieces
+
+
+def join_at_poles(
+    curves: Sequence[Curve], joints: Sequence[Joint], poles: Sequence[StandingPole], room: float
+) -> tuple[Joint, ...]:
+    """
+    Pair the ends that meet at poles and have met nowhere else.
+
+    Parameters
+    ----------
+    curves : sequence of Curve
+        Conductors.
+    joints : sequence of Joint
+        As from `find_joints`.
+    poles : sequence of StandingPole
+        As from `find_poles`.
+    room : float
+        Distance from an end to its pole, at most [m].
+
+    Returns
+    -------
+    tuple of Joint
+        Those given, and the new ones.
+
+    """
+    result = list(joints)
+    used = {
+        end for joint in joints for end in zip(joint.curves, joint.sides, strict=True)
+    }
+    for pole in poles:
+        ends = [
+            end for number, curve in enumerate(curves) if pole.holds(curve)
+            for end in _list_ends(number, curve, pole, room) if (number, end.side) not in used
+        ]
+        pairs = sorted(
+            (math.dist(first.place, second.place), k, m)
+            for k, first in enumerate(ends) for m, second in enumerate(ends[:k])
+            if first.number != second.number
+        )
+        for miss, k, m in pairs:
+            first, second = ends[m], ends[k]
+            keys = {(first.number, first.side), (second.number, second.side)}
+            if miss <= MAX_MISS and not keys & used and _face(curves, first, second):
+                used |= keys
+                result.append(_join(curves, first, second, miss))
+    return tuple(result)
+
+
+def _cut(
+    points: Float64, curve: Curve, pole: StandingPole, least: float
+) -> list[Curve]:
+    x, _ = curve.local_place(pole.position)
+    if not curve.low + least < x < curve.high - least or not pole.holds(curve):
+        return [curve]
+    return cut_curve(points, curve, pole.position)
+
+
+def _list_ends(
+    number: int, curve: Curve, pole: StandingPole, room: float
+) -> list[_PoleEnd]:
+    """Return the ends of a curve that are at a pole."""
+    x, _ = curve.local_place(pole.position)
+    return [
+        _PoleEnd(number=number, side=side, x=x, place=curve.position(x)[0])
+        for side, end in ((-1, curve.low), (1, curve.high)) if abs(end - x) <= room
+    ]
+
+
+def _face(curves: Sequence[Curve], first: _PoleEnd, second: _PoleEnd) -> bool:
+    """Tell whether two ends point opposite ways."""
+    turn = curves[first.number].azimuth - curves[second.number].azimuth
+    return first.side * second.side * math.cos(turn) < -math.cos(MAX_TURN)
+
+
+def _join(
+    curves: Sequence[Curve], first: _PoleEnd, second: _PoleEnd, miss: float
+) -> Joint:
+    curve, other = curves[first.number], curves[second.number]
+    rise = first.side * float(curve.fit.slope(first.x))
+    rise += second.side * float(other.fit.slope(second.x))
+    axis = [
+        second.side * turn(other.azimuth) - first.side * turn(curve.azimuth)
+        for turn in (math.cos, math.sin)
+    ]
+    return Joint(
+        curves=(first.number, second.number), sides=(first.side, second.side),
+        x=(first.x, second.x), position=(first.place + second.place) / 2,
+        direction=math.atan2(axis[1], axis[0]), kink=rise, miss=miss, cost=miss,
+    )
+
+
+def _stand_at(
+    cloud: OffGround, wire: Bool, curve: Curve, x: float
+) -> StandingPole | None:
+    """Find the pole at a place of a curve."""
+    place = curve.position(x)[0]
+    base = float(ground_at(cloud.height, place[None, :])[0])
+    if not math.isfinite(base):
+        return None
+    above = float(place[2]) - base
+    found = find_structure(cloud.points, cloud.height.height, cloud.index, wire, Stand(
+        near=place[:2], azimuth=curve.azimuth, reach=BESIDE, attachment=above, top=above,
+        lowest=cloud.least, may_be_tower=False, is_told=False,
+    ))
+    if found is None or found.top < float(place[2]) - MAX_BELOW:
+        return None
+    return StandingPole(position=found.position, base=base, top=found.top)
+
+
+def _list_columns(cloud: OffGround, rows: Float64, wire: Bool) -> list[Float64]:
+    """List for each row x along its curve where cells hold points in most metres below it."""
+    first = math.ceil(max(cloud.least, LEAST_HEIGHT))
+    marks = _mark_columns(
+        cloud.points, cloud.height.height, *cloud.index.grid, rows, wire, first
+    )
+    return [
+        row[LOW] + (np.flatnonzero(own) + 0.5) * 2 * CELL
+        for row, own in zip(rows, marks, strict=True)
+    ]
+
+
+@njit(cache=True, parallel=True, nogil=True, error_model='numpy')
+def _mark_columns(  # type: ignore[no-untyped-def]
+    points, height, start, order, corner, cell, num_rows, num_columns, rows, wire,
+    first,
+):
+    """Tell for each two cells along each row's curve whether a column may stand there."""
+    marks = [np.zeros(0, dtype=np.bool_) for _ in range(len(rows))]
+    across = int(2 * (BESIDE + COLUMN) / CELL) + 1
+    for number in prange(len(rows)):
+        row = rows[number]
+        low, high = row[LOW], row[HIGH]
+        near = gather_strip(
+            start, order, corner, cell, num_rows, num_columns,
+            row[ORIGIN_X] + row[COS] * low, row[ORIGIN_Y] + row[SIN] * low,
+            row[ORIGIN_X] + row[COS] * high, row[ORIGIN_Y] + row[SIN] * high, BESIDE + COLUMN,
+        )
+        num = 2 * (int((high - low) / (2 * CELL)) + 1)
+        levels = np.zeros((num + 1, across + 1), dtype=np.int64)
+        needed = np.zeros(num, dtype=np.int64)
+        for i in near:
+            if wire[i]:
+                continue
+            x, y = to_local(row, points[i, 0], points[i, 1])
+            if x < low or x > high or abs(y) >= BESIDE + COLUMN:
+                continue
+            above = height[i] + height_of(row, x) - points[i, 2]  # of the curve
+            place = int((x - low) / CELL)
+            last = max(int(above) - TOP_METRES, first + LEAST_METRES - 1)
+            needed[place] = max(needed[place], last - first + 1)
+            level = int(height[i])
+            if first <= level <= min(last, HIGHEST):
+                levels[place, int((y + BESIDE + COLUMN) / CELL)] |= 1 << level
+        mark = np.zeros(num // 2, dtype=np.bool_)
+        for place in range(num):
+            for side in range(across):
+                both = (
+                    levels[place, side] | levels[place + 1, side]
+                    | levels[place, side + 1] | levels[place + 1, side + 1]
+                )
+                filled = 0
+                while both:
+                    both &= both - 1
+                    filled += 1
+                if filled > 0 and filled >= FILLED * needed[place]:
+                    mark[place // 2] = True
+        marks[number] = mark
+    return marks

@@ -1,0 +1,97 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from toys import make_curve, make_ground, make_pole, make_tree, make_wire
+
+from plc_inspect.config import Settings
+from plc_inspect.core.extraction.height import extract_high
+from plc_inspect.core.extraction.off_ground import gather_off_ground
+from plc_inspect.core.spans.layout import find_layout
+from plc_inspect.core.spans.standing_poles import cut_at_poles, find_poles, join_at_poles
+
+SETTINGS = Settings()
+
+
+def look(*things, height=8.0, offsets=(-0.9, 0.0, 0.9)):
+    """
+    Look for poles at conductors that hang over 120 m as if nothing held them between.
+
+    Returns
+    -------
+    cloud, curves, poles
+
+    """
+    wires = [
+        make_wire((0.0, y, height + 4.0), (120.0, y, height + 4.0), c=450.0, seed=number)
+        for number, y in enumerate(offsets)
+    ]
+    ground = make_ground((-10.0, -15.0), (130.0, 15.0))
+    points = np.vstack([*wires, ground, *things])
+    cloud = gather_off_ground(points, extract_high(points, SETTINGS.height), 2.0)
+    number = np.full(len(points), -1)
+    number[cloud.place] = np.arange(len(cloud.place))
+    ends = np.cumsum([0, *map(len, wires)])
+    curves = [
+        make_curve(cloud.points, np.sort(number[low:high]))
+        for low, high in pairwise(ends)
+    ]
+    wire = np.zeros(len(cloud.points), dtype=bool)
+    wire[number[: ends[-1]]] = True
+    return cloud, curves, find_poles(cloud, curves, wire)
+
+
+def test_a_pole_below_a_smooth_catenary_is_found():
+    _, curves, poles = look(make_pole(60.0, 0.1, 8.2))
+    (pole,) = poles
+    np.testing.assert_allclose(pole.position, [60.0, 0.1], atol=0.1)
+    assert pole.top == pytest.approx(8.2, abs=0.1)
+    assert pole.base == pytest.approx(0.0, abs=0.1)
+    assert all(pole.holds(curve) for curve in curves)
+
+
+@pytest.mark.parametrize('thing', [
+    make_tree(60.0, 0.0, 8.5, bottom=0.5, radius=1.0, num=1500),
+    make_tree(60.0, 0.3, 8.5, bottom=0.5, radius=1.5, num=150),
+    make_pole(60.0, 4.5, 8.2)[:300],
+    make_pole(60.0, 0.0, 6.0),
+], ids=['a crown', 'a thin crown', 'a lamp beside the line', 'a post below it'])
+def test_what_holds_no_conductor_is_no_pole(thing):
+    assert look(thing)[2] == ()
+
+
+def test_without_curves_nothing_is_looked_for():
+    assert look(make_pole(60.0, 0.0, 8.2), offsets=())[2] == ()
+
+
+def test_smooth_conductors_have_a_support_at_the_pole():
+    cloud, curves, poles = look(make_pole(60.0, 0.1, 8.2))
+    layout = find_layout(cloud.points, curves, (), SETTINGS.supports, poles)
+    assert len(layout.curves) == 6
+    (station,) = layout.stations
+    np.testing.assert_allclose(station.position, [60.0, 0.0], atol=0.2)
+    assert len(layout.joints) == 3
+    for number in range(6):
+        assert {layout.start_station[number], layout.end_station[number]} == {-1, 0}
+    without = find_layout(cloud.points, curves, (), SETTINGS.supports)
+    assert len(without.curves) == 3
+    assert without.stations == ()
+
+
+def test_ends_that_meet_at_a_pole_are_joined_once():
+    cloud, curves, poles = look(make_pole(60.0, 0.1, 8.2), offsets=(0.0,))
+    parts = cut_at_poles(cloud.points, curves, poles, 6.0)
+    assert [round(part.length) for part in parts] == [60, 60]
+    joints = join_at_poles(parts, (), poles, 3.0)
+    assert [sorted(joint.curves) for joint in joints] == [[0, 1]]
+    assert joints[0].miss < 0.05
+    assert join_at_poles(parts, joints, poles, 3.0) == joints
+
+
+def test_a_pole_near_an_end_cuts_nothing_and_is_where_it_ends():
+    cloud, curves, poles = look(make_pole(118.5, 0.0, 11.5))
+    assert len(poles) == 1
+    assert len(cut_at_poles(cloud.points, curves, poles, 6.0)) == len(curves)
