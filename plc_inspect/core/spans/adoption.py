@@ -5,6 +5,8 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from plc_inspect.config import Settings
 from plc_inspect.core.catenary.bundles import widen_to
 from plc_inspect.core.catenary.conductors import ConductorResult
@@ -13,7 +15,7 @@ from plc_inspect.core.catenary.duplicates import is_thick
 from plc_inspect.core.catenary.growing import Profile, profile_curve
 from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.core.numerics.threads import call_each
-from plc_inspect.core.spans.joints import find_joints
+from plc_inspect.core.spans.joints import find_joints, find_meeting
 from plc_inspect.errors import FitError
 from plc_inspect.results import Bool
 
@@ -55,14 +57,16 @@ def adopt(
     waiting = sorted(
         [*conductors.doubtful, *crowded], key=lambda curve: (-curve.num_points, *curve.origin)
     )
-    number = 0
-    while number < len(waiting):
-        if _find_partner(waiting[number], curves, reach) is not None:
-            curves.append(waiting.pop(number))
-            number = 0
+    may = find_meeting(waiting, curves, reach, ADOPTION_MISS)
+    while True:
+        for number in np.flatnonzero(may).tolist():
+            if _find_partner(waiting[number], curves, reach) is not None:
+                break
         else:
-            number += 1
-    return tuple(curves[len(conductors.curves) :])
+            return tuple(curves[len(conductors.curves) :])
+        fresh = waiting.pop(number)
+        curves.append(fresh)
+        may = np.delete(may, number) | find_meeting(waiting, [fresh], reach, ADOPTION_MISS)
 
 
 def _find_partner(curve: Curve, curves: Sequence[Curve], reach: float) -> Curve | None:
@@ -82,7 +86,9 @@ def _clear(
     """Return the crowded curves that are free once all that continue conductors are left out."""
     reach = settings.supports.max_reach
     going_on: list[Curve] = []
-    for curve in conductors.crowded:
+    may = find_meeting(conductors.crowded, conductors.curves, reach, ADOPTION_MISS)
+    for number in np.flatnonzero(may).tolist():
+        curve = conductors.crowded[number]
         partner = _find_partner(curve, conductors.curves, reach)
         if partner is None:
             continue
@@ -100,8 +106,8 @@ def _clear(
         )
 
     wire = conductors.wire.copy()
-    for number in call_each(lambda k: profile(going_on[k], wire).chosen, len(going_on)):
-        wire[number] = True
+    for chosen in call_each(lambda k: profile(going_on[k], wire).chosen, len(going_on)):
+        wire[chosen] = True
     crowding = call_each(lambda k: profile(going_on[k], wire).crowding, len(going_on))
     limit = settings.catenary.max_crowding
     return tuple(

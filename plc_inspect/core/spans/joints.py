@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
-from numba import njit, prange
+from numba import njit
 import numpy as np
 
-from plc_inspect.core.catenary.curve import Curve, pack_curves
+from plc_inspect.core.catenary.curve import Curve, find_far_apart, pack_curves
 from plc_inspect.core.catenary.curve_row import (
     COS,
     height_of,
@@ -25,7 +25,7 @@ from plc_inspect.core.catenary.curve_row import (
     to_local,
     TURN_SIGMA,
 )
-from plc_inspect.results import Float64, Int64
+from plc_inspect.results import Bool, Float64, Int64
 
 MAX_TURN = math.radians(65.0)
 """
@@ -201,12 +201,61 @@ def _describe(
     )
 
 
-@njit(cache=True, parallel=True, nogil=True, error_model='numpy')
+def find_meeting(
+    curves: Sequence[Curve], others: Sequence[Curve], max_reach: float, most_miss: float
+) -> Bool:
+    """
+    Tell which curves meet one of others at a support, whatever else these may meet.
+
+    Parameters
+    ----------
+    curves, others : sequence of Curve
+        C curves and O others.
+    max_reach : float
+        Longest extrapolation from either end [m].
+    most_miss : float
+        Greatest distance of two curves where they meet [m].
+
+    Returns
+    -------
+    (C,) bool
+
+    """
+    if not curves or not others:
+        return np.zeros(len(curves), dtype=np.bool_)
+    far = find_far_apart([*curves, *others], 2 * max_reach)[: len(curves), len(curves) :]
+    result: Bool = _mark_meeting(
+        pack_curves(curves), pack_curves(others), far, max_reach, most_miss
+    )
+    return result
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _mark_meeting(rows, others, far, max_reach, most_miss):  # type: ignore[no-untyped-def]
+    result = np.zeros(len(rows), dtype=np.bool_)
+    pair, both = np.array([[0, 0, 1, 0]]), np.empty((2, rows.shape[1]))
+    for k in range(len(rows)):
+        both[0] = rows[k]
+        for m in range(len(others)):
+            if far[k, m]:
+                continue
+            both[1] = others[m]
+            for side in (-1, 1):
+                for other_side in (-1, 1):
+                    pair[0, 1], pair[0, 3] = side, other_side
+                    met, values = _meet_all(both, pair, max_reach)
+                    result[k] |= met[0] and values[0, 2] < most_miss
+            if result[k]:
+                break
+    return result
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
 def _meet_all(rows, pairs, max_reach):  # type: ignore[no-untyped-def]
     """Which pairs of ends meet, and x of both curves, their distance, the kink and the cost."""
     met = np.zeros(len(pairs), dtype=np.bool_)
     values = np.empty((len(pairs), 5))
-    for k in prange(len(pairs)):
+    for k in range(len(pairs)):
         first, second = rows[pairs[k, 0]], rows[pairs[k, 2]]
         side, other_side = pairs[k, 1], pairs[k, 3]
         x, other_x, miss = _approach(
