@@ -10,7 +10,10 @@ from pathlib import Path
 import time
 from typing import Any
 
+import numpy as np
+
 from plc_inspect.config import Settings
+from plc_inspect.core.setup.mount import Mount
 from plc_inspect.errors import DataError
 from plc_inspect.flight_record.layout import list_segments, SUFFIX
 from plc_inspect.flight_record.reader import find_end, Flight, read_flight
@@ -38,7 +41,8 @@ FAR = 5 * ORIGIN
 """A vehicle is not at the origin by chance that was this far from it [m].  Source: judgement."""
 
 WHAT_MATTERS = (
-    ('input', 'scan_topic'), ('input', 'odometry_topic'), ('input', 'lidar_xyz'),
+    ('input', 'scan_topic'), ('input', 'odometry_topic'), ('input', 'odometry_type'),
+    ('input', 'use_tf'), ('input', 'map_frame'), ('input', 'base_frame'), ('input', 'lidar_xyz'),
     ('input', 'lidar_rpy_deg'), ('map', 'voxel_size'), ('map', 'max_voxels'),
 )
 """Settings that the map was made with; all others may be other ones."""
@@ -114,6 +118,35 @@ def _find_difference(flight: Flight, settings: Settings) -> str:
         if old != new:
             return f'{section}.{name} was {old!r} and is {new!r}'
     return ''
+
+
+def read_mount(state: Mapping[str, Any]) -> Mount | None:
+    """
+    Return how the lidar was mounted for the scans in the map of a record.
+
+    Parameters
+    ----------
+    state : mapping
+        Of the record.
+
+    Returns
+    -------
+    Mount or None
+        None where no scan was in the map.
+
+    Raises
+    ------
+    DataError
+        What is there is no transform.
+
+    """
+    rows = state.get('mount')
+    if rows is None:
+        return None
+    transform = np.array(rows, dtype=np.float64)
+    if transform.shape != (4, 4) or not np.isfinite(transform).all():
+        raise DataError(f'the mount of the record is no transform: {rows}')
+    return Mount(transform, 'the flight record')
 
 
 def judge_pose(

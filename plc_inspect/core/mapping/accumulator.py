@@ -88,7 +88,7 @@ class Accumulator:
         self.frames: tuple[str, str] | None = None
         """Frame of the odometry, and of the base; None before the first pose."""
         self._lidar_frame = ''
-        self._mount: Mount | None = None
+        self.mount: Mount | None = None  # of the scans in the map
         self._gate = ScanGate()
         self._leads: deque[float] = deque(maxlen=LEADS)
         self._last_inserted: int | None = None
@@ -100,10 +100,12 @@ class Accumulator:
         self._before: Counters | None = None
 
     def resume(
-        self, frames: tuple[str, str] | None, before: Counters | None, last_inserted: int | None
+        self, frames: tuple[str, str] | None, before: Counters | None, last_inserted: int | None,
+        mount: Mount | None = None,
     ) -> None:
-        """Go on after an interruption: frames, counts and last stamp [ns] of what is there."""
+        """Go on with what is there, of these frames, counts, last stamp [ns] and mount."""
         self.frames, self._before, self._last_inserted = frames, before, last_inserted
+        self.mount = mount
 
     def configure(self, settings: Settings) -> None:
         """Use other settings from now on, except for the structural ones."""
@@ -299,7 +301,7 @@ class Accumulator:
         if not keep_map:
             self.map.clear()
             self.meter.clear()
-            self.frames = self._last_inserted = self._mount = None
+            self.frames = self._last_inserted = self.mount = None
             self._gate = ScanGate()
 
     def _take_waiting(self) -> Iterator[WaitingScan]:
@@ -342,8 +344,8 @@ class Accumulator:
         """Begin the map anew where the lidar is mounted otherwise than for the scans in it."""
         base = self.frames[1] if self.frames else ''
         self.placer.set_frames(base, self._lidar_frame)
-        mount, before = self.placer.mount, self._mount
-        self._mount = mount
+        mount, before = self.placer.mount, self.mount
+        self.mount = mount
         if before is not None and not mount.equals(before) and len(self.map):
             self._begin_anew(f'the mount of the lidar is another one: {mount.describe()}')
 

@@ -22,6 +22,7 @@ class DropReason(enum.Enum):
     OTHER_LAYOUT = 'x, y, z in another order than before'
     OVERLAP = 'of the same time as another: two drivers on one topic?'
     OTHER_DRIVER = 'of a second driver on the topic'
+    OTHER_MOUNT = 'before the mount of the map that goes on was known'
     OUT_OF_MAP = 'points too far away for the map'
     RESET = 'waiting when the buffers were reset'
 

@@ -21,12 +21,14 @@ from plc_inspect.core.mapping.accumulator import Accumulator
 from plc_inspect.core.mapping.eviction import Evictor
 from plc_inspect.core.mapping.scan_counters import Counters, DropReason
 from plc_inspect.core.mapping.standstill import explain_standstill
+from plc_inspect.core.setup.mount import Mount
 from plc_inspect.core.setup.moving_frames import MovingFrames
 from plc_inspect.core.setup.transforms import FrameTree
 from plc_inspect.core.voxel_buffer.cell_index import CellIndex
 from plc_inspect.core.voxel_buffer.voxel_changes import StoredMap
 from plc_inspect.errors import DataError
 from plc_inspect.flight_record.plain_values import from_plain
+from plc_inspect.flight_record.resumption import read_mount
 from plc_inspect.messages.poses import (
     pose_from_message,
     poses_from_transforms,
@@ -106,6 +108,8 @@ class Intake:
         """Called with each pose that is taken, and the cells of the map."""
         self.judge_pose: Callable[[StampedPose], bool] | None = None
         """Tells of the first poses after an interruption whether they are to be taken."""
+        self.judge_scan: Callable[[str], bool] | None = None
+        """The same of the first scans, by their frame."""
         self._interrupted: list[int | None] = []
         self._pose_before: int | None = None
         self._num_restarts = 0
@@ -150,6 +154,9 @@ class Intake:
             self.accumulator.refuse(DropReason.OTHER_DRIVER)
             return
         self._health.last_scan = now
+        if self.judge_scan is not None and not self.judge_scan(message.header.frame_id):
+            self.accumulator.refuse(DropReason.OTHER_MOUNT)
+            return
         try:
             scan = scan_from_message(message)
             self.accumulator.add_scan(
@@ -192,6 +199,12 @@ class Intake:
                 self.accumulator.placer.add_frame(item)
         except DataError as error:
             self._complaints.complain('/tf_static', f'transform of /tf_static dropped: {error}')
+
+    def find_mount(self, frame: str) -> Mount:
+        """Return how the lidar of a frame is mounted, as far as is known now."""
+        frames, placer = self.accumulator.frames, self.accumulator.placer
+        placer.set_frames(frames[1] if frames else '', frame)
+        return placer.mount
 
     @property
     def tf_problem(self) -> str:
@@ -276,8 +289,10 @@ class Intake:
     def remember(self) -> dict[str, Any]:
         """Return what ``resume`` needs beside the map, JSON-serialisable."""
         accumulator, vehicle = self.accumulator, self.vehicle
+        mount = accumulator.mount
         return {
             'frames': accumulator.frames, 'first_stamp_ns': self.first_stamp,
+            'mount': None if mount is None else mount.transform.tolist(),
             'stamp_ns': accumulator.last_inserted,
             'pose_stamp_ns': accumulator.poses.last_stamp or self._pose_before,
             'vehicle': None if vehicle is None else vehicle.tolist(),
@@ -309,8 +324,9 @@ class Intake:
         })
         frames, stamp = from_plain(tuple[str, str], state['frames']), state['stamp_ns']
         vehicle = state['vehicle']
+        mount = read_mount(state)
         self.accumulator.map.restore(stored)
-        self.accumulator.resume(frames, before, stamp)
+        self.accumulator.resume(frames, before, stamp, mount)
         self.first_stamp = state['first_stamp_ns']
         self._pose_before = state['pose_stamp_ns']
         self.vehicle = None if vehicle is None else np.array(vehicle, dtype=np.float64)

@@ -68,6 +68,7 @@ class Keeper:
         self._wanted = settings.output.record
         self._flight: Flight | None = None
         self._num_refused = 0
+        self._held_since: float | None = None
         self._changed: dict[str, Any] = {}
         self._recording = self._make_recording()
         self._forget = forget
@@ -129,6 +130,8 @@ class Keeper:
         self._recording.begin(found.folder, self._header, fresh=False)
         self._recording.keep(flight.kept)
         self._flight, intake.judge_pose = flight, self._judge
+        if intake.accumulator.mount is not None:
+            self._held_since, intake.judge_scan = None, self._judge_scan
         for note in flight.notes:
             self._complain(note)
         self._say(
@@ -140,7 +143,7 @@ class Keeper:
 
     def _judge(self, pose: StampedPose) -> bool:
         """Look at the first poses after an interruption: another flight begins anew."""
-        flight, folder = self._flight, self._recording.folder
+        flight = self._flight
         frames = pose.frame_id, pose.child_frame_id
         reason = '' if flight is None else judge_pose(
             flight.state, frames, pose.stamp_ns, pose.position
@@ -149,8 +152,29 @@ class Keeper:
         if reason and self._num_refused < MOST_REFUSED:
             return False
         self._flight = self._intake.judge_pose = None
-        if not reason:
+        if reason:
+            self._begin_another(reason)
+        return True
+
+    def _judge_scan(self, frame: str) -> bool:
+        """Hold the first scans back until the lidar is mounted as in the map, or another way."""
+        before, mount = self._intake.accumulator.mount, self._intake.find_mount(frame)
+        if before is None or mount.equals(before):
+            self._intake.judge_scan = None
             return True
+        now = time.monotonic()
+        self._held_since = self._held_since or now
+        if now - self._held_since <= self._settings.input.max_wait:
+            return False
+        self._begin_another(
+            f'the mount of the lidar is {mount.describe()}, and was {before.describe()}'
+        )
+        return True
+
+    def _begin_another(self, reason: str) -> None:
+        """Forget the flight that was resumed, its record put aside, and begin anew."""
+        folder = self._recording.folder
+        self._flight = self._intake.judge_pose = self._intake.judge_scan = None
         self._recording.close()
         self._intake.disown()
         self._recording = self._make_recording()
@@ -159,7 +183,6 @@ class Keeper:
         if self._settings.output.directory:
             self._begin(Path(self._settings.output.directory).expanduser())
         self._forget(reason)
-        return True
 
     def _put_aside(self, record: Path, reason: str) -> None:
         """Say that a flight was not saved; where another one takes its place, it makes way."""
