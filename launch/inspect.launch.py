@@ -22,6 +22,8 @@ TRANSPORT = (
     'FASTDDS_BUILTIN_TRANSPORTS',
 )
 """Variables by which a user chooses the transport; as in plc_inspect/ros/graph/transport.py."""
+KEYS = 'PLC_KEYS'
+"""Names the keys of this machine; the node takes their transport by itself."""
 
 
 def _read(context, name):
@@ -68,7 +70,7 @@ def generate_launch_description():
     """Describe the node with its parameters and remappings."""
     share = get_package_share_directory('plc_inspect')
     profile = os.path.join(share, 'config', 'fastdds.xml')
-    own = [] if any(os.environ.get(name) for name in TRANSPORT) else [
+    own = [] if any(os.environ.get(name) for name in (*TRANSPORT, KEYS)) else [
         SetEnvironmentVariable(TRANSPORT[0], profile)
     ]
     return LaunchDescription([

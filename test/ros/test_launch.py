@@ -8,6 +8,9 @@ import json
 import os
 from pathlib import Path
 import re
+from runpy import run_path
+import sys
+from types import SimpleNamespace
 import xml.etree.ElementTree as ElementTree
 
 import pytest
@@ -66,6 +69,37 @@ def test_transport_is_the_same_everywhere():
              for item in root.iter(f'{space}transport_descriptor')}
     used = [item.text for item in next(root.iter(f'{space}userTransports'))]
     assert [kinds[name] for name in used] == ['SHM', 'UDPv4']
+
+
+@pytest.mark.parametrize(('name', 'sets'), [
+    (None, [VARIABLE]), ('FASTDDS_BUILTIN_TRANSPORTS', []), ('PLC_KEYS', []),
+])
+def test_launch_leaves_the_transport_to_the_keys(monkeypatch, name, sets):
+    found = []
+
+    def stub(module, **values):
+        monkeypatch.setitem(sys.modules, module, SimpleNamespace(**values))
+
+    def keep(variable, value):
+        found.append(variable)
+
+    def ignore(*arguments, **options):
+        return None
+
+    stub('ament_index_python', packages=None)
+    stub('ament_index_python.packages', get_package_share_directory=lambda name: str(ROOT))
+    stub('launch', LaunchDescription=ignore)
+    stub('launch.actions', DeclareLaunchArgument=ignore, OpaqueFunction=ignore,
+         SetEnvironmentVariable=keep)
+    stub('launch.substitutions', LaunchConfiguration=ignore)
+    stub('launch_ros', actions=None)
+    stub('launch_ros.actions', Node=ignore)
+    for variable in (*CHOICES, 'PLC_KEYS'):
+        monkeypatch.delenv(variable, raising=False)
+    if name is not None:
+        monkeypatch.setenv(name, '/somewhere')
+    run_path(str(ROOT / 'launch/inspect.launch.py'))['generate_launch_description']()
+    assert found == sets
 
 
 def test_transport_is_chosen_unless_the_user_did(monkeypatch):
