@@ -59,6 +59,8 @@ class Member:
     until: str
     """When its certificates end, ISO 8601 in UTC."""
     revoked: bool = False
+    older: tuple[int, ...] = ()
+    """Serials of its certificates before that one, which hold until their end too."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -135,7 +137,7 @@ class Keyring:
         if before is not None and not before.revoked:
             raise ConfigError(f'{name} is there already: plc_keys renew gives it new keys')
         if before is not None:
-            register = replace(register, old_serials=(*register.old_serials, before.serial))
+            register = replace(register, old_serials=(*register.old_serials, *_list(before)))
         return self._finish(self._issue(register, name, role, now), now)
 
     def renew(self, now: datetime | None = None) -> Register:
@@ -178,7 +180,10 @@ class Keyring:
         path = self.folder / REGISTER
         try:
             values = json.loads(path.read_text(encoding='utf-8'))
-            members = {item['name']: Member(**item) for item in values.pop('members')}
+            members = {
+                item['name']: Member(**{**item, 'older': tuple(item.get('older', ()))})
+                for item in values.pop('members')
+            }
             values['hosts'] = tuple(values['hosts'])
             values['old_serials'] = tuple(values['old_serials'])
             return Register(members=members, **values)
@@ -236,12 +241,19 @@ class Keyring:
         }
         _put_enclave(folder / 'sros2', enclave, root, own, documents)
         until = end.replace(microsecond=0).isoformat()
-        member = Member(name=name, role=role, serial=own.certificate.serial_number, until=until)
+        before = register.members.get(name)
+        member = Member(
+            name=name, role=role, serial=own.certificate.serial_number, until=until,
+            older=() if before is None or before.revoked else _list(before),
+        )
         return replace(register, members={**register.members, name: member})
 
     def _finish(self, register: Register, now: datetime | None) -> Register:
         """Write to all members whom to trust no more, and whom to believe; and the register."""
-        serials = [item.serial for item in register.members.values() if item.revoked]
+        serials = [
+            serial for item in register.members.values() if item.revoked
+            for serial in _list(item)
+        ]
         revoked = make_revocation_list(
             self._take_authority('root'), [*serials, *register.old_serials],
             _longest(register.days), now,
@@ -296,6 +308,11 @@ def _put(path: Path, data: bytes, mode: int) -> None:
     with os.fdopen(os.open(aside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), 'wb') as file:
         file.write(data)
     aside.replace(path)
+
+
+def _list(member: Member) -> tuple[int, ...]:
+    """List the serials of all certificates of a member."""
+    return (*member.older, member.serial)
 
 
 def _longest(days: int) -> int:

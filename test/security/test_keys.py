@@ -218,6 +218,29 @@ def test_a_revoked_name_can_be_given_again(tmp_path, openssl):
                        keyring.folder / 'ground/root_ca.crt', path)[0] == good
 
 
+def test_all_certificates_of_a_revoked_member_are_on_the_list(tmp_path, openssl):
+    keyring = Keyring(tmp_path / 'keys', read_policy(POLICY))
+    keyring.create(domain=0, days=10, hosts=())
+    held = []
+    for _ in range(3):
+        held.append((enclave_of(keyring.folder, 'vehicle') / 'cert.pem').read_bytes())
+        keyring.renew()
+    keyring.revoke('vehicle')
+    for again in (False, True):
+        if again:
+            keyring.add('vehicle', 'vehicle')
+        for number, pem in enumerate(held):
+            path = tmp_path / f'{number}.pem'
+            path.write_bytes(pem)
+            good, text = openssl(
+                'verify', '-crl_check', '-CRLfile',
+                enclave_of(keyring.folder, 'ground') / 'crl.pem', '-CAfile',
+                keyring.folder / 'ground/root_ca.crt', path,
+            )
+            assert not good
+            assert 'revoked' in text
+
+
 @pytest.mark.parametrize(('arguments', 'message'), [
     (['create', '{keys}'], 'is not empty'),
     (['create', '{new}', '--days', '0'], '1 to 3650 days, not 0'),
