@@ -201,12 +201,19 @@ Ends = tuple[asyncio.StreamReader, asyncio.StreamWriter]
 
 
 async def _take(link: socket.socket, context: ssl.SSLContext | None) -> Ends:
-    """Return both ends of an accepted connection; TLS is spoken from its first byte on."""
+    """
+    Return both ends of an accepted connection; TLS is spoken from its first byte on.
+
+    The loop owns the connection from here on, and closes it when it no longer listens to it: a
+    number closed before would be given to the next connection, which then hears nothing.
+    """
     loop = asyncio.get_running_loop()
+    owned = socket.socket(fileno=link.detach())
+    owned.setblocking(False)
     reader = asyncio.StreamReader()
     protocol = asyncio.StreamReaderProtocol(reader)
     transport, _ = await loop.connect_accepted_socket(
-        lambda: protocol, link, ssl=context,
+        lambda: protocol, owned, ssl=context,
         ssl_handshake_timeout=None if context is None else HANDSHAKE,
     )
     return reader, asyncio.StreamWriter(transport, protocol, reader, loop)

@@ -19,9 +19,10 @@ from plc_inspect.security.authority import issue, load_credential
 from plc_inspect.security.graph_profile import Place
 from plc_inspect.security.keyring import Keyring
 from plc_inspect.security.policy import read_policy
-from plc_inspect.security.tunnel import make_context, Tunnel
+from plc_inspect.security.tunnel import _take, make_context, Tunnel
 
 ROOT = Path(__file__).parents[2]
+NUM_VISITS = 200
 
 
 @pytest.fixture(scope='module')
@@ -192,6 +193,41 @@ def test_garbage_and_slow_talkers_are_cut_off(fleet, monkeypatch):
                 writer.close()
             assert rig.heard == b'hello'
             assert rig.tunnel.counts.refused >= 100
+
+    run(body())
+
+
+def test_one_connection_after_the_other_is_heard(fleet):
+    async def body():
+        async with Rig(fleet / 'keys/vehicle') as rig:
+            context = make_context(fleet / 'keys/ground', server=False)
+            num_heard = 0
+            for _ in range(NUM_VISITS):
+                reader, writer = await asyncio.wait_for(asyncio.open_connection(
+                    '127.0.0.1', rig.place.port, ssl=context, server_hostname='plc_inspect',
+                ), 2.0)
+                writer.write(b'a')
+                num_heard += await asyncio.wait_for(reader.readexactly(2), 2.0) == b'aa'
+                writer.close()
+            assert num_heard == NUM_VISITS
+
+    run(body())
+
+
+def test_the_loop_alone_closes_what_it_listens_to():
+    async def body():
+        with (
+            socket.create_server(('127.0.0.1', 0)) as server,
+            socket.create_connection(server.getsockname()) as other,
+        ):
+            link, _ = server.accept()
+            link.setblocking(False)
+            reader, writer = await _take(link, None)
+            link.close()
+            other.sendall(b'hello')
+            assert await asyncio.wait_for(reader.readexactly(5), 5.0) == b'hello'
+            writer.close()
+            await writer.wait_closed()
 
     run(body())
 
