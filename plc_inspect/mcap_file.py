@@ -80,7 +80,12 @@ class McapFile:
         start = MCAP0_MAGIC + head.end()
         self._end = self._tail = 0
         self._packed = b''
-        self._put(start)
+        try:
+            self._put(start)
+        except OSError as error:  # a file left here would be in the way of the next attempt
+            os.close(self._file)
+            path.unlink(missing_ok=True)
+            raise ConfigError(f'{path}: {error.strerror}') from error
 
     def __enter__(self) -> 'McapFile':
         """Return the file."""

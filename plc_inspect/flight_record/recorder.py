@@ -199,17 +199,22 @@ class Recorder:
         segment.put(batch)
 
     def _begin(self, *, fresh: bool) -> Segment:
+        self._flush()  # what is in the segment before is whole first, or it goes on
         segment = Segment(
             name_segment(self.folder, self._number + 1), self._header, fresh=fresh
         )
-        os.fsync(self._lock)  # the name of the file, too, is to outlive a power cut
+        try:
+            os.fsync(self._lock)  # the name of the file, too, is to outlive a power cut
+        except OSError:
+            segment.remove()
+            raise
         before, self._segment = self._segment, segment
         self._may_drop = fresh
         self._number += 1
         if before is not None:
             self._past += before.size
-            before.flush()
-            before.close()
+            with suppress(OSError):  # all but its summary is there
+                before.close()
         return segment
 
     def _drop_old(self) -> None:

@@ -4,6 +4,7 @@
 """One segment of a record: batches of what changed become chunks of an MCAP file."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 import errno
 from pathlib import Path
@@ -122,6 +123,12 @@ class Segment:
     def close(self) -> None:
         """End the file with its summary; OSError where it cannot be written."""
         self._file.close()
+
+    def remove(self) -> None:
+        """End the file, and remove it."""
+        with suppress(OSError):
+            self._file.close()
+        self.path.unlink(missing_ok=True)
 
     def _write(self, topic: str, data: bytes) -> None:
         kind = describe_topic(topic)

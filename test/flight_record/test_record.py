@@ -4,7 +4,9 @@
 """A record holds all that was handed over, wherever it ends and whatever the disk does."""
 
 from dataclasses import replace
+import errno
 import json
+import os
 import resource
 import time
 
@@ -199,6 +201,74 @@ def test_full_disk_costs_record_for_a_while_and_nothing_else(tmp_path, monkeypat
     source.recording.flush()
     source.wait()
     check_map(read_flight(tmp_path / 'it.record'), source.voxels)
+    source.recording.close()
+
+
+def fail(monkeypatch, name, seldom):
+    """Let a call of the system say that the disk is full, as long as a condition holds."""
+    real = getattr(os, name)
+
+    def run(*arguments):
+        if seldom(*arguments):
+            raise OSError(errno.ENOSPC, 'No space left on device')
+        return real(*arguments)
+
+    monkeypatch.setattr(os, name, run)
+
+
+def test_record_begins_once_the_full_disk_has_room(tmp_path, monkeypatch):
+    monkeypatch.setattr(recorder_module, 'RETRY', 0.05)
+    full = [True]
+    fail(monkeypatch, 'pwrite', lambda *_: full[0])
+    source = Source(tmp_path / 'it.record')
+    num_files = len(os.listdir('/proc/self/fd'))
+    source.grow()
+    end = time.monotonic() + 20.0
+    while 'No space left' not in source.recording.describe().problem:
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    time.sleep(0.3)  # it tries a few more times
+    assert list_segments(tmp_path / 'it.record') == []
+    assert len(os.listdir('/proc/self/fd')) <= num_files + 1
+    full[0] = False
+    source.wait()
+    source.recording.flush()
+    source.wait()
+    check_map(read_flight(tmp_path / 'it.record'), source.voxels)
+    source.recording.close()
+
+
+def test_next_segment_waits_for_the_last_chunk_of_the_one_before(tmp_path, monkeypatch):
+    monkeypatch.setattr(recorder_module, 'RETRY', 0.05)
+    folder = tmp_path / 'it.record'
+    source = Source(folder)
+    source.grow()
+    source.wait()
+    full = [False]
+    fail(monkeypatch, 'pwrite', lambda *_: full[0])
+    full[0] = True
+    source.grow()
+    end = time.monotonic() + 20.0
+    while not source.recording.describe().problem:
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    number = source.number
+    source.voxels.clear()  # the next batch begins another segment
+    source.number += 1
+    source.recording.flush()
+    time.sleep(0.3)
+    assert [path.name for path in list_segments(folder)] == ['000001.mcap']
+    full[0] = False
+    opened = []
+    begin = recorder_module.Segment
+
+    def note(path, *arguments, **options):
+        opened.append((path.name, read_flight(folder).state['number']))
+        return begin(path, *arguments, **options)
+
+    monkeypatch.setattr(recorder_module, 'Segment', note)
+    source.wait()
+    assert opened == [('000002.mcap', number)]
     source.recording.close()
 
 
