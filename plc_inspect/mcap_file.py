@@ -202,12 +202,13 @@ class McapFile:
         self._packed += out.end()
 
     def close(self) -> None:
-        """Write the rest and the summary."""
+        """Write the rest and the summary, and have the system put all on the disk."""
         if self._file < 0:
             return
         try:
             self.flush()
             self._put(b'', self._make_summary())
+            self.sync()
         finally:
             os.close(self._file)
             self._file = -1

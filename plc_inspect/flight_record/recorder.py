@@ -151,9 +151,11 @@ class Recorder:
                 self._writing = bool(self._problem)
             if stopping and (self._problem or not (waiting or self._queue)):
                 break
-        if self._segment is not None:
-            with suppress(OSError):
+        try:
+            if self._segment is not None:
                 self._segment.close()
+        except OSError as error:
+            self._problem = f'{self.folder}: {error.strerror or type(error).__name__}'
 
     def _try_to_write(self, batches: list[Batch]) -> list[Batch]:
         """Write batches; return those that could not even be prepared."""

@@ -100,6 +100,8 @@ def look_at(folder: Path, settings: Settings) -> Found:
         flight = read_flight(folder)
     except DataError as error:
         return Found(folder=folder, flight=None, reason=str(error))
+    if flight.state.get('closed'):  # what ends the record was cut off by a power cut
+        return Found(folder=folder, flight=None, reason='its flight was saved', over=True)
     if not len(flight.map.keys) or not flight.state.get('frames'):
         return Found(folder=folder, flight=None, reason='nothing came in', over=True)
     reason = _find_difference(flight, settings)

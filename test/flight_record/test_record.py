@@ -25,6 +25,7 @@ from plc_inspect.flight_record.layout import list_segments, pack_json
 from plc_inspect.flight_record.plain_values import from_plain, to_plain
 from plc_inspect.flight_record.reader import find_end, read_flight
 from plc_inspect.flight_record.recording import Recording, set_aside
+from plc_inspect.flight_record.resumption import look_at
 from plc_inspect.results import Hazard
 
 NUM_CUTS = 60
@@ -324,6 +325,48 @@ def test_record_goes_on_after_the_segments_there_are(tmp_path, knows):
     check_map(read_flight(folder), other.voxels)
     assert len(read_flight(folder).kept.spans.spans) == 6
     assert len(list_segments(folder)) == 2
+
+
+def test_flight_that_was_saved_is_over_whatever_the_power_cut_took(tmp_path, knows):
+    folder = tmp_path / 'it.record'
+    source = Source(folder)
+    source.grow(knows)
+    source.recording.close('/data/out')
+    assert look_at(folder, Settings()).over
+    (segment,) = list_segments(folder)
+    with segment.open('rb') as stream:
+        end = [
+            stream.tell() for record in StreamReader(stream, emit_chunks=True).records
+            if isinstance(record, Chunk)
+        ][-1]
+    os.truncate(segment, end)
+    found = look_at(folder, Settings())
+    assert found.over
+    assert found.reason == 'its flight was saved'
+
+
+def test_end_that_is_not_on_the_disk_is_told(tmp_path, monkeypatch):
+    source = Source(tmp_path / 'it.record')
+    source.grow()
+    source.wait()
+    (segment,) = list_segments(tmp_path / 'it.record')
+    sizes, real = [], os.fsync
+
+    def note(number):
+        sizes.append(os.fstat(number).st_size)
+        real(number)
+
+    monkeypatch.setattr(os, 'fsync', note)
+    source.recording.close('/data/out')
+    assert sizes[-1] == segment.stat().st_size  # the summary, too
+
+    source = Source(tmp_path / 'other.record')
+    source.grow()
+    source.wait()
+    fail(monkeypatch, 'pwrite', lambda *_: True)
+    source.recording.close()
+    assert 'is not whole' in source.said[-1]
+    assert 'No space left' in source.said[-1]
 
 
 def test_record_of_another_process_is_left_alone(tmp_path):
