@@ -211,7 +211,8 @@ def _unpack_ahead(
                 break
             if isinstance(record, Chunk):
                 if record.uncompressed_size > MOST_CHUNK:
-                    raise ValueError(f'a chunk of {record.uncompressed_size} bytes')
+                    broken = ValueError(f'a chunk of {record.uncompressed_size} bytes')
+                    break
                 ahead.append((pool.submit(breakup_chunk, record, True), stream.tell()))
         if not ahead:
             if broken is not None:

@@ -20,6 +20,7 @@ from plc_inspect.core.live.session import Session
 from plc_inspect.core.live.warm_up import make_sample
 from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
 from plc_inspect.errors import DataError
+from plc_inspect.flight_record import reader as reader_module
 from plc_inspect.flight_record import recorder as recorder_module
 from plc_inspect.flight_record.layout import list_segments, pack_json
 from plc_inspect.flight_record.plain_values import from_plain, to_plain
@@ -367,6 +368,23 @@ def test_end_that_is_not_on_the_disk_is_told(tmp_path, monkeypatch):
     source.recording.close()
     assert 'is not whole' in source.said[-1]
     assert 'No space left' in source.said[-1]
+
+
+def test_chunks_before_one_that_is_too_large_count(tmp_path, made, monkeypatch):
+    data, ends = made
+    (tmp_path / '000001.mcap').write_bytes(data)
+    sizes = []
+    with (tmp_path / '000001.mcap').open('rb') as stream:
+        for record in StreamReader(stream, emit_chunks=True).records:
+            if isinstance(record, Chunk):
+                sizes.append(record.uncompressed_size)
+    most = max(sizes[:2])
+    number = next(number for number, size in enumerate(sizes) if size > most)
+    assert 1 < number < 6
+    monkeypatch.setattr(reader_module, 'MOST_CHUNK', most)
+    flight = read_flight(tmp_path)
+    assert flight.num_chunks == number
+    assert f'the last {len(data) - ends[number - 1]} bytes are cut off' in flight.notes[0]
 
 
 def test_record_of_another_process_is_left_alone(tmp_path):
