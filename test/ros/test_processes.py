@@ -18,6 +18,7 @@ from rclpy.context import Context
 from rig import FIRST_DEADLINE, isolate, Robot, take_domain, wait_for
 
 from plc_inspect.offline.commands.recover import main as recover
+from plc_inspect.security.command import main as make_keys
 
 ROOT = Path(__file__).parents[2]
 DEMO = ROOT / 'bags' / 'demo'
@@ -194,13 +195,21 @@ sys.exit(main(['--ros-args', '-p', 'map.max_voxels:=20000']))
 """
 
 
-@pytest.mark.parametrize(('first', 'code'), [('rclpy.shutdown()', 0), ('pass', 1)])
-def test_end_of_ros_in_the_middle_of_a_wait_is_no_defect(tmp_path, first, code):
+@pytest.mark.parametrize(('first', 'code', 'keys'), [
+    ('rclpy.shutdown()', 0, False), ('pass', 1, False), ('pass', 1, True),
+])
+def test_end_of_ros_in_the_middle_of_a_wait_is_no_defect(tmp_path, first, code, keys):
     # A signal may come between the question whether all is well and the wait for messages.
     isolate()
+    given = {}
+    if keys:
+        assert make_keys(['create', str(tmp_path / 'keys')]) == 0
+        given['PLC_KEYS'] = str(tmp_path / 'keys/vehicle')
     done = subprocess.run(
         [sys.executable, '-c', SPIN.format(first=first)], cwd=ROOT, text=True, timeout=120.0,
-        env=os.environ | {'ROS_DOMAIN_ID': str(take_domain()), 'ROS_HOME': str(tmp_path)},
+        env=os.environ | given | {
+            'ROS_DOMAIN_ID': str(take_domain()), 'ROS_HOME': str(tmp_path),
+        },
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False,
     )
     assert done.returncode == code, done.stdout

@@ -8,6 +8,7 @@ from contextlib import contextmanager, suppress
 import os
 import signal
 import sys
+import traceback
 from types import FrameType
 from typing import NoReturn
 
@@ -31,6 +32,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the node until it is interrupted; return the exit code."""
     try:
         prepare_transport()
+        keys = find_keys()
         import rclpy
         from rclpy.executors import SingleThreadedExecutor
 
@@ -69,29 +71,33 @@ def main(argv: Sequence[str] | None = None) -> int:
         if not was_cut_short(error):
             raise
         return DONE
-    saved = True
+    code = DONE
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     try:
         executor.spin()
     except KeyboardInterrupt:
         pass
-    except Exception as error:
-        if not was_cut_short(error):
-            raise
-    finally:
-        # A second signal must not cut off the saving of the results.
-        for number in (signal.SIGINT, signal.SIGTERM, *ALSO_TERM):
-            signal.signal(number, signal.SIG_IGN)
-        saved = node.close()
-        if find_keys() is not None:
-            # Fast DDS over TCP waits for connections of peers that are gone, some for ever.
-            _leave_at_once(DONE if saved else DEFECT)
-        executor.shutdown()
-        node.destroy_node()
-        rclpy.utilities.try_shutdown()
-    if not saved:
-        _leave_at_once(DEFECT)
+    except BaseException as error:  # whatever it is, the results are saved
+        if not isinstance(error, Exception) or not was_cut_short(error):
+            traceback.print_exc()
+            code = DEFECT
+    # A second signal must not cut off the saving of the results.
+    for number in (signal.SIGINT, signal.SIGTERM, *ALSO_TERM):
+        signal.signal(number, signal.SIG_IGN)
+    try:
+        code = code if node.close() else DEFECT
+    except Exception:
+        traceback.print_exc()
+        code = DEFECT
+    if keys is not None:
+        # Fast DDS over TCP waits for connections of peers that are gone, some for ever.
+        _leave_at_once(code)
+    executor.shutdown()
+    node.destroy_node()
+    rclpy.utilities.try_shutdown()
+    if code != DONE:
+        _leave_at_once(code)
     return DONE
 
 
