@@ -383,7 +383,7 @@ class InspectNode(Node):
         stopped = self._worker.stop(STOP_TIMEOUT)
         log = self.get_logger()
         if not save or not len(self._intake.accumulator.map):
-            self._keeper.close(None)
+            self._keeper.close(None, wanted=False)
             if not save:
                 return True
             lost = self._intake.explain_nothing()

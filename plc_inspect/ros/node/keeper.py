@@ -229,10 +229,10 @@ class Keeper:
         """Hand all over that changed, before the results are saved."""
         self._recording.flush()
 
-    def close(self, saved: Saved | None) -> None:
-        """End the record; with all results saved it is done with, else it says how to get them."""
+    def close(self, saved: Saved | None, *, wanted: bool = True) -> None:
+        """End the record; where results are wanted and not whole, say how to get them from it."""
         folder = self._recording.folder
         done = saved is not None and saved.whole
         self._recording.close(str(saved.folder) if saved is not None and saved.whole else '')
-        if folder is not None and saved is not None and not done:
+        if folder is not None and wanted and not done:
             self._complain(f'"plc_recover {folder} -o OUT" makes the results from the record')

@@ -3,9 +3,11 @@
 
 """The keeper of the flight record without a graph: what it resumes, and what it gives up."""
 
+from pathlib import Path
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
-from rclpy.logging import get_logger
 from rig import BASE, make_cloud
 
 from plc_inspect.config import InputSettings, MapSettings, OutputSettings, Settings
@@ -16,6 +18,7 @@ from plc_inspect.offline.readers.catalogue import load_rules
 from plc_inspect.ros.node.diagnostics import Health
 from plc_inspect.ros.node.intake import Intake
 from plc_inspect.ros.node.keeper import Keeper
+from plc_inspect.ros.node.saving import Saved
 
 POINTS = np.random.default_rng(0).uniform(3.0, 9.0, (500, 3))
 INFO = {}
@@ -33,7 +36,7 @@ class Onboard:
         self.intake = Intake(self.settings, Health(), self.said.append)
         self.keeper = Keeper(
             self.settings, load_rules(self.settings.hazards), self.intake,
-            get_logger('keeper'), self.forget,
+            SimpleNamespace(info=self.said.append, error=self.said.append), self.forget,
         )
         self.goes_on = self.keeper.resume(Session())
 
@@ -138,6 +141,19 @@ def test_another_mount_is_another_flight(flown, tmp_path):
     assert heights.min() == pytest.approx(POINTS[:, 2].min() + 0.7, abs=0.01)
     assert len(read_flight(tmp_path / 'out.lost_1.record').map.keys) == number
     second.crash()
+
+
+@pytest.mark.parametrize(('saved', 'hint'), [
+    (None, True), (Saved(folder=Path('/out'), whole=False), True),
+    (Saved(folder=Path('/out'), whole=True), False),
+])
+def test_what_was_not_saved_whole_can_be_had_from_the_record(tmp_path, saved, hint):
+    onboard = Onboard(tmp_path)
+    onboard.fly(0.0, 1.0)
+    onboard.keeper.close(saved)
+    told = f'"plc_recover {tmp_path / "out.record"} -o OUT" makes the results from the record'
+    assert (told in onboard.said) == hint
+    onboard.intake.leave_memory()
 
 
 @pytest.mark.parametrize('change', [
