@@ -176,13 +176,13 @@ class Keeper:
         folder = self._recording.folder
         self._flight = self._intake.judge_pose = self._intake.judge_scan = None
         self._recording.close()
+        self._forget(reason)  # saves what was found, named after the flight that it is of
         self._intake.disown()
         self._recording = self._make_recording()
         if folder is not None:
             self._put_aside(folder, reason)
         if self._settings.output.directory:
             self._begin(Path(self._settings.output.directory).expanduser())
-        self._forget(reason)
 
     def _put_aside(self, record: Path, reason: str) -> None:
         """Say that a flight was not saved; where another one takes its place, it makes way."""

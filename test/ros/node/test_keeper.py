@@ -133,7 +133,8 @@ def test_another_mount_is_another_flight(flown, tmp_path):
     number = len(second.intake.accumulator.map)
     second.mount(0.7)
     second.fly(3.0, 1.0)
-    (reason, _), = second.forgotten
+    (reason, first_stamp), = second.forgotten
+    assert first_stamp == flown.intake.first_stamp  # what is saved then is named after it
     assert 'xyz 0.000 0.000 0.700 m' in reason
     assert 'and was xyz 0.000 0.000 0.500 m' in reason
     assert second.counters.num_map_restarts == 0
