@@ -107,7 +107,7 @@ class Tick:
 
     state: LiveState
     labels: UInt8
-    """(N,) label of each point of the window, for the map."""
+    """(N,) label of each point of the window, for the map; (0,) where nothing was looked for."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -179,11 +179,13 @@ class Session:
         Returns
         -------
         Tick
-            Without hazards where the map is not sharp.
+            Without hazards where the map is not sharp.  Where it is hopeless nothing is looked
+            for: what is known stays, and no labels are given.
 
         """
         started = time.perf_counter()
-        self._book.add(looks)
+        if (sharpness := self.measure(looks)).hopeless:
+            return self._wait(window, sharpness, started)
         self._frame = self._frame or find_cloud_frame(window.points)
         result, labels = _run(window.points, self._frame, settings, rules)
         numbered = self._registry.update(result, window.points, window.spans)
@@ -204,6 +206,19 @@ class Session:
             state=self._describe(news, result, window.sequence, started),
             labels=labels,
         )
+
+    def measure(self, looks: Sequence[LookWindow]) -> Sharpness:
+        """Take new points that tell how sharp the map is; return how sharp it is."""
+        self._book.add(looks)
+        return self._book.judge()
+
+    def _wait(self, window: Window, sharpness: Sharpness, started: float) -> Tick:
+        state = replace(
+            self.state, hazards=(), sharpness=sharpness,
+            num_merges=self._registry.num_merges, sequence=window.sequence,
+            seconds=time.perf_counter() - started,
+        )
+        return Tick(state=state, labels=np.zeros(0, dtype=np.uint8))
 
     def conclude(
         self, points: Float64, settings: Settings, sequence: int, *, complete: bool,

@@ -362,7 +362,7 @@ class InspectNode(Node):
             self._saving.answer(done.saved.folder is not None, done.saved.describe())
         else:
             self._health.num_ticks += 1
-            self._segmenting.answer(True, summarize(done.state))
+            self._segmenting.answer(not done.state.sharpness.hopeless, summarize(done.state))
 
     def close(self, *, save: bool = True) -> bool:
         """

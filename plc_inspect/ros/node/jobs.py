@@ -14,6 +14,7 @@ from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.live.session import Kept, LiveState, Session
 from plc_inspect.core.live.warm_up import warm_up_pipeline
 from plc_inspect.core.live.window import Window
+from plc_inspect.errors import DataError
 from plc_inspect.node_config import OutputSettings
 from plc_inspect.offline.records.flight import (
     conclude,
@@ -71,8 +72,8 @@ def run_tick(session: Session, snapshot: Snapshot) -> Done:
         bundle=make_bundle(
             tick.state, flight.frame_id, snapshot.stamp_ns, flight.settings.stream
         ),
-        slots=window.slots,
-        points=window.points,
+        slots=window.slots[:len(tick.labels)],
+        points=window.points[:len(tick.labels)],
         labels=tick.labels,
         kept=session.remember(),
     )
@@ -104,9 +105,15 @@ def take_snapshot(intake: Intake, window: Window, flight: Flight) -> Snapshot:
 def run_save(session: Session, snapshot: Snapshot) -> Done:
     """Run the pipeline over the whole map and write the results folder, or say why not."""
     numba.set_num_threads(ALL_THREADS)
-    state, inspection, labels = conclude(session, snapshot)
+    sharpness = session.measure(snapshot.looks)
+    if sharpness.hopeless:
+        raise DataError(sharpness.describe())
+    state, inspection, labels = conclude(session, replace(snapshot, looks=()))
     flight = snapshot.flight
     saved = save_results(flight.settings.output, flight.first_stamp_ns, inspection)
+    if state.sharpness.poor:
+        told = [item for item in (saved.problem, state.sharpness.describe()) if item]
+        saved = replace(saved, problem='; '.join(told))
     return Done(
         state=state,
         bundle=make_bundle(state, flight.frame_id, snapshot.stamp_ns, flight.settings.stream),

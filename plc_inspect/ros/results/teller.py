@@ -51,4 +51,5 @@ class Teller:
 def summarize(state: LiveState) -> str:
     """Return a state in one line."""
     lines = {item.span.line_id for item in state.confirmed}
-    return f'{len(lines)} lines, {len(state.confirmed)} spans, {len(state.hazards)} hazards'
+    text = f'{len(lines)} lines, {len(state.confirmed)} spans, {len(state.hazards)} hazards'
+    return f'{text}; {state.sharpness.describe()}' if state.sharpness.poor else text

@@ -15,6 +15,7 @@ from rig import isolate, put_stamp, Rig, take_domain, VEHICLE, wait_for
 from sensor_msgs.msg import PointCloud2
 
 from plc_inspect.config import Settings
+from plc_inspect.core.live import session as session_module
 from plc_inspect.core.live.session import Session
 from plc_inspect.core.live.warm_up import make_sample
 from plc_inspect.core.setup.sharpness import Spread
@@ -185,6 +186,52 @@ def test_vehicles_in_namespaces_are_told_apart():
         node.destroy_node()
     client.destroy_node()
     rclpy.shutdown(context=context)
+
+
+@pytest.fixture
+def smeared(shared):
+    """Return a node that knows the sample, in a map that has become hopeless."""
+    shared.reset()
+    shared.feed()
+    assert shared.call('segment').success
+    shared.feed(2)
+    assert shared.call('segment').success
+    spreads = shared.node._session._book._spreads
+    spreads.append(Spread(1, np.full(50, 9.0), np.zeros(0), np.full(50, 0.02**2)))
+    yield shared
+    spreads.clear()
+    shared.reset()
+
+
+def test_nothing_is_looked_for_in_a_hopeless_map(smeared, monkeypatch, tmp_path):
+    known = [item.key for item in smeared.node.state.confirmed]
+    labels = smeared.node.intake.accumulator.map._voxels.labels.copy()
+    assert len(known) >= 3
+    monkeypatch.setattr(session_module, '_run', None)
+    smeared.feed(2)
+    answer = smeared.call('segment')
+    assert not answer.success
+    assert 'nothing is looked for in it' in answer.message
+    assert smeared.node.state.sharpness.hopeless
+    assert smeared.node.state.hazards == ()
+    assert [item.key for item in smeared.node.state.confirmed] == known
+    now = smeared.node.intake.accumulator.map._voxels.labels
+    assert now[:len(labels)].any()
+    assert (now[:len(labels)][labels > 0] == labels[labels > 0]).all()
+    answer = smeared.call('save')
+    assert not answer.success
+    assert 'nothing is looked for in it' in answer.message
+
+
+def test_a_save_tells_of_hazards_that_are_held_back(smeared, monkeypatch, tmp_path):
+    monkeypatch.setenv('ROS_HOME', str(tmp_path))
+    spreads = smeared.node._session._book._spreads
+    spreads[-1] = Spread(1, np.full(50, 0.2**2), np.zeros(0), np.full(50, 0.02**2))
+    smeared.feed(2)
+    answer = smeared.call('save')
+    assert answer.success
+    assert 'saved to' in answer.message
+    assert 'hazards are held back' in answer.message
 
 
 def test_hazards_are_held_back_while_the_map_is_not_sharp():
