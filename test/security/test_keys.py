@@ -104,6 +104,9 @@ def test_each_enclave_has_exactly_the_rights_of_the_table(keys):
     assert 'rq/plc_inspect/resetRequest' not in table['ground'][0]
     assert 'rq/plc_inspect/saveRequest' in table['ground'][0]
     assert 'rq/plc_inspect/resetRequest' in table['operator'][0]
+    given = set.union(*(table[role][0] for role in ROLES))
+    inputs = {name for name in table['vehicle'][1] if name.startswith('rt/')}
+    assert inputs - given == {'rt/clock'}  # each has somebody who may send it
     assert [role for role in ROLES if 'rt/velodyne_points' in table[role][0]] == ['driver']
 
 
