@@ -179,11 +179,13 @@ class FrameTree:
         Raises
         ------
         DataError
-            Its values are not those of a transform.
+            Its values are not those of a transform, or it fixes a frame to itself.
 
         """
         transform = to_matrix(item)
         parent, child = clean_frame(item.parent), clean_frame(item.child)
+        if parent == child:
+            raise DataError(f'the frame {child!r} is fixed to itself')
         before = self._parents.get(child)
         if before is not None:
             del self._edges[before][child], self._edges[child][before]

@@ -57,6 +57,14 @@ def test_distance_and_angle_between_poses():
     assert measure_apart(one, other) == pytest.approx((5.0, 30.0))
 
 
+def test_a_frame_fixed_to_itself_is_refused():
+    tree = grow(edge('base_link', 'velodyne', (0, 0, 1)))
+    for _ in range(2):
+        with pytest.raises(DataError, match="'velodyne' is fixed to itself"):
+            tree.add(edge('velodyne', '/velodyne', (0, 0, 2)))
+    assert tree.find('base_link', 'velodyne')[2, 3] == 1.0
+
+
 def test_ways_up_and_down_the_tree():
     tree = grow(
         edge('base', 'mast', (0, 0, 1)), edge('mast', 'lidar', (1, 0, 0), (0, 30, 0)),
