@@ -93,6 +93,7 @@ class Recording:
             raise DataError(f'scans and odometry cannot share the topic {scan_topic!r}')
         self._moving: MovingFrames | None = None
         self._fixed: list[StampedTransform] = []
+        self._not_fixed: list[Exception] = []
         self.pose_type = ''
         """Type of the messages that poses come from, known when it is open."""
         self._reader: AnyReader | None = None
@@ -196,6 +197,8 @@ class Recording:
         self.skipped.clear()
         self.first_errors.clear()
         self.malformed.clear()
+        for error in self._not_fixed:
+            self._count(f'{STATIC_TOPIC}: malformed', error)
         self._moving = self._follow_frames()
         for connection, stamp, raw in self._read(reader):
             for content in self._convert(reader, connection, raw):
@@ -284,17 +287,28 @@ class Recording:
             if _absolute(c.topic) == STATIC_TOPIC and c.msgtype in TF_TYPES
         ]
         found: list[StampedTransform] = []
+        self._not_fixed = []
         tree = FrameTree()
         try:
-            for connection, _, raw in reader.messages(matching) if matching else ():
-                message = reader.deserialize(raw, connection.msgtype)
-                for item in transforms_from_message(message, fixed=True):
-                    tree.add(item)
-                    found.append(item)
+            messages = list(reader.messages(matching)) if matching else []
         except Exception as error:  # as in __enter__
             raise DataError(
                 f'{self.path}: {STATIC_TOPIC} cannot be read: {_in_one_line(error)}'
             ) from error
+        for connection, _, raw in messages:
+            try:
+                message = reader.deserialize(raw, connection.msgtype)
+                items = transforms_from_message(message, fixed=True)
+            except Exception as error:  # as in _convert
+                self._not_fixed.append(error)
+                continue
+            for item in items:
+                try:
+                    tree.add(item)
+                except DataError as error:
+                    self._not_fixed.append(error)
+                else:
+                    found.append(item)
         return found
 
     def _convert(
@@ -318,10 +332,13 @@ class Recording:
 
     def skip(self, kind: MessageKind, reason: str, error: BaseException) -> None:
         """Count a message that cannot be used; remember the first error of its reason and kind."""
+        self.malformed.setdefault(kind, self._count(reason, error))
+
+    def _count(self, reason: str, error: BaseException) -> str:
         self.skipped[reason] += 1
         text = _in_one_line(error)
         self.first_errors.setdefault(reason, text)
-        self.malformed.setdefault(kind, text)
+        return text
 
 
 def _absolute(topic: str) -> str:

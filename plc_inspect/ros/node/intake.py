@@ -193,12 +193,17 @@ class Intake:
 
     def take_fixed(self, message: Any) -> None:
         """Take the frames of a tf2_msgs/TFMessage of /tf_static."""
-        try:
-            for item in transforms_from_message(message, fixed=True):
+        for item in transforms_from_message(message, fixed=True):
+            try:
                 self._fixed.add(item)
                 self.accumulator.placer.add_frame(item)
-        except DataError as error:
-            self._complaints.complain('/tf_static', f'transform of /tf_static dropped: {error}')
+            except DataError as error:
+                self._health.malformed['tf_static'] += 1
+                self._health.problems['tf_static'] = str(error)
+                count = self._health.malformed['tf_static']
+                self._complaints.complain(
+                    '/tf_static', f'transform of /tf_static dropped: {error} ({count} so far)'
+                )
 
     def find_mount(self, frame: str) -> Mount:
         """Return how the lidar of a frame is mounted, as far as is known now."""

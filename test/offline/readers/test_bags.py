@@ -28,6 +28,7 @@ STORES = {
     'bag': get_typestore(Stores.ROS1_NOETIC),
 }
 SCAN, ODOMETRY = 'sensor_msgs/msg/PointCloud2', 'nav_msgs/msg/Odometry'
+TF = 'tf2_msgs/msg/TFMessage'
 
 
 def make_header(types, stamp_ns, frame_id):
@@ -208,6 +209,43 @@ def test_bad_messages_in_a_good_bag_are_skipped_and_counted(kind, tmp_path):
         assert set(recording.malformed) == {'scan', 'odometry'}
         assert 'row_step 1' in recording.malformed['scan']
     assert accumulator.counters().num_scans_inserted == 3
+
+
+def make_fixed(store, *edges):
+    """Make a message of /tf_static of (parent, child, w of the quaternion)."""
+    types = store.types
+    return types[TF](transforms=[
+        types['geometry_msgs/msg/TransformStamped'](
+            header=make_header(types, 0, parent), child_frame_id=child,
+            transform=types['geometry_msgs/msg/Transform'](
+                translation=types['geometry_msgs/msg/Vector3'](x=0.0, y=0.0, z=0.5),
+                rotation=types['geometry_msgs/msg/Quaternion'](x=0.0, y=0.0, z=0.0, w=w),
+            ),
+        ) for parent, child, w in edges
+    ])
+
+
+@pytest.mark.parametrize('kind', ['mcap', 'sqlite3'])
+def test_bad_fixed_transforms_cost_themselves_alone(kind, tmp_path):
+    store = STORES[kind]
+    serialize = store.serialize_cdr
+    mixed = make_fixed(
+        store, ('base_link', 'camera', 0.0), ('camera', 'camera', 1.0),
+        ('base_link', 'velodyne', 1.0),
+    )
+    raws = [bytes(serialize(mixed, TF)), b'\x00\x01\x00\x00\xff\xff\xff\x7f']
+    raws.append(bytes(serialize(make_fixed(store, ('base_link', 'imu', 1.0)), TF)))
+    path = write_bag(tmp_path / 'flight', kind, [
+        *(('/tf_static', TF, START, raw) for raw in raws), *make_flight(kind),
+    ])
+    with open_recording(path) as recording:
+        assert [item.child for item in recording.fixed_transforms] == ['velodyne', 'imu']
+        for _ in range(2):  # the counts of each pass have them
+            assert len(list(recording)) == 54
+            assert recording.skipped == {'/tf_static: malformed': 3}
+        (text,) = recording.first_errors.values()
+        assert 'from base_link to camera is none' in text
+        assert recording.malformed == {}
 
 
 def test_late_odometry_drops_scans_as_in_flight(tmp_path):

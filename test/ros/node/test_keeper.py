@@ -144,6 +144,20 @@ def test_another_mount_is_another_flight(flown, tmp_path):
     second.crash()
 
 
+def test_bad_fixed_transforms_cost_themselves_alone(tmp_path):
+    onboard = Onboard(tmp_path)
+    message, bad = make_fixed('base_link', 'velodyne', 0.5), make_fixed('camera', 'camera', 0.1)
+    message.transforms.insert(0, bad.transforms[0])
+    for _ in range(2):
+        onboard.intake.take_fixed(message)
+    assert onboard.intake.describe()['skipped'] == {'tf_static': 2}
+    assert onboard.said == [
+        "transform of /tf_static dropped: the frame 'camera' is fixed to itself (1 so far)"
+    ]
+    assert onboard.intake.find_mount('velodyne').transform[2, 3] == 0.5
+    onboard.intake.leave_memory()
+
+
 @pytest.mark.parametrize(('saved', 'hint'), [
     (None, True), (Saved(folder=Path('/out'), whole=False), True),
     (Saved(folder=Path('/out'), whole=True), False),
