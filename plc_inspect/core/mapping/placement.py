@@ -67,7 +67,8 @@ class Placer:
     """
 
     def __init__(self, settings: InputSettings) -> None:
-        self._frames = FrameTree()
+        self.frames = FrameTree()
+        """Of /tf_static."""
         self._base = self._lidar = ''
         self.configure(settings)
 
@@ -86,7 +87,7 @@ class Placer:
             Its values are not those of a transform.
 
         """
-        self._frames.add(item)
+        self.frames.add(item)
         self._mount = None
 
     def set_frames(self, base: str, lidar: str) -> None:
@@ -99,7 +100,7 @@ class Placer:
     def mount(self) -> Mount:
         """The mount that holds now."""
         if self._mount is None:
-            self._mount = choose_mount(self._settings, self._frames, self._base, self._lidar)
+            self._mount = choose_mount(self._settings, self.frames, self._base, self._lidar)
         return self._mount
 
     def place(self, scan: WaitingScan, poses: PoseBuffer) -> PlacedScan | DropReason:

@@ -23,7 +23,6 @@ from plc_inspect.core.mapping.scan_counters import Counters, DropReason
 from plc_inspect.core.mapping.standstill import explain_standstill
 from plc_inspect.core.setup.mount import Mount
 from plc_inspect.core.setup.moving_frames import MovingFrames
-from plc_inspect.core.setup.transforms import FrameTree
 from plc_inspect.core.voxel_buffer.cell_index import CellIndex
 from plc_inspect.core.voxel_buffer.voxel_changes import StoredMap
 from plc_inspect.errors import DataError
@@ -116,9 +115,8 @@ class Intake:
         self._refused_before = self._inserted_before = 0
         self._health = health
         self._settings = settings.input
-        self._fixed = FrameTree()
         self._moving = MovingFrames(
-            self._fixed, settings.input.map_frame, settings.input.base_frame
+            self.accumulator.placer.frames, settings.input.map_frame, settings.input.base_frame
         )
         self._complaints = Complaints(warn)
         self._losses = LossReporter(warn)
@@ -195,7 +193,6 @@ class Intake:
         """Take the frames of a tf2_msgs/TFMessage of /tf_static."""
         for item in transforms_from_message(message, fixed=True):
             try:
-                self._fixed.add(item)
                 self.accumulator.placer.add_frame(item)
             except DataError as error:
                 self._health.malformed['tf_static'] += 1
