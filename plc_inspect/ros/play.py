@@ -14,16 +14,19 @@ import time
 from typing import Any
 
 from plc_inspect.errors import ConfigError, DataError, explain_missing, PlcInspectError
+from plc_inspect.messages.poses import STATIC_TOPIC, TF_TYPES
 from plc_inspect.offline.commands.command_line import parse_with_ros, Parser
 from plc_inspect.offline.readers.bags import Recording
 from plc_inspect.printable import make_one_line
 from plc_inspect.ros.graph.ending import was_cut_short
+from plc_inspect.ros.graph.tf_messages import import_tf, make_fixed
 from plc_inspect.ros.graph.transport import explain_start, lacks_plugins, prepare_transport
 
 NAME = 'plc_play'
 DONE, BAD_INPUT = 0, 2
 CLOCK_PERIOD = 0.01
 """Recorded time between two messages of /clock at rate 1 [s]."""
+NO_TF = 'tf2_msgs cannot be imported (install ros-jazzy-tf2-msgs)'
 LEAD = 1.0
 """Time for the subscribers to find the publishers, at most [s]."""
 
@@ -66,6 +69,9 @@ def _run(arguments: argparse.Namespace) -> int:
         rclpy.init(args=['--ros-args', *arguments.ros] if arguments.ros else None)
         try:
             player = Player(recording, arguments.scan_topic)
+        except PlcInspectError:
+            rclpy.utilities.try_shutdown()
+            raise
         except Exception as error:  # a signal came while it was set up
             if lacks_plugins(error):
                 raise ConfigError(explain_start(error)) from error
@@ -92,7 +98,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 class Player:
     """
-    Publishes scans, odometry and /clock.
+    Publishes scans, poses, /clock and, once and latched, the fixed transforms of /tf_static.
 
     Parameters
     ----------
@@ -101,6 +107,11 @@ class Player:
     scan_topic : str
         Where to publish scans; the recording was opened with the same name.  Poses are published
         where and as they were recorded.
+
+    Raises
+    ------
+    ConfigError
+        Poses come from /tf, and tf2_msgs cannot be imported.
 
     """
 
@@ -112,15 +123,33 @@ class Player:
         from plc_inspect.ros.graph.qos import CLOCK, overridable, PLAYER
 
         self._recording = recording
+        pose_class = _find_class(recording.pose_type)
         self._node = Node('plc_play')
         self._clock_type = Clock
         self._publishers = {
             '/' + topic.strip('/'): self._node.create_publisher(kind, topic, **overridable(PLAYER))
             for topic, kind in (
-                (scan_topic, PointCloud2), (recording.pose_name, _find_class(recording.pose_type))
+                (scan_topic, PointCloud2), (recording.pose_name, pose_class)
             )
         }
         self._clock = self._node.create_publisher(Clock, '/clock', CLOCK)
+        self._publish_fixed(recording)
+
+    def _publish_fixed(self, recording: Recording) -> None:
+        """Publish the mount and whatever else does not move; whoever comes late gets it too."""
+        from plc_inspect.ros.graph.qos import TF_STATIC
+
+        if not recording.fixed_transforms:
+            return
+        kind = import_tf()
+        if kind is None:
+            print(
+                f'{NAME}: {STATIC_TOPIC} of the recording is not published, {NO_TF}: set '
+                'input.lidar_xyz and input.lidar_rpy_deg of the node', file=sys.stderr,
+            )
+            return
+        publisher = self._node.create_publisher(kind, STATIC_TOPIC, TF_STATIC)
+        publisher.publish(make_fixed(kind, recording.fixed_transforms))
 
     def wait_for_subscribers(self, timeout: float) -> bool:
         """Wait until scans and odometry have a subscriber, at most so long [s]."""
@@ -190,7 +219,11 @@ class Player:
 
 
 def _find_class(kind: str) -> Any:
-    """Return the class of a type of poses, such as nav_msgs/msg/Odometry."""
+    """Return the class of a type of poses, such as nav_msgs/msg/Odometry; as ``Player``."""
+    if kind in TF_TYPES:
+        if (found := import_tf()) is None:
+            raise ConfigError(f'the poses of the recording are on /tf, but {NO_TF}')
+        return found
     package, _, name = kind.split('/')
     return getattr(importlib.import_module(f'{package}.msg'), name)
 

@@ -7,14 +7,16 @@ import dataclasses
 from pathlib import Path
 import threading
 import time
+from types import SimpleNamespace
 
 from nav_msgs.msg import Odometry
+import numpy as np
 import pytest
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, QoSReliabilityPolicy
+from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
 from rig import isolate, take_domain, wait_for
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Writer as Writer1
@@ -22,7 +24,10 @@ from rosbags.typesys import get_typestore, Stores
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2
 
+from plc_inspect.core.setup.transforms import StampedTransform
+from plc_inspect.errors import ConfigError
 from plc_inspect.offline.readers.bags import Recording
+from plc_inspect.ros import play
 from plc_inspect.ros.play import main, Player
 
 DEMO = Path(__file__).parents[2] / 'bags' / 'demo'
@@ -159,6 +164,81 @@ def to_ros1(ros1, message, kind):
               if f.name != '__msgtype__'}
     fields['header'] = header
     return bytes(ros1.serialize_ros1(ros1.types[kind](**fields), kind))
+
+
+class Transforms:
+    """Stands in for tf2_msgs/TFMessage, which is not everywhere."""
+
+    def __init__(self, transforms):
+        self.transforms = transforms
+
+
+def turn(child, height, parent='base_link'):
+    """Return a fixed transform upwards [m]."""
+    return StampedTransform(
+        0, parent, child, np.array([0.0, 0.0, height]), np.array([0.0, 0.0, 1.0, 0.0])
+    )
+
+
+@pytest.fixture
+def player(graph, monkeypatch):
+    """Return a function that makes a player of a recording with fixed transforms, and them."""
+    isolate()
+    rclpy.init()
+    made = []
+    create = Node.create_publisher
+
+    def note(node, kind, topic, *profile, **options):
+        if topic != '/tf_static':
+            return create(node, kind, topic, *profile, **options)
+        assert profile[0].durability == QoSDurabilityPolicy.TRANSIENT_LOCAL
+        assert kind is Transforms
+        made.append([])
+        return SimpleNamespace(publish=made[-1].append)
+
+    def run(kind, *fixed):
+        monkeypatch.setattr(play, 'import_tf', lambda: kind)
+        monkeypatch.setattr(Node, 'create_publisher', note)
+        recording = SimpleNamespace(
+            pose_type='nav_msgs/msg/Odometry', pose_name='odometry', fixed_transforms=fixed
+        )
+        Player(recording, 'velodyne_points').close()
+        return made
+
+    yield run
+    rclpy.utilities.try_shutdown()
+
+
+def test_fixed_transforms_are_published_once_and_latched(player):
+    ((message,),) = player(
+        Transforms, turn('velodyne', 0.4), turn('camera', 0.1), turn('/velodyne', 0.5)
+    )
+    found = {
+        item.child_frame_id: (item.header.frame_id, item.transform.translation.z)
+        for item in message.transforms
+    }
+    assert found == {'/velodyne': ('base_link', 0.5), 'camera': ('base_link', 0.1)}
+    assert [item.transform.rotation.z for item in message.transforms] == [1.0, 1.0]
+    assert [item.transform.rotation.w for item in message.transforms] == [0.0, 0.0]
+
+
+def test_without_tf_messages_the_mount_that_lacks_is_named(player, capsys):
+    assert player(None, turn('velodyne', 0.5)) == []
+    said = capsys.readouterr().err
+    assert said.count('\n') == 1
+    assert '/tf_static of the recording is not published' in said
+    assert 'install ros-jazzy-tf2-msgs' in said
+    assert player(None) == []
+    assert capsys.readouterr().err == ''
+
+
+@pytest.mark.parametrize('kind', ['tf2_msgs/msg/TFMessage', 'tf/msg/tfMessage'])
+def test_poses_of_tf_are_those_of_tf2(monkeypatch, kind):
+    monkeypatch.setattr(play, 'import_tf', lambda: Transforms)
+    assert play._find_class(kind) is Transforms
+    monkeypatch.setattr(play, 'import_tf', lambda: None)
+    with pytest.raises(ConfigError, match='tf2_msgs cannot be imported'):
+        play._find_class(kind)
 
 
 @pytest.mark.parametrize(('arguments', 'text'), [

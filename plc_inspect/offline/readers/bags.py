@@ -219,7 +219,8 @@ class Recording:
         for connection, stamp, raw in self._read(reader):
             if not reader.is2:  # headers of ROS 1 have a field more
                 kind = connection.msgtype
-                raw = bytes(store.serialize_cdr(reader.deserialize(raw, kind), kind))
+                new = TF_TYPES[0] if kind in TF_TYPES else kind
+                raw = bytes(store.serialize_cdr(reader.deserialize(raw, kind), new))
             yield RawMessage(stamp, _absolute(connection.topic), bytes(raw))
 
     def _read(self, reader: AnyReader) -> Iterator[tuple[Any, int, bytes]]:

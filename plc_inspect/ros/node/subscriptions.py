@@ -25,6 +25,7 @@ from plc_inspect.messages.poses import (
     TF_TYPES,
 )
 from plc_inspect.ros.graph.qos import ODOMETRY, overridable, SCANS, TF_STATIC
+from plc_inspect.ros.graph.tf_messages import import_tf
 from plc_inspect.ros.node.intake import Intake
 
 SCAN_TYPE = 'sensor_msgs/msg/PointCloud2'
@@ -41,15 +42,6 @@ PATIENCE = 3
 """Looks at the graph without a publisher of poses until they are taken from tf."""
 MOST_NAMED = 6
 """Topics of a type that are named at most."""
-
-
-def import_tf() -> Any:
-    """Return the class of tf2_msgs/TFMessage, None where it cannot be imported."""
-    try:
-        from tf2_msgs.msg import TFMessage
-    except ImportError:
-        return None
-    return TFMessage
 
 
 class Subscriptions:

@@ -8,7 +8,7 @@ import pytest
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
-from rosbags.typesys import get_typestore, Stores
+from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 
 from plc_inspect.config import InputSettings, Settings
 from plc_inspect.core.mapping.accumulator import DropReason
@@ -246,6 +246,35 @@ def test_bad_fixed_transforms_cost_themselves_alone(kind, tmp_path):
         (text,) = recording.first_errors.values()
         assert 'from base_link to camera is none' in text
         assert recording.malformed == {}
+
+
+def test_tf_of_ros1_becomes_that_of_ros2(tmp_path):
+    store = get_typestore(Stores.ROS1_NOETIC)
+    kind = 'tf/msg/tfMessage'
+    store.register(get_types_from_msg('geometry_msgs/TransformStamped[] transforms', kind))
+    types = store.types
+    message = types[kind](transforms=[types['geometry_msgs/msg/TransformStamped'](
+        header=make_header(types, START, 'odom'), child_frame_id='base_link',
+        transform=types['geometry_msgs/msg/Transform'](
+            translation=types['geometry_msgs/msg/Vector3'](x=1.0, y=2.0, z=3.0),
+            rotation=types['geometry_msgs/msg/Quaternion'](x=0.0, y=0.0, z=0.0, w=1.0),
+        ),
+    )])
+    flight = make_flight('bag')
+    with Writer1(tmp_path / 'old.bag') as writer:
+        scans = writer.add_connection('/velodyne_points', SCAN, typestore=STORES['bag'])
+        poses = writer.add_connection('/tf', kind, typestore=store)
+        for topic, _, stamp, raw in flight:
+            if topic == '/velodyne_points':
+                writer.write(scans, stamp, raw)
+        writer.write(poses, START, bytes(store.serialize_ros1(message, kind)))
+    with open_recording(tmp_path / 'old.bag') as recording:
+        assert recording.pose_type == kind
+        (raw,) = [item.raw for item in recording.raw_messages() if item.topic == '/tf']
+    found = STORES['mcap'].deserialize_cdr(raw, TF).transforms[0]
+    assert found.child_frame_id == 'base_link'
+    assert found.header.frame_id == 'odom'
+    assert found.transform.translation.z == 3.0
 
 
 def test_late_odometry_drops_scans_as_in_flight(tmp_path):
