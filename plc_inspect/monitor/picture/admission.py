@@ -108,6 +108,7 @@ class Admission:
         Judgement
 
         """
+        origin = None if resets is None else (frame.session - resets) % (1 << 32)
         signature = None
         if self._verifier is not None:
             signature = self._verifier.check(data)
@@ -118,8 +119,10 @@ class Admission:
         ):
             if signature is not None and signature.run < self.runs.get(signature.signer, 0):
                 return Judgement(Verdict.REPLAYED)
-            return self._judge_number(frame, now)
-        origin = None if resets is None else (frame.session - resets) % (1 << 32)
+            judgement = self._judge_number(frame, now)
+            if judgement.good and self._origin is None:  # a message of the corridor came first
+                self._origin = origin
+            return judgement
         refusal = self._refuse_session(frame.session, signature, origin, now)
         if refusal is not None:
             asked = frame.kind in self._counters and self._counters[frame.kind].asked

@@ -202,6 +202,14 @@ def test_without_keys_no_single_message_silences_the_node():
     assert len(monitor.look(104.2).spans) == 6
 
 
+def test_a_reset_is_followed_at_once_where_the_corridor_came_first():
+    before, after, monitor = Source(), Source(8, resets=1), Monitor()
+    assert monitor.take_cloud(before.cloud(5.0), 100.0)
+    assert monitor.take_summary(before.summary(5.1, keyframe=True), 100.1)
+    assert monitor.take_summary(after.summary(5.2, keyframe=True, tables=NO_TABLES), 100.2)
+    assert monitor.look(100.3).counts.foreign == 0
+
+
 def test_what_was_kept_from_before_a_reset_is_no_attack():
     before, after, monitor = Source(), Source(8, resets=1), Monitor()
     kept = [before.summary(5.0, keyframe=True), before.summary(6.0),
