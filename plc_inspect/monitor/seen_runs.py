@@ -42,7 +42,10 @@ class SeenRuns:
         if self._path is None or runs == self._saved:
             return
         self._saved = dict(runs)
-        newest = dict(sorted(runs.items(), key=lambda item: item[1])[-MOST_SIGNERS:])
+        known = self._load()  # another monitor of this machine writes to it too
+        for signer, run in runs.items():
+            known[signer] = max(run, known.get(signer, run))
+        newest = dict(sorted(known.items(), key=lambda item: item[1])[-MOST_SIGNERS:])
         try:
             with replace_file(self._path) as aside:
                 aside.write_text(json.dumps(newest) + '\n', encoding='ascii')
