@@ -139,10 +139,15 @@ class Gate:
             app, access_log=None, keepalive_timeout=TIMEOUT, shutdown_timeout=1.0
         )
         await self._runner.setup()
-        self._server = await self._loop.create_server(
-            self._make_protocol, host, port, ssl=tls,
-            ssl_handshake_timeout=None if tls is None else TIMEOUT,
-        )
+        try:
+            self._server = await self._loop.create_server(
+                self._make_protocol, host, port, ssl=tls,
+                ssl_handshake_timeout=None if tls is None else TIMEOUT,
+            )
+        except OSError:
+            await self._runner.cleanup()
+            await self._session.close()
+            raise
         number: int = self._server.sockets[0].getsockname()[1]
         return number
 

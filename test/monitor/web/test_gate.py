@@ -290,9 +290,19 @@ def test_others_want_a_token(inner):
     gate.close()
 
 
-def test_a_port_that_is_taken_is_told(open_gate, inner):
+def test_a_port_that_is_taken_is_told(open_gate, inner, monkeypatch):
+    made = []
+    begin = gate_module.web.AppRunner.setup
+
+    async def note(runner):
+        made.append(runner)
+        await begin(runner)
+
+    monkeypatch.setattr(gate_module.web.AppRunner, 'setup', note)
     with pytest.raises(ConfigError, match=f'cannot listen on 127.0.0.1 port {open_gate.port}'):
         Gate('127.0.0.1', open_gate.port, inner)
+    (runner,) = made
+    assert runner.server is None  # nothing is left open
 
 
 def test_what_is_this_machine():
