@@ -20,6 +20,11 @@ REJOIN_AFTER, MOST_REJOIN = 10.0, 60.0
 Over TCP, Fast DDS does not always connect again: after so long without news the graph is joined
 anew, and each time that does not help twice as late [s].
 """
+MOST_LEFT = 16
+"""
+Places on the graph that may be left as fast as that; each more, which costs threads and memory
+until the process ends, doubles the least wait: some thirty in a day of silence.
+"""
 RECORD_PERIOD = 1.0
 """Time between two pictures that are recorded [s]."""
 
@@ -60,7 +65,7 @@ class Station:
         self._join = lambda: Listener(node_name, take, arguments)
         self._listener = self._join()
         self._left: list[Listener] = []
-        self._patience = REJOIN_AFTER
+        self._patience = self._least = REJOIN_AFTER
         self._joined = time.monotonic()
 
     def __enter__(self) -> 'Station':
@@ -96,12 +101,15 @@ class Station:
         if not self._seen.keys or now - self._joined < self._patience:
             return
         if now - self._heard < REJOIN_AFTER:
-            self._joined, self._patience = now, REJOIN_AFTER
+            self._joined, self._patience = now, self._least
             return
         self._left.append(self._listener)
         self._listener = self._join()
         self.monitor.rejoin()
-        self._joined, self._patience = now, min(2.0 * self._patience, MOST_REJOIN)
+        slower = 2.0 ** max(0, len(self._left) - MOST_LEFT)
+        self._least = REJOIN_AFTER * slower
+        self._joined = now
+        self._patience = max(min(2.0 * self._patience, MOST_REJOIN), self._least)
 
     def _take_summary(self, data: bytes) -> None:
         self._record('summary', data)

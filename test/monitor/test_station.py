@@ -1,0 +1,52 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The station's place on the graph over hours in which nothing comes."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from plc_inspect.monitor import station as station_module
+from plc_inspect.monitor.picture.admission import Admission
+from plc_inspect.monitor.station import MOST_LEFT, REJOIN_AFTER, Station
+
+HOUR = 3600
+
+
+@pytest.fixture
+def silent(monkeypatch):
+    """Return a station with keys, and a function that lets seconds pass; nothing comes in."""
+    clock = [1000.0]
+    monkeypatch.setattr(station_module, 'time', SimpleNamespace(monotonic=lambda: clock[0]))
+    monkeypatch.setattr(station_module, 'Listener', lambda *_: SimpleNamespace(
+        spin=lambda seconds: True, subscribe=lambda topic: None, close=lambda: None,
+    ))
+    monkeypatch.setattr(station_module, 'SeenRuns', lambda: SimpleNamespace(
+        keys=True, admission=Admission(), save=lambda: None,
+    ))
+    station = Station('/plc_inspect', [])
+
+    def wait(seconds):
+        for _ in range(seconds):
+            clock[0] += 1.0
+            station.spin(1.0)
+
+    return station, wait
+
+
+def test_graph_is_joined_anew_soon_and_not_for_ever(silent):
+    station, wait = silent
+    wait(10 * 60)
+    assert len(station._left) >= 9
+    wait(23 * HOUR)
+    assert len(station._left) <= MOST_LEFT + 14
+
+
+def test_link_that_comes_and_goes_leaves_few_places(silent):
+    station, wait = silent
+    for _ in range(200):
+        wait(int(REJOIN_AFTER) + 20)
+        station._take_summary(b'something')
+        wait(int(REJOIN_AFTER) + 20)
+    assert len(station._left) <= MOST_LEFT + 10
