@@ -342,8 +342,7 @@ class Accumulator:
 
     def _follow_mount(self) -> None:
         """Begin the map anew where the lidar is mounted otherwise than for the scans in it."""
-        base = self.frames[1] if self.frames else ''
-        self.placer.set_frames(base, self._lidar_frame)
+        self.placer.set_frames(self.frames, self._lidar_frame)
         mount, before = self.placer.mount, self.mount
         self.mount = mount
         if before is not None and not mount.equals(before) and len(self.map):

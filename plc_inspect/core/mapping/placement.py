@@ -90,8 +90,11 @@ class Placer:
         self.frames.add(item)
         self._mount = None
 
-    def set_frames(self, base: str, lidar: str) -> None:
-        """Take the frames of the odometry's child and of the scans."""
+    def set_frames(self, odometry: tuple[str, str] | None, lidar: str) -> None:
+        """Take the frames of the odometry and its child, None: unknown, and of the scans."""
+        frame, base = odometry or ('', '')
+        if lidar == frame:
+            lidar = ''  # the scans are placed already, by whatever mount
         if (base, lidar) != (self._base, self._lidar):
             self._base, self._lidar = base, lidar
             self._mount = None

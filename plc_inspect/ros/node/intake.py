@@ -204,9 +204,8 @@ class Intake:
 
     def find_mount(self, frame: str) -> Mount:
         """Return how the lidar of a frame is mounted, as far as is known now."""
-        frames, placer = self.accumulator.frames, self.accumulator.placer
-        placer.set_frames(frames[1] if frames else '', frame)
-        return placer.mount
+        self.accumulator.placer.set_frames(self.accumulator.frames, frame)
+        return self.accumulator.placer.mount
 
     @property
     def tf_problem(self) -> str:

@@ -8,6 +8,7 @@ import pytest
 
 from plc_inspect.config import InputSettings, MapSettings, Settings
 from plc_inspect.core.mapping.accumulator import Accumulator, DropReason, QUEUE_SIZE
+from plc_inspect.core.setup.transforms import StampedTransform
 from plc_inspect.errors import DataError
 
 MS = 1_000_000
@@ -58,6 +59,22 @@ def test_stamps_of_first_and_of_last_packet(stamp_ms):
     centroids = accumulator.map.centroids()
     assert accumulator.map.counts().sum() == 50
     np.testing.assert_allclose(centroids[:, 0], 30.05, atol=1e-5)
+
+
+@pytest.mark.parametrize(('frame', 'doubt'), [
+    ('odom', ''), ('velodyne', ''), ('camera', 'no way leads from base to camera'),
+])
+def test_mount_of_scans_that_are_placed_is_not_in_doubt(frame, doubt):
+    accumulator = make_accumulator(min_range=0.0)
+    accumulator.placer.add_frame(StampedTransform(
+        0, 'base', 'velodyne', np.array([0.0, 0.0, 1.0]), np.array(UPRIGHT)
+    ))
+    add_poses(accumulator, 0, 100, frame_id='odom', child_frame_id='base')
+    add_plain_scan(accumulator, 50, frame_id=frame)
+    assert accumulator.counters().num_scans_inserted == 1
+    assert accumulator.placer.mount.doubt.startswith(doubt)
+    assert bool(accumulator.placer.mount.doubt) == bool(doubt)
+    assert accumulator.placer.mount.transform[2, 3] == (frame == 'velodyne')
 
 
 def test_without_times_the_stamp_serves_and_is_counted():
