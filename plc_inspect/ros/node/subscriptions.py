@@ -86,14 +86,15 @@ class Subscriptions:
             event_callbacks=events, **overridable(SCANS),
         )
         if settings.use_tf and self._tf_type is not None:
-            self._subscribe(self._tf_type, STATIC_TOPIC, intake.take_fixed, TF_STATIC)
+            self._subscribe('tf_static', self._tf_type, STATIC_TOPIC, intake.take_fixed, TF_STATIC)
         self._follow('Odometry' if settings.odometry_type == AUTO else settings.odometry_type)
 
     def _subscribe(
-        self, kind: Any, topic: str, take: Callable[[Any], None], profile: QoSProfile
+        self, name: str, kind: Any, topic: str, take: Callable[[Any], None], profile: QoSProfile
     ) -> Subscription:
+        # A topic may be named as a timer is, whose callback the guard calls without a message.
         return self._node.create_subscription(
-            kind, topic, self._guard(topic, take), **overridable(profile)
+            kind, topic, self._guard(name, take), **overridable(profile)
         )
 
     def _follow(self, kind: str) -> None:
@@ -108,12 +109,12 @@ class Subscriptions:
         self._type = kind
         if kind == TF:
             self._poses = self._subscribe(
-                self._tf_type, TF_TOPIC, self._intake.take_moving, ODOMETRY
+                'tf', self._tf_type, TF_TOPIC, self._intake.take_moving, ODOMETRY
             )
         else:
             self._poses = self._subscribe(
-                _CLASSES[kind], self._settings.odometry_topic, self._intake.take_odometry,
-                ODOMETRY,
+                'odometry', _CLASSES[kind], self._settings.odometry_topic,
+                self._intake.take_odometry, ODOMETRY,
             )
 
     def look(self) -> dict[str, str]:

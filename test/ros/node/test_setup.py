@@ -14,7 +14,7 @@ from rclpy.node import Node
 from rig import isolate, put_stamp, Rig, take_domain, VEHICLE, wait_for
 from sensor_msgs.msg import PointCloud2
 
-from plc_inspect.config import Settings
+from plc_inspect.config import InputSettings, Settings
 from plc_inspect.core.live import session as session_module
 from plc_inspect.core.live.session import Session
 from plc_inspect.core.live.warm_up import make_sample
@@ -23,8 +23,10 @@ from plc_inspect.core.setup.transforms import make_transform, to_quaternion
 from plc_inspect.errors import ConfigError
 from plc_inspect.messages.typestore import MessageMaker
 from plc_inspect.ros.graph.qos import PLAYER
+from plc_inspect.ros.node.diagnostics import Health
 from plc_inspect.ros.node.inspect_node import InspectNode
-from plc_inspect.ros.node.subscriptions import import_tf
+from plc_inspect.ros.node.intake import Intake
+from plc_inspect.ros.node.subscriptions import import_tf, Subscriptions
 
 TF = 'tf2_msgs/msg/TFMessage'
 
@@ -105,6 +107,25 @@ def test_topics_of_the_right_type_are_named():
         wait_for(look, 'topic that is there', 5.0)
     finally:
         rig.close()
+
+
+@pytest.mark.parametrize('topic', ['scan', 'timer', 'stream', 'odometry'])
+def test_callbacks_are_not_named_by_topics(topic):
+    names, topics = [], []
+
+    class Listening:
+        def create_subscription(self, kind, topic, callback, *profile, **options):
+            topics.append(topic)
+
+    def guard(name, callback):
+        names.append(name)
+        return callback
+
+    settings = InputSettings(odometry_topic=topic, odometry_type='Odometry', use_tf=False)
+    intake = Intake(Settings(input=settings), Health(), print)
+    Subscriptions(Listening(), settings, intake, guard, print)
+    assert names == ['scan', 'odometry']
+    assert topics == ['velodyne_points', topic]
 
 
 @pytest.mark.skipif(import_tf() is not None, reason='tf2_msgs is there')
