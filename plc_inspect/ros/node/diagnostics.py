@@ -72,6 +72,12 @@ class Health:
             result[name] = float(middle), float(high), float(max(own))
         return result
 
+    def find_causes(self, problems: Mapping[str, str]) -> dict[str, str]:
+        """Return problems with messages, and why no poses come in where tf or the graph tells."""
+        hint = self.hints.get('odometry', '')
+        causes = {'poses': hint} if hint and 'odometry' not in problems else {}
+        return {**problems, **causes}
+
     def all_durations(self) -> list[float]:
         """Return the durations of all callbacks that are remembered [s]."""
         return [value for own in self._durations.values() for value in own]

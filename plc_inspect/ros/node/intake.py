@@ -247,7 +247,8 @@ class Intake:
         counters = self.accumulator.counters()
         if not counters.num_scans and not self._health.malformed['scan']:
             return ''
-        cause = explain_standstill(counters, None, self._health.problems, self._settings)
+        causes = self._health.find_causes(self._health.problems)
+        cause = explain_standstill(counters, None, causes, self._settings)
         return f': {cause}'
 
     @property

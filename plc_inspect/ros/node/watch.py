@@ -142,7 +142,7 @@ class InputWatch:
             kind: health.problems[kind] for kind, count in health.malformed.items()
             if count > self._malformed[kind]
         }
-        cause = explain_standstill(counters, before, malformed, settings)
+        cause = explain_standstill(counters, before, health.find_causes(malformed), settings)
         return f'nothing went into the map for {now - self._since:.0f} s: {cause}'
 
     def _find_crowd(self, topic: str) -> str:

@@ -19,6 +19,7 @@ from plc_inspect.ros.node.diagnostics import Health
 from plc_inspect.ros.node.intake import Intake
 from plc_inspect.ros.node.keeper import Keeper
 from plc_inspect.ros.node.saving import Saved
+from plc_inspect.ros.node.watch import InputWatch
 
 POINTS = np.random.default_rng(0).uniform(3.0, 9.0, (500, 3))
 INFO = {}
@@ -87,10 +88,10 @@ def make_pose(stamp_ns):
     )
 
 
-def make_fixed(parent, child, height):
+def make_fixed(parent, child, height, stamp_ns=0):
     maker = MessageMaker()
     return maker.make('tf2_msgs/msg/TFMessage', transforms=[maker.make(
-        'geometry_msgs/msg/TransformStamped', header=maker.header(0, parent),
+        'geometry_msgs/msg/TransformStamped', header=maker.header(stamp_ns, parent),
         child_frame_id=child, transform=maker.make(
             'geometry_msgs/msg/Transform', translation=maker.vector('Vector3', (0, 0, height)),
             rotation=maker.make('geometry_msgs/msg/Quaternion', x=0.0, y=0.0, z=0.0, w=1.0),
@@ -155,6 +156,24 @@ def test_bad_fixed_transforms_cost_themselves_alone(tmp_path):
         "transform of /tf_static dropped: the frame 'camera' is fixed to itself (1 so far)"
     ]
     assert onboard.intake.find_mount('velodyne').transform[2, 3] == 0.5
+    onboard.intake.leave_memory()
+
+
+def test_tf_that_gives_no_poses_is_the_cause(tmp_path):
+    onboard = Onboard(tmp_path, odometry_type='tf', map_frame='map')
+    for number in range(10):
+        onboard.intake.take_scan(make_cloud(POINTS, 0.1 * number), INFO)
+    onboard.intake.take_moving(make_fixed('odom', 'base_link', 1.0, BASE * 10**9))
+    health = onboard.intake._health
+    health.hints = {'scan': '', 'odometry': onboard.intake.tf_problem}
+    text = '/tf does not lead from map to base_link'
+    assert text in onboard.intake.explain_nothing()
+    watch = InputWatch(None, (), 0.0)
+    assert text in watch.look(onboard.counters, health, onboard.settings.input, 10.0)[0]
+    health.malformed['odometry'], health.problems['odometry'] = 1, 'a quaternion of length 0'
+    for told in (onboard.intake.explain_nothing(),
+                 watch.look(onboard.counters, health, onboard.settings.input, 10.0)[0]):
+        assert 'all poses are malformed: a quaternion of length 0' in told
     onboard.intake.leave_memory()
 
 
