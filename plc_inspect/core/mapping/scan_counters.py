@@ -56,7 +56,7 @@ class Counters:
     num_pose_jumps: int
     num_pose_restarts: int
     num_map_restarts: int
-    """Times the map began anew, as the odometry had gone where it does not reach."""
+    """Times the map began anew: out of its reach, or with another mount of the lidar."""
     stamp_lead: float | None
     """Median time by which scans are ahead of the newest pose on arrival [s], None unknown."""
     pose_period: float | None

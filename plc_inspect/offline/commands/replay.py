@@ -132,8 +132,8 @@ def describe_losses(inspection: 'Inspection') -> str:
             parts.append(f'{title}: {reasons}')
     if counts['num_map_restarts']:
         parts.append(
-            f'the map was begun anew {counts["num_map_restarts"]} times, out of its reach: what '
-            'was flown before is not in the results'
+            f'the map was begun anew {counts["num_map_restarts"]} times: what was flown before is '
+            'not in the results'
         )
     if counts['num_scans_lost']:
         parts.append(f'scans missing in the recording: {counts["num_scans_lost"]}')

@@ -130,7 +130,7 @@ def _losses(counters: Counters) -> Iterator[tuple[str, int]]:
     yield 'jumps of the odometry', counters.num_pose_jumps
     yield 'restarts of the odometry, whose time went back', counters.num_pose_restarts
     yield 'scans without times of their points', counters.num_scans_without_time
-    yield 'new beginnings of the map, out of its reach', counters.num_map_restarts
+    yield 'new beginnings of the map', counters.num_map_restarts
     if 'map full' in counters.points_dropped:
         yield 'points refused, map full', counters.points_dropped['map full']
 

@@ -248,7 +248,7 @@ class InspectNode(Node):
         return response
 
     def _on_map_restart(self) -> None:
-        """Save what was found before the odometry left the map's reach, and begin anew."""
+        """Save what was found in the map that was given up, and begin anew."""
         self.get_logger().error(f'{self._intake.accumulator.restart_cause}: the map begins anew')
         self._forget('the map began anew')
 
