@@ -54,10 +54,10 @@ CORRIDOR_REACH = 150.0
 Distance from the vehicle within which corridor points are kept for messages [m].
 Source: judgement; not measured.
 """
-REMEMBERED = 72
+REMEMBERED = 84
 """
 Windows by which the sharpness of the map is judged.
-Source: derived: a minute of flight.
+Source: derived: a minute of flight, 1.4 windows a second in the three scales.
 """
 FINISHED_DISTANCE = 150.0
 """

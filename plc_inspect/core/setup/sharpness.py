@@ -30,8 +30,11 @@ MOST_POINTS = 3000
 Points of a scan that are looked at; of more, every so many.
 Source: numerical: 16 a cell and scan where all 200 cells in reach are seen.
 """
-MOST_WAITING = 12
-"""Windows that wait to be measured at most.  Source: numerical: 10 s of flight."""
+MOST_WAITING = 14
+"""
+Windows that wait to be measured at most.
+Source: numerical: 10 s of flight, 1.4 windows a second in the three scales.
+"""
 LEAST_LOOKS = 3
 """Looks that a cell needs.  Source: judgement; not measured."""
 LINE, PLANE = 0.02, 0.02

@@ -6,11 +6,13 @@
 import numpy as np
 import pytest
 
+from plc_inspect.core.live.session import REMEMBERED
 from plc_inspect.core.setup.sharpness import (
     LEAST_PLANES,
     LookWindow,
     measure_spread,
     MOST_WAITING,
+    SCALES,
     SharpnessBook,
     SharpnessMeter,
 )
@@ -70,6 +72,12 @@ def test_short_flights_tell_nothing(seconds):
     assert not found.known
     assert not found.poor
     assert 'unknown' in found.describe()
+
+
+def test_windows_that_are_kept_are_those_of_all_scales():
+    rate = sum(1e9 / scale.window_ns for scale in SCALES)
+    assert pytest.approx(10.0 * rate) == MOST_WAITING
+    assert pytest.approx(60.0 * rate) == REMEMBERED
 
 
 def test_meter_is_bounded_and_forgets():
