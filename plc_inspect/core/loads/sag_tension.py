@@ -40,20 +40,10 @@ MOST_ICE = 0.5
 """Thickness of a coat of ice at most [m].  Source: judgement; not measured."""
 MOST_WIND = 100.0
 """Speed of the wind at most [m/s].  Source: judgement; not measured."""
-TENSION_TOLERANCE = 1e-9, 1e-14
-"""
-Absolute and relative tolerance of the parabola's tension [N].
-Source: numerical: some rounding.
-"""
 CONSTANT_TOLERANCE = 1e-12, 1e-13
 """
 Absolute and relative tolerance of the logarithm of the catenary constant.
 Source: numerical: some rounding.
-"""
-LEAST_TENSION = 1e-3
-"""
-Horizontal tension from which the parabola's is searched [N].
-Source: numerical: far below that of any conductor.
 """
 DEEPEST = 4.0
 """

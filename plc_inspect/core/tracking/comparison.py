@@ -48,11 +48,6 @@ NUM_STATIONS = 41
 """Places at which two spans are compared.  Source: judgement; not measured."""
 LEAST_CHANGE = 0.15
 """Change of sag that is tolerated in any case [m].  Source: judgement; not measured."""
-SIGNIFICANT = 2.0
-"""
-Standard deviations beyond which a difference is significant.
-Source: derived: 5 % of normal errors lie beyond.
-"""
 TIE_BREAK = 1e-3
 """
 Weight of the distance between the places of hazards, by that between their boxes.

@@ -23,11 +23,6 @@ BLOCK = 64
 Points that are looked up together.
 Source: numerical: their reads wait for memory together; time alone depends on it.
 """
-LEAST_BITS = 4
-"""
-A table has at least 2 to this many places.
-Source: numerical: a power of two, at least twice the keys.
-"""
 
 
 @njit(cache=True, nogil=True)
