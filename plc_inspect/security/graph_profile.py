@@ -14,6 +14,7 @@ import ipaddress
 from xml.etree import ElementTree
 
 from plc_inspect.errors import ConfigError
+from plc_inspect.security.xml_document import add_text, write
 
 NAMESPACE = 'http://www.eprosima.com'
 LOOPBACK = '127.0.0.1'
@@ -115,29 +116,27 @@ def make_profile(
     rtps = ElementTree.SubElement(participant, 'rtps')
     chosen = ElementTree.SubElement(rtps, 'userTransports')
     for name in used:
-        _text(chosen, 'transport_id', name)
-    _text(rtps, 'useBuiltinTransports', 'false')
+        add_text(chosen, 'transport_id', name)
+    add_text(rtps, 'useBuiltinTransports', 'false')
     _add_meetings(ElementTree.SubElement(rtps, 'builtin'), listen, connect, aboard)
-    ElementTree.indent(root)
-    head = '<?xml version="1.0" encoding="UTF-8"?>\n'
-    return head + ElementTree.tostring(root, encoding='unicode') + '\n'
+    return write(root)
 
 
 def _add_aboard(transports: ElementTree.Element) -> None:
     memory = _transport(transports, 'plc_shared_memory', 'SHM')
-    _text(memory, 'segment_size', SEGMENT)
-    _text(memory, 'maxMessageSize', MESSAGE)
+    add_text(memory, 'segment_size', SEGMENT)
+    add_text(memory, 'maxMessageSize', MESSAGE)
     loopback = _transport(transports, 'plc_loopback', 'UDPv4')
-    _text(ElementTree.SubElement(loopback, 'interfaceWhiteList'), 'address', LOOPBACK)
+    add_text(ElementTree.SubElement(loopback, 'interfaceWhiteList'), 'address', LOOPBACK)
 
 
 def _add_tcp_transport(transports: ElementTree.Element, listen: int | None) -> None:
     tcp = _transport(transports, 'plc_tcp', 'TCPv4')
-    _text(tcp, 'sendBufferSize', BUFFER)
-    _text(tcp, 'receiveBufferSize', BUFFER)
-    _text(ElementTree.SubElement(tcp, 'interfaceWhiteList'), 'address', LOOPBACK)
+    add_text(tcp, 'sendBufferSize', BUFFER)
+    add_text(tcp, 'receiveBufferSize', BUFFER)
+    add_text(ElementTree.SubElement(tcp, 'interfaceWhiteList'), 'address', LOOPBACK)
     if listen is not None:
-        _text(ElementTree.SubElement(tcp, 'listening_ports'), 'port', listen)
+        add_text(ElementTree.SubElement(tcp, 'listening_ports'), 'port', listen)
 
 
 def _add_meetings(
@@ -161,24 +160,20 @@ def _add_meetings(
 
 def _add_tcp(parent: ElementTree.Element, port: int) -> None:
     locator = ElementTree.SubElement(ElementTree.SubElement(parent, 'locator'), 'tcpv4')
-    _text(locator, 'address', LOOPBACK)
-    _text(locator, 'port', LOGICAL_PORT)
-    _text(locator, 'physical_port', port)
+    add_text(locator, 'address', LOOPBACK)
+    add_text(locator, 'port', LOGICAL_PORT)
+    add_text(locator, 'physical_port', port)
 
 
 def _add_udp(parent: ElementTree.Element, port: int | None) -> None:
     locator = ElementTree.SubElement(ElementTree.SubElement(parent, 'locator'), 'udpv4')
-    _text(locator, 'address', LOOPBACK)
+    add_text(locator, 'address', LOOPBACK)
     if port is not None:
-        _text(locator, 'port', port)
+        add_text(locator, 'port', port)
 
 
 def _transport(parent: ElementTree.Element, name: str, kind: str) -> ElementTree.Element:
     transport = ElementTree.SubElement(parent, 'transport_descriptor')
-    _text(transport, 'transport_id', name)
-    _text(transport, 'type', kind)
+    add_text(transport, 'transport_id', name)
+    add_text(transport, 'type', kind)
     return transport
-
-
-def _text(parent: ElementTree.Element, name: str, value: object) -> None:
-    ElementTree.SubElement(parent, name).text = str(value)

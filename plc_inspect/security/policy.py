@@ -15,6 +15,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from plc_inspect.errors import ConfigError
+from plc_inspect.security.xml_document import add_text, write
 
 SCHEMA = 'http://www.omg.org/spec/DDS-SECURITY/20170901/omg_shared_ca_{}.xsd'
 SCHEMA_INSTANCE = 'http://www.w3.org/2001/XMLSchema-instance'
@@ -73,18 +74,18 @@ def make_permissions(
     grant = ElementTree.SubElement(
         ElementTree.SubElement(root, 'permissions'), 'grant', name=enclave
     )
-    _text(grant, 'subject_name', f'CN={enclave}')
+    add_text(grant, 'subject_name', f'CN={enclave}')
     validity = ElementTree.SubElement(grant, 'validity')
-    _text(validity, 'not_before', begin.strftime('%Y-%m-%dT%H:%M:%S'))
-    _text(validity, 'not_after', end.strftime('%Y-%m-%dT%H:%M:%S'))
+    add_text(validity, 'not_before', begin.strftime('%Y-%m-%dT%H:%M:%S'))
+    add_text(validity, 'not_after', end.strftime('%Y-%m-%dT%H:%M:%S'))
     rule = ElementTree.SubElement(grant, 'allow_rule')
-    _text(ElementTree.SubElement(rule, 'domains'), 'id', str(domain))
+    add_text(ElementTree.SubElement(rule, 'domains'), 'id', str(domain))
     for kind in ('publish', 'subscribe'):
         topics = ElementTree.SubElement(ElementTree.SubElement(rule, kind), 'topics')
         for name in getattr(rights, kind):
-            _text(topics, 'topic', name)
-    _text(grant, 'default', 'DENY')
-    return _write(root)
+            add_text(topics, 'topic', name)
+    add_text(grant, 'default', 'DENY')
+    return write(root)
 
 
 def make_governance(domain: int) -> str:
@@ -93,7 +94,7 @@ def make_governance(domain: int) -> str:
     rule = ElementTree.SubElement(
         ElementTree.SubElement(root, 'domain_access_rules'), 'domain_rule'
     )
-    _text(ElementTree.SubElement(rule, 'domains'), 'id', str(domain))
+    add_text(ElementTree.SubElement(rule, 'domains'), 'id', str(domain))
     _fill(rule, {
         'allow_unauthenticated_participants': 'false', 'enable_join_access_control': 'true',
         'discovery_protection_kind': 'ENCRYPT', 'liveliness_protection_kind': 'ENCRYPT',
@@ -106,7 +107,7 @@ def make_governance(domain: int) -> str:
         'enable_write_access_control': 'true', 'metadata_protection_kind': 'ENCRYPT',
         'data_protection_kind': 'ENCRYPT',
     })
-    return _write(root)
+    return write(root)
 
 
 def _read_rights(enclave: ElementTree.Element, path: Path) -> Rights:
@@ -151,14 +152,4 @@ def _document(kind: str) -> ElementTree.Element:
 
 def _fill(parent: ElementTree.Element, values: Mapping[str, str]) -> None:
     for name, value in values.items():
-        _text(parent, name, value)
-
-
-def _text(parent: ElementTree.Element, name: str, value: str) -> None:
-    ElementTree.SubElement(parent, name).text = value
-
-
-def _write(root: ElementTree.Element) -> str:
-    ElementTree.indent(root)
-    head = '<?xml version="1.0" encoding="UTF-8"?>\n'
-    return head + ElementTree.tostring(root, encoding='unicode') + '\n'
+        add_text(parent, name, value)
