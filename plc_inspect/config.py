@@ -19,6 +19,9 @@ from plc_inspect.node_config import (
 )
 from plc_inspect.setting import Checked, setting
 
+MOST_VOXELS = 200_000_000
+"""Voxels of a map at most, some 45 bytes each, taken as they are needed.  Source: judgement."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InputSettings(Checked):
@@ -81,7 +84,7 @@ class MapSettings(Checked):
         0.1, 'edge of a map voxel', unit='m', low=0.02, high=2.0, structural=True
     )
     max_voxels: int = setting(
-        8_000_000, 'hard cap of occupied voxels', low=1000, high=200_000_000, structural=True
+        8_000_000, 'hard cap of occupied voxels', low=1000, high=MOST_VOXELS, structural=True
     )
     min_points: int = setting(
         1, 'a voxel with fewer points is not used', low=1, high=1000

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Where the files of ``config/`` are: in the source tree, or where they are installed."""
+"""Where the files of ``config/`` are, and where those lie that outlive a run."""
 
 import os
 from pathlib import Path
@@ -18,3 +18,8 @@ def find_shared(name: str) -> Path | None:
         Path(sys.prefix, 'local', 'share', 'plc_inspect'),
     ]
     return next((path for home in homes if (path := home / 'config' / name).exists()), None)
+
+
+def find_home() -> Path:
+    """Return the folder below ROS_HOME (~/.ros) for what has no place of its own."""
+    return Path(os.environ.get('ROS_HOME') or Path.home() / '.ros') / 'plc_inspect'

@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from plc_inspect.config import MOST_VOXELS
 from plc_inspect.core.voxel_buffer.voxel_changes import LABELLED, MADE, StoredMap, VoxelChanges
 from plc_inspect.errors import DataError
 from plc_inspect.flight_record.layout import join_bytes, pack_arrays, split_bytes
 from plc_inspect.results import Float32, Int32, Int64
 
-MOST_SLOTS = 200_000_000
-"""A record that tells of more is not believed; map.max_voxels goes as far.  Source: judgement."""
 LEAST_ROOM = 1 << 23
 """
 Slots that room is made for at first; the system gives memory where something is written.
@@ -63,7 +62,7 @@ def _pack_slots(slots: Int32) -> NDArray[np.uint8]:
 
 def _unpack_slots(packed: NDArray[np.uint8]) -> Int64:
     slots = np.cumsum(join_bytes(packed, np.int32), dtype=np.int64)
-    if len(slots) and not 0 <= slots.min() <= slots.max() < MOST_SLOTS:
+    if len(slots) and not 0 <= slots.min() <= slots.max() < MOST_VOXELS:
         raise DataError(f'slots from {slots.min()} to {slots.max()} are no slots of a map')
     return slots
 
@@ -173,7 +172,7 @@ class MapBuilder:
         StoredMap
 
         """
-        if not 0 <= num_slots < MOST_SLOTS:
+        if not 0 <= num_slots < MOST_VOXELS:
             raise DataError(f'{num_slots} slots are no map')
         self._make_room(num_slots)
         own = {name: column[:num_slots] for name, column in self._columns.items()}

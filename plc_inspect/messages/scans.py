@@ -18,6 +18,8 @@ from plc_inspect.errors import DataError
 from plc_inspect.messages.rows import DATATYPES
 from plc_inspect.results import Bool, Float32, Float64
 
+SCAN_TYPE = 'sensor_msgs/msg/PointCloud2'
+
 _KINDS = {code: kind for kind, code in DATATYPES.items()}
 """Codes of sensor_msgs/PointField to numpy."""
 

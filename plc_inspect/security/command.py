@@ -12,12 +12,12 @@ import sys
 from plc_inspect.errors import ConfigError
 from plc_inspect.offline.commands.command_line import DONE, Parser, run_command
 from plc_inspect.printable import make_printable
+from plc_inspect.security.member_keys import PROFILE
 from plc_inspect.shared_files import find_shared
 from plc_inspect.whole_files import replace_file
 
 NAME = 'plc_keys'
 POLICY = 'security/policy.xml'
-PROFILE = 'fastdds.xml'
 DAYS = 365
 """How long certificates hold [d]: a season, and to be renewed before the next."""
 

@@ -12,6 +12,7 @@ import time
 
 from plc_inspect.errors import ConfigError, DataError
 from plc_inspect.security.authority import read_end
+from plc_inspect.shared_files import find_home
 from plc_inspect.stream.signature import Signer, Verifier
 from plc_inspect.whole_files import replace_file
 
@@ -21,7 +22,7 @@ PROFILE = 'fastdds.xml'
 
 def state_folder() -> Path:
     """Return the folder for what outlives a run, below ROS_HOME (~/.ros); it is made."""
-    folder = Path(os.environ.get('ROS_HOME') or Path.home() / '.ros') / 'plc_inspect'
+    folder = find_home()
     folder.mkdir(parents=True, exist_ok=True)
     return folder
 

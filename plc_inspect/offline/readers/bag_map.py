@@ -6,16 +6,13 @@
 from collections.abc import Callable
 import dataclasses
 
-from plc_inspect.config import Settings
+from plc_inspect.config import MOST_VOXELS, Settings
 from plc_inspect.core.mapping.accumulator import Accumulator
 from plc_inspect.core.mapping.standstill import explain_standstill
 from plc_inspect.core.setup.sharpness import SharpnessBook
 from plc_inspect.errors import DataError
 from plc_inspect.messages.poses import StampedPose
 from plc_inspect.offline.readers.bags import Recording
-
-MAX_VOXELS = 200_000_000
-"""Voxels of a replay's map, some 45 bytes each, taken as they are needed."""
 
 
 def accumulate(
@@ -53,7 +50,7 @@ def accumulate(
         The recording is damaged.
 
     """
-    room = dataclasses.replace(settings.map, max_voxels=MAX_VOXELS)
+    room = dataclasses.replace(settings.map, max_voxels=MOST_VOXELS)
     accumulator = Accumulator(dataclasses.replace(settings, map=room))
     for item in recording.fixed_transforms:
         accumulator.placer.add_frame(item)

@@ -29,10 +29,9 @@ from plc_inspect.messages.poses import (
     TF_TYPES,
     transforms_from_message,
 )
-from plc_inspect.messages.scans import scan_from_message, ScanArrays
+from plc_inspect.messages.scans import scan_from_message, SCAN_TYPE, ScanArrays
 from plc_inspect.printable import make_one_line
 
-SCAN_TYPE = 'sensor_msgs/msg/PointCloud2'
 MessageKind = Literal['scan', 'odometry']
 _SUFFIXES = ('.mcap', '.db3', '.bag')
 

@@ -14,11 +14,11 @@ machine (43 of 100 arrive), and its TCP part can end the process when a peer lea
 import os
 import warnings
 
-from plc_inspect.security.member_keys import find_keys
+from plc_inspect.printable import make_one_line
+from plc_inspect.security.member_keys import find_keys, PROFILE
 from plc_inspect.shared_files import find_shared
 
 VARIABLE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
-PROFILE = 'fastdds.xml'
 CHOICES = (VARIABLE, 'FASTDDS_DEFAULT_PROFILES_FILE', 'FASTDDS_BUILTIN_TRANSPORTS')
 """Variables by which a user chooses the transport."""
 ADVICE = (
@@ -35,7 +35,7 @@ NO_PLUGINS = (
 
 def explain_start(error: Exception) -> str:
     """Return in one line why a node did not come up."""
-    text = ' '.join(str(error).split())
+    text = make_one_line(error)
     return NO_PLUGINS if 'security libraries' in text else text
 
 

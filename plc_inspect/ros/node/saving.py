@@ -4,7 +4,6 @@
 """Where the node's results go: checked beforehand, and written somewhere whatever happens."""
 
 from dataclasses import dataclass
-import os
 from pathlib import Path
 import time
 from typing import TYPE_CHECKING
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING
 from plc_inspect.errors import ConfigError, DataError
 from plc_inspect.node_config import OutputSettings
 from plc_inspect.printable import make_one_line
+from plc_inspect.shared_files import find_home
 
 if TYPE_CHECKING:
     from plc_inspect.offline.records.inspection import Inspection
@@ -54,11 +54,6 @@ def check_output(settings: OutputSettings) -> None:
         check_results(Path(settings.directory).expanduser(), force=True)
     except (DataError, OSError, ValueError, RuntimeError) as error:
         raise ConfigError(f'output.directory: {error}') from error
-
-
-def find_home() -> Path:
-    """Return the folder below ROS_HOME (~/.ros) for results that have no place of their own."""
-    return Path(os.environ.get('ROS_HOME') or Path.home() / '.ros') / 'plc_inspect'
 
 
 def choose_folder(settings: OutputSettings, stamp_ns: int) -> Path:

@@ -24,11 +24,11 @@ from plc_inspect.messages.poses import (
     TF_TOPIC,
     TF_TYPES,
 )
+from plc_inspect.messages.scans import SCAN_TYPE
 from plc_inspect.ros.graph.qos import ODOMETRY, overridable, SCANS, TF_STATIC
 from plc_inspect.ros.graph.tf_messages import import_tf
 from plc_inspect.ros.node.intake import Intake
 
-SCAN_TYPE = 'sensor_msgs/msg/PointCloud2'
 _CLASSES = {
     'Odometry': Odometry, 'PoseStamped': PoseStamped,
     'PoseWithCovarianceStamped': PoseWithCovarianceStamped,
