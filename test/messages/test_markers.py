@@ -147,7 +147,8 @@ def test_marks_of_the_node(live):
     assert spread(live['catenaries', 1_100_004].color) == pytest.approx(
         [red / 255, green / 255, blue / 255, 1.0])
     worst = live['hazards', 12]
-    assert spread(worst.color)[:3] == pytest.approx([198 / 255, 40 / 255, 40 / 255])
+    assert spread(worst.color)[:3] == pytest.approx(
+        [value / 255 for value in parse_color(SEVERITY_COLORS['critical'])])
     assert live['hazard_texts', 12].text == 'structure 3.23 m (of 4.00 m)'
 
 

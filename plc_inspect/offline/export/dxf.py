@@ -9,6 +9,7 @@ from pathlib import Path
 import ezdxf
 import numpy as np
 
+from plc_inspect.colors import parse_color, severity_color
 from plc_inspect.offline.export.geo import STEP
 from plc_inspect.offline.records.inspection import Inspection, Record
 from plc_inspect.offline.records.span_curve import trace_span
@@ -17,7 +18,6 @@ FILE = 'catenaries.dxf'
 _UNITS = {'m': 6, 'ft': 2, 'ftUS': 21}
 """Name of the unit to $INSUNITS."""
 _UNITLESS = 0
-_SEVERITY_COLOR = {'notice': 5, 'warning': 30, 'critical': 1}
 
 
 def write_dxf(path: Path, inspection: Inspection, records: dict[str, list[Record]]) -> None:
@@ -63,7 +63,7 @@ def write_dxf(path: Path, inspection: Inspection, records: dict[str, list[Record
         top = foot + np.array([0.0, 0.0, row['height'] or 0.0])
         space.add_line(foot.tolist(), top.tolist(), dxfattribs={'layer': 'SUPPORTS'})
     for row in records['hazards']:
-        style = {'layer': 'HAZARDS', 'color': _SEVERITY_COLOR[row['severity']]}
+        style = {'layer': 'HAZARDS', 'true_color': _true_color(row['severity'])}
         space.add_point(row['position'], dxfattribs=style)
         text = f'{row["hazard_id"]} {row["kind"]} {row["clearance"]:.2f}'
         space.add_text(text, height=0.5 / units.horizontal, dxfattribs=style) \
@@ -72,3 +72,9 @@ def write_dxf(path: Path, inspection: Inspection, records: dict[str, list[Record
     document.classes.add_required_classes(document.dxfversion)
     document.classes.classes = OrderedDict(sorted(document.classes.classes.items()))
     document.saveas(path)
+
+
+def _true_color(severity: str) -> int:
+    """Return the colour of a severity as DXF has it: 0xRRGGBB."""
+    red, green, blue = parse_color(severity_color(severity))
+    return red << 16 | green << 8 | blue

@@ -6,6 +6,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree  # nosec B405
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ import pyproj
 from pyproj.exceptions import ProjError
 import shapely
 
+from plc_inspect.colors import LOOKS
 from plc_inspect.errors import DataError
 from plc_inspect.offline.records.georeference import find_horizontal
 from plc_inspect.offline.records.inspection import flatten, Inspection, Record
@@ -161,6 +163,28 @@ def _write_kml(path: Path, world: dict[str, list[Any]], layers: Layers) -> None:
         crs='EPSG:4326', driver='KML', layer='results',
         dataset_options={'AltitudeMode': 'absolute'},
     )
+    _color_kml(path, [row['severity'] for row in layers['hazards'][1]])
+
+
+def _color_kml(path: Path, severities: Sequence[str]) -> None:
+    """Give the hazards, which come last, the colours of their severities; GDAL knows none."""
+    space = '{http://www.opengis.net/kml/2.2}'
+    ElementTree.register_namespace('', space[1:-1])
+    tree = ElementTree.parse(path)  # nosec B314 (written just now)
+    document = tree.getroot()[0]
+    for number, (name, look) in enumerate(LOOKS.items()):
+        red, green, blue = look.color[1:3], look.color[3:5], look.color[5:7]
+        style = ElementTree.Element(f'{space}Style', id=name)
+        for kind in ('IconStyle', 'LabelStyle'):
+            item = ElementTree.SubElement(style, f'{space}{kind}')
+            ElementTree.SubElement(item, f'{space}color').text = f'ff{blue}{green}{red}'
+        document.insert(number, style)
+    marks = list(tree.iter(f'{space}Placemark'))
+    for mark, severity in zip(marks[len(marks) - len(severities):], severities, strict=True):
+        url = ElementTree.Element(f'{space}styleUrl')
+        url.text = f'#{severity}'
+        mark.insert(2, url)
+    tree.write(path, encoding='utf-8', xml_declaration=True)
 
 
 def _describe(layer: str, row: Record) -> tuple[str, str]:

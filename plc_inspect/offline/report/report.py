@@ -13,7 +13,7 @@ from markupsafe import Markup
 import numpy as np
 
 from plc_inspect import __version__
-from plc_inspect.colors import line_color, SEVERITY_COLORS
+from plc_inspect.colors import line_color, LOOKS, SEVERITY_COLORS
 from plc_inspect.core.hazards.clearance_rules import describe_rules, plain_rules
 from plc_inspect.core.tracking.wire_points import WirePoints
 from plc_inspect.offline.records.inspection import Inspection, measure_clearances, Record
@@ -86,7 +86,7 @@ def render_report(inspection: Inspection) -> str:
         classes=_tally(result.classification, PointClass),
         settings=_list_settings(inspection),
         counts=_list_values(inspection.counts),
-        severities=SEVERITY_COLORS,
+        looks=LOOKS,
         line_color=line_color,
         is_sag=HazardKind.SAG.name.lower(),
     )

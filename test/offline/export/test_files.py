@@ -5,6 +5,7 @@
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -19,6 +20,7 @@ import pytest
 from rosbags.highlevel import AnyReader
 import shapely
 
+from plc_inspect.colors import parse_color, severity_color
 from plc_inspect.errors import ConfigError
 from plc_inspect.messages import rows as layouts
 from plc_inspect.messages.rows import read_rows
@@ -227,3 +229,18 @@ def test_supports_as_a_table(folder):
     assert len(rows) == 4
     spans = json.loads((folder / 'spans.json').read_text(encoding='utf-8'))['spans']
     assert spans[0]['vegetation_clearance'] > 0
+
+
+def test_hazards_have_the_colours_of_their_severities(folder):
+    text = (folder / 'results.kml').read_text(encoding='utf-8')
+    hazards = json.loads((folder / 'hazards.json').read_text(encoding='utf-8'))['hazards']
+    assert hazards
+    document = ezdxf.readfile(folder / 'catenaries.dxf')
+    points = [item for item in document.modelspace() if item.dxftype() == 'POINT']
+    for hazard, point in zip(hazards, points, strict=True):
+        color = severity_color(hazard['severity'])
+        assert point.rgb == parse_color(color)
+        assert re.search(rf'<name>{hazard["severity"]} {hazard["kind"]} {hazard["hazard_id"]}'
+                         rf'</name>.*?<styleUrl>#{hazard["severity"]}</styleUrl>', text, re.DOTALL)
+        kml = f'ff{color[5:7]}{color[3:5]}{color[1:3]}'  # alpha, blue, green, red
+        assert f'<Style id="{hazard["severity"]}"><IconStyle><color>{kml}' in text

@@ -124,7 +124,7 @@ def test_screenshot_shows_points_lines_and_hazards(chromium, page, tmp_path):
     assert pixels.shape == (2400, 1200, 3)
     red, green, blue = np.moveaxis(pixels, 2, 0)
     sand = (red > 130) & (red > blue + 25) & (red >= green)
-    badge = (abs(red - 0xC6) < 4) & (abs(green - 0x28) < 4) & (abs(blue - 0x28) < 4)
+    badge = (abs(red - 0xC1) < 4) & (abs(green - 0x12) < 4) & (abs(blue - 0x1F) < 4)
     assert sand.sum() > 20_000
     assert badge.sum() > 300
 
