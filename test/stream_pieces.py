@@ -16,6 +16,10 @@ from plc_inspect.stream.summary import make_tables, Status, SummaryTables, Summa
 
 TEXTS = ('odom', 'scans and odometry come in', '6% of the map in use', 'all is well')
 NO_TABLES = SummaryTables()
+HEALTH = {
+    'scan_rate': 10.0, 'scans_lost': 4.0, 'scan_age': 0.1, 'odometry_age': 0.02,
+    'sharpness': 0.9,
+}
 
 
 @cache
@@ -63,7 +67,7 @@ class Source:
         values = {
             'tick_uptime': uptime, 'vehicle_uptime': uptime, 'health_uptime': uptime,
             'vehicle': (10.0 + uptime, 2.0, 30.0), 'stamp_ns': round(1e9 * (1000 + uptime)),
-            'resets': self.resets, 'health': {'scan_rate': 10.0, 'scans_lost': 4.0},
+            'resets': self.resets, 'health': dict(HEALTH),
         }
         return self.writer.write(
             self.tables, Status(**(values | status)), TEXTS, uptime, keyframe=keyframe

@@ -9,7 +9,7 @@ numbers of those that are gone.  Lengths are whole millimetres.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import math
 import struct
 from typing import Any
@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plc_inspect.errors import DataError
-from plc_inspect.results import catenary_heights, Float64, Hazard, Span, Support
+from plc_inspect.results import Float64, Hazard, Span, Support
+from plc_inspect.stream.curve_check import check_curves, NO_LENGTH
 from plc_inspect.stream.frame import (
     BodyReader,
     Frame,
@@ -28,15 +29,12 @@ from plc_inspect.stream.frame import (
     SUMMARY,
     unpack_frame,
 )
+from plc_inspect.stream.nearness import NEARNESS, Nearness, pack_nearness, read_nearness
 
 KEYFRAME = 1
 """Flag of a message that holds everything."""
 MOST_LINES = 16
 """Lines of a support that are named; the number of all of them is told too."""
-NO_LENGTH = -(1 << 31)
-"""A length that is not known."""
-HIGHEST = 1e7
-"""No curve is farther from the height 0 [m]."""
 _XYZ = [('x', '<i4'), ('y', '<i4'), ('z', '<i4')]
 SPANS = np.dtype([
     ('line_id', '<i4'), ('span_id', '<i4'),
@@ -78,6 +76,7 @@ HEALTH = {
     'voxels': ('map', 'voxels'),
     'max_voxels': ('map', 'voxels at most'),
     'voxels_evicted': ('map', 'voxels evicted'),
+    'sharpness': ('map', 'sharpness, 0.5 at least'),
     'memory_mb': ('map', 'resident memory [MB]'),
     'ticks': ('segmentation', 'ticks'),
     'ticks_postponed': ('segmentation', 'ticks postponed'),
@@ -86,7 +85,7 @@ HEALTH = {
     'callback_ms': ('segmentation', 'callbacks p99 [ms]'),
 }
 """Numbers of health, each with its status and key in /diagnostics; NaN where there is none."""
-_FIXED = struct.Struct(f'<qIIHIiiiI{len(STATUSES)}B{len(HEALTH)}f')
+_FIXED = struct.Struct(f'<qIIHIiiifII{len(STATUSES)}B{len(HEALTH)}f')
 _NEVER = 0xFFFFFFFF
 
 RowKey = tuple[int, ...]
@@ -117,6 +116,12 @@ class Status:
     """Messages of the thinned corridor that the session sent so far."""
     vehicle: tuple[float, float, float] | None = None
     """Position in the frame of the tables [m]."""
+    heading: float = math.nan
+    """Direction of the vehicle's x axis in plan, from x towards y [rad], NaN unknown."""
+    near_uptime: float = math.nan
+    """Steady time of the node when the distances of ``near`` were measured [s], NaN never."""
+    near: tuple[Nearness, ...] = ()
+    """How near the vehicle is to each kind of thing."""
     health_uptime: float = math.nan
     """Steady time of the node when the health was taken [s], NaN never."""
     levels: tuple[int, ...] = (0,) * len(STATUSES)
@@ -264,6 +269,7 @@ class SummaryWriter:
         else:
             body.append(b'\0')
         self._texts = told
+        body.append(put_rows(pack_nearness(status.near)))
         frame = Frame(
             kind=SUMMARY, flags=KEYFRAME if keyframe else 0, session=self._session,
             sequence=self._sequence, uptime=uptime, body=b''.join(body),
@@ -300,33 +306,15 @@ def read_summary(data: bytes) -> SummaryMessage:
         gone[name] = tuple(_keys_of(name, reader.take_rows(_key_dtype(name))))
     (count,) = reader.take(1)
     texts = tuple(reader.take_text() for _ in range(count)) if count else None
+    near = read_nearness(reader.take_rows(NEARNESS))
     reader.finish()
     if texts is not None and len(texts) != 1 + len(STATUSES):
         raise DataError(f'summary with {len(texts)} texts, not {1 + len(STATUSES)}')
-    _check_curves(rows['spans'])
+    check_curves(rows['spans'])
     return SummaryMessage(
-        frame=frame, status=status, tables=SummaryTables(**rows), gone=gone, texts=texts
+        frame=frame, status=replace(status, near=near), tables=SummaryTables(**rows),
+        gone=gone, texts=texts,
     )
-
-
-def _check_curves(spans: NDArray[Any]) -> None:
-    """Refuse spans of which nobody could draw the curve."""
-    start, end = (
-        np.column_stack([spans[f'{side}_{axis}'].astype(np.float64) for axis in 'xyz'])
-        for side in ('start', 'end')
-    )
-    length = np.hypot(*(end - start)[:, :2].T) * 1e-3
-    a, b, c = (spans[name].astype(np.float64) for name in 'abc')
-    good = (start != NO_LENGTH).all(axis=1) & (end != NO_LENGTH).all(axis=1)
-    with np.errstate(all='ignore'):
-        for share in (0.0, 0.5, 1.0):
-            good &= np.abs(catenary_heights(a, b, c, share * length)) <= HIGHEST  # NaN is not
-    if not good.all():
-        row = spans[np.flatnonzero(~good)[0]]
-        raise DataError(
-            f'line {row["line_id"]} span {row["span_id"]} has a curve that cannot be: '
-            f'a {row["a"]:g}, b {row["b"]:g}, c {row["c"]:g} m'
-        )
 
 
 def _millimetres(value: float) -> int:
@@ -361,7 +349,7 @@ def _pack_status(status: Status) -> bytes:
     return _FIXED.pack(
         status.stamp_ns, _pack_time(status.tick_uptime), _pack_time(status.vehicle_uptime),
         status.resets & 0xFFFF, status.cloud_sent, *map(_millimetres, place),
-        _pack_time(status.health_uptime),
+        status.heading, _pack_time(status.near_uptime), _pack_time(status.health_uptime),
         *status.levels, *(status.health.get(name, math.nan) for name in HEALTH),
     )
 
@@ -369,14 +357,16 @@ def _pack_status(status: Status) -> bytes:
 def _read_status(reader: BodyReader) -> Status:
     values = reader.take_struct(_FIXED)
     stamp_ns, tick, vehicle, resets, cloud_sent, *place = values[:8]
+    heading, near, health = values[8:11]
     return Status(
         stamp_ns=stamp_ns, tick_uptime=_read_time(tick), vehicle_uptime=_read_time(vehicle),
-        resets=resets, cloud_sent=cloud_sent, health_uptime=_read_time(values[8]),
+        resets=resets, cloud_sent=cloud_sent, heading=heading, near_uptime=_read_time(near),
+        health_uptime=_read_time(health),
         vehicle=None if NO_LENGTH in place else (
             metres(place[0]), metres(place[1]), metres(place[2])
         ),
-        levels=values[9:9 + len(STATUSES)],
-        health=dict(zip(HEALTH, values[9 + len(STATUSES):], strict=True)),
+        levels=values[11:11 + len(STATUSES)],
+        health=dict(zip(HEALTH, values[11 + len(STATUSES):], strict=True)),
     )
 
 

@@ -85,7 +85,8 @@ def test_nothing_known_is_told_too():
     assert message.status == dataclasses.replace(
         Status(), health=message.status.health, tick_uptime=message.status.tick_uptime,
         vehicle_uptime=message.status.vehicle_uptime,
-        health_uptime=message.status.health_uptime,
+        health_uptime=message.status.health_uptime, heading=message.status.heading,
+        near_uptime=message.status.near_uptime,
     )
     assert message.status.vehicle is None
     assert len(message.tables.spans) == 0

@@ -237,6 +237,7 @@ def describe_map(
         'map memory [MB]': round(voxels.nbytes / 1e6, 1),
         'resident memory [MB]': round(measure_memory() / 1e6, 1),
     }
+    values['sharpness, 0.5 at least'] = 'unknown'
     if sharpness is not None and sharpness.known:
         values |= {
             'sharpness, 0.5 at least': round(sharpness.figure, 3),

@@ -106,9 +106,7 @@ class InspectNode(Node):
         self._complaints = Complaints(self.get_logger().warning)
         self._teller = Teller(self.get_logger().info)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._stream = Stream(
-            self, lambda: self.settings.stream, lambda: self._intake.vehicle, self._guard
-        )
+        self._stream = Stream(self, lambda: self.settings.stream, self._intake, self._guard)
         self._results = ResultPublishers(self, self._stream)
         self._diagnostics = self.create_publisher(
             DiagnosticArray, '/diagnostics', DIAGNOSTICS, **watched(self, 'diagnostics')
@@ -138,7 +136,9 @@ class InspectNode(Node):
         scans = self.resolve_topic_name(settings.input.scan_topic)  # counting does not remap
         source = SourceWatch(lambda: self.count_publishers(scans))
         self._intake.accepts = source.accepts
-        self._intake.on_pose = KeepOut(self, lambda: (self._state, self.settings)).tell
+        self._intake.on_pose = KeepOut(
+            self, lambda: (self._state, self.settings), self._stream.tell_nearness
+        ).tell
         self._submit('start', partial(prepare, settings))
         self._keeper = Keeper(
             settings, self._live_parameters.rules, self._intake, self.get_logger(), self._forget

@@ -4,6 +4,7 @@
 """How near the vehicle is to conductors, supports and all else, at the rate of its poses."""
 
 from collections.abc import Callable
+import math
 
 from builtin_interfaces.msg import Time
 import numpy as np
@@ -21,9 +22,11 @@ from plc_inspect.core.voxel_buffer.cell_index import CellIndex
 from plc_inspect.messages.markers import mark_proximity
 from plc_inspect.messages.poses import StampedPose
 from plc_inspect.messages.rows import make_proximity
+from plc_inspect.results import Float64
 from plc_inspect.ros.graph.qos import overridable, PROXIMITY, watched
 from plc_inspect.ros.results.markers import add_deletions, make_marker, MarkerKey
 from plc_inspect.ros.results.result_messages import make_cloud
+from plc_inspect.stream.nearness import Nearness, tell_nearness
 
 LEAST_PERIOD_NS = 18_000_000
 """Poses that come faster are not all answered [ns]: about 50 Hz."""
@@ -31,6 +34,12 @@ MARKER_PERIOD_NS = 200_000_000
 """Marks are drawn no more often [ns]."""
 NOTHING = Surroundings()
 """What is known before the first tick."""
+
+
+def find_heading(quaternion: Float64) -> float:
+    """Return the direction in plan of the x axis that a quaternion x y z w turns [rad]."""
+    x, y, z, w = (float(value) for value in quaternion)
+    return math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
 
 
 class KeepOut:
@@ -43,13 +52,16 @@ class KeepOut:
         Owns the publishers.
     look : callable
         Returns what was found last, None before the first tick, and the settings that hold.
+    share : callable
+        Gets what the thin link is to tell: how near the vehicle is, and its heading [rad].
 
     """
 
     def __init__(
-        self, node: Node, look: Callable[[], tuple[LiveState | None, Settings]]
+        self, node: Node, look: Callable[[], tuple[LiveState | None, Settings]],
+        share: Callable[[tuple[Nearness, ...], float], object],
     ) -> None:
-        self._look = look
+        self._look, self._share = look, share
         self._motion = Motion()
         self._rows = node.create_publisher(
             PointCloud2, '~/proximity', **overridable(PROXIMITY), **watched(node, 'proximity')
@@ -91,6 +103,7 @@ class KeepOut:
         header = Header(stamp=Time(sec=seconds, nanosec=nanoseconds), frame_id=pose.frame_id)
         place = vehicle[0], vehicle[1], vehicle[2]
         self._rows.publish(make_cloud(header, make_proximity(found, place)))
+        self._share(tell_nearness(found, place), find_heading(pose.quaternion))
         if 0 <= pose.stamp_ns - self._drawn < MARKER_PERIOD_NS:
             return
         self._drawn = pose.stamp_ns

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import math
 import secrets
 import time
+from typing import Protocol
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock
@@ -22,6 +23,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from std_msgs.msg import UInt8MultiArray
 
+from plc_inspect.core.live.proximity import Level
 from plc_inspect.core.live.session import CORRIDOR_REACH, LiveState
 from plc_inspect.node_config import StreamSettings
 from plc_inspect.results import Float64
@@ -37,6 +39,7 @@ from plc_inspect.stream.blocks import (
 )
 from plc_inspect.stream.budget import Budget
 from plc_inspect.stream.frame import CLOUD, Frame, pack_frame
+from plc_inspect.stream.nearness import Nearness
 from plc_inspect.stream.summary import (
     HEALTH,
     make_tables,
@@ -53,6 +56,11 @@ SETTLE = 0.3
 """A listener that is new has found the node too after this [s]; what is sent before is lost."""
 PULSE = 0.9
 """The summary says at least this often that the node lives [s]."""
+LEAST_SILENCE, NEAR_PERIOD = 0.1, 0.5
+"""
+A change of the keep-out is told no sooner after the last message; while something is too near,
+the summary says how near at least this often [s].
+"""
 KEYFRAME_EVERY = 20
 """Messages from one keyframe to the next; fewer than the history of the topic holds."""
 
@@ -102,6 +110,13 @@ def make_news(state: LiveState, frame_id: str, stamp_ns: int, settings: StreamSe
     )
 
 
+class Located(Protocol):
+    """Knows where the vehicle is."""
+
+    vehicle: Float64 | None
+    """(3,) [m], None before the first pose."""
+
+
 class Stream:
     """
     Publishes the summary and the thinned corridor.
@@ -112,8 +127,8 @@ class Stream:
         Owns the publishers and the timer.
     settings : callable
         Returns the settings that hold now.
-    vehicle : callable
-        Returns (3,) where the vehicle is [m], or None.
+    intake : Located
+        Knows where the vehicle is.
     guard : callable
         Wraps a callback under a name, so that its failure does not end the node.
 
@@ -128,11 +143,11 @@ class Stream:
         self,
         node: Node,
         settings: Callable[[], StreamSettings],
-        vehicle: Callable[[], Float64 | None],
+        intake: 'Located',
         guard: Callable[[str, Callable[..., None]], Callable[..., None]],
     ) -> None:
         self._settings = settings
-        self._find_vehicle = vehicle
+        self._intake = intake
         self._started = time.monotonic()
         self._session = secrets.randbits(32)
         keys = find_keys()
@@ -142,6 +157,7 @@ class Stream:
         self._tables = SummaryTables()
         self._vehicle: Float64 | None = None
         self._told = -math.inf
+        self._levels: list[Level] = []
         self._listened = self._blank = False
         self._arrived: float | None = None
         self._begin()
@@ -183,7 +199,7 @@ class Stream:
         self._blank = False
         self._status = replace(self._status, stamp_ns=stamp_ns, tick_uptime=now)
         if news.cells is not None:
-            self._map.update(news.cells, self._find_vehicle(), now)
+            self._map.update(news.cells, self._intake.vehicle, now)
         self._tell(now)
 
     def tell_health(self, report: Sequence[DiagnosticStatus]) -> None:
@@ -204,11 +220,31 @@ class Stream:
         if now - self._told >= PULSE:
             self._tell(now)
 
+    def tell_nearness(self, near: tuple[Nearness, ...], heading: float) -> None:
+        """
+        Take up how near the vehicle is; a level that rose or fell is told at once.
+
+        Parameters
+        ----------
+        near : tuple of Nearness
+            To each kind of thing.
+        heading : float
+            Of the vehicle [rad].
+
+        """
+        now = self._now()
+        self._status = replace(self._status, near=near, near_uptime=now, heading=heading)
+        silence = now - self._told
+        changed = self._levels != [item.level for item in near] and silence >= LEAST_SILENCE
+        close = any(item.level >= Level.WARNING for item in near) and silence >= NEAR_PERIOD
+        if changed or close:
+            self._tell(now)
+
     def _now(self) -> float:
         return time.monotonic() - self._started
 
     def _tell(self, now: float) -> None:
-        vehicle = self._find_vehicle()
+        vehicle = self._intake.vehicle
         if vehicle is not None and vehicle is not self._vehicle:
             self._vehicle = vehicle
             x, y, z = vehicle.tolist()
@@ -219,6 +255,7 @@ class Stream:
         )
         self._until_keyframe = KEYFRAME_EVERY - 1 if keyframe else self._until_keyframe - 1
         self._told = now
+        self._levels = [item.level for item in self._status.near]
         self._publish(self._summary, data)
 
     def _on_match(self, info: QoSPublisherMatchedInfo) -> None:
