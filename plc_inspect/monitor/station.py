@@ -3,6 +3,7 @@
 
 """Listener and model together: one thread that takes up what comes in and knows what it means."""
 
+from collections.abc import Iterable
 import time
 from types import TracebackType
 from typing import TYPE_CHECKING
@@ -95,6 +96,13 @@ class Station:
     def look(self) -> Picture:
         """Return what is known now."""
         return self.monitor.look(time.monotonic())
+
+    def acknowledge(self, numbers: Iterable[int], who: str) -> None:
+        """Note who has seen alarms, also in the record."""
+        seen = self.monitor.acknowledge(numbers, who, time.monotonic())
+        if self._recorder is not None:
+            for item in seen:
+                self._recorder.note(item)
 
     def _rejoin(self, now: float) -> None:
         """Join the graph anew where nothing comes; none is left, as that may take for ever."""

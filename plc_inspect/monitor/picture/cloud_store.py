@@ -3,9 +3,11 @@
 
 """What a monitor has of the thinned corridor."""
 
+import math
+
 import numpy as np
 
-from plc_inspect.results import Float32, Float64, UInt8
+from plc_inspect.results import Float32, Float64, PointClass, UInt8
 from plc_inspect.stream.blocks import (
     BlockKey,
     CloudMessage,
@@ -123,6 +125,40 @@ class CloudStore:
         length = float(np.linalg.norm((end - start)[:2]))
         chosen = (np.abs(across) <= width) & (along >= 0.0) & (along <= length)
         return points[chosen], kind[chosen], clearance[chosen], edge[chosen]
+
+    def find_ground(self, x: float, y: float, reach: float) -> float:
+        """
+        Return the height of the ground about a place.
+
+        Parameters
+        ----------
+        x, y : float
+            Place in plan [m].
+        reach : float
+            Largest distance from it in plan [m].
+
+        Returns
+        -------
+        float
+            Of the nearest cell of ground [m], NaN where there is none.
+
+        """
+        size = SIDE * self._fine
+        low, high = ([math.floor((value + sign * reach) / size) for value in (x, y)]
+                     for sign in (-1.0, 1.0))
+        best = reach * reach, math.nan
+        for column in range(low[0], high[0] + 1):
+            for row in range(low[1], high[1] + 1):
+                codes = self._blocks.get((column, row))
+                if codes is None or not len(codes):
+                    continue
+                points, kind, _, _ = self._place((column, row), codes, 1)
+                ground = points[kind == PointClass.GROUND].astype(np.float64)
+                if len(ground):
+                    apart = (ground[:, 0] - x) ** 2 + (ground[:, 1] - y) ** 2
+                    nearest = int(apart.argmin())
+                    best = min(best, (float(apart[nearest]), float(ground[nearest, 2])))
+        return best[1]
 
     def _place(self, key: BlockKey, codes: UInt64, factor: int) -> CellArrays:
         points, kind, clearance = place_cells(key, codes, self._fine * factor)

@@ -8,17 +8,21 @@ Whatever happens to the link or to the node, the next keyframe brings everything
 """
 
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import replace
 import math
 from typing import Any
 
 from plc_inspect.errors import DataError
 from plc_inspect.monitor.picture.admission import Admission, Judgement, Verdict
+from plc_inspect.monitor.picture.alarms import Alarm, AlarmBook, Cause
+from plc_inspect.monitor.picture.causes import find_height, list_causes
 from plc_inspect.monitor.picture.cloud_store import CloudStore
 from plc_inspect.monitor.picture.node_clock import NodeClock
 from plc_inspect.monitor.picture.picture import (
     Ages,
     Counts,
+    describe_hazard,
     Event,
     HazardItem,
     Link,
@@ -45,8 +49,6 @@ from plc_inspect.stream.summary import (
 
 LATE, LOST = 2.5, 6.0
 """Silence after which the link counts as late, and as lost [s]; the node speaks every second."""
-ALARM_TIME = 30.0
-"""A new critical hazard is an alarm for so long [s]."""
 MOST_EVENTS = 200
 MOST_TRACK = 4000
 TRACK_STEP = 1.0
@@ -96,7 +98,8 @@ class Monitor:
         self._texts = ('', *('' for _ in STATUSES))
         self._track: deque[Place] = deque(maxlen=MOST_TRACK)
         self._events: deque[Event] = deque(maxlen=MOST_EVENTS)
-        self._raised: dict[int, float] = {}
+        self.alarms = AlarmBook()
+        self._moved, self._flown = math.nan, 0.0
         self._wishes: dict[str, float] = {}
         self._traffic: deque[tuple[float, int]] = deque()
         self._items: tuple[tuple[SpanItem, ...], tuple[SupportItem, ...],
@@ -198,6 +201,13 @@ class Monitor:
             del self._wishes['cloud']
         return due
 
+    def acknowledge(self, numbers: Iterable[int], who: str, now: float) -> tuple[Alarm, ...]:
+        """Note who has seen alarms, and return those that were new."""
+        seen = self.alarms.acknowledge(numbers, who, now)
+        for item in seen:
+            self._tell(now, 0, f'{who} acknowledged: {item.cause.text}')
+        return seen
+
     def rejoin(self) -> None:
         """Expect what the node keeps once more, as the graph was joined anew."""
         self._admission.reopen(SUMMARY)
@@ -209,11 +219,6 @@ class Monitor:
             self._traffic.popleft()
         kbps = sum(size for _, size in self._traffic) * 8e-3 / RATE_WINDOW
         spans, supports, hazards = self._items
-        recent = {
-            number: time for number, time in self._raised.items() if now - time <= ALARM_TIME
-        }
-        alarms = [item for item in hazards if item.hazard_id in recent]
-        alarms.sort(key=lambda item: (-recent[item.hazard_id], item.hazard_id))
         status = self._status
         return Picture(
             time=now, link=self._link, session=self._session, complete=self._complete,
@@ -221,16 +226,21 @@ class Monitor:
                 link=now - self._last,
                 data=self._clock.measure_age(status.tick_uptime, now),
                 vehicle=self._clock.measure_age(status.vehicle_uptime, now),
+                near=self._clock.measure_age(status.near_uptime, now),
                 health=self._clock.measure_age(status.health_uptime, now),
                 cloud=now - self._last_cloud,
                 delay=self._clock.delay,
             ),
             counts=replace(self._counts, kbps=kbps), frame_id=self._texts[0],
             stamp_ns=status.stamp_ns, spans=spans, supports=supports, hazards=hazards,
-            vehicle=status.vehicle, track=tuple(self._track), levels=status.levels,
+            vehicle=status.vehicle, heading=status.heading,
+            height=find_height(status.vehicle, self.cloud, spans, supports), flown=self._flown,
+            stood=now - self._moved, near=status.near,
+            track=tuple(self._track), levels=status.levels,
             texts=self._texts[1:], health=status.health, cloud_blocks=len(self.cloud),
             cloud_total=self.cloud.total, cloud_cells=self.cloud.num_cells,
-            events=tuple(self._events), alarms=tuple(alarms),
+            events=tuple(self._events), alarms=self.alarms.open,
+            past_alarms=self.alarms.past,
         )
 
     def _begin(self, message: SummaryMessage, now: float) -> None:
@@ -257,7 +267,8 @@ class Monitor:
         self._status = Status()
         self._items = ((), (), ())
         self._track.clear()
-        self._raised.clear()
+        self._moved, self._flown = now, 0.0
+        self.alarms.update({}, now, 'the node began anew: it may still be there')
         if not message.keyframe:
             self._wishes.setdefault('summary', now if taken_over else now + 1.0)
 
@@ -277,12 +288,19 @@ class Monitor:
         self._complete |= message.keyframe
         self._rebuild()
         self._tell_hazards(before, now)
+        self.alarms.update(self._list_causes(), now)
         self._tell_health(old, now)
         place = message.status.vehicle
         if place is not None and (
             not self._track or math.dist(place, self._track[-1]) >= TRACK_STEP
         ):
+            self._flown += math.dist(place, self._track[-1]) if self._track else 0.0
+            self._moved = now
             self._track.append(place)
+
+    def _list_causes(self) -> dict[str, Cause]:
+        spans, supports, hazards = self._items
+        return list_causes(hazards, spans, supports, self._status)
 
     def _compare_cloud(self, now: float) -> None:
         """Ask for the corridor anew where the node sent more than came, and nothing comes."""
@@ -320,12 +338,9 @@ class Monitor:
             if old is not None and old.severity == item.severity:
                 continue
             critical = item.severity >= Severity.CRITICAL
-            if critical:
-                self._raised[item.hazard_id] = now
             word = 'new' if old is None else f'was {name_severity(old.severity)}, is'
             self._tell(now, 2 if critical else 0, f'{word} {describe_hazard(item)}')
         for item in sorted(before.values(), key=lambda item: item.hazard_id):
-            self._raised.pop(item.hazard_id, None)
             self._tell(now, 0, f'hazard {item.hazard_id} cleared')
 
     def _tell_health(self, old: Status, now: float) -> None:
@@ -378,14 +393,6 @@ class Monitor:
 
     def _tell(self, now: float, level: int, text: str) -> None:
         self._events.append(Event(time=now, level=level, text=text))
-
-
-def describe_hazard(item: HazardItem) -> str:
-    """Return a hazard in one line."""
-    return (
-        f'{item.severity_name} hazard {item.hazard_id}: {item.kind} {item.clearance:.2f} m '
-        f'(of {item.required:.2f} m), line {item.line_id} span {item.span_id}'
-    )
 
 
 def _key_of(table: str, row: Any) -> tuple[int, ...]:

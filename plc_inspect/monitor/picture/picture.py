@@ -11,7 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from plc_inspect.core.live.proximity import Level
+from plc_inspect.monitor.picture.alarms import Alarm
 from plc_inspect.results import catenary_heights, Float64, HazardKind, Severity
+from plc_inspect.stream.nearness import Nearness
 from plc_inspect.stream.summary import FINISHED, metres, OPEN_END, OPEN_START, SUPPORT_KINDS
 
 Place = tuple[float, float, float]
@@ -19,6 +22,8 @@ Place = tuple[float, float, float]
 
 ERROR = 2
 """Level of diagnostics."""
+STALE = 5.0
+"""What is older is marked as old [s]."""
 
 
 class Link(enum.Enum):
@@ -145,6 +150,8 @@ class Ages:
     data: float
     """Since the node made the tables."""
     vehicle: float
+    near: float
+    """Since the node measured how near the vehicle is."""
     health: float
     cloud: float
     """Since anything of the thinned corridor came in."""
@@ -203,6 +210,16 @@ class Picture:
     hazards: tuple[HazardItem, ...]
     """Worst first, nearest to the conductor first."""
     vehicle: Place | None
+    heading: float
+    """Direction of the vehicle's x axis in plan, from x towards y [rad], NaN unknown."""
+    height: float
+    """Of the vehicle above the ground below it [m], NaN unknown."""
+    flown: float
+    """Length of the track [m]."""
+    stood: float
+    """For how long the vehicle has not moved [s]."""
+    near: tuple[Nearness, ...]
+    """How near the vehicle is to conductors, supports and all else."""
     track: tuple[Place, ...]
     """Where the vehicle was."""
     levels: tuple[int, ...]
@@ -216,8 +233,10 @@ class Picture:
     cloud_cells: int
     events: tuple[Event, ...]
     """Oldest first."""
-    alarms: tuple[HazardItem, ...]
-    """Critical hazards that were raised a short while ago, newest first."""
+    alarms: tuple[Alarm, ...]
+    """Those that stand or that nobody has seen, unseen first."""
+    past_alarms: tuple[Alarm, ...]
+    """Those that are over, the newest first."""
 
     @property
     def problem(self) -> str:
@@ -226,6 +245,37 @@ class Picture:
             (text or 'the node is in error'
              for level, text in zip(self.levels, self.texts, strict=False) if level >= ERROR), '',
         )
+
+
+    def count_severities(self) -> dict[str, int]:
+        """Return how many hazards and things near the vehicle are critical, and warnings."""
+        counts = {}
+        for severity, level in ((Severity.CRITICAL, Level.CRITICAL),
+                                (Severity.WARNING, Level.WARNING)):
+            counts[severity.name.lower()] = (
+                sum(item.severity == severity for item in self.hazards)
+                + sum(item.level == level for item in self.near)
+            )
+        return counts
+
+
+def format_age(seconds: float) -> str:
+    """Return an age in few characters, such as ``0.4 s`` or ``3 min``."""
+    if math.isnan(seconds):
+        return 'none'
+    if seconds < 10.0:
+        return f'{seconds:.1f} s'
+    if seconds < 120.0:
+        return f'{seconds:.0f} s'
+    return f'{seconds / 60:.0f} min' if seconds < 7200.0 else f'{seconds / 3600:.1f} h'
+
+
+def describe_hazard(item: HazardItem) -> str:
+    """Return a hazard in one line."""
+    return (
+        f'{item.severity_name} hazard {item.hazard_id}: {item.kind} {item.clearance:.2f} m '
+        f'(of {item.required:.2f} m), line {item.line_id} span {item.span_id}'
+    )
 
 
 def name_severity(severity: int) -> str:

@@ -8,6 +8,8 @@ The stream is recorded as it came in, and beside it what it says, on the topics 
 tables, markers, the corridor about the vehicle and diagnostics.
 """
 
+from datetime import datetime, UTC
+import json
 from pathlib import Path
 import time
 from types import TracebackType
@@ -19,6 +21,7 @@ from plc_inspect.mcap_file import McapFile
 from plc_inspect.messages.markers import list_marks
 from plc_inspect.messages.rows import make_catenaries, make_corridor, make_hazards
 from plc_inspect.messages.typestore import MessageMaker
+from plc_inspect.monitor.picture.alarms import Alarm
 from plc_inspect.monitor.picture.cloud_store import CloudStore
 from plc_inspect.monitor.picture.picture import Link, Picture
 from plc_inspect.stream.summary import HEALTH, STATUSES
@@ -34,6 +37,7 @@ _KINDS = {
     'catenaries': 'sensor_msgs/msg/PointCloud2', 'hazards': 'sensor_msgs/msg/PointCloud2',
     'corridor': 'sensor_msgs/msg/PointCloud2', 'markers': 'visualization_msgs/msg/MarkerArray',
     'vehicle': 'geometry_msgs/msg/PoseStamped',
+    'acknowledged': 'std_msgs/msg/String',
     '/diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
 }
 
@@ -93,6 +97,17 @@ class Recorder:
                 self._corridor_at, self._cells = now, picture.cloud_cells
                 self._write('corridor', self._make_corridor(picture, cloud))
         self.flush()
+
+    def note(self, alarm: Alarm) -> None:
+        """Record who has seen an alarm: JSON with what, who, and the time of day."""
+        text = json.dumps({
+            'alarm': alarm.number, 'what': alarm.key, 'text': alarm.cause.text, 'who': alarm.who,
+            'time': datetime.now(UTC).isoformat(timespec='milliseconds'),
+            'after': round(alarm.acknowledged - alarm.raised, 3), 'stands': alarm.stands,
+        })
+        self._write('acknowledged', self._maker.make('std_msgs/msg/String', data=text))
+        self._flushed = time.monotonic()
+        self._file.flush()
 
     def flush(self) -> None:
         """Make what was taken safe, if it is time."""

@@ -8,6 +8,7 @@ import json
 import math
 from typing import Any
 
+from plc_inspect.monitor.picture.condition import judge
 from plc_inspect.monitor.picture.picture import name_severity, Picture
 
 
@@ -42,7 +43,21 @@ def make_snapshot(picture: Picture) -> dict[str, Any]:
             )
         ],
         'health': _clean(dict(picture.health)),
-        'alarms': [item.hazard_id for item in picture.alarms],
+        'state': _clean(dataclasses.asdict(judge(picture))),
+        'heading': _clean(picture.heading),
+        'height': _clean(picture.height),
+        'near': [
+            _clean(dataclasses.asdict(item)) | {
+                'thing': item.thing.name.lower(), 'level': item.level.name.lower(),
+            } for item in picture.near
+        ],
+        'alarms': [
+            {'number': item.number, 'state': item.state, 'text': item.cause.text,
+             'hazard_id': item.cause.hazard_id, 'raised': _ago(picture, item.raised),
+             'cleared': _ago(picture, item.cleared), 'who': item.who,
+             'acknowledged': _ago(picture, item.acknowledged)}
+            for item in (*picture.alarms, *picture.past_alarms)
+        ],
         'hazards': [
             _clean(dataclasses.asdict(item)) | {'severity': item.severity_name}
             for item in picture.hazards
@@ -67,6 +82,11 @@ def make_snapshot(picture: Picture) -> dict[str, Any]:
 def format_snapshot(picture: Picture) -> str:
     """Return the picture as one line of JSON."""
     return json.dumps(make_snapshot(picture), allow_nan=False, separators=(',', ':'))
+
+
+def _ago(picture: Picture, time: float) -> float | None:
+    """Return how long ago a time was [s]."""
+    return None if math.isnan(time) else round(picture.time - time, 3)
 
 
 def _clean(value: Any) -> Any:

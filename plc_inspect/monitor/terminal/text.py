@@ -11,30 +11,37 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from plc_inspect.monitor.picture.model import describe_hazard
-from plc_inspect.monitor.picture.picture import HazardItem, Link, name_severity, Picture, SpanItem
+from plc_inspect.colors import LOOKS, parse_color, severity_color
+from plc_inspect.core.live.proximity import Level
+from plc_inspect.monitor.picture.causes import describe_nearness
+from plc_inspect.monitor.picture.condition import judge
+from plc_inspect.monitor.picture.picture import (
+    format_age,
+    HazardItem,
+    Link,
+    name_severity,
+    Picture,
+    SpanItem,
+    STALE,
+)
 
 WIDE = 110
 """From this many columns on, spans and hazards stand side by side."""
-STALE = 5.0
-"""A panel whose data are older is marked [s]."""
-COLORS = {'ok': 'green', 'notice': 'cyan', 'warning': 'yellow', 'critical': 'bold red'}
-_LINK = {
-    Link.WAITING: ('black on yellow', 'WAITING'), Link.LIVE: ('black on green', 'LIVE'),
-    Link.LATE: ('black on yellow', 'LATE'), Link.LOST: ('white on red', 'LINK LOST'),
-}
-_LEVELS = ('', 'yellow', 'bold red')
+LIFT = 0.4
+"""Text on a dark terminal is lighter than the table of colours by this share of white."""
 
 
-def format_age(seconds: float) -> str:
-    """Return an age in few characters, such as ``0.4 s`` or ``3 min``."""
-    if math.isnan(seconds):
-        return 'none'
-    if seconds < 10.0:
-        return f'{seconds:.1f} s'
-    if seconds < 120.0:
-        return f'{seconds:.0f} s'
-    return f'{seconds / 60:.0f} min' if seconds < 7200.0 else f'{seconds / 3600:.1f} h'
+def _light(name: str) -> str:
+    red, green, blue = (
+        round(value + LIFT * (255 - value)) for value in parse_color(severity_color(name))
+    )
+    return f'#{red:02x}{green:02x}{blue:02x}'
+
+
+COLORS = {name: _light(name) for name in LOOKS} | {'critical': f'bold {_light("critical")}'}
+FILLS = {name: f'{look.ink} on {look.color}' for name, look in LOOKS.items()}
+"""Styles of rich for text, and for a filled line, by severity."""
+_LEVELS = ('', COLORS['warning'], COLORS['critical'])
 
 
 def draw(picture: Picture, width: int, height: int, name: str) -> RenderableType:
@@ -100,22 +107,21 @@ def print_once(picture: Picture, name: str) -> None:
 
 
 def _draw_head(picture: Picture, name: str, width: int) -> Text:
-    style, word = _LINK[picture.link]
-    if picture.link is Link.LIVE and picture.problem:
-        style, word = 'white on red', 'LIVE, NODE IN ERROR'
-    text = Text(f' {word} ', style=style, no_wrap=True, overflow='ellipsis')
+    condition = judge(picture, name)
+    words = condition.text if width >= WIDE or not condition.good else 'LIVE'
+    text = Text(f' {words} ', style=FILLS[condition.tone], no_wrap=True,
+                overflow='ellipsis')
     if picture.link is Link.WAITING:
-        text.append(f' nothing heard of {name} yet', style='bold')
         return text
     text.append(f' {format_age(picture.ages.link)} ', style='bold' if picture.link is Link.LIVE
-                else 'bold red')
+                else COLORS['critical'])
     lost = picture.counts.lost_summary + picture.counts.lost_cloud
     text.append(f' {name}  data {format_age(picture.ages.data)}')
     if not picture.complete:
-        text.append('  INCOMPLETE', style='bold red')
-    text.append(f'  lost {lost}', style='yellow' if lost else '')
+        text.append('  INCOMPLETE', style=COLORS['critical'])
+    text.append(f'  lost {lost}', style=COLORS['warning'] if lost else '')
     if refused := picture.counts.describe_refused():
-        text.append(f'  {refused}', style='bold red')
+        text.append(f'  {refused}', style=COLORS['critical'])
     text.append(f'  {picture.counts.kbps:.0f} kbit/s')
     if width >= WIDE:
         text.append(f'  delay {format_age(picture.ages.delay)}  restarts {picture.counts.restarts}'
@@ -127,15 +133,22 @@ def _draw_alarm(picture: Picture) -> Text:
     if picture.link is Link.LOST:
         return Text(
             f'no news for {format_age(picture.ages.link)}: everything below is OLD',
-            style='bold white on red', no_wrap=True, overflow='ellipsis',
+            style='bold ' + FILLS['critical'], no_wrap=True, overflow='ellipsis',
         )
+    counts = picture.count_severities()
+    standing = [item for item in picture.alarms if item.stands]
+    if standing:
+        first = standing[0]
+        more = f' (and {len(standing) - 1} more)' if len(standing) > 1 else ''
+        word = f'seen by {first.who}' if first.seen else 'ALARM'
+        return Text(f'{word}: {first.cause.text}{more}', no_wrap=True, overflow='ellipsis',
+                    style='bold ' + FILLS['warning' if first.seen else 'critical'])
     if picture.alarms:
-        more = f' (and {len(picture.alarms) - 1} more)' if len(picture.alarms) > 1 else ''
-        return Text(f'ALARM {describe_hazard(picture.alarms[0])}{more}',
-                    style='bold white on red', no_wrap=True, overflow='ellipsis')
-    count = sum(item.severity >= 3 for item in picture.hazards)
-    return Text(f'{count} critical, {len(picture.hazards)} hazards, {len(picture.spans)} spans',
-                style='bold red' if count else '')
+        return Text(f'{len(picture.alarms)} alarms cleared that nobody acknowledged (on the page '
+                    'of --web): the newest was ' + picture.alarms[0].cause.text,
+                    no_wrap=True, overflow='ellipsis', style=FILLS['warning'])
+    return Text(f'{counts["critical"]} critical, {counts["warning"]} warnings, '
+                f'{len(picture.hazards)} hazards, {len(picture.spans)} spans')
 
 
 def _draw_health(picture: Picture, width: int) -> RenderableType:
@@ -164,6 +177,9 @@ def _draw_health(picture: Picture, width: int) -> RenderableType:
     place = '-' if picture.vehicle is None else ' '.join(f'{v:.1f}' for v in picture.vehicle)
     lines = Text(no_wrap=True, overflow='ellipsis')
     lines.append(f'vehicle {place} m, {format_age(picture.ages.vehicle)} old')
+    for near in picture.near[:1]:
+        lines.append(f'  {describe_nearness(near)}',
+                     style=_LEVELS[max(near.level - Level.CLEAR, 0)])
     bad = max(range(len(picture.levels)), key=lambda k: picture.levels[k], default=0)
     if picture.levels and picture.levels[bad]:
         lines.append(f'  {picture.texts[bad]}', style=_LEVELS[min(picture.levels[bad], 2)])
@@ -241,10 +257,10 @@ def _fit(count: int, room: int) -> int:
 
 
 def _title(text: str, age: float) -> Text:
-    style = 'bold red' if age > STALE else ''
+    style = COLORS['critical'] if age > STALE else ''
     return Text(f'{text}, {format_age(age)} old' if not math.isnan(age) else f'{text}: none yet',
                 style=style)
 
 
 def _border(age: float) -> str:
-    return 'red' if age > STALE else 'dim' if math.isnan(age) else 'green'
+    return _light('critical') if age > STALE else 'dim' if math.isnan(age) else _light('ok')

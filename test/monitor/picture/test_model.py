@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from stream_pieces import make_rows, NO_TABLES, Source
 
-from plc_inspect.monitor.picture.model import ALARM_TIME, LATE, LOST, Monitor, PATIENCE
+from plc_inspect.monitor.picture.model import LATE, LOST, Monitor, PATIENCE
 from plc_inspect.monitor.picture.node_clock import NodeClock
 from plc_inspect.monitor.picture.picture import Link
 
@@ -199,17 +199,24 @@ def test_of_two_nodes_the_one_that_was_there_is_shown(monitor, source):
     assert len(monitor.look(107.0).spans) == 6
 
 
-def test_new_critical_hazards_are_alarms_for_a_while(monitor, source):
-    assert [item.hazard_id for item in monitor.look(101.0).alarms] == [0]
-    assert monitor.look(100.0 + ALARM_TIME + 1).alarms == ()
+def test_critical_hazards_are_alarms_until_cleared_and_seen(monitor, source):
+    def list_alarms(now):
+        return [(item.cause.hazard_id, item.state) for item in monitor.look(now).alarms]
+
+    assert list_alarms(101.0) == [(0, 'new')]
+    assert list_alarms(4000.0) == [(0, 'new')]  # however long ago it was raised
     rows = make_rows(6, 4)  # number 3 is critical
     rows.hazards['severity'][1] = 3
     monitor.take_summary(source.summary(50.0, tables=rows), 145.0)
     picture = monitor.look(145.0)
-    assert [item.hazard_id for item in picture.alarms] == [1, 3]
+    assert {item.cause.hazard_id for item in picture.alarms} == {0, 1, 3}
     assert any(text.startswith('was warning, is critical hazard 1') for text in tell(picture))
     monitor.take_summary(source.summary(51.0, tables=make_rows(6, 3)), 146.0)
-    assert 3 not in [item.hazard_id for item in monitor.look(146.0).alarms]
+    assert set(list_alarms(146.0)) == {(0, 'new'), (1, 'cleared'), (3, 'cleared')}
+    numbers = [item.number for item in monitor.look(146.0).alarms]
+    monitor.acknowledge(numbers, 'Anna', 147.0)
+    assert list_alarms(147.0) == [(0, 'acknowledged')]
+    assert {item.cause.hazard_id for item in monitor.look(147.0).past_alarms} == {1, 3}
 
 
 def test_health_and_time_that_jumps_are_told(monitor, source):

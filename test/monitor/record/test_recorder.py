@@ -4,6 +4,7 @@
 """Recordings: whole at every moment, in order at the end, with what was published in them."""
 
 from collections import Counter
+from datetime import datetime
 import json
 import os
 from pathlib import Path
@@ -13,6 +14,7 @@ import time
 
 from mcap.reader import make_reader, NonSeekingReader
 import pytest
+from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 from stream_pieces import make_rows, Source
 
@@ -170,4 +172,20 @@ def test_values_are_json_that_everything_reads():
     assert record['spans'][0]['ground_clearance'] is None
     assert record['status'][1] == {'name': 'map', 'level': 0, 'text': '6% of the map in use'}
     assert record['health']['scans_lost'] == 4.0
-    assert record['alarms'] == [0]
+    assert [(item['hazard_id'], item['state']) for item in record['alarms']] == [(0, 'new')]
+    assert record['state']['tone'] == 'ok'
+
+
+def test_who_acknowledged_an_alarm_stands_in_the_record(tmp_path):
+    path = tmp_path / 'flight.mcap'
+    monitor, source = Monitor(), Source()
+    monitor.take_summary(source.summary(5.0, keyframe=True), 100.0)
+    with Recorder(path, '/plc_inspect') as recorder:
+        for alarm in monitor.acknowledge([1], 'Anna', 101.5):
+            recorder.note(alarm)
+    with AnyReader([path]) as reader:
+        ((connection, _, data),) = reader.messages()
+        note = json.loads(reader.deserialize(data, connection.msgtype).data)
+    assert connection.topic == '/plc_inspect/acknowledged'
+    assert (note['who'], note['what'], note['after']) == ('Anna', 'hazard 0', 1.5)
+    assert datetime.fromisoformat(note['time']).tzinfo is not None

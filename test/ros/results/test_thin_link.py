@@ -3,6 +3,7 @@
 
 """The stream of the real node: for who comes late, within its budget, through resets."""
 
+import math
 import time
 
 import numpy as np
@@ -10,12 +11,15 @@ import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rig import Rig, wait_for
+from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import UInt8MultiArray
 
+from plc_inspect.core.live.proximity import Level
+from plc_inspect.monitor.picture.causes import name_thing
 from plc_inspect.monitor.picture.model import Monitor
 from plc_inspect.monitor.picture.picture import Link
 from plc_inspect.monitor.station import Station
-from plc_inspect.ros.graph.qos import SUMMARY, THIN_CORRIDOR
+from plc_inspect.ros.graph.qos import PROXIMITY, SUMMARY, THIN_CORRIDOR
 from plc_inspect.ros.results import thin_link
 from plc_inspect.stream.blocks import place_cells, read_cloud
 from plc_inspect.stream.budget import OVERHEAD
@@ -30,6 +34,7 @@ def shared():
     """Return one node for all tests of this module."""
     rig = Rig()
     rig.listen('summary', UInt8MultiArray, '/plc_inspect/summary', SUMMARY)
+    rig.listen('proximity', PointCloud2, '/plc_inspect/proximity', PROXIMITY)
     yield rig
     rig.close()
 
@@ -114,6 +119,30 @@ def test_who_comes_late_has_everything_soon(found, late):
     xyz = np.column_stack([corridor[axis] for axis in 'xyz'])
     assert {tuple(p) for p in np.floor(xyz / 0.5).astype(int).tolist()} == own
     assert set(kind) <= set(corridor['class'])
+
+
+def test_the_keep_out_comes_over_the_link(found, late):
+    found.feed(2)
+    wait_for(lambda: len(found.rows('proximity')) == 3, 'proximity')
+    late.wait(lambda p: p.near and math.isfinite(p.near[0].distance), 'a distance')
+    wire = found.rows('proximity')[0]
+
+    def agrees(picture):
+        near = picture.near[0]
+        return (
+            (near.thing, near.level, near.line_id, near.span_id)
+            == tuple(wire[name] for name in ('thing', 'level', 'line_id', 'span_id'))
+            and abs(near.distance - wire['distance']) < 1e-3
+            and np.allclose(np.array(picture.vehicle) + near.way,
+                            [wire[axis] for axis in 'xyz'], atol=5e-3)
+        )
+
+    late.wait(agrees, 'the distance that was published')
+    picture = late.look()
+    assert math.isfinite(picture.heading)
+    critical = {f'keep-out {name_thing(item.thing)}' for item in picture.near
+                if item.level == Level.CRITICAL}
+    assert {item.key for item in picture.alarms if item.stands} >= critical
 
 
 def test_it_speaks_every_second_also_when_nothing_is_new(found, late):

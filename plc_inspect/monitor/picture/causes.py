@@ -1,0 +1,121 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What raises alarms: critical hazards, and the keep-out; and how high the vehicle is."""
+
+from collections.abc import Mapping, Sequence
+import math
+from types import MappingProxyType
+
+from plc_inspect.core.live.proximity import Level, Thing
+from plc_inspect.monitor.picture.alarms import Cause
+from plc_inspect.monitor.picture.cloud_store import CloudStore
+from plc_inspect.monitor.picture.names import find_foot, name_conductor, name_stretch
+from plc_inspect.monitor.picture.picture import HazardItem, Place, SpanItem, SupportItem
+from plc_inspect.results import Severity
+from plc_inspect.stream.nearness import Nearness
+from plc_inspect.stream.summary import Status
+
+GROUND_REACH = 8.0
+"""
+Ground this near to the vehicle in plan tells how high it is [m].
+Source: judgement: half the height at which corridors are flown, as the lidar sees little of what
+is straight below it.
+"""
+
+
+FEET_REACH = 120.0
+"""
+Feet of structures and ground below conductors this near tell about how high it is [m].
+Source: judgement: half a span of high voltage.
+"""
+
+
+def list_causes(
+    hazards: Sequence[HazardItem], spans: Sequence[SpanItem], supports: Sequence[SupportItem],
+    status: Status,
+) -> dict[str, Cause]:
+    """Return what raises alarms now, by key."""
+    stretches = {item.key: name_stretch(item, supports) for item in spans}
+    causes = {
+        f'hazard {item.hazard_id}': Cause(
+            text=_describe_hazard(item, stretches), place=item.position,
+            hazard_id=item.hazard_id,
+        )
+        for item in hazards if item.severity >= Severity.CRITICAL
+    }
+    for near in status.near:
+        if near.level == Level.CRITICAL:
+            causes[f'keep-out {name_thing(near.thing)}'] = Cause(
+                text=f'keep-out: {describe_nearness(near, stretches)}',
+                place=locate(near, status.vehicle),
+            )
+    return causes
+
+
+def _describe_hazard(item: HazardItem, stretches: Mapping[tuple[int, int], str]) -> str:
+    where = stretches.get((item.line_id, item.span_id), f'span {item.span_id}')
+    needs = '' if math.isnan(item.required) else f', {item.required:.2f} m required'
+    return (f'hazard {item.hazard_id}, {item.kind}: {item.clearance:.2f} m{needs}; {where}, '
+            f'{name_conductor(item.line_id)}')
+
+
+def describe_nearness(
+    near: Nearness, stretches: Mapping[tuple[int, int], str] = MappingProxyType({})
+) -> str:
+    """Return what is near in one line; with names of spans by line and span."""
+    if math.isnan(near.distance):
+        return f'{name_thing(near.thing)}: none known'
+    text = f'{name_thing(near.thing)} {near.distance:.1f} m from the vehicle'
+    if near.thing == Thing.CONDUCTOR and near.line_id >= 0:  # below: not confirmed yet
+        where = stretches.get((near.line_id, near.span_id), f'span {near.span_id}')
+        text += f'; {where}, {name_conductor(near.line_id)}'
+    return text
+
+
+def locate(near: Nearness, vehicle: Place | None) -> Place | None:
+    """Return where the nearest thing is [m], None where that is not known."""
+    if vehicle is None or not all(map(math.isfinite, near.way)):
+        return None
+    return vehicle[0] + near.way[0], vehicle[1] + near.way[1], vehicle[2] + near.way[2]
+
+
+def name_thing(thing: Thing) -> str:
+    """Return what a crew calls a thing."""
+    return {Thing.SUPPORT: 'structure'}.get(thing, thing.name.lower())
+
+
+def list_ground(span: SpanItem, supports: Sequence[SupportItem]) -> list[Place]:
+    """Return what is known of the ground below a span [m]: at its structures, and below it."""
+    places = [find_foot(end, supports) for end in (span.start, span.end)]
+    x, y, z = span.lowest
+    below = [] if math.isnan(span.ground_clearance) else [(x, y, z - span.ground_clearance)]
+    first, last = ([place] if place else [] for place in places)
+    return [*first, *below, *last]
+
+
+def find_height(
+    vehicle: Place | None, cloud: CloudStore, spans: Sequence[SpanItem],
+    supports: Sequence[SupportItem],
+) -> float:
+    """
+    Return how high the vehicle is above the ground [m], NaN where that is not known.
+
+    Where the corridor holds no ground below it, the ground is taken from about: from the feet of
+    structures and from below the conductors, the nearer the more.
+    """
+    if vehicle is None:
+        return math.nan
+    x, y, z = vehicle
+    ground = cloud.find_ground(x, y, GROUND_REACH)
+    if not math.isnan(ground):
+        return z - ground
+    known = [item.position for item in supports if item.kind != 'unseen']
+    known += [place for span in spans for place in list_ground(span, ())]
+    weights = [
+        (1.0 / max(apart, 1.0) ** 2, place[2]) for place in known
+        if (apart := math.dist(place[:2], (x, y))) <= FEET_REACH
+    ]
+    if not weights:
+        return math.nan
+    return z - sum(weight * height for weight, height in weights) / sum(w for w, _ in weights)

@@ -1,0 +1,87 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The keep-out becomes an alarm, and things have the names of a field crew."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from stream_pieces import make_rows, Source
+
+from plc_inspect.core.live.proximity import Level, Thing
+from plc_inspect.monitor.picture.causes import find_height
+from plc_inspect.monitor.picture.cloud_store import CloudStore
+from plc_inspect.monitor.picture.model import Monitor
+from plc_inspect.monitor.picture.names import name_stretch
+from plc_inspect.stream.nearness import Nearness
+
+WIRE = Nearness(
+    thing=Thing.CONDUCTOR, level=Level.CRITICAL, distance=4.2, way=(1.0, 2.0, -3.0), closest=4.0,
+    closest_in=2.0, sigma=0.1, line_id=1, span_id=0,
+)
+
+
+def feed(monitor, source, uptime, *near, **values):
+    monitor.take_summary(source.summary(
+        uptime, keyframe=uptime == 1.0, near=near, near_uptime=uptime, **values
+    ), 100.0 + uptime)
+    return monitor.look(100.0 + uptime)
+
+
+def test_a_keep_out_is_an_alarm_until_somebody_has_seen_it():
+    monitor, source = Monitor(), Source()
+    picture = feed(monitor, source, 1.0, WIRE, tables=make_rows(6, 0))
+    (alarm,) = picture.alarms
+    assert alarm.cause.text == (
+        'keep-out: conductor 4.2 m from the vehicle; structure 0 to 1, conductor 2'
+    )
+    np.testing.assert_allclose(alarm.cause.place, np.array(picture.vehicle) + WIRE.way, atol=1e-5)
+    assert picture.count_severities() == {'critical': 1, 'warning': 0}
+    far = dataclasses.replace(WIRE, level=Level.WARNING, distance=9.0)
+    picture = feed(monitor, source, 2.0, far)
+    assert picture.count_severities() == {'critical': 0, 'warning': 1}
+    assert [item.state for item in picture.alarms] == ['cleared']
+    monitor.acknowledge([alarm.number], 'Anna', 103.0)
+    picture = feed(monitor, source, 4.0, far)
+    assert picture.alarms == ()
+    assert picture.past_alarms[0].who == 'Anna'
+    assert any(event.text.startswith('Anna acknowledged: keep-out') for event in picture.events)
+
+
+def test_a_node_that_begins_anew_clears_no_alarm_silently():
+    monitor, source = Monitor(), Source()
+    feed(monitor, source, 1.0, WIRE, tables=make_rows(6, 0))
+    other = Source(session=99)
+    monitor.take_summary(other.summary(1.0, keyframe=True, tables=make_rows(6, 0)), 120.0)
+    (alarm,) = monitor.look(120.0).alarms
+    assert alarm.state == 'cleared'
+    assert alarm.reason == 'the node began anew: it may still be there'
+
+
+def test_a_span_is_named_by_its_structures():
+    monitor, source = Monitor(), Source()
+    picture = feed(monitor, source, 1.0)
+    span = picture.spans[0]
+    whole = dataclasses.replace(span, open_start=False, open_end=False)
+    names = {name_stretch(item, picture.supports) for item in picture.spans}
+    assert 'structure 0 to 1' in names
+    assert name_stretch(dataclasses.replace(whole, open_end=True), picture.supports).endswith('?')
+    assert name_stretch(whole, ()) == f'span {span.span_id}'
+
+
+def test_the_height_is_from_ground_or_about_from_what_stands_on_it():
+    monitor, source = Monitor(), Source()
+    picture = feed(monitor, source, 1.0)
+    (pole, *_) = [item for item in picture.supports if item.kind != 'unseen']
+    foot = pole.position
+    over = foot[0], foot[1], foot[2] + 12.0
+    about = find_height(over, CloudStore(), (), (pole,))
+    assert about == pytest.approx(12.0)
+    assert math.isnan(find_height(None, CloudStore(), (), picture.supports))
+    far = foot[0] + 900.0, foot[1], 0.0
+    assert math.isnan(find_height(far, CloudStore(), picture.spans[:1], (pole,)))
+    span = dataclasses.replace(picture.spans[0], ground_clearance=7.0)
+    below = span.lowest
+    assert find_height(below, CloudStore(), (span,), ()) == pytest.approx(7.0)

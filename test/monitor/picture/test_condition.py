@@ -1,0 +1,110 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The line at the top is good only where all is well, and says what is not."""
+
+import math
+
+import pytest
+from stream_pieces import NO_TABLES, Source, TEXTS
+
+from plc_inspect.monitor.picture.condition import judge, LANDED_TIME
+from plc_inspect.monitor.picture.model import Monitor
+from plc_inspect.stream.summary import SummaryWriter
+
+GOOD = {'scan_rate': 10.0, 'scan_age': 0.1, 'odometry_age': 0.02, 'sharpness': 0.9}
+SILENT = 'no scan; nobody publishes /velodyne_points'
+
+
+def show(levels=(0, 0, 0), texts=TEXTS, later=0.1, **values):
+    """Return the line after one message of the node, some seconds later."""
+    monitor, source = Monitor(), Source()
+    source.writer = Texts(texts)
+    status = {'health': GOOD | values.pop('health', {}), 'levels': levels}
+    monitor.take_summary(source.summary(5.0, keyframe=True, **(status | values)), 100.0)
+    return judge(monitor.look(100.0 + later), '/vehicle/plc_inspect')
+
+
+class Texts:
+    """A writer that says other texts."""
+
+    def __init__(self, texts):
+        self.writer, self.texts = SummaryWriter(7), texts
+
+    def write(self, tables, status, _, uptime, *, keyframe):
+        return self.writer.write(tables, status, self.texts, uptime, keyframe=keyframe)
+
+
+def test_it_is_good_where_all_is_well():
+    assert show().good
+    assert show().text == 'live: scans at 10.0 Hz and poses come in, the map is sharp'
+
+
+@pytest.mark.parametrize(('tone', 'text', 'given'), [
+    ('critical', 'LINK LOST 7.0 s ago: all of this is old', {'later': 7.0}),
+    ('warning', 'link late: nothing for 3.0 s', {'later': 3.0}),
+    ('critical', 'waiting for the lidar: nobody publishes /velodyne_points',
+     {'health': {'scan_age': math.nan}, 'levels': (2, 0, 0),
+      'texts': ('odom', SILENT, *TEXTS[2:])}),
+    ('critical', 'poses stopped 3.1 s ago',
+     {'health': {'odometry_age': 3.0}, 'levels': (2, 0, 0),
+      'texts': ('odom', 'no odometry', *TEXTS[2:])}),
+    ('critical', 'scans and poses stopped 4.1 s ago',
+     {'health': {'odometry_age': 9.0, 'scan_age': 4.0}}),
+    ('critical', 'waiting for poses', {'health': {'odometry_age': math.nan}}),
+    ('critical', 'map: walls are seen twice',
+     {'levels': (0, 2, 0), 'texts': (*TEXTS[:2], 'walls are seen twice', TEXTS[3])}),
+    ('warning', 'segmentation: last error: x',
+     {'levels': (0, 0, 1), 'texts': (*TEXTS[:3], 'last error: x')}),
+    ('notice', 'scans at 10.0 Hz and poses come in; sharpness of the map not known yet',
+     {'health': {'sharpness': math.nan}}),
+    ('notice', 'scans and poses come in; no result yet', {'tick_uptime': math.nan}),
+    ('warning', 'no new result for 5.9 s', {'tick_uptime': 0.0, 'later': 0.9}),
+    ('notice', 'waiting for the health of /vehicle/plc_inspect', {'health_uptime': math.nan}),
+])
+def test_it_says_what_is_not_well(tone, text, given):
+    condition = show(**given)
+    assert (condition.tone, condition.text) == (tone, text)
+    assert not condition.good
+
+
+def test_before_anything_came_in_it_waits():
+    condition = judge(Monitor().look(1.0), '/vehicle/plc_inspect')
+    assert condition.text == 'waiting for /vehicle/plc_inspect: nothing heard yet'
+    assert condition.tone == 'notice'
+
+
+def test_part_of_a_picture_is_not_good():
+    monitor, source = Monitor(), Source()
+    source.summary(1.0, keyframe=True)
+    monitor.take_summary(source.summary(2.0, health=GOOD), 100.0)
+    assert judge(monitor.look(100.1)).text.startswith('incomplete')
+
+
+@pytest.mark.parametrize(('height', 'landed'), [(1.0, True), (9.0, False)])
+def test_it_has_landed_when_it_flew_and_stands_low(height, landed):
+    monitor, source = Monitor(), Source()
+    monitor.take_cloud(source.cloud(0.0, [[50.0, 2.0, 0.2]]), 100.0)
+    ground = monitor.look(100.0)  # vegetation is no ground
+    assert math.isnan(ground.height)
+    feet = source.tables.supports['z'].min() * 1e-3
+    for k in range(12):
+        monitor.take_summary(source.summary(
+            1.0 + k, keyframe=not k, health=GOOD, vehicle=(5.0 * k, 2.0, feet + 20.0)
+        ), 100.0 + k)
+    assert not judge(monitor.look(111.0)).text.startswith('landed')
+    for k in range(12, 12 + int(LANDED_TIME) + 3):
+        monitor.take_summary(source.summary(
+            1.0 + k, health=GOOD, vehicle=(60.0, 2.0, feet + height)
+        ), 100.0 + k)
+    assert judge(monitor.look(101.0 + k)).text.startswith('landed') == landed
+
+
+def test_who_never_flew_has_not_landed():
+    monitor, source = Monitor(), Source()
+    for k in range(30):
+        monitor.take_summary(source.summary(
+            1.0 + k, keyframe=not k, health=GOOD, tables=NO_TABLES if not k else None,
+            vehicle=(0.0, 0.0, 0.5),
+        ), 100.0 + k)
+    assert judge(monitor.look(129.5)).good
