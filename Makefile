@@ -6,7 +6,7 @@ SURVEYS := build/surveys
 
 AUDIT := build/audit
 
-.PHONY: help install demo test lint settings picture bench performance accuracy lock sbom audit clean
+.PHONY: help install demo test axe lint settings picture bench performance accuracy lock sbom audit clean
 
 help:
 	@echo 'make install   make .venv with plc_inspect in it'
@@ -32,7 +32,14 @@ lint: install
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 
-test: lint
+# The tests of the monitor's page for accessibility; without npm they are skipped, and say so.
+axe:
+	@command -v npm >/dev/null || echo 'axe: no npm here: the page is not tested for accessibility'
+	@! command -v npm >/dev/null || [ -d test/npm/node_modules/axe-core ] \
+		|| npm ci --prefix test/npm --no-audit --no-fund --loglevel error \
+		|| echo 'axe: npm cannot get axe-core: the page is not tested for accessibility'
+
+test: lint axe
 	$(BIN)/pytest -n 2 --dist loadfile
 
 settings: install

@@ -39,7 +39,11 @@ setup(
     maintainer_email='plc_inspect@example.org',
     license='Apache-2.0',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['monitor/web/templates/*', 'offline/report/templates/*']},
+    package_data={NAME: [
+        'monitor/page/*.*', 'monitor/page/vendor/three/LICENSE',
+        'monitor/page/vendor/three/*.js', 'monitor/page/vendor/three/*/*.js',
+        'offline/report/templates/*',
+    ]},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
@@ -69,17 +73,17 @@ setup(
         'scipy>=1.11',
         'shapely>=2.0',
         'tqdm>=4.65',
-        'viser>=1.1,<2',
-        'websockets>=13',
         'zstandard>=0.20',
     ],
     extras_require={
         'dev': [
+            'colorspacious>=1.1',
             'hypothesis>=6.90',
             'laszip>=0.2',
             'matplotlib>=3.8',
             'mypy>=1.10',
             'pillow>=10',
+            'playwright>=1.40',
             'pyte>=0.8',
             'pytest>=8.0',
             'pytest-xdist>=3.5',

@@ -1,99 +1,68 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A headless Chromium, driven over its debugging port."""
+"""A headless Chromium of the distribution, driven by playwright."""
 
-import base64
-import itertools
-import json
+import atexit
+from functools import cache
 from pathlib import Path
-import subprocess
 import time
-import urllib.request
 
-from websockets.sync.client import connect
+from playwright.sync_api import Playwright, sync_playwright
 
 FLAGS = (
-    '--headless', '--no-sandbox', '--use-angle=swiftshader', '--enable-unsafe-swiftshader',
+    '--no-sandbox', '--use-angle=swiftshader', '--enable-unsafe-swiftshader',
     '--disable-background-networking', '--disable-dev-shm-usage', '--no-first-run',
-    '--hide-scrollbars', '--remote-debugging-port=0', '--remote-allow-origins=*',
+    '--hide-scrollbars', '--disable-quic', '--disable-component-update', '--disable-sync',
 )
+WAIT_MS = 40_000
+
+
+@cache
+def _play() -> Playwright:
+    """Start playwright once for the process: it cannot run twice."""
+    play = sync_playwright().start()
+    atexit.register(play.stop)
+    return play
 
 
 class Chrome:
     """One browser with one page."""
 
-    def __init__(self, program, profile, width=1280, height=800, *, phone=False):
-        self._process = subprocess.Popen(
-            [program, *FLAGS, f'--user-data-dir={profile}', f'--window-size={width},{height}',
-             'about:blank'],
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    def __init__(self, program, profile, width=1280, height=800, *, phone=False, light=False):
+        self._context = _play().chromium.launch_persistent_context(
+            profile, executable_path=program, args=FLAGS, headless=True,
+            viewport={'width': width, 'height': height}, is_mobile=phone, has_touch=phone,
+            device_scale_factor=2 if phone else 1, color_scheme='light' if light else 'dark',
         )
-        self._numbers = itertools.count(1)
-        port = self._find_port(Path(profile) / 'DevToolsActivePort')
-        with urllib.request.urlopen(f'http://127.0.0.1:{port}/json') as answer:
-            targets = json.load(answer)
-        address = next(t['webSocketDebuggerUrl'] for t in targets if t['type'] == 'page')
-        self._socket = connect(address, max_size=None)
-        self.call('Emulation.setDeviceMetricsOverride', width=width, height=height,
-                  deviceScaleFactor=2 if phone else 1, mobile=phone)
-
-    def _find_port(self, path):
-        end = time.monotonic() + 30.0
-        while time.monotonic() < end:
-            if path.exists() and path.read_text().count('\n'):
-                return int(path.read_text().splitlines()[0])
-            time.sleep(0.05)
-        raise AssertionError('the browser does not come up')
-
-    def call(self, method, **parameters):
-        """Send a command and return its result."""
-        number = next(self._numbers)
-        self._socket.send(json.dumps({'id': number, 'method': method, 'params': parameters}))
-        while True:
-            answer = json.loads(self._socket.recv(timeout=60.0))
-            if answer.get('id') == number:
-                assert 'error' not in answer, answer
-                return answer['result']
+        self.page = self._context.pages[0]
+        self.page.set_default_timeout(WAIT_MS)
+        self.errors = []
+        """What went wrong in the page's own program."""
+        self.page.on('pageerror', lambda error: self.errors.append(str(error)))
 
     def open(self, address):
         """Go to a page."""
-        self.call('Page.navigate', url=address)
+        self.page.goto(address)
 
     def run(self, expression):
         """Return what a JavaScript expression gives."""
-        result = self.call('Runtime.evaluate', expression=expression, returnByValue=True)
-        assert 'exceptionDetails' not in result, result
-        return result['result'].get('value')
+        return self.page.evaluate(expression)
 
     def wait(self, expression, deadline=40.0):
         """Wait until an expression gives something true, and return it."""
-        end = time.monotonic() + deadline
+        end = time.monotonic() + deadline  # what waits within the page is against its policy
         while time.monotonic() < end:
             value = self.run(expression)
             if value:
                 return value
-            time.sleep(0.1)
+            self.page.wait_for_timeout(50)
         raise AssertionError(f'{expression} never came true')
-
-    def click(self, x, y):
-        """Press and release the mouse."""
-        for kind in ('mouseMoved', 'mousePressed', 'mouseReleased'):
-            self.call('Input.dispatchMouseEvent', type=kind, x=x, y=y, button='left',
-                      clickCount=0 if kind == 'mouseMoved' else 1)
-            time.sleep(0.1)
 
     def take_picture(self, path):
         """Write a PNG of what is seen."""
-        data = self.call('Page.captureScreenshot', format='png')['data']
-        Path(path).write_bytes(base64.b64decode(data))
+        Path(path).write_bytes(self.page.screenshot())
 
     def close(self):
         """End the browser."""
-        self._socket.close()
-        self._process.terminate()
-        try:
-            self._process.wait(10.0)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        self._context.close()

@@ -36,8 +36,7 @@ IMPORT_TO_KEY = {
 IMPORT_TO_REQUIREMENT = {
     'markupsafe': 'jinja2', 'sklearn': 'scikit-learn', 'yaml': 'PyYAML', 'lazrs': 'laspy',
 }
-WITHOUT_KEY = {'cma', 'ezdxf', 'laspy', 'lazrs', 'mcap', 'pyogrio', 'rich', 'viser',
-               'websockets', 'zstandard'}
+WITHOUT_KEY = {'cma', 'ezdxf', 'laspy', 'lazrs', 'mcap', 'pyogrio', 'rich', 'zstandard'}
 
 
 @pytest.fixture(scope='module')
@@ -128,12 +127,15 @@ def test_templates_are_installed(metadata):
     package = ROOT / 'plc_inspect'
     patterns = metadata['package_data']['plc_inspect']
     installed = {path for pattern in patterns for path in package.glob(pattern)}
-    templates = {path for path in package.rglob('templates/*') if path.is_file()}
+    templates = {
+        path for folder in ('offline/report/templates', 'monitor/page')
+        for path in (package / folder).rglob('*') if path.is_file()
+    }
     assert templates == installed
     assert {path.relative_to(package).as_posix() for path in templates} >= {
         'offline/report/templates/report.html.j2', 'offline/report/templates/report.css',
-        'monitor/web/templates/bar.html', 'monitor/web/templates/monitor.css',
-        'monitor/web/templates/profile.svg',
+        'monitor/page/index.html', 'monitor/page/style.css', 'monitor/page/main.js',
+        'monitor/page/vendor/three/LICENSE',
     }
 
 

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 NAME = 'plc_monitor'
 NODE = '/plc_inspect'
-PERIOD = 0.5
-"""Time between two pictures on the screen [s]."""
+PERIOD, PAGE_PERIOD = 0.5, 0.25
+"""Time between two pictures on the screen, and on the page [s]."""
 SETTLE = 0.3
 """After the first keyframe, what the node kept may go on coming in for so long [s]."""
 
@@ -117,7 +117,14 @@ def _show_page(station: Any, arguments: argparse.Namespace) -> int:
     from plc_inspect.monitor.web.page import Page
 
     tokens, tls = _choose_tokens(arguments), _choose_certificate()
-    with Page(arguments.host, arguments.port, station.monitor.cloud, tokens, tls) as page:
+    def show(picture: Picture) -> None:
+        for request in page.take_requests():
+            station.acknowledge(request.numbers, request.who)
+            picture = station.look()
+        page.show(arguments.node, picture, station.monitor.cloud)
+
+    with Page(arguments.host, arguments.port, tokens, tls) as page:
+        show(station.look())
         print(f'{NAME}: {page.address}', flush=True)
         if arguments.token == AUTO:
             for role, token in tokens.by_role.items():
@@ -125,7 +132,7 @@ def _show_page(station: Any, arguments: argparse.Namespace) -> int:
         if tls is None and not is_loopback(arguments.host):
             print(f'{NAME}: the token and the page cross the network unencrypted: set PLC_KEYS '
                   'for HTTPS (docs/security.md)', flush=True)
-        _loop(station, PERIOD, page.show)
+        _loop(station, PAGE_PERIOD, show)
     return DONE
 
 

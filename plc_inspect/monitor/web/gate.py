@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The door of the page: who may come in, before anything reaches the server behind it.
+The door of the page: who may come in, before anything of it is served.
 
 With tokens, only browsers that have shown one pass, and each answer says what a browser may do
 with it; without, only what is meant for this machine.
 """
 
 import asyncio
-from collections.abc import AsyncIterable, Awaitable, Callable
+from collections.abc import Awaitable, Callable
 import concurrent.futures
 import contextlib
 import hmac
@@ -19,17 +19,15 @@ import ssl
 import threading
 from urllib.parse import unquote, urlsplit
 
-from aiohttp import ClientError, ClientSession, ClientTimeout, web, WSMessage, WSMsgType
+from aiohttp import web
 
 from plc_inspect.errors import ConfigError
 from plc_inspect.monitor.web.access import NO_TOKENS, Penalties, Role, Tokens
-from plc_inspect.monitor.web.inner_server import add_nonce, Inner, SECRET
+from plc_inspect.monitor.web.site import Site
 from plc_inspect.monitor.web.template import render
 
 COOKIE = 'plc_monitor'
 MOST_BODY = 4096
-MOST_MESSAGE = 50 * 1024 * 1024
-"""Of a web socket, as viser has it [bytes]."""
 MOST_CONNECTIONS = 200
 TIMEOUT = 15.0
 """A browser must have said what it wants by then [s]."""
@@ -41,12 +39,10 @@ HEADERS = {
 }
 """With no referrer at all, browsers would send forms with an origin of ``null``."""
 POLICY = (
-    "default-src 'none'; script-src 'nonce-{nonce}' 'wasm-unsafe-eval'; worker-src blob:; "
-    "connect-src 'self' data: blob:; img-src 'self' data: blob:; font-src 'self' data:; "
-    "style-src 'self' 'unsafe-inline'; form-action 'self'; base-uri 'none'; "
-    "frame-ancestors 'none'"
+    "default-src 'none'; script-src 'self' 'nonce-{nonce}'; connect-src 'self'; "
+    "img-src 'self' data:; style-src 'self' 'nonce-{nonce}'; form-action 'self'; "
+    "base-uri 'none'; frame-ancestors 'none'"
 )
-"""Styles are inline throughout in viser's page; scripts are not, but for those with the nonce."""
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
@@ -69,14 +65,12 @@ class Gate:
         Address to listen on.
     port : int
         Port to listen on, 0 any.
-    inner : Inner
-        The page's server on this machine.
+    site : Site
+        What is served.
     tokens : Tokens
         What a browser must show.
     tls : SSLContext or None
         Certificate of the page; None: plain HTTP.
-    acknowledge : callable
-        Called when somebody who may takes note of the alarms.
 
     Raises
     ------
@@ -86,8 +80,8 @@ class Gate:
     """
 
     def __init__(
-        self, host: str, port: int, inner: Inner, tokens: Tokens = NO_TOKENS, *,
-        tls: ssl.SSLContext | None = None, acknowledge: Callable[[], object] = lambda: None,
+        self, host: str, port: int, site: Site, tokens: Tokens = NO_TOKENS, *,
+        tls: ssl.SSLContext | None = None,
     ) -> None:
         if not tokens.by_role and not is_loopback(host):
             raise ConfigError(
@@ -95,7 +89,7 @@ class Gate:
                 '--token-file'
             )
         self._local, self._scheme = is_loopback(host), 'http' if tls is None else 'https'
-        self._inner, self._tokens, self._acknowledge = inner, tokens, acknowledge
+        self._site, self._tokens = site, tokens
         self._secrets = {role: secrets.token_urlsafe(32) for role in tokens.by_role}
         self._penalties = Penalties()
         self._open: dict[object, bool] = {}
@@ -115,7 +109,6 @@ class Gate:
         async def end() -> None:
             self._server.close()
             await self._runner.cleanup()
-            await self._session.close()
 
         with contextlib.suppress(concurrent.futures.TimeoutError):
             asyncio.run_coroutine_threadsafe(end(), self._loop).result(5.0)
@@ -132,9 +125,7 @@ class Gate:
     async def _start(self, host: str, port: int, tls: ssl.SSLContext | None) -> int:
         app = web.Application(middlewares=[self._guard], client_max_size=MOST_BODY)
         app.router.add_post('/login', self._log_in)
-        app.router.add_post('/acknowledge', self._take_note)
-        app.router.add_get('/{path:.*}', self._forward)
-        self._session = ClientSession(timeout=ClientTimeout(total=None, sock_connect=TIMEOUT))
+        self._site.add_routes(app.router)
         self._runner = web.AppRunner(
             app, access_log=None, keepalive_timeout=TIMEOUT, shutdown_timeout=1.0
         )
@@ -179,8 +170,6 @@ class Gate:
             response = await self._let_in(request, handler)
         except web.HTTPException as error:
             response = web.Response(status=error.status, text=error.reason)
-        except (ClientError, ConnectionError, TimeoutError):
-            response = web.Response(status=502, text='the page does not answer')
         if not response.prepared:
             response.headers.update(HEADERS)
             response.headers['Content-Security-Policy'] = POLICY.format(nonce=request['nonce'])
@@ -198,7 +187,8 @@ class Gate:
         logs_in = request.path == '/login' and request.method == 'POST'
         if request['role'] is None and not logs_in:
             wait = self._penalties.wait_of(request.remote or '')
-            return _ask_for_token('Token?' if not wait else 'Wait a little.', 401)
+            message = 'Token?' if not wait else 'Wait a little.'
+            return _ask_for_token(request, message)
         return await handler(request)
 
     def _is_meant_for_us(self, request: web.Request) -> bool:
@@ -239,7 +229,7 @@ class Gate:
         shown = str((await request.post()).get('token', ''))
         role = self._try_token(request, shown) if shown else None
         if role is None:
-            return _ask_for_token('Wrong token.' if shown else 'Token?', 401)
+            return _ask_for_token(request, 'Wrong token.' if shown else 'Token?')
         response = web.Response(status=303, headers={'Location': '/'})
         response.set_cookie(
             COOKIE, self._secrets[role], path='/', httponly=True, samesite='Strict',
@@ -247,66 +237,7 @@ class Gate:
         )
         return response
 
-    async def _take_note(self, request: web.Request) -> web.StreamResponse:
-        if request['role'] is not Role.ACKNOWLEDGE:
-            return web.Response(status=403, text='this token is for viewing only')
-        self._acknowledge()
-        return web.Response(status=303, headers={'Location': '/'})
 
-    async def _forward(self, request: web.Request) -> web.StreamResponse:
-        """Pass a request on to the page's server, and everything that follows."""
-        url = f'127.0.0.1:{self._inner.port}{request.rel_url.raw_path}'
-        secret = {SECRET: self._inner.secret}
-        if request.headers.get('Upgrade', '').lower() == 'websocket':
-            return await self._join(request, f'ws://{url}', secret)
-        async with self._session.get(f'http://{url}', headers=secret) as answer:
-            body = await answer.read()
-            kind = answer.headers.get('Content-Type', 'application/octet-stream')
-            if kind.startswith('text/html'):
-                body = add_nonce(body, request['nonce'])
-            page = web.Response(status=answer.status, body=body, headers={'Content-Type': kind})
-            page.enable_compression()
-            return page
-
-    async def _join(
-        self, request: web.Request, url: str, secret: dict[str, str]
-    ) -> web.StreamResponse:
-        """Join a web socket of a browser to the page's server."""
-        offered = request.headers.get('Sec-WebSocket-Protocol', '').split(',')
-        protocols = [item.strip() for item in offered if item.strip()]
-        outer = web.WebSocketResponse(
-            protocols=protocols, max_msg_size=MOST_MESSAGE, compress=False
-        )
-        async with self._session.ws_connect(
-            url, headers=secret, protocols=protocols, max_msg_size=MOST_MESSAGE, compress=0
-        ) as inner:
-            await outer.prepare(request)
-            tasks = [
-                asyncio.create_task(_pump(outer, inner.send_bytes, inner.send_str)),
-                asyncio.create_task(_pump(inner, outer.send_bytes, outer.send_str)),
-            ]
-            try:
-                await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-            finally:
-                for task in tasks:
-                    task.cancel()
-                await asyncio.gather(*tasks, return_exceptions=True)
-                await outer.close()
-        return outer
-
-
-async def _pump(
-    source: AsyncIterable[WSMessage],
-    send_bytes: Callable[[bytes], Awaitable[None]], send_text: Callable[[str], Awaitable[None]],
-) -> None:
-    with contextlib.suppress(ConnectionError, ClientError):
-        async for message in source:
-            if message.type is WSMsgType.BINARY:
-                await send_bytes(message.data)
-            elif message.type is WSMsgType.TEXT:
-                await send_text(message.data)
-
-
-def _ask_for_token(message: str, status: int) -> web.Response:
-    text = render('token.html', message=message)
-    return web.Response(status=status, text=text, content_type='text/html')
+def _ask_for_token(request: web.Request, message: str) -> web.Response:
+    text = render('door.html', message=message, nonce=request['nonce'])
+    return web.Response(status=401, text=text, content_type='text/html')

@@ -1,26 +1,27 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The page: a live 3D picture in the browser, drawn by viser behind the gate."""
+"""The page: what is known of vehicles, live in browsers."""
 
-import contextlib
+from collections.abc import Mapping
 import dataclasses
-import io
 import ssl
 import threading
+import time
 from types import TracebackType
 from typing import Any
 
 import numpy as np
 
-from plc_inspect.monitor.picture.cloud_store import CellArrays, CloudStore
-from plc_inspect.monitor.picture.picture import Picture, SpanItem
+from plc_inspect.monitor.picture.cloud_store import CloudStore
+from plc_inspect.monitor.picture.names import name_conductor, name_stretch
+from plc_inspect.monitor.picture.picture import Picture
 from plc_inspect.monitor.web.access import NO_TOKENS, Tokens
+from plc_inspect.monitor.web.cells import pack_changed
 from plc_inspect.monitor.web.gate import Gate
-from plc_inspect.monitor.web.inner_server import find_inner, start_inner
-from plc_inspect.monitor.web.panel import Panel
-from plc_inspect.monitor.web.profile import PROFILE_WIDTH
-from plc_inspect.monitor.web.scene_3d import Scene
+from plc_inspect.monitor.web.profile import FRAME, lay_out_profile, PROFILE_WIDTH
+from plc_inspect.monitor.web.site import Acknowledgement, Site
+from plc_inspect.monitor.web.values import format_metres, make_parts
 
 
 class Page:
@@ -33,8 +34,6 @@ class Page:
         Address to listen on.
     port : int
         Port to listen on, 0 any.
-    cloud : CloudStore
-        Of the monitor.
     tokens : Tokens
         What browsers must show.
     tls : SSLContext or None
@@ -48,25 +47,14 @@ class Page:
     """
 
     def __init__(
-        self, host: str, port: int, cloud: CloudStore, tokens: Tokens = NO_TOKENS,
+        self, host: str, port: int, tokens: Tokens = NO_TOKENS,
         tls: ssl.SSLContext | None = None,
     ) -> None:
-        self._cloud = cloud
-        self._noted: set[int] = set()
-        self._lock = threading.RLock()
-        self._panels: dict[int, Panel] = {}
-        self._picture: Picture | None = None
-        inner = find_inner()
-        self._gate = Gate(host, port, inner, tokens, tls=tls, acknowledge=self._acknowledge)
+        self._lock = threading.Lock()
+        self._shown: dict[str, tuple[Picture, CloudStore]] = {}
+        self._site = Site(self._find_profile)
+        self._gate = Gate(host, port, self._site, tokens, tls=tls)
         self._host, self._scheme = host, 'http' if tls is None else 'https'
-        try:
-            self._server = start_inner(inner)
-        except BaseException:
-            self._gate.close()
-            raise
-        self._scene = Scene(self._server, self._on_choice)
-        self._server.on_client_connect(self._on_connect)
-        self._server.on_client_disconnect(self._on_disconnect)
 
     def __enter__(self) -> 'Page':
         """Return the page."""
@@ -78,8 +66,6 @@ class Page:
     ) -> None:
         """Stop serving."""
         self._gate.close()
-        with contextlib.redirect_stdout(io.StringIO()):
-            self._server.stop()
 
     @property
     def address(self) -> str:
@@ -87,39 +73,45 @@ class Page:
         host = f'[{self._host}]' if ':' in self._host else self._host
         return f'{self._scheme}://{host}:{self._gate.port}/'
 
-    def show(self, picture: Picture) -> None:
-        """Show a picture in all browsers; alarms that somebody has noted are no more."""
-        with self._lock:
-            self._noted &= {item.hazard_id for item in picture.alarms}
-            left = tuple(item for item in picture.alarms if item.hazard_id not in self._noted)
-            picture = dataclasses.replace(picture, alarms=left)
-            self._picture = picture
-            arrived = self._scene.update(picture, self._cloud)
-            for panel in self._panels.values():
-                panel.update(picture, arrived)
+    def show(self, vehicle: str, picture: Picture, cloud: CloudStore) -> None:
+        """
+        Show what is known of a vehicle in all browsers that look at it.
 
-    def _acknowledge(self) -> None:
-        with self._lock:
-            if self._picture is not None:
-                self._noted |= {item.hazard_id for item in self._picture.alarms}
+        Parameters
+        ----------
+        vehicle : str
+            Name of the node.
+        picture : Picture
+            What is known.
+        cloud : CloudStore
+            Its corridor.
 
-    def _on_connect(self, client: Any) -> None:
+        """
         with self._lock:
-            panel = Panel(client, lambda: self._scene.origin, self._cut_out)
-            self._panels[client.client_id] = panel
-            if self._picture is not None:
-                panel.update(self._picture, False)
+            self._shown[vehicle] = picture, cloud
+            blocks = pack_changed(cloud)
+        wall = time.time() - time.monotonic()
+        self._site.find_hub(vehicle).put(make_parts(picture, vehicle, round(wall, 1)), blocks)
 
-    def _on_disconnect(self, client: Any) -> None:
-        with self._lock:
-            self._panels.pop(client.client_id, None)
+    def take_requests(self) -> list[Acknowledgement]:
+        """Return what browsers asked for since the last call."""
+        requests = self._site.requests
+        return [requests.popleft() for _ in range(len(requests))]
 
-    def _on_choice(self, client_id: int, number: int) -> None:
+    def _find_profile(self, vehicle: str, key: tuple[int, int]) -> Mapping[str, Any] | None:
         with self._lock:
-            panel = self._panels.get(client_id)
-            if panel is not None:
-                panel.choose_hazard(number)
-
-    def _cut_out(self, span: SpanItem) -> CellArrays:
-        with self._lock:
-            return self._cloud.cut_out(np.array(span.start), np.array(span.end), PROFILE_WIDTH)
+            found = self._shown.get(vehicle)
+            span = None if found is None else next(
+                (item for item in found[0].spans if item.key == key), None
+            )
+            if found is None or span is None:
+                return None
+            picture, cloud = found
+            cells = cloud.cut_out(np.array(span.start), np.array(span.end), PROFILE_WIDTH)
+        profile = lay_out_profile(span, picture.hazards, cells)
+        return {
+            'frame': dataclasses.asdict(FRAME), 'profile': dataclasses.asdict(profile),
+            'title': f'{name_stretch(span, picture.supports)}, {name_conductor(span.line_id)}',
+            'text': f'length {span.length:.1f} m, sag {format_metres(span.sag, span.sigma_sag)}, '
+                    f'lowest above ground {format_metres(span.ground_clearance)}',
+        }

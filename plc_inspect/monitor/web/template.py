@@ -1,17 +1,18 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The templates of the page, and how they write numbers."""
+"""The files of the page: two templates, and what is served as it is."""
 
-import math
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
 from typing import Any
 
-import jinja2
-
-from plc_inspect.colors import severity_color
-from plc_inspect.monitor.picture.picture import name_severity
-from plc_inspect.monitor.terminal.text import format_age, STALE
 from plc_inspect.templates import open_templates
+
+FOLDER = Path(__file__).parents[1] / 'page'
+KINDS = {'.js': 'text/javascript', '.css': 'text/css', '': 'text/plain'}
+"""Types of files that are served, by the ends of their names."""
 
 
 def render(name: str, **values: Any) -> str:
@@ -21,7 +22,7 @@ def render(name: str, **values: Any) -> str:
     Parameters
     ----------
     name : str
-        File in ``templates``.
+        File in ``monitor/page``.
     **values
         What the template names; texts are escaped.
 
@@ -36,32 +37,18 @@ def render(name: str, **values: Any) -> str:
         The template names a value that is not there.
 
     """
-    return _TEMPLATES.get_template(name).render(values)
+    return _open().get_template(name).render(values)
 
 
-def format_metres(value: float, sigma: float = math.nan) -> str:
-    """Return a length with its standard deviation where known, ``-`` for NaN [m]."""
-    if math.isnan(value):
-        return '-'
-    return f'{value:.2f} m' if math.isnan(sigma) else f'{value:.2f} \u00b1 {sigma:.2f} m'
+@cache
+def list_files() -> Mapping[str, tuple[str, bytes]]:
+    """Return type and bytes of all files that browsers may ask for, by their paths."""
+    return {
+        f'/{path.relative_to(FOLDER)}': (KINDS[path.suffix], path.read_bytes())
+        for path in sorted(FOLDER.rglob('*')) if path.is_file() and path.suffix in KINDS
+    }
 
 
-def _format_number(value: float, decimals: int = 2) -> str:
-    return f'{value:.{decimals}f}'
-
-
-def _format_percent(share: float) -> str:
-    return f'{share:.0%}'
-
-
-def _load_templates() -> jinja2.Environment:
-    environment = open_templates('monitor/web/templates')
-    environment.filters.update(
-        age=format_age, metres=format_metres, number=_format_number, percent=_format_percent,
-        severity=name_severity,
-    )
-    environment.globals.update(severity_color=severity_color, stale=STALE)
-    return environment
-
-
-_TEMPLATES = _load_templates()
+@cache
+def _open() -> Any:
+    return open_templates('monitor/page')

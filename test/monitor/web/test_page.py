@@ -4,7 +4,6 @@
 """The page in a real browser, while node, player and monitor run as processes of their own."""
 
 import contextlib
-import json
 import os
 from pathlib import Path
 import signal
@@ -24,29 +23,34 @@ from rig import isolate, take_domain, wait_for
 from sensor_msgs.msg import PointCloud2
 from stream_pieces import make_rows, Source
 
+from plc_inspect.core.live.proximity import Level, Thing
 from plc_inspect.errors import ConfigError
 from plc_inspect.messages.rows import read_rows
 from plc_inspect.monitor.picture.model import Monitor
-from plc_inspect.monitor.web.access import Role, Tokens
+from plc_inspect.monitor.web.access import NO_TOKENS, Role, Tokens
 from plc_inspect.monitor.web.page import Page
 from plc_inspect.offline.report.browser import find_browser
-from plc_inspect.results import HazardKind
 from plc_inspect.ros.graph.qos import RESULTS
+from plc_inspect.stream.nearness import Nearness
 
 ROOT = Path(__file__).parents[3]
-TABLE = """(() => { const table = document.querySelector('#plc-%s');
-return table && JSON.stringify([...table.querySelectorAll('tr')].slice(1)
-.map(row => [...row.children].map(cell => cell.textContent.trim()))) })()"""
-TAB = """(() => { const tab = [...document.querySelectorAll('[role=tab]')]
-.find(tab => tab.innerText.trim() == '%s'), box = tab.getBoundingClientRect();
-for (const kind of ['pointerdown', 'pointerup', 'click'])
-tab.dispatchEvent(new PointerEvent(kind, {bubbles: true, pointerId: 1, isPrimary: true,
-clientX: box.left + box.width / 2, clientY: box.top + box.height / 2})) })()"""
-LINK = "document.querySelector('#plc-link')?.dataset.link"
-WIDTH = """(() => { const box = document.querySelector('#plc-hazards').getBoundingClientRect();
-return [box.left, box.right, document.documentElement.scrollWidth] })()"""
-SHEETS = """[...document.querySelectorAll('style')]
-.filter(sheet => sheet.textContent.includes('.plc')).length"""
+AXE = ROOT / 'test' / 'npm' / 'node_modules' / 'axe-core' / 'axe.min.js'
+HAZARDS = """[...document.querySelectorAll('#hazards tr')].map(row =>
+[row.dataset.hazard, row.children[2].textContent, row.children[3].textContent])"""
+SPANS = """[...document.querySelectorAll('#spans tr')].map(row =>
+[row.dataset.span, row.children[1].textContent, row.children[2].textContent])"""
+TONE = "document.querySelector('#state').dataset.tone"
+STATE = "document.querySelector('#state-text').textContent"
+ALARMS = """[...document.querySelectorAll('#alarm-list li')].map(item =>
+[item.dataset.state, item.querySelector('.what').textContent])"""
+TARGET = """(([x, y, z], [a, b, c]) => [x + a, y + b, z + c])(
+station.scene.controls.target.toArray(), station.scene.origin)"""
+WIRE = Nearness(
+    thing=Thing.CONDUCTOR, level=Level.CRITICAL, distance=4.2, way=(1.0, 2.0, -3.0), closest=4.0,
+    closest_in=2.0, sigma=0.1, line_id=1, span_id=0,
+)
+WITHIN = 1.0
+"""An alarm is on the screen so soon after the node's message [s]."""
 
 
 @pytest.fixture(scope='module')
@@ -105,12 +109,10 @@ class Flight:
     def published(self):
         """Return what the node publishes as the page must show it."""
         hazards = {
-            f'{HazardKind(row["kind"]).name.lower()} #{row["id"]}':
-                [row['clearance'], row['required'], f'{row["line_id"]}/{row["span_id"]}']
-            for row in self.rows('hazards')
+            str(row['id']): [row['clearance'], row['required']] for row in self.rows('hazards')
         }
         spans = {
-            f'{row["line_id"]}/{row["span_id"]}': [row['length'], row['sag'], row['rmse']]
+            f'{row["line_id"]}/{row["span_id"]}': [row['length'], row['sag']]
             for row in self.rows('catenaries')
         }
         return hazards, spans
@@ -146,161 +148,248 @@ def browse(program, tmp_path):
         browsers.append(chrome)
         chrome.open(address)
         if token:
-            chrome.wait("!!document.querySelector('input[name=token]')")
-            chrome.run(f"document.querySelector('input[name=token]').value = '{token}'")
-            chrome.run("document.querySelector('form').submit()")
-        chrome.wait("!!document.querySelector('#plc-link')")
+            chrome.page.fill('input[name=token]', token)
+            chrome.page.press('input[name=token]', 'Enter')
+        chrome.wait(f"{STATE} != 'connecting'")
         return chrome
 
     yield browse
+    errors = [error for chrome in browsers for error in chrome.errors]
     for chrome in browsers:
         chrome.close()
+    assert errors == []
 
 
 def agree(shown, published):
     """Whether rows on the page hold the numbers that were published, as far as they show."""
-    if {row[0].replace(' …', '') for row in shown} != set(published):
+    if {row[0] for row in shown} != set(published):
         return False
-    for name, *texts in shown:
-        for text, value in zip(texts, published[name.replace(' …', '')], strict=False):
-            if isinstance(value, str):
-                if text != value:
-                    return False
-            elif abs(float(text) - value) > 0.5 * 10.0 ** -len(text.partition('.')[2]) + 0.0015:
-                return False
-    return True
-
-
-def open_tab(chrome, name):
-    """Click a tab of the panel."""
-    chrome.run(TAB % name)
-
-
-def read_table(chrome, tab, name):
-    """Return the rows of a table, None if its tab does not open soon."""
-    open_tab(chrome, tab)
-    end = time.monotonic() + 5.0
-    while time.monotonic() < end:
-        if text := chrome.run(TABLE % name):
-            return json.loads(text)
-        time.sleep(0.05)
-    return None
+    return all(
+        abs(float(text) - value) <= 0.5 * 10.0 ** -len(text.partition('.')[2]) + 0.0015
+        for name, *texts in shown for text, value in zip(texts, published[name], strict=True)
+    )
 
 
 def shows_what_is_published(chrome, flight):
     """Whether the page shows the hazards and spans that the node published last."""
     hazards, spans = flight.published()
-    shown = read_table(chrome, 'Spans', 'spans'), read_table(chrome, 'Hazards', 'hazards')
-    if None in shown or not spans:
-        return False
-    return agree(shown[0], spans) and agree(shown[1], hazards)
+    return bool(spans) and agree(chrome.run(SPANS), spans) and agree(chrome.run(HAZARDS), hazards)
 
 
 def test_it_shows_what_is_published_and_recovers(flight, browse, tmp_path):
     page = flight.start('plc_inspect.monitor.command', '--web', '--port', '0',
                         stdout=subprocess.PIPE, text=True)
-    node = flight.start_node()
-    player = flight.play()
     address = page.stdout.readline().split()[-1]
     assert address.startswith('http://127.0.0.1:')
     chrome = browse(address, 900, 500)
-    chrome.wait(f"{LINK} == 'live'")
+    chrome.wait(f"{STATE} == 'waiting for /plc_inspect: nothing heard yet'")
+    node = flight.start_node()
+    chrome.wait(f"{STATE} == 'waiting for the lidar: nobody publishes /velodyne_points; '"
+                " + 'nobody publishes /odometry'")
+    assert chrome.run(TONE) == 'critical'
+    player = flight.play()
     wait_for(lambda: {'hazards', 'catenaries'} <= set(flight.newest), 'topics')
     wait_for(lambda: len(flight.rows('hazards')) and len(flight.rows('catenaries')) >= 6,
              'hazards', 60.0)
-    assert chrome.run("document.querySelectorAll('canvas').length") >= 1
+    chrome.wait(f"{ALARMS}.some(([state, text]) => state == 'new' && text.includes('hazard'))")
+    assert 'ALARM' in chrome.page.title()
+
+    chrome.page.keyboard.press('o')
+    chrome.take_picture(tmp_path / 'page.png')
+    pixels = np.asarray(Image.open(tmp_path / 'page.png').convert('RGB')).astype(int)
+    pixels = pixels[200:, :480]
+    assert ((pixels.max(axis=2) - pixels.min(axis=2)) > 60).sum() > 300  # something in colour
 
     player.kill()  # in mid-flight; another takes up, and later the node itself is killed
     player.wait()
-    chrome.wait("document.querySelector('#plc-link').innerText.includes('nothing new')")
+    chrome.wait(f"{STATE}.startsWith('scans and poses stopped ')")
     wait_for(lambda: shows_what_is_published(chrome, flight), 'agreement at rest')
-    chrome.take_picture(tmp_path / 'page.png')
-    pixels = np.asarray(Image.open(tmp_path / 'page.png').convert('RGB')).astype(int)[:, :500]
-    assert ((pixels.max(axis=2) - pixels.min(axis=2)) > 60).sum() > 300  # something in colour
+    chrome.wait("document.body.classList.contains('old')")
     node.kill()
     node.wait()
-    chrome.wait(f"{LINK} == 'lost'")
-    assert json.loads(chrome.run(TABLE % 'hazards'))  # still there, and called old
-    assert 'all of this is old' in chrome.run("document.querySelector('#plc-link').innerText")
+    chrome.wait(f"{STATE}.startsWith('LINK LOST')")
+    assert chrome.run(HAZARDS)  # still there, and called old
+    assert 'all of this is old' in chrome.run(STATE)
+    assert chrome.run("document.querySelector('#hazards-age').textContent").endswith(': OLD')
 
     flight.newest.clear()
     flight.start_node()
-    chrome.wait(f"{LINK} == 'live'")
-    assert json.loads(chrome.run(TABLE % 'hazards')) == []
-    open_tab(chrome, 'Health')
-    chrome.wait("document.querySelector('#plc-events').innerText.includes('started anew')")
+    chrome.wait(f"{STATE}.startsWith('waiting for the lidar')")
+    chrome.wait(f'!{HAZARDS}.length')
+    states = {state for state, _ in chrome.run(ALARMS)}
+    assert states == {'cleared'}  # what nobody has seen stands, though the node forgot it
+    assert 'started anew' in chrome.run("document.querySelector('#events').textContent")
     flight.play('--start', '1')
     wait_for(lambda: 'catenaries' in flight.newest and len(flight.rows('catenaries')), 'spans',
              60.0)
     wait_for(lambda: shows_what_is_published(chrome, flight), 'agreement again')
 
 
-def test_a_phone_a_profile_a_tap_and_a_frozen_page(browse):
-    monitor, source = Monitor(), Source()
-    began, ended = time.monotonic(), threading.Event()
-    tokens = Tokens({Role.ACKNOWLEDGE: 'token to be shown'})
-    with Page('127.0.0.1', 0, monitor.cloud, tokens) as page:
-        def run():
-            while not ended.is_set():
-                now = time.monotonic()
-                monitor.take_summary(source.summary(
-                    now - began, keyframe=not source.writer._sequence, tables=make_rows(6, 3)
+class Station:
+    """A page of a stream made by hand, in a thread of its own."""
+
+    def __init__(self, tokens=NO_TOKENS):
+        self.monitor, self.source, self.period = Monitor(), Source(), 0.2
+        self.tables, self.status = make_rows(6, 3), {}
+        self.page = Page('127.0.0.1', 0, tokens)
+        self.began, self.ended = time.monotonic(), threading.Event()
+        self.silent = False
+        self.thread = threading.Thread(target=self._run)
+        self.thread.start()
+
+    def _run(self):
+        number = 0
+        while not self.ended.is_set():
+            now = time.monotonic()
+            if not self.silent:
+                self.monitor.take_summary(self.source.summary(
+                    now - self.began, keyframe=number % 20 == 0, tables=self.tables,
+                    near_uptime=now - self.began, **self.status,
                 ), now)
-                page.show(monitor.look(now))
-                ended.wait(0.3)
+                number += 1
+            for request in self.page.take_requests():
+                self.monitor.acknowledge(request.numbers, request.who, now)
+            self.page.show('/plc_inspect', self.monitor.look(now), self.monitor.cloud)
+            self.ended.wait(self.period)
 
-        thread = threading.Thread(target=run)
-        thread.start()
-        try:
-            phone = browse(page.address, 390, 844, phone=True, token='token to be shown')
-            phone.wait(TABLE % 'hazards' + ' != "[]"')
-            left, right, width = phone.run(WIDTH)
-            assert left >= 0.0
-            assert right <= 390.0
-            assert right - left > 300.0
-            assert width <= 390
-            # A hazard is chosen, the camera goes there, and a tap on it chooses it again.
-            panel = next(iter(page._panels.values()))
-            hazard = monitor.look(time.monotonic()).hazards[1]
-            panel._hazard.value = f'#{hazard.hazard_id} {hazard.kind}, line 1 span 0'
-            detail = "document.querySelector('#plc-hazard')?.dataset.hazard"
-            phone.wait(f"{detail} == '{hazard.hazard_id}'")
-            panel._go_to_hazard()
-            open_tab(phone, 'Spans')
-            panel._span.value = '1/0'
-            panel._redraw_profile()
-            phone.wait("document.querySelector('#plc-span')?.dataset.span == '1/0'")
-            assert phone.run("document.querySelectorAll('svg[role=img] circle').length") == 1
-            panel.choose_hazard(0)
-            phone.wait("document.querySelector('#plc-span')?.dataset.span == '0/0'")
-            assert phone.run(SHEETS) == 1
-            frozen = "document.querySelector('.frozen').getBoundingClientRect().height"
-            assert phone.run(frozen) == 0
-        finally:
-            ended.set()
-            thread.join()
-        phone.wait(f'{frozen} > 10')
+    def stop(self):
+        """Show nothing more."""
+        self.ended.set()
+        self.thread.join()
+
+    def close(self):
+        self.stop()
+        self.page.__exit__(None, None, None)
 
 
-def test_a_hazard_is_tapped_in_the_picture(browse):
-    monitor, source = Monitor(), Source()
-    now = time.monotonic()
-    monitor.take_summary(source.summary(1.0, keyframe=True, tables=make_rows(6, 1)), now)
-    with Page('127.0.0.1', 0, monitor.cloud) as page:
-        page.show(monitor.look(now))
-        chrome = browse(page.address, 1280, 600)
-        panel = wait_for(lambda: next(iter(page._panels.values()), None), 'panel')
-        hazard = monitor.look(now).hazards[0]
-        panel._hazard.value = f'#0 {hazard.kind}, line {hazard.line_id} span {hazard.span_id}'
-        panel._go_to_hazard()
-        detail = "document.querySelector('#plc-hazard')?.dataset.hazard"
-        chrome.wait(f"{detail} == '0'")
-        panel._hazard.value = 'none'
-        page.show(monitor.look(now))
-        chrome.wait(f'!{detail}')
-        for _ in range(10):
-            time.sleep(0.5)
-            chrome.click(640, 300)  # where the camera looks
-            if chrome.run(detail) == '0':
-                return
-        raise AssertionError('the tap chose nothing')
+@pytest.fixture
+def station():
+    """Return a page that somebody may acknowledge on, and others only view."""
+    station = Station(Tokens({Role.ACKNOWLEDGE: 'token to be shown', Role.VIEW: 'only looking'}))
+    yield station
+    station.close()
+
+
+def test_alarms_are_seen_acknowledged_and_cleared(station, browse):
+    desk = browse(station.page.address, 1280, 800, token='token to be shown')
+    other = browse(station.page.address, 390, 844, token='only looking', phone=True)
+    desk.wait(f'{ALARMS}.length == 1')
+    assert desk.run(TONE) == 'ok'
+    assert desk.run(STATE) == 'live: scans at 10.0 Hz and poses come in, the map is sharp'
+    sent = time.monotonic()
+    station.status = {'near': (WIRE,), 'heading': 0.5}
+    desk.wait(f'{ALARMS}.length == 2')
+    assert time.monotonic() - sent < WITHIN + station.period
+    assert desk.run('document.querySelector("#nearest").textContent') == '4.2 m TOO NEAR'
+    assert desk.run("document.querySelector('#alarm-sum').textContent") == (
+        '2 critical, 1 warning, 2 not acknowledged'
+    )
+    assert desk.page.title().startswith('(2) ALARM')
+    assert desk.run("document.querySelector('#icon').dataset.tone") == 'critical'
+    bar = desk.run("document.querySelector('#alarms').getBoundingClientRect().width")
+    assert bar == 1280
+    other.wait(f'{ALARMS}.length == 2')
+    assert other.run("document.querySelectorAll('#alarms button:not(.what)').length") == 1
+    assert other.run("document.querySelector('#acknowledge-all').hidden")  # it may only view
+
+    desk.page.keyboard.press('a')  # all by the keyboard
+    desk.page.keyboard.type('Anna')
+    desk.page.keyboard.press('Enter')
+    for chrome in (desk, other):
+        chrome.wait(f"{ALARMS}.every(([state]) => state == 'acknowledged')")
+        assert 'seen by Anna' in chrome.run("document.querySelector('#alarms').textContent")
+    assert desk.page.title().startswith('2 critical')
+    assert desk.run("document.querySelector('#alarms').dataset.unseen") == '0'
+
+    station.status, station.tables = {}, make_rows(6, 0)
+    desk.wait("document.querySelector('#alarms').hidden")
+    log = desk.run("document.querySelector('#past').textContent")
+    assert log.count('seen by Anna') == 2
+    assert desk.run("document.querySelector('#icon').dataset.tone") == 'ok'
+
+    station.tables = make_rows(6, 1)  # raised anew: nobody has seen this one
+    desk.wait(f"{ALARMS}.some(([state]) => state == 'new')")
+    station.tables = make_rows(6, 0)
+    desk.wait(f"{ALARMS}.some(([state]) => state == 'cleared')")
+    time.sleep(1.0)
+    assert len(desk.run(ALARMS)) == 1
+
+
+def test_the_picture_is_steered_by_pointer_and_keyboard(station, browse):
+    desk = browse(station.page.address, 1280, 800, token='token to be shown')
+    hazard = station.monitor.look(time.monotonic()).hazards[1]
+    desk.wait(f'{HAZARDS}.length == 3')
+    desk.page.click(f'#hazards tr[data-hazard="{hazard.hazard_id}"] button')
+    np.testing.assert_allclose(desk.run(TARGET), hazard.position, atol=0.01)  # flown there
+    detail = "document.querySelector('#hazard h2')?.dataset.hazard"
+    assert desk.run(detail) == str(hazard.hazard_id)
+    for key, view in (('f', 'follow'), ('o', 'overview'), ('t', 'top'), ('s', 'side')):
+        desk.page.keyboard.press(key)
+        pressed = "[...document.querySelectorAll('[data-view][aria-pressed=true]')]"
+        assert desk.run(f'{pressed}.map(item => item.dataset.view)') == [view]
+    desk.page.keyboard.press('2')
+    desk.page.click('#spans tr[data-span="1/0"] button')
+    desk.wait("document.querySelector('#profile h2')?.dataset.span == '1/0'")
+    assert desk.run("document.querySelectorAll('#profile svg circle').length") == 1
+    desk.page.keyboard.press('1')
+    desk.page.click('#alarm-list .what')  # an alarm leads to its hazard
+    desk.wait(f"{detail} == '0'")
+    desk.page.click(f'#hazards tr[data-hazard="{hazard.hazard_id}"] button')
+    desk.wait(f"{detail} == '{hazard.hazard_id}'")
+    box = desk.page.locator('#canvas').bounding_box()
+    desk.page.mouse.click(box['x'] + box['width'] / 2, box['y'] + box['height'] / 2)
+    desk.wait(f"{detail} != ''")
+    before = desk.run('station.scene.camera.position.toArray()')
+    desk.page.focus('#canvas')
+    desk.page.keyboard.press('ArrowLeft')
+    desk.page.keyboard.press('+')
+    assert desk.run('station.scene.camera.position.toArray()') != before
+
+
+def test_a_page_that_gets_nothing_says_so(station, browse):
+    chrome = browse(station.page.address, 800, 600, token='only looking')
+    station.silent = True
+    chrome.wait(f"{STATE}.startsWith('link late')")
+    station.stop()
+    chrome.wait(f"{STATE}.startsWith('FROZEN')")
+    assert chrome.run(TONE) == 'critical'
+    assert chrome.run("document.body.classList.contains('old')")
+
+
+def test_everybody_can_use_it(station, browse):
+    station.status = {'near': (WIRE,), 'heading': 0.5}
+    chrome = browse(station.page.address, 390, 844, token='token to be shown', light=True)
+    chrome.wait(f'{ALARMS}.length == 2')
+    if AXE.exists():  # what the debugging protocol brings in is not the page's own
+        chrome.run(AXE.read_text(encoding='utf-8') + ';0')
+    problems = []
+    for width, height in ((390, 844), (1024, 768), (1440, 900)):
+        chrome.page.set_viewport_size({'width': width, 'height': height})
+        chrome.page.click('#theme')
+        assert chrome.run('document.documentElement.scrollWidth') <= width
+        for selector in ('#picture', '#tables', '#alarms', '#state'):
+            box = chrome.page.locator(selector).bounding_box()
+            assert box['x'] >= 0
+            assert box['x'] + box['width'] <= width
+            assert box['y'] + box['height'] <= height + 1
+        assert chrome.page.locator('#picture').bounding_box()['height'] > 0.2 * height
+        if AXE.exists():
+            problems += list_problems(chrome)
+    if not AXE.exists():
+        pytest.skip('axe-core is not installed: make axe (needs npm)')
+    chrome.page.keyboard.press('2')
+    chrome.page.click('#spans tr[data-span="1/0"] button')
+    chrome.wait("document.querySelector('#profile svg') !== null")
+    for key in ('2', '3', '4', '?'):
+        chrome.page.keyboard.press(key)
+        problems += list_problems(chrome)
+    assert problems == []
+
+
+def list_problems(chrome):
+    """List what axe-core finds against WCAG 2.2 AA and its own good practice."""
+    found = chrome.run('axe.run(document, {resultTypes: ["violations"]})')
+    return [
+        f'{item["id"]}: {node["html"][:120]} {node["failureSummary"][:300]}'
+        for item in found['violations'] for node in item['nodes']
+    ]

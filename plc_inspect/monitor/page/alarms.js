@@ -1,0 +1,156 @@
+// Copyright 2026 plc_inspect contributors
+// SPDX-License-Identifier: Apache-2.0
+
+// The bar of alarms: it stands until all are cleared and acknowledged; its sound can be muted.
+
+import {clock, iconOf, make, shape} from './symbols.js';
+
+const MOST_SHOWN = 6;
+const WORDS = {new: 'NEW', acknowledged: 'seen', cleared: 'cleared, nobody saw it'};
+const BEEP_PERIOD = 2000;
+
+export class Alarms {
+  constructor(goTo, getMe) {
+    this.goTo = goTo;
+    this.getMe = getMe;
+    this.open = [];
+    this.counts = {critical: 0, warning: 0};
+    this.audio = null;
+    this.bar = document.getElementById('alarms');
+    this.list = document.getElementById('alarm-list');
+    this.dialog = document.getElementById('who');
+    this.muted = localStorage.getItem('muted') === 'yes';
+    document.getElementById('acknowledge-all').onclick = () => this.acknowledge(this.unseen());
+    document.getElementById('sound').onclick = () => this.mute(!this.muted);
+    document.getElementById('who-cancel').onclick = () => this.dialog.close('');
+    this.dialog.addEventListener('close', () => this.dialog.returnValue === 'ok' && this.named());
+    // Browsers play nothing before the first press of anything.
+    for (const kind of ['pointerdown', 'keydown']) addEventListener(kind, () => this.wake(), {once: true});
+    setInterval(() => this.beep(), BEEP_PERIOD);
+    this.showSound();
+  }
+
+  unseen() {
+    return this.open.filter(item => item.state !== 'acknowledged').map(item => item.number);
+  }
+
+  show(value) {
+    this.open = value.open;
+    const text = JSON.stringify([value.open, this.counts, this.getMe().acknowledges]);
+    if (text !== this.drawn) {
+      this.drawn = text;
+      this.draw();
+    }
+  }
+
+  count(counts) {
+    this.counts = counts;
+    this.show({open: this.open});
+  }
+
+  draw() {
+    const unseen = this.unseen(), may = this.getMe().acknowledges;
+    this.bar.hidden = !this.open.length;
+    this.bar.dataset.unseen = unseen.length;
+    const {critical, warning} = this.counts;
+    document.getElementById('alarm-sum').textContent =
+      `${critical} critical, ${warning} warning${warning === 1 ? '' : 's'}` +
+      (unseen.length ? `, ${unseen.length} not acknowledged` : ', all acknowledged');
+    document.getElementById('acknowledge-all').hidden = !unseen.length || !may;
+    this.list.replaceChildren(...this.open.slice(0, MOST_SHOWN).map(item => this.drawOne(item, may)));
+    if (this.open.length > MOST_SHOWN) this.list.append(make('li', {}, `and ${this.open.length - MOST_SHOWN} more, in the table`));
+  }
+
+  drawOne(item, may) {
+    const seen = item.who ? `seen by ${item.who} ${clock(item.acknowledged)}` : WORDS[item.state];
+    const times = item.times > 1 ? `, ${item.times} times` : '';
+    const gone = item.stands ? '' : ` (${item.reason})`;
+    const row = make('li', {'data-state': item.state, 'data-alarm': item.number},
+      shape('critical', '#fff'), make('span', {class: 'mark'}, seen),
+      make('button', {type: 'button', class: 'what', onclick: () => this.goTo(item)}, item.text),
+      make('span', {class: 'since'}, `since ${clock(item.raised)}${times}${gone}`));
+    if (!item.who && may) {
+      row.append(make('button', {type: 'button', class: 'seen', 'aria-label': `Acknowledge ${item.text}`,
+        onclick: () => this.acknowledge([item.number])}, 'Acknowledge'));
+    }
+    return row;
+  }
+
+  acknowledge(numbers) {
+    if (!numbers.length || !this.getMe().acknowledges) return;
+    this.wanted = numbers;
+    const name = localStorage.getItem('name');
+    if (name) return this.send(name);
+    this.dialog.returnValue = '';
+    this.dialog.showModal();
+  }
+
+  named() {
+    const name = document.getElementById('name').value.trim();
+    if (!name) return;
+    localStorage.setItem('name', name);
+    this.send(name);
+  }
+
+  async send(who) {
+    const answer = await fetch('/acknowledge', {
+      method: 'POST', headers: {'Content-Type': 'application/json'},
+      body: JSON.stringify({vehicle: this.getMe().vehicle, numbers: this.wanted, who}),
+    });
+    if (!answer.ok) {
+      localStorage.removeItem('name');
+      document.getElementById('alarm-sum').textContent = `not acknowledged: ${await answer.text()}`;
+    }
+  }
+
+  mute(muted) {
+    this.muted = muted;
+    localStorage.setItem('muted', muted ? 'yes' : 'no');
+    this.wake();
+    this.showSound();
+  }
+
+  wake() {
+    this.audio ??= new AudioContext();
+    this.audio.resume().then(() => this.showSound());
+  }
+
+  showSound() {
+    const button = document.getElementById('sound');
+    button.setAttribute('aria-pressed', String(!this.muted));
+    button.textContent = this.muted ? 'Sound off' : this.audio ? 'Sound on' : 'Sound: press once';
+  }
+
+  beep() {
+    if (this.muted || !this.audio || !this.open.some(item => item.state === 'new')) return;
+    const now = this.audio.currentTime;
+    [880, 660].forEach((pitch, k) => {
+      const tone = this.audio.createOscillator(), gain = this.audio.createGain();
+      tone.frequency.value = pitch;
+      gain.gain.setValueAtTime(0.25, now + 0.25 * k);
+      gain.gain.exponentialRampToValueAtTime(0.001, now + 0.25 * k + 0.22);
+      tone.connect(gain).connect(this.audio.destination);
+      tone.start(now + 0.25 * k);
+      tone.stop(now + 0.25 * k + 0.24);
+    });
+  }
+}
+
+// The line at the top, the tab's title and its icon.
+export function showState(tone, text, alarms) {
+  const line = document.getElementById('state'), words = document.getElementById('state-text');
+  if (line.dataset.tone !== tone || !line.querySelector('svg')) {
+    line.dataset.tone = tone;
+    line.querySelector('.shape').replaceChildren(shape(tone, 'currentColor').firstChild);
+  }
+  if (words.textContent !== text) words.textContent = text;
+  const unseen = alarms.unseen().length, standing = alarms.counts.critical;
+  const worst = unseen || standing ? 'critical' : tone;
+  const head = unseen ? `(${unseen}) ALARM` : standing ? `${standing} critical` : text.split(':')[0];
+  document.title = `${head} – power line inspection`;
+  const icon = document.getElementById('icon');
+  if (icon.dataset.tone !== worst) {
+    icon.dataset.tone = worst;
+    icon.href = iconOf(worst);
+  }
+}

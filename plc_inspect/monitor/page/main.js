@@ -1,0 +1,127 @@
+// Copyright 2026 plc_inspect contributors
+// SPDX-License-Identifier: Apache-2.0
+
+// The page of the ground station: what comes in goes to the picture, the tables and the alarms.
+
+import {Alarms, showState} from './alarms.js';
+import {Scene} from './scene.js';
+import {chip, metres, shapeSvg} from './symbols.js';
+import {Tables} from './tables.js';
+
+const FROZEN = 3000;
+const $ = id => document.getElementById(id);
+const asked = new URLSearchParams(location.search).get('vehicle');
+let me = {vehicle: asked ?? '', acknowledges: false};
+let state = null, heard = 0, socket = null, wait = 500;
+
+const scene = new Scene($('canvas'), id => tables.chooseHazard(id, false));
+const tables = new Tables(place => scene.goTo(place), () => me);
+const alarms = new Alarms(item => (item.hazard >= 0 ? tables.chooseHazard(item.hazard) : scene.goTo(item.place)), () => me);
+
+const parts = {
+  me(value) {
+    me = value;
+    alarms.count(alarms.counts);
+  },
+  state(value) {
+    state = value;
+    alarms.count(value.counts);
+    showState(value.tone, value.text, alarms);
+    $('refused').textContent = value.refused && `(${value.refused})`;
+    showInstruments(value);
+    scene.showVehicle(value.vehicle, value.heading, value.height, value.near);
+    tables.showAges(value);
+    document.body.classList.toggle('old', value.link !== 'live' || value.old.data && value.tone !== 'ok');
+  },
+  alarms(value) {
+    alarms.show(value);
+    tables.showLog(value.past);
+    if (state) showState(state.tone, state.text, alarms);
+  },
+  hazards(value) { scene.showHazards(value); tables.showHazards(value); },
+  spans(value) { scene.showSpans(value); tables.showSpans(value); },
+  supports: value => scene.showSupports(value),
+  track: value => scene.showTrack(value),
+  health: value => tables.showHealth(value),
+  events: value => tables.showEvents(value),
+};
+
+function showInstruments({near, height, heading, old}) {
+  const wire = near.find(item => item.thing === 'conductor');
+  const others = near.filter(item => item.thing !== 'conductor' && ['warning', 'critical'].includes(item.tone));
+  const words = {clear: '', unknown: 'not all seen', warning: 'near', critical: 'TOO NEAR'};
+  const show = item => chip(item.tone, `${item.thing === 'conductor' ? '' : item.thing + ' '}${metres(item.distance)} ${words[item.level]}`.trim());
+  $('nearest').replaceChildren(...(wire && wire.distance !== null ? [show(wire)] : wire ? [chip(wire.tone, wire.level === 'clear' ? 'none near' : 'unknown')] : ['-']), ...others.map(show));
+  $('height').textContent = height === null ? '-' : `about ${metres(height)}`;
+  $('heading').textContent = heading === null ? '-' : `${(Math.round(90 - heading * 180 / Math.PI) % 360 + 360) % 360}°`;
+  $('instruments').classList.toggle('aged', old.vehicle || old.near && near.length > 0);
+}
+
+function connect() {
+  const scheme = location.protocol === 'https:' ? 'wss' : 'ws';
+  socket = new WebSocket(`${scheme}://${location.host}/live${asked ? `?vehicle=${encodeURIComponent(asked)}` : ''}`);
+  socket.binaryType = 'arraybuffer';
+  socket.onopen = () => { wait = 500; };
+  socket.onmessage = ({data}) => {
+    heard = performance.now();
+    if (typeof data !== 'string') return scene.takeBlock(data);
+    const {part, value} = JSON.parse(data);
+    parts[part]?.(value);
+  };
+  socket.onclose = () => {
+    setTimeout(connect, wait);
+    wait = Math.min(2 * wait, 5000);
+  };
+}
+
+// Where nothing replaces what is shown, it says so by itself.
+setInterval(() => {
+  const silence = performance.now() - heard;
+  if (heard && silence < FROZEN) return;
+  document.body.classList.add('old');
+  $('instruments').classList.add('aged');
+  showState('critical', heard ? `FROZEN for ${Math.round(silence / 1000)} s: the monitor no longer updates this page, all of it is old`
+    : 'connecting to the monitor', alarms);
+}, 500);
+
+function setTheme(theme) {
+  document.documentElement.dataset.theme = theme;
+  $('theme').textContent = theme === 'light' ? 'Dark' : 'Light';
+  localStorage.setItem('theme', theme);
+  scene.setTheme(theme);
+}
+
+function setSize(size) {
+  document.documentElement.dataset.size = size;
+  localStorage.setItem('size', size);
+}
+
+$('theme').onclick = () => setTheme(document.documentElement.dataset.theme === 'light' ? 'dark' : 'light');
+$('size').onclick = () => setSize(Number(document.documentElement.dataset.size ?? 1) % 3 + 1);
+$('help-button').onclick = () => $('help').showModal();
+$('help-close').onclick = () => $('help').close();
+for (const button of document.querySelectorAll('[data-view]')) button.onclick = () => scene.setView(button.dataset.view);
+const prefers = matchMedia('(prefers-color-scheme: light)').matches ? 'light' : 'dark';
+setTheme(localStorage.getItem('theme') ?? prefers);
+setSize(localStorage.getItem('size') ?? 1);
+for (const item of document.querySelectorAll('#legend .shape')) item.append(shapeSvg(item.dataset.tone, 'currentColor'));
+
+const keys = {
+  f: () => scene.setView('follow'), o: () => scene.setView('overview'),
+  t: () => scene.setView('top'), s: () => scene.setView('side'),
+  1: () => tables.open('hazards'), 2: () => tables.open('spans'),
+  3: () => tables.open('log'), 4: () => tables.open('health'),
+  a: () => alarms.acknowledge(alarms.unseen()), m: () => alarms.mute(!alarms.muted),
+  g: () => alarms.open.length && alarms.list.querySelector('.what')?.click(),
+  l: () => $('theme').click(), '?': () => $('help').showModal(),
+};
+addEventListener('keydown', event => {
+  if (event.ctrlKey || event.altKey || event.metaKey || event.target.matches('input') || document.querySelector('dialog[open]')) return;
+  const act = keys[event.key.toLowerCase()];
+  if (!act) return;
+  event.preventDefault(); // or the letter would go into the field that opens
+  act();
+});
+
+globalThis.station = {scene, tables, alarms};
+connect();

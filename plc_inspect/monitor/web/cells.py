@@ -1,0 +1,95 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The corridor as browsers get it: points in centimetres, coloured by clearance."""
+
+import struct
+
+import numpy as np
+
+from plc_inspect.monitor.picture.cloud_store import CellArrays, CloudStore
+from plc_inspect.results import Float32, PointClass, UInt8
+from plc_inspect.stream.blocks import BlockKey
+
+NEAR, FAR = 2.0, 15.0
+"""Clearances of the two ends of the colours [m]."""
+RAMP = ('#c1121f', '#e69f00', '#cdb877', '#8fa3b5', '#74889b')
+"""
+From near to far.
+Source: red, orange and blue-grey differ in lightness and in blue, which eyes without one kind of
+cone see; no green.
+"""
+GROUND, STRUCTURE = (128, 116, 104), (150, 155, 165)
+UNIT = 0.01
+"""Of coordinates [m]."""
+FARTHEST = 32_000
+"""No point is farther from the middle of its block than this many units."""
+_HEAD = struct.Struct('<' + 'iidddfI')
+_PLACE = np.dtype(np.int16).newbyteorder('<')
+_RAMP = np.array([[int(item[k:k + 2], 16) for k in (1, 3, 5)] for item in RAMP], np.float64)
+
+
+def color_cells(kind: UInt8, clearance: Float32) -> UInt8:
+    """
+    Return the colours of cells: red near a conductor, grey far from it.
+
+    Parameters
+    ----------
+    kind : UInt8
+        (M,) PointClass.
+    clearance : Float32
+        (M,) [m], NaN unknown.
+
+    Returns
+    -------
+    UInt8
+        (M, 3) red, green, blue.
+
+    """
+    share = np.clip((np.nan_to_num(clearance, nan=FAR) - NEAR) / (FAR - NEAR), 0.0, 1.0)
+    place = share * (len(_RAMP) - 1)
+    colors = np.column_stack([
+        np.interp(place, np.arange(len(_RAMP)), _RAMP[:, channel]) for channel in range(3)
+    ])
+    near = np.nan_to_num(clearance, nan=FAR) < FAR / 2
+    colors[(kind == PointClass.GROUND) & ~near] = GROUND
+    colors[kind == PointClass.TOWER] = STRUCTURE
+    return np.asarray(np.rint(colors), dtype=np.uint8).reshape(-1, 3)
+
+
+def pack_block(home: BlockKey, cells: CellArrays) -> bytes:
+    """
+    Return a block of the corridor for browsers.
+
+    Parameters
+    ----------
+    home : BlockKey
+        Number of the block.
+    cells : CellArrays
+        Its cells; those of wires are left out, as the catenaries stand for them.
+
+    Returns
+    -------
+    bytes
+        Number (2 int32), middle (3 float64) [m], edge of a cell (float32) [m], number of points
+        (uint32), then places (int16, UNIT from the middle) and colours (uint8).  The points are
+        in a random order that is always the same, so that the first of them are all, thinned.
+
+    """
+    points, kind, clearance, size = cells
+    shown = np.flatnonzero(kind != PointClass.WIRE)
+    shown = np.random.default_rng(0).permutation(shown)
+    points = points[shown].astype(np.float64)
+    middle = np.round(points.mean(axis=0), 2) if len(points) else np.zeros(3)
+    places = np.clip(np.rint((points - middle) / UNIT), -FARTHEST, FARTHEST).astype(_PLACE)
+    colors = color_cells(kind[shown], clearance[shown])
+    edge = float(size[shown].min()) if len(shown) else 1.0
+    return b''.join((
+        _HEAD.pack(*home, *middle.tolist(), edge, len(points)),
+        places.tobytes(), colors.tobytes(),
+    ))
+
+
+def pack_changed(cloud: CloudStore) -> list[tuple[BlockKey, bytes]]:
+    """Return the blocks that changed since the last call."""
+    return [(home, pack_block(home, cloud.assemble(home))) for home in cloud.take_changed()]

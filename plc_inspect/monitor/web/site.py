@@ -1,0 +1,131 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What browsers may ask for, once the gate has let them in."""
+
+from collections import deque
+from collections.abc import Callable, Mapping
+import dataclasses
+from dataclasses import dataclass
+import math
+from typing import Any
+
+from aiohttp import web
+
+from plc_inspect.colors import LOOKS
+from plc_inspect.monitor.web.access import Role
+from plc_inspect.monitor.web.cells import FAR, NEAR, RAMP
+from plc_inspect.monitor.web.live import Hub
+from plc_inspect.monitor.web.template import list_files, render
+from plc_inspect.printable import make_printable
+
+LONGEST_NAME = 40
+"""Of who acknowledges [characters]."""
+MOST_NUMBERS = 1000
+MOST_REQUESTS = 100
+"""Requests that the monitor has not come to yet; more are refused."""
+HEARTBEAT = 10.0
+"""A browser that does not answer within half of it is gone [s]."""
+
+FindProfile = Callable[[str, tuple[int, int]], Mapping[str, Any] | None]
+"""Gets vehicle, line_id and span_id; returns the profile of the span."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Acknowledgement:
+    """Somebody has seen alarms."""
+
+    vehicle: str
+    numbers: tuple[int, ...]
+    who: str
+
+
+class Site:
+    """
+    The page and all that it asks for.
+
+    Parameters
+    ----------
+    find_profile : callable
+        Returns the side view of a span.
+
+    """
+
+    def __init__(self, find_profile: FindProfile) -> None:
+        self._find_profile = find_profile
+        self._hubs: dict[str, Hub] = {}
+        self.requests: deque[Acknowledgement] = deque()
+        """What browsers want, the oldest first; for any thread."""
+
+    def find_hub(self, vehicle: str) -> Hub:
+        """Return what is shown of a vehicle; there is one for each name."""
+        return self._hubs.setdefault(vehicle, Hub())
+
+    def add_routes(self, router: web.UrlDispatcher) -> None:
+        """Say what is served."""
+        router.add_get('/', self._show_page)
+        router.add_get('/live', self._go_live)
+        router.add_get('/profile', self._show_profile)
+        router.add_post('/acknowledge', self._acknowledge)
+        router.add_get('/{path:.*}', self._show_file)
+
+    async def _show_page(self, request: web.Request) -> web.Response:
+        text = render(
+            'index.html', nonce=request['nonce'], looks=LOOKS.values(),
+            ramp=RAMP, near=NEAR, far=FAR,
+            table={name: dataclasses.asdict(look) for name, look in LOOKS.items()},
+        )
+        return web.Response(text=text, content_type='text/html')
+
+    async def _show_file(self, request: web.Request) -> web.Response:
+        found = list_files().get(request.path)
+        if found is None:
+            raise web.HTTPNotFound
+        response = web.Response(body=found[1], content_type=found[0], charset='utf-8')
+        response.enable_compression()
+        return response
+
+    async def _go_live(self, request: web.Request) -> web.WebSocketResponse:
+        name = request.query.get('vehicle') or next(iter(self._hubs), '')
+        hub = self._hubs.get(name)
+        if hub is None:
+            raise web.HTTPNotFound
+        socket = web.WebSocketResponse(heartbeat=HEARTBEAT, max_msg_size=1024)
+        await socket.prepare(request)
+        await hub.serve(socket, {
+            'vehicle': name, 'acknowledges': request['role'] is Role.ACKNOWLEDGE,
+        })
+        return socket
+
+    async def _show_profile(self, request: web.Request) -> web.Response:
+        try:
+            line, span = map(int, request.query.get('span', '').split('/'))
+        except ValueError:
+            raise web.HTTPBadRequest(reason='span is LINE/SPAN, two numbers') from None
+        found = self._find_profile(request.query.get('vehicle', ''), (line, span))
+        if found is None:
+            raise web.HTTPNotFound
+        return web.json_response(found)
+
+    async def _acknowledge(self, request: web.Request) -> web.Response:
+        if request['role'] is not Role.ACKNOWLEDGE:
+            return web.Response(status=403, text='this token is for viewing only')
+        try:
+            given = await request.json()
+            vehicle, numbers, who = given['vehicle'], given['numbers'], given['who']
+        except (ValueError, KeyError, TypeError):
+            raise web.HTTPBadRequest(reason='needs vehicle, numbers and who') from None
+        good = isinstance(who, str) and isinstance(numbers, list) and all(
+            isinstance(item, int) and 0 < item < math.inf for item in numbers
+        )
+        name = make_printable(who).strip() if good else ''
+        if not good or not name or len(name) > LONGEST_NAME or len(numbers) > MOST_NUMBERS:
+            raise web.HTTPBadRequest(
+                reason=f'who is a name of 1 to {LONGEST_NAME} characters, numbers are of alarms'
+            )
+        if vehicle not in self._hubs:
+            raise web.HTTPNotFound
+        if len(self.requests) >= MOST_REQUESTS:
+            raise web.HTTPServiceUnavailable
+        self.requests.append(Acknowledgement(vehicle=vehicle, numbers=tuple(numbers), who=name))
+        return web.Response(status=204)

@@ -1,0 +1,220 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What is known, as the parts that the page is made of: plain values, named as the page names."""
+
+from collections.abc import Sequence
+import math
+from typing import Any
+
+from plc_inspect.core.live.proximity import Level, Thing
+from plc_inspect.monitor.picture.alarms import Alarm
+from plc_inspect.monitor.picture.causes import describe_nearness, list_ground, locate, name_thing
+from plc_inspect.monitor.picture.condition import Condition, judge
+from plc_inspect.monitor.picture.names import name_conductor, name_stretch
+from plc_inspect.monitor.picture.picture import (
+    format_age,
+    HazardItem,
+    Link,
+    name_severity,
+    Picture,
+    SpanItem,
+    STALE,
+    SupportItem,
+)
+
+MOST_EVENTS, MOST_PAST, MOST_TRACK = 40, 30, 300
+"""More are not on the page."""
+TONES = {
+    Level.UNKNOWN: 'notice', Level.CLEAR: 'ok', Level.WARNING: 'warning',
+    Level.CRITICAL: 'critical',
+}
+"""Severities that levels of the keep-out are drawn as."""
+HEALTH = {
+    'scan rate': ('scan_rate', '{:.1f} Hz'), 'scans': ('scans', '{:.0f}'),
+    'scans lost': ('scans_lost', '{:.0f}'), 'scans dropped': ('scans_dropped', '{:.0f}'),
+    'pose gaps': ('pose_gaps', '{:.0f}'), 'pose jumps': ('pose_jumps', '{:.0f}'),
+    'last scan': ('scan_age', '{:.1f} s ago'), 'last pose': ('odometry_age', '{:.1f} s ago'),
+    'sharpness of the map (0.5 at least)': ('sharpness', '{:.2f}'),
+    'last result took': ('tick_ms', '{:.0f} ms'),
+    'results postponed': ('ticks_postponed', '{:.0f}'), 'map': ('voxels', '{:.0f} voxels'),
+    'memory': ('memory_mb', '{:.0f} MB'), 'callbacks, 99 of 100 within': ('callback_ms',
+                                                                         '{:.1f} ms'),
+}
+"""Names on the page, by name in the summary and form."""
+
+
+def make_parts(picture: Picture, name: str, wall: float) -> dict[str, Any]:
+    """
+    Return all parts of the page but the corridor.
+
+    Parameters
+    ----------
+    picture : Picture
+        What is known.
+    name : str
+        Of the node.
+    wall : float
+        Time of day when the monitor's steady time was 0 [s since 1970].
+
+    Returns
+    -------
+    dict
+        JSON values by part; lengths in metres, None where there is no number.
+
+    """
+    condition = judge(picture, name)
+    stretches = {item.key: name_stretch(item, picture.supports) for item in picture.spans}
+    return {
+        'state': _make_state(picture, condition, name),
+        'alarms': {
+            'open': [_make_alarm(item, wall) for item in picture.alarms],
+            'past': [_make_alarm(item, wall) for item in picture.past_alarms[:MOST_PAST]],
+        },
+        'hazards': [_make_hazard(item, stretches) for item in picture.hazards],
+        'spans': [_make_span(item, stretches, picture.supports) for item in picture.spans],
+        'supports': [
+            {'id': item.support_id, 'kind': item.kind, 'height': _round(item.height),
+             'position': _place(item.position)}
+            for item in picture.supports
+        ],
+        'track': _thin_track(picture),
+        'health': _make_health(picture),
+        'events': [
+            {'time': round(wall + item.time, 1), 'level': item.level, 'text': item.text}
+            for item in picture.events[: -MOST_EVENTS - 1 : -1]
+        ],
+    }
+
+
+def _make_state(picture: Picture, condition: Condition, name: str) -> dict[str, Any]:
+    ages = picture.ages
+    lost = picture.link is Link.LOST
+    return {
+        'time': round(picture.time, 2), 'node': name,
+        'tone': condition.tone, 'text': condition.text, 'link': picture.link.value,
+        'counts': picture.count_severities(),
+        'ages': {
+            'link': _round(ages.link, 1), 'data': _round(ages.data, 1),
+            'vehicle': _round(ages.vehicle, 1), 'near': _round(ages.near, 1),
+            'health': _round(ages.health, 1),
+        },
+        'old': {
+            'data': lost or ages.data > STALE, 'vehicle': lost or ages.vehicle > STALE,
+            'health': lost or ages.health > STALE, 'near': lost or ages.near > STALE,
+        },
+        'age_texts': {'data': format_age(ages.data), 'health': format_age(ages.health)},
+        'vehicle': None if picture.vehicle is None else _place(picture.vehicle),
+        'heading': _round(picture.heading, 3), 'height': _round(picture.height, 1),
+        'near': [
+            {
+                'thing': name_thing(item.thing), 'tone': TONES[item.level],
+                'level': item.level.name.lower(), 'distance': _round(item.distance, 1),
+                'closest': _round(item.closest, 1), 'closest_in': _round(item.closest_in, 0),
+                'sigma': _round(item.sigma, 2), 'text': describe_nearness(item),
+                'place': _place(locate(item, picture.vehicle)),
+                'conductor': name_conductor(item.line_id)
+                if item.thing == Thing.CONDUCTOR and item.line_id >= 0 else None,
+            }
+            for item in picture.near
+        ],
+        'rate': round(picture.counts.kbps),
+        'lost': picture.counts.lost_summary + picture.counts.lost_cloud,
+        'refused': picture.counts.describe_refused(),
+        'corridor': [picture.cloud_blocks, picture.cloud_total],
+    }
+
+
+def _make_alarm(item: Alarm, wall: float) -> dict[str, Any]:
+    return {
+        'number': item.number, 'state': item.state, 'text': item.cause.text,
+        'hazard': item.cause.hazard_id, 'place': _place(item.cause.place),
+        'stands': item.stands, 'raised': round(wall + item.raised, 1), 'times': item.times,
+        'cleared': _time(wall, item.cleared), 'reason': item.reason, 'who': item.who,
+        'acknowledged': _time(wall, item.acknowledged),
+    }
+
+
+def _make_hazard(item: HazardItem, stretches: dict[tuple[int, int], str]) -> dict[str, Any]:
+    key = item.line_id, item.span_id
+    support = f' {item.support_id}' if item.support_id >= 0 else ''
+    return {
+        'id': item.hazard_id, 'kind': item.kind, 'severity': item.severity_name,
+        'clearance': _round(item.clearance), 'required': _round(item.required),
+        'span': f'{item.line_id}/{item.span_id}', 'stretch': stretches.get(key, '?'),
+        'conductor': name_conductor(item.line_id), 'position': _place(item.position),
+        'rows': [
+            ['measured', format_metres(item.clearance, item.sigma)],
+            ['required', format_metres(item.required)],
+            ['horizontal', format_metres(item.horizontal)],
+            ['vertical', format_metres(item.vertical)],
+            ['along the span', format_metres(item.along_span)],
+            [f'from structure{support}', format_metres(item.from_support)],
+            ['height of the object', format_metres(item.height)],
+            ['points', str(item.num_points)],
+            ['position', ' '.join(f'{value:.1f}' for value in item.position)],
+            ['line / span of the files', f'{item.line_id} / {item.span_id}'],
+        ],
+    }
+
+
+def _make_span(
+    item: SpanItem, stretches: dict[tuple[int, int], str], supports: Sequence[SupportItem]
+) -> dict[str, Any]:
+    ground = list_ground(item, supports)
+    return {
+        'key': f'{item.line_id}/{item.span_id}', 'stretch': stretches[item.key],
+        'conductor': name_conductor(item.line_id), 'severity': name_severity(item.severity),
+        'length': _round(item.length), 'sag': _round(item.sag), 'rmse': _round(item.rmse, 3),
+        'sag_text': format_metres(item.sag, item.sigma_sag),
+        'coverage': _round(item.coverage), 'ground': _round(item.ground_clearance),
+        'open': item.open_start or item.open_end,
+        'ground_line': [[round(value, 1) for value in place] for place in ground],
+        'curve': [[round(value, 2) for value in row] for row in item.trace(8.0).tolist()],
+    }
+
+
+def _make_health(picture: Picture) -> dict[str, Any]:
+    rows = []
+    for title, (name, form) in HEALTH.items():
+        value = picture.health.get(name, math.nan)
+        rows.append([title, '-' if math.isnan(value) else form.format(value)])
+    place = '-' if picture.vehicle is None else ' '.join(f'{v:.1f}' for v in picture.vehicle)
+    counts = picture.counts
+    return {
+        'rows': [
+            *rows, ['vehicle', place],
+            ['corridor', f'{picture.cloud_blocks} of {picture.cloud_total} blocks, '
+                         f'{picture.cloud_cells} cells'],
+            ['messages lost', str(counts.lost_summary + counts.lost_cloud)],
+            ['restarts of the node', str(counts.restarts)],
+        ],
+        'notes': [
+            text for text, level in zip(picture.texts, picture.levels, strict=False) if level
+        ],
+    }
+
+
+def _thin_track(picture: Picture) -> list[list[float]]:
+    step = 1 + len(picture.track) // MOST_TRACK
+    places = list(picture.track[::-step][::-1])
+    return [[round(value, 1) for value in place] for place in places]
+
+
+def format_metres(value: float, sigma: float = math.nan) -> str:
+    """Return a length with its standard deviation where known, ``-`` for NaN [m]."""
+    if math.isnan(value):
+        return '-'
+    return f'{value:.2f} m' if math.isnan(sigma) else f'{value:.2f} \u00b1 {sigma:.2f} m'
+
+
+def _place(place: tuple[float, float, float] | None) -> list[float] | None:
+    return None if place is None else [round(value, 2) for value in place]
+
+
+def _round(value: float, digits: int = 2) -> float | None:
+    return round(value, digits) if math.isfinite(value) else None
+
+
+def _time(wall: float, time: float) -> float | None:
+    return None if math.isnan(time) else round(wall + time, 1)
