@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Takes the picture of the monitor's page for the documentation, during the demo flight.
+Takes the pictures of the monitor's page for the documentation, during the demo flight.
 
 It needs an installed Chromium.
 """
@@ -27,17 +27,16 @@ COMMANDS = {
     'node': ('plc_inspect.ros.node.onboard', '--ros-args', '--log-level', 'warn', '-p'),
     'player': ('plc_inspect.ros.play', 'bags/demo', '--wait', '30', '--quiet'),
 }
-SIZE = 1280, 720
-SECONDS = 38.0
-"""When in the flight the picture is taken [s]."""
-CLOSE = "document.querySelector('.mantine-Notification-closeButton')?.click()"
+SIZES = {'desk': (1440, 900), 'tablet': (1024, 768), 'phone': (390, 844)}
+SECONDS = 4.0
+"""After the first hazard the first picture is taken [s]."""
 
 
 def main() -> None:
-    """Take the picture."""
-    parser = argparse.ArgumentParser(description='Takes the picture of the monitor.')
-    parser.add_argument('path', type=Path, metavar='PNG')
-    path = parser.parse_args().path.resolve()
+    """Take the pictures."""
+    parser = argparse.ArgumentParser(description='Takes the pictures of the monitor.')
+    parser.add_argument('folder', type=Path, metavar='FOLDER')
+    folder = parser.parse_args().folder.resolve()
     environment = os.environ | {
         'ROS_DOMAIN_ID': str(1 + os.getpid() % 100), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
     }
@@ -50,15 +49,21 @@ def main() -> None:
                     [sys.executable, '-m', *words, *extra], cwd=ROOT, env=environment, text=True,
                     stdout=subprocess.PIPE if name == 'page' else None,
                 )
-            chrome = Chrome(find_browser(), Path(room) / 'profile', *SIZE)
-            chrome.open(processes['page'].stdout.readline().split()[-1])
-            chrome.wait("document.querySelector('#plc-link')?.dataset.link == 'live'", 60.0)
-            chrome.wait("document.querySelectorAll('#plc-hazards tr').length > 1", 60.0)
-            time.sleep(SECONDS)
-            chrome.run(CLOSE)
-            time.sleep(1.0)
-            chrome.take_picture(path)
-            chrome.close()
+            address = processes['page'].stdout.readline().split()[-1]
+            shown = [(name, theme) for theme in ('dark', 'light') for name in SIZES]
+            for number, (name, theme) in enumerate(shown):
+                # One after the other: each draws in software.
+                chrome = Chrome(find_browser(), Path(room) / str(number), *SIZES[name],
+                                light=theme == 'light')
+                chrome.open(address)
+                chrome.wait("document.querySelectorAll('#hazards tr').length > 0", 90.0)
+                if not number:
+                    time.sleep(SECONDS)
+                if name == 'tablet':
+                    chrome.run("station.scene.setView('overview')")
+                chrome.page.wait_for_timeout(1500)
+                chrome.take_picture(folder / f'monitor_{name}_{theme}.png')
+                chrome.close()
         finally:
             for process in processes.values():
                 process.kill()

@@ -15,7 +15,6 @@ import time
 from typing import Any, TYPE_CHECKING
 
 from plc_inspect.errors import ConfigError, DataError
-from plc_inspect.monitor.picture.picture import Picture
 from plc_inspect.offline.commands.command_line import DONE, parse_with_ros, Parser, run_command
 from plc_inspect.security.member_keys import VARIABLE as KEYS
 
@@ -33,9 +32,6 @@ AUTO = 'auto'
 VARIABLE, VIEW_VARIABLE = 'PLC_MONITOR_TOKEN', 'PLC_MONITOR_VIEW_TOKEN'
 """Tokens of who may acknowledge alarms, and of who may only view."""
 
-View = Callable[[Picture], object]
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the monitor; return 0 done, 2 bad usage or no node with ``--once``."""
     arguments = _parse(argv)
@@ -49,21 +45,34 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    from plc_inspect.monitor.fleet import Fleet
     from plc_inspect.monitor.station import Station
     from plc_inspect.ros.graph.transport import prepare_transport
 
     prepare_transport()
     with ExitStack() as stack:
         recorder = None
+        names = arguments.nodes or [NODE]
+        arguments.node = names[0]
+        if len(names) > 1 and not arguments.web:
+            raise ConfigError('more than one --node needs --web')
         if arguments.record is not None:
             from plc_inspect.monitor.record.recorder import Recorder
 
             recorder = stack.enter_context(
                 Recorder(arguments.record, arguments.node, force=arguments.force)
             )
-        station = stack.enter_context(Station(
-            arguments.node, arguments.ros, cloud=arguments.corridor, recorder=recorder
-        ))
+
+        def join(name: str) -> Station:
+            return Station(
+                name, arguments.ros, cloud=arguments.corridor,
+                recorder=recorder if name == arguments.node else None,
+            )
+
+        if arguments.web:
+            fleet = stack.enter_context(Fleet(join, names, search=not arguments.nodes))
+            return _show_page(fleet, arguments)
+        station = stack.enter_context(join(arguments.node))
         if arguments.once:
             return _show_once(station, arguments)
         return _show(station, arguments)
@@ -74,9 +83,12 @@ def _show_once(station: Any, arguments: argparse.Namespace) -> int:
     picture = station.look()
     while not picture.complete:
         if time.monotonic() > deadline:
+            there = station.find_nodes()
+            hint = f'there is: --node {", --node ".join(there)}' if there else (
+                'is the node running, on this network and with the same ROS_DOMAIN_ID?'
+            )
             raise DataError(
-                f'no summary of {arguments.node} within {arguments.wait:g} s: is the node '
-                'running, on this network and with the same ROS_DOMAIN_ID?'
+                f'no summary of {arguments.node} within {arguments.wait:g} s: {hint}'
             )
         station.spin(0.1)
         picture = station.look()
@@ -96,35 +108,33 @@ def _show_once(station: Any, arguments: argparse.Namespace) -> int:
 def _show(station: Any, arguments: argparse.Namespace) -> int:
     if arguments.json:
         return _show_json(station, arguments.period)
-    if arguments.web:
-        return _show_page(station, arguments)
     from plc_inspect.monitor.terminal.screen import Screen
 
     with Screen(arguments.node) as screen:
-        _loop(station, PERIOD, screen.show)
+        _loop(station, PERIOD, lambda own: screen.show(own.look()))
     return DONE
 
 
 def _show_json(station: Any, period: float) -> int:
     from plc_inspect.monitor.terminal.snapshot import format_snapshot
 
-    _loop(station, period, lambda picture: print(format_snapshot(picture), flush=True))
+    _loop(station, period, lambda own: print(format_snapshot(own.look()), flush=True))
     return DONE
 
 
-def _show_page(station: Any, arguments: argparse.Namespace) -> int:
+def _show_page(fleet: Any, arguments: argparse.Namespace) -> int:
     from plc_inspect.monitor.web.gate import is_loopback
     from plc_inspect.monitor.web.page import Page
 
     tokens, tls = _choose_tokens(arguments), _choose_certificate()
-    def show(picture: Picture) -> None:
+    def show(_: object = None) -> None:
         for request in page.take_requests():
-            station.acknowledge(request.numbers, request.who)
-            picture = station.look()
-        page.show(arguments.node, picture, station.monitor.cloud)
+            fleet.stations[request.vehicle].acknowledge(request.numbers, request.who)
+        for name, station in fleet.stations.items():
+            page.show(name, station.look(), station.monitor.cloud)
 
     with Page(arguments.host, arguments.port, tokens, tls) as page:
-        show(station.look())
+        show()
         print(f'{NAME}: {page.address}', flush=True)
         if arguments.token == AUTO:
             for role, token in tokens.by_role.items():
@@ -132,7 +142,7 @@ def _show_page(station: Any, arguments: argparse.Namespace) -> int:
         if tls is None and not is_loopback(arguments.host):
             print(f'{NAME}: the token and the page cross the network unencrypted: set PLC_KEYS '
                   'for HTTPS (docs/security.md)', flush=True)
-        _loop(station, PAGE_PERIOD, show)
+        _loop(fleet, PAGE_PERIOD, show)
     return DONE
 
 
@@ -172,12 +182,12 @@ def _choose_certificate() -> ssl.SSLContext | None:
     return context
 
 
-def _loop(station: Any, period: float, show: View) -> None:
-    """Show a picture every period until the graph is left."""
+def _loop(station: Any, period: float, show: Callable[[Any], object]) -> None:
+    """Show what is known every period until the graph is left; of a station or a fleet."""
     due = time.monotonic()
     while station.spin(max(0.0, min(due - time.monotonic(), 0.2))):
         if time.monotonic() >= due:
-            show(station.look())
+            show(station)
             due = max(due + period, time.monotonic())
 
 
@@ -217,8 +227,9 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
                         help='time between two lines of --json (default: %(default)s)')
     parser.add_argument('--wait', type=_positive, default=10.0, metavar='S',
                         help='longest wait of --once for the node (default: %(default)s)')
-    parser.add_argument('--node', default=NODE, metavar='NAME',
-                        help='node with its namespace (default: %(default)s)')
+    parser.add_argument('--node', dest='nodes', action='append', metavar='NAME',
+                        help=f'node with its namespace (default: {NODE}); with --web it may be '
+                        'given several times, and without it the page follows all that it finds')
     parser.add_argument('--record', type=Path, metavar='FILE.mcap', help='write what is seen')
     parser.add_argument('--force', action='store_true', help='replace the file of --record')
     parser.add_argument('--no-corridor', dest='corridor', action='store_false',

@@ -12,6 +12,7 @@ from plc_inspect.ros.graph.ending import was_cut_short
 from plc_inspect.ros.graph.transport import explain_start
 from plc_inspect.security.member_keys import find_keys
 
+KIND = 'std_msgs/msg/UInt8MultiArray'
 TOPICS = {'summary': 'summary', 'cloud': 'thin_corridor'}
 
 
@@ -79,6 +80,15 @@ class Listener:
         self._subscriptions[topic] = self._node.create_subscription(
             UInt8MultiArray, f'{self._name}/{TOPICS[topic]}',
             receive, SUMMARY if topic == 'summary' else THIN_CORRIDOR,
+        )
+
+    def find_nodes(self) -> list[str]:
+        """Return the names of nodes on the graph that publish such a stream."""
+        tail = '/' + TOPICS['summary']
+        return sorted(
+            name.removesuffix(tail)
+            for name, kinds in self._node.get_topic_names_and_types()
+            if name.endswith(tail) and KIND in kinds and self._node.count_publishers(name)
         )
 
     def spin(self, seconds: float) -> bool:

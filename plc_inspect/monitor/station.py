@@ -93,6 +93,10 @@ class Station:
             self._recorder.show(self.monitor.look(now), self.monitor.cloud)
         return alive
 
+    def find_nodes(self) -> list[str]:
+        """Return the names of nodes on the graph that a monitor can follow."""
+        return self._listener.find_nodes()
+
     def look(self) -> Picture:
         """Return what is known now."""
         return self.monitor.look(time.monotonic())

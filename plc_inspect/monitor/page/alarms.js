@@ -15,6 +15,7 @@ export class Alarms {
     this.getMe = getMe;
     this.open = [];
     this.counts = {critical: 0, warning: 0};
+    this.elsewhere = 0;
     this.audio = null;
     this.bar = document.getElementById('alarms');
     this.list = document.getElementById('alarm-list');
@@ -122,7 +123,7 @@ export class Alarms {
   }
 
   beep() {
-    if (this.muted || !this.audio || !this.open.some(item => item.state === 'new')) return;
+    if (this.muted || !this.audio || !this.elsewhere && !this.open.some(item => item.state === 'new')) return;
     const now = this.audio.currentTime;
     [880, 660].forEach((pitch, k) => {
       const tone = this.audio.createOscillator(), gain = this.audio.createGain();
@@ -145,9 +146,10 @@ export function showState(tone, text, alarms) {
   }
   if (words.textContent !== text) words.textContent = text;
   const unseen = alarms.unseen().length, standing = alarms.counts.critical;
-  const worst = unseen || standing ? 'critical' : tone;
+  const worst = unseen || standing || alarms.elsewhere ? 'critical' : tone;
   const head = unseen ? `(${unseen}) ALARM` : standing ? `${standing} critical` : text.split(':')[0];
-  document.title = `${head} – power line inspection`;
+  const others = alarms.elsewhere ? ` (+${alarms.elsewhere} elsewhere)` : '';
+  document.title = `${head}${others} – power line inspection`;
   const icon = document.getElementById('icon');
   if (icon.dataset.tone !== worst) {
     icon.dataset.tone = worst;

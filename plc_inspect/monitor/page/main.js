@@ -5,7 +5,7 @@
 
 import {Alarms, showState} from './alarms.js';
 import {Scene} from './scene.js';
-import {chip, metres, shapeSvg} from './symbols.js';
+import {chip, make, metres, shape, shapeSvg} from './symbols.js';
 import {Tables} from './tables.js';
 
 const FROZEN = 3000;
@@ -44,17 +44,36 @@ const parts = {
   track: value => scene.showTrack(value),
   health: value => tables.showHealth(value),
   events: value => tables.showEvents(value),
+  fleet: value => showFleet(value),
 };
 
 function showInstruments({near, height, heading, old}) {
   const wire = near.find(item => item.thing === 'conductor');
-  const others = near.filter(item => item.thing !== 'conductor' && ['warning', 'critical'].includes(item.tone));
+  const others = near.filter(item => item.thing !== 'conductor' && item.tone === 'critical');
   const words = {clear: '', unknown: 'not all seen', warning: 'near', critical: 'TOO NEAR'};
   const show = item => chip(item.tone, `${item.thing === 'conductor' ? '' : item.thing + ' '}${metres(item.distance)} ${words[item.level]}`.trim());
   $('nearest').replaceChildren(...(wire && wire.distance !== null ? [show(wire)] : wire ? [chip(wire.tone, wire.level === 'clear' ? 'none near' : 'unknown')] : ['-']), ...others.map(show));
   $('height').textContent = height === null ? '-' : `about ${metres(height)}`;
   $('heading').textContent = heading === null ? '-' : `${(Math.round(90 - heading * 180 / Math.PI) % 360 + 360) % 360}°`;
   $('instruments').classList.toggle('aged', old.vehicle || old.near && near.length > 0);
+}
+
+// One button for each vehicle, where there are several; the alarms of others are heard here too.
+function showFleet(rows) {
+  $('fleet').hidden = rows.length < 2 && rows[0]?.name === me.vehicle;
+  alarms.elsewhere = rows.filter(row => row.name !== me.vehicle).reduce((sum, row) => sum + row.unseen, 0);
+  const text = JSON.stringify([rows, me.vehicle]);
+  if (text === showFleet.drawn) return;
+  showFleet.drawn = text;
+  const focused = document.activeElement?.dataset?.vehicle;
+  $('fleet').replaceChildren(...rows.map(row => {
+    const worst = row.critical || row.unseen ? 'critical' : row.tone;
+    const words = [row.text, ...(row.critical ? [`${row.critical} critical`] : []), ...(row.unseen ? [`${row.unseen} not acknowledged`] : [])];
+    return make('button', {type: 'button', 'data-vehicle': row.name, 'aria-pressed': String(row.name === me.vehicle),
+      onclick: () => location.assign(`?vehicle=${encodeURIComponent(row.name)}`)},
+    shape(worst, 'currentColor'), ` ${row.name}: ${words.join(', ')}`);
+  }));
+  if (focused) $('fleet').querySelector(`[data-vehicle="${focused}"]`)?.focus();
 }
 
 function connect() {

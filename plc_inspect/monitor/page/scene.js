@@ -296,7 +296,7 @@ export class Scene {
     }
     const {center, radius} = this.extent();
     const narrow = Math.min(1, this.camera.aspect);
-    const far = Math.max(radius, 15) / Math.sin(this.camera.fov / 2 * Math.PI / 180) / narrow;
+    const far = 1.2 * Math.max(radius, 15) / Math.sin(this.camera.fov / 2 * Math.PI / 180) / narrow;
     const along = this.direction(), across = new THREE.Vector3(-along.y, along.x, 0);
     this.controls.target.copy(center);
     this.camera.position.copy(center);

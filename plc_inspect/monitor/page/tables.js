@@ -133,13 +133,17 @@ export class Tables {
   }
 
   showAges(state) {
-    for (const [id, kind, what] of [['hazards', 'data', `${this.hazards.length} hazards`], ['spans', 'data', `${this.spans.length} spans`], ['health', 'health', 'health']]) {
+    for (const [id, kind, what] of [['hazards', 'data', count(this.hazards, 'hazard')], ['spans', 'data', count(this.spans, 'span')], ['health', 'health', 'health']]) {
       const line = $(`${id}-age`), old = state.old[kind];
       line.textContent = `${what}, ${state.age_texts[kind]} old${old ? ': OLD' : ''}`;
       line.classList.toggle('stale', old);
       $(`panel-${id}`).querySelector('table').classList.toggle('aged', old);
     }
   }
+}
+
+function count(items, word) {
+  return `${items.length} ${word}${items.length === 1 ? '' : 's'}`;
 }
 
 function pairs(rows) {

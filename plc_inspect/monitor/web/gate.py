@@ -137,7 +137,6 @@ class Gate:
             )
         except OSError:
             await self._runner.cleanup()
-            await self._session.close()
             raise
         number: int = self._server.sockets[0].getsockname()[1]
         return number

@@ -21,7 +21,7 @@ from plc_inspect.monitor.web.cells import pack_changed
 from plc_inspect.monitor.web.gate import Gate
 from plc_inspect.monitor.web.profile import FRAME, lay_out_profile, PROFILE_WIDTH
 from plc_inspect.monitor.web.site import Acknowledgement, Site
-from plc_inspect.monitor.web.values import format_metres, make_parts
+from plc_inspect.monitor.web.values import format_metres, make_fleet_row, make_parts
 
 
 class Page:
@@ -52,6 +52,7 @@ class Page:
     ) -> None:
         self._lock = threading.Lock()
         self._shown: dict[str, tuple[Picture, CloudStore]] = {}
+        self._fleet: dict[str, Mapping[str, Any]] = {}
         self._site = Site(self._find_profile)
         self._gate = Gate(host, port, self._site, tokens, tls=tls)
         self._host, self._scheme = host, 'http' if tls is None else 'https'
@@ -91,7 +92,13 @@ class Page:
             self._shown[vehicle] = picture, cloud
             blocks = pack_changed(cloud)
         wall = time.time() - time.monotonic()
-        self._site.find_hub(vehicle).put(make_parts(picture, vehicle, round(wall, 1)), blocks)
+        parts = make_parts(picture, vehicle, round(wall, 1))
+        self._fleet[vehicle] = make_fleet_row(vehicle, picture)
+        rows = [self._fleet[name] for name in sorted(self._fleet)]
+        rows = [row for row in rows if row['heard']] or rows
+        parts['fleet'] = rows
+        self._site.first = rows[0]['name']
+        self._site.find_hub(vehicle).put(parts, blocks)
 
     def take_requests(self) -> list[Acknowledgement]:
         """Return what browsers asked for since the last call."""

@@ -54,6 +54,8 @@ class Site:
     def __init__(self, find_profile: FindProfile) -> None:
         self._find_profile = find_profile
         self._hubs: dict[str, Hub] = {}
+        self.first = ''
+        """The vehicle of who asks for none."""
         self.requests: deque[Acknowledgement] = deque()
         """What browsers want, the oldest first; for any thread."""
 
@@ -86,7 +88,7 @@ class Site:
         return response
 
     async def _go_live(self, request: web.Request) -> web.WebSocketResponse:
-        name = request.query.get('vehicle') or next(iter(self._hubs), '')
+        name = request.query.get('vehicle') or self.first or next(iter(self._hubs), '')
         hub = self._hubs.get(name)
         if hub is None:
             raise web.HTTPNotFound

@@ -87,6 +87,17 @@ def make_parts(picture: Picture, name: str, wall: float) -> dict[str, Any]:
     }
 
 
+def make_fleet_row(name: str, picture: Picture) -> dict[str, Any]:
+    """Return how a vehicle is, in a line of the list of all vehicles."""
+    condition = judge(picture, name)
+    return {
+        'name': name, 'heard': picture.link is not Link.WAITING,
+        'tone': condition.tone, 'text': condition.text.partition(':')[0],
+        'critical': picture.count_severities()['critical'],
+        'unseen': sum(not item.seen for item in picture.alarms),
+    }
+
+
 def _make_state(picture: Picture, condition: Condition, name: str) -> dict[str, Any]:
     ages = picture.ages
     lost = picture.link is Link.LOST

@@ -11,10 +11,13 @@ import pytest
 from stream_pieces import make_rows, Source
 
 from plc_inspect.core.live.proximity import Level, Thing
-from plc_inspect.monitor.picture.causes import find_height
+from plc_inspect.monitor.picture.causes import describe_nearness, find_height
 from plc_inspect.monitor.picture.cloud_store import CloudStore
 from plc_inspect.monitor.picture.model import Monitor
 from plc_inspect.monitor.picture.names import name_stretch
+from plc_inspect.results import PointClass
+from plc_inspect.stream.blocks import pack_blocks, read_cloud, thin_points
+from plc_inspect.stream.frame import CLOUD, Frame, pack_frame
 from plc_inspect.stream.nearness import Nearness
 
 WIRE = Nearness(
@@ -74,14 +77,39 @@ def test_a_span_is_named_by_its_structures():
 def test_the_height_is_from_ground_or_about_from_what_stands_on_it():
     monitor, source = Monitor(), Source()
     picture = feed(monitor, source, 1.0)
-    (pole, *_) = [item for item in picture.supports if item.kind != 'unseen']
-    foot = pole.position
-    over = foot[0], foot[1], foot[2] + 12.0
-    about = find_height(over, CloudStore(), (), (pole,))
-    assert about == pytest.approx(12.0)
-    assert math.isnan(find_height(None, CloudStore(), (), picture.supports))
-    far = foot[0] + 900.0, foot[1], 0.0
-    assert math.isnan(find_height(far, CloudStore(), picture.spans[:1], (pole,)))
-    span = dataclasses.replace(picture.spans[0], ground_clearance=7.0)
-    below = span.lowest
-    assert find_height(below, CloudStore(), (span,), ()) == pytest.approx(7.0)
+    spans = [dataclasses.replace(span, ground_clearance=7.0) for span in picture.spans]
+    x, y, z = spans[0].lowest
+    bad = dataclasses.replace(picture.supports[0], position=(x, y, z), kind='pole')
+    three = [dataclasses.replace(bad, position=(x + k, y, z - 7.0)) for k in range(1, 4)]
+    assert find_height((x, y, z), CloudStore(), (), three) == pytest.approx(7.0)
+    assert find_height((x, y, z), CloudStore(), (), [bad, *three]) == pytest.approx(7.0)
+    assert math.isnan(find_height((x, y, z), CloudStore(), (), three[:2]))  # too few
+    assert find_height((x, y, z), CloudStore(), spans[:3], ()) == pytest.approx(7.0, abs=0.5)
+    assert math.isnan(find_height(None, CloudStore(), (), three))
+    assert math.isnan(find_height((x + 900.0, y, z), CloudStore(), (), three))
+
+
+def test_ground_below_the_vehicle_comes_first():
+    points = np.array([[10.0, 0.0, 1.0], [14.0, 0.0, 3.0], [10.0, 3.0, 9.0]])
+    kind = np.array([PointClass.GROUND, PointClass.GROUND, PointClass.VEGETATION], np.uint8)
+    cells = thin_points(points, kind, np.full(3, 5.0, np.float32), 0.5)
+    blocks = {
+        tuple(key): cells.codes[low:high] for key, low, high in zip(
+            cells.blocks.tolist(), cells.starts, cells.starts[1:], strict=False
+        )
+    }
+    body = pack_blocks(blocks, overview=False, voxel=0.5, total=1)
+    cloud = CloudStore()
+    cloud.put(read_cloud(pack_frame(
+        Frame(kind=CLOUD, flags=0, session=1, sequence=0, uptime=0.0, body=body)
+    )))
+    assert find_height((10.0, 0.0, 21.0), cloud, (), ()) == pytest.approx(20.0, abs=0.3)
+    assert find_height((14.4, 0.0, 21.0), cloud, (), ()) == pytest.approx(18.0, abs=0.3)
+    assert math.isnan(find_height((30.0, 0.0, 21.0), cloud, (), ()))
+
+
+def test_what_is_not_confirmed_has_no_number():
+    assert describe_nearness(dataclasses.replace(WIRE, line_id=-3, span_id=-7)) == (
+        'conductor 4.2 m from the vehicle'
+    )
+    assert describe_nearness(WIRE).endswith('vehicle; span 0, conductor 2')

@@ -6,7 +6,7 @@
 import math
 
 import pytest
-from stream_pieces import NO_TABLES, Source, TEXTS
+from stream_pieces import make_rows, NO_TABLES, Source, TEXTS
 
 from plc_inspect.monitor.picture.condition import judge, LANDED_TIME
 from plc_inspect.monitor.picture.model import Monitor
@@ -84,18 +84,18 @@ def test_part_of_a_picture_is_not_good():
 @pytest.mark.parametrize(('height', 'landed'), [(1.0, True), (9.0, False)])
 def test_it_has_landed_when_it_flew_and_stands_low(height, landed):
     monitor, source = Monitor(), Source()
-    monitor.take_cloud(source.cloud(0.0, [[50.0, 2.0, 0.2]]), 100.0)
-    ground = monitor.look(100.0)  # vegetation is no ground
-    assert math.isnan(ground.height)
-    feet = source.tables.supports['z'].min() * 1e-3
+    tables = make_rows(6, 0)
+    tables.spans['ground_clearance'] = 7000  # that is how the ground is known
     for k in range(12):
         monitor.take_summary(source.summary(
-            1.0 + k, keyframe=not k, health=GOOD, vehicle=(5.0 * k, 2.0, feet + 20.0)
+            1.0 + k, keyframe=not k, health=GOOD, vehicle=(5.0 * k, 2.0, 30.0), tables=tables
         ), 100.0 + k)
+    ground = 30.0 - monitor.look(111.0).height
+    assert 0.0 < ground < 10.0
     assert not judge(monitor.look(111.0)).text.startswith('landed')
     for k in range(12, 12 + int(LANDED_TIME) + 3):
         monitor.take_summary(source.summary(
-            1.0 + k, health=GOOD, vehicle=(60.0, 2.0, feet + height)
+            1.0 + k, health=GOOD, vehicle=(60.0, 2.0, ground + height)
         ), 100.0 + k)
     assert judge(monitor.look(101.0 + k)).text.startswith('landed') == landed
 

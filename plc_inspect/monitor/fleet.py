@@ -1,0 +1,78 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Several vehicles: a station for each, and those that come up later."""
+
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+import time
+from types import TracebackType
+
+from plc_inspect.errors import ConfigError
+from plc_inspect.monitor.station import Station
+
+SEARCH_PERIOD = 2.0
+"""The graph is searched for more vehicles this often [s]."""
+MOST_VEHICLES = 12
+"""Each takes a place on the graph and a share of the link; more are not followed."""
+SHARE = 0.02
+"""With several vehicles each is listened to for so long before the next [s]."""
+
+
+class Fleet:
+    """
+    The stations of all vehicles.
+
+    Parameters
+    ----------
+    join : callable
+        Returns the station of a node by its name.
+    names : sequence of str
+        Nodes that are followed from the start.
+    search : bool
+        Follow all others that come up too.
+
+    """
+
+    def __init__(
+        self, join: Callable[[str], Station], names: Sequence[str], *, search: bool = False
+    ) -> None:
+        self._join, self._search = join, search
+        self._stack = ExitStack()
+        self._searched = time.monotonic()
+        self.stations: dict[str, Station] = {}
+        """By the names of nodes."""
+        try:
+            for name in names:
+                self._follow(name)
+        except BaseException:
+            self._stack.close()
+            raise
+
+    def __enter__(self) -> 'Fleet':
+        """Return the fleet."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Leave the graph."""
+        self._stack.close()
+
+    def spin(self, seconds: float) -> bool:
+        """Take up what comes in, for about so long; return False when ROS was shut down."""
+        stations = list(self.stations.values())
+        share = seconds if len(stations) == 1 else min(seconds, SHARE)
+        alive = [station.spin(share) for station in stations]
+        if self._search and time.monotonic() - self._searched >= SEARCH_PERIOD:
+            self._searched = time.monotonic()
+            for name in stations[0].find_nodes():
+                if name not in self.stations and len(self.stations) < MOST_VEHICLES:
+                    self._follow(name)
+        return all(alive)
+
+    def _follow(self, name: str) -> None:
+        if name in self.stations:
+            raise ConfigError(f'--node {name} is named twice')
+        self.stations[name] = self._stack.enter_context(self._join(name))
