@@ -5,8 +5,8 @@
 Colours, shapes and words of severities, lines and supports: one table for all that is drawn.
 
 Monitor, report, markers, KML and DXF take them from here.  No two severities look alike to
-eyes that miss one kind of cone (``test/messages/test_colors.py``), and none is told by its colour
-alone.
+eyes that miss one kind of cone (``test/monitor/web/test_colors.py``), and none is told by its
+colour alone.
 """
 
 from dataclasses import dataclass

@@ -1,14 +1,17 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A headless Chromium of the distribution, driven by playwright."""
+"""A headless Chromium of the distribution, driven by playwright; and what eyes see of colours."""
 
-import atexit
 from functools import cache
 from pathlib import Path
 import time
 
+from colorspacious import cspace_convert
+import numpy as np
 from playwright.sync_api import Playwright, sync_playwright
+
+from plc_inspect.colors import parse_color
 
 FLAGS = (
     '--no-sandbox', '--use-angle=swiftshader', '--enable-unsafe-swiftshader',
@@ -16,14 +19,31 @@ FLAGS = (
     '--hide-scrollbars', '--disable-quic', '--disable-component-update', '--disable-sync',
 )
 WAIT_MS = 40_000
+EYES = ('normal', 'deuteranomaly', 'protanomaly', 'tritanomaly')
+LEAST_DISTANCE = 25.0
+"""In CAM02-UCS, where 1 can just be told apart side by side; the colours before had 9."""
+
+
+def see(color, eye):
+    """Return where a colour lies in CAM02-UCS, as an eye sees it that misses a kind of cone."""
+    rgb = np.array(parse_color(color)) / 255.0
+    if eye != 'normal':
+        space = {'name': 'sRGB1+CVD', 'cvd_type': eye, 'severity': 100}
+        rgb = np.clip(cspace_convert(rgb, space, 'sRGB1'), 0.0, 1.0)
+    return cspace_convert(rgb, 'sRGB1', 'CAM02-UCS')
 
 
 @cache
 def _play() -> Playwright:
     """Start playwright once for the process: it cannot run twice."""
-    play = sync_playwright().start()
-    atexit.register(play.stop)
-    return play
+    return sync_playwright().start()
+
+
+def stop_playing():
+    """Stop playwright, whose loop stands in the way of other loops of the thread."""
+    if _play.cache_info().currsize:
+        _play().stop()
+        _play.cache_clear()
 
 
 class Chrome:

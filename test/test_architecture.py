@@ -26,7 +26,8 @@ LEAST_FUNCTIONS = {
     'offline.report': 60, 'offline.export': 30, 'offline.commands': 60,
     'security': 30, 'ros.graph': 5, 'ros.results': 25, 'ros.node': 60,
     'monitor.picture': 40, 'monitor.record': 10,
-    'monitor.terminal': 20, 'monitor.web': 50, 'sim.scenes': 60, 'sim.surveys': 50,
+    'monitor.replay': 12, 'monitor.terminal': 20, 'monitor.web': 50,
+    'sim.scenes': 60, 'sim.surveys': 50,
     'sim.random_scenes': 60, 'sim.evaluation': 40, 'sim': 6,
 }
 """Packages whose calls take few arguments, and the least number of functions in each."""
@@ -43,7 +44,8 @@ LAYERS = [
     'sim.scenes', 'sim.surveys', 'sim.random_scenes', 'sim.evaluation', 'sim',
     'security',
     'ros.graph', 'ros.results', 'ros.node', 'ros',
-    'monitor.picture', 'monitor.record', 'monitor.terminal', 'monitor.web', 'monitor',
+    'monitor.picture', 'monitor.record', 'monitor.replay', 'monitor.terminal', 'monitor.web',
+    'monitor',
 ]
 """Packages from the ground up: each may import from those before it and none from those after."""
 HEAD = (

@@ -18,7 +18,7 @@ import time
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / 'test'))
 
-from chrome import Chrome  # noqa: E402
+from chrome import Chrome, stop_playing  # noqa: E402
 
 from plc_inspect.offline.report.browser import find_browser  # noqa: E402
 
@@ -65,6 +65,7 @@ def main() -> None:
                 chrome.take_picture(folder / f'monitor_{name}_{theme}.png')
                 chrome.close()
         finally:
+            stop_playing()
             for process in processes.values():
                 process.kill()
                 process.wait()

@@ -45,6 +45,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    if arguments.open is not None:
+        return _replay(arguments)
     from plc_inspect.monitor.fleet import Fleet
     from plc_inspect.monitor.station import Station
     from plc_inspect.ros.graph.transport import prepare_transport
@@ -123,27 +125,63 @@ def _show_json(station: Any, period: float) -> int:
 
 
 def _show_page(fleet: Any, arguments: argparse.Namespace) -> int:
-    from plc_inspect.monitor.web.gate import is_loopback
     from plc_inspect.monitor.web.page import Page
+    from plc_inspect.monitor.web.site import Acknowledgement
 
     tokens, tls = _choose_tokens(arguments), _choose_certificate()
     def show(_: object = None) -> None:
         for request in page.take_requests():
-            fleet.stations[request.vehicle].acknowledge(request.numbers, request.who)
+            if isinstance(request, Acknowledgement):
+                fleet.stations[request.vehicle].acknowledge(request.numbers, request.who)
         for name, station in fleet.stations.items():
             page.show(name, station.look(), station.monitor.cloud)
 
     with Page(arguments.host, arguments.port, tokens, tls) as page:
         show()
-        print(f'{NAME}: {page.address}', flush=True)
-        if arguments.token == AUTO:
-            for role, token in tokens.by_role.items():
-                print(f'{NAME}: token to {role.value}: {token}', flush=True)
-        if tls is None and not is_loopback(arguments.host):
-            print(f'{NAME}: the token and the page cross the network unencrypted: set PLC_KEYS '
-                  'for HTTPS (docs/security.md)', flush=True)
+        _introduce(page, arguments, tokens, tls)
         _loop(fleet, PAGE_PERIOD, show)
     return DONE
+
+
+def _introduce(
+    page: Any, arguments: argparse.Namespace, tokens: 'Tokens', tls: ssl.SSLContext | None
+) -> None:
+    """Say where the page is, and how to get in."""
+    from plc_inspect.monitor.web.gate import is_loopback
+
+    print(f'{NAME}: {page.address}', flush=True)
+    if arguments.token == AUTO:
+        for role, token in tokens.by_role.items():
+            print(f'{NAME}: token to {role.value}: {token}', flush=True)
+    if tls is None and not is_loopback(arguments.host):
+        print(f'{NAME}: the token and the page cross the network unencrypted: set PLC_KEYS '
+              'for HTTPS (docs/security.md)', flush=True)
+
+
+def _replay(arguments: argparse.Namespace) -> int:
+    """Show a flight that is over, until the command is ended."""
+    from plc_inspect.monitor.replay.replay import Replay
+    from plc_inspect.monitor.replay.tape import read_tape
+    from plc_inspect.monitor.web.page import Page
+    from plc_inspect.monitor.web.site import Steering
+
+    if arguments.once or arguments.json or arguments.record is not None or arguments.nodes:
+        raise ConfigError('--open replays on the page: not with --once, --json, --record, --node')
+    replay = Replay(read_tape(arguments.open))
+    tokens, tls = _choose_tokens(arguments), _choose_certificate()
+    with Page(arguments.host, arguments.port, tokens, tls, replays=True) as page:
+        page.show(replay.tape.name, replay.look(), replay.cloud, replay)
+        _introduce(page, arguments, tokens, tls)
+        before = time.monotonic()
+        while True:
+            time.sleep(PAGE_PERIOD)
+            for request in page.take_requests():
+                if isinstance(request, Steering):
+                    replay.steer(request.time, request.playing, request.speed)
+            now = time.monotonic()
+            replay.step(now - before)
+            before = now
+            page.show(replay.tape.name, replay.look(), replay.cloud, replay)
 
 
 def _choose_tokens(arguments: argparse.Namespace) -> 'Tokens':
@@ -211,6 +249,8 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
         description='Shows what plc_node finds, over a thin link, while the vehicle flies.',
     )
     parser.add_argument('--web', action='store_true', help='serve a live page for browsers')
+    parser.add_argument('--open', type=Path, metavar='FILE',
+                        help='replay a record of --record, or show a results folder, on the page')
     parser.add_argument('--host', default='127.0.0.1', metavar='ADDRESS',
                         help='where --web listens; for others than this machine it needs --token '
                         '(default: %(default)s)')

@@ -16,6 +16,7 @@ export class Alarms {
     this.open = [];
     this.counts = {critical: 0, warning: 0};
     this.elsewhere = 0;
+    this.silent = false; // a replay rings no bell
     this.audio = null;
     this.bar = document.getElementById('alarms');
     this.list = document.getElementById('alarm-list');
@@ -123,7 +124,7 @@ export class Alarms {
   }
 
   beep() {
-    if (this.muted || !this.audio || !this.elsewhere && !this.open.some(item => item.state === 'new')) return;
+    if (this.muted || this.silent || !this.audio || !this.elsewhere && !this.open.some(item => item.state === 'new')) return;
     const now = this.audio.currentTime;
     [880, 660].forEach((pitch, k) => {
       const tone = this.audio.createOscillator(), gain = this.audio.createGain();

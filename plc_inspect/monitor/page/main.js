@@ -4,6 +4,7 @@
 // The page of the ground station: what comes in goes to the picture, the tables and the alarms.
 
 import {Alarms, showState} from './alarms.js';
+import {showClock} from './clock.js';
 import {Scene} from './scene.js';
 import {chip, make, metres, shape, shapeSvg} from './symbols.js';
 import {Tables} from './tables.js';
@@ -45,6 +46,11 @@ const parts = {
   health: value => tables.showHealth(value),
   events: value => tables.showEvents(value),
   fleet: value => showFleet(value),
+  clock(value) {
+    alarms.silent = true;
+    showClock(value);
+    if (!value) scene.setView('overview'); // results without a flight
+  },
 };
 
 function showInstruments({near, height, heading, old}) {
@@ -135,7 +141,7 @@ const keys = {
   l: () => $('theme').click(), '?': () => $('help').showModal(),
 };
 addEventListener('keydown', event => {
-  if (event.ctrlKey || event.altKey || event.metaKey || event.target.matches('input') || document.querySelector('dialog[open]')) return;
+  if (event.ctrlKey || event.altKey || event.metaKey || event.target.matches('input:not([type=range])') || document.querySelector('dialog[open]')) return;
   const act = keys[event.key.toLowerCase()];
   if (!act) return;
   event.preventDefault(); // or the letter would go into the field that opens

@@ -16,12 +16,18 @@ import numpy as np
 from plc_inspect.monitor.picture.cloud_store import CloudStore
 from plc_inspect.monitor.picture.names import name_conductor, name_stretch
 from plc_inspect.monitor.picture.picture import Picture
+from plc_inspect.monitor.replay.replay import Replay
 from plc_inspect.monitor.web.access import NO_TOKENS, Tokens
 from plc_inspect.monitor.web.cells import pack_changed
 from plc_inspect.monitor.web.gate import Gate
 from plc_inspect.monitor.web.profile import FRAME, lay_out_profile, PROFILE_WIDTH
-from plc_inspect.monitor.web.site import Acknowledgement, Site
-from plc_inspect.monitor.web.values import format_metres, make_fleet_row, make_parts
+from plc_inspect.monitor.web.site import Acknowledgement, Site, Steering
+from plc_inspect.monitor.web.values import (
+    format_metres,
+    make_fleet_row,
+    make_parts,
+    make_replay,
+)
 
 
 class Page:
@@ -38,6 +44,8 @@ class Page:
         What browsers must show.
     tls : SSLContext or None
         Certificate of the page; None: plain HTTP.
+    replays : bool
+        It shows a flight that is over.
 
     Raises
     ------
@@ -48,12 +56,12 @@ class Page:
 
     def __init__(
         self, host: str, port: int, tokens: Tokens = NO_TOKENS,
-        tls: ssl.SSLContext | None = None,
+        tls: ssl.SSLContext | None = None, *, replays: bool = False,
     ) -> None:
         self._lock = threading.Lock()
         self._shown: dict[str, tuple[Picture, CloudStore]] = {}
         self._fleet: dict[str, Mapping[str, Any]] = {}
-        self._site = Site(self._find_profile)
+        self._site = Site(self._find_profile, replays=replays)
         self._gate = Gate(host, port, self._site, tokens, tls=tls)
         self._host, self._scheme = host, 'http' if tls is None else 'https'
 
@@ -74,7 +82,10 @@ class Page:
         host = f'[{self._host}]' if ':' in self._host else self._host
         return f'{self._scheme}://{host}:{self._gate.port}/'
 
-    def show(self, vehicle: str, picture: Picture, cloud: CloudStore) -> None:
+    def show(
+        self, vehicle: str, picture: Picture, cloud: CloudStore,
+        replay: Replay | None = None,
+    ) -> None:
         """
         Show what is known of a vehicle in all browsers that look at it.
 
@@ -86,13 +97,18 @@ class Page:
             What is known.
         cloud : CloudStore
             Its corridor.
+        replay : Replay or None
+            Of a flight that is over.
 
         """
         with self._lock:
             self._shown[vehicle] = picture, cloud
             blocks = pack_changed(cloud)
-        wall = time.time() - time.monotonic()
-        parts = make_parts(picture, vehicle, round(wall, 1))
+        if replay is None:
+            parts = make_parts(picture, vehicle, round(time.time() - time.monotonic(), 1))
+        else:
+            parts = make_parts(picture, vehicle, replay.tape.start)
+            parts |= make_replay(parts['state'], replay)
         self._fleet[vehicle] = make_fleet_row(vehicle, picture)
         rows = [self._fleet[name] for name in sorted(self._fleet)]
         rows = [row for row in rows if row['heard']] or rows
@@ -100,7 +116,7 @@ class Page:
         self._site.first = rows[0]['name']
         self._site.find_hub(vehicle).put(parts, blocks)
 
-    def take_requests(self) -> list[Acknowledgement]:
+    def take_requests(self) -> list[Acknowledgement | Steering]:
         """Return what browsers asked for since the last call."""
         requests = self._site.requests
         return [requests.popleft() for _ in range(len(requests))]

@@ -40,6 +40,16 @@ class Acknowledgement:
     who: str
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Steering:
+    """Somebody steers a replay; None: as before."""
+
+    time: float | None
+    """Where to go [s]."""
+    playing: bool | None
+    speed: float | None
+
+
 class Site:
     """
     The page and all that it asks for.
@@ -48,15 +58,17 @@ class Site:
     ----------
     find_profile : callable
         Returns the side view of a span.
+    replays : bool
+        It is of a flight that is over: its time is steered, and nothing is acknowledged.
 
     """
 
-    def __init__(self, find_profile: FindProfile) -> None:
-        self._find_profile = find_profile
+    def __init__(self, find_profile: FindProfile, *, replays: bool = False) -> None:
+        self._find_profile, self._replays = find_profile, replays
         self._hubs: dict[str, Hub] = {}
         self.first = ''
         """The vehicle of who asks for none."""
-        self.requests: deque[Acknowledgement] = deque()
+        self.requests: deque[Acknowledgement | Steering] = deque()
         """What browsers want, the oldest first; for any thread."""
 
     def find_hub(self, vehicle: str) -> Hub:
@@ -68,7 +80,10 @@ class Site:
         router.add_get('/', self._show_page)
         router.add_get('/live', self._go_live)
         router.add_get('/profile', self._show_profile)
-        router.add_post('/acknowledge', self._acknowledge)
+        if self._replays:
+            router.add_post('/time', self._steer)
+        else:
+            router.add_post('/acknowledge', self._acknowledge)
         router.add_get('/{path:.*}', self._show_file)
 
     async def _show_page(self, request: web.Request) -> web.Response:
@@ -95,7 +110,8 @@ class Site:
         socket = web.WebSocketResponse(heartbeat=HEARTBEAT, max_msg_size=1024)
         await socket.prepare(request)
         await hub.serve(socket, {
-            'vehicle': name, 'acknowledges': request['role'] is Role.ACKNOWLEDGE,
+            'vehicle': name,
+            'acknowledges': request['role'] is Role.ACKNOWLEDGE and not self._replays,
         })
         return socket
 
@@ -130,4 +146,22 @@ class Site:
         if len(self.requests) >= MOST_REQUESTS:
             raise web.HTTPServiceUnavailable
         self.requests.append(Acknowledgement(vehicle=vehicle, numbers=tuple(numbers), who=name))
+        return web.Response(status=204)
+
+    async def _steer(self, request: web.Request) -> web.Response:
+        if request['role'] is not Role.ACKNOWLEDGE:
+            return web.Response(status=403, text='this token is for viewing only')
+        try:
+            given = await request.json()
+            time, playing, speed = (given.get(name) for name in ('time', 'playing', 'speed'))
+            good = playing in (None, True, False) and all(
+                value is None or (math.isfinite(value) and value >= 0.0) for value in (time, speed)
+            )
+        except (ValueError, AttributeError, TypeError):
+            good = False
+        if not good:
+            raise web.HTTPBadRequest(reason='time and speed are numbers from 0 on')
+        if len(self.requests) >= MOST_REQUESTS:
+            raise web.HTTPServiceUnavailable
+        self.requests.append(Steering(time=time, playing=playing, speed=speed))
         return web.Response(status=204)

@@ -3,8 +3,9 @@
 
 """What is known, as the parts that the page is made of: plain values, named as the page names."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import math
+import time
 from typing import Any
 
 from plc_inspect.core.live.proximity import Level, Thing
@@ -22,6 +23,7 @@ from plc_inspect.monitor.picture.picture import (
     STALE,
     SupportItem,
 )
+from plc_inspect.monitor.replay.replay import Replay
 
 MOST_EVENTS, MOST_PAST, MOST_TRACK = 40, 30, 300
 """More are not on the page."""
@@ -95,6 +97,29 @@ def make_fleet_row(name: str, picture: Picture) -> dict[str, Any]:
         'tone': condition.tone, 'text': condition.text.partition(':')[0],
         'critical': picture.count_severities()['critical'],
         'unseen': sum(not item.seen for item in picture.alarms),
+    }
+
+
+def make_replay(state: Mapping[str, Any], replay: Replay) -> dict[str, Any]:
+    """Return the parts that a replay has beside; its state is never that of a live flight."""
+    now = time.monotonic()  # the page is not frozen when the flight stands still
+    tape = replay.tape
+    if not tape.start:
+        text = '; '.join(filter(None, (f'results of {tape.name}', tape.note)))
+        return {
+            'state': {**state, 'time': now, 'tone': 'notice', 'text': text, 'link': 'live',
+                      'old': dict.fromkeys(state['old'], False)},
+            'alarms': {'open': [], 'past': []},  # when they were raised is not known
+            'clock': None,
+        }
+    tone = 'notice' if state['tone'] == 'ok' else state['tone']
+    return {
+        'state': {**state, 'time': now, 'tone': tone, 'text': f'replay: {state["text"]}'},
+        'clock': {
+            'start': round(tape.start, 1), 'length': round(tape.length, 1),
+            'time': round(replay.time, 1), 'playing': replay.playing, 'speed': replay.speed,
+            'marks': [{'time': round(mark.time, 1), 'text': mark.text} for mark in replay.marks],
+        },
     }
 
 
@@ -227,5 +252,5 @@ def _round(value: float, digits: int = 2) -> float | None:
     return round(value, digits) if math.isfinite(value) else None
 
 
-def _time(wall: float, time: float) -> float | None:
-    return None if math.isnan(time) else round(wall + time, 1)
+def _time(wall: float, when: float) -> float | None:
+    return None if math.isnan(when) else round(wall + when, 1)

@@ -351,6 +351,25 @@ def test_tokens_are_read(tmp_path):
     assert check_tokens({}) == Tokens({})
 
 
+@pytest.mark.parametrize(('body', 'status'), [
+    ('{"time": 12.5}', 204), ('{"playing": false, "speed": 4}', 204), ('{"time": -1}', 400),
+    ('{"time": "1"}', 400), ('{"time": NaN}', 400), ('{"playing": 7}', 400), ('[]', 400),
+    ('', 400),
+])
+def test_a_replay_is_steered_and_acknowledges_nothing(body, status):
+    site = Site(lambda vehicle, key: None, replays=True)
+    site.find_hub('/plc_inspect')
+    gate = Gate('127.0.0.1', 0, site, TOKENS)
+    try:
+        head = {'Authorization': 'Bearer correct horse'}
+        assert ask(gate, '/time', 'POST', body, **head)[0] == status
+        assert len(site.requests) == (status == 204)
+        assert ask(gate, '/acknowledge', 'POST', WHO, **head)[0] == 405
+        assert ask(gate, '/time', 'POST', body, Authorization='Bearer only looking')[0] == 403
+    finally:
+        gate.close()
+
+
 def test_a_browser_gets_what_is_known_and_then_what_changes(gate, site):
     hub = site.find_hub('/plc_inspect')
     hub.put({'hazards': []}, [((0, 1), b'first'), ((0, 2), b'other')])

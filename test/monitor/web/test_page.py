@@ -4,6 +4,8 @@
 """The page in a real browser, while node, player and monitor run as processes of their own."""
 
 import contextlib
+import io
+import itertools
 import os
 from pathlib import Path
 import signal
@@ -12,7 +14,7 @@ import sys
 import threading
 import time
 
-from chrome import Chrome
+from chrome import Chrome, EYES, LEAST_DISTANCE, see, stop_playing
 import numpy as np
 from PIL import Image
 import pytest
@@ -23,10 +25,13 @@ from rig import isolate, take_domain, wait_for
 from sensor_msgs.msg import PointCloud2
 from stream_pieces import make_rows, Source
 
+from plc_inspect.colors import LOOKS
 from plc_inspect.core.live.proximity import Level, Thing
 from plc_inspect.errors import ConfigError
 from plc_inspect.messages.rows import read_rows
 from plc_inspect.monitor.picture.model import Monitor
+from plc_inspect.monitor.replay.replay import Replay
+from plc_inspect.monitor.replay.tape import Entry, Tape
 from plc_inspect.monitor.web.access import NO_TOKENS, Role, Tokens
 from plc_inspect.monitor.web.page import Page
 from plc_inspect.offline.report.browser import find_browser
@@ -55,11 +60,12 @@ WITHIN = 1.0
 
 @pytest.fixture(scope='module')
 def program():
-    """Find the browser, or say that there is none."""
+    """Find the browser, or say that there is none; what drives it ends with the module."""
     try:
-        return find_browser()
+        yield find_browser()
     except ConfigError as error:
         pytest.skip(str(error))
+    stop_playing()
 
 
 class Flight:
@@ -384,6 +390,59 @@ def test_everybody_can_use_it(station, browse):
         chrome.page.keyboard.press(key)
         problems += list_problems(chrome)
     assert problems == []
+
+
+def test_severities_on_the_screen_look_alike_to_nobody(station, browse):
+    chrome = browse(station.page.address, 1280, 800, token='only looking')
+    chrome.page.click('#legend summary')
+    found = {}
+    for name in LOOKS:
+        data = chrome.page.locator(f'#legend .shape[data-tone={name}]').screenshot()
+        pixels = np.asarray(Image.open(io.BytesIO(data)).convert('RGB')).reshape(-1, 3)
+        colors, counts = np.unique(pixels, axis=0, return_counts=True)
+        order = counts.argsort()[::-1]
+        fill = next(colors[k] for k in order if np.ptp(colors[k].astype(int)) > 40)
+        found[name] = '#{:02x}{:02x}{:02x}'.format(*fill)
+    for eye, (one, other) in itertools.product(EYES, itertools.combinations(found, 2)):
+        distance = np.linalg.norm(see(found[one], eye) - see(found[other], eye))
+        assert distance >= LEAST_DISTANCE, (eye, one, other)
+
+
+def test_a_replay_goes_where_its_time_line_is_pressed(browse):
+    source, entries = Source(), []
+    for k in range(60):
+        entries.append(Entry(time=float(k), kind='summary', data=source.summary(
+            float(k), keyframe=not k, tables=make_rows(6, int(k >= 30)))))
+    replay = Replay(Tape(name='/plc_inspect', start=1.7e9, entries=tuple(entries)))
+    ended = threading.Event()
+
+    def run(page):
+        while not ended.wait(0.1):
+            for request in page.take_requests():
+                replay.steer(request.time, request.playing, request.speed)
+            replay.step(0.1)
+            page.show('/plc_inspect', replay.look(), replay.cloud, replay)
+
+    with Page('127.0.0.1', 0, replays=True) as page:
+        page.show('/plc_inspect', replay.look(), replay.cloud, replay)
+        thread = threading.Thread(target=run, args=(page,))
+        thread.start()
+        try:
+            chrome = browse(page.address)
+            assert chrome.run(ALARMS) == []
+            assert chrome.run(STATE).startswith('replay: ')
+            chrome.page.click('#play')  # it stands still
+            chrome.page.click('#marks button')
+            chrome.wait(f'{ALARMS}.length == 1')
+            chrome.page.focus('#time')
+            chrome.page.keyboard.press('Home')
+            chrome.wait(f'{ALARMS}.length == 0')
+            assert chrome.run("document.querySelector('#time-text').textContent").endswith(
+                ', 0 of 59 s'
+            )
+        finally:
+            ended.set()
+            thread.join()
 
 
 def list_problems(chrome):

@@ -5,25 +5,12 @@
 
 from itertools import combinations
 
-from colorspacious import cspace_convert
+from chrome import EYES, LEAST_DISTANCE, see
 import numpy as np
 import pytest
 
 from plc_inspect.colors import LOOKS, parse_color
 from plc_inspect.results import Severity
-
-EYES = ('normal', 'deuteranomaly', 'protanomaly', 'tritanomaly')
-LEAST_DISTANCE = 25.0
-"""In CAM02-UCS, where 1 can just be told apart side by side; the colours before had 9."""
-
-
-def see(color, eye):
-    """Return where a colour lies in CAM02-UCS, as an eye sees it that misses a kind of cone."""
-    rgb = np.array(parse_color(color)) / 255.0
-    if eye != 'normal':
-        space = {'name': 'sRGB1+CVD', 'cvd_type': eye, 'severity': 100}
-        rgb = np.clip(cspace_convert(rgb, space, 'sRGB1'), 0.0, 1.0)
-    return cspace_convert(rgb, 'sRGB1', 'CAM02-UCS')
 
 
 def contrast(first, second):

@@ -1,0 +1,108 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""A flight once more: the same pictures, at any time of it."""
+
+from dataclasses import dataclass
+
+from plc_inspect.monitor.picture.cloud_store import CloudStore
+from plc_inspect.monitor.picture.model import Monitor
+from plc_inspect.monitor.picture.picture import Picture
+from plc_inspect.monitor.replay.tape import Entry, read_seen, Tape
+
+SPEEDS = (1.0, 4.0, 16.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mark:
+    """An alarm on the time line."""
+
+    time: float
+    """When it was raised [s]."""
+    text: str
+
+
+class Replay:
+    """
+    A tape, and where it stands.
+
+    Parameters
+    ----------
+    tape : Tape
+        All messages.
+
+    """
+
+    def __init__(self, tape: Tape) -> None:
+        self.tape = tape
+        self.cloud = CloudStore()
+        """The same at all times, so that what changes is told."""
+        self._begin()
+        self._feed(tape.length)
+        self.marks = tuple(
+            Mark(time=item.raised, text=item.cause.text)
+            for item in sorted(
+                (*self._monitor.alarms.open, *self._monitor.alarms.past),
+                key=lambda item: item.raised,
+            )
+        )
+        """Alarms of the flight, the first first."""
+        self.speed = SPEEDS[0]
+        self.playing = tape.length > 0.0
+        if self.playing:
+            self._begin()
+            self._feed(0.0)
+
+    @property
+    def time(self) -> float:
+        """Where it stands [s]."""
+        return self._time
+
+    def seek(self, time: float) -> None:
+        """Go to a time of the flight [s]; before its start or after its end, there."""
+        time = min(max(time, 0.0), self.tape.length)
+        if time < self._time:
+            self._begin()
+        self._feed(time)
+
+    def steer(self, time: float | None, playing: bool | None, speed: float | None) -> None:
+        """Go to a time, play or stand still, at a speed; None: as before."""
+        if speed is not None:
+            self.speed = min(max(speed, SPEEDS[0]), SPEEDS[-1])
+        if time is not None:
+            self.seek(time)
+        if playing is not None:
+            if playing and self._time >= self.tape.length:
+                self.seek(0.0)
+            self.playing = playing
+
+    def step(self, seconds: float) -> None:
+        """Play on for so long, and stop at the end [s]."""
+        if self.playing:
+            self.seek(self._time + seconds * self.speed)
+            self.playing = self._time < self.tape.length
+
+    def look(self) -> Picture:
+        """Return what was known at that time."""
+        return self._monitor.look(self._time)
+
+    def _begin(self) -> None:
+        self.cloud.clear()
+        self._monitor = Monitor()
+        self._monitor.cloud = self.cloud
+        self._next, self._time = 0, 0.0
+
+    def _feed(self, time: float) -> None:
+        entries = self.tape.entries
+        while self._next < len(entries) and entries[self._next].time <= time:
+            self._take(entries[self._next])
+            self._next += 1
+        self._time = time
+
+    def _take(self, entry: Entry) -> None:
+        if entry.kind == 'summary':
+            self._monitor.take_summary(entry.data, entry.time)
+        elif entry.kind == 'cloud':
+            self._monitor.take_cloud(entry.data, entry.time)
+        elif (seen := read_seen(entry.data)) is not None:
+            self._monitor.acknowledge([seen[0]], seen[1], entry.time)

@@ -1,0 +1,196 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The stream of a flight that is over, from a record or from a results folder."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+import json
+from pathlib import Path
+import struct
+from typing import Any
+
+from mcap.exceptions import McapError
+from mcap.reader import NonSeekingReader
+import numpy as np
+from rosbags.typesys import get_typestore, Stores
+
+from plc_inspect.errors import DataError
+from plc_inspect.offline.records.results_reader import (
+    parse_hazard,
+    parse_span,
+    parse_units,
+    read_points,
+    read_table,
+    understanding,
+)
+from plc_inspect.printable import make_one_line
+from plc_inspect.results import Float32, Float64, Support, UInt8
+from plc_inspect.stream.blocks import BlockKey, pack_blocks, thin_points, UInt64
+from plc_inspect.stream.frame import CLOUD, Frame, pack_frame
+from plc_inspect.stream.summary import make_tables, Status, SummaryWriter
+
+SUMMARY_TAIL, CLOUD_TAIL, SEEN_TAIL = '/summary', '/thin_corridor', '/acknowledged'
+VOXEL = 0.5
+"""Points of a results folder are thinned to cells of this edge [m], as the node does."""
+BLOCKS_AT_ONCE = 200
+FARTHEST, ROUND = 2_000_000.0, 1000.0
+"""
+The stream counts millimetres in 32 bits: coordinates beyond are counted from a round place [m].
+"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Entry:
+    """One message."""
+
+    time: float
+    """Since the first [s]."""
+    kind: str
+    """'summary', 'cloud' or 'seen'."""
+    data: bytes
+    """Of the stream; of 'seen' JSON."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tape:
+    """All messages of a flight."""
+
+    name: str
+    """Of the node, or of the folder."""
+    start: float
+    """Time of day of the first [s since 1970]; 0 where it is not known."""
+    entries: tuple[Entry, ...]
+    note: str = ''
+    """What is to be known beside."""
+
+    @property
+    def length(self) -> float:
+        """Time of the last message [s]."""
+        return self.entries[-1].time
+
+
+def read_tape(path: Path) -> Tape:
+    """
+    Read a record of ``plc_monitor --record``, or a results folder.
+
+    Parameters
+    ----------
+    path : Path
+        MCAP file, or folder.
+
+    Returns
+    -------
+    Tape
+
+    Raises
+    ------
+    DataError
+        It is neither, or damaged before its first summary.
+
+    """
+    return _read_folder(path) if path.is_dir() else _read_record(path)
+
+
+def _read_record(path: Path) -> Tape:
+    found: list[tuple[int, str, str, bytes]] = []
+    store = get_typestore(Stores.ROS2_JAZZY)
+    kinds = {SUMMARY_TAIL: 'summary', CLOUD_TAIL: 'cloud', SEEN_TAIL: 'seen'}
+    try:
+        with path.open('rb') as stream:
+            for schema, channel, message in NonSeekingReader(stream).iter_messages():
+                tail = '/' + channel.topic.rpartition('/')[2]
+                if tail not in kinds or schema is None:
+                    continue
+                message_found: Any = store.deserialize_cdr(message.data, schema.name)
+                value = message_found.data
+                data = value.encode() if isinstance(value, str) else value.tobytes()
+                found.append((message.log_time, kinds[tail], channel.topic, data))
+    except (OSError, McapError, KeyError, ValueError, struct.error) as error:
+        raise DataError(f'{path} cannot be read: {make_one_line(error)}') from error
+    names = [topic.removesuffix(SUMMARY_TAIL) for _, kind, topic, _ in found if kind == 'summary']
+    if not names:
+        raise DataError(f'{path} holds no {SUMMARY_TAIL[1:]}: it is no record of plc_monitor')
+    found.sort(key=lambda item: item[0])
+    first = found[0][0]
+    return Tape(name=names[0], start=first * 1e-9, entries=tuple(
+        Entry(time=(stamp - first) * 1e-9, kind=kind, data=data) for stamp, kind, _, data in found
+    ))
+
+
+def _read_folder(folder: Path) -> Tape:
+    spans, supports, hazards = (
+        read_table(folder, name) for name in ('spans', 'supports', 'hazards')
+    )
+    with understanding(folder / 'spans.json'):
+        units = parse_units(spans['metres_per_unit'])
+        own = [(parse_span(row, units), True) for row in spans['spans']]
+        frame = str(spans['frame_id'] or spans['crs'] or '')
+    with understanding(folder / 'hazards.json'):
+        raised = [parse_hazard(row, units) for row in hazards['hazards']]
+    with understanding(folder / 'supports.json'):
+        standing = [
+            Support(
+                support_id=row['support_id'], kind=row['kind'], line_ids=tuple(row['lines']),
+                position=units.to_metres(np.array(row['position'], np.float64)),
+                height=(row['height'] or 0.0) * units.vertical,
+            ) for row in supports['supports']
+        ]
+    las, points = read_points(folder, 'clearance')
+    points = units.to_metres(points)
+    shift = _find_shift([span.start for span, _ in own] or list(points[:1]))
+    note = f'positions from {shift[0]:.0f} {shift[1]:.0f}' if shift.any() else ''
+    own = [(
+        replace(span, start=span.start - shift, end=span.end - shift, lowest=span.lowest - shift),
+        finished,
+    ) for span, finished in own]
+    raised = [replace(item, position=item.position - shift) for item in raised]
+    standing = [replace(item, position=item.position - shift) for item in standing]
+    points = points - shift
+    kind = np.asarray(las.classification, dtype=np.uint8)
+    clearance = (np.asarray(las['clearance'], np.float64) * units.horizontal).astype(np.float32)
+    writer = SummaryWriter(0)
+    summary = writer.write(
+        make_tables(own, standing, raised), Status(stamp_ns=1, tick_uptime=0.0, health_uptime=0.0),
+        (frame, '', '', ''), 0.0, keyframe=True,
+    )
+    clouds = tuple(
+        Entry(time=0.0, kind='cloud', data=data)
+        for data in _pack_points(points, kind, clearance)
+    )
+    return Tape(name=folder.resolve().name, start=0.0, note=note, entries=(
+        Entry(time=0.0, kind='summary', data=summary), *clouds
+    ))
+
+
+def _find_shift(places: list[Float64]) -> Float64:
+    """Return what is taken from all places (3,) [m]: nothing where they are near enough."""
+    if not places or np.abs(places).max() <= FARTHEST:
+        return np.zeros(3)
+    first = np.floor(np.min(places, axis=0) / ROUND) * ROUND
+    return np.array([first[0], first[1], 0.0])
+
+
+def _pack_points(points: Float64, kind: UInt8, clearance: Float32) -> Iterator[bytes]:
+    """Return the corridor: points with a clearance, as messages of the stream."""
+    near = np.isfinite(clearance)
+    cells = thin_points(points[near], kind[near], clearance[near], VOXEL)
+    blocks: list[tuple[BlockKey, UInt64]] = [
+        ((int(key[0]), int(key[1])), cells.codes[low:high])
+        for key, low, high in zip(cells.blocks, cells.starts, cells.starts[1:], strict=False)
+    ]
+    for number, first in enumerate(range(0, len(blocks), BLOCKS_AT_ONCE)):
+        part = dict(blocks[first:first + BLOCKS_AT_ONCE])
+        yield pack_frame(Frame(
+            kind=CLOUD, flags=0, session=0, sequence=number, uptime=0.0,
+            body=pack_blocks(part, overview=False, voxel=VOXEL, total=len(blocks)),
+        ))
+
+
+def read_seen(data: bytes) -> tuple[int, str] | None:
+    """Return number of an alarm and who has seen it, None where a note is not understood."""
+    try:
+        note = json.loads(data)
+        return int(note['alarm']), str(note['who'])
+    except (ValueError, KeyError, TypeError):
+        return None

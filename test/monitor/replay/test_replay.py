@@ -1,0 +1,160 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""A flight that is over is shown as it was, at every time of it."""
+
+import dataclasses
+import json
+import math
+
+from factories import make_inspection
+import numpy as np
+import pytest
+from stream_pieces import make_rows, Source
+
+from plc_inspect.errors import DataError
+from plc_inspect.monitor import command
+from plc_inspect.monitor.picture.model import Monitor
+from plc_inspect.monitor.record import recorder as recorder_module
+from plc_inspect.monitor.record.recorder import Recorder
+from plc_inspect.monitor.replay.replay import Replay
+from plc_inspect.monitor.replay.tape import Entry, read_tape, Tape
+from plc_inspect.monitor.web.values import make_parts, make_replay
+from plc_inspect.offline.export.results_folder import write_results
+
+SECONDS = 40
+
+
+def make_tape(tables):
+    """Return a tape with a summary each second; tables by the second from which they hold."""
+    source, entries = Source(), []
+    now = make_rows(6, 0)
+    for k in range(SECONDS + 1):
+        now = tables.get(k, now)
+        entries.append(Entry(time=float(k), kind='summary', data=source.summary(
+            float(k), keyframe=k % 20 == 0, tables=now)))
+        if k in (3, 30):
+            entries.append(Entry(time=float(k), kind='cloud', data=source.cloud(
+                float(k), [[100.0 * k, 2.0, 3.0]])))
+    return Tape(name='/plc_inspect', start=1.7e9, entries=tuple(entries))
+
+
+@pytest.fixture
+def replay():
+    """Return a flight with a hazard from 10 s to 20 s that somebody saw at 12 s."""
+    tape = make_tape({10: make_rows(6, 1), 20: make_rows(6, 0)})
+    seen = Entry(time=12.0, kind='seen', data=json.dumps({'alarm': 1, 'who': 'Anna'}).encode())
+    entries = sorted([*tape.entries, seen], key=lambda entry: entry.time)
+    return Replay(dataclasses.replace(tape, entries=tuple(entries)))
+
+
+def test_each_time_is_shown_as_it_was(replay):
+    assert [(mark.time, mark.text[:8]) for mark in replay.marks] == [(10.0, 'hazard 0')]
+    for time, states, past in ((5.0, [], 0), (11.0, ['new'], 0), (15.0, ['acknowledged'], 0),
+                               (25.0, [], 1), (11.0, ['new'], 0), (0.0, [], 0)):
+        replay.seek(time)
+        picture = replay.look()
+        assert [alarm.state for alarm in picture.alarms] == states
+        assert len(picture.past_alarms) == past
+        assert len(picture.hazards) == (1 if 10.0 <= time < 20.0 else 0)
+        assert picture.vehicle[0] == 10.0 + time
+
+
+def test_what_is_not_known_yet_is_taken_from_the_picture_again(replay):
+    replay.seek(35.0)
+    assert len(replay.cloud.list_homes()) == 2
+    late = set(replay.cloud.take_changed())
+    replay.seek(5.0)
+    assert len(replay.cloud.list_homes()) == 1
+    assert late <= set(replay.cloud.take_changed())  # what is gone is told too
+
+
+def test_it_plays_to_the_end_and_again(replay):
+    assert replay.playing
+    replay.steer(None, None, 4.0)
+    replay.step(2.0)
+    assert replay.time == 8.0
+    replay.steer(None, False, None)
+    replay.step(2.0)
+    assert replay.time == 8.0
+    replay.steer(38.0, True, 1e9)
+    replay.step(5.0)
+    assert (replay.time, replay.playing, replay.speed) == (SECONDS, False, 16.0)
+    replay.steer(None, True, None)
+    assert (replay.time, replay.playing) == (0.0, True)
+    replay.seek(-5.0)
+    assert replay.time == 0.0
+
+
+def test_a_replay_never_looks_live(replay):
+    for time in range(SECONDS):
+        replay.seek(float(time))
+        parts = make_parts(replay.look(), '/plc_inspect', replay.tape.start)
+        state = make_replay(parts['state'], replay)['state']
+        assert state['tone'] != 'ok'
+        assert state['text'].startswith('replay: ')
+
+
+def test_a_record_is_read_back(tmp_path, monkeypatch):
+    monkeypatch.setattr(recorder_module, 'FLUSH_PERIOD', 0.0)
+    path, source, monitor = tmp_path / 'flight.mcap', Source(), Monitor()
+    with Recorder(path, '/two/plc_inspect') as recorder:
+        for k in range(3):
+            data = source.summary(5.0 + k, keyframe=not k, tables=make_rows(4 + k, 1))
+            recorder.take('summary', data)
+            monitor.take_summary(data, 100.0 + k)
+        recorder.take('cloud', source.cloud(5.0, [[10.0, 2.0, 30.0]]))
+        for alarm in monitor.acknowledge([1], 'Anna', 103.0):
+            recorder.note(alarm)
+    tape = read_tape(path)
+    assert tape.name == '/two/plc_inspect'
+    assert tape.start > 1.7e9
+    assert [entry.kind for entry in tape.entries] == ['summary'] * 3 + ['cloud', 'seen']
+    replay = Replay(tape)
+    replay.seek(math.inf)
+    picture = replay.look()
+    assert len(picture.spans) == 6
+    assert picture.alarms[0].who == 'Anna'
+    assert picture.cloud_cells == 1
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-300])
+    with pytest.raises(DataError, match='cannot be read: '):
+        read_tape(path)
+
+
+@pytest.mark.parametrize('origin', [(0.0, 0.0, 0.0), (500_000.0, 5_650_000.0, 100.0)])
+def test_a_results_folder_is_shown(tmp_path, origin):
+    inspection = make_inspection(np.array(origin))
+    write_results(tmp_path / 'out', inspection)
+    tape = read_tape(tmp_path / 'out')
+    replay = Replay(tape)
+    assert not replay.playing
+    picture = replay.look()
+    result = inspection.result
+    assert {item.key for item in picture.spans} == {
+        (span.line_id, span.span_id) for span in result.spans
+    }
+    shift = np.array([*map(float, tape.note.split()[2:]), 0.0]) if tape.note else np.zeros(3)
+    assert tape.note.startswith('positions from ') == any(origin)
+    assert np.abs(shift - origin).max() <= 1000.0
+    for hazard, item in zip(result.hazards, picture.hazards, strict=True):
+        np.testing.assert_allclose(item.position, hazard.position - shift, atol=2e-3)
+        assert item.clearance == pytest.approx(hazard.clearance, abs=1e-3)
+    assert len(picture.supports) == len(result.supports)
+    assert picture.cloud_cells > 0
+    parts = make_parts(picture, tape.name, tape.start)
+    assert make_replay(parts['state'], replay)['clock'] is None
+
+
+def test_what_is_no_record_is_told(tmp_path, capsys):
+    other = tmp_path / 'text.mcap'
+    other.write_text('no record')
+    with pytest.raises(DataError, match=r'text\.mcap cannot be read'):
+        read_tape(other)
+    with pytest.raises(DataError, match='no results folder'):
+        read_tape(tmp_path)
+    assert command.main(['--open', str(tmp_path / 'nothing')]) == 2
+    assert command.main(['--open', str(other), '--once']) == 2
+    said = capsys.readouterr().err
+    assert 'nothing cannot be read: ' in said
+    assert '--open replays on the page' in said
