@@ -14,6 +14,8 @@ import {corners, make, metres, table} from './symbols.js';
 const UNIT = 0.01;
 // Points drawn: fewer where frames take longer than 50 ms, more where they take less than 25 ms.
 const LEAST_POINTS = 20000, MOST_POINTS = 600000, SLOW = 50, QUICK = 25;
+// Where fewer points do not help the picture gets coarser, down to so many pixels for each of the screen.
+const COARSEST = 0.6, FINEST = 1.5;
 const MOST_LABELS = 8;
 const BEHIND = [-30, 22], NEAR = [-13, 9];
 const VEHICLE = 0x3f8fe0, TOWER = 0x9999a6, GROUND = 0x8a6d5a;
@@ -35,6 +37,7 @@ export class Scene {
     this.parts = {};
     this.budget = 150000;
     this.total = 0;
+    this.finest = FINEST;
     this.renderer = new THREE.WebGLRenderer({canvas, antialias: true});
     this.scene = new THREE.Scene();
     this.scene.add(new THREE.AmbientLight(0xffffff, 1.6));
@@ -67,7 +70,7 @@ export class Scene {
 
   resize() {
     const box = this.canvas.parentElement;
-    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 1.5));
+    this.renderer.setPixelRatio(Math.min(devicePixelRatio, this.finest));
     this.renderer.setSize(box.clientWidth, box.clientHeight, false);
     this.camera.aspect = box.clientWidth / Math.max(box.clientHeight, 1);
     this.camera.updateProjectionMatrix();
@@ -379,7 +382,10 @@ export class Scene {
     const spent = performance.now() - began;
     this.spent = spent;
     const drawn = Math.min(this.budget, this.total);
-    if (spent > SLOW) this.budget = Math.max(LEAST_POINTS, Math.round(drawn * 0.8));
+    if (spent > SLOW && this.budget <= LEAST_POINTS && this.finest > COARSEST) {
+      this.finest = Math.max(COARSEST, Math.min(this.finest, devicePixelRatio) * 0.85);
+      this.resize();
+    } else if (spent > SLOW) this.budget = Math.max(LEAST_POINTS, Math.round(drawn * 0.8));
     else if (spent < QUICK && this.budget < this.total) this.budget = Math.min(MOST_POINTS, Math.round(this.budget * 1.1));
   }
 
