@@ -148,10 +148,50 @@ def find_cloud_frame(points: Float64) -> CloudFrame:
     own = np.ascontiguousarray(points, dtype=np.float64)
     own = own if own.flags.writeable else own.copy()
     first = _find_first(own)
-    if first < 0:
+    reference = own[max(first, 0)].copy() if first >= 0 else np.zeros(3)
+    return derive_frame(reference, sum_moments(own, reference))
+
+
+def sum_moments(points: Float64, reference: Float64) -> Float64:
+    """
+    Return what fixes the frame of a cloud; that of parts of it adds up.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Map frame, contiguous and writeable [m]; rows that are not finite are left out.
+    reference : (3,) float64
+        Near the points, the same for all parts [m].
+
+    Returns
+    -------
+    (NUM_SUMS,) float64
+        Number of points, and sums of coordinates and their products from the reference.
+
+    """
+    result: Float64 = _sum(points, reference)
+    return result
+
+
+def derive_frame(reference: Float64, sums: Float64) -> CloudFrame:
+    """
+    Return the frame of a cloud from what `sum_moments` gives of it, or of all its parts.
+
+    Parameters
+    ----------
+    reference : (3,) float64
+        That of the sums [m].
+    sums : (NUM_SUMS,) float64
+        Of all points.
+
+    Returns
+    -------
+    CloudFrame
+
+    """
+    num, x, y, z, xx, xy, yy, xxx, xxy, xyy, yyy = sums.tolist()
+    if num == 0:
         return CloudFrame(origin=np.zeros(3), azimuth=0.0)
-    reference = own[first].copy()
-    num, x, y, z, xx, xy, yy, xxx, xxy, xyy, yyy = _sum(own, reference).tolist()
     x, y, z = x / num, y / num, z / num
     var_x, cov, var_y = xx / num - x * x, xy / num - x * y, yy / num - y * y
     axis = math.atan2(2.0 * cov, var_x - var_y) / 2.0

@@ -40,6 +40,7 @@ from plc_inspect.core.stage_reports import (
     report_outliers,
     report_supports,
 )
+from plc_inspect.core.whole import make_draws, unpack, Whole
 from plc_inspect.results import Float64
 
 
@@ -75,7 +76,11 @@ class _Hung:
 
 
 def find_lines(
-    points: Float64, settings: Settings, log: StageLog, east: Float64 = EAST
+    points: Float64,
+    settings: Settings,
+    log: StageLog,
+    east: Float64 = EAST,
+    whole: Whole | None = None,
 ) -> FoundLines:
     """
     Run the stages from the height histogram to the supports.
@@ -90,25 +95,30 @@ def find_lines(
         Takes the reports; what its memory knows is not computed again.
     east : (2,) float64
         Unit vector in plan; lines and spans are numbered along it.
+    whole : Whole or None
+        The cloud of which these points are a part, in whose frame they are.
 
     Returns
     -------
     FoundLines
 
     """
-    rng = np.random.default_rng(0)
+    rng = make_draws(settings, whole)
+    region, peak, anchored, usual = unpack(whole)
 
     # High elevation extraction: heights above local ground, and what is high enough for a wire.
     surface_settings = settings.height.cell_size, settings.height.max_slope_deg
     surface = log.recall(
-        'surface', surface_settings, lambda: measure_surface(points, settings.height)
+        'surface', surface_settings,
+        lambda: measure_surface(points, settings.height, region=region),
     )
     height = log.run(
-        settings.height, lambda: extract_high(points, settings.height, surface=surface),
+        settings.height,
+        lambda: extract_high(points, settings.height, surface=surface, peak=peak),
         lambda result: report_height(result, log.num_strays),
     )
     cloud = log.recall_after(
-        'cloud', settings.segment.min_points, lambda: _gather(points, height, settings)
+        'cloud', settings.segment.min_points, lambda: _gather(points, height, settings, anchored)
     )
 
     # Eqs. 1 to 3: places where points lie along a line, at several scales.
@@ -128,7 +138,8 @@ def find_lines(
 
     # Filt_thres: candidates far from all others are no wire.
     outliers = log.run(
-        settings.outliers, lambda: remove_outliers(candidates.position, settings.outliers),
+        settings.outliers,
+        lambda: remove_outliers(candidates.position, settings.outliers, usual),
         report_outliers,
     )
     inliers = candidates.select(outliers.keep)
@@ -162,7 +173,8 @@ def find_lines(
     hung = log.run(
         None,
         lambda: _hang(
-            *_revise(points, height, cloud, conductors, settings), inliers, settings, rng, east
+            *_revise(points, height, cloud, conductors, settings, whole), inliers, settings, rng,
+            east,
         ),
         lambda result: report_supports(result.layout, result.spans),
     )
@@ -186,9 +198,11 @@ def _find_sight(height: HeightResult) -> Sight:
     return Sight(seen=height.ground_seen, origin=height.origin, cell_size=height.cell_size)
 
 
-def _gather(points: Float64, height: HeightResult, settings: Settings) -> OffGround:
+def _gather(
+    points: Float64, height: HeightResult, settings: Settings, anchored: Float64 | None
+) -> OffGround:
     """Points off the ground; too few points have no high ones among them."""
-    cloud = gather_off_ground(points, height, settings.height.beta / 2)
+    cloud = gather_off_ground(points, height, settings.height.beta / 2, anchored)
     if len(points) - height.num_not_finite < settings.segment.min_points:
         return replace(cloud, high=cloud.high[:0])
     return cloud
@@ -200,12 +214,14 @@ def _revise(
     cloud: OffGround,
     conductors: ConductorResult,
     settings: Settings,
+    whole: Whole | None,
 ) -> tuple[HeightResult, OffGround, ConductorResult]:
     """Find the ground anew below the conductors, and with it the points off the ground."""
-    revised = revise_ground(points, height, conductors.curves, settings.height)
+    region, _, anchored, _ = unpack(whole)
+    revised = revise_ground(points, height, conductors.curves, settings.height, region)
     if revised is height:
         return height, cloud, conductors
-    own = gather_off_ground(points, revised, settings.height.beta / 2)
+    own = gather_off_ground(points, revised, settings.height.beta / 2, anchored)
     wire = np.zeros(own.num_total, dtype=np.bool_)
     wire[cloud.place] = conductors.wire
     return revised, own, replace(

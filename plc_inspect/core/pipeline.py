@@ -3,6 +3,8 @@
 
 """The pipeline: from one cloud to conductors, corridor and hazards."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from plc_inspect.config import Settings
@@ -24,6 +26,7 @@ from plc_inspect.core.spans.route import EAST
 from plc_inspect.core.stage_log import Progress, StageLog, StageMemory
 from plc_inspect.core.stage_reports import report_corridor, report_hazards
 from plc_inspect.core.trace import Trace
+from plc_inspect.core.whole import Whole
 from plc_inspect.errors import DataError
 from plc_inspect.results import Float64, InspectionResult
 
@@ -71,6 +74,33 @@ class Pipeline:
         trace = self._trace(points, log, frame.east)
         return frame.leave_result(trace.result, trace.offending)
 
+    def run_part(
+        self, points: Float64, whole: Whole, progress: Progress | None = None
+    ) -> InspectionResult:
+        """
+        Find what `run` does, in a part of a cloud, as it is in the whole.
+
+        Parameters
+        ----------
+        points : (N, 3) float64, map frame, z up [m]
+            The points of the whole in some area, in their order; strays of the whole are NaN.
+        whole : Whole
+            What is known of it.
+        progress : callable or None
+            As for `run`.
+
+        Returns
+        -------
+        InspectionResult
+            That of the whole away from the edge of the part, but for numbers of lines and spans;
+            up to rounding.
+
+        """
+        frame = whole.frame
+        own = frame.enter(_check(points))
+        trace = self._trace(own, StageLog(progress), frame.east, whole)
+        return frame.leave_result(trace.result, trace.offending)
+
     def trace(
         self, points: Float64, progress: Progress | None = None, east: Float64 = EAST
     ) -> Trace:
@@ -84,8 +114,10 @@ class Pipeline:
         points, log.num_strays = leave_out_strays(_check(points))
         return self._trace(points, log, east)
 
-    def _trace(self, points: Float64, log: StageLog, east: Float64) -> Trace:
-        lines = find_lines(points, self.settings, log, east)
+    def _trace(
+        self, points: Float64, log: StageLog, east: Float64, whole: Whole | None = None
+    ) -> Trace:
+        lines = find_lines(points, self.settings, log, east, whole)
         height, spans = lines.height.height, lines.spans
 
         # Eq. 9: what is near the conductors, at least as far as a rule or a stray reaches.
@@ -103,6 +135,8 @@ class Pipeline:
 
         # Hazards, and with them what the points about the conductors are.
         nearby = choose_surroundings(height, spans, corridor)
+        if whole is not None:
+            nearby = replace(nearby, of_part=True)
         found, labels = log.run(
             None,
             lambda: self._judge(points, lines, corridor, nearby),

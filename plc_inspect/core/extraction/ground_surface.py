@@ -24,6 +24,16 @@ STRETCH = 2048
 Points whose heights are worked out together.
 Source: numerical: what they need stays in the cache; time alone depends on it.
 """
+EDGE = 20.0
+"""
+Room about the points of a part of a cloud, unless the whole ends there [m].
+Source: derived: AREAL_REACH cells and more, as the edge of the grid counts for the ground.
+"""
+BLOCK_CELLS = 64
+"""
+Cells of the ground of a part are numbered from a multiple of this in the whole.
+Source: derived: a power of two, so that gaps of 64 cells are filled from the same means.
+"""
 LANES = 16
 """
 Extremes kept side by side, so that none waits for the one before.
@@ -48,7 +58,10 @@ class Surface:
 
 
 def measure_surface(
-    points: Float64, settings: HeightSettings, airborne: Bool | None = None
+    points: Float64,
+    settings: HeightSettings,
+    airborne: Bool | None = None,
+    region: Float64 | None = None,
 ) -> Surface:
     """
     Estimate the ground, and the heights of all points above it.
@@ -63,6 +76,9 @@ def measure_surface(
         Settings of this stage.
     airborne : (N,) bool or None
         Points that cannot be ground.
+    region : (2, 2) float64 or None
+        Least and greatest x and y of the whole cloud, of which these points are a part [m].  The
+        cells then lie as those of the whole do, however large it is.
 
     Returns
     -------
@@ -80,7 +96,10 @@ def measure_surface(
             origin=np.zeros(2),
             cell_size=settings.cell_size,
         )
-    low[:2] = np.floor(low[:2] / settings.cell_size) * settings.cell_size
+    if region is None:
+        low[:2] = np.floor(low[:2] / settings.cell_size) * settings.cell_size
+    else:
+        _lay_out(low, high, region, settings.cell_size)
     extent = high[:2] - low[:2]
     cell = max(settings.cell_size, math.sqrt(float(extent[0] * extent[1]) / MAX_CELLS))
     per_cell = 1.0 / cell  # multiplied by as in the kernel, or a place could lie beyond the grid
@@ -99,6 +118,14 @@ def measure_surface(
         origin=low[:2],
         cell_size=cell,
     )
+
+
+def _lay_out(low: Float64, high: Float64, region: Float64, cell: float) -> None:
+    """Widen the bounds of a part so that its cells, and blocks of them, are those of the whole."""
+    first = np.floor(region[0] / cell) * cell
+    blocks = np.floor((low[:2] - EDGE - first) / (BLOCK_CELLS * cell))
+    low[:2] = first + np.maximum(blocks, 0.0) * BLOCK_CELLS * cell
+    high[:2] = np.minimum(np.maximum(high[:2] + EDGE, low[:2]), np.maximum(region[1], high[:2]))
 
 
 @njit(cache=True, nogil=True, inline='always')

@@ -52,6 +52,7 @@ def extract_high(
     settings: HeightSettings,
     airborne: Bool | None = None,
     surface: Surface | None = None,
+    peak: float | None = None,
 ) -> HeightResult:
     """
     Find the points that stand high above the ground below them.
@@ -72,6 +73,8 @@ def extract_high(
         Points that cannot be ground.
     surface : Surface or None
         That of these points, where it is known already.
+    peak : float or None
+        Where the histogram has its peak [m], if these points are a part of a cloud.
 
     Returns
     -------
@@ -86,11 +89,10 @@ def extract_high(
     if extremes[0] > extremes[1]:  # no ground known anywhere
         known = np.asarray(np.isfinite(points).all(axis=1))
         return _without_ground(surface, known, -math.inf, settings)
-    top = max(float(extremes[1]), settings.beta)
-    bottom = max(float(extremes[0]), -top)
-    edges = np.linspace(bottom, top, settings.num_bins + 1)
-    histogram = _histogram(height, bottom, top, settings.num_bins).sum(axis=0)
-    peak = _ground_peak(histogram, edges, settings.beta)
+    edges = lay_edges(extremes, settings)
+    histogram = count_heights(height, edges)
+    if peak is None:
+        peak = find_ground_peak(histogram, edges, settings.beta)
     threshold = peak + settings.beta
     return HeightResult(
         height=height,
@@ -104,6 +106,19 @@ def extract_high(
         origin=surface.origin,
         cell_size=surface.cell_size,
     )
+
+
+def lay_edges(extremes: Float32 | Float64, settings: HeightSettings) -> Float64:
+    """Return the (num_bins + 1,) edges of the histogram for least and greatest height [m]."""
+    top = max(float(extremes[1]), settings.beta)
+    bottom = max(float(extremes[0]), -top)
+    return np.linspace(bottom, top, settings.num_bins + 1)
+
+
+def count_heights(height: Float32, edges: Float64) -> Int64:
+    """Return the histogram of heights [m]; that of parts of a cloud adds up."""
+    counts: Int64 = _histogram(height, float(edges[0]), float(edges[-1]), len(edges) - 1)
+    return counts.sum(axis=0)
 
 
 def ground_at(
@@ -185,7 +200,7 @@ def _without_ground(
     )
 
 
-def _ground_peak(histogram: Int64, edges: Float64, beta: float) -> float:
+def find_ground_peak(histogram: Int64, edges: Float64, beta: float) -> float:
     """Return the height of the fullest bin near the ground surface, 0 where there is none."""
     centers = (edges[:-1] + edges[1:]) / 2
     near = np.abs(centers) < min(MAX_PEAK, PEAK_SHARE * beta)

@@ -66,7 +66,9 @@ class OffGround:
         return result
 
 
-def gather_off_ground(points: Float64, height: HeightResult, least: float) -> OffGround:
+def gather_off_ground(
+    points: Float64, height: HeightResult, least: float, anchor: Float64 | None = None
+) -> OffGround:
     """
     Copy the points off the ground, sorted by plan cell; O(N).
 
@@ -78,6 +80,8 @@ def gather_off_ground(points: Float64, height: HeightResult, least: float) -> Of
         Of these points.
     least : float
         Points this high above the ground are off it, and all that are high [m].
+    anchor : (2,) float64 or None
+        A corner of the plan cells, where these points are a part of a cloud [m].
 
     Returns
     -------
@@ -85,7 +89,7 @@ def gather_off_ground(points: Float64, height: HeightResult, least: float) -> Of
 
     """
     off = find_true(_are_off(height.height, height.high, least))
-    index = build_plan_index(points, off, CELL)
+    index = build_plan_index(points, off, CELL, anchor)
     own, own_height, is_high = _take(points, height.height, height.high, index.order)
     return OffGround(
         points=own,

@@ -34,7 +34,9 @@ class OutlierResult:
     """Greatest mean distance of an inlier [m]."""
 
 
-def remove_outliers(positions: Float64, settings: OutlierSettings) -> OutlierResult:
+def remove_outliers(
+    positions: Float64, settings: OutlierSettings, usual: tuple[float, float] | None = None
+) -> OutlierResult:
     """
     Drop positions whose mean distance to their neighbours is unusually great.
 
@@ -48,6 +50,8 @@ def remove_outliers(positions: Float64, settings: OutlierSettings) -> OutlierRes
         Coordinates [m].
     settings : OutlierSettings
         Settings of this stage.
+    usual : tuple of float or None
+        Mean and standard deviation of all, where these positions are a part of them [m].
 
     Returns
     -------
@@ -58,15 +62,21 @@ def remove_outliers(positions: Float64, settings: OutlierSettings) -> OutlierRes
     if len(positions) <= num:
         keep = np.ones(len(positions), dtype=bool)
         return OutlierResult(keep=keep, mean=0.0, sigma=0.0, threshold=np.inf)
+    average = measure_spacing(positions, num)
+    mean, sigma = usual or (float(average.mean()), float(average.std()))
+    threshold = mean + settings.sigma * sigma
+    return OutlierResult(keep=average <= threshold, mean=mean, sigma=sigma, threshold=threshold)
+
+
+def measure_spacing(positions: Float64, num: int) -> Float64:
+    """Return the (M,) mean distance of each position to its ``num`` nearest others [m]."""
     index = build_plan_index(positions, np.arange(len(positions)), CELL)
     average = np.empty(len(positions))
     average[index.order] = _measure_averages(
         np.ascontiguousarray(positions[index.order].T), index.start, index.origin,
         index.cell_size, index.shape[0], index.shape[1], num,
     )
-    mean, sigma = float(average.mean()), float(average.std())
-    threshold = mean + settings.sigma * sigma
-    return OutlierResult(keep=average <= threshold, mean=mean, sigma=sigma, threshold=threshold)
+    return average
 
 
 @njit(cache=True, parallel=True, nogil=True, error_model='numpy')

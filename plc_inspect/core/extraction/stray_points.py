@@ -8,6 +8,8 @@ A single point 100 km away would make the cells of the ground so large that the 
 conductors comes out too low.
 """
 
+from dataclasses import dataclass
+
 from numba import njit
 import numpy as np
 
@@ -53,17 +55,49 @@ def leave_out_strays(points: Float64) -> tuple[Float64, int]:
     num_strays = 0
     while True:
         low, high, num_finite = bounds(points)
-        extent = high - low
-        if not num_finite or extent.max() <= STRAY_GAP:
+        grid = lay_stray_grid(low, high) if num_finite else None
+        if grid is None:
             return points, num_strays
-        cell = max(STRAY_GAP, float((extent / MOST_CELLS).max()))
-        shape = np.minimum(extent / cell, MOST_CELLS - 1).astype(np.int64) + 1
-        counts = _count(points, low, cell, shape)
-        stray = _find_groups(counts.reshape(shape))
+        stray = grid.find_strays(grid.count(points))
         if not stray.any():
             return points, num_strays
         points = points.copy()
-        num_strays += _erase(points, low, cell, shape, stray.ravel())
+        num_strays += grid.erase(points, stray)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StrayGrid:
+    """The cells in which isolated points are looked for."""
+
+    low: Float64
+    """(3,) lower corner [m]."""
+    cell: float
+    """Edge of the cells [m]."""
+    shape: Int64
+    """(3,) numbers of cells."""
+
+    def count(self, points: Float64) -> Int64:
+        """Return the points in each cell, in one row; those of parts of a cloud add up."""
+        counts: Int64 = _count(points, self.low, self.cell, self.shape)
+        return counts
+
+    def find_strays(self, counts: Int64) -> Bool:
+        """Tell the cells, in one row, that hold strays, from the points in each."""
+        return _find_groups(counts.reshape(self.shape)).ravel()
+
+    def erase(self, points: Float64, stray: Bool) -> int:
+        """Make NaN of the points in some cells, and return how many they were."""
+        return int(_erase(points, self.low, self.cell, self.shape, stray))
+
+
+def lay_stray_grid(low: Float64, high: Float64) -> StrayGrid | None:
+    """Return the cells over a cloud from its bounds [m], None where it is too small for strays."""
+    extent = high - low
+    if extent.max() <= STRAY_GAP:
+        return None
+    cell = max(STRAY_GAP, float((extent / MOST_CELLS).max()))
+    shape = np.minimum(extent / cell, MOST_CELLS - 1).astype(np.int64) + 1
+    return StrayGrid(low=low, cell=cell, shape=shape)
 
 
 def _find_groups(counts: Int64) -> Bool:

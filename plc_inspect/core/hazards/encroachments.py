@@ -8,14 +8,13 @@ from dataclasses import dataclass
 import math
 from typing import Any
 
-from numba import njit
 import numpy as np
 
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.hazards.clearance_rules import Limit, RuleSet
 from plc_inspect.core.hazards.confidence import IN_DOUBT, judge_confidence
 from plc_inspect.core.hazards.grouping import group_cells, group_points
-from plc_inspect.core.hazards.trees import segment_trees
+from plc_inspect.core.hazards.trees import segment_trees, stand_near
 from plc_inspect.core.spans.span_model import find_kind, find_support, SpanModel
 from plc_inspect.results import (
     Bool,
@@ -83,6 +82,9 @@ class Nearby:
     """(K,) distance to the nearest span [m]."""
     span: Int64
     """(K,) which span that is."""
+    of_part: bool = False
+    """The points are a part of a cloud: cells in which they are grouped lie at multiples of
+    their edges, and not at the least coordinates."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -99,6 +101,8 @@ class Surroundings:
     """(K,) index of its model."""
     surface: Bool
     """(K,) points of roofs and walls rather than of foliage."""
+    of_part: bool = False
+    """As of Nearby."""
 
     def take(self, chosen: Int64 | Bool) -> 'Surroundings':
         """Return some of the points."""
@@ -108,6 +112,7 @@ class Surroundings:
             distance=self.distance[chosen],
             owner=self.owner[chosen],
             surface=self.surface[chosen],
+            of_part=self.of_part,
         )
 
 
@@ -255,33 +260,18 @@ def _split_kinds(
 
 def _find_trees(around: Surroundings, offends: Bool) -> Int64:
     """Return the tree of each point around the offending ones, -1 for those far from them."""
-    near = np.flatnonzero(_stand_near(around.points, offends, TREE_MARGIN))
+    near = np.flatnonzero(
+        stand_near(around.points, offends, TREE_MARGIN, of_part=around.of_part)
+    )
     tree = np.full(len(around.points), -1, dtype=np.int64)
     body = group_cells(around.points[near], np.full(3, TREE_LINK))
     offending = np.zeros(int(body.max()) + 1, dtype=bool)
     offending[body[offends[near]]] = True
     near = near[offending[body]]
-    tree[near] = segment_trees(around.points[near], around.height[near])
+    tree[near] = segment_trees(
+        around.points[near], around.height[near], of_part=around.of_part
+    )
     return tree
-
-
-@njit(cache=True, nogil=True)
-def _stand_near(points, offends, margin):  # type: ignore[no-untyped-def]
-    """Tell the points in the plan cells of offending points and in the cells around them."""
-    x0, y0 = points[:, 0].min(), points[:, 1].min()
-    columns = int((points[:, 0].max() - x0) / margin) + 3
-    rows = int((points[:, 1].max() - y0) / margin) + 3
-    wanted = np.zeros((columns, rows), dtype=np.bool_)
-    for i in range(len(points)):
-        if not offends[i]:
-            continue
-        column, row = int((points[i, 0] - x0) / margin), int((points[i, 1] - y0) / margin)
-        wanted[column : column + 3, row : row + 3] = True
-    result = np.empty(len(points), dtype=np.bool_)
-    for i in range(len(points)):
-        column, row = int((points[i, 0] - x0) / margin), int((points[i, 1] - y0) / margin)
-        result[i] = wanted[column + 1, row + 1]
-    return result
 
 
 def _find_near(around: Surroundings, limits: Sequence[Limit], chosen: Bool) -> Int64:

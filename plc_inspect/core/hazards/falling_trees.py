@@ -57,6 +57,8 @@ class Fallible:
     """(K,) above local ground [m]."""
     surface: Bool
     """(K,) points of roofs and walls."""
+    of_part: bool = False
+    """As of `encroachments.Nearby`."""
 
 
 def find_fallible(points: Float64, height: Float32, spans: SpanResult) -> Int64:
@@ -118,7 +120,7 @@ def find_falling_trees(
     if not limits or not len(points) or not models:
         return []
     limit = limits[0]
-    tree = segment_trees(points, height)
+    tree = segment_trees(points, height, of_part=fallible.of_part)
     size = np.bincount(tree)
     flat = np.bincount(tree, weights=surface.astype(np.float64))
     top = np.full(len(size), -1, dtype=np.int64)

@@ -104,7 +104,8 @@ def find_hazards(
     rules = choose_rules(settings, rules)
     models, supports = find_strands(points, spans), spans.supports
     own = take_rows(points, nearby.index)
-    surface, reach = is_surface(own), rules.reach('vegetation', 'building')
+    part = nearby.of_part
+    surface, reach = is_surface(own, of_part=part), rules.reach('vegetation', 'building')
     distance = measure_distances(own, nearby.distance, nearby.span, models, reach)
     parts = find_line_parts(own, distance, nearby.span, models, doubtful, reach)
     other = np.flatnonzero(~(parts.own | parts.unmodelled))
@@ -114,6 +115,7 @@ def find_hazards(
         distance=distance,
         owner=nearby.span,
         surface=surface,
+        of_part=part,
     ).take(other)
     found, explained = find_encroachments(around, models, supports, rules, settings)
     foliage = np.zeros(len(own), dtype=bool)
@@ -124,7 +126,8 @@ def find_hazards(
         trees = take_rows(points, wide)
         fallible = Fallible(
             points=trees, height=np.asarray(height[wide], dtype=np.float64),
-            surface=is_surface(trees),
+            surface=is_surface(trees, of_part=part),
+            of_part=part,
         )
         found += find_falling_trees(fallible, models, supports, rules, settings, found)
     found += find_low_conductors(models, spans.ground_below, supports, rules)

@@ -34,7 +34,7 @@ Source: numerical: any that leaves a voxel free.
 """
 
 
-def is_surface(points: Float64) -> Bool:
+def is_surface(points: Float64, *, of_part: bool = False) -> Bool:
     """
     Tell points of roofs and walls from foliage by the planar likeness around them.
 
@@ -42,6 +42,8 @@ def is_surface(points: Float64) -> Bool:
     ----------
     points : (N, 3) float64
         Finite positions [m].
+    of_part : bool
+        They are a part of a cloud: voxels lie at multiples of their edge.
 
     Returns
     -------
@@ -53,7 +55,9 @@ def is_surface(points: Float64) -> Bool:
     everything = np.arange(len(points))
     order = build_plan_index(points, everything, CELL).order
     own = take_rows(points, order)  # neighbours in space are neighbours in memory
-    voxels = build_voxels(own, everything, find_lowest(own, everything) - MARGIN, SIZE)
+    low = find_lowest(own, everything) - MARGIN
+    origin = np.floor(low / SIZE) * SIZE if of_part else low
+    voxels = build_voxels(own, everything, origin, SIZE)
     likeness = measure_likeness(voxels)
     flat = likeness.count >= MIN_POINTS
     flat &= (likeness.planar >= PLANAR) & (likeness.spherical <= SPHERICAL)

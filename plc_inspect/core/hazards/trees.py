@@ -7,7 +7,7 @@ from numba import njit
 import numpy as np
 
 from plc_inspect.core.numerics.disjoint_sets import find_root
-from plc_inspect.results import Float64, Int64
+from plc_inspect.results import Bool, Float64, Int64
 
 CELL = 0.5
 """
@@ -28,7 +28,56 @@ Source: judgement; not measured.
 """
 
 
-def segment_trees(points: Float64, height: Float64) -> Int64:
+def find_corner(points: Float64, edge: float, *, of_part: bool) -> list[float]:
+    """Return the corner of cells: least coordinates, or below them a multiple of the edge [m]."""
+    low = points.min(axis=0)
+    corner: list[float] = (np.floor(low / edge) * edge if of_part else low).tolist()
+    return corner
+
+
+def stand_near(points: Float64, chosen: Bool, margin: float, *, of_part: bool) -> Bool:
+    """
+    Tell the points in the plan cells of chosen points and in the cells around them.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Positions [m].
+    chosen : (N,) bool
+        Some of them.
+    margin : float
+        Edge of the cells [m].
+    of_part : bool
+        The points are a part of a cloud, see `encroachments.Nearby`.
+
+    Returns
+    -------
+    (N,) bool
+
+    """
+    corner = find_corner(points[:, :2], margin, of_part=of_part)
+    result: Bool = _stand_near(points, chosen, margin, *corner)
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _stand_near(points, offends, margin, x0, y0):  # type: ignore[no-untyped-def]
+    columns = int((points[:, 0].max() - x0) / margin) + 3
+    rows = int((points[:, 1].max() - y0) / margin) + 3
+    wanted = np.zeros((columns, rows), dtype=np.bool_)
+    for i in range(len(points)):
+        if not offends[i]:
+            continue
+        column, row = int((points[i, 0] - x0) / margin), int((points[i, 1] - y0) / margin)
+        wanted[column : column + 3, row : row + 3] = True
+    result = np.empty(len(points), dtype=np.bool_)
+    for i in range(len(points)):
+        column, row = int((points[i, 0] - x0) / margin), int((points[i, 1] - y0) / margin)
+        result[i] = wanted[column + 1, row + 1]
+    return result
+
+
+def segment_trees(points: Float64, height: Float64, *, of_part: bool = False) -> Int64:
     """
     Divide a canopy into trees.
 
@@ -42,6 +91,8 @@ def segment_trees(points: Float64, height: Float64) -> Int64:
         Positions [m].
     height : (N,) float64
         Above local ground [m].
+    of_part : bool
+        The points are a part of a cloud, see `encroachments.Nearby`.
 
     Returns
     -------
@@ -51,8 +102,10 @@ def segment_trees(points: Float64, height: Float64) -> Int64:
     """
     if not len(points):
         return np.zeros(0, dtype=np.int64)
+    corner = find_corner(points[:, :2], CELL, of_part=of_part)
     column, row = (
-        ((along - along.min()) / CELL).astype(np.int64) + REACH for along in points.T[:2]
+        ((along - least) / CELL).astype(np.int64) + REACH
+        for along, least in zip(points.T[:2], corner, strict=True)
     )
     columns = int(column.max()) + 1 + REACH
     keys, cell = np.unique(row * columns + column, return_inverse=True)

@@ -69,7 +69,9 @@ class PlanIndex:
         return found
 
 
-def build_plan_index(points: Float64, chosen: Int64, cell_size: float) -> PlanIndex:
+def build_plan_index(
+    points: Float64, chosen: Int64, cell_size: float, anchor: Float64 | None = None
+) -> PlanIndex:
     """
     Sort the chosen points into plan cells; O(K + cells).
 
@@ -81,6 +83,8 @@ def build_plan_index(points: Float64, chosen: Int64, cell_size: float) -> PlanIn
         Ascending indices of finite points.
     cell_size : float
         Edge of a cell [m], enlarged where the area needs more than MAX_CELLS cells.
+    anchor : (2,) float64 or None
+        A corner of the cells [m]; by default the least coordinates of the points.
 
     Returns
     -------
@@ -96,6 +100,8 @@ def build_plan_index(points: Float64, chosen: Int64, cell_size: float) -> PlanIn
             order=np.zeros(0, dtype=np.int32),
         )
     low, high = _plan_bounds(points, chosen)
+    if anchor is not None:
+        low = anchor + np.floor((low - anchor) / cell_size) * cell_size
     extent = high - low
     cell = max(cell_size, math.sqrt(float(extent[0] * extent[1]) / MAX_CELLS))
     shape = (int(extent[1] / cell) + 1, int(extent[0] / cell) + 1)

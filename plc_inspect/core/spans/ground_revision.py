@@ -11,6 +11,7 @@ import numpy as np
 from plc_inspect.config import HeightSettings
 from plc_inspect.core.catenary.curve import Curve
 from plc_inspect.core.catenary.nearest_span import find_near, span_table
+from plc_inspect.core.extraction.ground_surface import measure_surface
 from plc_inspect.core.extraction.height import extract_high, ground_at, HeightResult
 from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.results import Float64
@@ -28,7 +29,11 @@ Source: judgement; holds from 10 to 40 on bench/constants.py.
 
 
 def revise_ground(
-    points: Float64, height: HeightResult, curves: Sequence[Curve], settings: HeightSettings
+    points: Float64,
+    height: HeightResult,
+    curves: Sequence[Curve],
+    settings: HeightSettings,
+    region: Float64 | None = None,
 ) -> HeightResult:
     """
     Estimate the ground anew where it reaches up to conductors, without their own points.
@@ -46,6 +51,8 @@ def revise_ground(
         Conductors that were found.
     settings : HeightSettings
         Settings of this stage.
+    region : (2, 2) float64 or None
+        As of `measure_surface`, where these points are a part of a cloud.
 
     Returns
     -------
@@ -64,7 +71,12 @@ def revise_ground(
     own, _, _ = find_near(points, table, OWN_REACH)
     airborne = np.zeros(len(points), dtype=np.bool_)
     airborne[own] = True
-    return extract_high(points, settings, airborne)
+    if region is None:
+        return extract_high(points, settings, airborne)
+    surface = measure_surface(points, settings, airborne, region)
+    return extract_high(
+        points, settings, surface=surface, peak=height.threshold - settings.beta
+    )
 
 
 def _find_low(curves: Sequence[Curve], height: HeightResult, beta: float) -> list[Curve]:

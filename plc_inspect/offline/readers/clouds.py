@@ -97,7 +97,7 @@ def read_cloud(path: Path | str, crs: str | None = None) -> Cloud:
     if not path.is_file():
         kind = 'is a folder' if path.is_dir() else 'is no regular file'
         raise DataError(f'{path} {kind if path.exists() else "does not exist"}')
-    given = None if crs is None else _parse_crs(crs)
+    given = None if crs is None else parse_crs(crs)
     if path.suffix.lower() == '.pcd':
         try:
             las, points = None, read_pcd(path)
@@ -107,10 +107,10 @@ def read_cloud(path: Path | str, crs: str | None = None) -> Cloud:
         las, points = load_las(path)
     system, wkt, units = given, '', (1.0, 1.0)
     if system is not None:
-        wkt, units = _to_wkt(system), _measure_units(system, path)
+        wkt, units = render_wkt(system), measure_units(system, path)
     elif las is not None:
-        wkt, units = _find_crs(las.header, path)
-    num_not_finite, num_far, farthest = _convert(points, *units)
+        wkt, units = find_las_crs(las.header, path)
+    num_not_finite, num_far, farthest = convert_to_metres(points, *units)
     if num_far > max(MOST_FAR, MOST_FAR_SHARE * len(points)):
         raise DataError(
             f'{path}: {num_far} of {len(points)} points have coordinates up to {farthest:.3g} m, '
@@ -130,7 +130,7 @@ def _not_read(path: Path, error: OSError) -> DataError:
     return DataError(f'{path} cannot be read: {error.strerror or error}')
 
 
-def _check_header(path: Path) -> None:
+def check_las_header(path: Path) -> None:
     """Refuse a LAS header of which laspy would believe billions of records."""
     size = path.stat().st_size
     with path.open('rb') as file:
@@ -175,7 +175,7 @@ def load_las(path: Path) -> tuple[laspy.LasData, Float64]:
 
     """
     try:
-        _check_header(path)
+        check_las_header(path)
         las = read_las(path)
     except DataError:
         raise
@@ -190,11 +190,12 @@ def load_las(path: Path) -> tuple[laspy.LasData, Float64]:
             f'{path} is truncated: {len(las.points)} points, its header says {expected}'
         )
     header = las.header
-    return las, _scale(las.X, las.Y, las.Z, np.array(header.scales), np.array(header.offsets))
+    return las, scale_grid(las.X, las.Y, las.Z, np.array(header.scales), np.array(header.offsets))
 
 
 @njit(cache=True, nogil=True)
-def _scale(x: Int32, y: Int32, z: Int32, scales: Float64, offsets: Float64) -> Float64:
+def scale_grid(x: Int32, y: Int32, z: Int32, scales: Float64, offsets: Float64) -> Float64:
+    """Return the (N, 3) coordinates of points on the grid of a LAS file, in its units."""
     points = np.empty((len(x), 3), dtype=np.float64)
     for i in range(len(x)):
         points[i, 0] = x[i] * scales[0] + offsets[0]
@@ -204,7 +205,9 @@ def _scale(x: Int32, y: Int32, z: Int32, scales: Float64, offsets: Float64) -> F
 
 
 @njit(cache=True, nogil=True)
-def _convert(points: Float64, horizontal: float, vertical: float) -> tuple[int, int, float]:
+def convert_to_metres(
+    points: Float64, horizontal: float, vertical: float
+) -> tuple[int, int, float]:
     """
     Convert to metres in place, and make NaN of what is not finite or nowhere on Earth.
 
@@ -229,14 +232,15 @@ def _convert(points: Float64, horizontal: float, vertical: float) -> tuple[int, 
     return not_finite, far, farthest
 
 
-def _parse_crs(text: str) -> pyproj.CRS:
+def parse_crs(text: str) -> pyproj.CRS:
+    """Return a coordinate reference system by its name; ConfigError where it is unknown."""
     try:
         return pyproj.CRS.from_user_input(text)
     except CRSError as error:
         raise ConfigError(f'unknown coordinate reference system {text!r}') from error
 
 
-def _to_wkt(system: pyproj.CRS) -> str:
+def render_wkt(system: pyproj.CRS) -> str:
     """Return WKT 1, which LAS 1.4 asks for, or WKT 2 where the system needs it."""
     try:
         return str(system.to_wkt('WKT1_GDAL'))
@@ -244,7 +248,7 @@ def _to_wkt(system: pyproj.CRS) -> str:
         return str(system.to_wkt())
 
 
-def _find_crs(header: laspy.LasHeader, path: Path) -> tuple[str, tuple[float, float]]:
+def find_las_crs(header: laspy.LasHeader, path: Path) -> tuple[str, tuple[float, float]]:
     """Return the CRS of a LAS file and its units, '' and metres where there is none."""
     try:
         system = header.parse_crs()
@@ -255,10 +259,10 @@ def _find_crs(header: laspy.LasHeader, path: Path) -> tuple[str, tuple[float, fl
     if system is None:
         horizontal = keys.get(_HORIZONTAL_UNIT_KEY, 1.0)
         return '', (horizontal, keys.get(_VERTICAL_UNIT_KEY, horizontal))
-    horizontal, vertical = _measure_units(system, path)
+    horizontal, vertical = measure_units(system, path)
     if len(system.axis_info) < 3:
         vertical = keys.get(_VERTICAL_UNIT_KEY, vertical)
-    return _to_wkt(system), (horizontal, vertical)
+    return render_wkt(system), (horizontal, vertical)
 
 
 def _read_unit_keys(header: laspy.LasHeader) -> dict[int, float]:
@@ -273,7 +277,7 @@ def _read_unit_keys(header: laspy.LasHeader) -> dict[int, float]:
     }
 
 
-def _measure_units(system: pyproj.CRS, path: Path) -> tuple[float, float]:
+def measure_units(system: pyproj.CRS, path: Path) -> tuple[float, float]:
     """Return metres per horizontal and per vertical unit of a CRS."""
     if system.is_geographic or system.is_geocentric:
         raise DataError(

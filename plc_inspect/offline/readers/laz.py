@@ -3,6 +3,8 @@
 
 """Reading LAS and LAZ by a decoder that raises an error on truncated and damaged files."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 import os
 from pathlib import Path
 import struct
@@ -27,9 +29,10 @@ _ANY_SIZE = 2**32 - 1
 """Size of chunks that differ in it."""
 
 
-def read_las(path: Path) -> laspy.LasData:
+@contextmanager
+def open_las(path: Path) -> Iterator[laspy.LasReader]:
     """
-    Read a LAS or LAZ file whole.
+    Open a LAS or LAZ file to be read bit by bit.
 
     Errors are those of laspy, lazrs, struct, numpy and the system, as they come; ValueError where
     a damaged file would make lazrs ask for more memory than there is, which ends the process, and
@@ -39,11 +42,17 @@ def read_las(path: Path) -> laspy.LasData:
         with path.open('rb') as file, laspy.open(file, laz_backend=BACKENDS) as reader:
             if reader.header.are_points_compressed:
                 _check_chunks(file, reader.header)
-            return reader.read()
+            yield reader
     except BaseException as error:
         if type(error).__name__ != 'PanicException':  # no module has it to be imported from
             raise
         raise RuntimeError(f'the decoder gave up: {error}') from error
+
+
+def read_las(path: Path) -> laspy.LasData:
+    """Read a LAS or LAZ file whole; errors are those of `open_las`."""
+    with open_las(path) as reader:
+        return reader.read()
 
 
 def read_classes(path: Path) -> UInt8:
