@@ -40,6 +40,7 @@ setup(
     license='Apache-2.0',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
     package_data={NAME: [
+        'grid/templates/*',
         'monitor/page/*.*', 'monitor/page/vendor/three/LICENSE',
         'monitor/page/vendor/three/*.js', 'monitor/page/vendor/three/*/*.js',
         'offline/report/templates/*',
@@ -76,8 +77,11 @@ setup(
         'zstandard>=0.20',
     ],
     extras_require={
+        'grid': ['dask>=2024.8', 'distributed>=2024.8'],
         'dev': [
             'colorspacious>=1.1',
+            'dask>=2024.8',
+            'distributed>=2024.8',
             'hypothesis>=6.90',
             'laszip>=0.2',
             'matplotlib>=3.8',

@@ -36,7 +36,10 @@ IMPORT_TO_KEY = {
 IMPORT_TO_REQUIREMENT = {
     'markupsafe': 'jinja2', 'sklearn': 'scikit-learn', 'yaml': 'PyYAML', 'lazrs': 'laspy',
 }
-WITHOUT_KEY = {'cma', 'ezdxf', 'laspy', 'lazrs', 'mcap', 'pyogrio', 'rich', 'zstandard'}
+WITHOUT_KEY = {'cma', 'dask', 'distributed', 'ezdxf', 'laspy', 'lazrs', 'mcap', 'pyogrio', 'rich',
+               'zstandard'}
+OPTIONAL = ('grid',)
+"""Extras without which one thing cannot be done, which says so."""
 
 
 @pytest.fixture(scope='module')
@@ -93,7 +96,10 @@ def test_manifest_names_every_import(manifest):
 
 
 def test_setup_requires_every_import(metadata, manifest):
-    required = {re.split(r'[<>=\[]', item)[0] for item in metadata['install_requires']}
+    extras = [item for name in OPTIONAL for item in metadata['extras_require'][name]]
+    required = {
+        re.split(r'[<>=\[]', item)[0] for item in (*metadata['install_requires'], *extras)
+    }
     ros = {item.text for item in manifest.findall('exec_depend')} - set(IMPORT_TO_KEY.values())
     for name in list_imports() - ros:
         assert IMPORT_TO_REQUIREMENT.get(name, name) in required, name

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The command ``plc_survey``: the pipeline over one cloud."""
+"""The command ``plc_survey``: the pipeline over one cloud, or over a grid of them."""
 
 import argparse
 from collections.abc import Sequence
@@ -20,6 +20,7 @@ from plc_inspect.offline.commands.command_line import (
     run_command,
     show_progress,
 )
+from plc_inspect.offline.commands.grid import add_grid_arguments, is_grid, run_grid
 from plc_inspect.printable import make_printable
 
 if TYPE_CHECKING:
@@ -162,7 +163,10 @@ def _load(settings: 'Settings') -> None:
 def _run(argv: Sequence[str] | None) -> int:
     arguments = _parse(argv)
     keep_freed_memory()
-    reading = begin_reading(arguments.cloud, arguments.crs)
+    if is_grid(arguments):
+        return _run_grid(arguments)
+    cloud = Path(arguments.clouds[0])
+    reading = begin_reading(cloud, arguments.crs)
     from plc_inspect.offline.commands.request import deliver, read_request
     from plc_inspect.offline.commands.result_table import render_summary
     from plc_inspect.offline.export.results_folder import check_results
@@ -173,7 +177,7 @@ def _run(argv: Sequence[str] | None) -> int:
     check_results(arguments.output, arguments.force)
     with show_progress(arguments.quiet) as progress:
         inspection = survey(
-            arguments.cloud, settings, arguments.crs, progress, request.rules, reading
+            cloud, settings, arguments.crs, progress, request.rules, reading
         )
         inspection = deliver(inspection, request, arguments, progress)
     if not arguments.quiet:
@@ -182,10 +186,23 @@ def _run(argv: Sequence[str] | None) -> int:
     return DONE
 
 
+def _run_grid(arguments: argparse.Namespace) -> int:
+    from plc_inspect.offline.commands.request import read_request
+    from plc_inspect.offline.readers.parameter_file import read_settings
+
+    settings = read_settings(arguments.params, arguments.assignments)
+    request, settings = read_request(arguments, settings)
+    return run_grid(arguments, settings, request.rules)
+
+
 def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = make_parser(NAME, 'Finds power lines and their hazards in one cloud.')
-    parser.add_argument('cloud', type=Path, metavar='CLOUD', help='a LAS, LAZ or PCD file')
+    parser = make_parser(NAME, 'Finds power lines and their hazards in clouds.')
+    parser.add_argument(
+        'clouds', nargs='+', metavar='CLOUD',
+        help='a LAS, LAZ or PCD file; more of them, folders, patterns or a tile index are a grid',
+    )
     parser.add_argument(
         '--crs', help='coordinate reference system instead of the one in the file, as EPSG:2992'
     )
+    add_grid_arguments(parser)
     return parser.parse_args(argv)

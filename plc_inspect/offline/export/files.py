@@ -3,7 +3,7 @@
 
 """The files of a results folder."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 import csv
 import dataclasses
@@ -35,7 +35,7 @@ from plc_inspect.offline.records.inspection import (
 from plc_inspect.offline.records.load_case_record import describe_what_if
 from plc_inspect.offline.report.report import render_report
 from plc_inspect.printable import make_cell
-from plc_inspect.results import Decision, PointClass
+from plc_inspect.results import Decision, PointClass, SpanKey
 from plc_inspect.setting_names import to_mapping
 
 SPAN_COLUMNS = (
@@ -59,7 +59,7 @@ HAZARD_COLUMNS = (
 
 def write_files(folder: Path, inspection: Inspection) -> None:
     """Write all files of one run into an empty folder; OSError where one cannot be written."""
-    tables = _write_records(folder, inspection)
+    tables = write_records(folder, inspection)
     with ThreadPoolExecutor(1) as beside:  # points are compressed outside of Python
         report = beside.submit(_write_views, folder, inspection, tables)
         started = time.perf_counter()
@@ -67,25 +67,32 @@ def write_files(folder: Path, inspection: Inspection) -> None:
         seconds = dict(inspection.seconds) | {'points_file': time.perf_counter() - started}
         seconds['report'] = report.result()
     run = dataclasses.replace(inspection, seconds=seconds)
-    _write_json(folder / 'run.json', describe_run(run, num_written))
+    write_json(folder / 'run.json', describe_run(run, num_written))
 
 
 def write_tables(folder: Path, inspection: Inspection) -> None:
     """Write JSON and CSV of one run alone; OSError where one cannot be written."""
-    _write_records(folder, inspection)
-    _write_json(folder / 'run.json', describe_run(inspection, 0))
+    write_records(folder, inspection)
+    write_json(folder / 'run.json', describe_run(inspection, 0))
 
 
-def _write_records(folder: Path, inspection: Inspection) -> dict[str, list[Record]]:
-    """Write spans, supports and hazards, what-if and changes, and return the former three."""
+def write_records(
+    folder: Path, inspection: Inspection,
+    clearances: Mapping[SpanKey, float | None] | None = None,
+) -> dict[str, list[Record]]:
+    """
+    Write spans, supports and hazards, what-if and changes, and return the former three.
+
+    ``clearances`` are those of `measure_clearances` [m], by default found in the points.
+    """
     units, result = inspection.units, inspection.result
     spans = [describe_span(span, units) for span in result.spans]
     supports = [describe_support(support, units) for support in result.supports]
     hazards = [describe_hazard(hazard, units) for hazard in result.hazards]
-    for span, distance in zip(
-        spans, measure_clearances(result, inspection.settings.hazards.min_points).values(),
-        strict=True,
-    ):
+    if clearances is None:
+        clearances = measure_clearances(result, inspection.settings.hazards.min_points)
+    for span in spans:
+        distance = clearances[span['line_id'], span['span_id']]
         span['vegetation_clearance'] = None if distance is None else distance / units.horizontal
     tables = {'spans': spans, 'supports': supports, 'hazards': hazards}
     for name, records in tables.items():
@@ -94,16 +101,16 @@ def _write_records(folder: Path, inspection: Inspection) -> dict[str, list[Recor
             'crs': inspection.crs,
             'metres_per_unit': [units.horizontal, units.vertical],
         }
-        _write_json(folder / f'{name}.json', head | {name: records})
+        write_json(folder / f'{name}.json', head | {name: records})
     _write_table(folder / 'spans.csv', SPAN_COLUMNS, spans)
     _write_table(folder / 'hazards.csv', HAZARD_COLUMNS, hazards)
     _write_table(folder / 'supports.csv', SUPPORT_COLUMNS, [
         row | {'lines': ' '.join(map(str, row['lines']))} for row in supports
     ])
     if inspection.what_if is not None:
-        _write_json(folder / 'whatif.json', describe_what_if(inspection.what_if, units))
+        write_json(folder / 'whatif.json', describe_what_if(inspection.what_if, units))
     if inspection.changes is not None:
-        _write_json(folder / 'changes.json', describe_changes(inspection.changes, units))
+        write_json(folder / 'changes.json', describe_changes(inspection.changes, units))
     return tables
 
 
@@ -200,7 +207,8 @@ def render_json(value: Any, indent: str = '') -> str:
     return json.dumps(value, ensure_ascii=False)
 
 
-def _write_json(path: Path, value: Record) -> None:
+def write_json(path: Path, value: Record) -> None:
+    """Write a mapping as `render_json` renders it."""
     path.write_text(render_json(value) + '\n', encoding='utf-8')
 
 

@@ -23,7 +23,7 @@ from plc_inspect.offline.records.span_curve import trace_span
 
 STEP = 2.0
 """Catenaries are drawn with points this far apart [m]."""
-_DATE = '2000-01-01T00:00:00.000Z'
+FILE_DATE = '2000-01-01T00:00:00.000Z'
 """Written for the time of the file, so that the same results give the same bytes."""
 
 Layers = dict[str, tuple[list[Any], list[Record]]]
@@ -60,22 +60,23 @@ def write_geo(folder: Path, inspection: Inspection, records: dict[str, list[Reco
     system = find_horizontal(inspection)
     if system is None:
         return False
-    pyogrio.set_gdal_config_options({'OGR_CURRENT_DATE': _DATE})
-    layers = _make_layers(inspection, records)
+    pyogrio.set_gdal_config_options({'OGR_CURRENT_DATE': FILE_DATE})
+    layers = make_layers(inspection, records)
     try:
         world = _to_world(layers, system, inspection)
     except ProjError as error:
         raise DataError(f'coordinates are no places of {system.name}: {error}') from error
     plain = system.to_wkt()
     for name, (shapes, rows) in layers.items():
-        _write(folder / 'results.gpkg', 'GPKG', name, shapes, rows, plain)
-        _write(folder / f'{name}.geojson', 'GeoJSON', name, world[name], rows, 'EPSG:4326',
+        write_layer(folder / 'results.gpkg', 'GPKG', name, shapes, rows, plain)
+        write_layer(folder / f'{name}.geojson', 'GeoJSON', name, world[name], rows, 'EPSG:4326',
                RFC7946='YES', COORDINATE_PRECISION='9')
     _write_kml(folder / 'results.kml', world, layers)
     return True
 
 
-def _make_layers(inspection: Inspection, records: dict[str, list[Record]]) -> Layers:
+def make_layers(inspection: Inspection, records: dict[str, list[Record]]) -> Layers:
+    """Return spans, supports and hazards as geometries with attributes."""
     units = inspection.units
     step, ratio = STEP / units.horizontal, units.horizontal / units.vertical
     points = {
@@ -110,10 +111,11 @@ def _to_world(
     }
 
 
-def _write(
+def write_layer(
     path: Path, driver: str, layer: str, shapes: Sequence[Any], rows: Sequence[Record], crs: str,
     **options: str,
 ) -> None:
+    """Add a layer to a file."""
     columns = _columns(rows)
     pyogrio.raw.write(
         path,

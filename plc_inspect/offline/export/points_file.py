@@ -103,13 +103,13 @@ def _write_las(path: Path, las: laspy.LasData, inspection: Inspection) -> None:
         for item in las.point_format.extra_dimensions
         if item.name not in ours
     ])
-    _finish_header(header, inspection.crs)
+    finish_header(header, inspection.crs)
     source = las.points.array
     kept = [name for name in header.point_format.dtype().names if name in source.dtype.names]
     kept = [name for name in kept if name not in ours]
     same = _find_common_head(source.dtype, header.point_format.dtype())
     rest = [name for name in kept if name not in same.names]
-    with _open(path, header) as writer:
+    with open_points(path, header) as writer:
         for begin in range(0, len(source), CHUNK_SIZE):
             chunk = slice(begin, begin + CHUNK_SIZE)
             record = _make_record(header, len(source[chunk]))
@@ -129,8 +129,8 @@ def _write_coordinates(path: Path, inspection: Inspection) -> int:
     points = inspection.units.from_metres(inspection.points[rows])
     header.offsets, header.scales = _choose_grid(points)
     header.creation_date = None  # the same points give the same bytes on any day
-    _finish_header(header, inspection.crs)
-    with _open(path, header) as writer:
+    finish_header(header, inspection.crs)
+    with open_points(path, header) as writer:
         for begin in range(0, len(rows), CHUNK_SIZE):
             chunk = slice(begin, begin + CHUNK_SIZE)
             record = _make_record(header, len(rows[chunk]))
@@ -164,7 +164,7 @@ def _modernise(las: laspy.LasData) -> laspy.LasData:
     return modern
 
 
-def _finish_header(header: laspy.LasHeader, crs: str) -> None:
+def finish_header(header: laspy.LasHeader, crs: str) -> None:
     """Add what every results file holds: our dimensions, the CRS as WKT, our name."""
     header.add_extra_dims([
         laspy.ExtraBytesParams(name=name, type=dtype, description=description)
@@ -184,7 +184,8 @@ def _finish_header(header: laspy.LasHeader, crs: str) -> None:
         header.global_encoding.wkt = True
 
 
-def _open(path: Path, header: laspy.LasHeader) -> laspy.LasWriter:
+def open_points(path: Path, header: laspy.LasHeader) -> laspy.LasWriter:
+    """Open a LAZ file to be written, by several threads where that is possible."""
     parallel = laspy.LazBackend.LazrsParallel
     backend = parallel if parallel.is_available() else None
     return laspy.open(path, mode='w', header=header, do_compress=True, laz_backend=backend)

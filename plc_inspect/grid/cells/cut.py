@@ -1,0 +1,255 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Cuts inputs into cells on disk, in one pass each and with bounded memory."""
+
+from collections.abc import Iterator
+import hashlib
+import json
+from pathlib import Path
+import shutil
+from typing import Any
+
+import laspy
+import numpy as np
+
+from plc_inspect.core.cloud_frame import sum_moments
+from plc_inspect.core.extraction.stray_points import StrayGrid
+from plc_inspect.errors import DataError
+from plc_inspect.grid.cells.layout import CellGrid
+from plc_inspect.grid.cells.sources import Source
+from plc_inspect.offline.readers.clouds import convert_to_metres, scale_grid
+from plc_inspect.offline.readers.laz import open_las
+from plc_inspect.offline.readers.pcd import read_pcd
+from plc_inspect.printable import make_one_line
+from plc_inspect.results import Float64
+
+CHUNK = 1_000_000
+"""Points that are read at once."""
+PART = 20_000_000
+"""Points of an input that one task cuts; a larger file is cut by several."""
+ATTRIBUTES = np.dtype([
+    ('intensity', '<u2'), ('returns', 'u1'), ('flags', 'u1'), ('classification', 'u1'),
+    ('user_data', 'u1'), ('scan_angle', '<i2'), ('point_source_id', '<u2'), ('gps_time', '<f8'),
+    ('red', '<u2'), ('green', '<u2'), ('blue', '<u2'),
+])
+"""What is kept of a point besides its place: the fields of LAS point format 7."""
+RETURN_BITS = 4
+_SCAN_ANGLE_STEP = 0.006
+"""Degrees in one unit of ``scan_angle`` (LAS 1.4 R15, table 15)."""
+
+Stats = dict[str, Any]
+"""What one task tells of the points it cut, JSON-serialisable."""
+
+
+def name_part(source: int, part: int) -> str:
+    """Return the name of a part of an input, in whose order points are."""
+    return f's{source:06d}_{part:04d}'
+
+
+def count_parts(source: Source) -> int:
+    """Return into how many parts an input is divided."""
+    if source.path.lower().endswith('.pcd'):
+        return 1
+    return max(-(-source.num_points // PART), 1)
+
+
+def cut_part(
+    folder: str,
+    source: Source,
+    part: int,
+    grid: CellGrid,
+    reference: tuple[float, float, float],
+    strays: StrayGrid | None,
+) -> Stats:
+    """
+    Write the points of a part of an input into a file for each cell.
+
+    Parameters
+    ----------
+    folder : str
+        Takes a folder of the part's name, which appears when all is written.
+    source : Source
+        The input.
+    part : int
+        Which part of it.
+    grid : CellGrid
+        The cells.
+    reference : tuple of float
+        Near the points [m].
+    strays : StrayGrid or None
+        In which points are counted.
+
+    Returns
+    -------
+    dict
+        Points, bounds and moments by cell.
+
+    Raises
+    ------
+    DataError
+        The input cannot be read.
+
+    """
+    name = name_part(source.number, part)
+    aside, place = Path(folder) / f'{name}.partial', Path(folder) / name
+    shutil.rmtree(aside, ignore_errors=True)
+    aside.mkdir(parents=True)
+    stats = _Stats(grid, np.array(reference), strays)
+    written = 0
+    try:
+        for points, attributes in _read_part(source, part):
+            stats.add(points, source)
+            _write(aside, points, attributes, stats, np.arange(written, written + len(points)))
+            written += len(points)
+    except BaseException:
+        shutil.rmtree(aside, ignore_errors=True)
+        raise
+    result = stats.render(name, written) | {'sha256': _hash(source.path) if part == 0 else ''}
+    (aside / 'stats.json').write_text(json.dumps(result), encoding='utf-8')
+    shutil.rmtree(place, ignore_errors=True)
+    aside.rename(place)
+    return result
+
+
+def _hash(path: str) -> str:
+    with open(path, 'rb') as file:
+        return hashlib.file_digest(file, 'sha256').hexdigest()
+
+
+class _Stats:
+    """Collects what is told of the points of a part."""
+
+    def __init__(self, grid: CellGrid, reference: Float64, strays: StrayGrid | None) -> None:
+        self.grid = grid
+        self._reference, self._strays = reference, strays
+        self._moments = np.zeros(11)
+        self._stray_counts: np.ndarray | None = None
+        self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
+        self._cells: dict[int, list[float]] = {}
+        self.num_lost, self.num_outside = 0, 0
+
+    def add(self, points: Float64, source: Source) -> None:
+        """Make metres of coordinates, and NaN of those nowhere on Earth; count all."""
+        not_finite, far, _ = convert_to_metres(points, *source.units)
+        self.num_lost += not_finite + far
+        self._moments += sum_moments(points, self._reference)
+        if self._strays is not None:
+            counts = self._strays.count(points)
+            self._stray_counts = counts + (0 if self._stray_counts is None else self._stray_counts)
+        outside = (points < np.array(source.low) - 1.0) | (points > np.array(source.high) + 1.0)
+        self.num_outside += int(outside.any(axis=1).sum())
+
+    def add_cell(self, cell: int, points: Float64) -> None:
+        """Take in the points of one cell."""
+        low, high = points.min(axis=0), points.max(axis=0)
+        known = self._cells.setdefault(cell, [0, *[np.inf] * 3, *[-np.inf] * 3])
+        known[0] += len(points)
+        known[1:4] = np.minimum(known[1:4], low).tolist()
+        known[4:7] = np.maximum(known[4:7], high).tolist()
+
+    def render(self, name: str, num: int) -> Stats:
+        """Return all as plain values."""
+        strays = {}
+        if self._stray_counts is not None:
+            used = np.flatnonzero(self._stray_counts)
+            strays = dict(zip(map(str, used.tolist()), self._stray_counts[used].tolist(),
+                              strict=True))
+        return {
+            'part': name, 'num_points': num, 'num_lost': self.num_lost,
+            'num_outside': self.num_outside, 'moments': self._moments.tolist(),
+            'strays': strays,
+            'cells': {str(cell): values for cell, values in sorted(self._cells.items())},
+        }
+
+
+def _write(
+    folder: Path, points: Float64, attributes: np.ndarray, stats: _Stats, index: np.ndarray
+) -> None:
+    """Append points to the files of their cells."""
+    good = np.isfinite(points[:, 0])
+    if not good.all():
+        points, attributes, index = points[good], attributes[good], index[good]
+    if not len(points):
+        return
+    cell = stats.grid.number(points[:, 0], points[:, 1])
+    order = np.argsort(cell, kind='stable')
+    cell, points, attributes = cell[order], points[order], attributes[order]
+    index = index[order].astype(np.uint32)
+    first = np.flatnonzero(np.diff(cell, prepend=-1))
+    for begin, end in zip(first.tolist(), [*first[1:].tolist(), len(cell)], strict=True):
+        number = int(cell[begin])
+        stats.add_cell(number, points[begin:end])
+        for suffix, values in (('xyz', points), ('idx', index), ('att', attributes)):
+            with (folder / f'{number}.{suffix}').open('ab') as file:
+                file.write(np.ascontiguousarray(values[begin:end]).tobytes())
+
+
+def _read_part(source: Source, part: int) -> Iterator[tuple[Float64, np.ndarray]]:
+    """Yield coordinates in units of the file, and attributes, of some points at a time."""
+    path = Path(source.path)
+    first, last = part * PART, min((part + 1) * PART, source.num_points)
+    try:
+        if path.suffix.lower() == '.pcd':
+            points = read_pcd(path)
+            yield points, np.zeros(len(points), dtype=ATTRIBUTES)
+            return
+        with open_las(path) as reader:
+            reader.seek(first)
+            scales, offsets = np.array(reader.header.scales), np.array(reader.header.offsets)
+            while first < last:
+                chunk = reader.read_points(min(CHUNK, last - first))
+                if not len(chunk):
+                    raise DataError(
+                        f'{path} is truncated: {first} points, its header says'
+                        f' {source.num_points}'
+                    )
+                first += len(chunk)
+                yield (
+                    scale_grid(
+                        _take(chunk, 'X'), _take(chunk, 'Y'), _take(chunk, 'Z'), scales, offsets
+                    ),
+                    _take_attributes(chunk),
+                )
+    except DataError:
+        raise
+    except OSError as error:
+        raise DataError(f'{path} cannot be read: {error.strerror or error}') from error
+    except Exception as error:  # laspy lets errors of lazrs, struct and numpy through
+        text = make_one_line(error) or type(error).__name__
+        raise DataError(f'{path} cannot be read, is it truncated? {text}') from error
+
+
+def _take(chunk: laspy.ScaleAwarePointRecord, name: str) -> np.ndarray:
+    return np.ascontiguousarray(chunk.array[name])
+
+
+def _take_attributes(chunk: laspy.ScaleAwarePointRecord) -> np.ndarray:
+    """Return the attributes of points of any format as those of point format 7."""
+    result = np.zeros(len(chunk), dtype=ATTRIBUTES)
+    names = set(chunk.point_format.dimension_names)
+    for name in ('intensity', 'classification', 'user_data', 'point_source_id', 'gps_time',
+                 'red', 'green', 'blue'):
+        if name in names:
+            result[name] = chunk[name]
+    result['returns'] = np.asarray(chunk['return_number']) | (
+        np.asarray(chunk['number_of_returns']) << RETURN_BITS
+    )
+    if 'scan_angle' in names:
+        result['scan_angle'] = chunk['scan_angle']
+    else:
+        degrees = np.asarray(chunk['scan_angle_rank'], np.float64)
+        result['scan_angle'] = np.rint(degrees / _SCAN_ANGLE_STEP).astype(np.int16)
+    flags = np.zeros(len(chunk), dtype=np.uint8)
+    for bit, name in enumerate(FLAG_NAMES):
+        if name in names:
+            flags |= np.asarray(chunk[name]).astype(np.uint8) << bit
+    result['flags'] = flags
+    return result
+
+
+FLAG_NAMES = (
+    'synthetic', 'key_point', 'withheld', 'overlap', 'scan_direction_flag',
+    'edge_of_flight_line',
+)
+"""Bits of ``flags``."""

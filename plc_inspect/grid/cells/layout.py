@@ -1,0 +1,218 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The cells into which points are cut on disk, and the tiles of cells that are inspected."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from plc_inspect.errors import DataError
+from plc_inspect.results import Int64
+
+BYTES_PER_POINT = 300
+"""
+Memory of a worker for each point of a tile with its halo [bytes].
+Source: bench/grid/throughput.py: 172 to 255, see docs/performance.md.
+"""
+BASE_BYTES = 700_000_000
+"""Memory of a worker besides that [bytes].  Source: docs/performance.md: 0.5 GB."""
+MOST_POINTS = 12_000_000
+"""Points of a tile, at most, however much memory there is.  Source: judgement; bounds a loss."""
+CELLS_IN_TILE = 16
+"""Cells of a tile, about, by which its edge is chosen.  Source: judgement; not measured."""
+LEAST_EDGE, MOST_EDGE = 20.0, 1000.0
+"""Edge of a cell [m].  Source: judgement; not measured."""
+MOST_CELLS = 4_000_000
+"""Cells over all inputs.  Source: numerical: their counts take 32 MB."""
+MOST_REACH = 2800.0
+"""
+Edge of a tile with its halos, at most [m].
+Source: derived: turned by any angle it keeps to the cells of core.extraction.ground_surface.
+"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CellGrid:
+    """Square cells in the plan of the map frame."""
+
+    origin: tuple[float, float]
+    """Lower corner of the first cell [m]."""
+    edge: float
+    """[m]"""
+    columns: int
+    rows: int
+
+    def number(self, x: np.ndarray, y: np.ndarray) -> Int64:
+        """Return the number of the cell of each place, those beyond in the nearest one."""
+        column = np.floor((x - self.origin[0]) / self.edge).astype(np.int64)
+        row = np.floor((y - self.origin[1]) / self.edge).astype(np.int64)
+        column, row = column.clip(0, self.columns - 1), row.clip(0, self.rows - 1)
+        result: Int64 = row * self.columns + column
+        return result
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tile:
+    """A square of cells that is inspected at once; its points are in its cells alone."""
+
+    name: str
+    number: int
+    first: tuple[int, int]
+    """Column and row of its first cell."""
+    last: tuple[int, int]
+    """Column and row of its last cell."""
+    num_points: int
+    """In its cells."""
+    num_near: int
+    """In its cells and its halo, at most."""
+
+    def rectangle(self, grid: CellGrid, halo: float = 0.0) -> tuple[float, float, float, float]:
+        """Return least x, least y, greatest x and greatest y [m]."""
+        (x, y), edge = grid.origin, grid.edge
+        return (
+            x + self.first[0] * edge - halo, y + self.first[1] * edge - halo,
+            x + (self.last[0] + 1) * edge + halo, y + (self.last[1] + 1) * edge + halo,
+        )
+
+    def cells(self, grid: CellGrid, halo: float = 0.0) -> list[int]:
+        """Return the numbers of its cells, and those that its halo [m] touches."""
+        more = math.ceil(halo / grid.edge)
+        columns = range(max(self.first[0] - more, 0), min(self.last[0] + more + 1, grid.columns))
+        rows = range(max(self.first[1] - more, 0), min(self.last[1] + more + 1, grid.rows))
+        return [row * grid.columns + column for row in rows for column in columns]
+
+
+def count_allowed(memory: float) -> int:
+    """Return the points of a tile, with its halo, for the memory of a worker [bytes]."""
+    allowed = int((memory - BASE_BYTES) / BYTES_PER_POINT)
+    if allowed < 100_000:
+        raise DataError(
+            f'{memory / 1e9:.2f} GB for a worker are too few: allow {BASE_BYTES / 1e9 + 0.3:.1f}'
+            ' GB or more (--memory), or fewer workers'
+        )
+    return min(allowed, MOST_POINTS)
+
+
+def lay_cells(
+    boxes: Sequence[tuple[float, float, float, float]],
+    num_points: int,
+    allowed: int,
+    edge: float | None = None,
+    shift: tuple[float, float] = (0.0, 0.0),
+) -> CellGrid:
+    """
+    Choose the cells from where the inputs lie.
+
+    Parameters
+    ----------
+    boxes : sequence of tuple
+        Least x and y, greatest x and y of each input [m].
+    num_points : int
+        Of all inputs.
+    allowed : int
+        Points of a tile with its halo.
+    edge : float or None
+        Edge of the cells [m], by default from the density of the points.
+    shift : tuple of float
+        Moves the borders [m].
+
+    Returns
+    -------
+    CellGrid
+
+    """
+    table = np.array(boxes)
+    low, high = table[:, :2].min(axis=0), table[:, 2:].max(axis=0)
+    if edge is None:
+        area = float(np.prod(table[:, 2:] - table[:, :2], axis=1).sum())
+        edge = math.sqrt(max(area, 1.0) * allowed / CELLS_IN_TILE / 4 / max(num_points, 1))
+        edge = float(round(min(max(edge, LEAST_EDGE), MOST_EDGE)))
+    most = float(np.prod((high - low) / edge + 2))
+    if most > MOST_CELLS:
+        edge = float(math.ceil(edge * math.sqrt(most / MOST_CELLS)))
+    origin = np.floor((low - shift) / edge) * edge + shift
+    origin -= np.where(origin > low, edge, 0.0)
+    columns, rows = (int(value) + 1 for value in np.floor((high - origin) / edge))
+    return CellGrid(
+        origin=(float(origin[0]), float(origin[1])), edge=edge, columns=columns, rows=rows
+    )
+
+
+def lay_tiles(
+    grid: CellGrid, counts: Int64, halo: float, allowed: int, most_edge: float = math.inf
+) -> list[Tile]:
+    """
+    Divide the cells into tiles, each as large as memory allows.
+
+    A square of cells that holds more than ``allowed`` points with its halo is divided in four.
+
+    Parameters
+    ----------
+    grid : CellGrid
+        The cells.
+    counts : (rows * columns,) int64
+        Points in each.
+    halo : float
+        Looked at around a tile [m].
+    allowed : int
+        Points of a tile with its halo, at most.
+    most_edge : float
+        Of a tile [m].
+
+    Returns
+    -------
+    list of Tile
+        Those that hold points.
+
+    Raises
+    ------
+    DataError
+        A single cell with its halo holds too many.
+
+    """
+    total = np.zeros((grid.rows + 1, grid.columns + 1), dtype=np.int64)
+    total[1:, 1:] = counts.reshape(grid.rows, grid.columns).cumsum(axis=0).cumsum(axis=1)
+    more = math.ceil(halo / grid.edge)
+    tiles: list[Tile] = []
+
+    def count(c0: int, r0: int, c1: int, r1: int) -> int:
+        c0, r0 = max(c0, 0), max(r0, 0)
+        c1, r1 = min(c1, grid.columns), min(r1, grid.rows)
+        return int(total[r1, c1] - total[r0, c1] - total[r1, c0] + total[r0, c0])
+
+    def divide(column: int, row: int, width: int) -> None:
+        if column >= grid.columns or row >= grid.rows:
+            return
+        own = count(column, row, column + width, row + width)
+        if not own:
+            return
+        near = count(column - more, row - more, column + width + more, row + width + more)
+        edge = width * grid.edge
+        fits = near <= allowed and edge <= most_edge and edge + 2 * halo <= MOST_REACH
+        if fits or width == 1:
+            if near > allowed:
+                raise DataError(
+                    f'{near} points lie within {halo:g} m of a tile of {edge:g} m, '
+                    f'{(near * BYTES_PER_POINT + BASE_BYTES) / 1e9:.1f} GB of memory; '
+                    f'{allowed} points are allowed: give more --memory, fewer --workers or a '
+                    'narrower --halo'
+                )
+            tiles.append(Tile(
+                name=f'x{column:05d}_y{row:05d}', number=len(tiles), first=(column, row),
+                last=(min(column + width, grid.columns) - 1, min(row + width, grid.rows) - 1),
+                num_points=own, num_near=near,
+            ))
+            return
+        half = width // 2
+        for r in (row, row + half):
+            for c in (column, column + half):
+                divide(c, r, half)
+
+    width = 1
+    while width < max(grid.columns, grid.rows):
+        width *= 2
+    divide(0, 0, width)
+    return tiles

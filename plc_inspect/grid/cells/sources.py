@@ -1,0 +1,286 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The inputs of a grid: files, folders, patterns and tile indices, and what their headers say."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+import glob
+import json
+from pathlib import Path
+from typing import Any
+
+import laspy
+import numpy as np
+
+from plc_inspect.errors import DataError
+from plc_inspect.offline.readers.clouds import (
+    check_las_header,
+    find_las_crs,
+    measure_units,
+    parse_crs,
+    read_cloud,
+    render_wkt,
+    SUFFIXES,
+)
+from plc_inspect.printable import make_one_line
+
+INDEX_SUFFIXES = ('.geojson', '.json', '.vpc', '.gpkg', '.shp')
+"""A tile index: GeoJSON, a virtual point cloud, GeoPackage, shapefile."""
+LOCATION_KEYS = ('location', 'path', 'file', 'filename', 'file_name', 'url', 'href')
+"""Attributes of an index that hold the path of a tile, as PDAL, LAStools and lidR name it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Source:
+    """One input file, as its header tells of it."""
+
+    path: str
+    number: int
+    """Place among all inputs: points of a grid are in this order."""
+    num_points: int
+    low: tuple[float, float, float]
+    """Least coordinates [m]."""
+    high: tuple[float, float, float]
+    crs: str
+    """WKT, '' where none is known."""
+    units: tuple[float, float]
+    """Metres in a horizontal and in a vertical unit."""
+    scales: tuple[float, float, float]
+    """Of the grid of its coordinates, in units of the file; 0 where it has none."""
+    offsets: tuple[float, float, float]
+    size: int
+    """[bytes]"""
+    changed: int
+    """When the file was changed last [ns]."""
+
+    @property
+    def state(self) -> str:
+        """What changes where the file does."""
+        return f'{self.path} {self.size} {self.changed}'
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Refusal:
+    """An input that cannot be used."""
+
+    path: str
+    error: str
+
+
+def expand_inputs(items: Sequence[str]) -> list[Path]:
+    """
+    Find the files that arguments name.
+
+    Parameters
+    ----------
+    items : sequence of str
+        Files, folders (searched at any depth), patterns, tile indices.
+
+    Returns
+    -------
+    list of Path
+        Each once: in the order of the arguments, and by name within each.
+
+    Raises
+    ------
+    DataError
+        There is no such file, or a folder, pattern or index holds no cloud.
+
+    """
+    found: dict[Path, None] = {}
+    for item in items:
+        own = list(_expand(item))
+        if not own:
+            raise DataError(f'{item} holds no cloud: none ends in {", ".join(SUFFIXES)}')
+        found |= dict.fromkeys(own)
+    return list(found)
+
+
+def _expand(item: str) -> Iterator[Path]:
+    path = Path(item)
+    if path.is_dir():
+        yield from _list_folder(path)
+    elif not path.exists() and glob.has_magic(item):
+        names = sorted(glob.glob(item, recursive=True))
+        if not names:
+            raise DataError(f'{item} matches no file')
+        for name in names:
+            if Path(name).is_dir():
+                yield from _list_folder(Path(name))
+            elif Path(name).suffix.lower() in SUFFIXES:
+                yield Path(name).resolve()
+    elif path.suffix.lower() in INDEX_SUFFIXES and path.is_file():
+        for name in _read_index(path):
+            tile = Path(name.removeprefix('file://'))
+            tile = tile if tile.is_absolute() else path.parent / tile
+            if not tile.is_file():
+                raise DataError(f'{item} names {name}, which does not exist')
+            yield tile.resolve()
+    elif not path.exists():
+        raise DataError(f'{item} does not exist')
+    elif path.suffix.lower() in SUFFIXES:
+        yield path.resolve()
+
+
+def _list_folder(folder: Path) -> Iterator[Path]:
+    for path in sorted(folder.rglob('*')):
+        if path.suffix.lower() in SUFFIXES and path.is_file():
+            yield path.resolve()
+
+
+def _read_index(path: Path) -> list[str]:
+    """Return the paths that a tile index holds."""
+    if path.suffix.lower() in ('.geojson', '.json', '.vpc'):
+        try:
+            features = json.loads(path.read_text(encoding='utf-8'))['features']
+            rows = [
+                {'href': _find_asset(item.get('assets') or {})} | (item.get('properties') or {})
+                for item in features
+            ]
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            raise DataError(f'{path} is no tile index: no GeoJSON features') from error
+    else:
+        rows = _read_table(path)
+    names = []
+    for number, row in enumerate(rows):
+        lower = {str(key).lower(): value for key, value in row.items()}
+        name = next((lower[key] for key in LOCATION_KEYS if lower.get(key)), None)
+        if not isinstance(name, str):
+            raise DataError(
+                f'{path}, feature {number + 1}: no path of a tile; expected one of '
+                f'{", ".join(LOCATION_KEYS)} among {", ".join(sorted(lower)) or "no attributes"}'
+            )
+        names.append(name)
+    return names
+
+
+def _find_asset(assets: dict[str, Any]) -> Any:
+    """Return the path of the cloud among the assets of a feature, as a virtual point cloud has."""
+    chosen: Any = assets.get('data') or next(iter(assets.values()), {})
+    return chosen.get('href')
+
+
+def _read_table(path: Path) -> list[dict[str, Any]]:
+    import pyogrio
+
+    try:
+        head, _, _, columns = pyogrio.raw.read(path, read_geometry=False)
+    except pyogrio.errors.DataSourceError as error:
+        raise DataError(f'{path} is no tile index: {make_one_line(error)}') from error
+    return [dict(zip(head['fields'], row, strict=True)) for row in zip(*columns, strict=True)]
+
+
+def read_sources(
+    paths: Sequence[Path], crs: str | None = None
+) -> tuple[list[Source], list[Refusal]]:
+    """
+    Read the headers of all inputs.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Of `expand_inputs`.
+    crs : str or None
+        CRS instead of that of the files.
+
+    Returns
+    -------
+    sources : list of Source
+        Those that can be used and hold points.
+    refusals : list of Refusal
+        The others, and why.
+
+    Raises
+    ------
+    ConfigError
+        ``crs`` is not known.
+
+    """
+    given = None
+    if crs is not None:
+        system = parse_crs(crs)
+        given = (render_wkt(system), measure_units(system, Path(crs)))
+    known: dict[bytes, tuple[str, tuple[float, float]]] = {}
+    sources, refusals = [], []
+    for number, path in enumerate(paths):
+        try:
+            sources.append(_read_source(path, number, given, known))
+        except DataError as error:
+            refusals.append(Refusal(path=str(path), error=str(error)))
+        except OSError as error:
+            text = f'{path} cannot be read: {error.strerror or error}'
+            refusals.append(Refusal(path=str(path), error=text))
+    return sources, refusals
+
+
+def _read_source(
+    path: Path,
+    number: int,
+    given: tuple[str, tuple[float, float]] | None,
+    known: dict[bytes, tuple[str, tuple[float, float]]],
+) -> Source:
+    stat = path.stat()
+    if path.suffix.lower() == '.pcd':
+        points = read_cloud(path).points
+        good = points[np.isfinite(points).all(axis=1)]
+        low, high = (good.min(axis=0), good.max(axis=0)) if len(good) else (np.zeros(3),) * 2
+        num, (wkt, units) = len(points), given or ('', (1.0, 1.0))
+        low, high = low * [units[0], units[0], units[1]], high * [units[0], units[0], units[1]]
+        scales = offsets = np.zeros(3)
+    else:
+        header = _read_header(path)
+        num = int(header.point_count)
+        _check_count(path, header, stat.st_size)
+        key = b''.join(vlr.record_data_bytes() for vlr in header.vlrs if _is_crs(vlr))
+        if given is None and key not in known:
+            known[key] = find_las_crs(header, path)
+        wkt, units = given or known[key]
+        scale = np.array([units[0], units[0], units[1]])
+        low, high = np.array(header.mins) * scale, np.array(header.maxs) * scale
+        scales, offsets = np.array(header.scales), np.array(header.offsets)
+    return Source(
+        path=str(path), number=number, num_points=num, low=_triple(low), high=_triple(high),
+        crs=wkt, units=units, scales=_triple(scales), offsets=_triple(offsets),
+        size=stat.st_size, changed=stat.st_mtime_ns,
+    )
+
+
+def _triple(values: Any) -> tuple[float, float, float]:
+    x, y, z = (float(value) for value in values)
+    return x, y, z
+
+
+def _is_crs(vlr: Any) -> bool:
+    return str(vlr.user_id).startswith('LASF_Projection')
+
+
+def _read_header(path: Path) -> laspy.LasHeader:
+    try:
+        check_las_header(path)
+        with path.open('rb') as file:
+            return laspy.LasHeader.read_from(file)
+    except (DataError, OSError):
+        raise
+    except Exception as error:  # laspy lets errors of struct and numpy through
+        text = make_one_line(error) or type(error).__name__
+        raise DataError(f'{path} has no readable LAS header: {text}') from error
+
+
+def _check_count(path: Path, header: laspy.LasHeader, size: int) -> None:
+    """Refuse an uncompressed file that is too short for the points its header counts."""
+    if header.are_points_compressed:
+        return
+    room = size - header.offset_to_point_data
+    held = max(room, 0) // header.point_format.size
+    if held < header.point_count:
+        raise DataError(
+            f'{path} is truncated: its header counts {header.point_count} points,'
+            f' {size} bytes hold {held}'
+        )
+    num_evlrs = getattr(header, 'number_of_evlrs', 0) or 0
+    if held > header.point_count and not num_evlrs:
+        raise DataError(
+            f'{path} holds {held} points and its header counts {header.point_count}:'
+            ' which is right? Write it anew'
+        )

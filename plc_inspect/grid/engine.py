@@ -1,0 +1,234 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Runs tasks: in this process, on a local Dask cluster, or on one that exists.
+
+Tasks are plain functions of plain values and paths: no point passes through a scheduler.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+import os
+import time
+from typing import Any, Protocol
+
+from plc_inspect.errors import DataError, PlcInspectError
+from plc_inspect.printable import make_one_line
+
+PENDING = 4
+"""Tasks given to the scheduler beyond what the workers are at, for each of them."""
+ALLOWED_FAILURES = 3
+"""Workers that may die at one task before it is given up."""
+CONNECT_TIMEOUT = 15.0
+"""Seconds to wait for a scheduler."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """One call."""
+
+    name: str
+    function: Callable[..., dict[str, Any]]
+    arguments: tuple[Any, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """How a task ended."""
+
+    name: str
+    answer: dict[str, Any] | None
+    """None where it failed."""
+    error: str = ''
+    is_defect: bool = False
+    """The error is none that a user can mend."""
+    seconds: float = 0.0
+    worker: str = ''
+
+
+class Engine(Protocol):
+    """Runs tasks."""
+
+    num_workers: int
+    memory: float
+    """Of each worker [bytes]."""
+    address: str
+    """Of the dashboard, '' where there is none."""
+
+    def run(self, tasks: Iterable[Task]) -> Iterator[Outcome]:
+        """Run tasks, and yield how each ended, in any order."""
+
+
+def call(task: Task) -> Outcome:
+    """Run one task here; its errors become part of the outcome."""
+    started = time.perf_counter()
+    answer, error, is_defect = None, '', False
+    try:
+        answer = task.function(*task.arguments)
+    except PlcInspectError as fault:
+        error = make_one_line(fault)
+    except MemoryError as fault:
+        error = f'not enough memory: {make_one_line(fault)}'
+    except OSError as fault:
+        error = f'{fault.filename or ""}: {fault.strerror or fault}'
+    except Exception as fault:  # one tile may not end the others
+        error, is_defect = f'{type(fault).__name__}: {make_one_line(fault)}', True
+    return Outcome(
+        name=task.name, answer=answer, error=error, is_defect=is_defect,
+        seconds=time.perf_counter() - started, worker=f'{os.uname().nodename} {os.getpid()}',
+    )
+
+
+class OwnProcess:
+    """Runs tasks one after the other in this process."""
+
+    num_workers = 1
+    address = ''
+
+    def __init__(self, memory: float) -> None:
+        """Take the memory that a task may use [bytes]."""
+        self.memory = memory
+
+    def run(self, tasks: Iterable[Task]) -> Iterator[Outcome]:
+        """Run tasks in their order."""
+        return map(call, tasks)
+
+
+class DaskEngine:
+    """Runs tasks by a Dask client."""
+
+    def __init__(self, client: Any, memory: float | None) -> None:
+        """Take a connected client; the memory is by default what the least worker has [bytes]."""
+        self._client = client
+        with suppress(TimeoutError):
+            client.wait_for_workers(1, timeout=CONNECT_TIMEOUT)
+        workers = client.scheduler_info(n_workers=-1)['workers']
+        if not workers:
+            raise DataError(f'the scheduler at {client.scheduler.address} has no workers')
+        self.num_workers = sum(int(item['nthreads']) for item in workers.values())
+        limits = [item['memory_limit'] / item['nthreads'] for item in workers.values()]
+        least = min(limit for limit in limits)
+        self.memory = memory or (least if least > 0 else measure_available())
+        self.address = str(client.dashboard_link or '')
+
+    def count_workers(self) -> int:
+        """Return how many workers there are now."""
+        return len(self._client.scheduler_info(n_workers=-1)['workers'])
+
+    def run(self, tasks: Iterable[Task]) -> Iterator[Outcome]:
+        """Run tasks, a few more at a time than there are workers."""
+        from distributed import as_completed
+
+        waiting = iter(tasks)
+        names: dict[str, str] = {}
+        running = as_completed()
+        try:
+            for task in waiting:
+                future = self._client.submit(call, task, pure=False)
+                names[future.key] = task.name
+                running.add(future)
+                if len(names) >= PENDING * self.num_workers:
+                    yield self._take(next(running), names)
+            while names:
+                yield self._take(next(running), names)
+        except BaseException:
+            self._client.cancel(list(running.futures), force=True)
+            raise
+
+    def _take(self, future: Any, names: dict[str, str]) -> Outcome:
+        name = names.pop(future.key)
+        error = future.exception()
+        if error is None:
+            outcome: Outcome = future.result()
+            return outcome
+        text = make_one_line(error) or type(error).__name__
+        if type(error).__name__ == 'KilledWorker':
+            text = (
+                f'{ALLOWED_FAILURES + 1} workers died at it one after the other,'
+                ' perhaps for lack of memory'
+            )
+        return Outcome(name=name, answer=None, error=text)
+
+
+@contextmanager
+def open_engine(
+    num_workers: int, scheduler: str | None, memory: float | None,
+    timeout: float = CONNECT_TIMEOUT,
+) -> Iterator[Engine]:
+    """
+    Start what tasks run on, and stop it at the end.
+
+    Parameters
+    ----------
+    num_workers : int
+        Processes of a local cluster; 1 is this process.
+    scheduler : str or None
+        Address of a Dask scheduler, as tcp://host:8786, or a file that it wrote.
+    memory : float or None
+        Of each worker [bytes], by default what is free, divided among them.
+    timeout : float
+        To wait for a scheduler [s].
+
+    Yields
+    ------
+    Engine
+
+    Raises
+    ------
+    DataError
+        No scheduler answers, or it has no workers.
+
+    """
+    if scheduler is None and num_workers == 1:
+        yield OwnProcess(memory or measure_available())
+        return
+    import dask
+    from distributed import Client, LocalCluster
+
+    dask.config.set({
+        'distributed.scheduler.allowed-failures': ALLOWED_FAILURES,
+        'distributed.comm.timeouts.connect': timeout,
+        # a task holds its memory until it ends: nothing can be spilled
+        'distributed.worker.memory.target': False, 'distributed.worker.memory.spill': False,
+        'distributed.worker.memory.pause': False,
+    })
+    if scheduler is not None:
+        yield from _connect(Client, scheduler, memory, timeout)
+        return
+    each = memory or measure_available() / num_workers
+    threads = max((os.cpu_count() or 1) // num_workers, 1)
+    dask.config.set({'distributed.nanny.environ': {
+        'NUMBA_NUM_THREADS': str(threads), 'OMP_NUM_THREADS': '1',
+    }})
+    with LocalCluster(  # type: ignore[no-untyped-call]
+        n_workers=num_workers, threads_per_worker=1, processes=True, memory_limit=int(each),
+        dashboard_address='127.0.0.1:0', host='127.0.0.1', silence_logs=40,
+    ) as cluster, Client(cluster) as client:  # type: ignore[no-untyped-call]
+        yield DaskEngine(client, each)
+
+
+def _connect(
+    make_client: Any, scheduler: str, memory: float | None, timeout: float
+) -> Iterator[Engine]:
+    named = {'scheduler_file': scheduler} if os.path.isfile(scheduler) else {'address': scheduler}
+    try:
+        client = make_client(**named, timeout=timeout)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise DataError(
+            f'no Dask scheduler answers at {scheduler}: {make_one_line(error)}'
+        ) from error
+    with client:
+        yield DaskEngine(client, memory)
+
+
+def measure_available() -> float:
+    """Return the memory that is free, less a tenth [bytes]."""
+    try:
+        with open('/proc/meminfo', encoding='ascii') as file:
+            values = dict(line.split(':', 1) for line in file)
+        free = float(values['MemAvailable'].split()[0]) * 1024.0
+    except (OSError, KeyError, ValueError):
+        free = float(os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES')) / 2
+    return 0.9 * free

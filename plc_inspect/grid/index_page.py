@@ -1,0 +1,162 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The page on top of a grid: totals, hazards from the worst on, a map, all tiles."""
+
+from collections import Counter
+from collections.abc import Sequence
+from html import escape
+from importlib.resources import files
+from typing import Any, TYPE_CHECKING
+
+from plc_inspect import __version__
+from plc_inspect.colors import severity_color
+from plc_inspect.grid.cells.layout import CellGrid
+from plc_inspect.grid.cells.sources import Source
+from plc_inspect.grid.tiles.tile_job import TileJob
+from plc_inspect.offline.records.inspection import Record
+from plc_inspect.results import Severity
+from plc_inspect.templates import open_templates
+
+if TYPE_CHECKING:
+    from plc_inspect.grid.results import GridSummary
+
+MOST_HAZARDS = 1000
+"""In the list; all are in the tables."""
+WIDTH = 1100
+"""Of the map [pixels]."""
+PAGE = 'points.laz'
+"""What the link of a tile opens."""
+
+
+def render_index(
+    summary: 'GridSummary', title: str, sources: Sequence[Source], hazards: Sequence[Record],
+    jobs: Sequence[TileJob], answers: dict[str, dict[str, Any]],
+) -> str:
+    """
+    Return the page on top of a grid.
+
+    Parameters
+    ----------
+    summary : GridSummary
+        What the grid came to.
+    title : str
+        Of the page.
+    sources : sequence of Source
+        The inputs.
+    hazards : sequence of dict
+        As ``hazards.json`` holds them, in their order.
+    jobs : sequence of TileJob
+        All tiles.
+    answers : dict
+        Of the tiles that were inspected.
+
+    Returns
+    -------
+    str
+        HTML that needs no other file.
+
+    """
+    joined, unit = summary.joined, summary.units.name
+    names = {job.tile.number: job.tile.name for job in jobs}
+    order = sorted(range(len(hazards)), key=lambda k: (
+        -Severity[hazards[k]['severity'].upper()],
+        (hazards[k]['clearance'] or 0.0) - (hazards[k]['required'] or 0.0),
+    ))
+    kinds = Counter((item['severity'], item['kind']) for item in hazards)
+    number = Counter(item['severity'] for item in hazards)
+    per_tile = Counter(joined.hazard_tiles)
+    totals = [
+        ('of line', f'{summary.kilometres:.2f} km', ''),
+        ('spans', f'{len(joined.spans):,}',
+         f'{len({span.line_id for span in joined.spans})} conductors'),
+        ('supports', f'{len(joined.supports):,}', ''),
+        *((f'{name} hazards', number[name], ', '.join(
+            f'{kind}: {count}' for (own, kind), count in sorted(kinds.items()) if own == name
+        )) for name in ('critical', 'warning', 'notice')),
+        ('coverage', _measure_coverage(summary), 'of the length of conductors holds points'),
+    ]
+    return open_templates('grid/templates').get_template('index.html.j2').render(
+        title=title, version=__version__, inputs=len(sources), points=summary.num_points,
+        crs=_name_crs(sources[0]), style=_read_style(), unit=unit, totals=totals,
+        failures=summary.failures,
+        hazards=[
+            {
+                'severity': item['severity'], 'colour': severity_color(item['severity']),
+                'kind': item['kind'], 'line_id': item['line_id'], 'span_id': item['span_id'],
+                'measured': _number(item['clearance']), 'required': _number(item['required']),
+                'place': ', '.join(_number(value) for value in item['position']),
+                'tile': names[joined.hazard_tiles[k]], 'page': PAGE, 'text': item['text'],
+            }
+            for k, item in ((k, hazards[k]) for k in order[:MOST_HAZARDS])
+        ],
+        num_more=max(len(hazards) - MOST_HAZARDS, 0),
+        tiles=[
+            {
+                'name': job.tile.name, 'page': PAGE, 'points': job.tile.num_points,
+                'spans': answer['num_spans'], 'hazards': per_tile[job.tile.number],
+                'halo': f'{answer["halo"]:.0f}', 'seconds': f'{answer["seconds"]:.1f}',
+                'memory': f'{answer["peak_memory"] / 1e9:.2f}',
+            }
+            for job, answer in ((job, answers.get(job.tile.name)) for job in jobs)
+            if answer is not None
+        ],
+        map=_draw_map(summary, jobs),
+    )
+
+
+def _name_crs(source: Source) -> str:
+    if not source.crs:
+        return 'no coordinate reference system given, metres assumed'
+    return source.crs.partition('"')[2].partition('"')[0]
+
+
+def _number(value: float | None) -> str:
+    return '-' if value is None else f'{value:.2f}'
+
+
+def _read_style() -> str:
+    return files('plc_inspect').joinpath('offline/report/templates/report.css').read_text('utf-8')
+
+
+def _measure_coverage(summary: 'GridSummary') -> str:
+    spans = summary.joined.spans
+    total = sum(span.length for span in spans)
+    seen = sum(span.length * span.coverage for span in spans)
+    return f'{100 * seen / total:.0f} %' if total else '-'
+
+
+def _draw_map(summary: 'GridSummary', jobs: Sequence[TileJob]) -> str:
+    """Return tiles, spans and hazards in plan as SVG."""
+    if not jobs:
+        return ''
+    grid: CellGrid = jobs[0].grid
+    boxes = [job.tile.rectangle(grid) for job in jobs]
+    x0, y0 = min(box[0] for box in boxes), min(box[1] for box in boxes)
+    x1, y1 = max(box[2] for box in boxes), max(box[3] for box in boxes)
+    scale = WIDTH / max(x1 - x0, y1 - y0)
+
+    def place(x: float, y: float) -> str:
+        return f'{(x - x0) * scale:.1f},{(y1 - y) * scale:.1f}'
+
+    parts = []
+    for job, box in zip(jobs, boxes, strict=True):
+        left, top = place(box[0], box[3]).split(',')
+        parts.append(
+            f'<rect x="{left}" y="{top}" width="{(box[2] - box[0]) * scale:.1f}" '
+            f'height="{(box[3] - box[1]) * scale:.1f}" class="grid" fill="none">'
+            f'<title>{escape(job.tile.name)}</title></rect>'
+        )
+    for span in summary.joined.spans:
+        ends = f'{place(*span.start[:2].tolist())} {place(*span.end[:2].tolist())}'
+        parts.append(f'<polyline points="{ends}" class="wire" style="--c: #10405f"/>')
+    for hazard in sorted(summary.joined.hazards, key=lambda item: item.severity):
+        x, y = place(*hazard.position[:2].tolist()).split(',')
+        name = hazard.severity.name.lower()
+        parts.append(
+            f'<circle cx="{x}" cy="{y}" r="4" class="dot" style="--c: {severity_color(name)}">'
+            f'<title>{escape(name)} {hazard.kind.name.lower()}, line {hazard.line_id}, '
+            f'span {hazard.span_id}</title></circle>'
+        )
+    width, height = (x1 - x0) * scale, (y1 - y0) * scale
+    return f'<svg viewBox="0 0 {width:.0f} {height:.0f}">{"".join(parts)}</svg>'

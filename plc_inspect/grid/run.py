@@ -1,0 +1,378 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The run over a grid: cut, know the whole, inspect tile by tile, join, write."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field, replace
+import json
+import math
+from pathlib import Path
+import shutil
+from typing import Any
+
+import numpy as np
+
+from plc_inspect import __version__
+from plc_inspect.config import Settings
+from plc_inspect.core.cloud_frame import CloudFrame, derive_frame
+from plc_inspect.core.extraction.stray_points import lay_stray_grid, StrayGrid
+from plc_inspect.core.hazards.clearance_rules import RuleSet
+from plc_inspect.core.whole import Whole
+from plc_inspect.errors import DataError
+from plc_inspect.grid.cells.cut import count_parts, cut_part, name_part
+from plc_inspect.grid.cells.layout import (
+    BASE_BYTES,
+    BYTES_PER_POINT,
+    CellGrid,
+    count_allowed,
+    lay_cells,
+    lay_tiles,
+    Tile,
+)
+from plc_inspect.grid.cells.sources import Source
+from plc_inspect.grid.engine import Engine, Outcome, Task
+from plc_inspect.grid.ledger import Ledger, make_key
+from plc_inspect.grid.tiles.survey_whole import (
+    count_tile,
+    find_peak,
+    join_extremes,
+    join_spacing,
+    measure_candidates,
+    measure_ground,
+    remove_heights,
+)
+from plc_inspect.grid.tiles.tile_job import (
+    CELLS,
+    parse_whole,
+    render_whole,
+    StrayCells,
+    TileJob,
+    TILES,
+    write_catalogue,
+)
+from plc_inspect.grid.tiles.tile_run import inspect_tile
+
+WORK = 'work'
+"""Folder of cells and of what was found in each tile; the results do not need it."""
+HALO = 500.0
+"""Looked at around a tile at first [m].  Source: judgement: a span of 400 m and its neighbour."""
+
+Tell = Callable[[str, int, int, int], None]
+"""Called with a step, how many of its tasks are done, how many there are, and how many failed."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GridOptions:
+    """How a grid is divided."""
+
+    halo: float = HALO
+    """Looked at around a tile at first [m]."""
+    edge: float | None = None
+    """Of the cells that points are cut into [m], None from their density."""
+    tile_edge: float = math.inf
+    """Of a tile, at most [m]."""
+    shift: tuple[float, float] = (0.0, 0.0)
+    """Of the borders of the cells [m]."""
+
+
+@dataclass(slots=True, kw_only=True)
+class GridRun:
+    """A grid on its way: what is known so far."""
+
+    folder: Path
+    settings: Settings
+    rules: RuleSet | None
+    options: GridOptions
+    engine: Engine
+    ledger: Ledger
+    tell: Tell
+    failures: list[str] = field(default_factory=list)
+    num_defects: int = 0
+
+    @property
+    def work(self) -> Path:
+        """The folder that tasks work in."""
+        return self.folder / WORK
+
+    @property
+    def allowed(self) -> int:
+        """Points of a tile with its halo."""
+        return count_allowed(self.engine.memory)
+
+    def run(
+        self, stage: str, tasks: Sequence[Task], keys: dict[str, str],
+        renew: Callable[[str, dict[str, Any]], str] | None = None,
+    ) -> dict[str, dict[str, Any]]:
+        """
+        Run the tasks of a stage that were not done yet, and return all answers by name.
+
+        Parameters
+        ----------
+        stage : str
+            Of the ledger.
+        tasks : sequence of Task
+            All of the stage.
+        keys : dict
+            For each task what its answer depends on; one done with the same key is not run.
+        renew : callable or None
+            Gives the key to be kept from a name and its answer.
+
+        """
+        answers: dict[str, dict[str, Any]] = {}
+        todo = []
+        for task in tasks:
+            known = self.ledger.find_task(stage, task.name)
+            if known is not None and known[0] == (
+                renew(task.name, known[1]) if renew else keys[task.name]
+            ):
+                answers[task.name] = known[1]
+            else:
+                todo.append(task)
+        self.ledger.drop_others(stage, [task.name for task in tasks])
+        done, failed = len(answers), 0
+        self.tell(stage, done, len(tasks), failed)
+        for outcome in self.engine.run(todo):
+            done += 1
+            key = keys[outcome.name]
+            if outcome.answer is None:
+                failed += 1
+                self._fail(stage, outcome)
+            else:
+                answers[outcome.name] = outcome.answer
+                key = renew(outcome.name, outcome.answer) if renew else key
+            self.ledger.keep_task(
+                stage, outcome.name, key, outcome.answer, outcome.error,
+                seconds=outcome.seconds, worker=outcome.worker,
+            )
+            self.tell(stage, done, len(tasks), failed)
+        return answers
+
+    def _fail(self, stage: str, outcome: Outcome) -> None:
+        self.failures.append(f'{stage} {outcome.name}: {outcome.error}')
+        self.num_defects += outcome.is_defect
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CutGrid:
+    """All points, in cells on disk."""
+
+    grid: CellGrid
+    counts: np.ndarray
+    """Points in each cell."""
+    pieces: np.ndarray
+    """(K, 3) cell, place of its part, points."""
+    part_keys: tuple[str, ...]
+    """What each part depends on, by its place."""
+    reference: np.ndarray
+    moments: np.ndarray
+    strays: tuple[StrayCells, ...]
+    num_points: int
+    num_lost: int
+
+
+def cut_sources(run: GridRun, sources: Sequence[Source]) -> CutGrid:
+    """Cut all inputs into cells on disk; DataError where none of them can be read."""
+    grid = _choose_cells(run, sources)
+    low = np.array([source.low for source in sources]).min(axis=0)
+    high = np.array([source.high for source in sources]).max(axis=0)
+    reference = np.floor((low + high) / 2)
+    plane = lay_stray_grid(low, high)
+    folder = run.work / CELLS
+    tasks, keys = [], {}
+    for source in sources:
+        for part in range(count_parts(source)):
+            name = name_part(source.number, part)
+            tasks.append(Task(name=name, function=cut_part, arguments=(
+                str(folder), source, part, grid, tuple(reference.tolist()), plane,
+            )))
+            keys[name] = make_key(__version__, source.state, source.units, part, asdict(grid),
+                                  reference.tolist(), low.tolist(), high.tolist())
+    answers = run.run('cut', tasks, keys)
+    for path in folder.glob('s*'):
+        if path.name not in answers:
+            shutil.rmtree(path, ignore_errors=True)
+    if not answers:
+        raise DataError(f'none of {len(sources)} inputs can be read: {run.failures[0]}')
+    names = sorted(answers)
+    for source in sources:
+        own = answers.get(name_part(source.number, 0))
+        run.ledger.describe_source(source.path, source.num_points, own['sha256'] if own else '')
+    rows = [
+        (int(cell), place, int(values[0]))
+        for place, name in enumerate(names) for cell, values in answers[name]['cells'].items()
+    ]
+    pieces = np.array(rows, dtype=np.int64).reshape(-1, 3)
+    write_catalogue(run.work, names, pieces)
+    counts = np.bincount(
+        pieces[:, 0], weights=pieces[:, 2], minlength=grid.rows * grid.columns
+    ).astype(np.int64)
+    parts = [answers[name] for name in names]
+    return CutGrid(
+        grid=grid, counts=counts, pieces=pieces, part_keys=tuple(keys[name] for name in names),
+        reference=reference, strays=_find_strays(parts, plane),
+        moments=np.sum([part['moments'] for part in parts], axis=0),
+        num_points=sum(part['num_points'] for part in parts),
+        num_lost=sum(part['num_lost'] for part in parts),
+    )
+
+
+def _choose_cells(run: GridRun, sources: Sequence[Source]) -> CellGrid:
+    """Return the cells of an earlier run, where all inputs lie in them, or new ones."""
+    options = run.options
+    wish = [options.edge, *options.shift]
+    boxes = [(*source.low[:2], *source.high[:2]) for source in sources]
+    known = run.ledger.find_fact('cells')
+    if known is not None and known['wish'] == wish:
+        grid = CellGrid(**known['grid'] | {'origin': tuple(known['grid']['origin'])})
+        (x, y), edge = grid.origin, grid.edge
+        if all(
+            x <= box[0] and y <= box[1] and box[2] < x + grid.columns * edge
+            and box[3] < y + grid.rows * edge for box in boxes
+        ):
+            return grid
+    grid = lay_cells(
+        boxes, sum(source.num_points for source in sources), run.allowed, options.edge,
+        options.shift,
+    )
+    run.ledger.keep_fact('cells', {'wish': wish, 'grid': asdict(grid)})
+    run.ledger.keep_fact('whole', None)
+    return grid
+
+
+def _find_strays(
+    parts: Sequence[dict[str, Any]], plane: StrayGrid | None
+) -> tuple[StrayCells, ...]:
+    """Return the cells of points that are alone and far away."""
+    if plane is None:
+        return ()
+    counts = np.zeros(int(np.prod(plane.shape)), dtype=np.int64)
+    for part in parts:
+        for cell, count in part['strays'].items():
+            counts[int(cell)] += count
+    marked = plane.find_strays(counts)
+    return (StrayCells(grid=plane, marked=marked),) if marked.any() else ()
+
+
+def plan_tiles(run: GridRun, cut: CutGrid) -> list[TileJob]:
+    """Divide the cells into tiles that memory allows."""
+    tiles = lay_tiles(
+        cut.grid, cut.counts, run.options.halo, run.allowed, run.options.tile_edge
+    )
+    return [
+        TileJob(folder=str(run.work), tile=tile, grid=cut.grid, strays=cut.strays)
+        for tile in tiles
+    ]
+
+
+def know_whole(run: GridRun, cut: CutGrid, jobs: Sequence[TileJob]) -> Whole:
+    """
+    Find what the result of each tile depends on of the whole grid.
+
+    What an earlier run of the same settings found is kept, so that a changed input changes its
+    own tiles alone.
+    """
+    settings = run.settings
+    stages = [asdict(item) for item in (
+        settings.height, settings.linearity, settings.outliers, settings.segment,
+    )]
+    key = make_key(__version__, stages, asdict(cut.grid))
+    known = run.ledger.find_fact('whole')
+    if known is not None and known['key'] == key:
+        return parse_whole(json.dumps(known['whole']))
+    frame = derive_frame(cut.reference, cut.moments)
+    if cut.strays:
+        frame = _derive_without_strays(jobs, cut)
+    whole = _measure_whole(run, jobs, frame, key + make_key(cut.part_keys))
+    run.ledger.keep_fact('whole', {'key': key, 'whole': render_whole(whole)})
+    return whole
+
+
+def _derive_without_strays(jobs: Sequence[TileJob], cut: CutGrid) -> CloudFrame:
+    from plc_inspect.core.cloud_frame import sum_moments
+
+    moments = np.zeros_like(cut.moments)
+    for job in jobs:
+        moments += sum_moments(job.read(0.0).points, cut.reference)
+    return derive_frame(cut.reference, moments)
+
+
+def _measure_whole(
+    run: GridRun, jobs: Sequence[TileJob], frame: CloudFrame, key: str
+) -> Whole:
+    settings = run.settings
+
+    def ask(stage: str, tasks: Iterable[Task], *more: Any) -> list[dict[str, Any]]:
+        listed = list(tasks)
+        own = {task.name: make_key(key, task.name, more) for task in listed}
+        answers = run.run(stage, listed, own)
+        return [answers[task.name] for task in listed if task.name in answers]
+
+    extent = [(job.tile.first, job.tile.last) for job in jobs]
+    grounds = ask('ground', (
+        Task(name=job.tile.name, function=measure_ground, arguments=(job, frame, settings.height))
+        for job in jobs
+    ), extent)
+    extremes, region = join_extremes(grounds)
+    peak = 0.0
+    if extremes[0] <= extremes[1]:
+        peak = find_peak(ask('histogram', (
+            Task(name=job.tile.name, function=count_tile,
+                 arguments=(str(job.place), extremes, settings.height))
+            for job in jobs
+        ), extent, extremes), extremes, settings.height)
+    spacings = ask('candidates', (
+        Task(name=job.tile.name, function=measure_candidates,
+             arguments=(job, frame, region, peak, settings))
+        for job in jobs
+    ), extent, extremes, peak)
+    remove_heights(run.work / TILES)
+    spacing, anchor = join_spacing(spacings, settings.outliers.num_neighbors)
+    return Whole(frame=frame, region=region, peak=peak, anchor=anchor, spacing=spacing)
+
+
+def inspect_tiles(
+    run: GridRun, cut: CutGrid, jobs: Sequence[TileJob], whole: Whole
+) -> dict[str, dict[str, Any]]:
+    """Inspect all tiles that are not inspected yet; return what is told of each."""
+    rules = None if run.rules is None else repr(run.rules)
+    common = make_key(__version__, asdict(run.settings), rules, render_whole(whole))
+    tiles = {job.tile.name: job.tile for job in jobs}
+    order = np.argsort(cut.pieces[:, 0], kind='stable')
+    cells, parts = cut.pieces[order, 0], cut.pieces[order, 1]
+
+    def render_key(name: str, answer: dict[str, Any]) -> str:
+        tile = tiles[name]
+        if not (run.work / TILES / f'{name}.json').is_file():
+            return ''
+        near = tile.cells(cut.grid, answer['halo'])
+        first, last = np.searchsorted(cells, near), np.searchsorted(cells, near, side='right')
+        used = sorted({
+            (cell, cut.part_keys[part])
+            for cell, begin, end in zip(near, first.tolist(), last.tolist(), strict=True)
+            for part in parts[begin:end].tolist()
+        })
+        return make_key(common, tile.first, tile.last, used, run.options.halo)
+
+    return run.run('tile', [
+        Task(name=job.tile.name, function=inspect_tile, arguments=(
+            job, whole, run.settings, run.rules, run.options.halo, run.allowed,
+        )) for job in jobs
+    ], dict.fromkeys(tiles, ''), render_key)
+
+
+def estimate_memory(jobs: Sequence[TileJob]) -> float:
+    """Return what the largest tile is expected to take [bytes]."""
+    return BASE_BYTES + BYTES_PER_POINT * max((job.tile.num_near for job in jobs), default=0)
+
+
+def renumber(sources: Sequence[Source], numbers: dict[str, int]) -> list[Source]:
+    """Return the inputs with the numbers of the ledger, in their order."""
+    own = [replace(source, number=numbers[source.path]) for source in sources]
+    return sorted(own, key=lambda source: source.number)
+
+
+def list_tiles(jobs: Sequence[TileJob]) -> Iterator[Tile]:
+    """Yield the tiles of jobs."""
+    for job in jobs:
+        yield job.tile

@@ -1,0 +1,182 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""A grid from its inputs to its results folder."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+import shutil
+import time
+
+from plc_inspect import __version__
+from plc_inspect.config import Settings
+from plc_inspect.core.hazards.clearance_rules import RuleSet
+from plc_inspect.errors import DataError
+from plc_inspect.grid.cells.layout import count_allowed
+from plc_inspect.grid.cells.sources import expand_inputs, read_sources, Refusal, Source
+from plc_inspect.grid.engine import Engine
+from plc_inspect.grid.ledger import Ledger
+from plc_inspect.grid.ledger import NAME as LEDGER
+from plc_inspect.grid.results import GridSummary, TILE_FOLDER, write_grid
+from plc_inspect.grid.run import (
+    cut_sources,
+    estimate_memory,
+    GridOptions,
+    GridRun,
+    inspect_tiles,
+    know_whole,
+    plan_tiles,
+    renumber,
+    Tell,
+    WORK,
+)
+from plc_inspect.printable import make_one_line
+
+LOG = 'progress.log'
+FILES = (
+    LEDGER, f'{LEDGER}-wal', f'{LEDGER}-shm', f'{LEDGER}-journal', LOG, 'run.json', 'spans.json',
+    'spans.csv', 'supports.json', 'supports.csv', 'hazards.json', 'hazards.csv', 'grid.gpkg',
+    'index.html', WORK, TILE_FOLDER,
+)
+"""A results folder of a grid holds these and nothing else."""
+LOG_PERIOD = 5.0
+"""Seconds between two lines of the log."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GridInputs:
+    """What is asked for."""
+
+    items: tuple[str, ...]
+    """Files, folders, patterns, tile indices."""
+    folder: Path
+    crs: str | None = None
+    force: bool = False
+    """Begin anew where the folder holds a grid."""
+
+
+def check_grid_folder(folder: Path, force: bool) -> None:
+    """
+    Raise DataError unless a grid can be written, or taken up again, in a folder.
+
+    With ``force`` an earlier grid there is removed.
+    """
+    if not folder.exists():
+        return
+    if folder.is_symlink() or not folder.is_dir():
+        raise DataError(f'{folder} exists and is not a folder')
+    held = {item.name for item in folder.iterdir()}
+    foreign = sorted(held - set(FILES))
+    if held and (foreign or LEDGER not in held):
+        raise DataError(
+            f'{folder} holds no grid that could be taken up again: {(foreign or sorted(held))[0]}'
+            ' is none of its files; name another folder'
+        )
+    if force:
+        for name in held:
+            path = folder / name
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+
+def survey_grid(
+    inputs: GridInputs, settings: Settings, rules: RuleSet | None, options: GridOptions,
+    engine: Engine, tell: Tell,
+) -> GridSummary:
+    """
+    Inspect a grid; what was done of it before is not done again.
+
+    Parameters
+    ----------
+    inputs : GridInputs
+        What is asked for.
+    settings : Settings
+        Of all stages.
+    rules : RuleSet or None
+        Clearance rules.
+    options : GridOptions
+        How the grid is divided.
+    engine : Engine
+        Runs the tasks.
+    tell : callable
+        Told of progress.
+
+    Returns
+    -------
+    GridSummary
+
+    Raises
+    ------
+    DataError
+        No input can be used, the inputs do not go together, or memory is too small.
+    ConfigError
+        The CRS is not known.
+
+    """
+    paths = expand_inputs(inputs.items)
+    tell('headers', 0, len(paths), 0)
+    sources, refusals = read_sources(paths, inputs.crs)
+    check_together(sources, refusals)
+    count_allowed(engine.memory)
+    check_grid_folder(inputs.folder, inputs.force)
+    inputs.folder.mkdir(parents=True, exist_ok=True)
+    with Ledger(inputs.folder, __version__) as ledger:
+        for path in (inputs.folder / 'index.html',):  # not whole any more
+            path.unlink(missing_ok=True)
+        run = GridRun(
+            folder=inputs.folder, settings=settings, rules=rules, options=options,
+            engine=engine, ledger=ledger, tell=_log_too(inputs.folder / LOG, tell),
+        )
+        numbers = ledger.number_sources([str(path) for path in paths])
+        for refusal in refusals:
+            ledger.describe_source(refusal.path, error=refusal.error)
+        cut = cut_sources(run, renumber(sources, numbers))
+        jobs = plan_tiles(run, cut)
+        tell(f'memory: {estimate_memory(jobs) / 1e9:.1f} GB for the largest of', 0, len(jobs), 0)
+        whole = know_whole(run, cut, jobs)
+        answers = inspect_tiles(run, cut, jobs, whole)
+        return write_grid(run, renumber(sources, numbers), refusals, cut, jobs, answers)
+
+
+def check_together(sources: Sequence[Source], refusals: Sequence[Refusal]) -> None:
+    """Raise DataError where inputs cannot be one grid."""
+    if not sources:
+        raise DataError(f'no input can be used: {refusals[0].error}')
+    if not any(source.num_points for source in sources):
+        raise DataError(f'none of {len(sources)} inputs holds a point')
+    first = sources[0]
+    for other in sources[1:]:
+        if other.crs != first.crs or other.units != first.units:
+            raise DataError(
+                f'{first.path} and {other.path} have different coordinate reference systems '
+                f'({_name(first)}, {_name(other)}): bring them into one, or give --crs'
+            )
+
+
+def _name(source: Source) -> str:
+    return source.crs.partition('"')[2].partition('"')[0] or 'none'
+
+
+def _log_too(path: Path, tell: Tell) -> Tell:
+    """Return what tells of progress and writes a line into the log now and then."""
+    begun: dict[str, tuple[float, int]] = {}
+    last = [0.0]
+
+    def tell_and_log(step: str, done: int, total: int, failed: int) -> None:
+        tell(step, done, total, failed)
+        now = time.monotonic()
+        is_new = step not in begun
+        started, before = begun.setdefault(step, (now, done))
+        if not (is_new or done == total or now - last[0] >= LOG_PERIOD):
+            return
+        last[0] = now
+        rate = (done - before) / max(now - started, 1e-9)
+        left = f', {(total - done) / rate:.0f} s left' if rate > 0 and done < total else ''
+        pace = f', {rate:.2f}/s' if done > before else ''
+        with path.open('a', encoding='utf-8') as file:
+            stamp = time.strftime('%Y-%m-%dT%H:%M:%SZ', time.gmtime())
+            file.write(make_one_line(
+                f'{stamp} {step}: {done} of {total}{pace}{left}, {failed} failed'
+            ) + '\n')
+
+    return tell_and_log

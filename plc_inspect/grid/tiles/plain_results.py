@@ -1,0 +1,147 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What was found in a tile, as files: spans, supports and hazards as JSON, points as arrays."""
+
+from collections.abc import Mapping
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plc_inspect.results import (
+    Bool,
+    Hazard,
+    HazardKind,
+    InspectionResult,
+    Severity,
+    Span,
+    SpanKey,
+    Support,
+)
+
+POINT_FIELDS = ('line_id', 'span_id', 'clearance', 'classification', 'decision')
+"""Of the points of a tile, what is written into its points.laz."""
+
+Rectangle = tuple[float, float, float, float]
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FoundTile:
+    """What was found in one tile and near it; numbers of lines and spans are its own."""
+
+    number: int
+    name: str
+    spans: tuple[Span, ...]
+    claimed: tuple[bool, ...]
+    """Spans that lie in this tile."""
+    supports: tuple[Support, ...]
+    inside: tuple[bool, ...]
+    """Supports that stand in this tile."""
+    hazards: tuple[Hazard, ...]
+    """Of the spans that are claimed."""
+    vegetation: dict[SpanKey, float | None]
+    """Distance of each claimed span to the vegetation near it [m]; None where there is none."""
+
+
+def write_found(
+    place: Path, result: InspectionResult, core: Bool, claimed: Bool, near: Bool,
+    own: Rectangle, vegetation: Mapping[SpanKey, float | None],
+) -> None:
+    """
+    Write what was found in a tile.
+
+    Parameters
+    ----------
+    place : Path
+        The beginning of the names of its files.
+    result : InspectionResult
+        Of N points and S spans.
+    core : (N,) bool
+        Points of the tile.
+    claimed, near : (S,) bool
+        Spans that belong to it, and all that count near it.
+    own : tuple of float
+        Supports within stand in this tile [m].
+    vegetation : mapping
+        Distance of each span to vegetation [m].
+
+    """
+    place.parent.mkdir(parents=True, exist_ok=True)
+    kept = claimed | near
+    keys = {
+        (span.line_id, span.span_id)
+        for span, mine in zip(result.spans, claimed.tolist(), strict=True) if mine
+    }
+    value = {
+        'spans': [_plain(span) for span, keep in zip(result.spans, kept.tolist(), strict=True)
+                  if keep],
+        'claimed': claimed[kept].tolist(),
+        'supports': [_plain(item) for item in result.supports],
+        'inside': [
+            bool(own[0] <= item.position[0] < own[2] and own[1] <= item.position[1] < own[3])
+            for item in result.supports
+        ],
+        'hazards': [
+            _plain(item) for item in result.hazards if (item.line_id, item.span_id) in keys
+        ],
+    }
+    value['vegetation'] = [[*key, vegetation.get(key)] for key in sorted(keys)]
+    arrays = {name: getattr(result, name)[core] for name in POINT_FIELDS}
+    with Path(f'{place}.labels.npz.partial').open('wb') as file:
+        np.savez(file, **arrays)
+    Path(f'{place}.labels.npz.partial').rename(f'{place}.labels.npz')
+    aside = Path(f'{place}.json.partial')
+    aside.write_text(json.dumps(value), encoding='utf-8')
+    aside.rename(f'{place}.json')
+
+
+def read_found(place: Path, number: int) -> FoundTile:
+    """Read what `write_found` wrote for the tile of that number."""
+    value = json.loads(Path(f'{place}.json').read_text(encoding='utf-8'))
+    return FoundTile(
+        number=number,
+        name=place.name,
+        spans=tuple(_make_span(item) for item in value['spans']),
+        claimed=tuple(value['claimed']),
+        supports=tuple(
+            Support(**item | {
+                'position': np.array(item['position']), 'line_ids': tuple(item['line_ids']),
+            })
+            for item in value['supports']
+        ),
+        inside=tuple(value['inside']),
+        vegetation={(line, span): distance for line, span, distance in value['vegetation']},
+        hazards=tuple(
+            Hazard(**item | {
+                'kind': HazardKind(item['kind']), 'severity': Severity(item['severity']),
+                'position': np.array(item['position']), 'extent': np.array(item['extent']),
+            })
+            for item in value['hazards']
+        ),
+    )
+
+
+def _make_span(item: dict[str, Any]) -> Span:
+    places = {name: np.array(item[name]) for name in ('start', 'end', 'lowest')}
+    a2, a1, a0 = item['quadratic']
+    return Span(**item | places | {'quadratic': (a2, a1, a0)})
+
+
+def _plain(item: Any) -> dict[str, Any]:
+    """Return a frozen result as plain values; floats keep all their bits."""
+    return {
+        field.name: _value(getattr(item, field.name)) for field in dataclasses.fields(item)
+    }
+
+
+def _value(value: Any) -> Any:
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, tuple):
+        return [_value(part) for part in value]
+    if isinstance(value, dict):
+        return {key: _value(part) for key, part in value.items()}
+    return int(value) if isinstance(value, HazardKind | Severity) else value

@@ -1,0 +1,161 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What is known of a whole grid, found tile by tile: the tasks, and how their answers add up."""
+
+from collections.abc import Iterable, Sequence
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plc_inspect.config import HeightSettings, Settings
+from plc_inspect.core.cloud_frame import CloudFrame
+from plc_inspect.core.extraction.ground_surface import measure_surface
+from plc_inspect.core.extraction.height import (
+    count_heights,
+    extract_high,
+    find_ground_peak,
+    lay_edges,
+)
+from plc_inspect.core.extraction.linearity import anchor, find_candidates
+from plc_inspect.core.extraction.off_ground import gather_off_ground
+from plc_inspect.core.extraction.outliers import measure_spacing
+from plc_inspect.grid.tiles.tile_job import TileJob
+from plc_inspect.results import Float64
+
+CONTEXT = 80.0
+"""
+Looked at around a tile for the ground and for candidates [m].
+Source: derived: gaps of the ground grid are filled from blocks of 64 cells at most.
+"""
+
+Answer = dict[str, Any]
+
+
+def measure_ground(job: TileJob, frame: CloudFrame, settings: HeightSettings) -> Answer:
+    """
+    Measure the heights of a tile's points, and keep them beside it.
+
+    Returns
+    -------
+    dict
+        ``extremes``, least and greatest height [m], and ``bounds``, least x and y and greatest
+        in the frame [m]; infinite where there are none.
+
+    """
+    found = job.read(CONTEXT)
+    points = frame.enter(found.points)
+    surface = measure_surface(points, settings)
+    height = surface.height[found.core]
+    own = points[found.core, :2]
+    del points, surface
+    job.place.parent.mkdir(parents=True, exist_ok=True)
+    np.save(f'{job.place}.heights.npy', height[np.isfinite(height)])
+    known = height[np.isfinite(height)]
+    own = own[np.isfinite(own[:, 0])]
+    return {
+        'extremes': [float(known.min(initial=math.inf)), float(known.max(initial=-math.inf))],
+        'bounds': [*own.min(axis=0, initial=math.inf).tolist(),
+                   *own.max(axis=0, initial=-math.inf).tolist()],
+    }
+
+
+def count_tile(place: str, extremes: tuple[float, float], settings: HeightSettings) -> Answer:
+    """Return the histogram of the heights that were kept beside a tile."""
+    edges = lay_edges(np.array(extremes, dtype=np.float32), settings)
+    return {'counts': count_heights(np.load(f'{place}.heights.npy'), edges).tolist()}
+
+
+def join_extremes(answers: Iterable[Answer]) -> tuple[tuple[float, float], Float64]:
+    """Return least and greatest height, and (2, 2) bounds in the frame, over all tiles [m]."""
+    low, high = math.inf, -math.inf
+    region = np.array([[math.inf] * 2, [-math.inf] * 2])
+    for answer in answers:
+        low, high = min(low, answer['extremes'][0]), max(high, answer['extremes'][1])
+        region[0] = np.minimum(region[0], answer['bounds'][:2])
+        region[1] = np.maximum(region[1], answer['bounds'][2:])
+    return (low, high), region
+
+
+def find_peak(
+    answers: Iterable[Answer], extremes: tuple[float, float], settings: HeightSettings
+) -> float:
+    """Return where the histogram of all heights has its peak [m]."""
+    edges = lay_edges(np.array(extremes, dtype=np.float32), settings)
+    counts = np.zeros(settings.num_bins, dtype=np.int64)
+    for answer in answers:
+        counts += answer['counts']
+    return find_ground_peak(counts, edges, settings.beta)
+
+
+def measure_candidates(
+    job: TileJob, frame: CloudFrame, region: Float64, peak: float, settings: Settings
+) -> Answer:
+    """
+    Measure how far candidates of a tile are from their neighbours.
+
+    Returns
+    -------
+    dict
+        ``num`` candidates, ``mean`` and ``squares``, the sum of squared differences from it [m2],
+        of the distances; ``low``, least x and y of the points off the ground [m].
+
+    """
+    found = job.read(CONTEXT)
+    points = frame.enter(found.points)
+    surface = measure_surface(points, settings.height, region=region)
+    height = extract_high(points, settings.height, surface=surface, peak=peak)
+    cloud = gather_off_ground(points, height, settings.height.beta / 2, region[0])
+    own = cloud.points[found.core[cloud.place], :2]
+    low = own.min(axis=0, initial=math.inf).tolist()
+    linearity = settings.linearity
+    origin = anchor(cloud.points, cloud.high, linearity)
+    places = find_candidates(cloud.points, cloud.high, origin, linearity).position
+    empty = {'num': 0, 'mean': 0.0, 'squares': 0.0, 'low': low}
+    if len(places) <= settings.outliers.num_neighbors:
+        return empty
+    inside = _is_inside(frame.leave(places), job.tile.rectangle(job.grid))
+    if not inside.any():
+        return empty
+    spacing = measure_spacing(places, settings.outliers.num_neighbors)[inside]
+    mean = float(spacing.mean())
+    return {
+        'num': len(spacing), 'mean': mean, 'squares': float(((spacing - mean) ** 2).sum()),
+        'low': low,
+    }
+
+
+def _is_inside(
+    points: Float64, rectangle: tuple[float, float, float, float]
+) -> np.ndarray:
+    x, y = points[:, 0], points[:, 1]
+    result: np.ndarray = (
+        (x >= rectangle[0]) & (x < rectangle[2]) & (y >= rectangle[1]) & (y < rectangle[3])
+    )
+    return result
+
+
+def join_spacing(
+    answers: Sequence[Answer], num_neighbors: int
+) -> tuple[tuple[float, float] | None, Float64]:
+    """Return mean and deviation of all distances [m], and least x and y off the ground [m]."""
+    num = sum(answer['num'] for answer in answers)
+    low = np.full(2, math.inf)
+    for answer in answers:
+        low = np.minimum(low, answer['low'])
+    low[~np.isfinite(low)] = 0.0
+    if num <= num_neighbors:
+        return None, low
+    mean = math.fsum(answer['num'] * answer['mean'] for answer in answers) / num
+    squares = math.fsum(
+        answer['squares'] + answer['num'] * (answer['mean'] - mean) ** 2 for answer in answers
+    )
+    return (mean, math.sqrt(squares / num)), low
+
+
+def remove_heights(folder: Path) -> None:
+    """Remove the heights beside all tiles."""
+    for path in folder.glob('*.heights.npy'):
+        path.unlink()

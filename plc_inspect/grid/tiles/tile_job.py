@@ -1,0 +1,110 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What a task on one tile is given, and how it gets at its points."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plc_inspect.core.cloud_frame import CloudFrame
+from plc_inspect.core.extraction.stray_points import StrayGrid
+from plc_inspect.core.whole import Whole
+from plc_inspect.grid.cells.layout import CellGrid, Tile
+from plc_inspect.grid.cells.pieces import Piece, Points, read_points
+from plc_inspect.results import Bool, Float64
+
+CELLS, TILES = 'cells', 'tiles'
+"""Folders of what was cut, and of what was found in each tile."""
+CATALOGUE = 'catalogue.npz'
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StrayCells:
+    """Cells whose points are strays of the whole."""
+
+    grid: StrayGrid
+    marked: Bool
+    """One for each cell, in a row."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TileJob:
+    """One tile of one grid."""
+
+    folder: str
+    """That all tasks work in."""
+    tile: Tile
+    grid: CellGrid
+    strays: tuple[StrayCells, ...] = ()
+
+    @property
+    def place(self) -> Path:
+        """The beginning of the names of the files of this tile."""
+        return Path(self.folder) / TILES / self.tile.name
+
+    def read(self, halo: float) -> Points:
+        """Read the points of the tile and its halo [m]; strays are NaN."""
+        cells = self.tile.cells(self.grid, halo)
+        found = read_points(
+            Path(self.folder) / CELLS, list_pieces(Path(self.folder), cells),
+            self.tile.cells(self.grid), self.tile.rectangle(self.grid, halo),
+        )
+        for step in self.strays:
+            step.grid.erase(found.points, step.marked)
+        return found
+
+
+def write_catalogue(folder: Path, parts: Sequence[str], cells: Float64 | np.ndarray) -> None:
+    """
+    Write which cells each part has points in.
+
+    Parameters
+    ----------
+    folder : Path
+        That all tasks work in.
+    parts : sequence of str
+        Their names, in the order of the inputs.
+    cells : (K, 3) int64
+        Cell, place of its part in ``parts``, and number of points.
+
+    """
+    order = np.lexsort((cells[:, 1], cells[:, 0]))
+    np.savez(folder / CATALOGUE, parts=np.array(parts, dtype=np.str_), cells=cells[order])
+
+
+def list_pieces(folder: Path, cells: Sequence[int]) -> list[Piece]:
+    """Return the pieces of some cells."""
+    with np.load(folder / CATALOGUE) as known:
+        parts, table = known['parts'], known['cells']
+    first = np.searchsorted(table[:, 0], cells, side='left')
+    last = np.searchsorted(table[:, 0], cells, side='right')
+    return [
+        Piece(cell=int(cell), part=str(parts[part]), order=int(part))
+        for begin, end in zip(first.tolist(), last.tolist(), strict=True)
+        for cell, part, _ in table[begin:end].tolist()
+    ]
+
+
+def render_whole(whole: Whole) -> dict[str, Any]:
+    """Return what is known of the whole as plain values."""
+    return {
+        'origin': whole.frame.origin.tolist(), 'azimuth': whole.frame.azimuth,
+        'region': whole.region.tolist(), 'peak': whole.peak, 'anchor': whole.anchor.tolist(),
+        'spacing': None if whole.spacing is None else list(whole.spacing),
+    }
+
+
+def parse_whole(text: str) -> Whole:
+    """Return what `render_whole` gave, from JSON."""
+    value = json.loads(text)
+    spacing = value['spacing']
+    return Whole(
+        frame=CloudFrame(origin=np.array(value['origin']), azimuth=value['azimuth']),
+        region=np.array(value['region']), peak=value['peak'], anchor=np.array(value['anchor']),
+        spacing=None if spacing is None else (spacing[0], spacing[1]),
+    )

@@ -1,0 +1,129 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Writes the points of one tile with their classes, lines and spans of the whole grid."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import laspy
+import numpy as np
+
+from plc_inspect.grid.cells.cut import FLAG_NAMES, RETURN_BITS
+from plc_inspect.grid.cells.pieces import read_attributes
+from plc_inspect.grid.tiles.plain_results import POINT_FIELDS
+from plc_inspect.grid.tiles.tile_job import CELLS, list_pieces, TileJob
+from plc_inspect.offline.export.points_file import (
+    CHUNK_SIZE,
+    EXTRA_DIMENSIONS,
+    finish_header,
+    open_points,
+)
+from plc_inspect.whole_files import replace_file
+
+ORIGINAL = 'original_classification'
+"""Extra dimension: the class that a point had."""
+LEAST_SCALE = 1e-4
+"""Of the coordinates, where the inputs have none [units of the input]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PointsFormat:
+    """How points are written; the same for all tiles of a grid."""
+
+    crs: str
+    units: tuple[float, float]
+    """Metres in a horizontal and in a vertical unit."""
+    scales: tuple[float, float, float]
+    offsets: tuple[float, float, float]
+    colours: bool
+
+
+def write_tile_points(
+    job: TileJob, place: str, form: PointsFormat, numbers: Sequence[tuple[int, int, int, int]]
+) -> dict[str, Any]:
+    """
+    Write the points of one tile as LAZ 1.4.
+
+    Parameters
+    ----------
+    job : TileJob
+        The tile, which was inspected.
+    place : str
+        The file.
+    form : PointsFormat
+        How.
+    numbers : sequence of tuple
+        Line and span of the tile, and what these are in the grid.
+
+    Returns
+    -------
+    dict
+        Points, and how many have each class.
+
+    """
+    folder = Path(job.folder)
+    points, attributes = read_attributes(
+        folder / CELLS, list_pieces(folder, job.tile.cells(job.grid))
+    )
+    with np.load(f'{job.place}.labels.npz') as known:
+        labels = {name: known[name] for name in POINT_FIELDS}
+    labels['line_id'], labels['span_id'] = _renumber(
+        labels['line_id'], labels['span_id'], numbers
+    )
+    header = laspy.LasHeader(version='1.4', point_format=7 if form.colours else 6)
+    header.scales, header.offsets = np.array(form.scales), np.array(form.offsets)
+    header.creation_date = None  # the same points give the same bytes on any day
+    header.add_extra_dims([laspy.ExtraBytesParams(
+        name=ORIGINAL, type=np.uint8, description='class in the input',
+    )])
+    finish_header(header, form.crs)
+    units = np.array([form.units[0], form.units[0], form.units[1]])
+    Path(place).parent.mkdir(parents=True, exist_ok=True)
+    with replace_file(Path(place)) as aside, open_points(aside, header) as writer:
+        for begin in range(0, len(points), CHUNK_SIZE):
+            chunk = slice(begin, begin + CHUNK_SIZE)
+            record = laspy.ScaleAwarePointRecord.zeros(len(points[chunk]), header=header)
+            grid = np.rint((points[chunk] / units - header.offsets) / header.scales)
+            for name, column in zip('XYZ', grid.astype(np.int32).T, strict=True):
+                record.array[name] = column
+            _put_attributes(record, attributes[chunk], form.colours)
+            record.array['classification'] = labels['classification'][chunk]
+            for name, *_ in EXTRA_DIMENSIONS:
+                record.array[name] = labels[name][chunk]
+            writer.write_points(record)
+    classes, counts = np.unique(labels['classification'], return_counts=True)
+    return {
+        'num_points': len(points),
+        'classes': dict(zip(map(str, classes.tolist()), counts.tolist(), strict=True)),
+    }
+
+
+def _renumber(
+    line_id: np.ndarray, span_id: np.ndarray, numbers: Sequence[tuple[int, int, int, int]]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return lines and spans by their numbers in the grid, -1 for what is none there."""
+    num_spans = 1 + max([int(span_id.max(initial=0)), *(item[1] for item in numbers)])
+    num_lines = 1 + max([int(line_id.max(initial=0)), *(item[0] for item in numbers)])
+    spans = np.full(num_spans + 1, -1, dtype=np.int32)  # the last one is for -1
+    lines = np.full((num_lines + 1, num_spans + 1), -1, dtype=np.int32)
+    for line, span, new_line, new_span in numbers:
+        spans[span], lines[line, span] = new_span, new_line
+    return lines[line_id, span_id], spans[span_id]
+
+
+def _put_attributes(
+    record: laspy.ScaleAwarePointRecord, attributes: np.ndarray, colours: bool
+) -> None:
+    for name in ('intensity', 'user_data', 'scan_angle', 'point_source_id', 'gps_time'):
+        record[name] = attributes[name]
+    record['return_number'] = attributes['returns'] & (2**RETURN_BITS - 1)
+    record['number_of_returns'] = attributes['returns'] >> RETURN_BITS
+    for bit, name in enumerate(FLAG_NAMES):
+        record[name] = (attributes['flags'] >> bit) & 1
+    record[ORIGINAL] = attributes['classification']
+    if colours:
+        for name in ('red', 'green', 'blue'):
+            record[name] = attributes[name]

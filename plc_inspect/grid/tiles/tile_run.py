@@ -1,0 +1,168 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Inspects one tile with its halo, as it is in the whole.
+
+A span belongs to the tile in which the middle of its conductors lies.  The halo is wide enough
+where no span that is near the tile, and none beside or next to such a span, is cut off by it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import time
+from typing import Any
+
+import numpy as np
+import shapely
+
+from plc_inspect.config import Settings
+from plc_inspect.core.hazards.clearance_rules import RuleSet
+from plc_inspect.core.pipeline import Pipeline
+from plc_inspect.core.whole import Whole
+from plc_inspect.grid.cells.layout import BASE_BYTES, BYTES_PER_POINT
+from plc_inspect.grid.tiles.plain_results import write_found
+from plc_inspect.grid.tiles.tile_job import TileJob
+from plc_inspect.offline.export.files import measure_peak_memory
+from plc_inspect.offline.records.inspection import measure_clearances
+from plc_inspect.results import Bool, InspectionResult, Span
+
+WIDEN = 1.5
+"""A halo that cuts off a span becomes this much wider.  Source: judgement; not measured."""
+MOST_HALO = 2000.0
+"""Widest halo [m].  Source: judgement: the longest spans but of fjords and rivers."""
+NEAR_EDGE = 25.0
+"""An open end this near to the edge of what was read is cut off [m].  Source: judgement."""
+NEAR_TILE = 30.0
+"""Spans this near to a tile decide what its points are [m].  Source: judgement: the corridor."""
+NEAR_SPAN = 30.0
+"""Spans this near to one another decide on each other [m].  Source: judgement."""
+MARGIN = 0.5
+"""Both tiles claim what lies this near to their border [m]; one of them keeps it."""
+
+Rectangle = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Look:
+    """What one look at a tile found."""
+
+    result: InspectionResult
+    core: Bool
+    """(N,) points of the tile."""
+    claimed: Bool
+    """(S,) spans that belong to the tile."""
+    near: Bool
+    """(S,) spans near the tile, and near those."""
+    num_cut: int
+    """Of them, those that the edge cuts off."""
+
+
+def inspect_tile(
+    job: TileJob, whole: Whole, settings: Settings, rules: RuleSet | None, halo: float,
+    most_points: int,
+) -> dict[str, Any]:
+    """
+    Inspect one tile, and write what was found beside it.
+
+    Parameters
+    ----------
+    job : TileJob
+        The tile.
+    whole : Whole
+        What is known of the grid.
+    settings : Settings
+        Of all stages.
+    rules : RuleSet or None
+        Clearance rules.
+    halo : float
+        Looked at around the tile at first [m].
+    most_points : int
+        A wider halo may not hold more.
+
+    Returns
+    -------
+    dict
+        Figures for the ledger.
+
+    """
+    started = time.perf_counter()
+    pipeline = Pipeline(settings, rules)
+    (x, y), edge = job.grid.origin, job.grid.edge
+    bound = (x, y, x + job.grid.columns * edge, y + job.grid.rows * edge)
+    looks = 0
+    while True:
+        found = job.read(halo)
+        looks += 1
+        outer = job.tile.rectangle(job.grid, halo)
+        result = pipeline.run_part(found.points, whole)
+        num_points = len(found.points)
+        look = _judge(result, found.core, job.tile.rectangle(job.grid), outer, bound)
+        wider = min(halo * WIDEN, MOST_HALO)
+        if not look.num_cut or wider <= halo:
+            break
+        if num_points * (wider / halo) > most_points:
+            break
+        halo = wider
+    write_found(
+        job.place, look.result, look.core, look.claimed, look.near,
+        job.tile.rectangle(job.grid, MARGIN),
+        measure_clearances(look.result, settings.hazards.min_points),
+    )
+    return {
+        'num_points': int(look.core.sum()), 'num_read': num_points, 'halo': halo, 'looks': looks,
+        'num_spans': int(look.claimed.sum()), 'num_cut': look.num_cut,
+        'seconds': time.perf_counter() - started, 'peak_memory': measure_peak_memory(),
+        'expected_memory': BASE_BYTES + BYTES_PER_POINT * num_points,
+    }
+
+
+def _judge(
+    result: InspectionResult, core: Bool, own: Rectangle, outer: Rectangle, bound: Rectangle
+) -> _Look:
+    spans = result.spans
+    claimed = _claim(spans, own)
+    near, num_cut = np.zeros(len(spans), dtype=bool), 0
+    if spans:
+        chords = shapely.linestrings([[span.start[:2], span.end[:2]] for span in spans])
+        tile = shapely.box(*own)
+        first = claimed | (shapely.distance(chords, tile) < NEAR_TILE)
+        tree = shapely.STRtree(chords)
+        here = np.flatnonzero(first)
+        _, beside = tree.query(chords[here], predicate='dwithin', distance=NEAR_SPAN)
+        near[here] = True
+        near[beside] = True
+        num_cut = sum(
+            _is_cut(spans[number], outer, bound) for number in np.flatnonzero(near).tolist()
+        )
+    return _Look(result=result, core=core, claimed=claimed, near=near, num_cut=num_cut)
+
+
+def _claim(spans: Sequence[Span], own: Rectangle) -> Bool:
+    """Tell the spans, all conductors of each together, whose middle lies in a tile."""
+    middles: dict[int, list[Any]] = {}
+    for span in spans:
+        middles.setdefault(span.span_id, []).append((span.start[:2] + span.end[:2]) / 2)
+    inside = {
+        number: _holds(own, np.mean(places, axis=0), MARGIN) for number, places in middles.items()
+    }
+    return np.array([inside[span.span_id] for span in spans], dtype=bool)
+
+
+def _holds(rectangle: Rectangle, place: Any, margin: float = 0.0) -> bool:
+    x, y = float(place[0]), float(place[1])
+    x0, y0, x1, y1 = rectangle
+    return x0 - margin <= x < x1 + margin and y0 - margin <= y < y1 + margin
+
+
+def _is_cut(span: Span, outer: Rectangle, bound: Rectangle) -> bool:
+    """Tell whether a span ends where nothing more was read, though the grid goes on."""
+    for end, is_open in ((span.start, span.open_start), (span.end, span.open_end)):
+        if not is_open:
+            continue
+        for side in range(4):
+            edge, limit = outer[side], bound[side]
+            goes_on = edge > limit if side < 2 else edge < limit
+            if goes_on and abs(float(end[side % 2]) - edge) < NEAR_EDGE:
+                return True
+    return False

@@ -1,0 +1,158 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What ``plc_survey`` does with many inputs, or with one that is to be divided: a grid."""
+
+import argparse
+import glob
+import math
+from pathlib import Path
+import sys
+from typing import TYPE_CHECKING
+
+from plc_inspect.offline.commands.command_line import BAD_INPUT, DEFECT, DONE, show_progress
+from plc_inspect.printable import make_one_line, make_printable
+
+if TYPE_CHECKING:
+    from plc_inspect.config import Settings
+    from plc_inspect.core.hazards.clearance_rules import RuleSet
+    from plc_inspect.grid.results import GridSummary
+
+GIGABYTE = 1e9
+MOST_LISTED = 20
+"""Hazards that are printed."""
+
+
+def add_grid_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of a grid to those of a command."""
+    group = parser.add_argument_group(
+        'grid', 'for many inputs, or one that is divided into tiles; see docs/grid.md'
+    )
+    group.add_argument(
+        '--workers', type=int, metavar='N', help='processes that inspect tiles (default 1)'
+    )
+    group.add_argument(
+        '--scheduler', metavar='ADDRESS', help='Dask scheduler, as tcp://host:8786, or its file'
+    )
+    group.add_argument(
+        '--memory', type=float, metavar='GB', help='memory of each worker (default: what is free)'
+    )
+    group.add_argument(
+        '--tile', type=float, metavar='M', help='greatest edge of a tile (default: by memory)'
+    )
+    group.add_argument(
+        '--halo', type=float, metavar='M', help='looked at around a tile at first (default 500)'
+    )
+
+
+def is_grid(arguments: argparse.Namespace) -> bool:
+    """Tell whether a grid is asked for."""
+    options = (
+        arguments.workers, arguments.scheduler, arguments.memory, arguments.tile, arguments.halo,
+    )
+    if len(arguments.clouds) > 1 or any(option is not None for option in options):
+        return True
+    from plc_inspect.grid.cells.sources import INDEX_SUFFIXES
+
+    path = Path(arguments.clouds[0])
+    if path.is_dir() or path.suffix.lower() in INDEX_SUFFIXES:
+        return True
+    return not path.exists() and glob.has_magic(str(path))
+
+
+def run_grid(
+    arguments: argparse.Namespace, settings: 'Settings', rules: 'RuleSet | None'
+) -> int:
+    """
+    Inspect a grid as the arguments of a command ask for.
+
+    Returns
+    -------
+    int
+        0 done, 2 where an input could not be read, 1 where a tile failed by a defect.
+
+    Raises
+    ------
+    PlcInspectError
+        See `survey_grid`.
+
+    """
+    from plc_inspect.errors import ConfigError
+    from plc_inspect.grid.engine import open_engine
+    from plc_inspect.grid.run import GridOptions, HALO
+    from plc_inspect.grid.survey_grid import check_grid_folder, GridInputs, survey_grid
+
+    for name in ('baseline', 'cases', 'pdf'):
+        if getattr(arguments, name):
+            option = '--case' if name == 'cases' else f'--{name}'
+            raise ConfigError(f'{option} is for a single cloud, not for a grid')
+    for name, least in (('workers', 1), ('memory', 0.1), ('tile', 1.0), ('halo', 1.0)):
+        value = getattr(arguments, name)
+        if value is not None and not (math.isfinite(value) and value >= least):
+            raise ConfigError(f'--{name} must be {least:g} or more, got {value:g}')
+    check_grid_folder(arguments.output, force=False)
+    inputs = GridInputs(
+        items=tuple(arguments.clouds), folder=arguments.output, crs=arguments.crs,
+        force=arguments.force,
+    )
+    options = GridOptions(
+        halo=arguments.halo or HALO, tile_edge=arguments.tile or math.inf,
+    )
+    memory = None if arguments.memory is None else arguments.memory * GIGABYTE
+    with (
+        open_engine(arguments.workers or 1, arguments.scheduler, memory) as engine,
+        show_progress(arguments.quiet, time_left=True) as progress,
+    ):
+        if engine.address and not arguments.quiet:
+            print(f'dashboard: {engine.address}', file=sys.stderr)
+
+        def tell(step: str, done: int, total: int, failed: int) -> None:
+            label = f'{step} {done}/{total}' + (f', {failed} failed' if failed else '')
+            progress(label, done / max(total, 1))
+
+        summary = survey_grid(inputs, settings, rules, options, engine, tell)
+    if not arguments.quiet:
+        print(make_printable(render_grid(summary)))
+        print(f'\nreport: {arguments.output / "index.html"}')
+    for stage, name, error in summary.failures:
+        print(make_one_line(f'plc_survey: {stage} {name}: {error}'), file=sys.stderr)
+    if summary.failures:
+        print(
+            f'plc_survey: {len(summary.failures)} failed, their points are missing in the results',
+            file=sys.stderr,
+        )
+        return DEFECT if summary.num_defects else BAD_INPUT
+    return DONE
+
+
+def render_grid(summary: 'GridSummary') -> str:
+    """Return totals and the worst hazards of a grid as text; lengths in units of the input."""
+    from plc_inspect.offline.commands.result_table import format_number, format_table
+
+    joined, scale, unit = summary.joined, summary.units.horizontal, summary.units.name
+    lines = len({span.line_id for span in joined.spans})
+    parts = [
+        f'{summary.num_points:,} points in {summary.num_tiles} tiles,'
+        f' {summary.kilometres:.2f} km of line, {lines} lines, {len(joined.spans)} spans,'
+        f' {len(joined.supports)} supports, {len(joined.hazards)} hazards'
+    ]
+    if not joined.spans:
+        return parts[0] + '\nno power line was found'
+    worst = sorted(
+        joined.hazards, key=lambda item: (-item.severity, item.clearance - item.required)
+    )[:MOST_LISTED]
+    if worst:
+        parts.append(format_table(
+            ('hazard', 'severity', 'kind', 'line', 'span', f'measured [{unit}]',
+             f'required [{unit}]'),
+            [
+                [
+                    str(item.hazard_id), item.severity.name.lower(), item.kind.name.lower(),
+                    str(item.line_id), str(item.span_id),
+                    format_number(item.clearance / scale, 2),
+                    format_number(item.required / scale, 2),
+                ]
+                for item in worst
+            ],
+        ))
+    return '\n\n'.join(parts)

@@ -1,0 +1,147 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""A real scheduler with two workers: one is killed, an input is damaged, a run goes on."""
+
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+from grid.grids import inspect, make_line, open_run, write_las
+from grid.tasks import DEADLINE, fail, refuse, sleep_and_tell
+import numpy as np
+import pytest
+
+from plc_inspect import __version__
+from plc_inspect.errors import DataError
+from plc_inspect.grid.engine import open_engine, OwnProcess, Task
+from plc_inspect.grid.ledger import Ledger
+
+pytest.importorskip('distributed')
+MEMORY = 2e9
+
+
+@pytest.fixture(scope='module')
+def cluster(tmp_path_factory):
+    """Start a scheduler and two workers as processes of their own."""
+    folder = tmp_path_factory.mktemp('cluster')
+    named = folder / 'scheduler.json'
+    tests = str(Path(__file__).parents[1])
+    environment = os.environ | {
+        'PYTHONPATH': os.pathsep.join([tests, str(Path(tests).parent)]), 'NUMBA_NUM_THREADS': '1',
+    }
+    start = [sys.executable, '-m', 'distributed.cli.dask_scheduler']
+    common = {'cwd': folder, 'env': environment, 'stderr': subprocess.DEVNULL}
+    processes = [subprocess.Popen(
+        [*start, '--host', '127.0.0.1', '--port', '0', '--no-dashboard', '--scheduler-file',
+         str(named)], **common,
+    )]
+    deadline = time.monotonic() + DEADLINE
+    while not named.exists() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    processes += [subprocess.Popen(
+        [sys.executable, '-m', 'distributed.cli.dask_worker', '--scheduler-file', str(named),
+         '--nthreads', '1', '--no-nanny', '--no-dashboard', '--host', '127.0.0.1',
+         '--memory-limit', '2GB'], **common,
+    ) for _ in range(2)]
+    yield named, processes[1:]
+    for process in reversed(processes):
+        process.terminate()
+        process.wait(DEADLINE)
+
+
+def test_a_killed_worker_loses_nothing(cluster, tmp_path):
+    named, workers = cluster
+    with open_engine(2, str(named), MEMORY) as engine:
+        deadline = time.monotonic() + DEADLINE
+        while engine.count_workers() < 2 and time.monotonic() < deadline:
+            time.sleep(0.05)
+        assert engine.count_workers() == 2
+
+        def kill():
+            until = time.monotonic() + DEADLINE
+            while len(list(tmp_path.glob('*.*'))) < 2 and time.monotonic() < until:
+                time.sleep(0.02)
+            workers[0].send_signal(signal.SIGKILL)
+            workers[0].wait(DEADLINE)
+            (tmp_path / 'go').touch()
+
+        killer = threading.Thread(target=kill)
+        killer.start()
+        tasks = [
+            Task(name=f't{k}', function=sleep_and_tell, arguments=(str(tmp_path), k))
+            for k in range(4)
+        ]
+        tasks += [Task(name='bad', function=fail, arguments=()),
+                  Task(name='none', function=refuse, arguments=())]
+        outcomes = {outcome.name: outcome for outcome in engine.run(tasks)}
+        killer.join()
+    assert [outcomes[f't{k}'].answer['number'] for k in range(4)] == [0, 1, 2, 3]
+    assert {outcomes[f't{k}'].answer['process'] for k in range(4)} == {workers[1].pid}
+    assert outcomes['bad'].error == 'ZeroDivisionError: by zero'
+    assert outcomes['bad'].is_defect
+    assert outcomes['none'].error == 'no such thing'
+    assert not outcomes['none'].is_defect
+
+
+def test_a_cluster_gives_what_one_process_gives(cluster, tmp_path):
+    named, _ = cluster
+    points = make_line(2)
+    good = write_las(tmp_path / 'a.laz', points)
+    bad = write_las(tmp_path / 'b.laz', points[:2000] + np.array([0.0, 0.0, 0.01]))
+    bad.write_bytes(bad.read_bytes()[:-3000])
+    alone, _ = inspect(tmp_path / 'alone', [good], halo=130.0, edge=60.0)
+    folder = tmp_path / 'out'
+    with open_engine(2, str(named), MEMORY) as engine:
+        both, _ = inspect(folder, [good, bad], engine=engine, halo=130.0, edge=60.0)
+        told = []
+        again, _ = inspect(folder, [good, bad], told, engine=engine, halo=130.0, edge=60.0)
+    assert both.num_points == len(points)
+    assert [stage for stage, *_ in both.failures] == ['cut']
+    assert 'b.laz' in both.failures[0][2]
+    assert 'truncated' in both.failures[0][2]
+    assert [span.sag for span in both.joined.spans] == [span.sag for span in alone.joined.spans]
+    assert [span.sag for span in again.joined.spans] == [span.sag for span in both.joined.spans]
+    assert ('cut', 1, 2, 0) in told
+    assert ('tile', 0, 1, 0) not in told
+    with Ledger(folder, __version__) as ledger:
+        assert ledger.list_failures()[0][0] == 'cut'
+
+
+def test_a_run_that_was_stopped_goes_on(tmp_path):
+    class Stopped(OwnProcess):
+        def run(self, tasks):
+            for number, outcome in enumerate(super().run(tasks)):
+                if number == 2:
+                    raise KeyboardInterrupt
+                yield outcome
+
+    with Ledger(tmp_path, __version__) as ledger:
+        tasks = [Task(name=f't{k}', function=dict, arguments=()) for k in range(5)]
+        keys = {task.name: 'key' for task in tasks}
+        run = open_run(tmp_path, ledger, engine=Stopped(MEMORY))
+        with pytest.raises(KeyboardInterrupt):
+            run.run('stage', tasks, keys)
+    told = []
+    with Ledger(tmp_path, __version__) as ledger:
+        run = open_run(tmp_path, ledger, told=told)
+        assert len(run.run('stage', tasks, keys)) == 5
+    assert told[0] == ('stage', 2, 5, 0)
+    assert told[-1] == ('stage', 5, 5, 0)
+
+
+def test_no_scheduler_is_one_clear_error():
+    with pytest.raises(DataError, match=r'no Dask scheduler answers at tcp://127.0.0.1:9'), \
+            open_engine(1, 'tcp://127.0.0.1:9', MEMORY, timeout=0.5):
+        pass
+
+
+def test_two_runs_do_not_share_a_folder(tmp_path):
+    with Ledger(tmp_path, __version__) as ledger:
+        ledger.keep_fact('a', 1)
+        with pytest.raises(DataError, match='in use by another run'):
+            Ledger(tmp_path, __version__)

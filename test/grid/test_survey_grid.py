@@ -1,0 +1,109 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""A grid finds what one run over all of its points finds, wherever it is cut."""
+
+import json
+
+from grid.grids import inspect, make_line, write_las
+import laspy
+import numpy as np
+import pyogrio
+import pytest
+
+from plc_inspect.core.pipeline import Pipeline
+from plc_inspect.offline.readers.clouds import read_cloud
+
+CUTS = [{'edge': 45.0, 'tile_edge': 90.0, 'shift': (0.0, 0.0)},
+        {'edge': 37.0, 'tile_edge': 80.0, 'shift': (17.3, 5.1)}]
+
+
+@pytest.fixture(scope='module')
+def cloud(tmp_path_factory):
+    """Write the line as one file."""
+    return write_las(tmp_path_factory.mktemp('cloud') / 'line.las', make_line(), 'EPSG:25832')
+
+
+@pytest.fixture(scope='module')
+def merged(cloud):
+    """Inspect it in one run."""
+    return Pipeline().run(read_cloud(cloud).points)
+
+
+def collect(folder):
+    """Return coordinates, classes, lines and spans of all tiles, sorted by coordinates."""
+    parts = []
+    for path in sorted(folder.glob('tiles/*/points.laz')):
+        las = laspy.read(path)
+        parts.append(np.column_stack([
+            las.X, las.Y, las.Z, las.classification, las.line_id, las.span_id,
+            las.original_classification, las.intensity,
+        ]))
+    table = np.concatenate(parts)
+    return table[np.lexsort(table[:, 2::-1].T)]
+
+
+@pytest.mark.parametrize('cut', CUTS)
+def test_a_grid_is_equal_to_the_merged_cloud(cut, cloud, merged, tmp_path):
+    summary, jobs = inspect(tmp_path / 'out', [cloud], halo=130.0, **cut)
+    joined = summary.joined
+    assert len(jobs) > 5
+    assert summary.failures == ()
+    assert joined.num_unmatched == 0
+    assert len(merged.spans) == 12
+    assert len(merged.hazards) > 0
+    assert len(joined.spans) == len(merged.spans)
+    for own, other in zip(joined.spans, merged.spans, strict=True):
+        assert (own.line_id, own.span_id) == (other.line_id, other.span_id)
+        np.testing.assert_allclose(own.start, other.start, atol=1e-3)
+        np.testing.assert_allclose(own.end, other.end, atol=1e-3)
+        assert own.sag == pytest.approx(other.sag, abs=1e-3)
+        assert (own.open_start, own.open_end) == (other.open_start, other.open_end)
+    assert [item.line_ids for item in joined.supports] == [
+        item.line_ids for item in merged.supports
+    ]
+    for own, other in zip(joined.hazards, merged.hazards, strict=True):
+        assert (own.kind, own.severity, own.span_id) == (other.kind, other.severity, other.span_id)
+        assert own.clearance == pytest.approx(other.clearance, abs=1e-3)
+    table = collect(tmp_path / 'out')
+    las = laspy.read(cloud)
+    whole = np.column_stack([
+        las.X, las.Y, las.Z, merged.classification, merged.line_id, merged.span_id,
+        las.classification, las.intensity,
+    ])
+    whole = whole[np.lexsort(whole[:, 2::-1].T)]
+    np.testing.assert_array_equal(table[:, :3], whole[:, :3])
+    np.testing.assert_array_equal(table[:, 4:], whole[:, 4:])
+    assert (table[:, 3] != whole[:, 3]).sum() <= 1e-2 * len(whole)
+
+
+def test_the_folder_holds_tables_layers_and_a_page(cloud, tmp_path):
+    points = read_cloud(cloud).points
+    first = write_las(tmp_path / 'a.las', points[::2], 'EPSG:25832')
+    second = write_las(tmp_path / 'b.laz', points[1::2], 'EPSG:25832')
+    told = []
+    summary, jobs = inspect(tmp_path / 'out', [first, second], told, halo=130.0, edge=60.0)
+    folder = tmp_path / 'out'
+    head = json.loads((folder / 'run.json').read_text())
+    assert head['num_points'] == len(points)
+    assert head['num_spans'] == len(summary.joined.spans)
+    assert 0.3 < head['kilometres'] < 0.4
+    for name in ('spans', 'supports', 'hazards'):
+        info = pyogrio.read_info(folder / 'grid.gpkg', layer=name)
+        assert info['features'] == len(getattr(summary.joined, name))
+        assert 'EPSG:25832' in info['crs']
+    page = (folder / 'index.html').read_text()
+    assert jobs[0].tile.name in page
+    assert 'vegetation' in page
+
+    # nothing is done again, and one input that changed is
+    told.clear()
+    inspect(folder, [first, second], told, halo=130.0, edge=60.0)
+    assert all(done == total for _, done, total, _ in told)
+    moved = points[1::2][:-40]
+    write_las(second, moved, 'EPSG:25832')
+    told.clear()
+    again, _ = inspect(folder, [first, second], told, halo=130.0, edge=60.0)
+    assert ('cut', 1, 2, 0) in told
+    assert ('cut', 0, 2, 0) not in told
+    assert again.num_points == len(points) - 40
