@@ -60,6 +60,22 @@ def is_grid(arguments: argparse.Namespace) -> bool:
     return not path.exists() and glob.has_magic(str(path))
 
 
+def check_grid_arguments(arguments: argparse.Namespace) -> None:
+    """Raise ConfigError where options do not go together, DataError where OUT is in the way."""
+    from plc_inspect.errors import ConfigError
+    from plc_inspect.grid.survey_grid import check_grid_folder
+
+    for name in ('baseline', 'cases', 'pdf'):
+        if getattr(arguments, name):
+            option = '--case' if name == 'cases' else f'--{name}'
+            raise ConfigError(f'{option} is for a single cloud, not for a grid')
+    for name, least in (('workers', 1), ('memory', 0.1), ('tile', 1.0), ('halo', 1.0)):
+        value = getattr(arguments, name)
+        if value is not None and not (math.isfinite(value) and value >= least):
+            raise ConfigError(f'--{name} must be {least:g} or more, got {value:g}')
+    check_grid_folder(arguments.output, force=False)
+
+
 def run_grid(
     arguments: argparse.Namespace, settings: 'Settings', rules: 'RuleSet | None'
 ) -> int:
@@ -77,20 +93,10 @@ def run_grid(
         See `survey_grid`.
 
     """
-    from plc_inspect.errors import ConfigError
     from plc_inspect.grid.engine import open_engine
     from plc_inspect.grid.run import GridOptions, HALO
-    from plc_inspect.grid.survey_grid import check_grid_folder, GridInputs, survey_grid
+    from plc_inspect.grid.survey_grid import GridInputs, survey_grid
 
-    for name in ('baseline', 'cases', 'pdf'):
-        if getattr(arguments, name):
-            option = '--case' if name == 'cases' else f'--{name}'
-            raise ConfigError(f'{option} is for a single cloud, not for a grid')
-    for name, least in (('workers', 1), ('memory', 0.1), ('tile', 1.0), ('halo', 1.0)):
-        value = getattr(arguments, name)
-        if value is not None and not (math.isfinite(value) and value >= least):
-            raise ConfigError(f'--{name} must be {least:g} or more, got {value:g}')
-    check_grid_folder(arguments.output, force=False)
     inputs = GridInputs(
         items=tuple(arguments.clouds), folder=arguments.output, crs=arguments.crs,
         force=arguments.force,

@@ -20,7 +20,12 @@ from plc_inspect.offline.commands.command_line import (
     run_command,
     show_progress,
 )
-from plc_inspect.offline.commands.grid import add_grid_arguments, is_grid, run_grid
+from plc_inspect.offline.commands.grid import (
+    add_grid_arguments,
+    check_grid_arguments,
+    is_grid,
+    run_grid,
+)
 from plc_inspect.printable import make_printable
 
 if TYPE_CHECKING:
@@ -190,6 +195,7 @@ def _run_grid(arguments: argparse.Namespace) -> int:
     from plc_inspect.offline.commands.request import read_request
     from plc_inspect.offline.readers.parameter_file import read_settings
 
+    check_grid_arguments(arguments)
     settings = read_settings(arguments.params, arguments.assignments)
     request, settings = read_request(arguments, settings)
     return run_grid(arguments, settings, request.rules)

@@ -1,0 +1,113 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""``plc_survey`` over a grid: what makes one, exit codes, messages."""
+
+import json
+
+from grid.grids import make_line, write_las
+import numpy as np
+import pytest
+
+from plc_inspect.offline.commands.survey import main
+
+OPTIONS = ['--halo', '60', '--memory', '2', '--quiet']
+
+
+def refuse(capsys, *arguments):
+    """Return the one line that a refused command prints."""
+    assert main([str(item) for item in arguments]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    return line
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    """Write a tile with a line in it, and one of bare ground."""
+    folder = tmp_path_factory.mktemp('tiles')
+    points = make_line(1)
+    write_las(folder / 'a.laz', points)
+    write_las(folder / 'b.las', points[-500:] + np.array([150.0, 0.0, 0.0]))
+    return folder
+
+
+def test_a_folder_is_a_grid_and_a_damaged_tile_is_told(folder, tmp_path, capsys):
+    (tmp_path / 'tiles').mkdir()
+    for path in folder.iterdir():
+        (tmp_path / 'tiles' / path.name).write_bytes(path.read_bytes())
+    (tmp_path / 'tiles' / 'c.las').write_bytes((folder / 'b.las').read_bytes()[:-900])
+    out = tmp_path / 'out'
+    assert main([str(tmp_path / 'tiles'), '-o', str(out), *OPTIONS]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert 'c.las is truncated: its header counts 500 points' in lines[0]
+    assert lines[1] == 'plc_survey: 1 failed, their points are missing in the results'
+    run = json.loads((out / 'run.json').read_text())
+    assert (run['num_lines'], run['num_spans']) == (3, 3)
+    assert 'c.las' in (out / 'index.html').read_text()
+    (tmp_path / 'tiles' / 'c.las').unlink()
+    assert main([str(tmp_path / 'tiles'), '-o', str(out), *OPTIONS]) == 0
+    assert 'c.las' not in (out / 'index.html').read_text()
+
+
+def test_an_index_names_its_tiles(folder, tmp_path):
+    features = [
+        {'type': 'Feature', 'geometry': None, 'properties': {'location': str(folder / name)}}
+        for name in ('a.laz', 'b.las')
+    ]
+    index = tmp_path / 'index.geojson'
+    index.write_text(json.dumps({'type': 'FeatureCollection', 'features': features}))
+    out = tmp_path / 'out'
+    assert main([str(index), '-o', str(out), *OPTIONS]) == 0
+    assert json.loads((out / 'run.json').read_text())['input']['num_sources'] == 2
+
+
+def test_inputs_that_are_none_are_refused(folder, tmp_path, capsys):
+    out = tmp_path / 'out'
+    (tmp_path / 'empty').mkdir()
+    assert 'holds no cloud' in refuse(capsys, tmp_path / 'empty', '-o', out)
+    assert 'matches no file' in refuse(capsys, tmp_path / '*.laz', '-o', out)
+    assert 'does not exist' in refuse(capsys, folder / 'a.laz', folder / 'no.laz', '-o', out)
+    index = tmp_path / 'index.json'
+    index.write_text('{"features": [{"properties": {"name": "x"}}]}')
+    assert 'no path of a tile; expected one of location' in refuse(capsys, index, '-o', out)
+    index.write_text('{"features": [{"properties": {"location": "x.las"}}]}')
+    assert 'names x.las, which does not exist' in refuse(capsys, index, '-o', out)
+    index.write_text('[]')
+    assert 'is no tile index' in refuse(capsys, index, '-o', out)
+    assert not out.exists()
+
+
+def test_systems_must_agree(tmp_path, capsys):
+    points = make_line(1)
+    first = write_las(tmp_path / 'a.las', points, 'EPSG:25832')
+    second = write_las(tmp_path / 'b.las', points, 'EPSG:25833')
+    line = refuse(capsys, first, second, '-o', tmp_path / 'out')
+    assert 'different coordinate reference systems' in line
+    assert 'zone 32N' in line
+    assert 'zone 33N' in line
+
+
+def test_a_header_must_count_its_points(tmp_path, capsys):
+    path = write_las(tmp_path / 'a.las', make_line(1))
+    data = bytearray(path.read_bytes())
+    count = int.from_bytes(data[247:255], 'little')
+    data[247:255] = (count - 7).to_bytes(8, 'little')
+    path.write_bytes(bytes(data))
+    line = refuse(capsys, path, '-o', tmp_path / 'out', '--memory', '2')
+    assert f'holds {count} points and its header counts {count - 7}' in line
+
+
+def test_wrong_options_are_refused(folder, tmp_path, capsys):
+    out, cloud = tmp_path / 'out', folder / 'a.laz'
+    assert '--workers must be 1 or more' in refuse(capsys, cloud, '-o', out, '--workers', '0')
+    assert 'are too few' in refuse(capsys, cloud, '-o', out, '--memory', '0.5')
+    assert 'for a single cloud' in refuse(
+        capsys, cloud, '-o', out, '--halo', '60', '--baseline', folder
+    )
+    out.mkdir()
+    (out / 'mine.txt').touch()
+    assert 'mine.txt is none of its files' in refuse(capsys, cloud, '-o', out, '--halo', '60')
+    assert 'mine.txt is none of its files' in refuse(
+        capsys, cloud, '-o', out, '--halo', '60', '--force'
+    )
+    assert (out / 'mine.txt').exists()
