@@ -62,6 +62,7 @@ def extract_corridor(
     models: Sequence[SpanModel],
     settings: CorridorSettings,
     least_reach: float = 0.0,
+    probes: Int64 | None = None,
 ) -> CorridorResult:
     """
     Find the points within the search radius of each span, and their distance to it.
@@ -86,6 +87,8 @@ def extract_corridor(
         Settings of this stage.
     least_reach : float
         Search at least this far for clearance rules, whatever the radius [m].
+    probes : (P,) int64 or None
+        Points by which radii are chosen, by default evenly chosen.
 
     Returns
     -------
@@ -108,8 +111,9 @@ def extract_corridor(
     radius = np.full(num, float(settings.radius or settings.max_radius))
     complex_case = np.zeros(num, dtype=bool)
     if settings.radius == 0.0:
-        step = max(len(points) // MAX_PROBES, 1)
-        probes = step * np.flatnonzero(~wire[::step])
+        if probes is None:
+            probes = np.arange(0, len(points), choose_step(len(points)))
+        probes = probes[~wire[probes]]
         at, above = take_rows(points, probes), height[probes]
         found, _, span = find_near(at, table, radius)
         lowest = np.array([
@@ -136,6 +140,11 @@ def extract_corridor(
         near_distance=distance,
         near_span=span,
     )
+
+
+def choose_step(num_points: int) -> int:
+    """Return the step from probe to probe in a cloud of so many points."""
+    return max(num_points // MAX_PROBES, 1)
 
 
 @njit(cache=True, parallel=True, nogil=True)

@@ -28,7 +28,7 @@ from plc_inspect.core.stage_reports import report_corridor, report_hazards
 from plc_inspect.core.trace import Trace
 from plc_inspect.core.whole import Whole
 from plc_inspect.errors import DataError
-from plc_inspect.results import Float64, InspectionResult
+from plc_inspect.results import Float64, InspectionResult, Int64
 
 
 class Pipeline:
@@ -75,7 +75,7 @@ class Pipeline:
         return frame.leave_result(trace.result, trace.offending)
 
     def run_part(
-        self, points: Float64, whole: Whole, progress: Progress | None = None
+        self, points: Float64, number: Int64, whole: Whole, progress: Progress | None = None
     ) -> InspectionResult:
         """
         Find what `run` does, in a part of a cloud, as it is in the whole.
@@ -84,6 +84,8 @@ class Pipeline:
         ----------
         points : (N, 3) float64, map frame, z up [m]
             The points of the whole in some area, in their order; strays of the whole are NaN.
+        number : (N,) int64
+            Place of each point in the whole, ascending.
         whole : Whole
             What is known of it.
         progress : callable or None
@@ -98,7 +100,8 @@ class Pipeline:
         """
         frame = whole.frame
         own = frame.enter(_check(points))
-        trace = self._trace(own, StageLog(progress), frame.east, whole)
+        probes = np.flatnonzero(number % whole.probe_step == 0)
+        trace = self._trace(own, StageLog(progress), frame.east, whole, probes)
         return frame.leave_result(trace.result, trace.offending)
 
     def trace(
@@ -115,7 +118,8 @@ class Pipeline:
         return self._trace(points, log, east)
 
     def _trace(
-        self, points: Float64, log: StageLog, east: Float64, whole: Whole | None = None
+        self, points: Float64, log: StageLog, east: Float64, whole: Whole | None = None,
+        probes: Int64 | None = None,
     ) -> Trace:
         lines = find_lines(points, self.settings, log, east, whole)
         height, spans = lines.height.height, lines.spans
@@ -128,7 +132,7 @@ class Pipeline:
             None,
             lambda: extract_corridor(
                 points, height, spans.line_id >= 0, spans.models, self.settings.corridor,
-                least_reach,
+                least_reach, probes,
             ),
             lambda result: report_corridor(result, len(points)),
         )

@@ -32,6 +32,9 @@ class Whole:
     spacing: tuple[float, float] | None
     """Mean and standard deviation of the distance of candidates to their neighbours [m]; None
     where there are too few to tell."""
+    probe_step: int
+    """Of the points of the whole every so many is one by which radii of the corridor are
+    chosen."""
 
 
 class EqualDraws:

@@ -14,13 +14,14 @@ import math
 
 import numpy as np
 from scipy.spatial import cKDTree
+import shapely
 
 from plc_inspect.core.numerics.disjoint_sets import unite
 from plc_inspect.grid.same_spans import list_places, match_spans, Place
-from plc_inspect.grid.tiles.plain_results import FoundTile
-from plc_inspect.results import Float64, Hazard, Span, SpanKey, Support
+from plc_inspect.grid.tiles.plain_results import FoundTile, is_within, MARGIN
+from plc_inspect.results import Bool, Float64, Hazard, Span, SpanKey, Support
 
-SAME_SUPPORT = 3.0
+SAME_SUPPORT = 0.5
 """Supports of two tiles that are this near are one [m].  Source: judgement."""
 MEETING = 15.0
 """Ends of two spans of one line at one support are this near [m].  Source: judgement."""
@@ -113,12 +114,39 @@ def _find_vegetation(tiles: Sequence[FoundTile], place: Place) -> float | None:
 def _choose_winners(
     tiles: Sequence[FoundTile], places: Sequence[Place], same: np.ndarray
 ) -> dict[int, int]:
-    """Return the place that keeps each span: in the first tile that claims it."""
+    """
+    Return the place that keeps each span: in the first tile that claims it.
+
+    Where its middle lies in no tile, as there are no points, it is the first that found it.
+    """
+    if not places:
+        return {}
+    middles = np.array([tiles[tile].middles[span] for tile, span in places])
     winners: dict[int, int] = {}
-    for k, (tile, span) in enumerate(places):
-        if tiles[tile].claimed[span]:
+    for k, is_own in enumerate(_claim(tiles, [tile for tile, _ in places], middles).tolist()):
+        if is_own:
             winners.setdefault(int(same[k]), k)
+    for k in np.flatnonzero(~_find_covered(tiles, middles)).tolist():
+        winners.setdefault(int(same[k]), k)
     return winners
+
+
+def _claim(tiles: Sequence[FoundTile], owners: Sequence[int], places: Float64) -> Bool:
+    """Tell which places, each of one tile by its place in the list, that tile claims."""
+    claimed = np.zeros(len(places), dtype=bool)
+    for own in sorted(set(owners)):
+        mine = np.flatnonzero(np.array(owners) == own)
+        claimed[mine] = is_within(tiles[own].territory, places[mine])
+    return claimed
+
+
+def _find_covered(tiles: Sequence[FoundTile], places: Float64) -> Bool:
+    """Tell the places that lie in any tile."""
+    tree = shapely.STRtree(shapely.box(*np.array([tile.territory for tile in tiles]).T))
+    at, _ = tree.query(shapely.points(places[:, :2]), predicate='dwithin', distance=2 * MARGIN)
+    covered = np.zeros(len(places), dtype=bool)
+    covered[at] = True
+    return covered
 
 
 def _unite_numbers(
@@ -279,8 +307,11 @@ def _join_supports(
     ]
     root = unite(pairs, len(found)).tolist()
     kept: dict[int, int] = {}
-    for k, (tile, number, _) in enumerate(found):
-        if tiles[tile].inside[number]:
+    for k in np.flatnonzero(_claim(tiles, [tile for tile, *_ in found], plan)).tolist():
+        kept.setdefault(root[k], k)
+    for k in np.flatnonzero(~_find_covered(tiles, plan)).tolist():
+        tile, _, support = found[k]
+        if any((tile, line) in every_line for line in support.line_ids):
             kept.setdefault(root[k], k)
     order = sorted(kept, key=lambda own: (
         min([every_line.get((found[kept[own]][0], line), 2**31)

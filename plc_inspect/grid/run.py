@@ -16,6 +16,7 @@ import numpy as np
 from plc_inspect import __version__
 from plc_inspect.config import Settings
 from plc_inspect.core.cloud_frame import CloudFrame, derive_frame
+from plc_inspect.core.corridor import choose_step
 from plc_inspect.core.extraction.stray_points import lay_stray_grid, StrayGrid
 from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.whole import Whole
@@ -55,6 +56,11 @@ from plc_inspect.grid.tiles.tile_run import inspect_tile
 
 WORK = 'work'
 """Folder of cells and of what was found in each tile; the results do not need it."""
+MOST_STEP = 1000
+"""
+Of the points of a grid every so many, at least, is one by which radii of the corridor are chosen.
+Source: derived: as in a single cloud of a hundred million points, more than memory holds.
+"""
 HALO = 500.0
 """Looked at around a tile at first [m].  Source: judgement: a span of 400 m and its neighbour."""
 
@@ -203,7 +209,7 @@ def cut_sources(run: GridRun, sources: Sequence[Source]) -> CutGrid:
         for place, name in enumerate(names) for cell, values in answers[name]['cells'].items()
     ]
     pieces = np.array(rows, dtype=np.int64).reshape(-1, 3)
-    write_catalogue(run.work, names, pieces)
+    write_catalogue(run.work, names, [answers[name]['num_points'] for name in names], pieces)
     counts = np.bincount(
         pieces[:, 0], weights=pieces[:, 2], minlength=grid.rows * grid.columns
     ).astype(np.int64)
@@ -283,7 +289,10 @@ def know_whole(run: GridRun, cut: CutGrid, jobs: Sequence[TileJob]) -> Whole:
     frame = derive_frame(cut.reference, cut.moments)
     if cut.strays:
         frame = _derive_without_strays(jobs, cut)
-    whole = _measure_whole(run, jobs, frame, key + make_key(cut.part_keys))
+    step = min(choose_step(cut.num_points), MOST_STEP)
+    whole = replace(
+        _measure_whole(run, jobs, frame, key + make_key(cut.part_keys)), probe_step=step
+    )
     run.ledger.keep_fact('whole', {'key': key, 'whole': render_whole(whole)})
     return whole
 
@@ -328,7 +337,8 @@ def _measure_whole(
     ), extent, extremes, peak)
     remove_heights(run.work / TILES)
     spacing, anchor = join_spacing(spacings, settings.outliers.num_neighbors)
-    return Whole(frame=frame, region=region, peak=peak, anchor=anchor, spacing=spacing)
+    return Whole(frame=frame, region=region, peak=peak, anchor=anchor, spacing=spacing,
+                 probe_step=1)
 
 
 def inspect_tiles(

@@ -11,10 +11,7 @@ import numpy as np
 
 from plc_inspect.errors import DataError
 from plc_inspect.grid.cells.cut import ATTRIBUTES
-from plc_inspect.results import Bool, Float64
-
-INDEX_BITS = 32
-"""Of a point within its part."""
+from plc_inspect.results import Bool, Float64, Int64
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -23,6 +20,8 @@ class Points:
 
     points: Float64
     """(N, 3) in the order of the inputs [m]."""
+    number: Int64
+    """(N,) place of each among all points of the grid."""
     core: Bool
     """(N,) those of the tile itself."""
 
@@ -33,8 +32,8 @@ class Piece:
 
     cell: int
     part: str
-    order: int
-    """Place of the part among all."""
+    first: int
+    """Place of the first point of the part among all points of the grid."""
 
 
 def read_points(
@@ -74,13 +73,18 @@ def read_points(
             if not inside.all():
                 xyz, key = xyz[inside], key[inside]
         points.append(xyz)
-        order.append(key | (piece.order << INDEX_BITS))
+        order.append(key + piece.first)
         marks.append(np.full(len(key), is_core))
     if not points:
-        return Points(points=np.zeros((0, 3)), core=np.zeros(0, dtype=bool))
-    sequence = np.argsort(np.concatenate(order), kind='stable')
+        return Points(
+            points=np.zeros((0, 3)), number=np.zeros(0, dtype=np.int64),
+            core=np.zeros(0, dtype=bool),
+        )
+    number = np.concatenate(order)
+    sequence = np.argsort(number, kind='stable')
     return Points(
-        points=np.concatenate(points)[sequence], core=np.concatenate(marks)[sequence]
+        points=np.concatenate(points)[sequence], number=number[sequence],
+        core=np.concatenate(marks)[sequence],
     )
 
 
@@ -92,7 +96,7 @@ def read_attributes(
     for piece in pieces:
         points.append(_load(folder, piece, 'xyz', np.dtype('<f8')).reshape(-1, 3))
         key = _load(folder, piece, 'idx', np.dtype('<u4')).astype(np.int64)
-        order.append(key | (piece.order << INDEX_BITS))
+        order.append(key + piece.first)
         attributes.append(_load(folder, piece, 'att', ATTRIBUTES))
     sequence = np.argsort(np.concatenate(order), kind='stable')
     return np.concatenate(points)[sequence], np.concatenate(attributes)[sequence]

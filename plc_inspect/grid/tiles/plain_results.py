@@ -13,6 +13,7 @@ import numpy as np
 
 from plc_inspect.results import (
     Bool,
+    Float64,
     Hazard,
     HazardKind,
     InspectionResult,
@@ -22,10 +23,34 @@ from plc_inspect.results import (
     Support,
 )
 
+MARGIN = 0.5
+"""Both tiles claim what lies this near to their border [m]; one of them keeps it."""
 POINT_FIELDS = ('line_id', 'span_id', 'clearance', 'classification', 'decision')
 """Of the points of a tile, what is written into its points.laz."""
 
 Rectangle = tuple[float, float, float, float]
+
+
+def is_within(territory: Rectangle, places: Float64) -> Bool:
+    """
+    Tell the places that a tile claims.
+
+    Parameters
+    ----------
+    territory : tuple of float
+        Least x and y, greatest x and y of the tile [m].
+    places : (N, 2+) float64
+        [m]
+
+    Returns
+    -------
+    (N,) bool
+
+    """
+    x, y = places[:, 0], places[:, 1]
+    x0, y0, x1, y1 = territory
+    inside: Bool = (x >= x0 - MARGIN) & (x < x1 + MARGIN)
+    return inside & (y >= y0 - MARGIN) & (y < y1 + MARGIN)
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -35,20 +60,20 @@ class FoundTile:
     number: int
     name: str
     spans: tuple[Span, ...]
-    claimed: tuple[bool, ...]
-    """Spans that lie in this tile."""
+    middles: Float64
+    """(S, 2) middle of all conductors that hang beside each of the spans [m]."""
     supports: tuple[Support, ...]
-    inside: tuple[bool, ...]
-    """Supports that stand in this tile."""
     hazards: tuple[Hazard, ...]
-    """Of the spans that are claimed."""
+    """Of the spans."""
     vegetation: dict[SpanKey, float | None]
-    """Distance of each claimed span to the vegetation near it [m]; None where there is none."""
+    """Distance of each span to the vegetation near it [m]; None where there is none."""
+    territory: Rectangle
+    """Least x and y, greatest x and y of the tile [m]."""
 
 
 def write_found(
-    place: Path, result: InspectionResult, core: Bool, claimed: Bool, near: Bool,
-    own: Rectangle, vegetation: Mapping[SpanKey, float | None],
+    place: Path, result: InspectionResult, core: Bool, kept: Bool, *, middles: Float64,
+    territory: Rectangle, vegetation: Mapping[SpanKey, float | None],
 ) -> None:
     """
     Write what was found in a tile.
@@ -61,29 +86,24 @@ def write_found(
         Of N points and S spans.
     core : (N,) bool
         Points of the tile.
-    claimed, near : (S,) bool
-        Spans that belong to it, and all that count near it.
-    own : tuple of float
-        Supports within stand in this tile [m].
+    kept : (S,) bool
+        Spans that count in the tile and near it.
+    middles : (S, 2) float64
+        See FoundTile.
+    territory : tuple of float
+        See FoundTile.
     vegetation : mapping
         Distance of each span to vegetation [m].
 
     """
     place.parent.mkdir(parents=True, exist_ok=True)
-    kept = claimed | near
-    keys = {
-        (span.line_id, span.span_id)
-        for span, mine in zip(result.spans, claimed.tolist(), strict=True) if mine
-    }
+    spans = [result.spans[k] for k in np.flatnonzero(kept).tolist()]
+    keys = {(span.line_id, span.span_id) for span in spans}
     value = {
-        'spans': [_plain(span) for span, keep in zip(result.spans, kept.tolist(), strict=True)
-                  if keep],
-        'claimed': claimed[kept].tolist(),
+        'spans': [_plain(span) for span in spans],
+        'middles': middles[kept].tolist(),
+        'territory': territory,
         'supports': [_plain(item) for item in result.supports],
-        'inside': [
-            bool(own[0] <= item.position[0] < own[2] and own[1] <= item.position[1] < own[3])
-            for item in result.supports
-        ],
         'hazards': [
             _plain(item) for item in result.hazards if (item.line_id, item.span_id) in keys
         ],
@@ -105,14 +125,14 @@ def read_found(place: Path, number: int) -> FoundTile:
         number=number,
         name=place.name,
         spans=tuple(_make_span(item) for item in value['spans']),
-        claimed=tuple(value['claimed']),
+        middles=np.array(value['middles']).reshape(-1, 2),
+        territory=tuple(value['territory']),
         supports=tuple(
             Support(**item | {
                 'position': np.array(item['position']), 'line_ids': tuple(item['line_ids']),
             })
             for item in value['supports']
         ),
-        inside=tuple(value['inside']),
         vegetation={(line, span): distance for line, span, distance in value['vegetation']},
         hazards=tuple(
             Hazard(**item | {

@@ -16,7 +16,7 @@ from plc_inspect.core.extraction.stray_points import StrayGrid
 from plc_inspect.core.whole import Whole
 from plc_inspect.grid.cells.layout import CellGrid, Tile
 from plc_inspect.grid.cells.pieces import Piece, Points, read_points
-from plc_inspect.results import Bool, Float64
+from plc_inspect.results import Bool
 
 CELLS, TILES = 'cells', 'tiles'
 """Folders of what was cut, and of what was found in each tile."""
@@ -59,7 +59,9 @@ class TileJob:
         return found
 
 
-def write_catalogue(folder: Path, parts: Sequence[str], cells: Float64 | np.ndarray) -> None:
+def write_catalogue(
+    folder: Path, parts: Sequence[str], num_points: Sequence[int], cells: np.ndarray
+) -> None:
     """
     Write which cells each part has points in.
 
@@ -69,22 +71,27 @@ def write_catalogue(folder: Path, parts: Sequence[str], cells: Float64 | np.ndar
         That all tasks work in.
     parts : sequence of str
         Their names, in the order of the inputs.
+    num_points : sequence of int
+        Of each part.
     cells : (K, 3) int64
         Cell, place of its part in ``parts``, and number of points.
 
     """
     order = np.lexsort((cells[:, 1], cells[:, 0]))
-    np.savez(folder / CATALOGUE, parts=np.array(parts, dtype=np.str_), cells=cells[order])
+    first = np.cumsum([0, *num_points])[:-1]
+    np.savez(
+        folder / CATALOGUE, parts=np.array(parts, dtype=np.str_), first=first, cells=cells[order]
+    )
 
 
 def list_pieces(folder: Path, cells: Sequence[int]) -> list[Piece]:
     """Return the pieces of some cells."""
     with np.load(folder / CATALOGUE) as known:
-        parts, table = known['parts'], known['cells']
+        parts, begins, table = known['parts'], known['first'], known['cells']
     first = np.searchsorted(table[:, 0], cells, side='left')
     last = np.searchsorted(table[:, 0], cells, side='right')
     return [
-        Piece(cell=int(cell), part=str(parts[part]), order=int(part))
+        Piece(cell=int(cell), part=str(parts[part]), first=int(begins[part]))
         for begin, end in zip(first.tolist(), last.tolist(), strict=True)
         for cell, part, _ in table[begin:end].tolist()
     ]
@@ -95,6 +102,7 @@ def render_whole(whole: Whole) -> dict[str, Any]:
     return {
         'origin': whole.frame.origin.tolist(), 'azimuth': whole.frame.azimuth,
         'region': whole.region.tolist(), 'peak': whole.peak, 'anchor': whole.anchor.tolist(),
+        'probe_step': whole.probe_step,
         'spacing': None if whole.spacing is None else list(whole.spacing),
     }
 
@@ -105,6 +113,7 @@ def parse_whole(text: str) -> Whole:
     spacing = value['spacing']
     return Whole(
         frame=CloudFrame(origin=np.array(value['origin']), azimuth=value['azimuth']),
-        region=np.array(value['region']), peak=value['peak'], anchor=np.array(value['anchor']),
+        probe_step=value['probe_step'], region=np.array(value['region']), peak=value['peak'],
+        anchor=np.array(value['anchor']),
         spacing=None if spacing is None else (spacing[0], spacing[1]),
     )

@@ -21,11 +21,11 @@ from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.core.whole import Whole
 from plc_inspect.grid.cells.layout import BASE_BYTES, BYTES_PER_POINT
-from plc_inspect.grid.tiles.plain_results import write_found
+from plc_inspect.grid.tiles.plain_results import is_within, write_found
 from plc_inspect.grid.tiles.tile_job import TileJob
 from plc_inspect.offline.export.files import measure_peak_memory
 from plc_inspect.offline.records.inspection import measure_clearances
-from plc_inspect.results import Bool, InspectionResult, Span
+from plc_inspect.results import Bool, Float64, InspectionResult, Span
 
 WIDEN = 1.5
 """A halo that cuts off a span becomes this much wider.  Source: judgement; not measured."""
@@ -33,13 +33,10 @@ MOST_HALO = 2000.0
 """Widest halo [m].  Source: judgement: the longest spans but of fjords and rivers."""
 NEAR_EDGE = 25.0
 """An open end this near to the edge of what was read is cut off [m].  Source: judgement."""
-NEAR_TILE = 30.0
+NEAR_TILE = 60.0
 """Spans this near to a tile decide what its points are [m].  Source: judgement: the corridor."""
 NEAR_SPAN = 30.0
 """Spans this near to one another decide on each other [m].  Source: judgement."""
-MARGIN = 0.5
-"""Both tiles claim what lies this near to their border [m]; one of them keeps it."""
-
 Rectangle = tuple[float, float, float, float]
 
 
@@ -50,6 +47,8 @@ class _Look:
     result: InspectionResult
     core: Bool
     """(N,) points of the tile."""
+    middles: Float64
+    """(S, 2) middle of all conductors of each span [m]."""
     claimed: Bool
     """(S,) spans that belong to the tile."""
     near: Bool
@@ -95,7 +94,7 @@ def inspect_tile(
         found = job.read(halo)
         looks += 1
         outer = job.tile.rectangle(job.grid, halo)
-        result = pipeline.run_part(found.points, whole)
+        result = pipeline.run_part(found.points, found.number, whole)
         num_points = len(found.points)
         look = _judge(result, found.core, job.tile.rectangle(job.grid), outer, bound)
         wider = min(halo * WIDEN, MOST_HALO)
@@ -105,9 +104,9 @@ def inspect_tile(
             break
         halo = wider
     write_found(
-        job.place, look.result, look.core, look.claimed, look.near,
-        job.tile.rectangle(job.grid, MARGIN),
-        measure_clearances(look.result, settings.hazards.min_points),
+        job.place, look.result, look.core, look.near | look.claimed,
+        middles=look.middles, territory=job.tile.rectangle(job.grid),
+        vegetation=measure_clearances(look.result, settings.hazards.min_points),
     )
     return {
         'num_points': int(look.core.sum()), 'num_read': num_points, 'halo': halo, 'looks': looks,
@@ -121,7 +120,8 @@ def _judge(
     result: InspectionResult, core: Bool, own: Rectangle, outer: Rectangle, bound: Rectangle
 ) -> _Look:
     spans = result.spans
-    claimed = _claim(spans, own)
+    middles = _find_middles(spans)
+    claimed = is_within(own, middles)
     near, num_cut = np.zeros(len(spans), dtype=bool), 0
     if spans:
         chords = shapely.linestrings([[span.start[:2], span.end[:2]] for span in spans])
@@ -135,24 +135,18 @@ def _judge(
         num_cut = sum(
             _is_cut(spans[number], outer, bound) for number in np.flatnonzero(near).tolist()
         )
-    return _Look(result=result, core=core, claimed=claimed, near=near, num_cut=num_cut)
+    return _Look(
+        result=result, core=core, middles=middles, claimed=claimed, near=near, num_cut=num_cut
+    )
 
 
-def _claim(spans: Sequence[Span], own: Rectangle) -> Bool:
-    """Tell the spans, all conductors of each together, whose middle lies in a tile."""
+def _find_middles(spans: Sequence[Span]) -> Float64:
+    """Return the (S, 2) middle of all conductors that hang beside each [m]."""
     middles: dict[int, list[Any]] = {}
     for span in spans:
         middles.setdefault(span.span_id, []).append((span.start[:2] + span.end[:2]) / 2)
-    inside = {
-        number: _holds(own, np.mean(places, axis=0), MARGIN) for number, places in middles.items()
-    }
-    return np.array([inside[span.span_id] for span in spans], dtype=bool)
-
-
-def _holds(rectangle: Rectangle, place: Any, margin: float = 0.0) -> bool:
-    x, y = float(place[0]), float(place[1])
-    x0, y0, x1, y1 = rectangle
-    return x0 - margin <= x < x1 + margin and y0 - margin <= y < y1 + margin
+    means = {number: np.mean(places, axis=0) for number, places in middles.items()}
+    return np.array([means[span.span_id] for span in spans]).reshape(-1, 2)
 
 
 def _is_cut(span: Span, outer: Rectangle, bound: Rectangle) -> bool:
