@@ -26,7 +26,7 @@ from plc_inspect.core.spans.route import EAST
 from plc_inspect.core.stage_log import Progress, StageLog, StageMemory
 from plc_inspect.core.stage_reports import report_corridor, report_hazards
 from plc_inspect.core.trace import Trace
-from plc_inspect.core.whole import Whole
+from plc_inspect.core.whole import PartResult, Whole
 from plc_inspect.errors import DataError
 from plc_inspect.results import Float64, InspectionResult, Int64
 
@@ -76,7 +76,7 @@ class Pipeline:
 
     def run_part(
         self, points: Float64, number: Int64, whole: Whole, progress: Progress | None = None
-    ) -> InspectionResult:
+    ) -> PartResult:
         """
         Find what `run` does, in a part of a cloud, as it is in the whole.
 
@@ -93,7 +93,7 @@ class Pipeline:
 
         Returns
         -------
-        InspectionResult
+        PartResult
             That of the whole away from the edge of the part, but for numbers of lines and spans;
             up to rounding.
 
@@ -102,7 +102,10 @@ class Pipeline:
         own = frame.enter(_check(points))
         probes = np.flatnonzero(number % whole.probe_step == 0)
         trace = self._trace(own, StageLog(progress), frame.east, whole, probes)
-        return frame.leave_result(trace.result, trace.offending)
+        return PartResult(
+            result=frame.leave_result(trace.result, trace.offending), near=trace.near,
+            near_points=own[trace.near], free=trace.free,
+        )
 
     def trace(
         self, points: Float64, progress: Progress | None = None, east: Float64 = EAST
@@ -163,7 +166,8 @@ class Pipeline:
             stages=tuple(log.reports),
         )
         return Trace(
-            lines=lines, corridor=corridor, result=result, offending=found.offending
+            lines=lines, corridor=corridor, result=result, offending=found.offending,
+            near=nearby.index, free=found.free,
         )
 
     def _judge(

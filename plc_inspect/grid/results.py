@@ -50,6 +50,8 @@ class GridSummary:
     failures: tuple[tuple[str, str, str], ...]
     """Stage, name and error of what could not be done."""
     num_defects: int
+    notes: tuple[str, ...] = ()
+    """What was assumed of the inputs."""
 
 
 def write_grid(
@@ -80,7 +82,10 @@ def write_grid(
     done = [job for job in jobs if job.tile.name in answers]
     joined = join_tiles([read_found(job.place, job.tile.number) for job in done])
     units = Units(horizontal=sources[0].units[0], vertical=sources[0].units[1])
-    written = _write_points(run, sources, done, joined)
+    lows = np.array([answer['near_low'] for answer in answers.values()]).reshape(-1, 3)
+    corner = np.where(np.isfinite(lows), lows, np.inf).min(axis=0, initial=np.inf)
+    corner[~np.isfinite(corner)] = 0.0
+    written = _write_points(run, sources, done, joined, tuple(corner.tolist()))
     failures = (
         *(('input', item.path, item.error) for item in refusals), *run.ledger.list_failures(),
     )
@@ -88,6 +93,7 @@ def write_grid(
         joined=joined, num_points=cut.num_points, num_tiles=len(jobs),
         kilometres=measure_kilometres(joined), units=units, failures=failures,
         num_defects=run.num_defects,
+        notes=tuple(source.note for source in sources if source.note),
     )
     inspection = _make_inspection(run, sources, joined, units)
     names = {job.tile.number: job.tile.name for job in jobs}
@@ -111,7 +117,8 @@ def measure_kilometres(joined: JoinedGrid) -> float:
 
 
 def _write_points(
-    run: GridRun, sources: Sequence[Source], jobs: Sequence[TileJob], joined: JoinedGrid
+    run: GridRun, sources: Sequence[Source], jobs: Sequence[TileJob], joined: JoinedGrid,
+    corner: tuple[float, ...],
 ) -> dict[str, dict[str, Any]]:
     known = [source for source in sources if all(scale > 0 for scale in source.scales)]
     first = known[0] if known else None
@@ -130,9 +137,10 @@ def _write_points(
         numbers = [(*own, *new) for own, new in sorted(joined.numbers[job.tile.number].items())]
         inspected = run.ledger.find_task('tile', name)
         tasks.append(Task(
-            name=name, function=write_tile_points, arguments=(job, str(place), form, numbers),
+            name=name, function=write_tile_points,
+            arguments=(job, str(place), form, corner, numbers),
         ))
-        keys[name] = make_key(inspected, numbers, asdict(form))
+        keys[name] = make_key(inspected, numbers, corner, asdict(form))
         if not place.is_file():
             run.ledger.forget('points', name)
     folder = run.folder / TILE_FOLDER

@@ -52,6 +52,8 @@ class GridInputs:
     """Files, folders, patterns, tile indices."""
     folder: Path
     crs: str | None = None
+    unit: float | None = None
+    """Metres in one unit of inputs without a CRS."""
     force: bool = False
     """Begin anew where the folder holds a grid."""
 
@@ -115,7 +117,7 @@ def survey_grid(
     """
     paths = expand_inputs(inputs.items)
     tell('headers', 0, len(paths), 0)
-    sources, refusals = read_sources(paths, inputs.crs)
+    sources, refusals = read_sources(paths, inputs.crs, inputs.unit)
     check_together(sources, refusals)
     count_allowed(engine.memory)
     check_grid_folder(inputs.folder, inputs.force)

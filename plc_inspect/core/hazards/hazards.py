@@ -40,6 +40,8 @@ class HazardResult:
     """(K, 3) offending points of each, or the place of a conductor [m]."""
     foliage: Bool
     """(K,) neither of surfaces, such as roofs and walls, nor of lines and what holds them."""
+    free: Bool
+    """(K,) foliage, unless it is of a surface."""
     num_unmodelled: int
     """Wires near conductors that were not modelled."""
 
@@ -118,8 +120,8 @@ def find_hazards(
         of_part=part,
     ).take(other)
     found, explained = find_encroachments(around, models, supports, rules, settings)
-    foliage = np.zeros(len(own), dtype=bool)
-    foliage[other] = ~(surface[other] | explained)
+    free = np.zeros(len(own), dtype=bool)
+    free[other] = ~explained
     if height is not None and rules.find('fall_in'):
         wide = find_fallible(points, height, spans)
         wide = np.setdiff1d(wide, nearby.index[parts.own | parts.unmodelled], assume_unique=True)
@@ -144,7 +146,8 @@ def find_hazards(
             for number, (item, own) in enumerate(zip(found, offending, strict=True))
         ),
         offending=offending,
-        foliage=foliage,
+        foliage=free & ~surface,
+        free=free,
         num_unmodelled=parts.num_wires,
     )
 

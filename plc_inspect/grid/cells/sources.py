@@ -4,7 +4,7 @@
 """The inputs of a grid: files, folders, patterns and tile indices, and what their headers say."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import glob
 import json
 from pathlib import Path
@@ -16,6 +16,7 @@ import numpy as np
 from plc_inspect.errors import DataError
 from plc_inspect.offline.readers.clouds import (
     check_las_header,
+    choose_units,
     find_las_crs,
     measure_units,
     parse_crs,
@@ -23,6 +24,7 @@ from plc_inspect.offline.readers.clouds import (
     render_wkt,
     SUFFIXES,
 )
+from plc_inspect.offline.readers.plausibility import question_place
 from plc_inspect.printable import make_one_line
 
 INDEX_SUFFIXES = ('.geojson', '.json', '.vpc', '.gpkg', '.shp')
@@ -53,6 +55,8 @@ class Source:
     """[bytes]"""
     changed: int
     """When the file was changed last [ns]."""
+    note: str = ''
+    """What was assumed of its coordinates, '' where they are known."""
 
     @property
     def state(self) -> str:
@@ -172,7 +176,7 @@ def _read_table(path: Path) -> list[dict[str, Any]]:
 
 
 def read_sources(
-    paths: Sequence[Path], crs: str | None = None
+    paths: Sequence[Path], crs: str | None = None, unit: float | None = None
 ) -> tuple[list[Source], list[Refusal]]:
     """
     Read the headers of all inputs.
@@ -183,6 +187,8 @@ def read_sources(
         Of `expand_inputs`.
     crs : str or None
         CRS instead of that of the files.
+    unit : float or None
+        Metres in one unit of files without a CRS.
 
     Returns
     -------
@@ -194,7 +200,7 @@ def read_sources(
     Raises
     ------
     ConfigError
-        ``crs`` is not known.
+        ``crs`` is not known, or ``unit`` is given where there is one.
 
     """
     given = None
@@ -205,7 +211,7 @@ def read_sources(
     sources, refusals = [], []
     for number, path in enumerate(paths):
         try:
-            sources.append(_read_source(path, number, given, known))
+            sources.append(_question(_read_source(path, number, given, known), unit))
         except DataError as error:
             refusals.append(Refusal(path=str(path), error=str(error)))
         except OSError as error:
@@ -243,6 +249,25 @@ def _read_source(
         path=str(path), number=number, num_points=num, low=_triple(low), high=_triple(high),
         crs=wkt, units=units, scales=_triple(scales), offsets=_triple(offsets),
         size=stat.st_size, changed=stat.st_mtime_ns,
+    )
+
+
+def _question(source: Source, unit: float | None) -> Source:
+    """Return an input in the unit that was given, and ask whether its coordinates can be it."""
+    units = choose_units(Path(source.path), source.crs, source.units, unit)
+    if source.crs or not source.num_points:
+        return source
+    scale = units[0] / source.units[0]
+    said = unit or (units[0] if units[0] != 1.0 else None)
+    low, high = (
+        [value / size for value, size in zip(ends, (*source.units[:1] * 2, source.units[1]),
+                                             strict=True)]
+        for ends in (source.low, source.high)
+    )
+    return replace(
+        source, units=units, low=_triple([value * scale for value in source.low]),
+        high=_triple([value * scale for value in source.high]),
+        note=question_place(source.path, low, high, said),
     )
 
 

@@ -11,6 +11,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from plc_inspect.offline.commands.command_line import BAD_INPUT, DEFECT, DONE, show_progress
+from plc_inspect.offline.readers.plausibility import parse_unit
 from plc_inspect.printable import make_one_line, make_printable
 
 if TYPE_CHECKING:
@@ -99,7 +100,7 @@ def run_grid(
 
     inputs = GridInputs(
         items=tuple(arguments.clouds), folder=arguments.output, crs=arguments.crs,
-        force=arguments.force,
+        force=arguments.force, unit=parse_unit(arguments.units),
     )
     options = GridOptions(
         halo=arguments.halo or HALO, tile_edge=arguments.tile or math.inf,
@@ -118,6 +119,9 @@ def run_grid(
 
         summary = survey_grid(inputs, settings, rules, options, engine, tell)
     if not arguments.quiet:
+        if summary.notes:
+            more = f' (and {len(summary.notes) - 1} others)' if len(summary.notes) > 1 else ''
+            print(make_one_line(f'note: {summary.notes[0]}{more}') + '\n')
         print(make_printable(render_grid(summary)))
         print(f'\nreport: {arguments.output / "index.html"}')
     for stage, name, error in summary.failures:

@@ -26,7 +26,8 @@ from plc_inspect.offline.commands.grid import (
     is_grid,
     run_grid,
 )
-from plc_inspect.printable import make_printable
+from plc_inspect.offline.readers.plausibility import parse_unit
+from plc_inspect.printable import make_one_line, make_printable
 
 if TYPE_CHECKING:
     from plc_inspect.config import Settings
@@ -127,7 +128,9 @@ def survey(
     )
 
 
-def begin_reading(path: Path, crs: str | None = None) -> 'Future[Cloud]':
+def begin_reading(
+    path: Path, crs: str | None = None, unit: float | None = None
+) -> 'Future[Cloud]':
     """
     Begin to read a cloud in a thread of its own.
 
@@ -137,6 +140,8 @@ def begin_reading(path: Path, crs: str | None = None) -> 'Future[Cloud]':
         A LAS, LAZ or PCD file.
     crs : str or None
         Coordinate reference system instead of the file's.
+    unit : float or None
+        Metres in one unit, where there is no such system.
 
     Returns
     -------
@@ -150,7 +155,7 @@ def begin_reading(path: Path, crs: str | None = None) -> 'Future[Cloud]':
 
     def read() -> None:
         try:
-            reading.set_result(read_cloud(path, crs))
+            reading.set_result(read_cloud(path, crs, unit))
         except BaseException as error:
             reading.set_exception(error)
 
@@ -171,7 +176,7 @@ def _run(argv: Sequence[str] | None) -> int:
     if is_grid(arguments):
         return _run_grid(arguments)
     cloud = Path(arguments.clouds[0])
-    reading = begin_reading(cloud, arguments.crs)
+    reading = begin_reading(cloud, arguments.crs, parse_unit(arguments.units))
     from plc_inspect.offline.commands.request import deliver, read_request
     from plc_inspect.offline.commands.result_table import render_summary
     from plc_inspect.offline.export.results_folder import check_results
@@ -187,6 +192,8 @@ def _run(argv: Sequence[str] | None) -> int:
         inspection = deliver(inspection, request, arguments, progress)
     if not arguments.quiet:
         print(make_printable(render_summary(inspection)))
+        if reading.result().note:
+            print('\n' + make_one_line(f'note: {reading.result().note}'))
         print(f'\nreport: {arguments.output / "report.html"}')
     return DONE
 
@@ -209,6 +216,9 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument(
         '--crs', help='coordinate reference system instead of the one in the file, as EPSG:2992'
+    )
+    parser.add_argument(
+        '--units', metavar='UNIT', help='m, ft or us-ft, where no such system is known'
     )
     add_grid_arguments(parser)
     return parser.parse_args(argv)

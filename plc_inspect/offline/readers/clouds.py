@@ -14,10 +14,12 @@ import numpy as np
 import pyproj
 from pyproj.exceptions import CRSError
 
+from plc_inspect.core.extraction.ground_surface import bounds
 from plc_inspect.core.numerics.arrays import MOST_COORDINATE
 from plc_inspect.errors import ConfigError, DataError
 from plc_inspect.offline.readers.laz import read_las
 from plc_inspect.offline.readers.pcd import read_pcd
+from plc_inspect.offline.readers.plausibility import question_place
 from plc_inspect.printable import make_one_line
 from plc_inspect.results import Float64, Int32
 
@@ -54,6 +56,8 @@ class Cloud:
     """Length of the file's horizontal and vertical unit [m]."""
     las: Any
     """The laspy.LasData with all attributes, None for a PCD file."""
+    note: str = ''
+    """What was assumed of the coordinates, '' where they are known."""
 
     def to_file_units(self, points: Float64) -> Float64:
         """Return (N, 3) points in metres as coordinates of the file."""
@@ -63,7 +67,9 @@ class Cloud:
         return points / np.array([horizontal, horizontal, vertical])
 
 
-def read_cloud(path: Path | str, crs: str | None = None) -> Cloud:
+def read_cloud(
+    path: Path | str, crs: str | None = None, unit: float | None = None
+) -> Cloud:
     """
     Read a cloud; coordinates become metres, nothing else changes.
 
@@ -76,6 +82,8 @@ def read_cloud(path: Path | str, crs: str | None = None) -> Cloud:
         A .las, .laz or .pcd file.
     crs : str or None
         CRS that replaces the file's, as 'EPSG:2992' or WKT.
+    unit : float or None
+        Metres in one unit of a file that has no CRS; None asks the file, else it is 1.
 
     Returns
     -------
@@ -86,9 +94,10 @@ def read_cloud(path: Path | str, crs: str | None = None) -> Cloud:
     ------
     DataError
         The file is missing, truncated, damaged or of an unknown kind, its CRS is not in a length
-        unit, or more points than strays would be lie beyond MOST_COORDINATE.
+        unit, more points than strays would be lie beyond MOST_COORDINATE, or the coordinates
+        cannot be lengths east, north and up.
     ConfigError
-        ``crs`` is not a known CRS.
+        ``crs`` is not a known CRS, or ``unit`` is given where there is one.
 
     """
     path = Path(path)
@@ -110,12 +119,20 @@ def read_cloud(path: Path | str, crs: str | None = None) -> Cloud:
         wkt, units = render_wkt(system), measure_units(system, path)
     elif las is not None:
         wkt, units = find_las_crs(las.header, path)
+    units = choose_units(path, wkt, units, unit)
     num_not_finite, num_far, farthest = convert_to_metres(points, *units)
     if num_far > max(MOST_FAR, MOST_FAR_SHARE * len(points)):
         raise DataError(
             f'{path}: {num_far} of {len(points)} points have coordinates up to {farthest:.3g} m, '
             'which no coordinate reference system has'
         )
+    note = ''
+    if not wkt:
+        low, high, num_finite = bounds(points)
+        if num_finite:
+            said = unit or (units[0] if units[0] != 1.0 else None)
+            scale = np.array([units[0], units[0], units[1]])
+            note = question_place(str(path), low / scale, high / scale, said)
     return Cloud(
         path=path,
         points=points,
@@ -123,7 +140,19 @@ def read_cloud(path: Path | str, crs: str | None = None) -> Cloud:
         crs=wkt,
         metres_per_unit=units,
         las=las,
+        note=note,
     )
+
+
+def choose_units(
+    path: Path, wkt: str, units: tuple[float, float], unit: float | None
+) -> tuple[float, float]:
+    """Return the units of a file; ConfigError where one is given though its CRS is known."""
+    if unit is None:
+        return units
+    if wkt:
+        raise ConfigError(f'--units is for clouds without a CRS: that of {path} is known')
+    return unit, unit
 
 
 def _not_read(path: Path, error: OSError) -> DataError:

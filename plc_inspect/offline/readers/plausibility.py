@@ -1,0 +1,94 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Whether coordinates without a coordinate reference system can be metres east, north and up."""
+
+from collections.abc import Sequence
+import math
+
+from plc_inspect.errors import ConfigError, DataError
+
+UNITS = {'m': 1.0, 'ft': 0.3048, 'us-ft': 1200.0 / 3937.0}
+"""
+Names of units, in metres.
+Source: EPSG registry: the metre, the international foot and that of the US surveys.
+"""
+DEGREES_EXTENT, DEGREES_RATIO = 1.0, 5.0
+"""
+A cloud less wide than this and so many times as high is in degrees, if its places can be such.
+Source: derived: a degree is 111 km; no line is 5 m high and less than 1 m long.
+"""
+LOWEST, HIGHEST = -12_000.0, 9_000.0
+"""Heights on Earth [m].  Source: derived: the deepest trench and the highest mountain."""
+EARTH_RADII = 6.33e6, 6.40e6
+"""Distance of places on Earth from its centre [m].  Source: derived: WGS 84 and mountains."""
+UTM_EAST = 1e6
+"""Eastings of UTM are less [m].  Source: derived: from 167 km to 833 km."""
+
+
+def parse_unit(name: str | None) -> float | None:
+    """Return a unit in metres by its name, None for None; ConfigError where it is unknown."""
+    if name is None:
+        return None
+    if name not in UNITS:
+        raise ConfigError(f'--units must be one of {", ".join(UNITS)}, got {name!r}')
+    return UNITS[name]
+
+
+def question_place(
+    name: str, low: Sequence[float], high: Sequence[float], unit: float | None
+) -> str:
+    """
+    Ask whether coordinates can be what they are taken for.
+
+    Parameters
+    ----------
+    name : str
+        Of the input.
+    low, high : sequence of float
+        Least and greatest x, y and z, in units of the input; there is no CRS.
+    unit : float or None
+        Metres in one, None where nobody said so.
+
+    Returns
+    -------
+    str
+        What is assumed and why that may be wrong; '' where it was said.
+
+    Raises
+    ------
+    DataError
+        They cannot be: degrees, geocentric, or no heights on Earth.
+
+    """
+    scale = unit or 1.0
+    wide = max(high[0] - low[0], high[1] - low[1])
+    tall = high[2] - low[2]
+    place = f'x {low[0]:.6g} to {high[0]:.6g}, y {low[1]:.6g} to {high[1]:.6g}'
+    if (
+        0.0 < wide < DEGREES_EXTENT and tall > DEGREES_RATIO * wide
+        and max(map(abs, (low[0], high[0]))) <= 180.0
+        and max(map(abs, (low[1], high[1]))) <= 180.0
+    ):
+        raise DataError(
+            f'{name}: {place} are degrees, as z spans {tall:.4g}: project the cloud to lengths '
+            'east and north first'
+        )
+    middle = [(a + b) / 2 * scale for a, b in zip(low, high, strict=True)]
+    radius = math.hypot(*middle)
+    if low[2] * scale > HIGHEST or high[2] * scale < LOWEST:
+        if EARTH_RADII[0] <= radius <= EARTH_RADII[1]:
+            raise DataError(
+                f'{name}: {place}, z {low[2]:.6g} to {high[2]:.6g} lie {radius / 1000:.0f} km from'
+                ' the origin, as geocentric coordinates do: project the cloud first'
+            )
+        raise DataError(
+            f'{name}: z from {low[2]:.6g} to {high[2]:.6g} is no height on Earth in '
+            f'{"metres" if scale == 1.0 else "that unit"}: give --units or --crs, or correct z'
+        )
+    if unit is not None:
+        return ''
+    note = f'{name} has no coordinate reference system: metres assumed'
+    if max(abs(low[0]), abs(high[0])) > UTM_EAST:
+        note += f'; x of {high[0]:.6g} may be feet: then give --units ft or us-ft, or --crs'
+    return note

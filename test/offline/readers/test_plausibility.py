@@ -1,0 +1,42 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Coordinates that cannot be metres are refused, and assumptions are told."""
+
+import pytest
+
+from plc_inspect.errors import ConfigError, DataError
+from plc_inspect.offline.readers.plausibility import parse_unit, question_place
+
+
+@pytest.mark.parametrize(('low', 'high', 'unit', 'text'), [
+    ((5.01, 52.1, 3.0), (5.02, 52.107, 41.0), None, 'y 52.1 to 52.107 are degrees'),
+    ((3.9e6, 3.0e5, 5.0e6), (3.901e6, 3.01e5, 5.001e6), None, 'as geocentric coordinates do'),
+    ((5e5, 5e6, 9_500.0), (5.01e5, 5.001e6, 9_600.0), None, 'z from 9500 to 9600 is no height'),
+    ((5e5, 5e6, -4e4), (5.01e5, 5.001e6, -3e4), 1.0, 'is no height on Earth in metres'),
+])
+def test_what_cannot_be_is_refused(low, high, unit, text):
+    with pytest.raises(DataError, match=text):
+        question_place('a.las', low, high, unit)
+
+
+@pytest.mark.parametrize(('low', 'high', 'unit', 'expected'), [
+    ((5e5, 5e6, 30.0), (5.01e5, 5.001e6, 60.0), None, 'metres assumed'),
+    ((1.91e6, 6.06e5, 300.0), (1.92e6, 6.07e5, 355.0), None, 'x of 1.92e+06 may be feet'),
+    ((-105.0, -103.0, -9.0), (-53.0, -66.0, 13.0), None, 'metres assumed'),
+    ((5e5, 5e6, 30.0), (5.01e5, 5.001e6, 1e5), None, 'metres assumed'),
+    ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), None, 'metres assumed'),
+])
+def test_what_may_be_is_told(low, high, unit, expected):
+    assert expected in question_place('a.las', low, high, unit)
+
+
+def test_what_was_said_is_not_told():
+    assert question_place('a.las', (1.91e6, 6.06e5, 9e3), (1.92e6, 6.07e5, 2e4), 0.3048) == ''
+
+
+def test_units_have_names():
+    assert parse_unit(None) is None
+    assert parse_unit('ft') == 0.3048
+    with pytest.raises(ConfigError, match="--units must be one of m, ft, us-ft, got 'yard'"):
+        parse_unit('yard')
