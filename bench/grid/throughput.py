@@ -1,0 +1,156 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Time and memory of a grid: beside a single survey, with more workers, and in the plan alone.
+
+A simulated corridor, copies of one laid end to end, is surveyed in one run and as a grid with each
+number of workers, by turns in processes of their own; printed are times, points a second, ratios
+to the single survey and the peak memory of the parent and of tiles.  ``--empty N`` plans a grid
+of N tiles that hold a few points each.
+"""
+
+import argparse
+from collections.abc import Sequence
+import json
+from pathlib import Path
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from common.surveys import make_map, open_cache
+from common.tables import render_table
+import laspy
+import numpy as np
+
+from plc_inspect.grid.cells.layout import lay_cells, lay_tiles
+from plc_inspect.grid.cells.sources import read_sources
+
+GAP = 0.0
+COLUMNS = ('run', 'time [s]', 'points/s', 'to single', 'parent [GB]', 'largest tile [GB]', 'tiles',
+           'read/points')
+RUN = (
+    'import json, resource, sys, time; begun = time.perf_counter();'
+    'from plc_inspect.offline.commands.survey import main; code = main(sys.argv[1:]);'
+    'print(json.dumps([code, time.perf_counter() - begun,'
+    ' resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024]))'
+)
+
+
+def write_corridor(path: Path, cache: Path, num: int, copies: int) -> Path:
+    """Write copies of a corridor, end to end, as LAS; a copy at a time."""
+    points = make_map(cache, 'high_voltage', num_points=num).points
+    pitch = float(np.ptp(points[:, 0])) + GAP
+    header = laspy.LasHeader(version='1.4', point_format=6)
+    header.scales, header.offsets = np.full(3, 1e-3), np.floor(points.min(axis=0))
+    with laspy.open(path, mode='w', header=header) as writer:
+        for copy in range(copies):
+            record = laspy.ScaleAwarePointRecord.zeros(len(points), header=header)
+            record.x, record.y = points[:, 0] + copy * pitch, points[:, 1]
+            record.z = points[:, 2]
+            writer.write_points(record)
+    return path
+
+
+def run(*arguments: str) -> tuple[float, float]:
+    """Run plc_survey in a process of its own; return its time [s] and peak memory [bytes]."""
+    done = subprocess.run(
+        [sys.executable, '-c', RUN, *arguments, '--quiet'], capture_output=True, text=True,
+        check=False,
+    )
+    if done.returncode:
+        raise SystemExit(done.stderr)
+    code, seconds, peak = json.loads(done.stdout.splitlines()[-1])
+    if code:
+        raise SystemExit(f'plc_survey ended with {code}: {done.stderr}')
+    return seconds, peak
+
+
+def measure(path: Path, num_points: int, workers: Sequence[int], options: Sequence[str]) -> list:
+    """Return the rows of a single survey and of grids."""
+    rows = []
+    with tempfile.TemporaryDirectory(dir=path.parent) as room:
+        single, peak = run(str(path), '-o', f'{room}/single')
+        rows.append(('single', f'{single:.1f}', f'{num_points / single:,.0f}', '1.00',
+                     f'{peak / 1e9:.2f}', '-', '-', '-'))
+        for num in workers:
+            out = Path(room) / f'grid{num}'
+            seconds, peak = run(str(path), '-o', str(out), '--workers', str(num), *options)
+            tiles = read_answers(out)
+            rows.append((
+                f'grid, {num} workers', f'{seconds:.1f}', f'{num_points / seconds:,.0f}',
+                f'{seconds / single:.2f}', f'{peak / 1e9:.2f}',
+                f'{max(item["peak_memory"] for item in tiles) / 1e9:.2f}', str(len(tiles)),
+                f'{sum(item["num_read"] for item in tiles) / num_points:.2f}',
+            ))
+    return rows
+
+
+def read_answers(folder: Path) -> list[dict]:
+    """Return what the ledger of a grid tells of its tiles."""
+    import sqlite3
+
+    with sqlite3.connect(folder / 'ledger.sqlite') as database:
+        return [json.loads(row[0]) for row in database.execute(
+            "SELECT answer FROM task WHERE stage = 'tile' AND state = 'done'"
+        )]
+
+
+def plan_empty(num: int) -> list[tuple[str, ...]]:
+    """Return the row of a plan of many tiles of a few points."""
+    with tempfile.TemporaryDirectory() as room:
+        side = int(np.ceil(np.sqrt(num)))
+        paths = []
+        for k in range(num):
+            header = laspy.LasHeader(version='1.4', point_format=6)
+            header.scales = np.full(3, 1e-3)
+            header.offsets = np.array([1000.0 * (k % side), 1000.0 * (k // side), 0.0])
+            las = laspy.LasData(header)
+            las.x = header.offsets[0] + np.array([1.0, 999.0])
+            las.y = header.offsets[1] + np.array([1.0, 999.0])
+            las.z = np.zeros(2)
+            paths.append(Path(room) / f'{k:06d}.las')
+            las.write(paths[-1])
+        begun = time.perf_counter()
+        sources, _ = read_sources(paths)
+        boxes = [(*source.low[:2], *source.high[:2]) for source in sources]
+        cells = lay_cells(boxes, 2 * num, 5_000_000)
+        counts = np.bincount(cells.number(
+            np.array([box[0] for box in boxes]), np.array([box[1] for box in boxes])
+        ), minlength=cells.rows * cells.columns)
+        tiles = lay_tiles(cells, counts, 500.0, 5_000_000)
+        seconds = time.perf_counter() - begun
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    return [(f'plan of {num} inputs', f'{seconds:.1f}', '-', '-', f'{peak / 1e9:.2f}', '-',
+             str(len(tiles)), '-')]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.strip().partition('\n')[0])
+    parser.add_argument('--points', type=int, default=1_000_000, help='of each copy')
+    parser.add_argument('--copies', type=int, default=10)
+    parser.add_argument('--workers', type=int, nargs='*', default=[1, 2])
+    parser.add_argument('--empty', type=int, default=0, metavar='N', help='plan N tiles as well')
+    parser.add_argument('--cache', type=Path, help='folder for surveys')
+    parser.add_argument('--room', type=Path, help='folder for what is written')
+    parser.add_argument('options', nargs='*', help='of plc_survey, for grids, after --')
+    arguments = parser.parse_args(argv)
+    rows = plan_empty(arguments.empty) if arguments.empty else []
+    num = arguments.points * arguments.copies
+    if arguments.workers:
+        with open_cache(arguments.cache) as cache, \
+                tempfile.TemporaryDirectory(dir=arguments.room) as room:
+            path = write_corridor(
+                Path(room) / 'corridor.las', cache, arguments.points, arguments.copies
+            )
+            rows += measure(path, num, arguments.workers, arguments.options)
+    print(render_table(COLUMNS, rows))
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
