@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 MOST_HAZARDS = 1000
 """In the list; all are in the tables."""
-WIDTH = 1100
-"""Of the map [pixels]."""
+WIDTH, HEIGHT = 1100, 700
+"""Of the map, at most [pixels]."""
 PAGE = 'points.laz'
 """What the link of a tile opens."""
 
@@ -159,4 +159,5 @@ def _draw_map(summary: 'GridSummary', jobs: Sequence[TileJob]) -> str:
             f'span {hazard.span_id}</title></circle>'
         )
     width, height = (x1 - x0) * scale, (y1 - y0) * scale
-    return f'<svg viewBox="0 0 {width:.0f} {height:.0f}">{"".join(parts)}</svg>'
+    size = f'viewBox="0 0 {width:.0f} {height:.0f}" style="max-height: {HEIGHT}px"'
+    return f'<svg {size}>{"".join(parts)}</svg>'

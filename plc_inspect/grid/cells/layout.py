@@ -15,10 +15,13 @@ from plc_inspect.results import Int64
 BYTES_PER_POINT = 300
 """
 Memory of a worker for each point of a tile with its halo [bytes].
-Source: bench/grid/throughput.py: 172 to 255, see docs/performance.md.
+Source: judgement: a survey of 8 million points took 200 on bench/grid/throughput.py.
 """
 BASE_BYTES = 700_000_000
-"""Memory of a worker besides that [bytes].  Source: docs/performance.md: 0.5 GB."""
+"""
+Memory of a worker besides that [bytes].
+Source: judgement: a worker with small tiles took 0.5 GB on bench/grid/throughput.py.
+"""
 MOST_POINTS = 12_000_000
 """Points of a tile, at most, however much memory there is.  Source: judgement; bounds a loss."""
 CELLS_IN_TILE = 16
