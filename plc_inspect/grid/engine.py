@@ -21,6 +21,8 @@ PENDING = 4
 """Tasks given to the scheduler beyond what the workers are at, for each of them."""
 ALLOWED_FAILURES = 3
 """Workers that may die at one task before it is given up."""
+KEEP_FREED = {'MALLOC_TRIM_THRESHOLD_': str(2**31 - 1), 'MALLOC_MMAP_THRESHOLD_': str(32 << 20)}
+"""Lets the C library of a worker keep freed memory for the next arrays [bytes]."""
 CONNECT_TIMEOUT = 15.0
 """Seconds to wait for a scheduler."""
 
@@ -199,7 +201,7 @@ def open_engine(
         return
     each = memory or measure_available() / num_workers
     threads = max((os.cpu_count() or 1) // num_workers, 1)
-    dask.config.set({'distributed.nanny.environ': {
+    dask.config.set({'distributed.nanny.pre-spawn-environ': KEEP_FREED | {
         'NUMBA_NUM_THREADS': str(threads), 'OMP_NUM_THREADS': '1',
     }})
     with LocalCluster(  # type: ignore[no-untyped-call]
