@@ -13,9 +13,10 @@ from tools.make_constants import CORE, KINDS, list_constants, PAGE, render_page,
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = (
-    'numerics', 'setup', 'voxel_buffer', 'mapping', 'extraction', 'clustering', 'spans', 'hazards',
-    'corridor', 'labels', 'cloud_frame', 'whole', 'stage_log', 'stage_reports', 'trace',
-    'line_finder', 'pipeline', 'loads', 'tracking', 'live', 'explain', 'tuning',
+    'numerics', 'alignment', 'setup', 'voxel_buffer', 'mapping', 'extraction', 'clustering',
+    'spans', 'hazards', 'corridor', 'labels', 'cloud_frame', 'whole', 'stage_log',
+    'stage_reports', 'trace', 'line_finder', 'pipeline', 'loads', 'tracking', 'live', 'explain',
+    'tuning',
 )
 """Packages and modules of the core in which every constant has its source."""
 PENDING = ('catenary',)

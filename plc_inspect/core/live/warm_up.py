@@ -8,6 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from plc_inspect.config import MapSettings, Settings
+from plc_inspect.core.alignment.normal_cells import NormalCells, OPEN_NS
+from plc_inspect.core.alignment.registration import sample_points
+from plc_inspect.core.alignment.rigid_move import RigidMove
 from plc_inspect.core.hazards.clearance_rules import PLAIN
 from plc_inspect.core.hazards.strands import divide_section
 from plc_inspect.core.live.proximity import measure_proximity
@@ -68,6 +71,10 @@ def warm_up_intake() -> None:
         stamp = 1_000_000_000 + 100_000_000 * number
         accumulator.add_pose(stamp, (0.1 * number, 0.0, 20.0), (0.0, 0.0, 0.0, 1.0), now=0.0)
         accumulator.add_scan(stamp, points, times, now=0.0)
+    cells = NormalCells()
+    for number in range(3):
+        cells.add(sample_points(points.astype(np.float64)), number)
+    cells.compare(points.astype(np.float64), RigidMove(), 2 * OPEN_NS, 1)
     voxels = accumulator.map
     plan = WindowPlanner(4.0).plan(voxels, (), None)
     if plan is not None:

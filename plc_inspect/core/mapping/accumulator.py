@@ -9,25 +9,30 @@ whole, or dropped whole and counted with the reason.
 """
 
 from collections import Counter, deque
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from plc_inspect.config import Settings
+from plc_inspect.core.alignment.follower import Follower
+from plc_inspect.core.alignment.parts import Part, Seen
+from plc_inspect.core.mapping.frame_watch import FramedPose, FrameWatch
+from plc_inspect.core.mapping.map_entry import MapEntry
 from plc_inspect.core.mapping.placement import Placer, WaitingScan
-from plc_inspect.core.mapping.pose_buffer import PoseBuffer, PoseStatus
+from plc_inspect.core.mapping.pose_buffer import Bracket, PoseBuffer, PoseStatus
 from plc_inspect.core.mapping.scan_clock import ScanClock
-from plc_inspect.core.mapping.scan_counters import Counters, DropReason
+from plc_inspect.core.mapping.scan_counters import Counters, DropReason, gather_counters
 from plc_inspect.core.mapping.scan_gate import ScanGate
-from plc_inspect.core.mapping.scan_points import select_points
+from plc_inspect.core.mapping.scan_points import check_points, select_points
 from plc_inspect.core.numerics.arrays import MOST_COORDINATE
 from plc_inspect.core.setup.mount import Mount
 from plc_inspect.core.setup.sharpness import SharpnessMeter
-from plc_inspect.core.voxel_buffer.voxel_map import Insertion, VoxelMap
+from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
 from plc_inspect.errors import DataError
-from plc_inspect.results import Float32, Float64
+from plc_inspect.results import Float32
 
 QUEUE_SIZE = 64
 """
@@ -47,12 +52,6 @@ Largest believable time of a point relative to its scan's stamp [s].
 Source: judgement; not measured.
 """
 
-RESTART_AFTER_NS = 3_000_000_000
-"""
-Time during which all scans lie beyond the map's reach after which it begins anew there [ns].
-Source: judgement; not measured.
-"""
-
 LEADS = 16
 """Scans of which the median lead over the odometry is taken.  Source: judgement; not measured."""
 
@@ -61,9 +60,10 @@ class Accumulator:
     """
     Builds the map from poses and scans in the order in which they come.
 
-    Owned by one thread.  The frame of the first pose is the map frame; poses and scans of
-    another frame than the first of their kind are rejected and counted.  Scans in the map frame
-    itself are taken as they are, with their range measured from the lidar's place.
+    Owned by one thread.  The frame of the first pose is the map frame; where all poses are in
+    another one, or step, or drift, ``follower`` brings scans to where the map is.  Scans of
+    another frame than the first are rejected.  Scans in the odometry's frame itself are taken as
+    they are, with their range measured from the lidar's place.
 
     Parameters
     ----------
@@ -74,29 +74,23 @@ class Accumulator:
 
     def __init__(self, settings: Settings) -> None:
         self.poses = PoseBuffer(settings.input)
-        self.map = VoxelMap(settings.map)
+        self.entry = MapEntry(settings.map)
         self.placer = Placer(settings.input)
         """Frames of the vehicle, and the mount of the lidar."""
-        self.meter = SharpnessMeter()
-        """Gathers what tells whether the map is sharp."""
+        self.follower = Follower()
+        """Keeps the map whole when the odometry is not."""
         self.configure(settings)
         self.map.reserve(RESERVED_VOXELS)
         self._clock = ScanClock()
         self._queue: deque[WaitingScan] = deque()
         self._counts: Counter[str] = Counter()
         self._dropped: Counter[DropReason] = Counter()
-        self.frames: tuple[str, str] | None = None
-        """Frame of the odometry, and of the base; None before the first pose."""
+        self._frames = FrameWatch()
         self._lidar_frame = ''
         self.mount: Mount | None = None  # of the scans in the map
         self._gate = ScanGate()
         self._leads: deque[float] = deque(maxlen=LEADS)
         self._last_inserted: int | None = None
-        self._beyond_since: int | None = None
-        self.num_map_restarts = 0
-        """Times the map began anew."""
-        self.restart_cause = ''
-        """Why it did so last."""
         self._before: Counters | None = None
 
     def resume(
@@ -104,8 +98,8 @@ class Accumulator:
         mount: Mount | None = None,
     ) -> None:
         """Go on with what is there, of these frames, counts, last stamp [ns] and mount."""
-        self.frames, self._before, self._last_inserted = frames, before, last_inserted
-        self.mount = mount
+        self._frames.frames, self._before = frames, before
+        self._last_inserted, self.mount = last_inserted, mount
 
     def configure(self, settings: Settings) -> None:
         """Use other settings from now on, except for the structural ones."""
@@ -118,13 +112,28 @@ class Accumulator:
         self.map.configure(settings.map)
 
     @property
+    def map(self) -> VoxelMap:
+        """All points that came in."""
+        return self.entry.map
+
+    @property
+    def meter(self) -> SharpnessMeter:
+        """Gathers what tells whether the map is sharp."""
+        return self.entry.meter
+
+    @property
     def last_inserted(self) -> int | None:
         """Stamp of the scan that went into the map last [ns], None before the first."""
         return self._last_inserted
 
     @property
+    def frames(self) -> tuple[str, str] | None:
+        """Frame of the odometry, and of the base; None before the first pose."""
+        return self._frames.frames
+
+    @property
     def frame_id(self) -> str:
-        """Frame of the odometry and so of the map, '' before the first pose."""
+        """Frame of the odometry, '' before the first pose."""
         return self.frames[0] if self.frames else ''
 
     def add_pose(
@@ -159,18 +168,38 @@ class Accumulator:
             Whether the pose was accepted; if not, the counters say why.
 
         """
-        frames = (frame_id, child_frame_id)
-        if self.frames is not None and frames != self.frames:
+        given = FramedPose(
+            stamp_ns, np.array(position, dtype=np.float64),
+            np.array(quaternion, dtype=np.float64), (frame_id, child_frame_id),
+        )
+        taken = self._frames.judge(given)
+        if not taken:
             self._counts['poses of another frame'] += 1
-            return False
-        status = self.poses.insert(stamp_ns, position, quaternion)
+        accepted = [self._take_pose(pose) for pose in taken]
+        self.expire(now)
+        return accepted[-1] if accepted else False
+
+    def _take_pose(self, pose: FramedPose) -> bool:
+        status = self.poses.insert(pose.stamp_ns, pose.position, pose.quaternion)
         if status.accepted:
-            self.frames = frames
+            self._frames.frames = pose.frames
             if status is PoseStatus.RESTARTED:
                 self._gate.forget_times()
+                self.follower.forget_times()
+            self._look_at(pose.stamp_ns)
             self._drain()
-        self.expire(now)
+            self._enter(self.follower.settle(pose.stamp_ns))
         return status.accepted
+
+    def _look_at(self, stamp_ns: int) -> None:
+        """Let nothing be interpolated over poses that cannot be."""
+        known = self.poses.arrays()
+        position = known.positions[-1]
+        if np.abs(position).max() < MOST_COORDINATE:
+            found = self.follower.see_pose(stamp_ns, position, known.quaternions[-1])
+            if self.follower.watch.frozen or found is not None:
+                frozen = self.follower.watch.frozen
+                self.poses.break_last(Bracket.FROZEN if frozen else Bracket.JUMP)
 
     def add_scan(
         self,
@@ -213,12 +242,7 @@ class Accumulator:
             counted.
 
         """
-        points = np.ascontiguousarray(xyz, dtype=np.float32)
-        if points.ndim != 2 or points.shape[1] != 3:
-            raise DataError(f'points must have shape (N, 3), got {points.shape}')
-        times = np.zeros(0) if time is None else np.ascontiguousarray(time, dtype=np.float64)
-        if time is not None and times.shape != (len(points),):
-            raise DataError(f'times of shape {times.shape} for {len(points)} points')
+        points, times = check_points(xyz, time)
         placed = bool(frame_id) and frame_id == self.frame_id
         low, high = (0.0, math.inf) if placed else (self._min_range, self._max_range)
         kept, stamps, not_finite, near, far, worst = select_points(
@@ -280,6 +304,7 @@ class Accumulator:
         """End a recording: drop the scans that wait, which no pose will bracket any more."""
         for _ in self._take_waiting():
             self._dropped[DropReason.NO_POSE_AFTER] += 1
+        self._enter(self.follower.settle(0, at_once=True))
 
     def reset(self, *, keep_map: bool = False) -> None:
         """
@@ -295,19 +320,21 @@ class Accumulator:
         self._clock = self._clock.restarted()
         self._gate.forget_times()
         self._leads.clear()
-        self._beyond_since = None
-        for _ in self._take_waiting():
-            self._dropped[DropReason.RESET] += 1
+        self.entry.forget_times()
+        if lost := self.follower.num_waiting + len(self._queue):
+            self._dropped[DropReason.RESET] += lost
+        self._queue.clear()
+        self.follower.forget_times()
         if not keep_map:
-            self.map.clear()
-            self.meter.clear()
-            self.frames = self._last_inserted = self.mount = None
+            self.follower.clear()
+            self.entry.clear()
+            self._frames.clear()
+            self._last_inserted = self.mount = None
             self._gate = ScanGate()
 
     def _take_waiting(self) -> Iterator[WaitingScan]:
         """Yield the scans that wait now, each taken out of the queue."""
-        for _ in range(len(self._queue)):
-            yield self._queue.popleft()
+        return (self._queue.popleft() for _ in range(len(self._queue)))
 
     def _drain(self) -> None:
         """Insert or drop every scan that the odometry has passed."""
@@ -328,17 +355,30 @@ class Accumulator:
             return
         self._counts['too near'] += found.num_near
         self._counts['too far'] += found.num_far
-        try:
-            insertion = self._put(found.points, scan.stamp_ns)
-        except DataError:
-            self._dropped[DropReason.OUT_OF_MAP] += 1
-            return
-        self._beyond_since = None
-        self._last_inserted = scan.stamp_ns
-        self.meter.add(found.points, found.stamps, found.apart)
-        self._counts['scans inserted'] += 1
-        self._counts['points inserted'] += insertion.num_points
-        self._counts['map full'] += insertion.num_refused
+        self._enter(self.follower.take(
+            Seen(found.points, found.stamps, found.apart, scan.stamp_ns)
+        ))
+
+    def _enter(self, ready: Iterable[Seen | Part]) -> None:
+        """Put scans into the map, which begins anew with a part that lies nowhere in it."""
+        for item in ready:
+            if isinstance(item, Part):
+                self.entry.begin_anew(item.describe())
+                continue
+            insertion = self.entry.enter(item)
+            if insertion is None and self.entry.is_away(item):
+                back = self.follower.move.inverse()
+                self.follower.clear()
+                self.entry.begin_anew('the odometry went out of reach of the map')
+                item = replace(item, points=back.apply(item.points))
+                insertion = self.entry.enter(item)
+            if insertion is None:
+                self._dropped[DropReason.OUT_OF_MAP] += 1
+                continue
+            self._last_inserted = item.stamp_ns
+            self._counts['scans inserted'] += 1
+            self._counts['points inserted'] += insertion.num_points
+            self._counts['map full'] += insertion.num_refused
 
     def _follow_mount(self) -> None:
         """Begin the map anew where the lidar is mounted otherwise than for the scans in it."""
@@ -346,53 +386,13 @@ class Accumulator:
         mount, before = self.placer.mount, self.mount
         self.mount = mount
         if before is not None and not mount.equals(before) and len(self.map):
-            self._begin_anew(f'the mount of the lidar is another one: {mount.describe()}')
-
-    def _begin_anew(self, cause: str) -> None:
-        self.map.clear()
-        self.meter.clear()
-        self.num_map_restarts += 1
-        self.restart_cause = cause
-
-    def _put(self, points: Float64, stamp_ns: int) -> Insertion:
-        """Insert points; where none are within reach for long, the map begins anew."""
-        try:
-            return self.map.insert(points)
-        except DataError:
-            if self._beyond_since is None or stamp_ns < self._beyond_since:
-                self._beyond_since = stamp_ns
-            reached = np.abs(points).max(initial=0.0) < MOST_COORDINATE
-            if stamp_ns - self._beyond_since < RESTART_AFTER_NS or not reached:
-                raise
-        self._begin_anew('the odometry went out of reach of the map')
-        return self.map.insert(points)
+            self.follower.clear()
+            self.entry.begin_anew(f'the mount of the lidar is another one: {mount.describe()}')
 
     def counters(self) -> Counters:
         """Return the counts so far."""
-        counts, poses = self._counts, self.poses.counts
-        rejected = {s.value: n for s, n in poses.items() if not s.accepted}
-        if counts['poses of another frame']:
-            rejected['another frame'] = counts['poses of another frame']
-        causes = ('not finite', 'too near', 'too far', 'map full')
-        now = Counters(
-            num_scans=counts['scans'],
-            num_scans_inserted=counts['scans inserted'],
-            num_scans_waiting=len(self._queue),
-            scans_dropped={reason.value: n for reason, n in self._dropped.items()},
-            num_scans_lost=self._clock.num_lost,
-            num_interruptions=self._clock.num_interruptions,
-            num_scans_without_time=counts['scans without time'],
-            scan_period=self._clock.period,
-            num_points=counts['points'],
-            num_points_inserted=counts['points inserted'],
-            points_dropped={cause: counts[cause] for cause in causes if counts[cause]},
-            num_poses=sum(poses.values()) + counts['poses of another frame'],
-            poses_rejected=rejected,
-            num_pose_gaps=self.poses.num_gaps,
-            num_pose_jumps=self.poses.num_jumps,
-            num_pose_restarts=poses.get(PoseStatus.RESTARTED, 0),
-            num_map_restarts=self.num_map_restarts,
-            stamp_lead=float(np.median(self._leads)) if self._leads else None,
-            pose_period=self.poses.period,
+        now = gather_counters(
+            self._counts, self._dropped, self.poses, self._clock, self._leads,
+            len(self._queue) + self.follower.num_waiting, self.entry.num_restarts,
         )
         return now if self._before is None else now.add(self._before)

@@ -20,6 +20,7 @@ _REASON_OF_BRACKET = {
     Bracket.AFTER: DropReason.NO_POSE_AFTER,
     Bracket.GAP: DropReason.POSE_GAP,
     Bracket.JUMP: DropReason.POSE_JUMP,
+    Bracket.FROZEN: DropReason.POSE_FROZEN,
 }
 
 

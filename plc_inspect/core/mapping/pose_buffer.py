@@ -68,7 +68,9 @@ class Bracket(enum.IntEnum):
     GAP = 3
     """The poses on both sides are farther apart than ``max_pose_gap``."""
     JUMP = 4
-    """The poses on both sides imply more than ``max_speed`` or MAX_TURN_RATE."""
+    """The poses on both sides do not belong together; see ``alignment.pose_watch``."""
+    FROZEN = 5
+    """The poses on both sides are the same while the vehicle moves."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,7 +84,7 @@ class PoseArrays:
     quaternions: Float64
     """(M, 4) x y z w, unit length."""
     intervals: UInt8
-    """(M,) Bracket (OK, GAP or JUMP) of the interval that ends at each pose; the first: OK."""
+    """(M,) Bracket (all but BEFORE and AFTER) of the interval that ends at each pose; first OK."""
 
 
 class PoseBuffer:
@@ -153,7 +155,7 @@ class PoseBuffer:
 
     @property
     def num_jumps(self) -> int:
-        """Intervals that imply too fast a motion since the buffer was made."""
+        """Intervals that no vehicle flies since the buffer was made."""
         return self._interval_counts[Bracket.JUMP]
 
     def clear(self) -> None:
@@ -192,6 +194,15 @@ class PoseBuffer:
         if status.accepted:
             self._append(stamp_ns, pose)
         return status
+
+    def break_last(self, bracket: Bracket) -> None:
+        """Let nothing be interpolated over the interval that ends at the newest pose."""
+        last = self._end - 1
+        before = Bracket(int(self._intervals[last]))
+        if len(self) > 1 and before in (Bracket.OK, Bracket.JUMP):
+            self._interval_counts[before] -= 1
+            self._interval_counts[bracket] += 1
+            self._intervals[last] = bracket
 
     def _check(self, stamp_ns: int, pose: Float64) -> PoseStatus:
         if not np.isfinite(pose).all():

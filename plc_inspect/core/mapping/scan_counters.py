@@ -3,10 +3,16 @@
 
 """Counts of what came in, and of what was dropped, by reason."""
 
-from collections import Counter
+from collections import Counter, deque
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 import enum
 from typing import Any
+
+import numpy as np
+
+from plc_inspect.core.mapping.pose_buffer import PoseBuffer, PoseStatus
+from plc_inspect.core.mapping.scan_clock import ScanClock
 
 
 class DropReason(enum.Enum):
@@ -16,6 +22,7 @@ class DropReason(enum.Enum):
     NO_POSE_AFTER = 'no pose after it when the recording ended'
     POSE_GAP = 'gap in the odometry'
     POSE_JUMP = 'jump of the odometry'
+    POSE_FROZEN = 'odometry stands still while the vehicle moves'
     WAITED_TOO_LONG = 'waited too long for odometry'
     QUEUE_FULL = 'too many scans waiting for odometry'
     WRONG_FRAME = 'another frame than the scans before'
@@ -74,3 +81,36 @@ class Counters:
             else:
                 own[item.name] = value
         return Counters(**own)
+
+
+def gather_counters(
+    counts: Counter[str], dropped: Mapping[DropReason, int], poses: PoseBuffer, clock: ScanClock,
+    leads: deque[float], num_waiting: int, num_map_restarts: int,
+) -> Counters:
+    """Return the counts so far of what puts scans into the map."""
+    of_poses = poses.counts
+    rejected = {s.value: n for s, n in of_poses.items() if not s.accepted}
+    if counts['poses of another frame']:
+        rejected['another frame'] = counts['poses of another frame']
+    causes = ('not finite', 'too near', 'too far', 'map full')
+    return Counters(
+        num_scans=counts['scans'],
+        num_scans_inserted=counts['scans inserted'],
+        num_scans_waiting=num_waiting,
+        scans_dropped={reason.value: n for reason, n in dropped.items()},
+        num_scans_lost=clock.num_lost,
+        num_interruptions=clock.num_interruptions,
+        num_scans_without_time=counts['scans without time'],
+        scan_period=clock.period,
+        num_points=counts['points'],
+        num_points_inserted=counts['points inserted'],
+        points_dropped={cause: counts[cause] for cause in causes if counts[cause]},
+        num_poses=sum(of_poses.values()) + counts['poses of another frame'],
+        poses_rejected=rejected,
+        num_pose_gaps=poses.num_gaps,
+        num_pose_jumps=poses.num_jumps,
+        num_pose_restarts=of_poses.get(PoseStatus.RESTARTED, 0),
+        num_map_restarts=num_map_restarts,
+        stamp_lead=float(np.median(leads)) if leads else None,
+        pose_period=poses.period,
+    )

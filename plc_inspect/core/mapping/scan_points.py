@@ -5,7 +5,9 @@
 
 from numba import njit
 import numpy as np
+from numpy.typing import NDArray
 
+from plc_inspect.errors import DataError
 from plc_inspect.results import Float32, Float64, Int64
 
 
@@ -54,3 +56,22 @@ def select_points(
             stamps[count] = stamp_ns + np.int64(np.rint(time * 1e9))
             count += 1
     return kept[:count], stamps[:count], not_finite, near, far, worst
+
+
+def check_points(xyz: Float32, time: NDArray[np.float64] | None) -> tuple[Float32, Float64]:
+    """
+    Return points (N, 3) and their times (N,), or (0,) without, as kernels want them.
+
+    Raises
+    ------
+    DataError
+        They do not belong together.
+
+    """
+    points = np.ascontiguousarray(xyz, dtype=np.float32)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise DataError(f'points must have shape (N, 3), got {points.shape}')
+    times = np.zeros(0) if time is None else np.ascontiguousarray(time, dtype=np.float64)
+    if time is not None and times.shape != (len(points),):
+        raise DataError(f'times of shape {times.shape} for {len(points)} points')
+    return points, times

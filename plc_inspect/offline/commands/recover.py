@@ -61,6 +61,7 @@ def recover(record: Path) -> Recovered:
 
 def _inspect(flight: 'Flight') -> 'Inspection':
     from plc_inspect.config import Settings
+    from plc_inspect.core.alignment.rigid_move import RigidMove
     from plc_inspect.core.hazards.clearance_rules import RuleSet
     from plc_inspect.core.live.session import Session
     from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
@@ -89,6 +90,7 @@ def _inspect(flight: 'Flight') -> 'Inspection':
         told = Told(
             settings=settings, rules=rules, frame_id=str(frames[0]),
             first_stamp_ns=state['first_stamp_ns'] or 0, counts=state['counts'], command=NAME,
+            move=RigidMove.from_record(state.get('move')).inverse(),
         )
         snapshot = Snapshot(
             window=copy_everything(voxels), flight=told, stamp_ns=state['stamp_ns'] or 0,

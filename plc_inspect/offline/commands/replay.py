@@ -70,6 +70,7 @@ def replay(
     Where the map is not sharp, hazards are left out and ``counts['held_back']`` says so.
 
     """
+    from plc_inspect.core.alignment.moved_results import move_result
     from plc_inspect.core.pipeline import Pipeline
     from plc_inspect.core.setup.sharpness import SharpnessBook
     from plc_inspect.offline.commands.request import hash_input
@@ -91,6 +92,8 @@ def replay(
         counts['first_errors'] = dict(recording.first_errors)
         counts['mount'] = accumulator.placer.mount.describe()
         counts['mount_doubt'] = accumulator.placer.mount.doubt
+        counts['parts'] = [part.record() for part in accumulator.follower.parts]
+        move = accumulator.follower.move.inverse()
     sharpness = book.judge()
     if sharpness.hopeless:
         raise DataError(f'{path}: {sharpness.describe()}')
@@ -103,6 +106,7 @@ def replay(
     result = Pipeline(settings, rules).run(points, progress=tell)
     if sharpness.poor:
         result = dataclasses.replace(result, hazards=())
+    result, points = move_result(result, move), move.apply(points)
     seconds['pipeline'] = time.perf_counter() - started
     return Inspection(
         result=result,
@@ -122,6 +126,7 @@ def describe_losses(inspection: 'Inspection') -> str:
     """Return what of the recording did not get into the map, '' if all did."""
     counts = inspection.counts
     parts = [counts['mount_doubt']] if counts.get('mount_doubt') else []
+    parts += [part['text'] for part in counts.get('parts', [])]
     for title, key in (
         ('scans dropped', 'scans_dropped'),
         ('poses rejected', 'poses_rejected'),

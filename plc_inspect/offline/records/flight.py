@@ -4,15 +4,18 @@
 """From the map of a flight to what its results folder holds, live and from its record."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 import time
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
 from plc_inspect.config import Settings
+from plc_inspect.core.alignment.moved_results import move_result
+from plc_inspect.core.alignment.rigid_move import RigidMove
 from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.live.session import LiveState, Session
+from plc_inspect.core.live.told_state import move_state
 from plc_inspect.core.live.window import copy_window, plan_everything, Window
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.core.setup.sharpness import LookWindow
@@ -34,6 +37,8 @@ class Flight:
     """Stamp of the first scan [ns], 0 before it."""
     counts: Mapping[str, Any]
     """What came in so far."""
+    move: RigidMove = field(default_factory=RigidMove)
+    """From the frame of the map into that of the odometry as it is now."""
     command: str = 'plc_node'
     """Name of the executable."""
 
@@ -71,7 +76,9 @@ def conclude(
     )
     flight = replace(flight, counts={**flight.counts, **describe_sharpness(state)})
     seconds = time.perf_counter() - started
-    return state, describe_run(flight, result, window.points, seconds), labels
+    moved = move_result(result, flight.move)
+    points = flight.move.apply(window.points)
+    return state, describe_run(flight, moved, points, seconds), labels
 
 
 def describe_sharpness(state: LiveState) -> dict[str, Any]:
@@ -83,6 +90,7 @@ def describe_sharpness(state: LiveState) -> dict[str, Any]:
 def describe_last_tick(flight: Flight, state: LiveState) -> 'Inspection':
     """Return the results of the last tick alone, without points."""
     empty = np.empty((0, 3))
+    state = move_state(state, flight.move)
     result = replace(
         Pipeline(flight.settings, flight.rules).run(empty),
         spans=tuple(item.span for item in state.confirmed),

@@ -40,6 +40,8 @@ class Health:
     mount: str = ''
     """How the lidar is mounted, once a scan is in."""
     mount_doubt: str = ''
+    odometry: str = ''
+    """What is wrong with the odometry, '' if nothing."""
     """What does not fit about it."""
     num_ticks: int = 0
     num_postponed: int = 0
@@ -171,7 +173,9 @@ def describe_input(
         level = DiagnosticStatus.ERROR
     elif found[0]:
         level, text = DiagnosticStatus.ERROR, found[0]
-    elif doubts := '; '.join(item for item in (found[1], health.mount_doubt) if item):
+    elif doubts := '; '.join(item for item in (
+        found[1], health.mount_doubt, health.odometry,
+    ) if item):
         level, text = DiagnosticStatus.WARN, doubts
     elif lossy:
         level, text = DiagnosticStatus.WARN, 'something was lost'

@@ -25,6 +25,7 @@ from std_srvs.srv import Trigger
 from plc_inspect.config import Settings
 from plc_inspect.core.live.map_labels import make_planner
 from plc_inspect.core.live.session import LiveState, Session
+from plc_inspect.core.live.told_state import move_state
 from plc_inspect.core.live.warm_up import warm_up_intake
 from plc_inspect.core.live.window import copy_window, plan_everything, Window, WindowPlan
 from plc_inspect.flight_record.recording import PERIOD
@@ -249,7 +250,7 @@ class InspectNode(Node):
 
     def _on_map_restart(self) -> None:
         """Save what was found in the map that was given up, and begin anew."""
-        self.get_logger().error(f'{self._intake.accumulator.restart_cause}: the map begins anew')
+        self.get_logger().error(f'{self._intake.accumulator.entry.cause}: the map begins anew')
         self._forget('the map began anew')
 
     def _forget(self, reason: str) -> None:
@@ -268,9 +269,9 @@ class InspectNode(Node):
         self._publish(self._session.state, '')
 
     def _publish(self, state: LiveState, frame_id: str) -> None:
-        """Publish what is known, as of now."""
         now = self.get_clock().now().nanoseconds
-        self._results.publish(make_bundle(state, frame_id, now, self.settings.stream))
+        told = move_state(state, self._intake.move.inverse())
+        self._results.publish(make_bundle(told, frame_id, now, self.settings.stream))
 
     def _answer_all(self, reason: str) -> None:
         self._segmenting.answer(False, reason)

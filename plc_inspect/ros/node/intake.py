@@ -16,6 +16,8 @@ import numpy as np
 from sensor_msgs.msg import PointCloud2
 
 from plc_inspect.config import Settings
+from plc_inspect.core.alignment.parts import Part
+from plc_inspect.core.alignment.rigid_move import RigidMove
 from plc_inspect.core.live.window import NEAR
 from plc_inspect.core.mapping.accumulator import Accumulator
 from plc_inspect.core.mapping.eviction import Evictor
@@ -43,6 +45,9 @@ from plc_inspect.ros.node.system_memory import take_memory
 THROTTLE = 5.0
 """The same complaint is logged at most this often [s]."""
 
+
+TOLD = 30.0
+"""A step of the odometry is told of in /diagnostics for so long [s]."""
 
 MOST_REFUSED = 0.01
 """Share of the points that a full map may refuse until its gaps could be taken for ends."""
@@ -96,20 +101,25 @@ class Intake:
         self.accumulator = Accumulator(settings)
         self.evictor = Evictor(self.accumulator.map)
         self.vehicle: Float64 | None = None
-        """(3,) where the vehicle is [m], None before the first pose."""
+        """(3,) where the vehicle is in the map [m], None before the first pose."""
+        self.told_vehicle: Float64 | None = None
+        """The same in the frame of the odometry as it is now."""
         self.first_stamp: int | None = None
         """Stamp of the first scan [ns]."""
         self.on_restart: Callable[[], object] = lambda: None
         """Called when the map has begun anew."""
         self.accepts: Callable[[Mapping[str, Any], float], bool] = lambda info, now: True
         """Tells whether a scan is of the driver that is listened to."""
-        self.on_pose: Callable[[StampedPose, CellIndex], None] = lambda pose, cells: None
-        """Called with each pose that is taken, and the cells of the map."""
+        self.on_pose: Callable[[StampedPose, RigidMove, CellIndex], None] = (
+            lambda pose, move, cells: None
+        )
+        """Called with each pose that is taken, ``move``, and the cells of the map."""
         self.judge_pose: Callable[[StampedPose], bool] | None = None
         """Tells of the first poses after an interruption whether they are to be taken."""
         self.judge_scan: Callable[[str], bool] | None = None
         """The same of the first scans, by their frame."""
         self._interrupted: list[int | None] = []
+        self._num_parts, self._told_since = 0, -TOLD
         self._pose_before: int | None = None
         self._num_restarts = 0
         self._refused_before = self._inserted_before = 0
@@ -221,9 +231,30 @@ class Intake:
             child_frame_id=pose.child_frame_id, now=now,
         )
         if accepted:
-            self.vehicle = pose.position
-            self.on_pose(pose, self.accumulator.map.cells)
+            self.told_vehicle = pose.position
+            self.vehicle = self.move.apply(np.array(pose.position, dtype=np.float64))
+            self.on_pose(pose, self.move, self.accumulator.map.cells)
+            self._follow_parts(now)
         self._follow_restart()
+
+    def _follow_parts(self, now: float) -> None:
+        """Say what is wrong with the odometry."""
+        follower = self.accumulator.follower
+        if len(follower.parts) > self._num_parts:
+            self._num_parts = len(follower.parts)
+            self._told_since = now
+            self._complaints.complain('part', follower.parts[-1].describe())
+        told = follower.following or now - self._told_since < TOLD
+        self._health.odometry = ''
+        if follower.watch.frozen:
+            self._health.odometry = 'the odometry stands still while the vehicle moves'
+        elif follower.parts and told:
+            self._health.odometry = follower.parts[-1].describe()
+
+    @property
+    def move(self) -> RigidMove:
+        """From the frame of the odometry as it is now into that of the map."""
+        return self.accumulator.follower.move
 
     def _complain_of_pose(self, error: DataError) -> None:
         self._health.last_pose = time.monotonic()
@@ -235,8 +266,8 @@ class Intake:
         )
 
     def _follow_restart(self) -> None:
-        if self.accumulator.num_map_restarts > self._num_restarts:
-            self._num_restarts = self.accumulator.num_map_restarts
+        if self.accumulator.entry.num_restarts > self._num_restarts:
+            self._num_restarts = self.accumulator.entry.num_restarts
             self.evictor.clear()
             self.take_memory()
             self._begin_map()
@@ -281,6 +312,7 @@ class Intake:
             'num_voxels_evicted': self.num_evicted, 'interrupted': self._interrupted,
             'mount': self.accumulator.placer.mount.describe(),
             'mount_doubt': self.accumulator.placer.mount.doubt,
+            'parts': [part.record() for part in self.accumulator.follower.parts],
         }
 
     @property
@@ -290,7 +322,7 @@ class Intake:
 
     def remember(self) -> dict[str, Any]:
         """Return what ``resume`` needs beside the map, JSON-serialisable."""
-        accumulator, vehicle = self.accumulator, self.vehicle
+        accumulator, vehicle = self.accumulator, self.told_vehicle
         mount = accumulator.mount
         return {
             'frames': accumulator.frames, 'first_stamp_ns': self.first_stamp,
@@ -300,7 +332,7 @@ class Intake:
             'vehicle': None if vehicle is None else vehicle.tolist(),
             'nearest_evicted': self.evictor.nearest, 'doubt': self.doubt,
             'judged_from': [self._refused_before, self._inserted_before],
-            'counts': self.describe(),
+            'move': self.move.record(), 'counts': self.describe(),
         }
 
     def resume(self, state: Mapping[str, Any], stored: StoredMap) -> None:
@@ -328,10 +360,18 @@ class Intake:
         vehicle = state['vehicle']
         mount = read_mount(state)
         self.accumulator.map.restore(stored)
+        move = RigidMove.from_record(state.get('move'))
         self.accumulator.resume(frames, before, stamp, mount)
         self.first_stamp = state['first_stamp_ns']
         self._pose_before = state['pose_stamp_ns']
-        self.vehicle = None if vehicle is None else np.array(vehicle, dtype=np.float64)
+        if vehicle is not None:
+            self.told_vehicle = np.array(vehicle, dtype=np.float64)
+            self.vehicle = move.apply(self.told_vehicle)
+        self.accumulator.follower.resume(
+            move, self.accumulator.map.centroids(), stamp or 0, self.vehicle,
+            [Part.from_record(item) for item in counts.get('parts', [])],
+        )
+        self._num_parts = len(self.accumulator.follower.parts)
         nearest = state['nearest_evicted']
         self.evictor.resume(
             counts['num_voxels_evicted'], math.inf if nearest is None else float(nearest)
@@ -347,7 +387,8 @@ class Intake:
         self.accumulator.resume(None, None, None)
         self.evictor.resume(0, math.inf)
         self._health.malformed.clear()
-        self._interrupted, self._pose_before, self.vehicle = [], None, None
+        self._interrupted, self._pose_before = [], None
+        self.vehicle = self.told_vehicle = None
 
     def reset(self) -> None:
         """Forget the map and all that waits; counters go on."""
@@ -356,6 +397,8 @@ class Intake:
         self.take_memory()
         self.evictor.clear()
         self.first_stamp = None
+        self.accumulator.follower.parts.clear()
+        self._num_parts = 0
         self._begin_map()
 
     def _begin_map(self) -> None:

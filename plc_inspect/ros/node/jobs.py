@@ -12,6 +12,7 @@ import numba
 from plc_inspect.config import Settings
 from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.live.session import Kept, LiveState, Session
+from plc_inspect.core.live.told_state import move_state
 from plc_inspect.core.live.warm_up import warm_up_pipeline
 from plc_inspect.core.live.window import Window
 from plc_inspect.errors import DataError
@@ -70,7 +71,8 @@ def run_tick(session: Session, snapshot: Snapshot) -> Done:
     return Done(
         state=tick.state,
         bundle=make_bundle(
-            tick.state, flight.frame_id, snapshot.stamp_ns, flight.settings.stream
+            move_state(tick.state, flight.move), flight.frame_id, snapshot.stamp_ns,
+            flight.settings.stream,
         ),
         slots=window.slots[:len(tick.labels)],
         points=window.points[:len(tick.labels)],
@@ -87,6 +89,7 @@ def take_flight(intake: Intake, settings: Settings, rules: RuleSet) -> Flight:
         frame_id=intake.accumulator.frame_id,
         first_stamp_ns=intake.first_stamp or 0,
         counts=intake.describe(),
+        move=intake.move.inverse(),
     )
 
 
@@ -116,7 +119,10 @@ def run_save(session: Session, snapshot: Snapshot) -> Done:
         saved = replace(saved, problem='; '.join(told))
     return Done(
         state=state,
-        bundle=make_bundle(state, flight.frame_id, snapshot.stamp_ns, flight.settings.stream),
+        bundle=make_bundle(
+            move_state(state, flight.move), flight.frame_id, snapshot.stamp_ns,
+            flight.settings.stream,
+        ),
         slots=snapshot.window.slots,
         points=snapshot.window.points,
         labels=labels,

@@ -4,6 +4,7 @@
 """How near the vehicle is to conductors, supports and all else, at the rate of its poses."""
 
 from collections.abc import Callable
+from dataclasses import replace
 import math
 
 from builtin_interfaces.msg import Time
@@ -14,6 +15,7 @@ from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
 from plc_inspect.config import Settings
+from plc_inspect.core.alignment.rigid_move import RigidMove
 from plc_inspect.core.live.motion import Motion
 from plc_inspect.core.live.proximity import measure_proximity
 from plc_inspect.core.live.session import LiveState
@@ -73,7 +75,7 @@ class KeepOut:
         self._told = self._drawn = 0
         self._seen: set[MarkerKey] = set()
 
-    def tell(self, pose: StampedPose, cells: CellIndex) -> None:
+    def tell(self, pose: StampedPose, move: RigidMove, cells: CellIndex) -> None:
         """
         Tell how near the vehicle is at a pose; a map that is not sharp is taken as unseen.
 
@@ -81,11 +83,14 @@ class KeepOut:
         ----------
         pose : StampedPose
             Of the vehicle.
+        move : RigidMove
+            From its frame into that of the map.
         cells : CellIndex
             Of the map.
 
         """
-        vehicle = np.array(pose.position, dtype=np.float64)
+        told = np.array(pose.position, dtype=np.float64)
+        vehicle = move.apply(told)
         self._motion.add(pose.stamp_ns, vehicle)
         if 0 <= pose.stamp_ns - self._told < LEAST_PERIOD_NS:
             return
@@ -96,12 +101,15 @@ class KeepOut:
         seen = not blurred and around.is_seen(
             cells, vehicle, settings.proximity.warning, settings.height.beta
         )
-        found = measure_proximity(
-            around, seen, vehicle, self._motion.velocity, settings.proximity
-        )
+        back = move.inverse()
+        found = [
+            replace(item, position=back.apply(item.position)) for item in measure_proximity(
+                around, seen, vehicle, self._motion.velocity, settings.proximity
+            )
+        ]
         seconds, nanoseconds = divmod(pose.stamp_ns, 1_000_000_000)
         header = Header(stamp=Time(sec=seconds, nanosec=nanoseconds), frame_id=pose.frame_id)
-        place = vehicle[0], vehicle[1], vehicle[2]
+        place = told[0], told[1], told[2]
         self._rows.publish(make_cloud(header, make_proximity(found, place)))
         self._share(tell_nearness(found, place), find_heading(pose.quaternion))
         if 0 <= pose.stamp_ns - self._drawn < MARKER_PERIOD_NS:

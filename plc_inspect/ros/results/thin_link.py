@@ -113,8 +113,8 @@ def make_news(state: LiveState, frame_id: str, stamp_ns: int, settings: StreamSe
 class Located(Protocol):
     """Knows where the vehicle is."""
 
-    vehicle: Float64 | None
-    """(3,) [m], None before the first pose."""
+    told_vehicle: Float64 | None
+    """(3,) where its odometry says that it is [m], None before the first pose."""
 
 
 class Stream:
@@ -199,7 +199,7 @@ class Stream:
         self._blank = False
         self._status = replace(self._status, stamp_ns=stamp_ns, tick_uptime=now)
         if news.cells is not None:
-            self._map.update(news.cells, self._intake.vehicle, now)
+            self._map.update(news.cells, self._intake.told_vehicle, now)
         self._tell(now)
 
     def tell_health(self, report: Sequence[DiagnosticStatus]) -> None:
@@ -244,7 +244,7 @@ class Stream:
         return time.monotonic() - self._started
 
     def _tell(self, now: float) -> None:
-        vehicle = self._intake.vehicle
+        vehicle = self._intake.told_vehicle
         if vehicle is not None and vehicle is not self._vehicle:
             self._vehicle = vehicle
             x, y, z = vehicle.tolist()

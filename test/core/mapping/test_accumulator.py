@@ -238,15 +238,29 @@ def test_full_map_refuses_points_and_says_so():
     assert counters.points_dropped['map full'] == 1200 - counters.num_points_inserted > 0
 
 
-def test_odometry_that_leaves_the_map_drops_the_scan():
+def test_odometry_that_steps_out_of_the_map_begins_another():
     accumulator = make_accumulator()
     add_poses(accumulator, 0, 100)
     add_plain_scan(accumulator, 50)
-    for ms in (200, 210):
+    for ms in range(200, 1300, 10):
         accumulator.add_pose(START + ms * MS, (9e5, 0, 0), UPRIGHT)
     add_plain_scan(accumulator, 205)
-    assert accumulator.counters().scans_dropped == {DropReason.OUT_OF_MAP.value: 1}
-    assert len(accumulator.map) == 1
+    counters = accumulator.counters()
+    assert counters.num_map_restarts == 1
+    assert (counters.num_scans_inserted, counters.num_scans_waiting) == (2, 0)
+    np.testing.assert_allclose(accumulator.map.centroids(), [[900_010.0, 0, 0]], atol=1e-3)
+
+
+
+
+def test_frames_are_followed_once_all_poses_are_in_others():
+    accumulator = make_accumulator()
+    add_poses(accumulator, 0, 1000, frame_id='odom', child_frame_id='base')
+    add_poses(accumulator, 1010, 1490, frame_id='map', child_frame_id='base')
+    assert accumulator.frame_id == 'odom'
+    add_poses(accumulator, 1500, 1600, frame_id='map', child_frame_id='base')
+    assert accumulator.frame_id == 'map'
+    assert accumulator.counters().poses_rejected['another frame'] < 60
 
 
 def test_lost_scans_are_seen_in_the_stamps():

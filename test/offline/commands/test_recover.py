@@ -36,7 +36,7 @@ def record(tmp_path_factory):
     folder = tmp_path_factory.mktemp('flight') / 'out.record'
     intake = Intake(SETTINGS, Health(), print)
     voxels, session = intake.accumulator.map, Session()
-    intake.accumulator.frames = 'odom', 'base_link'
+    intake.accumulator.resume(('odom', 'base_link'), None, None)
     rules = load_rules(SETTINGS.hazards)
     recording = Recording(voxels, intake.remember, print)
     recording.begin(

@@ -176,7 +176,7 @@ def test_origin_first_then_utm(rig):
             taken = rig.counters().num_scans
             rig.robot.step()
             counters = rig.wait_until(lambda c, taken=taken: c.num_scans > taken, 'scan')
-        assert counters.scans_dropped[DropReason.OUT_OF_MAP.value] >= 25
+        assert DropReason.OUT_OF_MAP.value not in counters.scans_dropped  # they wait, 1 s at most
         rig.feed(4)
         rig.call('segment')
         rig.feed(2)

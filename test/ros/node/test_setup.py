@@ -152,11 +152,11 @@ def test_mount_of_tf_begins_the_map_anew(shared):
     shared.reset()
     shared.feed(3)
     intake = shared.node.intake
-    before = intake.accumulator.num_map_restarts
+    before = intake.accumulator.entry.num_restarts
     intake.take_fixed(make_transforms('base_link', 'velodyne', (0, 0, 0.5), (0, 0, 0), 0))
     shared.feed(3)
-    assert intake.accumulator.num_map_restarts == before + 1
-    assert 'another one: xyz 0.000 0.000 0.500 m' in intake.accumulator.restart_cause
+    assert intake.accumulator.entry.num_restarts == before + 1
+    assert 'another one: xyz 0.000 0.000 0.500 m' in intake.accumulator.entry.cause
     highest = intake.accumulator.map.centroids()[:, 2].max()
     assert highest == pytest.approx(make_sample()[:, 2].max() + 0.5, abs=0.2)
     _, values = shared.status('input')

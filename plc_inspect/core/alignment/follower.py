@@ -1,0 +1,370 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Keeps the map whole when the odometry is not: steps, poses that stand still, drift.
+
+What was seen first is the landmark.  As long as new scans lie on it nothing is moved.  After a
+step the scans wait until they are fitted to it; the vehicle's motion tells where to look.  Where
+they cannot be fitted the map begins anew, rather than showing every wire twice.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from plc_inspect.core.alignment.drift_filter import DriftFilter
+from plc_inspect.core.alignment.normal_cells import LEAST_LOOKS, NormalCells, OPEN_NS
+from plc_inspect.core.alignment.parts import Part, Seen
+from plc_inspect.core.alignment.pose_watch import Break, LEAST_TURN, Oddity, PoseWatch
+from plc_inspect.core.alignment.registration import Fit, fit_points, sample_points
+from plc_inspect.core.alignment.rigid_move import RigidMove
+from plc_inspect.core.numerics.arrays import MOST_COORDINATE
+from plc_inspect.results import Float64
+
+REACH = 40.0
+"""
+Points farther from the lidar are not compared [m].
+Source: derived: 0.05 degrees of attitude move them by 0.035 m.
+"""
+BATCH_NS = 500_000_000
+"""Scans of this long are compared together [ns].  Source: judgement: 2.5 m at 5 m/s."""
+MOST_POINTS = 6000
+"""Points of a batch that are kept.  Source: numerical: a batch takes 3 ms."""
+WAIT_NS, MOST_WAIT_NS = 400_000_000, 1_000_000_000
+"""
+Scans of this long are fitted after a step; they wait no longer than the second [ns].
+Source: judgement: four scans at 10 Hz; what is wrong is to be said within 2 s.
+"""
+LEAST_MATCHED = 150
+"""Points that must have been seen before, or nothing is said.  Source: judgement."""
+LEAST_SHARE = 0.5
+"""Share of them that must fit.  Source: measured: bench/studies/odometry_faults.py."""
+CLEARLY = 0.1
+"""By so much more of them fit where a less likely place is taken.  Source: judgement."""
+LEAST_SURE = 0.15
+"""Greatest standard deviation of a part's place [m].  Source: derived: 0.2 m must hold."""
+LITTLE = 2.0
+"""
+Steps up to this are bridged by the motion alone where nothing is seen twice [m].
+Source: judgement: a correction; what is greater may be another frame.
+"""
+SAME = 0.05
+"""Steps that come back to less are none [m].  Source: derived: the noise of a point."""
+ENGAGE, ENGAGE_AGAIN = 0.2, 0.12
+"""
+Drift from which scans are moved, within a pass and where the vehicle has come back [m].
+Source: measured: bench/studies/odometry_faults.py: good odometry stays below.
+"""
+AGAIN = 10.0
+"""
+What was seen first so long ago on average was left meanwhile [s].
+Source: measured: bench/studies/odometry_faults.py: 7 s within a pass at 6 m/s.
+"""
+SURELY = 5.0
+"""Drift is believed that is so many standard deviations.  Source: judgement."""
+TWICE = 2
+"""Batches in a row that must say so.  Source: judgement."""
+SEEDED = 150.0
+"""What of a resumed map is this near is a landmark again [m].  Source: numerical: 0.2 s."""
+LOST_AFTER = 4
+"""Batches in a row that do not fit, after which a part begins.  Source: derived: 2 s."""
+
+
+@dataclass(slots=True, eq=False)
+class _Pending:
+    """A break that is being looked at."""
+
+    cause: str
+    begin_ns: int
+    quick: bool
+    size: float
+    sigma: float
+    total: RigidMove
+    """From the newest odometry to that before the break."""
+
+
+class Follower:
+    """Brings scans from the odometry's frame into that of the map; owned by one thread."""
+
+    def __init__(self) -> None:
+        self.parts: list[Part] = []
+        """All but the first."""
+        self.watch = PoseWatch()
+        self._cells = NormalCells()
+        self._filter: DriftFilter | None = None
+        self._place = np.zeros(3)
+        self._stamp = 0
+        self.clear()
+
+    def clear(self) -> None:
+        """Begin anew, with the odometry as it is."""
+        self._cells.clear()
+        self._following = False
+        self._held = RigidMove()
+        self.forget_times()
+
+    def forget_times(self) -> None:
+        """Expect nothing of the next pose, as after time went back; the map stays."""
+        self.watch.clear()
+        self._held = self.move
+        self._filter, self._following = None, False
+        self._pending: _Pending | None = None
+        self._waiting: list[Seen] = []
+        self._batch: list[Seen] = []
+        self._doubts = self._strays = 0
+
+    def resume(
+        self, move: RigidMove, points: Float64, stamp_ns: int, place: Float64 | None,
+        parts: list[Part],
+    ) -> None:
+        """
+        Go on with what another process knew.
+
+        Parameters
+        ----------
+        move : RigidMove
+            That held then.
+        points : Float64
+            (N, 3) of the map [m].
+        stamp_ns : int
+            Of the newest scan [ns].
+        place : Float64 or None
+            (3,) where the vehicle was in the map [m]; what is far from it is no landmark.
+        parts : list of Part
+            Up to then.
+
+        """
+        self._held, self.parts = move, parts
+        if place is not None:
+            near = points[((points[:, :2] - place[:2]) ** 2).sum(axis=1) < SEEDED**2]
+            for look in range(LEAST_LOOKS):
+                self._cells.add(near, stamp_ns - 2 * OPEN_NS + look)
+
+    @property
+    def move(self) -> RigidMove:
+        """From the frame of the odometry as it is now into that of the map."""
+        if self._following and self._filter is not None:
+            return self._filter.move_at(self._stamp)
+        return self._held
+
+    @property
+    def following(self) -> bool:
+        """Whether scans are moved bit by bit, as the odometry drifts."""
+        return self._following
+
+    @property
+    def waits(self) -> bool:
+        """Whether a break is not understood yet."""
+        return self._pending is not None
+
+    @property
+    def num_waiting(self) -> int:
+        """Scans that wait until they are fitted."""
+        return len(self._waiting)
+
+    def see_pose(self, stamp_ns: int, position: Float64, quaternion: Float64) -> Break | None:
+        """
+        Look at a pose that was accepted.
+
+        Returns
+        -------
+        Break or None
+            What is wrong with it; nothing may be interpolated over a break.
+
+        """
+        self._place, self._stamp = np.array(position, dtype=np.float64), stamp_ns
+        found = self.watch.see(stamp_ns, position, quaternion)
+        if found is None or found.oddity is Oddity.FROZEN:
+            return found
+        if self._pending is None:
+            self._pending = _Pending(
+                _name(found), found.after_ns, found.oddity is Oddity.STEP, found.size,
+                found.sigma, found.move,
+            )
+            return found
+        waiting = self._pending
+        waiting.total = waiting.total.after(found.move)
+        waiting.sigma = float(np.hypot(waiting.sigma, found.sigma))
+        waiting.quick = waiting.quick and found.oddity is Oddity.STEP
+        off = waiting.total.about(self._place)
+        waiting.size = float(np.linalg.norm(off.shift))
+        self._waiting.clear()
+        waiting.begin_ns = found.after_ns
+        if waiting.quick and waiting.size < SAME:
+            self._pending = None
+        return found
+
+    def take(self, scan: Seen) -> Iterator[Seen | Part]:
+        """
+        Take a scan, and yield what may go into the map.
+
+        Parameters
+        ----------
+        scan : Seen
+            In the odometry's frame.
+
+        Yields
+        ------
+        Seen or Part
+            Scans in the map's frame; a part that is not aligned: the map begins anew with it.
+
+        """
+        if self._pending is None or int(scan.stamps.max(initial=scan.stamp_ns)) < (
+            self._pending.begin_ns
+        ):
+            yield from self._release(scan)
+            return
+        self._waiting.append(scan)
+        yield from self.settle(self._stamp)
+
+    def settle(self, now_ns: int, *, at_once: bool = False) -> Iterator[Seen | Part]:
+        """Yield what waited for a break to be understood, if it is or must be by now [ns]."""
+        if self._pending is None or not self._waiting:
+            return
+        begin = self._pending.begin_ns
+        long = self._waiting[-1].stamp_ns - begin >= WAIT_NS and len(self._waiting) > 2
+        if not long and now_ns - begin < MOST_WAIT_NS and not at_once:
+            return
+        pending, scans = self._pending, self._waiting
+        self._pending, self._waiting, self._batch = None, [], []
+        part = self._resolve(pending, scans)
+        if part is not None:
+            self.parts.append(part)
+            if not part.aligned:
+                yield part
+        for scan in scans:
+            yield from self._release(scan)
+
+    def _release(self, scan: Seen) -> Iterator[Seen | Part]:
+        """Yield a scan in the map's frame, and learn from it."""
+        self._batch.append(scan)
+        move = self.move
+        if self._following and self._filter is not None:
+            move = self._filter.move_at(scan.stamp_ns)
+        yield replace(scan, points=move.apply(scan.points))
+        if scan.stamp_ns - self._batch[0].stamp_ns >= BATCH_NS:
+            batch, self._batch = self._batch, []
+            if (part := self._learn(batch)) is not None:
+                self.parts.append(part)
+                if not part.aligned:
+                    yield part
+
+    def _learn(self, batch: list[Seen]) -> Part | None:
+        """Compare a batch with what was seen first, and add it to that."""
+        points = _gather(batch)
+        stamp = batch[len(batch) // 2].stamp_ns
+        if self._filter is None:
+            self._filter = DriftFilter(self._held.about(self._place), stamp)
+        tracked = self._filter
+        tracked.predict(stamp, self._place)
+        fit = fit_points(
+            self._cells, sample_points(points), tracked.move, tracked.covariance, stamp
+        )
+        part: Part | None = None
+        if fit.matched >= LEAST_MATCHED:
+            if fit.share >= LEAST_SHARE:
+                tracked.update(fit)
+                self._strays = 0
+                part = self._judge(fit, stamp)
+            elif self._following:
+                self._strays += 1
+        if self._strays >= LOST_AFTER:
+            part = self._give_up('the odometry drifts, and what is seen does not fit', stamp)
+        move = self._filter.move if self._following and self._filter else self._held
+        self._cells.add(move.apply(points), stamp)
+        return part
+
+    def _judge(self, fit: Fit, stamp: int) -> Part | None:
+        """Begin to move scans where they surely lie beside the map."""
+        if self._following:
+            if self.parts:
+                self.parts[-1] = replace(
+                    self.parts[-1], move=fit.move, sigma=_find_sigma(fit.covariance)
+                )
+            return None
+        off = fit.move.shift - self._held.about(fit.move.centre).shift
+        size = float(np.linalg.norm(off))
+        way = off / max(size, 1e-9)
+        sigma = float(np.sqrt(way @ fit.covariance[:3, :3] @ way))
+        least = ENGAGE_AGAIN if fit.age > AGAIN else ENGAGE
+        self._doubts = self._doubts + 1 if size > max(least, SURELY * sigma) else 0
+        if self._doubts < TWICE:
+            return None
+        self._following = True
+        return Part(
+            begin_ns=stamp, cause='the odometry drifts', move=fit.move,
+            sigma=_find_sigma(fit.covariance), aligned=True, by='what was seen twice',
+        )
+
+    def _resolve(self, pending: _Pending, scans: list[Seen]) -> Part | None:
+        """Find where the scans after a break belong."""
+        points = sample_points(_gather(scans))
+        stamp = scans[-1].stamp_ns
+        before = self.move
+        choices = [
+            (before.after(pending.total), pending.sigma), (before, 2.0 * SAME),
+        ]
+        if not pending.quick:
+            choices = [(before, 0.5), *choices[:1]]
+        best: Fit | None = None
+        for move, sigma in choices:
+            if sigma > LITTLE:
+                continue
+            known = np.diag([sigma**2] * 3 + [0.01**2])
+            fit = fit_points(
+                self._cells, points, move.about(self._place), known, stamp, coarse=True
+            )
+            if best is None or fit.share > best.share + CLEARLY:
+                best = fit
+        by = 'what was seen twice'
+        if best is None or best.matched < LEAST_MATCHED:
+            if not pending.quick or pending.size > LITTLE:
+                return self._give_up(pending.cause, pending.begin_ns)
+            by = 'the motion'
+            moved = before.after(pending.total).about(self._place)
+            spread = np.diag([pending.sigma**2] * 3 + [0.01**2])
+        elif best.share < LEAST_SHARE or _find_sigma(best.covariance) > LEAST_SURE:
+            return self._give_up(pending.cause, pending.begin_ns)
+        else:
+            moved, spread = best.move, best.covariance
+        self._filter = DriftFilter(moved, stamp, spread)
+        self._held = moved
+        change = np.linalg.norm(moved.shift - before.about(moved.centre).shift)
+        if pending.quick and change < SAME:
+            return None
+        return Part(
+            begin_ns=pending.begin_ns, cause=pending.cause, move=moved,
+            sigma=_find_sigma(spread), aligned=True, by=by,
+        )
+
+    def _give_up(self, cause: str, stamp: int) -> Part:
+        """Begin anew with the odometry as it is."""
+        self._cells.clear()
+        self._held, self._filter, self._following = RigidMove(), None, False
+        self._doubts = self._strays = 0
+        return Part(begin_ns=stamp, cause=cause, move=RigidMove(), sigma=0.0, aligned=False)
+
+
+def _name(found: Break) -> str:
+    if found.oddity is Oddity.THAWED:
+        seconds = (found.after_ns - found.before_ns) * 1e-9
+        return f'the odometry stood still for {seconds:.1f} s while the vehicle moved'
+    turn = f' and {np.degrees(found.turn):.1f} degrees' if abs(found.turn) > LEAST_TURN else ''
+    return f'the odometry stepped by {found.size:.2f} m{turn}'
+
+
+def _find_sigma(covariance: Float64) -> float:
+    return float(np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1]))
+
+
+def _gather(scans: list[Seen]) -> Float64:
+    """Return points of scans that are near enough, thinned evenly."""
+    parts = [
+        scan.points[(scan.apart < REACH) & (np.abs(scan.points) < MOST_COORDINATE).all(axis=1)]
+        for scan in scans
+    ]
+    points = np.concatenate(parts) if parts else np.zeros((0, 3))
+    step = 1 + (len(points) - 1) // MOST_POINTS
+    return points[:: step | 1] if len(points) else points

@@ -1,0 +1,293 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The landmark by which poses are checked: cells with the normal distribution of what was seen first.
+
+Biber and Strasser 2003, The normal distributions transform.  A cell takes points for a few seconds
+and is closed then, so that what is seen later is compared with what was seen first, and a slow
+drift does not carry its own landmark along.
+"""
+
+from numba import njit
+import numpy as np
+
+from plc_inspect.core.alignment.rigid_move import RigidMove
+from plc_inspect.core.numerics.hash_table import enter, find_slot, index_keys, make_table, UInt32
+from plc_inspect.results import Float64, Int32, Int64
+
+CELL = 1.0
+"""
+Edge of a cell [m].
+Source: judgement: conductors of one line are farther apart, poles are thinner.
+"""
+OPEN_NS = 3_000_000_000
+"""
+Time during which a cell takes points [ns].
+Source: judgement: at 5 m/s the arcs of the scan pass over it; 1 cm/s of drift makes 0.03 m of it.
+"""
+LEAST_LOOKS = 3
+"""
+Batches that a cell was seen in before it counts: arcs of one scan on the ground look like wires.
+Source: derived: three arcs fill a plane.
+"""
+LEAST_POINTS = 8
+"""Points that a cell needs before it counts.  Source: judgement; not measured."""
+NOISE = 0.05
+"""
+Standard deviation of a point beside that of its cell [m].
+Source: derived: 0.03 m of range, and 0.05 degrees of attitude at 40 m.
+"""
+MOST_CELLS = 1_000_000
+"""Cells at most; beyond, the far half is forgotten.  Source: numerical: 112 MB."""
+ROBUST = 9.0
+"""Squared distance over its variance at which a point counts a quarter.  Source: judgement."""
+NEAR_ENOUGH = 11.3
+"""
+Squared distance over its variance up to which a point fits.
+Source: derived: chi squared of three degrees of freedom, 99 %.
+"""
+_BITS = 21
+"""Of a key for each axis.  Source: numerical: three in 64."""
+_HALF = 1 << (_BITS - 1)
+"""Cells on each side of the first point.  Source: numerical: half of what _BITS hold."""
+_NONE = 1e300
+"""Squared distance where there is no cell.  Source: numerical."""
+
+
+class NormalCells:
+    """Cells of what was seen first, in the map frame; owned by one thread."""
+
+    def __init__(self) -> None:
+        self.clear()
+
+    def __len__(self) -> int:
+        """Return the number of cells."""
+        return self._num
+
+    def clear(self) -> None:
+        """Forget all cells."""
+        self._origin: Float64 | None = None
+        self._num = 0
+        self._make_room(1 << 12)
+
+    def _make_room(self, capacity: int) -> None:
+        self._keys: Int64 = np.zeros(capacity, dtype=np.int64)
+        self._sums: Float64 = np.zeros((capacity, 9))
+        self._counts: Int32 = np.zeros((capacity, 2), dtype=np.int32)
+        self._times: Int64 = np.zeros((capacity, 2), dtype=np.int64)
+        self._table: UInt32 = make_table(capacity)
+
+    def add(self, points: Float64, stamp_ns: int) -> None:
+        """
+        Take a batch of points.
+
+        Parameters
+        ----------
+        points : Float64
+            (N, 3) map frame [m].
+        stamp_ns : int
+            Of the batch [ns].
+
+        """
+        if not len(points):
+            return
+        if self._origin is None:
+            self._origin = np.floor(points[0])
+        if self._num >= MOST_CELLS:
+            self._forget_far(points[0] - self._origin)
+        if self._num + len(points) > len(self._keys):
+            self._grow(self._num + len(points))
+        self._num = _add(
+            np.ascontiguousarray(points - self._origin), stamp_ns, self._keys, self._sums,
+            self._counts, self._times, self._table, self._num,
+        )
+
+    def _grow(self, least: int) -> None:
+        old = self._keys, self._sums, self._counts, self._times
+        self._copy(old, np.arange(self._num), max(2 * len(self._keys), least))
+
+    def _forget_far(self, place: Float64) -> None:
+        centers = _unpack(self._keys[: self._num]) * CELL
+        apart = ((centers[:, :2] - place[:2]) ** 2).sum(axis=1)
+        kept = np.sort(np.argsort(apart, kind='stable')[: MOST_CELLS // 2])
+        old = self._keys, self._sums, self._counts, self._times
+        self._copy(old, kept, len(self._keys))
+
+    def _copy(self, old: tuple[Int64, Float64, Int32, Int64], kept: Int64, room: int) -> None:
+        self._make_room(room)
+        num = self._num = len(kept)
+        self._keys[:num], self._sums[:num] = old[0][kept], old[1][kept]
+        self._counts[:num], self._times[:num] = old[2][kept], old[3][kept]
+        self._table = index_keys(self._keys[:num], room)
+
+    def compare(
+        self, points: Float64, move: RigidMove, stamp_ns: int, reach: int, noise: float = NOISE
+    ) -> tuple[Float64, Float64, int, int, float]:
+        """
+        Compare moved points with the cells.
+
+        Parameters
+        ----------
+        points : Float64
+            (N, 3) frame of the odometry [m].
+        move : RigidMove
+            Brings them into the map frame; turns about its centre.
+        stamp_ns : int
+            Of the points [ns]; cells that are open still do not count.
+        reach : int
+            Cells beside that of a point that are looked at.
+        noise : float
+            Standard deviation of a point beside that of its cell [m].
+
+        Returns
+        -------
+        matrix : Float64
+            (4, 4) normal matrix of a small shift along x, y and z [1/m2] and turn [1/rad2].
+        slope : Float64
+            (4,) its right side.
+        matched, fitting : int
+            Points with a cell, and those that fit it.
+        age : float
+            Mean time since the cells of the latter were first seen [s].
+
+        """
+        if self._origin is None:
+            return np.zeros((4, 4)), np.zeros(4), 0, 0, 0.0
+        moved = move.apply(points) - self._origin
+        about = move.centre + move.shift - self._origin
+        matrix, slope, matched, fitting, age = _compare(
+            moved, about, self._keys, self._sums, self._counts, self._times, self._table,
+            stamp_ns, reach, noise * noise,
+        )
+        return matrix, slope, int(matched), int(fitting), age * 1e-9 / max(fitting, 1)
+
+
+@njit(cache=True, nogil=True, inline='always')
+def _pack(i, j, k):  # type: ignore[no-untyped-def]
+    return ((i + _HALF) << (2 * _BITS)) | ((j + _HALF) << _BITS) | (k + _HALF)
+
+
+def _unpack(keys: Int64) -> Float64:
+    mask = (1 << _BITS) - 1
+    parts = [(keys >> shift) & mask for shift in (2 * _BITS, _BITS, 0)]
+    result: Float64 = np.column_stack(parts).astype(np.float64) - _HALF + 0.5
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _add(points, stamp, keys, sums, counts, times, table, num):  # type: ignore[no-untyped-def]
+    """Add points to open cells, and return the number of cells."""
+    for n in range(len(points)):
+        i = np.int64(np.floor(points[n, 0] / CELL))
+        j = np.int64(np.floor(points[n, 1] / CELL))
+        k = np.int64(np.floor(points[n, 2] / CELL))
+        if max(abs(i), abs(j), abs(k)) >= _HALF - 2:
+            continue
+        key = _pack(i, j, k)
+        slot = find_slot(key, table, keys)
+        if slot < 0:
+            slot = np.int64(num)
+            keys[slot] = key
+            times[slot, 0] = stamp
+            times[slot, 1] = -1
+            enter(key, slot, table)
+            num += 1
+        if stamp - times[slot, 0] > OPEN_NS:
+            continue
+        if times[slot, 1] != stamp:
+            times[slot, 1] = stamp
+            counts[slot, 1] += 1
+        counts[slot, 0] += 1
+        x = points[n, 0] - (i + 0.5) * CELL
+        y = points[n, 1] - (j + 0.5) * CELL
+        z = points[n, 2] - (k + 0.5) * CELL
+        row = sums[slot]
+        row[0] += x
+        row[1] += y
+        row[2] += z
+        row[3] += x * x
+        row[4] += x * y
+        row[5] += x * z
+        row[6] += y * y
+        row[7] += y * z
+        row[8] += z * z
+    return num
+
+
+@njit(cache=True, nogil=True)
+def _compare(points, about, keys, sums, counts, times, table, stamp, reach, floor):  # type: ignore[no-untyped-def]
+    matrix, slope = np.zeros((4, 4)), np.zeros(4)
+    inverse = np.zeros((3, 3))
+    weighted = np.zeros((3, 4))
+    best_inverse = np.zeros((3, 3))
+    matched, fitting, age = 0, 0, 0.0
+    for n in range(len(points)):
+        x, y, z = points[n, 0], points[n, 1], points[n, 2]
+        ci = np.int64(np.floor(x / CELL))
+        cj = np.int64(np.floor(y / CELL))
+        ck = np.int64(np.floor(z / CELL))
+        if max(abs(ci), abs(cj), abs(ck)) >= _HALF - 2:
+            continue
+        # the cell that the point fits best
+        best, bx, by, bz, first = _NONE, 0.0, 0.0, 0.0, stamp
+        for i in range(ci - reach, ci + reach + 1):
+            for j in range(cj - reach, cj + reach + 1):
+                for k in range(ck - reach, ck + reach + 1):
+                    slot = find_slot(_pack(i, j, k), table, keys)
+                    if slot < 0 or counts[slot, 0] < LEAST_POINTS:
+                        continue
+                    if counts[slot, 1] < LEAST_LOOKS or stamp - times[slot, 0] <= OPEN_NS:
+                        continue
+                    row, share = sums[slot], 1.0 / counts[slot, 0]
+                    mx, my, mz = row[0] * share, row[1] * share, row[2] * share
+                    a = row[3] * share - mx * mx + floor
+                    b = row[4] * share - mx * my
+                    c = row[5] * share - mx * mz
+                    d = row[6] * share - my * my + floor
+                    e = row[7] * share - my * mz
+                    f = row[8] * share - mz * mz + floor
+                    # inverse of the symmetric matrix
+                    inverse[0, 0] = d * f - e * e
+                    inverse[0, 1] = c * e - b * f
+                    inverse[0, 2] = b * e - c * d
+                    inverse[1, 1] = a * f - c * c
+                    inverse[1, 2] = b * c - a * e
+                    inverse[2, 2] = a * d - b * b
+                    scale = 1.0 / (a * inverse[0, 0] + b * inverse[0, 1] + c * inverse[0, 2])
+                    rx = x - ((i + 0.5) * CELL + mx)
+                    ry = y - ((j + 0.5) * CELL + my)
+                    rz = z - ((k + 0.5) * CELL + mz)
+                    square = scale * (
+                        inverse[0, 0] * rx * rx + inverse[1, 1] * ry * ry
+                        + inverse[2, 2] * rz * rz + 2.0 * (
+                            inverse[0, 1] * rx * ry + inverse[0, 2] * rx * rz
+                            + inverse[1, 2] * ry * rz
+                        )
+                    )
+                    if square < best:
+                        best, bx, by, bz, first = square, rx, ry, rz, times[slot, 0]
+                        for p in range(3):
+                            for q in range(p, 3):
+                                best_inverse[p, q] = best_inverse[q, p] = scale * inverse[p, q]
+        if best >= _NONE:
+            continue
+        matched += 1
+        if best <= NEAR_ENOUGH:
+            fitting += 1
+            age += stamp - first
+        weight = (ROBUST / (ROBUST + best)) ** 2
+        # derivative by the turn about the vertical through the centre
+        ux, uy = -(y - about[1]), x - about[0]
+        for p in range(3):
+            for q in range(3):
+                weighted[p, q] = weight * best_inverse[p, q]
+            weighted[p, 3] = weighted[p, 0] * ux + weighted[p, 1] * uy
+        for q in range(4):
+            for p in range(3):
+                matrix[p, q] += weighted[p, q]
+            matrix[3, q] += ux * weighted[0, q] + uy * weighted[1, q]
+        for p in range(3):
+            slope[p] -= weighted[p, 0] * bx + weighted[p, 1] * by + weighted[p, 2] * bz
+        slope[3] -= weighted[0, 3] * bx + weighted[1, 3] * by + weighted[2, 3] * bz
+    return matrix, slope, matched, fitting, age

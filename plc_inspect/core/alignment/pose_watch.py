@@ -1,0 +1,231 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Poses that cannot be: steps that no vehicle flies, and poses that stand still in flight."""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+import enum
+import math
+
+import numpy as np
+
+from plc_inspect.core.alignment.rigid_move import RigidMove
+from plc_inspect.results import Float64
+
+WINDOW = 0.15
+"""
+Poses of this long, two at least, give the velocity before a step [s].
+Source: judgement: long against the noise of an odometry, short against a turn.
+"""
+ACCELERATION = 12.0
+"""Greatest believable acceleration [m/s2].  Source: judgement: 1.2 g, in a gust."""
+MOST_CHANGE = 15.0
+"""
+Greatest believable difference of the velocities before and after a break [m/s].
+Source: judgement: what is taken for a step may have been a collision, or a turn on the spot.
+"""
+TURNING = 8.0
+"""Greatest believable angular acceleration about the vertical [rad/s2].  Source: judgement."""
+LEAST_STEP, LEAST_TURN = 0.06, 0.009
+"""Steps below are not told from noise [m], [rad].  Source: judgement; 0.5 degrees."""
+TIMES_NOISE = 6.0
+"""A step is greater than this many times what poses usually are beside.  Source: judgement."""
+SMOOTHING = 0.02
+"""Weight of a pose in that mean.  Source: judgement: half a second at 100 Hz."""
+MOVING = 0.5
+"""Slower vehicles may stand still a moment later [m/s].  Source: derived: ACCELERATION."""
+FROZEN = 0.15
+"""Poses that are equal for longer, four at least, stand still [s].  Source: judgement."""
+FROZEN_POSES = 4
+"""Equal poses, at least.  Source: judgement: some odometry tells each pose twice."""
+LONG_GAP = 5.0
+"""After a longer time without poses nothing is expected of the next [s].  Source: judgement."""
+
+
+class Oddity(enum.Enum):
+    """What is wrong with the pose just seen."""
+
+    STEP = 'step'
+    FROZEN = 'frozen'
+    THAWED = 'thawed'
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Break:
+    """Poses before and after do not belong together."""
+
+    oddity: Oddity
+    before_ns: int
+    """Last pose that can be [ns]."""
+    after_ns: int
+    """First pose after [ns]."""
+    size: float
+    """Distance between where the vehicle should be and where it is said to be [m]."""
+    turn: float
+    """The same of the heading [rad]."""
+    move: RigidMove
+    """Brings what is after to where the vehicle should be."""
+    sigma: float
+    """Standard deviation of where it should be, each axis [m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Pose:
+    stamp: int
+    x: float
+    y: float
+    z: float
+    yaw: float
+
+    @property
+    def place(self) -> tuple[float, float, float]:
+        return self.x, self.y, self.z
+
+
+class PoseWatch:
+    """Looks at each pose that was accepted; owned by one thread."""
+
+    def __init__(self) -> None:
+        self.clear()
+
+    def clear(self) -> None:
+        """Expect nothing of the next pose."""
+        self._window: deque[_Pose] = deque()
+        self._velocity: tuple[float, float, float, float] | None = None
+        self._usual = 0.0
+        self._equal = 0
+        self._frozen: _Pose | None = None
+        self._since: _Pose | None = None
+
+    @property
+    def frozen(self) -> bool:
+        """Whether the poses stand still while the vehicle moves."""
+        return self._frozen is not None
+
+    def see(self, stamp_ns: int, position: Float64, quaternion: Float64) -> Break | None:
+        """
+        Look at a pose, and tell what is wrong with it.
+
+        Parameters
+        ----------
+        stamp_ns : int
+            Later than the one before [ns].
+        position : Float64
+            (3,) [m].
+        quaternion : Float64
+            (4,) x y z w.
+
+        Returns
+        -------
+        Break or None
+
+        """
+        x, y, z = position.tolist()
+        pose = _Pose(stamp_ns, x, y, z, _find_yaw(quaternion))
+        if not self._window:
+            self._window.append(pose)
+            return None
+        last = self._window[-1]
+        if pose.place == last.place:
+            return self._stand(pose, last)
+        self._equal = 0
+        if self._frozen is not None:
+            origin, self._frozen = self._frozen, None
+            found = self._expect(origin, pose, Oddity.THAWED)
+            self._begin(pose)
+            return found
+        seconds = (pose.stamp - last.stamp) * 1e-9
+        if seconds > LONG_GAP:
+            self._begin(pose)
+            self._velocity = None
+            return None
+        self._measure()
+        if self._velocity is None:
+            self._window.append(pose)
+            return None
+        found = self._expect(last, pose, Oddity.STEP)
+        room = 0.5 * seconds * (seconds + self._length)
+        limit = LEAST_STEP + ACCELERATION * room + TIMES_NOISE * self._usual
+        if len(self._window) < 3:  # right after a break, by the velocity of before
+            limit += MOST_CHANGE * seconds
+        if found.size > limit or abs(found.turn) > LEAST_TURN + TURNING * room:
+            self._begin(pose)
+            return found
+        self._usual += SMOOTHING * (min(found.size, limit) - self._usual)
+        self._window.append(pose)
+        self._shorten()
+        return None
+
+    def _begin(self, pose: _Pose) -> None:
+        """Go on with the velocity of before, until there are poses for another."""
+        self._window.clear()
+        self._window.append(pose)
+
+    @property
+    def _length(self) -> float:
+        return max((self._window[-1].stamp - self._window[0].stamp) * 1e-9, WINDOW)
+
+    def _measure(self) -> None:
+        """Take the velocity of the window, if it is long enough."""
+        first, last = self._window[0], self._window[-1]
+        seconds = (last.stamp - first.stamp) * 1e-9
+        if len(self._window) < 3 or seconds <= 0.0:
+            return
+        self._velocity = (
+            (last.x - first.x) / seconds, (last.y - first.y) / seconds,
+            (last.z - first.z) / seconds, _wrap(last.yaw - first.yaw) / seconds,
+        )
+
+    def _stand(self, pose: _Pose, last: _Pose) -> Break | None:
+        """Look at a pose that equals the last."""
+        if self._frozen is not None:
+            return None
+        self._measure()
+        if not self._equal or self._since is None:
+            self._since = last
+        self._equal += 1
+        speed = math.hypot(*self._velocity[:3]) if self._velocity else 0.0
+        if speed < MOVING:
+            self._window.append(pose)
+            self._shorten()
+            return None
+        stood = (pose.stamp - self._since.stamp) * 1e-9
+        if stood < FROZEN or self._equal < FROZEN_POSES:
+            return None
+        self._frozen = self._since
+        return Break(
+            oddity=Oddity.FROZEN, before_ns=self._since.stamp, after_ns=pose.stamp, size=0.0,
+            turn=0.0, move=RigidMove(), sigma=0.0,
+        )
+
+    def _shorten(self) -> None:
+        while len(self._window) > 3 and (
+            self._window[-1].stamp - self._window[1].stamp
+        ) * 1e-9 >= WINDOW:
+            self._window.popleft()
+
+    def _expect(self, last: _Pose, pose: _Pose, oddity: Oddity) -> Break:
+        seconds = (pose.stamp - last.stamp) * 1e-9
+        vx, vy, vz, turning = self._velocity or (0.0, 0.0, 0.0, 0.0)
+        should = np.array([
+            last.x + vx * seconds, last.y + vy * seconds, last.z + vz * seconds,
+        ])
+        place = np.array(pose.place)
+        turn = _wrap(pose.yaw - last.yaw - turning * min(seconds, WINDOW))
+        return Break(
+            oddity=oddity, before_ns=last.stamp, after_ns=pose.stamp,
+            size=float(np.linalg.norm(place - should)), turn=turn,
+            move=RigidMove(should - place, -turn, place),
+            sigma=0.02 + self._usual + 0.25 * ACCELERATION * seconds * (seconds + WINDOW),
+        )
+
+
+def _find_yaw(quaternion: Float64 | Sequence[float]) -> float:
+    x, y, z, w = (float(v) for v in quaternion)
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def _wrap(angle: float) -> float:
+    return math.remainder(angle, 2.0 * math.pi)

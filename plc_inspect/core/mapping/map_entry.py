@@ -1,0 +1,66 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Puts placed scans into the map, which begins anew where it has to."""
+
+import numpy as np
+
+from plc_inspect.config import MapSettings
+from plc_inspect.core.alignment.parts import Seen
+from plc_inspect.core.numerics.arrays import MOST_COORDINATE
+from plc_inspect.core.setup.sharpness import SharpnessMeter
+from plc_inspect.core.voxel_buffer.voxel_map import Insertion, VoxelMap
+from plc_inspect.errors import DataError
+
+RESTART_AFTER_NS = 3_000_000_000
+"""
+Time during which all scans lie beyond the map's reach after which it begins anew there [ns].
+Source: judgement; not measured.
+"""
+
+
+class MapEntry:
+    """The map and how sharp it is; owned by one thread."""
+
+    def __init__(self, settings: MapSettings) -> None:
+        self.map = VoxelMap(settings)
+        self.meter = SharpnessMeter()
+        """Gathers what tells whether the map is sharp."""
+        self.num_restarts = 0
+        """Times the map began anew."""
+        self.cause = ''
+        """Why it did so last."""
+        self._beyond_since: int | None = None
+
+    def forget_times(self) -> None:
+        """Forget since when scans are out of reach."""
+        self._beyond_since = None
+
+    def clear(self) -> None:
+        """Forget everything in the map."""
+        self.map.clear()
+        self.meter.clear()
+        self._beyond_since = None
+
+    def begin_anew(self, cause: str) -> None:
+        """Forget everything in the map, and count it."""
+        self.clear()
+        self.num_restarts += 1
+        self.cause = cause
+
+    def enter(self, scan: Seen) -> Insertion | None:
+        """Insert a scan in the map frame; return None where it lies out of reach."""
+        try:
+            found = self.map.insert(scan.points)
+        except DataError:
+            return None
+        self._beyond_since = None
+        self.meter.add(scan.points, scan.stamps, scan.apart)
+        return found
+
+    def is_away(self, scan: Seen) -> bool:
+        """Tell whether scans were out of reach for so long that the map is to begin anew."""
+        if self._beyond_since is None or scan.stamp_ns < self._beyond_since:
+            self._beyond_since = scan.stamp_ns
+        reached = np.abs(scan.points).max(initial=0.0) < MOST_COORDINATE
+        return bool(scan.stamp_ns - self._beyond_since >= RESTART_AFTER_NS and reached)

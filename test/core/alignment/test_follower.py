@@ -1,0 +1,160 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+import numpy as np
+import pytest
+
+from plc_inspect.core.alignment.follower import Follower
+from plc_inspect.core.alignment.parts import Part, Seen
+
+START = 1_700_000_000_000_000_000
+UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
+SPEED = 5.0
+
+
+def look(place, rng, num=900):
+    """Return points of ground, three wires, poles and a wall within 35 m, in the world."""
+    ground = place[:2] + rng.uniform(-30.0, 30.0, (num, 2))
+    z = 0.4 * np.sin(0.3 * ground[:, 0]) + 0.3 * np.cos(0.21 * ground[:, 1])
+    parts = [np.column_stack((ground, z))]
+    x = place[0] + rng.uniform(-30.0, 30.0, (3, num // 6))
+    parts += [np.column_stack((x[n], np.full(num // 6, 2.0 * n), 10.0 + 1e-3 * x[n] ** 2 % 1.0))
+              for n in range(3)]
+    for foot in range(-40, 200, 20):
+        if abs(foot - place[0]) < 30.0:
+            parts.append(np.column_stack((
+                np.full(40, float(foot)), np.full(40, 5.0), rng.uniform(0.0, 10.0, 40),
+            )))
+    points = np.concatenate(parts)
+    return points + rng.normal(0.0, 0.02, points.shape)
+
+
+def fly(follower, error, seconds=12.0):
+    """
+    Fly along x and back, with odometry that is off, or stands still where that is None.
+
+    Return the scans that came through, and the parts that begin the map anew.
+    """
+    rng = np.random.default_rng(5)
+    entered, parts = [], []
+    told = np.zeros(3)
+    for tick in range(int(seconds * 50)):
+        when = tick * 0.02
+        far = SPEED * seconds / np.pi * (1.0 - np.cos(2.0 * np.pi * when / seconds)) / 2.0
+        place, off = np.array([far, 0.0, 15.0]), error(when)
+        stamp = START + round(when * 1e9)
+        told = told if off is None else place + off
+        follower.see_pose(stamp, told, UPRIGHT)
+        if tick % 5 == 0 and off is not None:
+            points = look(place, rng)
+            found = list(follower.take(Seen(
+                points + off, np.full(len(points), stamp),
+                np.linalg.norm(points - place, axis=1), stamp,
+            )))
+            parts += [item for item in found if isinstance(item, Part)]
+            entered += [
+                (item.stamp_ns, item.points) for item in found if isinstance(item, Seen)
+            ]
+    return entered, parts
+
+
+def measure_errors(entered):
+    """Return how far the wires at y = 0 and y = 2 lie off in any scan, in the median [m]."""
+    errors = [
+        (np.median(points[900:1050, 1]), np.median(points[1050:1200, 1]) - 2.0)
+        for _, points in entered
+    ]
+    return np.abs(np.array(errors)).max()
+
+
+def test_good_odometry_moves_nothing():
+    follower = Follower()
+    entered, parts = fly(follower, lambda when: np.zeros(3))
+    assert follower.move.trivial
+    assert not follower.parts
+    assert not parts
+    assert len(entered) == 120
+
+
+@pytest.mark.parametrize('step', [(0.0, 0.3, 0.0), (0.2, -1.0, 0.5), (-4.0, 8.0, -3.1)])
+def test_scans_after_a_step_lie_where_those_before_do(step):
+    follower = Follower()
+    entered, parts = fly(
+        follower, lambda when: np.array(step) if when > 8.0 else np.zeros(3)
+    )
+    assert not parts
+    assert len(entered) >= 117
+    (part,) = follower.parts
+    assert part.aligned
+    assert part.by == 'what was seen twice'
+    size = float(part.cause.split()[-2])
+    assert size == pytest.approx(np.linalg.norm(step), abs=0.05)
+    assert np.linalg.norm(follower.move.shift + step) < 0.1
+    assert part.sigma < 0.1
+    assert measure_errors(entered) < 0.1
+
+
+def test_a_pose_that_is_off_alone_is_no_step():
+    follower = Follower()
+    entered, parts = fly(
+        follower, lambda when: np.array([0.0, 50.0, 0.0]) if when == 8.02 else np.zeros(3)
+    )
+    assert follower.move.trivial
+    assert not follower.parts
+    assert not parts
+    assert len(entered) >= 117
+
+
+def test_a_drift_is_followed():
+    follower = Follower()
+    rate = np.array([0.0, 0.08, 0.0])
+    entered, parts = fly(follower, lambda when: rate * when, seconds=24.0)
+    assert not parts
+    assert follower.following
+    assert follower.parts[0].cause == 'the odometry drifts'
+    # On the way back everything lies where it was put on the way there.
+    errors = [np.median(points[900:1050, 1]) for _, points in entered]
+    assert abs(errors[-1] - errors[30]) < 0.2
+    assert (rate * 21.0)[1] > 1.5  # by which it would lie elsewhere
+
+
+def test_poses_that_stand_still_are_told_and_what_follows_fits():
+    follower = Follower()
+    entered, parts = fly(follower, lambda when: None if 4.0 < when < 5.0 else np.zeros(3))
+    assert not parts
+    (part,) = follower.parts
+    assert 'stood still for 1.0 s' in part.cause
+    assert np.linalg.norm(follower.move.shift) < 0.1
+    assert measure_errors(entered) < 0.1
+
+
+def test_where_nothing_was_seen_twice_a_part_begins():
+    follower = Follower()
+    entered, parts = fly(
+        follower, lambda when: np.array([3e3, 0.0, 0.0]) if when > 1.0 else np.zeros(3), 4.0
+    )
+    (part,) = parts
+    assert not part.aligned
+    assert 'cannot be brought together' in part.describe()
+    assert follower.move.trivial
+    assert entered[-1][1][:, 0].min() > 2900.0
+    assert len(entered) >= 37
+
+
+def test_a_part_survives_its_record():
+    follower = Follower()
+    fly(follower, lambda when: np.array([0.0, 1.0, 0.0]) if when > 8.0 else np.zeros(3))
+    (part,) = follower.parts
+    again = Part.from_record(part.record())
+    assert again.describe() == part.describe()
+    np.testing.assert_array_equal(again.move.shift, part.move.shift)
+
+
+def test_a_resumed_map_is_a_landmark():
+    first, second = Follower(), Follower()
+    entered, _ = fly(first, lambda when: np.zeros(3), 6.0)
+    points = np.concatenate([item for _, item in entered])
+    second.resume(first.move, points, START - 10**9, np.array([0.0, 0.0, 15.0]), [])
+    fly(second, lambda when: np.array([0.0, 1.5, 0.0]) if when > 1.0 else np.zeros(3), 4.0)
+    assert abs(second.move.shift[1] + 1.5) < 0.1
+    assert second.parts[0].aligned
