@@ -37,6 +37,8 @@ class FlightPlan:
     """Length of the flight [s], 0: once along the route."""
     shuttle: bool = False
     """Fly back and forth until the duration is over."""
+    turning: float = 0.0
+    """Standard deviation of the time over which the speed is smoothed at the ends [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -116,6 +118,8 @@ def fly(scene: Scene, plan: FlightPlan, rng: np.random.Generator) -> Trajectory:
     if plan.shuttle:
         phase = np.mod(travelled, 2 * along[-1])
         travelled = np.where(phase > along[-1], 2 * along[-1] - phase, phase)
+        if plan.turning > 0.0:
+            travelled = gaussian_filter1d(travelled, plan.turning * RATE, mode='nearest')
     position = np.column_stack([np.interp(travelled, along, path[:, axis]) for axis in range(3)])
     heading = np.unwrap(np.arctan2(np.gradient(path[:, 1]), np.gradient(path[:, 0])))
     yaw = np.interp(travelled, along, gaussian_filter1d(heading, 10, mode='nearest'))
