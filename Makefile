@@ -6,7 +6,8 @@ SURVEYS := build/surveys
 
 AUDIT := build/audit
 
-.PHONY: help install demo test axe lint settings picture bench performance accuracy lock sbom audit clean
+.PHONY: help install demo test axe lint settings picture bench performance accuracy faults fuzz \
+	lock sbom audit clean
 
 help:
 	@echo 'make install   make .venv with plc_inspect in it'
@@ -17,6 +18,8 @@ help:
 	@echo 'make bench     print the table of the paper beside that of plc_inspect'
 	@echo 'make performance  run all benches of the pipeline, write docs/performance.md'
 	@echo 'make accuracy  run all scenes and real clouds, write docs/accuracy.md (half an hour)'
+	@echo 'make faults    do all faults to the node, write docs/faults.md (half an hour)'
+	@echo 'make fuzz      damage what the readers read, a minute each (atheris)'
 	@echo 'make lock      write requirements.lock anew, with hashes'
 	@echo 'make sbom      write build/sbom.json, what .venv holds, as CycloneDX'
 	@echo 'make audit     bandit over the package, pip-audit over the lock'
@@ -60,6 +63,13 @@ performance: install
 
 accuracy: install
 	$(BIN)/python bench/accuracy.py --cache $(SURVEYS)
+
+faults: install
+	$(BIN)/python bench/faults.py --write
+
+fuzz: install
+	$(BIN)/python -c 'import atheris' 2>/dev/null || $(BIN)/pip install --quiet 'atheris>=3.0,<4'
+	$(BIN)/python tools/fuzz.py --seconds 60
 
 $(AUDIT)/bin/uv:
 	python3 -m venv $(AUDIT)

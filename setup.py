@@ -78,6 +78,7 @@ setup(
     ],
     extras_require={
         'grid': ['dask>=2024.8', 'distributed>=2024.8'],
+        'fuzz': ['atheris>=3.0,<4'],
         'dev': [
             'colorspacious>=1.1',
             'dask>=2024.8',

@@ -25,6 +25,8 @@ process with a segmentation fault on some truncated files.
 """
 MOST_IN_CHUNK = 10_000_000
 """Points; writers take 50,000."""
+_ITEMS = 34
+"""Where the LASzip record lists what a point is made of."""
 _ANY_SIZE = 2**32 - 1
 """Size of chunks that differ in it."""
 
@@ -86,6 +88,10 @@ def _check_chunks(file: BinaryIO, header: laspy.LasHeader) -> None:
         (in_chunk,) = struct.unpack_from('<I', options, 12)
         if in_chunk != _ANY_SIZE and in_chunk > max(header.point_count, MOST_IN_CHUNK):
             raise ValueError(f'chunks of {in_chunk} points, it has {header.point_count}')
+        sizes = np.frombuffer(options[_ITEMS:], np.uint8)
+        sizes = sizes[: len(sizes) // 6 * 6].view('<u2')[1::3]  # type, size and version of each
+        if in_chunk == 0 or not sizes.any():
+            raise ValueError(f'chunks of {in_chunk} points of {int(sizes.sum())} bytes')
     file.seek(header.offset_to_point_data)
     table = _read(file, '<q')
     if table == -1 and size >= 8:  # written without going back: the last bytes say it

@@ -129,7 +129,8 @@ def _read_binary(path: Path, header: _Header, data: bytes) -> Float64:
         field = header.names.index(name)
         dtype = np.dtype(header.formats[field])
         column = cells[:, offsets[field] : offsets[field] + dtype.itemsize]
-        points[:, axis] = np.ascontiguousarray(column).view(dtype)[:, 0]
+        with np.errstate(invalid='ignore'):  # a signalling NaN is one as well
+            points[:, axis] = np.ascontiguousarray(column).view(dtype)[:, 0]
     return points
 
 
