@@ -10,7 +10,7 @@ node of another checkout.
 """
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 import json
@@ -25,23 +25,9 @@ import threading
 import time
 from typing import Any
 
-from common.flight_faults import (
-    clear_stamp,
-    copy_scans,
-    count_microseconds,
-    crowd_stamps,
-    each,
-    Event,
-    lengthen_row,
-    lower,
-    move_to_utm,
-    place_scans,
-    shift_stamp,
-    swap,
-    thin_odometry,
-    turn_bytes,
-    UTM,
-)
+from common.fault_kinds import Fault, FAULTS
+from common.flight_faults import Event
+from common.tables import render_table, replace_section
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -55,24 +41,10 @@ START = 300.0
 """Longest wait for the node [s]; kernels may have to be compiled."""
 END = 200.0
 """Longest wait for its end [s]."""
+PAGE = ROOT / 'docs' / 'faults.md'
+COLUMNS = 'fault', 'found', 'end', 'said in /diagnostics, and at the end'
 NEAR = 0.5
 """Distance within which a span lies where one of the flight without fault does [m]."""
-
-
-@dataclass(kw_only=True)
-class Fault:
-    """A kind of fault: what it does to the flight, to the node's start, and to its life."""
-
-    change: Callable[[list[Event]], list[Event]] = lambda events: events
-    arguments: tuple[str, ...] = ()
-    before: Callable[[Path], None] = lambda out: None
-    """Done when the node is ready."""
-    during: Callable[['Feeder'], str] = lambda feeder: ''
-    """Done in the middle of the flight; returns a note."""
-    number: int = signal.SIGINT
-    file_size: int | None = None
-    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """By which the fault moves the results [m]."""
 
 
 @dataclass(eq=False)
@@ -82,6 +54,8 @@ class Feeder:
     context: Any
     node: Any
     publishers: dict[str, Any]
+    process: int = 0
+    """Of the node."""
     said: dict[str, int] = field(default_factory=dict)
 
     def call_often(self, name: str, count: int) -> str:
@@ -95,6 +69,12 @@ class Feeder:
         while time.monotonic() < end and not all(future.done() for future in futures):
             time.sleep(0.05)
         return f'{sum(future.done() for future in futures)} of {count} calls answered'
+
+    def stop_node(self, seconds: float) -> str:
+        """Let the system stop the node for a while, the flight goes on."""
+        os.kill(self.process, signal.SIGSTOP)
+        threading.Timer(seconds, os.kill, (self.process, signal.SIGCONT)).start()
+        return ''
 
     def set_parameter(self, name: str, value: str) -> str:
         """Set a parameter, and tell what the node answered."""
@@ -112,45 +92,6 @@ class Feeder:
             time.sleep(0.05)
         (answer,) = future.result().results
         return 'accepted' if answer.successful else f'refused: {answer.reason}'
-
-
-def put_foreign_file(out: Path) -> None:
-    out.mkdir(exist_ok=True)
-    (out / 'mine.txt').write_text('keep', encoding='utf-8')
-
-
-FAULTS = {
-    'none': Fault(),
-    'SIGHUP at the end': Fault(number=signal.SIGHUP),
-    'SIGQUIT at the end': Fault(number=signal.SIGQUIT),
-    'files of 100 kB at most': Fault(file_size=100_000),
-    'output folder of something else': Fault(before=put_foreign_file),
-    'hazards.rules unknown at the start': Fault(arguments=('-p', 'hazards.rules:=nonsense')),
-    'hazards.rules unknown in flight': Fault(
-        during=lambda feeder: feeder.set_parameter('hazards.rules', 'nonsense')
-    ),
-    'a shipped rule set': Fault(
-        arguments=('-p', 'hazards.rules:=en50423_cz', '-p', 'hazards.voltage:=22.0')
-    ),
-    '200 calls of ~/segment': Fault(during=lambda feeder: feeder.call_often('segment', 200)),
-    'two drivers, the second 2 m lower': Fault(change=copy_scans(0.05, lower, 'second')),
-    'every scan twice': Fault(change=copy_scans(0.005, lambda message: None)),
-    'x and y swapped from half on': Fault(change=each('scan', swap, 10.0)),
-    'stamps a microsecond apart': Fault(change=crowd_stamps),
-    'all scans malformed from half on': Fault(change=each('scan', lengthen_row, 10.0)),
-    'other byte order from half on': Fault(change=each('scan', turn_bytes, 10.0)),
-    'all stamps zero': Fault(change=each('scan', clear_stamp)),
-    'lidar clock 18 s ahead': Fault(change=each('scan', lambda m: shift_stamp(m, 18.0))),
-    'times in microseconds (uint32)': Fault(change=each('scan', count_microseconds)),
-    'odometry at 3 Hz': Fault(change=thin_odometry),
-    'cloud in the frame of the odometry': Fault(change=place_scans),
-    'mount 5 degrees off': Fault(arguments=('-p', 'input.lidar_rpy_deg:=[0.0, 5.0, 0.0]')),
-    'mount 30 degrees off': Fault(arguments=('-p', 'input.lidar_rpy_deg:=[0.0, 30.0, 0.0]')),
-    'lidar clock 0.2 s ahead': Fault(change=each('scan', lambda m: shift_stamp(m, 0.2))),
-    'origin first, then UTM': Fault(change=move_to_utm, offset=UTM),
-    'map of 400,000 voxels': Fault(arguments=('-p', 'map.max_voxels:=400000')),
-    'map full at 60,000 voxels': Fault(arguments=('-p', 'map.max_voxels:=60000')),
-}
 
 
 def read_flight(seconds: float) -> list[Event]:
@@ -195,7 +136,7 @@ def open_feeder(two: bool) -> Iterator[Feeder]:
 
     def hear(message: Any) -> None:
         for status in message.status:
-            if status.level != b'\x00':
+            if status.level != b'\x00' and 'security' not in status.name:
                 level = 'ERROR' if status.level == b'\x02' else 'WARN'
                 text = f'{level} {status.name.rpartition(" ")[2]}: {status.message}'
                 feeder.said[text] = feeder.said.get(text, 0) + 1
@@ -244,7 +185,7 @@ def fly(fault: Fault, events: list[Event], rate: float, root: Path, room: Path) 
             fault.before(out)
             events = fault.change(events)
             with open_feeder(any(event.kind == 'second' for event in events)) as feeder:
-                said = feeder.said
+                said, feeder.process = feeder.said, process.pid
                 note = _send(feeder, events, fault, rate)
             process.send_signal(fault.number)
         code: int | str
@@ -321,6 +262,7 @@ def main() -> int:
     parser.add_argument('names', nargs='*', help='parts of the names of the faults; all')
     parser.add_argument('--rate', type=float, default=2.0)
     parser.add_argument('--seconds', type=float, default=20.0)
+    parser.add_argument('--write', action='store_true', help='write docs/faults.md')
     parser.add_argument('--root', type=Path, default=ROOT)
     arguments = parser.parse_args()
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
@@ -343,6 +285,9 @@ def main() -> int:
                 return 1
             rows.append([name, compare(found, reference, FAULTS[name].offset), end, said[:300]])
             print(' | '.join(rows[-1]), flush=True)
+    if arguments.write:
+        table = render_table(COLUMNS, [[cell.replace('|', '/') for cell in row] for row in rows])
+        replace_section(PAGE, 'faults', table)
     return 0
 
 

@@ -28,6 +28,11 @@ REACH = 40.0
 Points farther from the lidar are not compared [m].
 Source: derived: 0.05 degrees of attitude move them by 0.035 m.
 """
+WIDE = 60.0
+"""
+The same after a break, before which the vehicle may have been far away [m].
+Source: derived: 5 s without poses at 7 m/s.
+"""
 BATCH_NS = 500_000_000
 """Scans of this long are compared together [ns].  Source: judgement: 2.5 m at 5 m/s."""
 MOST_POINTS = 6000
@@ -300,7 +305,7 @@ class Follower:
 
     def _resolve(self, pending: _Pending, scans: list[Seen]) -> Part | None:
         """Find where the scans after a break belong."""
-        points = sample_points(_gather(scans))
+        points = sample_points(_gather(scans, WIDE))
         stamp = scans[-1].stamp_ns
         before = self.move
         choices = [
@@ -359,10 +364,10 @@ def _find_sigma(covariance: Float64) -> float:
     return float(np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1]))
 
 
-def _gather(scans: list[Seen]) -> Float64:
+def _gather(scans: list[Seen], reach: float = REACH) -> Float64:
     """Return points of scans that are near enough, thinned evenly."""
     parts = [
-        scan.points[(scan.apart < REACH) & (np.abs(scan.points) < MOST_COORDINATE).all(axis=1)]
+        scan.points[(scan.apart < reach) & (np.abs(scan.points) < MOST_COORDINATE).all(axis=1)]
         for scan in scans
     ]
     points = np.concatenate(parts) if parts else np.zeros((0, 3))

@@ -1,0 +1,145 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""All kinds of faults that ``bench/faults.py`` does to the node."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+import signal
+from typing import Any
+
+from common.flight_faults import (
+    clear_stamp,
+    copy_scans,
+    count_microseconds,
+    crowd_stamps,
+    each,
+    Event,
+    lengthen_row,
+    lower,
+    move_to_utm,
+    place_scans,
+    shift_stamp,
+    swap,
+    thin_odometry,
+    turn_bytes,
+    UTM,
+)
+from common.odometry_changes import (
+    blank,
+    break_position,
+    cut,
+    delay,
+    drift_back,
+    drop,
+    empty,
+    every,
+    exchange,
+    forget_times,
+    freeze,
+    garble,
+    HALF,
+    move_poses,
+    negate_turn,
+    rename_frame,
+    second_odometry,
+    shift_all,
+    spoil_stamp,
+    step,
+    swell,
+)
+
+
+@dataclass(kw_only=True)
+class Fault:
+    """A kind of fault: what it does to the flight, to the node's start, and to its life."""
+
+    change: Callable[[list[Event]], list[Event]] = lambda events: events
+    arguments: tuple[str, ...] = ()
+    before: Callable[[Path], None] = lambda out: None
+    """Done when the node is ready."""
+    during: Callable[[Any], str] = lambda feeder: ''
+    """Done in the middle of the flight, by the feeder of ``bench/faults.py``; returns a note."""
+    number: int = signal.SIGINT
+    file_size: int | None = None
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """By which the fault moves the results [m]."""
+
+
+def put_foreign_file(out: Path) -> None:
+    out.mkdir(exist_ok=True)
+    (out / 'mine.txt').write_text('keep', encoding='utf-8')
+
+
+FAULTS = {
+    'none': Fault(),
+    'SIGHUP at the end': Fault(number=signal.SIGHUP),
+    'SIGQUIT at the end': Fault(number=signal.SIGQUIT),
+    'files of 100 kB at most': Fault(file_size=100_000),
+    'output folder of something else': Fault(before=put_foreign_file),
+    'hazards.rules unknown at the start': Fault(arguments=('-p', 'hazards.rules:=nonsense')),
+    'hazards.rules unknown in flight': Fault(
+        during=lambda feeder: feeder.set_parameter('hazards.rules', 'nonsense')
+    ),
+    'a shipped rule set': Fault(
+        arguments=('-p', 'hazards.rules:=en50423_cz', '-p', 'hazards.voltage:=22.0')
+    ),
+    '200 calls of ~/segment': Fault(during=lambda feeder: feeder.call_often('segment', 200)),
+    'two drivers, the second 2 m lower': Fault(change=copy_scans(0.05, lower, 'second')),
+    'every scan twice': Fault(change=copy_scans(0.005, lambda message: None)),
+    'x and y swapped from half on': Fault(change=each('scan', swap, 10.0)),
+    'stamps a microsecond apart': Fault(change=crowd_stamps),
+    'all scans malformed from half on': Fault(change=each('scan', lengthen_row, 10.0)),
+    'other byte order from half on': Fault(change=each('scan', turn_bytes, 10.0)),
+    'all stamps zero': Fault(change=each('scan', clear_stamp)),
+    'lidar clock 18 s ahead': Fault(change=each('scan', lambda m: shift_stamp(m, 18.0))),
+    'times in microseconds (uint32)': Fault(change=each('scan', count_microseconds)),
+    'odometry at 3 Hz': Fault(change=thin_odometry),
+    'cloud in the frame of the odometry': Fault(change=place_scans),
+    'mount 5 degrees off': Fault(arguments=('-p', 'input.lidar_rpy_deg:=[0.0, 5.0, 0.0]')),
+    'mount 30 degrees off': Fault(arguments=('-p', 'input.lidar_rpy_deg:=[0.0, 30.0, 0.0]')),
+    'lidar clock 0.2 s ahead': Fault(change=each('scan', lambda m: shift_stamp(m, 0.2))),
+    'origin first, then UTM': Fault(change=move_to_utm, offset=UTM),
+    'odometry steps by 0.5 m': Fault(change=step(0.0, 0.4, 0.3), offset=(0.0, 0.4, 0.3)),
+    'odometry steps by 5 m': Fault(change=step(0.0, 5.0, 0.0), offset=(0.0, 5.0, 0.0)),
+    'there and back, no fault': Fault(change=drift_back),
+    'there and back, drift of 5 cm/s': Fault(
+        change=lambda events: drift_back(events, rate=0.05), offset=(0.0, 0.0, 1.0)
+    ),
+    'odometry stands still for 5 s': Fault(change=freeze),
+    'odometry silent for 5 s': Fault(change=drop('odometry', 5.0)),
+    'odometry 1.5 s late': Fault(change=delay('odometry', 3.0)),
+    'frame of the odometry changes': Fault(change=rename_frame('odometry', 'map')),
+    'frame of the lidar changes': Fault(change=rename_frame('scan', 'lidar_top')),
+    'two odometries, 1 m apart': Fault(change=second_odometry),
+    'one pose 1,000 km away': Fault(change=move_poses(
+        lambda time: (1e6, 0.0, 0.0) if HALF < time < HALF + 0.02 else None
+    )),
+    'poses of 1e300 m for 0.3 s': Fault(change=move_poses(
+        lambda time: (1e300, 0.0, 0.0) if HALF < time < HALF + 0.3 else None
+    )),
+    'poses of NaN for 1 s': Fault(change=break_position),
+    'quaternions of the other sign': Fault(change=every(2, 'odometry', negate_turn)),
+    'scans out of order': Fault(change=exchange('scan')),
+    'poses out of order': Fault(change=exchange('odometry')),
+    'one scan in ten 1 h ahead': Fault(
+        change=every(10, 'scan', lambda message: shift_stamp(message, 3600.0))
+    ),
+    'one pose in a thousand 1 h ahead': Fault(
+        change=every(1000, 'odometry', lambda message: shift_stamp(message, 3600.0))
+    ),
+    'all stamps 1 h ahead from half on': Fault(change=shift_all(3600.0)),
+    'all stamps 1 h back from half on': Fault(change=shift_all(-3600.0)),
+    'stamps that are no time, one in ten': Fault(change=every(10, 'scan', spoil_stamp)),
+    'one scan in ten cut': Fault(change=every(10, 'scan', cut)),
+    'one scan in ten not finite': Fault(change=every(10, 'scan', blank)),
+    'one scan in ten empty': Fault(change=every(10, 'scan', empty)),
+    'scans without times': Fault(change=each('scan', forget_times)),
+    'one scan of 2,000,000 points': Fault(change=swell),
+    'damaged messages': Fault(change=garble),
+    'driver away for 3 s': Fault(change=drop('scan', 3.0)),
+    'node stopped for 3 s': Fault(during=lambda feeder: feeder.stop_node(3.0)),
+    'map of 400,000 voxels': Fault(arguments=('-p', 'map.max_voxels:=400000')),
+    'map full at 60,000 voxels': Fault(arguments=('-p', 'map.max_voxels:=60000')),
+}
