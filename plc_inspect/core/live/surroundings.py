@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plc_inspect.core.live.window import Window
+from plc_inspect.core.numerics.arrays import MOST_COORDINATE
 from plc_inspect.core.spans.span_model import POINT_SIGMA
 from plc_inspect.core.tracking.wire_points import thin_points
 from plc_inspect.core.voxel_buffer.cell_index import CellIndex
@@ -84,7 +85,7 @@ class Surroundings:
             Something this far above the lowest place is high, and looked at by ticks [m].
 
         """
-        if not np.isfinite(position).all():
+        if not (np.abs(position) < MOST_COORDINATE).all():
             return False
         low, high = cells.locate(np.array([position[:2] - reach, position[:2] + reach]))
         places = np.stack(

@@ -127,6 +127,7 @@ def test_seen_is_what_the_map_holds_all_about_and_ticks_have_looked_at():
     assert nothing.is_seen(cells, np.array([24.0, 0.0, 20.0]), 15.0, beta)
     assert not nothing.is_seen(cells, np.array([26.0, 0.0, 20.0]), 15.0, beta)
     assert not nothing.is_seen(cells, np.array([np.nan, 0.0, 20.0]), 15.0, beta)
+    assert not nothing.is_seen(cells, np.array([1e300, 0.0, 20.0]), 15.0, beta)
     voxels.insert(np.array([[3.0, 3.0, 9.0]]))  # something stands there
     assert not nothing.is_seen(cells, np.array([0.0, 0.0, 20.0]), 15.0, beta)
     book, place = SurroundingsBook(), cells.locate(np.array([[3.0, 3.0]]))
