@@ -221,11 +221,9 @@ def find_meeting(
     (C,) bool
 
     """
-    if not curves or not others:
-        return np.zeros(len(curves), dtype=np.bool_)
     far = find_far_apart([*curves, *others], 2 * max_reach)[: len(curves), len(curves) :]
     result: Bool = _mark_meeting(
-        pack_curves(curves), pack_curves(others), far, max_reach, most_miss
+        pack_curves(curves), pack_curves(others), np.ascontiguousarray(far), max_reach, most_miss
     )
     return result
 

@@ -33,6 +33,7 @@ from plc_inspect.offline.records.flight import Flight
 from plc_inspect.ros.graph.guard import Guard
 from plc_inspect.ros.graph.qos import DIAGNOSTICS, watched
 from plc_inspect.ros.graph.requests import Requests
+from plc_inspect.ros.node.complaints import Complaints
 from plc_inspect.ros.node.diagnostics import (
     describe_input,
     describe_map,
@@ -41,7 +42,7 @@ from plc_inspect.ros.node.diagnostics import (
     Health,
     sign,
 )
-from plc_inspect.ros.node.intake import Complaints, Intake
+from plc_inspect.ros.node.intake import Intake
 from plc_inspect.ros.node.jobs import (
     Done,
     FinalSave,
@@ -135,11 +136,9 @@ class InspectNode(Node):
         )
         self._intake.on_restart = self._on_map_restart
         scans = self.resolve_topic_name(settings.input.scan_topic)  # counting does not remap
-        source = SourceWatch(lambda: self.count_publishers(scans))
-        self._intake.accepts = source.accepts
-        self._intake.on_pose = KeepOut(
-            self, lambda: (self._state, self.settings), self._stream.tell_nearness
-        ).tell
+        self._intake.accepts = SourceWatch(lambda: self.count_publishers(scans)).accepts
+        keep_out = KeepOut(self, lambda: (self._state, self.settings), self._stream.tell_nearness)
+        self._intake.on_pose = keep_out.tell
         self._submit('start', partial(prepare, settings))
         self._keeper = Keeper(
             settings, self._live_parameters.rules, self._intake, self.get_logger(), self._forget

@@ -37,47 +37,15 @@ from plc_inspect.messages.poses import (
     transforms_from_message,
 )
 from plc_inspect.messages.scans import scan_from_message
-from plc_inspect.printable import make_printable
 from plc_inspect.results import Float64
+from plc_inspect.ros.node.complaints import Complaints
 from plc_inspect.ros.node.diagnostics import Health, LossReporter
 from plc_inspect.ros.node.system_memory import take_memory
 
-THROTTLE = 5.0
-"""The same complaint is logged at most this often [s]."""
-
-
 TOLD = 30.0
 """A step of the odometry is told of in /diagnostics for so long [s]."""
-
 MOST_REFUSED = 0.01
 """Share of the points that a full map may refuse until its gaps could be taken for ends."""
-
-
-class Complaints:
-    """
-    Warnings, the same one not too often.
-
-    Parameters
-    ----------
-    say : callable
-        Takes a line of text.
-
-    """
-
-    def __init__(self, say: Callable[[str], object]) -> None:
-        self._say = say
-        self._last: dict[str, float] = {}
-
-    def complain(self, topic: str, text: str) -> None:
-        """Log a warning unless one of the same topic was logged within THROTTLE."""
-        now = time.monotonic()
-        if now - self._last.get(topic, -THROTTLE) >= THROTTLE:
-            self._last[topic] = now
-            self._say(make_printable(text))
-
-    def forget(self) -> None:
-        """Log the next complaint of every topic."""
-        self._last.clear()
 
 
 class Intake:
