@@ -134,7 +134,7 @@ def test_templates_are_installed(metadata):
     patterns = metadata['package_data']['plc_inspect']
     installed = {path for pattern in patterns for path in package.glob(pattern)}
     templates = {
-        path for folder in ('offline/report/templates', 'monitor/page')
+        path for folder in ('grid/templates', 'offline/report/templates', 'monitor/page')
         for path in (package / folder).rglob('*') if path.is_file()
     }
     assert templates == installed

@@ -166,12 +166,16 @@ def browse(program, tmp_path):
     assert errors == []
 
 
+TOLD_STEP = 0.0055
+"""Half of the centimetres that browsers are told, and rounding [m]."""
+
+
 def agree(shown, published):
     """Whether rows on the page hold the numbers that were published, as far as they show."""
     if {row[0] for row in shown} != set(published):
         return False
     return all(
-        abs(float(text) - value) <= 0.5 * 10.0 ** -len(text.partition('.')[2]) + 0.0015
+        abs(float(text) - value) <= 0.5 * 10.0 ** -len(text.partition('.')[2]) + TOLD_STEP
         for name, *texts in shown for text, value in zip(texts, published[name], strict=True)
     )
 
