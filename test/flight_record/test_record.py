@@ -380,7 +380,7 @@ def test_chunks_before_one_that_is_too_large_count(tmp_path, made, monkeypatch):
                 sizes.append(record.uncompressed_size)
     most = max(sizes[:2])
     number = next(number for number, size in enumerate(sizes) if size > most)
-    assert 1 < number < 6
+    assert number > 1
     monkeypatch.setattr(reader_module, 'MOST_CHUNK', most)
     flight = read_flight(tmp_path)
     assert flight.num_chunks == number

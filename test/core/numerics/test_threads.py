@@ -55,10 +55,16 @@ def test_short_work_stays_in_the_thread_that_asks(threads, monkeypatch):
 
 WAITING = """
 import plc_inspect
-from plc_inspect.core.pipeline import Pipeline
+from plc_inspect.core.numerics.arrays import put
+from numba import njit, prange
 import numpy as np
 
-Pipeline().run(np.random.default_rng(0).random((200_000, 3)) * 50.0)
+@njit(parallel=True)
+def add(values):
+    for k in prange(len(values)):
+        values[k] += k
+
+add(np.zeros(1000))
 """
 
 
