@@ -16,7 +16,10 @@ HERE = Path(__file__).parent
 FIRST = (
     'core/live/test_warm_up.py',
     'test_architecture.py', 'sim', 'core/numerics', 'core/mapping', 'offline/readers', 'messages',
-    'stream', 'test_constants.py', 'test_package.py', 'test_scenes.py', 'bench',
+    'stream', 'test_constants.py', 'test_package.py', 'flight_record', 'tools', 'core/loads',
+    'core/setup', 'core/tracking', 'core/alignment', 'core/extraction', 'core/catenary',
+    'core/hazards', 'core/spans', 'offline/records', 'offline/report', 'offline/export',
+    'test_scenes.py', 'bench',
 )
 LAST = ('ros/test_processes.py', 'monitor/web/test_page.py', 'ros', 'monitor')
 """
