@@ -91,6 +91,7 @@ setup(
             'playwright>=1.40',
             'pyte>=0.8',
             'pytest>=8.0',
+            'pytest-rerunfailures>=14',
             'pytest-xdist>=3.5',
             'ruff>=0.8',
             'types-PyYAML',
