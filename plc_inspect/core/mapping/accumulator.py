@@ -23,7 +23,7 @@ from plc_inspect.core.mapping.frame_watch import FramedPose, FrameWatch
 from plc_inspect.core.mapping.map_entry import MapEntry
 from plc_inspect.core.mapping.placement import Placer, WaitingScan
 from plc_inspect.core.mapping.pose_buffer import Bracket, PoseBuffer, PoseStatus
-from plc_inspect.core.mapping.scan_clock import ScanClock
+from plc_inspect.core.mapping.scan_clock import ScanClock, WaitClock
 from plc_inspect.core.mapping.scan_counters import Counters, DropReason, gather_counters
 from plc_inspect.core.mapping.scan_gate import ScanGate
 from plc_inspect.core.mapping.scan_points import check_points, select_points
@@ -81,7 +81,7 @@ class Accumulator:
         """Keeps the map whole when the odometry is not."""
         self.configure(settings)
         self.map.reserve(RESERVED_VOXELS)
-        self._clock = ScanClock()
+        self._clock, self._waits = ScanClock(), WaitClock()
         self._queue: deque[WaitingScan] = deque()
         self._counts: Counter[str] = Counter()
         self._dropped: Counter[DropReason] = Counter()
@@ -273,7 +273,8 @@ class Accumulator:
         if len(self._queue) == QUEUE_SIZE:
             self._queue.popleft()
             self._dropped[DropReason.QUEUE_FULL] += 1
-        self._queue.append(WaitingScan(stamp_ns, kept, stamps, first, last, now, placed))
+        heard = None if now is None else self._waits.hear(now, self._max_wait)
+        self._queue.append(WaitingScan(stamp_ns, kept, stamps, first, last, heard, placed))
         self._drain()
         self.expire(now)
 
@@ -289,16 +290,17 @@ class Accumulator:
         Parameters
         ----------
         now : float or None
-            Time by the same clock as at arrival [s]; None: nothing is dropped.
+            By the clock of arrival [s]; None: nothing is dropped.
 
         """
         if now is None:
             return
+        heard = self._waits.hear(now, self._max_wait)
         for scan in self._take_waiting():
-            if scan.arrival is not None and now - scan.arrival > self._max_wait:
-                self._dropped[DropReason.WAITED_TOO_LONG] += 1
-            else:
+            if scan.arrival is None or heard - scan.arrival <= self._max_wait:
                 self._queue.append(scan)
+            else:
+                self._dropped[DropReason.WAITED_TOO_LONG] += 1
 
     def finish(self) -> None:
         """End a recording: drop the scans that wait, which no pose will bracket any more."""

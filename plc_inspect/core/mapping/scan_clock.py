@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The period of the scans' stamps, and how many scans are missing."""
+"""The period of the scans' stamps, how many are missing, and how long they have waited."""
 
 from collections import deque
 from statistics import median
@@ -20,6 +20,46 @@ GAP = 1.5
 Steps of more median periods than this are gaps.
 Source: derived: half way between one period and two.
 """
+MOST_ASLEEP = 0.5
+"""
+Share of the longest wait that may go by unheard; what is longer is not counted.
+Source: derived: two calls, and what came in between them, before a scan is dropped.
+"""
+
+
+class WaitClock:
+    """
+    Counts the time in which somebody listened.
+
+    While the process itself stands still, in a compiler or for want of a core, poses lie unread
+    in the middleware; a scan must not be dropped for that.
+    """
+
+    def __init__(self) -> None:
+        self.now = 0.0
+        """Time in which somebody listened [s]."""
+        self._heard: float | None = None
+
+    def hear(self, now: float, longest: float) -> float:
+        """
+        Take the time by another clock [s], and return that of this one [s].
+
+        Parameters
+        ----------
+        now : float
+            A time before that of the last call counts as that.
+        longest : float
+            Longest wait of a scan [s].
+
+        Returns
+        -------
+        float
+
+        """
+        if self._heard is not None:
+            self.now += min(max(now - self._heard, 0.0), MOST_ASLEEP * longest)
+        self._heard = now
+        return self.now
 
 
 class ScanClock:

@@ -146,6 +146,20 @@ def test_waiting_is_bounded_in_time_by_the_clock_that_is_given():
     assert counters.num_scans_inserted == 1
 
 
+def test_time_in_which_nobody_listened_is_not_waited():
+    accumulator = make_accumulator(max_wait=0.5)
+    add_plain_scan(accumulator, 50, now=100.0)
+    accumulator.expire(130.0)
+    add_poses(accumulator, 0, 100, now=130.1)
+    assert accumulator.counters().num_scans_inserted == 1
+    add_plain_scan(accumulator, 150, now=131.0)
+    accumulator.expire(161.0)
+    accumulator.expire(161.2)
+    assert accumulator.counters().num_scans_waiting == 1
+    accumulator.expire(161.4)
+    assert accumulator.counters().scans_dropped == {DropReason.WAITED_TOO_LONG.value: 1}
+
+
 def test_waiting_is_bounded_in_number_and_the_newest_stay():
     accumulator = make_accumulator()
     for i in range(QUEUE_SIZE + 5):
