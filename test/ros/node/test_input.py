@@ -150,7 +150,7 @@ def test_two_drivers_on_one_topic(rig):
         while '2 publishers' not in text:
             text = wait_for(told, 'error')
         assert DropReason.OTHER_DRIVER.value in text
-        assert '/other_driver, /robot' in text
+        wait_for(lambda: '/other_driver, /robot' in told(), 'names of both')
     finally:
         stop.set()
         thread.join(10.0)
