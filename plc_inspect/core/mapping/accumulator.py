@@ -39,19 +39,16 @@ QUEUE_SIZE = 64
 Scans that wait for odometry at most.
 Source: numerical: 3.2 s at 20 Hz, the fastest turn of the Puck Lite.
 """
-
 RESERVED_VOXELS = 8_000_000
 """
 Voxels that room is made for at the start, so that no scan pays for growing.
 Source: derived: the default of map.max_voxels.
 """
-
 MAX_TIME_OFFSET = 1.0
 """
 Largest believable time of a point relative to its scan's stamp [s].
 Source: judgement; not measured.
 """
-
 LEADS = 16
 """Scans of which the median lead over the odometry is taken.  Source: judgement; not measured."""
 
