@@ -5,6 +5,7 @@
 
 from collections import OrderedDict
 from collections.abc import Mapping
+from contextvars import ContextVar
 from dataclasses import dataclass
 import enum
 import hmac
@@ -34,6 +35,20 @@ class Role(enum.Enum):
     VIEW = 'view'
     ACKNOWLEDGE = 'acknowledge'
     """See all, and take note of alarms."""
+
+
+@dataclass(slots=True)
+class Visit:
+    """One request, from the door to its answer."""
+
+    nonce: str
+    """What its answer may run must show it."""
+    role: Role | None = None
+    """What its browser may do; None: nothing."""
+
+
+VISIT: ContextVar[Visit] = ContextVar('visit')
+"""That of the request being answered; set at the door."""
 
 
 @dataclass(frozen=True, slots=True)

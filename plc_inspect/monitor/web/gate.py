@@ -22,7 +22,14 @@ from urllib.parse import unquote, urlsplit
 from aiohttp import web
 
 from plc_inspect.errors import ConfigError
-from plc_inspect.monitor.web.access import NO_TOKENS, Penalties, Role, Tokens
+from plc_inspect.monitor.web.access import (
+    NO_TOKENS,
+    Penalties,
+    Role,
+    Tokens,
+    VISIT,
+    Visit,
+)
 from plc_inspect.monitor.web.site import Site
 from plc_inspect.monitor.web.template import render
 
@@ -164,14 +171,15 @@ class Gate:
     async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         """Let pass what may, and say on each answer what a browser may do with it."""
         self._open[request.protocol] = True
-        request['nonce'] = secrets.token_urlsafe(16)
+        visit = Visit(nonce=secrets.token_urlsafe(16))
+        VISIT.set(visit)
         try:
             response = await self._let_in(request, handler)
         except web.HTTPException as error:
             response = web.Response(status=error.status, text=error.reason)
         if not response.prepared:
             response.headers.update(HEADERS)
-            response.headers['Content-Security-Policy'] = POLICY.format(nonce=request['nonce'])
+            response.headers['Content-Security-Policy'] = POLICY.format(nonce=visit.nonce)
             response.headers['Server'] = 'plc_monitor'
             if self._scheme == 'https':
                 response.headers['Strict-Transport-Security'] = 'max-age=31536000'
@@ -182,12 +190,12 @@ class Gate:
             return web.Response(status=403, text='this page is for its own address')
         if any(part == '..' for part in unquote(request.rel_url.raw_path).split('/')):
             return web.Response(status=404, text='not found')
-        request['role'] = self._find_role(request)
+        role = VISIT.get().role = self._find_role(request)
         logs_in = request.path == '/login' and request.method == 'POST'
-        if request['role'] is None and not logs_in:
+        if role is None and not logs_in:
             wait = self._penalties.wait_of(request.remote or '')
             message = 'Token?' if not wait else 'Wait a little.'
-            return _ask_for_token(request, message)
+            return _ask_for_token(message)
         return await handler(request)
 
     def _is_meant_for_us(self, request: web.Request) -> bool:
@@ -228,7 +236,7 @@ class Gate:
         shown = str((await request.post()).get('token', ''))
         role = self._try_token(request, shown) if shown else None
         if role is None:
-            return _ask_for_token(request, 'Wrong token.' if shown else 'Token?')
+            return _ask_for_token('Wrong token.' if shown else 'Token?')
         response = web.Response(status=303, headers={'Location': '/'})
         response.set_cookie(
             COOKIE, self._secrets[role], path='/', httponly=True, samesite='Strict',
@@ -237,6 +245,6 @@ class Gate:
         return response
 
 
-def _ask_for_token(request: web.Request, message: str) -> web.Response:
-    text = render('door.html', message=message, nonce=request['nonce'])
+def _ask_for_token(message: str) -> web.Response:
+    text = render('door.html', message=message, nonce=VISIT.get().nonce)
     return web.Response(status=401, text=text, content_type='text/html')

@@ -13,7 +13,7 @@ from typing import Any
 from aiohttp import web
 
 from plc_inspect.colors import LOOKS
-from plc_inspect.monitor.web.access import Role
+from plc_inspect.monitor.web.access import Role, VISIT
 from plc_inspect.monitor.web.cells import FAR, NEAR, RAMP
 from plc_inspect.monitor.web.live import Hub
 from plc_inspect.monitor.web.template import list_files, render
@@ -88,7 +88,7 @@ class Site:
 
     async def _show_page(self, request: web.Request) -> web.Response:
         text = render(
-            'index.html', nonce=request['nonce'], looks=LOOKS.values(),
+            'index.html', nonce=VISIT.get().nonce, looks=LOOKS.values(),
             ramp=RAMP, near=NEAR, far=FAR,
             table={name: dataclasses.asdict(look) for name, look in LOOKS.items()},
         )
@@ -111,7 +111,7 @@ class Site:
         await socket.prepare(request)
         await hub.serve(socket, {
             'vehicle': name,
-            'acknowledges': request['role'] is Role.ACKNOWLEDGE and not self._replays,
+            'acknowledges': VISIT.get().role is Role.ACKNOWLEDGE and not self._replays,
         })
         return socket
 
@@ -126,7 +126,7 @@ class Site:
         return web.json_response(found)
 
     async def _acknowledge(self, request: web.Request) -> web.Response:
-        if request['role'] is not Role.ACKNOWLEDGE:
+        if VISIT.get().role is not Role.ACKNOWLEDGE:
             return web.Response(status=403, text='this token is for viewing only')
         try:
             given = await request.json()
@@ -149,7 +149,7 @@ class Site:
         return web.Response(status=204)
 
     async def _steer(self, request: web.Request) -> web.Response:
-        if request['role'] is not Role.ACKNOWLEDGE:
+        if VISIT.get().role is not Role.ACKNOWLEDGE:
             return web.Response(status=403, text='this token is for viewing only')
         try:
             given = await request.json()
