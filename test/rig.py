@@ -162,6 +162,12 @@ class Robot:
         chosen = self._rng.random(len(self._points)) < share
         return self._points[chosen].astype(np.float32)
 
+    def look_at_tree(self, moved=0.0):
+        """Return what a scan sees where a tree stands right below a conductor."""
+        tree = np.random.default_rng(1).normal(moved, 0.5, (800, 3))
+        tree += np.array([-30.0, -6.4, -5.6])
+        return np.concatenate((self.look(), tree.astype(np.float32)))
+
     def send_scan(self, points=None, stamp=None, **options):
         """Send one scan."""
         points = self.look() if points is None else points

@@ -31,8 +31,8 @@ from plc_inspect.stream.frame import (
 )
 from plc_inspect.stream.nearness import NEARNESS, Nearness, pack_nearness, read_nearness
 
-KEYFRAME = 1
-"""Flag of a message that holds everything."""
+KEYFRAME, HELD = 1, 2
+"""Flags of a message that holds everything, and of one whose hazards are held back."""
 MOST_LINES = 16
 """Lines of a support that are named; the number of all of them is told too."""
 _XYZ = [('x', '<i4'), ('y', '<i4'), ('z', '<i4')]
@@ -122,6 +122,8 @@ class Status:
     """Steady time of the node when the distances of ``near`` were measured [s], NaN never."""
     near: tuple[Nearness, ...] = ()
     """How near the vehicle is to each kind of thing."""
+    held: bool = False
+    """Hazards are held back as the map is not sharp: their table is empty, and none cleared."""
     health_uptime: float = math.nan
     """Steady time of the node when the health was taken [s], NaN never."""
     levels: tuple[int, ...] = (0,) * len(STATUSES)
@@ -271,7 +273,7 @@ class SummaryWriter:
         self._texts = told
         body.append(put_rows(pack_nearness(status.near)))
         frame = Frame(
-            kind=SUMMARY, flags=KEYFRAME if keyframe else 0, session=self._session,
+            kind=SUMMARY, flags=KEYFRAME * keyframe | HELD * status.held, session=self._session,
             sequence=self._sequence, uptime=uptime, body=b''.join(body),
         )
         self._sequence += 1
@@ -312,8 +314,8 @@ def read_summary(data: bytes) -> SummaryMessage:
         raise DataError(f'summary with {len(texts)} texts, not {1 + len(STATUSES)}')
     check_curves(rows['spans'])
     return SummaryMessage(
-        frame=frame, status=replace(status, near=near), tables=SummaryTables(**rows),
-        gone=gone, texts=texts,
+        frame=frame, status=replace(status, near=near, held=bool(frame.flags & HELD)),
+        tables=SummaryTables(**rows), gone=gone, texts=texts,
     )
 
 

@@ -63,6 +63,13 @@ def test_what_cannot_be_told_is_bounded():
     assert row['lines'].tolist() == [2] + [-1] * 15
 
 
+@pytest.mark.parametrize('keyframe', [True, False])
+@pytest.mark.parametrize('held', [True, False])
+def test_it_tells_that_hazards_are_held_back(keyframe, held):
+    message = read_summary(Source().summary(1.0, keyframe=keyframe, held=held))
+    assert (message.keyframe, message.status.held) == (keyframe, held)
+
+
 def test_only_what_changed_is_told():
     source = Source()
     source.summary(1.0, keyframe=True)

@@ -16,6 +16,7 @@ export class Tables {
     this.hazards = [];
     this.spans = [];
     this.hazard = this.span = null;
+    this.held = ''; // why hazards are held back
     for (const name of TABS) {
       $(`tab-${name}`).onclick = () => this.open(name);
       $(`tab-${name}`).onkeydown = event => {
@@ -76,7 +77,7 @@ export class Tables {
       make('p', {}, `${item.stretch}, ${item.conductor} `,
         make('button', {type: 'button', 'data-focus': 'profile', onclick: () => { this.open('spans'); this.chooseSpan(item.span, false); }}, 'Profile')),
       make('table', {class: 'pairs'}, make('tbody', {}, ...pairs(item.rows))),
-    ] : [make('p', {}, this.hazards.length ? 'Choose a hazard in the table or in the picture.' : 'No hazard so far.')]));
+    ] : [make('p', {}, this.hazards.length ? 'Choose a hazard in the table or in the picture.' : this.held || 'No hazard so far.')]));
   }
 
   showSpans(items) {
@@ -133,9 +134,14 @@ export class Tables {
   }
 
   showAges(state) {
+    if (this.held !== state.held_back) {
+      this.held = state.held_back;
+      this.showHazard();
+    }
     for (const [id, kind, what] of [['hazards', 'data', count(this.hazards, 'hazard')], ['spans', 'data', count(this.spans, 'span')], ['health', 'health', 'health']]) {
       const line = $(`${id}-age`), old = state.old[kind];
-      line.textContent = `${what}, ${state.age_texts[kind]} old${old ? ': OLD' : ''}`;
+      line.textContent = `${what}, ${state.age_texts[kind]} old${old ? ': OLD' : ''}` +
+        (id === 'hazards' && this.held ? `; HELD BACK, as told last: ${this.held}` : '');
       line.classList.toggle('stale', old);
       $(`panel-${id}`).querySelector('table').classList.toggle('aged', old);
     }

@@ -40,9 +40,10 @@ def list_causes(
 ) -> dict[str, Cause]:
     """Return what raises alarms now, by key."""
     stretches = {item.key: name_stretch(item, supports) for item in spans}
+    held = '; held back, as told last' if status.held else ''
     causes = {
         f'hazard {item.hazard_id}': Cause(
-            text=_describe_hazard(item, stretches), place=item.position,
+            text=_describe_hazard(item, stretches) + held, place=item.position,
             hazard_id=item.hazard_id,
         )
         for item in hazards if item.severity >= Severity.CRITICAL

@@ -59,6 +59,8 @@ def judge(picture: Picture, name: str = 'the node') -> Condition:
     if found is not None:
         return found
     if has_landed(picture):
+        if picture.held:
+            return Condition('critical', f'landed: {picture.held_back}')
         return Condition('notice', 'landed: the results stand, nothing new comes in')
     found = _judge_input(picture)
     if found is not None:
@@ -67,6 +69,8 @@ def judge(picture: Picture, name: str = 'the node') -> Condition:
         for title, own, text in zip(STATUSES, picture.levels, picture.texts, strict=False):
             if own == level:
                 return Condition(tone, f'{title}: {text or "the node is in error"}')
+        if picture.held:  # the node's health may tell of it a second later
+            return Condition('critical', f'map: {picture.held_back}')
     return _judge_results(picture)
 
 

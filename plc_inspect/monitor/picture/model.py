@@ -18,24 +18,22 @@ from plc_inspect.monitor.picture.admission import Admission, Judgement, Verdict
 from plc_inspect.monitor.picture.alarms import Alarm, AlarmBook, Cause
 from plc_inspect.monitor.picture.causes import find_height, list_causes
 from plc_inspect.monitor.picture.cloud_store import CloudStore
+from plc_inspect.monitor.picture.hazard_news import list_news
 from plc_inspect.monitor.picture.node_clock import NodeClock
 from plc_inspect.monitor.picture.picture import (
     Ages,
     Counts,
-    describe_hazard,
     Event,
     HazardItem,
     Link,
     make_hazard,
     make_span,
     make_support,
-    name_severity,
     Picture,
     Place,
     SpanItem,
     SupportItem,
 )
-from plc_inspect.results import Severity
 from plc_inspect.stream.blocks import read_cloud
 from plc_inspect.stream.frame import SUMMARY
 from plc_inspect.stream.summary import (
@@ -233,7 +231,7 @@ class Monitor:
             ),
             counts=replace(self._counts, kbps=kbps), frame_id=self._texts[0],
             stamp_ns=status.stamp_ns, spans=spans, supports=supports, hazards=hazards,
-            vehicle=status.vehicle, heading=status.heading,
+            held=status.held, vehicle=status.vehicle, heading=status.heading,
             height=find_height(status.vehicle, self.cloud, spans, supports), flown=self._flown,
             stood=now - self._moved, near=status.near,
             track=tuple(self._track), levels=status.levels,
@@ -273,7 +271,7 @@ class Monitor:
             self._wishes.setdefault('summary', now if taken_over else now + 1.0)
 
     def _apply(self, message: SummaryMessage, now: float) -> None:
-        before = {item.hazard_id: item for item in self._items[2]}
+        before = self._items[2]
         for name, rows in self._rows.items():
             if message.keyframe:
                 rows.clear()
@@ -287,7 +285,10 @@ class Monitor:
             self._texts = message.texts
         self._complete |= message.keyframe
         self._rebuild()
-        self._tell_hazards(before, now)
+        for level, text in list_news(
+            before, self._items[2], was_held=old.held, held=self._status.held
+        ):
+            self._tell(now, level, text)
         self.alarms.update(self._list_causes(), now)
         self._tell_health(old, now)
         place = message.status.vehicle
@@ -315,7 +316,9 @@ class Monitor:
             self._tell(now, 1, 'the newest messages of the corridor were lost: asked for anew')
 
     def _rebuild(self) -> None:
-        hazards = [make_hazard(row) for row in self._rows['hazards'].values()]
+        hazards = list(map(make_hazard, self._rows['hazards'].values()))
+        if self._status.held:  # what the node holds back is not gone
+            hazards = list(self._items[2])
         worst: dict[tuple[int, int], int] = {}
         for item in hazards:
             key = item.line_id, item.span_id
@@ -331,17 +334,6 @@ class Monitor:
             tuple(sorted(hazards, key=lambda item: (-item.severity, item.clearance,
                                                     item.hazard_id))),
         )
-
-    def _tell_hazards(self, before: dict[int, HazardItem], now: float) -> None:
-        for item in self._items[2]:
-            old = before.pop(item.hazard_id, None)
-            if old is not None and old.severity == item.severity:
-                continue
-            critical = item.severity >= Severity.CRITICAL
-            word = 'new' if old is None else f'was {name_severity(old.severity)}, is'
-            self._tell(now, 2 if critical else 0, f'{word} {describe_hazard(item)}')
-        for item in sorted(before.values(), key=lambda item: item.hazard_id):
-            self._tell(now, 0, f'hazard {item.hazard_id} cleared')
 
     def _tell_health(self, old: Status, now: float) -> None:
         new = self._status

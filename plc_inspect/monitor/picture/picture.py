@@ -15,7 +15,14 @@ from plc_inspect.core.live.proximity import Level
 from plc_inspect.monitor.picture.alarms import Alarm
 from plc_inspect.results import catenary_heights, Float64, HazardKind, Severity
 from plc_inspect.stream.nearness import Nearness
-from plc_inspect.stream.summary import FINISHED, metres, OPEN_END, OPEN_START, SUPPORT_KINDS
+from plc_inspect.stream.summary import (
+    FINISHED,
+    metres,
+    OPEN_END,
+    OPEN_START,
+    STATUSES,
+    SUPPORT_KINDS,
+)
 
 Place = tuple[float, float, float]
 
@@ -208,7 +215,9 @@ class Picture:
     """Worst first, then by line and span."""
     supports: tuple[SupportItem, ...]
     hazards: tuple[HazardItem, ...]
-    """Worst first, nearest to the conductor first."""
+    """Worst first, nearest to the conductor first; as last told where they are held back."""
+    held: bool
+    """The node holds hazards back."""
     vehicle: Place | None
     heading: float
     """Direction of the vehicle's x axis in plan, from x towards y [rad], NaN unknown."""
@@ -246,6 +255,14 @@ class Picture:
              for level, text in zip(self.levels, self.texts, strict=False) if level >= ERROR), '',
         )
 
+    @property
+    def held_back(self) -> str:
+        """Why the node holds hazards back; '' where it does not."""
+        if not self.held:
+            return ''
+        place = STATUSES.index('map')
+        told = self.texts[place] if self.levels[place] >= ERROR else ''
+        return told or 'map is not sharp; hazards are held back'
 
     def count_severities(self) -> dict[str, int]:
         """Return how many hazards and things near the vehicle are critical, and warnings."""

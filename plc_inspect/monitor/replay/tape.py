@@ -21,6 +21,7 @@ from plc_inspect.offline.records.results_reader import (
     parse_span,
     parse_units,
     read_points,
+    read_run,
     read_table,
     understanding,
 )
@@ -136,10 +137,13 @@ def _read_folder(folder: Path) -> Tape:
                 height=(row['height'] or 0.0) * units.vertical,
             ) for row in supports['supports']
         ]
+    held = str(read_run(folder).get('held_back', ''))
     las, points = read_points(folder, 'clearance')
     points = units.to_metres(points)
     shift = _find_shift([span.start for span, _ in own] or list(points[:1]))
-    note = f'positions from {shift[0]:.0f} {shift[1]:.0f}' if shift.any() else ''
+    note = '; '.join(filter(None, (
+        f'positions from {shift[0]:.0f} {shift[1]:.0f}' if shift.any() else '', held,
+    )))
     own = [(
         replace(span, start=span.start - shift, end=span.end - shift, lowest=span.lowest - shift),
         finished,
@@ -151,8 +155,10 @@ def _read_folder(folder: Path) -> Tape:
     clearance = (np.asarray(las['clearance'], np.float64) * units.horizontal).astype(np.float32)
     writer = SummaryWriter(0)
     summary = writer.write(
-        make_tables(own, standing, raised), Status(stamp_ns=1, tick_uptime=0.0, health_uptime=0.0),
-        (frame, '', '', ''), 0.0, keyframe=True,
+        make_tables(own, standing, raised),
+        Status(stamp_ns=1, tick_uptime=0.0, health_uptime=0.0, held=bool(held),
+               levels=(0, 2 if held else 0, 0)),
+        (frame, '', held, ''), 0.0, keyframe=True,
     )
     clouds = tuple(
         Entry(time=0.0, kind='cloud', data=data)

@@ -10,6 +10,7 @@ from typing import Any
 
 from plc_inspect.monitor.picture.condition import judge
 from plc_inspect.monitor.picture.picture import name_severity, Picture
+from plc_inspect.stream.summary import STATUSES
 
 
 def make_snapshot(picture: Picture) -> dict[str, Any]:
@@ -39,7 +40,7 @@ def make_snapshot(picture: Picture) -> dict[str, Any]:
         'status': [
             {'name': name, 'level': level, 'text': text}
             for name, level, text in zip(
-                ('input', 'map', 'segmentation'), picture.levels, picture.texts, strict=True
+                STATUSES, picture.levels, picture.texts, strict=True
             )
         ],
         'health': _clean(dict(picture.health)),
@@ -58,6 +59,7 @@ def make_snapshot(picture: Picture) -> dict[str, Any]:
              'acknowledged': _ago(picture, item.acknowledged)}
             for item in (*picture.alarms, *picture.past_alarms)
         ],
+        'held_back': picture.held_back,
         'hazards': [
             _clean(dataclasses.asdict(item)) | {'severity': item.severity_name}
             for item in picture.hazards

@@ -147,8 +147,9 @@ def _draw_alarm(picture: Picture) -> Text:
         return Text(f'{len(picture.alarms)} alarms cleared that nobody acknowledged (on the page '
                     'of --web): the newest was ' + picture.alarms[0].cause.text,
                     no_wrap=True, overflow='ellipsis', style=FILLS['warning'])
+    held = ' held back, as told last' if picture.held else ''
     return Text(f'{counts["critical"]} critical, {counts["warning"]} warnings, '
-                f'{len(picture.hazards)} hazards, {len(picture.spans)} spans')
+                f'{len(picture.hazards)} hazards{held}, {len(picture.spans)} spans')
 
 
 def _draw_health(picture: Picture, width: int) -> RenderableType:
@@ -196,7 +197,9 @@ def _draw_hazards(picture: Picture, height: int, width: int) -> RenderableType:
     for item in picture.hazards[:shown]:
         table.add_row(*_hazard_cells(item)[:len(table.columns)],
                       style=COLORS[item.severity_name])
-    title = f'hazards: {len(picture.hazards)}'
+    title = f'hazards: {len(picture.hazards)}' + (
+        ' held back, as told last' if picture.held else ''
+    )
     if shown < len(picture.hazards):
         title += f', {shown} shown'
     return Panel(table, title=_title(title, picture.ages.data),

@@ -129,7 +129,7 @@ def _make_state(picture: Picture, condition: Condition, name: str) -> dict[str, 
     return {
         'time': round(picture.time, 2), 'node': name,
         'tone': condition.tone, 'text': condition.text, 'link': picture.link.value,
-        'counts': picture.count_severities(),
+        'counts': picture.count_severities(), 'held_back': picture.held_back,
         'ages': {
             'link': _round(ages.link, 1), 'data': _round(ages.data, 1),
             'vehicle': _round(ages.vehicle, 1), 'near': _round(ages.near, 1),

@@ -20,6 +20,7 @@ from plc_inspect.core.setup.sharpness import Sharpness
 from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
 from plc_inspect.flight_record.recording import Condition
 from plc_inspect.ros.graph.transport import ADVICE
+from plc_inspect.ros.results.teller import count_found
 
 SILENCE = 2.0
 """Scans or odometry that pause longer are reported [s]."""
@@ -263,10 +264,9 @@ def describe_segmentation(
         'busy': busy,
     }
     if state is not None:
-        lines = len({item.span.line_id for item in state.confirmed})
-        text = f'{lines} lines, {len(state.confirmed)} spans, {len(state.hazards)} hazards'
+        text = count_found(state)
         values |= {
-            'lines': lines,
+            'lines': len({item.span.line_id for item in state.confirmed}),
             'spans': len(state.confirmed),
             'supports': len(state.supports),
             'hazards': len(state.hazards),

@@ -49,7 +49,13 @@ class Teller:
 
 
 def summarize(state: LiveState) -> str:
-    """Return a state in one line."""
-    lines = {item.span.line_id for item in state.confirmed}
-    text = f'{len(lines)} lines, {len(state.confirmed)} spans, {len(state.hazards)} hazards'
+    """Return a state in one line, and why hazards are held back where they are."""
+    text = count_found(state)
     return f'{text}; {state.sharpness.describe()}' if state.sharpness.poor else text
+
+
+def count_found(state: LiveState) -> str:
+    """Return how much of what is known; hazards that are held back have no number."""
+    lines = {item.span.line_id for item in state.confirmed}
+    hazards = 'hazards held back' if state.sharpness.poor else f'{len(state.hazards)} hazards'
+    return f'{len(lines)} lines, {len(state.confirmed)} spans, {hazards}'

@@ -75,6 +75,8 @@ class News:
     frame_id: str
     stamp_ns: int
     """Stamp of the newest scan that is in [ns]."""
+    held: bool
+    """Hazards are held back."""
 
 
 def make_news(state: LiveState, frame_id: str, stamp_ns: int, settings: StreamSettings) -> News:
@@ -106,7 +108,7 @@ def make_news(state: LiveState, frame_id: str, stamp_ns: int, settings: StreamSe
     spans = [(item.span, item.finished) for item in state.confirmed]
     return News(
         tables=make_tables(spans, state.supports, state.hazards), cells=cells,
-        frame_id=frame_id, stamp_ns=stamp_ns,
+        frame_id=frame_id, stamp_ns=stamp_ns, held=state.sharpness.poor,
     )
 
 
@@ -197,7 +199,9 @@ class Stream:
         self._texts[0] = news.frame_id or self._texts[0]
         stamp_ns = 0 if self._blank else news.stamp_ns
         self._blank = False
-        self._status = replace(self._status, stamp_ns=stamp_ns, tick_uptime=now)
+        self._status = replace(
+            self._status, stamp_ns=stamp_ns, tick_uptime=now, held=news.held
+        )
         if news.cells is not None:
             self._map.update(news.cells, self._intake.told_vehicle, now)
         self._tell(now)

@@ -56,6 +56,9 @@ def test_it_is_good_where_all_is_well():
      {'levels': (0, 2, 0), 'texts': (*TEXTS[:2], 'walls are seen twice', TEXTS[3])}),
     ('warning', 'segmentation: last error: x',
      {'levels': (0, 0, 1), 'texts': (*TEXTS[:3], 'last error: x')}),
+    ('critical', 'map: map is not sharp; hazards are held back', {'held': True}),
+    ('critical', 'map: walls are seen twice',
+     {'held': True, 'levels': (1, 2, 0), 'texts': (*TEXTS[:2], 'walls are seen twice', '')}),
     ('notice', 'scans at 10.0 Hz and poses come in; sharpness of the map not known yet',
      {'health': {'sharpness': math.nan}}),
     ('notice', 'scans and poses come in; no result yet', {'tick_uptime': math.nan}),
@@ -81,8 +84,10 @@ def test_part_of_a_picture_is_not_good():
     assert judge(monitor.look(100.1)).text.startswith('incomplete')
 
 
-@pytest.mark.parametrize(('height', 'landed'), [(1.0, True), (9.0, False)])
-def test_it_has_landed_when_it_flew_and_stands_low(height, landed):
+@pytest.mark.parametrize(('height', 'held', 'landed'), [
+    (1.0, False, True), (1.0, True, True), (9.0, False, False),
+])
+def test_it_has_landed_when_it_flew_and_stands_low(height, held, landed):
     monitor, source = Monitor(), Source()
     tables = make_rows(6, 0)
     tables.spans['ground_clearance'] = 7000  # that is how the ground is known
@@ -95,9 +100,11 @@ def test_it_has_landed_when_it_flew_and_stands_low(height, landed):
     assert not judge(monitor.look(111.0)).text.startswith('landed')
     for k in range(12, 12 + int(LANDED_TIME) + 3):
         monitor.take_summary(source.summary(
-            1.0 + k, health=GOOD, vehicle=(60.0, 2.0, ground + height)
+            1.0 + k, health=GOOD, vehicle=(60.0, 2.0, ground + height), held=held
         ), 100.0 + k)
-    assert judge(monitor.look(101.0 + k)).text.startswith('landed') == landed
+    condition = judge(monitor.look(101.0 + k))
+    assert condition.text.startswith('landed') == landed
+    assert ('held back' in condition.text) == (condition.tone == 'critical') == held
 
 
 def test_who_never_flew_has_not_landed():

@@ -5,7 +5,7 @@
 
 import numpy as np
 import pytest
-from stream_pieces import make_rows, NO_TABLES, Source
+from stream_pieces import make_rows, NO_TABLES, Source, TEXTS
 
 from plc_inspect.monitor.picture.model import LATE, LOST, Monitor, PATIENCE
 from plc_inspect.monitor.picture.node_clock import NodeClock
@@ -217,6 +217,46 @@ def test_critical_hazards_are_alarms_until_cleared_and_seen(monitor, source):
     monitor.acknowledge(numbers, 'Anna', 147.0)
     assert list_alarms(147.0) == [(0, 'acknowledged')]
     assert {item.cause.hazard_id for item in monitor.look(147.0).past_alarms} == {1, 3}
+
+
+def test_hazards_that_are_held_back_are_not_cleared(monitor, source):
+    shown = monitor.look(100.5).hazards
+    rows = make_rows(6, 0)
+    for uptime, keyframe in ((6.0, False), (7.0, True), (8.0, False)):
+        monitor.take_summary(
+            source.summary(uptime, keyframe=keyframe, tables=rows, held=True), 95.0 + uptime
+        )
+        picture = monitor.look(95.0 + uptime)
+        assert picture.hazards == shown
+        assert picture.held_back == 'map is not sharp; hazards are held back'
+        (alarm,) = picture.alarms
+        assert (alarm.state, alarm.stands) == ('new', True)
+        assert alarm.cause.text.endswith('; held back, as told last')
+        assert picture.spans[0].severity == 3
+    assert len([text for text in tell(picture) if text.startswith('hazards are held')]) == 1
+    assert not [text for text in tell(picture) if 'cleared' in text]
+    monitor.take_summary(source.summary(9.0, levels=(0, 2, 0), held=True), 104.0)
+    assert monitor.look(104.0).held_back == TEXTS[2]  # as the node's health has it
+    before = len(monitor.look(104.0).events)
+    monitor.take_summary(source.summary(10.0, tables=make_rows(6, 2)), 105.0)
+    picture = monitor.look(105.0)
+    assert tell(picture)[before:] == [
+        'hazards are told again', 'hazard 2 cleared', 'map: good again',
+    ]
+    assert picture.held_back == ''
+    assert [item.hazard_id for item in picture.hazards] == [0, 1]
+    assert 'held back' not in picture.alarms[0].cause.text
+
+
+def test_who_comes_while_hazards_are_held_back_is_told():
+    monitor = Monitor()
+    monitor.take_summary(
+        Source().summary(5.0, keyframe=True, tables=make_rows(6, 0), held=True), 100.0
+    )
+    picture = monitor.look(100.0)
+    assert picture.hazards == ()
+    assert picture.held_back
+    assert tell(picture)[-1] == 'hazards are held back: they are shown as they were told last'
 
 
 def test_health_and_time_that_jumps_are_told(monitor, source):

@@ -146,6 +146,19 @@ def test_a_results_folder_is_shown(tmp_path, origin):
     assert make_replay(parts['state'], replay)['clock'] is None
 
 
+def test_a_results_folder_says_why_hazards_are_held_back(tmp_path):
+    inspection = make_inspection()
+    why = 'map is not sharp: check mount, frames, time; hazards are held back'
+    write_results(tmp_path / 'out', dataclasses.replace(
+        inspection, counts={**inspection.counts, 'held_back': why},
+        result=dataclasses.replace(inspection.result, hazards=()),
+    ))
+    tape = read_tape(tmp_path / 'out')
+    assert tape.note == why
+    picture = Replay(tape).look()
+    assert (picture.hazards, picture.held_back) == ((), why)
+
+
 def test_what_is_no_record_is_told(tmp_path, capsys):
     other = tmp_path / 'text.mcap'
     other.write_text('no record')

@@ -325,6 +325,22 @@ def test_alarms_are_seen_acknowledged_and_cleared(station, browse):
     assert len(desk.run(ALARMS)) == 1
 
 
+def test_hazards_that_are_held_back_are_shown_so(station, browse):
+    desk = browse(station.page.address, 1280, 800, token='token to be shown')
+    age = "document.querySelector('#hazards-age').textContent"
+    desk.wait(f'{ALARMS}.length == 1')
+    desk.wait(f"{age}.startsWith('3 hazards') && !{age}.includes('HELD')")
+    station.status, station.tables = {'held': True}, make_rows(6, 0)
+    desk.wait(f"{age}.includes('HELD BACK, as told last: map is not sharp')")
+    assert desk.run(age).startswith('3 hazards')
+    assert [state for state, _ in desk.run(ALARMS)] == ['new']
+    assert 'held back, as told last' in desk.run("document.querySelector('#alarms').textContent")
+    assert desk.run(TONE) == 'critical'
+    station.status = {}
+    desk.wait(f"{age}.startsWith('0 hazards') && !{age}.includes('HELD')")
+    desk.wait(f"{ALARMS}.some(([state]) => state == 'cleared')")
+
+
 def test_the_picture_is_steered_by_pointer_and_keyboard(station, browse):
     desk = browse(station.page.address, 1280, 800, token='token to be shown')
     hazard = station.monitor.look(time.monotonic()).hazards[1]

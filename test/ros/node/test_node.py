@@ -132,10 +132,8 @@ def test_proximity_follows_the_poses(found):
 
 
 def test_hazard_has_a_life(found):
-    tree = np.random.default_rng(1).normal(0, 0.5, (800, 3))
-    tree = (tree + np.array([-30.0, -6.4, -5.6])).astype(np.float32)
     for _ in range(4):
-        found.feed(2, points=np.concatenate((found.robot.look(), tree)))
+        found.feed(2, points=found.robot.look_at_tree())
         assert found.call('segment').success
     rows = wait_for(lambda: found.rows('hazards') if len(found.rows('hazards')) else None,
                     'hazard')
@@ -145,7 +143,7 @@ def test_hazard_has_a_life(found):
     assert near['clearance'].min() < 1.5
     assert (near['severity'] >= 2).all()
     before = set(near['id'])
-    found.feed(2, points=np.concatenate((found.robot.look(), tree + np.float32(0.05))))
+    found.feed(2, points=found.robot.look_at_tree(0.05))
     found.call('segment')
     rows = found.rows('hazards')
     assert before <= set(rows['id'])

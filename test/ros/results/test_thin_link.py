@@ -15,6 +15,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import UInt8MultiArray
 
 from plc_inspect.core.live.proximity import Level
+from plc_inspect.core.setup.sharpness import Spread
 from plc_inspect.monitor.picture.causes import name_thing
 from plc_inspect.monitor.picture.model import Monitor
 from plc_inspect.monitor.picture.picture import Link
@@ -93,6 +94,30 @@ def late(found):
     late = Late(found)
     yield late
     late.close()
+
+
+def test_hazards_that_are_held_back_stay_on_view(found, late):
+    for _ in range(4):
+        found.feed(2, points=found.robot.look_at_tree())
+        assert found.call('segment').success
+    late.wait(lambda p: p.complete and p.alarms, 'alarm of a hazard')
+    shown, alarms = late.look().hazards, late.look().alarms
+    assert not late.look().held_back
+    spreads = found.node._session._book._spreads
+    spreads.append(Spread(1, np.full(50, 0.2**2), np.zeros(0), np.full(50, 0.02**2)))
+    found.feed(2)
+    answer = found.call('segment')
+    assert '6 spans, hazards held back; map is not sharp' in answer.message
+    late.wait(lambda p: p.held, 'word of it')
+    late.wait(lambda p: 'sharpness 0.' in p.held_back, 'reason')
+    assert '6 spans, hazards held back' in late.look().texts[2]
+    assert late.look().hazards == shown
+    assert [item.number for item in late.look().alarms] == [item.number for item in alarms]
+    assert not [event for event in late.look().events if event.text.startswith('hazard 0 ')]
+    spreads.clear()
+    found.feed(2)
+    assert found.call('segment').success
+    late.wait(lambda p: not p.held and p.hazards, 'hazards again')
 
 
 def test_who_comes_late_has_everything_soon(found, late):

@@ -1,0 +1,47 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What became of hazards from one message to the next, in lines."""
+
+from collections.abc import Iterator, Sequence
+
+from plc_inspect.monitor.picture.picture import describe_hazard, HazardItem, name_severity
+from plc_inspect.results import Severity
+
+
+def list_news(
+    before: Sequence[HazardItem], hazards: Sequence[HazardItem], *, was_held: bool, held: bool
+) -> Iterator[tuple[int, str]]:
+    """
+    Yield what is new about hazards.
+
+    Parameters
+    ----------
+    before, hazards : sequence of HazardItem
+        Those that were shown, and those that are.
+    was_held, held : bool
+        Whether the node held them back, and whether it does.
+
+    Yields
+    ------
+    level : int
+        As of ``Event``.
+    text : str
+        One line.
+
+    """
+    if held != was_held:
+        yield int(held), (
+            'hazards are held back: they are shown as they were told last' if held else
+            'hazards are told again'
+        )
+    old = {item.hazard_id: item for item in before}
+    for item in hazards:
+        known = old.pop(item.hazard_id, None)
+        if known is not None and known.severity == item.severity:
+            continue
+        critical = item.severity >= Severity.CRITICAL
+        word = 'new' if known is None else f'was {name_severity(known.severity)}, is'
+        yield 2 if critical else 0, f'{word} {describe_hazard(item)}'
+    for number in sorted(old):
+        yield 0, f'hazard {number} cleared'
