@@ -197,13 +197,21 @@ def fly(fault: Fault, events: list[Event], rate: float, root: Path, room: Path) 
         process.kill()
         process.wait()
     found = [*room.glob('out/spans.json'), *room.glob('home/plc_inspect/*/spans.json')]
-    last = [line for line in log.read_text().splitlines() if 'saved' in line or NODE in line]
+    lines = _name_places(log.read_text(), room).splitlines()
+    last = [line for line in lines if 'saved' in line or NODE in line]
     told = [text for text in said if 'no scan and no odometry' not in text]  # before, and after
     texts = sorted(told, key=lambda text: -said[text])[:2]
-    if 'saved to' not in (last or [''])[-1] or 'home' in (last or [''])[-1]:
-        texts.append((last or log.read_text().splitlines() or ['nothing'])[-1][-150:])
+    if 'saved to' not in (last or [''])[-1] or 'ROS_HOME' in (last or [''])[-1]:
+        texts.append((last or lines or ['nothing'])[-1][-150:])
     return [str(found[0].parent) if found else '', f'exit {code}',
-            '; '.join([*([note] if note else []), *texts]).replace(str(room), '')]
+            _name_places('; '.join([*([note] if note else []), *texts]), room)]
+
+
+def _name_places(text: str, room: Path) -> str:
+    """Name folders by what they are for: a page holds no path of the machine that wrote it."""
+    for name, place in (('OUT', 'out'), ('ROS_HOME', 'home')):
+        text = text.replace(str(room / place), name)
+    return text
 
 
 def _send(feeder: Feeder, events: list[Event], fault: Fault, rate: float) -> str:
