@@ -98,21 +98,14 @@ def issue(
         Who signs.
     name : str
         Common name; of an SROS2 enclave its path.
-    days : int
-        How long it holds [d].
     hosts : sequence of str
         Names and addresses of a server, empty for one that browsers never see.
-    now : datetime or None
-        With its time zone; None for the present.
+    days, now
+        As for ``make_authority``, with the same error.
 
     Returns
     -------
     Credential
-
-    Raises
-    ------
-    ConfigError
-        The days are not from 1 to 3650.
 
     """
     key = ec.generate_private_key(ec.SECP256R1())

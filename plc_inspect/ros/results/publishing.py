@@ -48,14 +48,8 @@ def make_bundle(
 
     Parameters
     ----------
-    state : LiveState
-        What is known.
-    frame_id : str
-        Frame of the odometry.
-    stamp_ns : int
-        Stamp of the newest scan that is in [ns].
-    stream : StreamSettings
-        How the corridor is thinned.
+    state, frame_id, stamp_ns, stream
+        As for ``make_news``.
 
     Returns
     -------
