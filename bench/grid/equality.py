@@ -32,16 +32,8 @@ from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.grid.cells.sources import read_sources
 from plc_inspect.grid.engine import OwnProcess
 from plc_inspect.grid.ledger import Ledger
-from plc_inspect.grid.results import write_grid
-from plc_inspect.grid.run import (
-    cut_sources,
-    GridOptions,
-    GridRun,
-    inspect_tiles,
-    know_whole,
-    plan_tiles,
-    renumber,
-)
+from plc_inspect.grid.run import GridOptions, GridRun, renumber
+from plc_inspect.grid.survey_grid import inspect_sources
 from plc_inspect.offline.readers.clouds import read_cloud
 
 SCENES = ('high_voltage', 'medium_voltage', 'low_voltage', 'angle', 'double_circuit', 'crossing')
@@ -112,10 +104,8 @@ def run_grid(path: Path, options: GridOptions, memory: float) -> tuple[Found, in
         )
         sources, _ = read_sources([path])
         sources = renumber(sources, ledger.number_sources([str(path)]))
-        cut = cut_sources(run, sources)
-        jobs = plan_tiles(run, cut)
-        answers = inspect_tiles(run, cut, jobs, know_whole(run, cut, jobs))
-        joined = write_grid(run, sources, (), cut, jobs, answers).joined
+        summary, jobs = inspect_sources(run, sources)
+        joined = summary.joined
         if run.failures:
             raise SystemExit(f'failed: {run.failures[0]}')
         tables = []

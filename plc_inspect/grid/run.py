@@ -3,7 +3,7 @@
 
 """The run over a grid: cut, know the whole, inspect tile by tile, join, write."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 import json
 import math
@@ -15,7 +15,7 @@ import numpy as np
 
 from plc_inspect import __version__
 from plc_inspect.config import Settings
-from plc_inspect.core.cloud_frame import CloudFrame, derive_frame
+from plc_inspect.core.cloud_frame import CloudFrame, derive_frame, sum_moments
 from plc_inspect.core.corridor import choose_step
 from plc_inspect.core.extraction.stray_points import lay_stray_grid, StrayGrid
 from plc_inspect.core.hazards.clearance_rules import RuleSet
@@ -29,7 +29,6 @@ from plc_inspect.grid.cells.layout import (
     count_allowed,
     lay_cells,
     lay_tiles,
-    Tile,
 )
 from plc_inspect.grid.cells.sources import Source
 from plc_inspect.grid.engine import Engine, Outcome, Task
@@ -298,8 +297,6 @@ def know_whole(run: GridRun, cut: CutGrid, jobs: Sequence[TileJob]) -> Whole:
 
 
 def _derive_without_strays(jobs: Sequence[TileJob], cut: CutGrid) -> CloudFrame:
-    from plc_inspect.core.cloud_frame import sum_moments
-
     moments = np.zeros_like(cut.moments)
     for job in jobs:
         moments += sum_moments(job.read(0.0).points, cut.reference)
@@ -380,9 +377,3 @@ def renumber(sources: Sequence[Source], numbers: dict[str, int]) -> list[Source]
     """Return the inputs with the numbers of the ledger, in their order."""
     own = [replace(source, number=numbers[source.path]) for source in sources]
     return sorted(own, key=lambda source: source.number)
-
-
-def list_tiles(jobs: Sequence[TileJob]) -> Iterator[Tile]:
-    """Yield the tiles of jobs."""
-    for job in jobs:
-        yield job.tile

@@ -31,6 +31,7 @@ from plc_inspect.grid.run import (
     Tell,
     WORK,
 )
+from plc_inspect.grid.tiles.tile_job import TileJob
 from plc_inspect.printable import make_one_line
 
 LOG = 'progress.log'
@@ -132,12 +133,41 @@ def survey_grid(
         numbers = ledger.number_sources([str(path) for path in paths])
         for refusal in refusals:
             ledger.describe_source(refusal.path, error=refusal.error)
-        cut = cut_sources(run, renumber(sources, numbers))
-        jobs = plan_tiles(run, cut)
-        tell(f'memory: {estimate_memory(jobs) / 1e9:.1f} GB for the largest of', 0, len(jobs), 0)
-        whole = know_whole(run, cut, jobs)
-        answers = inspect_tiles(run, cut, jobs, whole)
-        return write_grid(run, renumber(sources, numbers), refusals, cut, jobs, answers)
+        return inspect_sources(run, renumber(sources, numbers), refusals)[0]
+
+
+def inspect_sources(
+    run: GridRun, sources: Sequence[Source], refusals: Sequence[Refusal] = ()
+) -> tuple[GridSummary, list[TileJob]]:
+    """
+    Cut inputs, inspect their tiles, and join what was found in them.
+
+    Parameters
+    ----------
+    run : GridRun
+        What is asked for.
+    sources : sequence of Source
+        With their numbers in the ledger.
+    refusals : sequence of Refusal
+        Inputs that cannot be used.
+
+    Returns
+    -------
+    summary : GridSummary
+    jobs : list of TileJob
+        The tiles.
+
+    Raises
+    ------
+    DataError
+        None of the inputs can be read, or memory is too small.
+
+    """
+    cut = cut_sources(run, sources)
+    jobs = plan_tiles(run, cut)
+    run.tell(f'memory: {estimate_memory(jobs) / 1e9:.1f} GB for the largest of', 0, len(jobs), 0)
+    answers = inspect_tiles(run, cut, jobs, know_whole(run, cut, jobs))
+    return write_grid(run, sources, refusals, cut, jobs, answers), jobs
 
 
 def check_together(sources: Sequence[Source], refusals: Sequence[Refusal]) -> None:

@@ -13,16 +13,8 @@ from plc_inspect.config import Settings
 from plc_inspect.grid.cells.sources import read_sources
 from plc_inspect.grid.engine import OwnProcess
 from plc_inspect.grid.ledger import Ledger
-from plc_inspect.grid.results import write_grid
-from plc_inspect.grid.run import (
-    cut_sources,
-    GridOptions,
-    GridRun,
-    inspect_tiles,
-    know_whole,
-    plan_tiles,
-    renumber,
-)
+from plc_inspect.grid.run import GridOptions, GridRun, renumber
+from plc_inspect.grid.survey_grid import inspect_sources
 
 ORIGIN = np.array([500_000.0, 5_700_000.0, 40.0])
 SUPPORTS = np.array([(0.0, 0.0), (95.0, 0.0), (190.0, 4.0), (280.0, 30.0), (365.0, 60.0)])
@@ -80,9 +72,4 @@ def inspect(folder, paths, told=None, **options):
     with Ledger(folder, __version__) as ledger:
         run = open_run(folder, ledger, told=told, **options)
         numbers = ledger.number_sources([source.path for source in sources])
-        own = renumber(sources, numbers)
-        cut = cut_sources(run, own)
-        jobs = plan_tiles(run, cut)
-        whole = know_whole(run, cut, jobs)
-        answers = inspect_tiles(run, cut, jobs, whole)
-        return write_grid(run, own, refusals, cut, jobs, answers), jobs
+        return inspect_sources(run, renumber(sources, numbers), refusals)

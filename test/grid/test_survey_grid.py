@@ -99,7 +99,9 @@ def test_the_folder_holds_tables_layers_and_a_page(cloud, tmp_path):
     # nothing is done again, and one input that changed is
     told.clear()
     inspect(folder, [first, second], told, halo=130.0, edge=60.0)
-    assert all(done == total for _, done, total, _ in told)
+    assert all(
+        done == total for step, done, total, _ in told if not step.startswith('memory')
+    )
     moved = points[1::2][:-40]
     write_las(second, moved, 'EPSG:25832')
     told.clear()
