@@ -115,10 +115,6 @@ class DaskEngine:
         self.memory = memory or (least if least > 0 else measure_available())
         self.address = str(client.dashboard_link or '')
 
-    def count_workers(self) -> int:
-        """Return how many workers there are now."""
-        return len(self._client.scheduler_info(n_workers=-1)['workers'])
-
     def run(self, tasks: Iterable[Task]) -> Iterator[Outcome]:
         """Run tasks, a few more at a time than there are workers."""
         from distributed import as_completed

@@ -57,10 +57,7 @@ def cluster(tmp_path_factory):
 def test_a_killed_worker_loses_nothing(cluster, tmp_path):
     named, workers = cluster
     with open_engine(2, str(named), MEMORY) as engine:
-        deadline = time.monotonic() + DEADLINE
-        while engine.count_workers() < 2 and time.monotonic() < deadline:
-            time.sleep(0.05)
-        assert engine.count_workers() == 2
+        engine._client.wait_for_workers(2, DEADLINE)  # raises where they do not come
 
         def kill():
             until = time.monotonic() + DEADLINE

@@ -125,7 +125,6 @@ class _Stats:
         self._reference, self._strays = reference, strays
         self._moments = np.zeros(11)
         self._stray_counts: np.ndarray | None = None
-        self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
         self._cells: dict[int, list[float]] = {}
         self.num_lost, self.num_outside = 0, 0
 

@@ -25,8 +25,6 @@ from plc_inspect.whole_files import replace_file
 
 ORIGINAL = 'original_classification'
 """Extra dimension: the class that a point had."""
-LEAST_SCALE = 1e-4
-"""Of the coordinates, where the inputs have none [units of the input]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -144,13 +144,8 @@ class Recording:
         }
 
     @property
-    def pose_topic(self) -> str:
-        """Topic that poses come from, with the leading slash."""
-        return TF_TOPIC if self.pose_type in TF_TYPES else self._poses
-
-    @property
     def pose_name(self) -> str:
-        """The same as it was given, which may be relative."""
+        """Topic that poses come from as it was given, which may be relative."""
         return TF_TOPIC if self.pose_type in TF_TYPES else self._pose_name
 
     @property

@@ -59,13 +59,6 @@ class Cloud:
     note: str = ''
     """What was assumed of the coordinates, '' where they are known."""
 
-    def to_file_units(self, points: Float64) -> Float64:
-        """Return (N, 3) points in metres as coordinates of the file."""
-        horizontal, vertical = self.metres_per_unit
-        if horizontal == vertical == 1.0:
-            return points
-        return points / np.array([horizontal, horizontal, vertical])
-
 
 def read_cloud(
     path: Path | str, crs: str | None = None, unit: float | None = None
