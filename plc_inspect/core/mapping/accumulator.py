@@ -66,10 +66,12 @@ class Accumulator:
     ----------
     settings : Settings
         ``input`` and ``map`` are used.
+    recorded : bool
+        Times of arrival are those of a recording.
 
     """
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: Settings, *, recorded: bool = False) -> None:
         self.poses = PoseBuffer(settings.input)
         self.entry = MapEntry(settings.map)
         self.placer = Placer(settings.input)
@@ -78,7 +80,7 @@ class Accumulator:
         """Keeps the map whole when the odometry is not."""
         self.configure(settings)
         self.map.reserve(RESERVED_VOXELS)
-        self._clock, self._waits = ScanClock(), WaitClock()
+        self._clock, self._waits = ScanClock(), WaitClock(recorded=recorded)
         self._queue: deque[WaitingScan] = deque()
         self._counts: Counter[str] = Counter()
         self._dropped: Counter[DropReason] = Counter()

@@ -33,9 +33,16 @@ class WaitClock:
 
     While the process itself stands still, in a compiler or for want of a core, poses lie unread
     in the middleware; a scan must not be dropped for that.
+
+    Parameters
+    ----------
+    recorded : bool
+        The other clock is a recording's: all of its time counts, as nobody was asleep.
+
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, recorded: bool = False) -> None:
+        self._recorded = recorded
         self.now = 0.0
         """Time in which somebody listened [s]."""
         self._heard: float | None = None
@@ -57,7 +64,8 @@ class WaitClock:
 
         """
         if self._heard is not None:
-            self.now += min(max(now - self._heard, 0.0), MOST_ASLEEP * longest)
+            passed = max(now - self._heard, 0.0)
+            self.now += passed if self._recorded else min(passed, MOST_ASLEEP * longest)
         self._heard = now
         return self.now
 

@@ -51,7 +51,7 @@ def accumulate(
 
     """
     room = dataclasses.replace(settings.map, max_voxels=MOST_VOXELS)
-    accumulator = Accumulator(dataclasses.replace(settings, map=room))
+    accumulator = Accumulator(dataclasses.replace(settings, map=room), recorded=True)
     for item in recording.fixed_transforms:
         accumulator.placer.add_frame(item)
     for message in recording:
