@@ -33,7 +33,7 @@ _HEAD = """\
 
 All numbers at the top of the modules of `plc_inspect/core/`, with the source of their values. What
 a user may change is a setting, see [settings.md](settings.md); these are not. Values stand as in
-the code. Where the last column is empty, the source has not been written down yet.
+the code.
 
 This page is made by `make settings`, which runs `python tools/make_constants.py`.
 """
@@ -107,7 +107,6 @@ def render_page(constants: Sequence[Constant]) -> str:
     count = Counter(item.kind for item in constants)
     lines = [_HEAD, '| source | constants | meaning |', '| --- | --- | --- |']
     lines += [f'| {kind} | {count[kind]} | {meaning} |' for kind, meaning in KINDS.items()]
-    lines += [f'| | {count[""]} | not written down yet |'] if count[''] else []
     package = module = ''
     for item in constants:
         own = item.module.rpartition('/')[0] or 'core'

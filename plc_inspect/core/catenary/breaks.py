@@ -18,28 +18,42 @@ import numpy as np
 from plc_inspect.results import Float64
 
 CELL = 0.5
-"""Breaks lie between cells of this length [m]."""
+"""
+Breaks lie between cells of this length [m].
+Source: judgement; not measured: `_settle` and `_crossing` find the place within a cell.
+"""
 MIN_SIDE = 5.0
-"""Least extent of a piece [m]."""
+"""Least extent of a piece [m].  Source: judgement; not measured."""
 MIN_SIDE_POINTS = 6
+"""Points of a piece, at least.  Source: derived: its five parameters, and one more."""
 MIN_KINK = 0.012
 """
-Smallest change of slope that counts as a kink, on top of four times its own deviation: two spans
-of 10 m at a catenary constant of 800 m.
+Smallest change of slope that counts as a kink, on top of four times its own deviation.
+Source: derived: two spans of 10 m at a catenary constant of 800 m.
 """
 MERGE_COST = 20.0
 """
-Neighbours are merged where the squared error grows by at most this many variances of the noise;
-by the five parameters that are saved it grows by 5 on average, by 20 in one case of 800.
+Neighbours are merged where the squared error grows by at most this many variances of the noise.
+Source: derived: by the five parameters that are saved it grows by 5 on average, by 20 in one case
+of 800.
 """
 MAX_MISFIT = 0.05
 """
-One piece that misses the points by more (rms) is two, whatever its kink [m]: half the least
-tolerance of a curve, beyond which it loses points.
+One piece that misses the points by more (rms) is two, whatever its kink [m].
+Source: derived: half the least tolerance of a curve, beyond which it loses points.
 """
 NUM_SWEEPS = 2
-"""How often the places of all breaks are looked for anew between their neighbours."""
+"""
+How often the places of all breaks are looked for anew between their neighbours.
+Source: judgement; not measured.
+"""
 SUMS = 12
+"""Sums of a cell, as `_solve` names them.  Source: numerical: what a parabola and a line take."""
+ALIKE = 1e-12
+"""
+Parabolas whose curvatures differ by less meet as lines do [1/m].
+Source: numerical: rounding of the coefficients.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -227,7 +241,7 @@ def _settle(before, bounds):  # type: ignore[no-untyped-def]
 def _crossing(left, right, near):  # type: ignore[no-untyped-def]
     """Where the two parabolas meet within a cell of ``near``; ``near`` if they do not."""
     d0, d1, d2 = right[0] - left[0], right[1] - left[1], right[2] - left[2]
-    if abs(d2) > 1e-12:
+    if abs(d2) > ALIKE:
         inside = d1 * d1 - 4.0 * d2 * d0
         if inside < 0.0:
             return near

@@ -17,9 +17,17 @@ from plc_inspect.errors import FitError
 from plc_inspect.results import Float64
 
 BUNDLE_SHARE = 0.75
-"""Tolerance of a bundle's curve as a share of the greatest width of a bundle."""
+"""
+Tolerance of a bundle's curve as a share of the greatest width of a bundle.
+Source: judgement; not measured.
+"""
 WIDENINGS = 3
 """Times that a curve is fitted to the points about it, which moves it.  Source: judgement."""
+TURNED = 0.05
+"""
+Greatest sine of the angle between two curves of one bundle: 3 degrees.
+Source: judgement; not measured.
+"""
 
 
 def merge_bundles(
@@ -95,7 +103,7 @@ def _merge_pair(
 ) -> Curve | None:
     if max(first.length, second.length) < settings.bundle_length:
         return None
-    if abs(math.sin(first.azimuth - second.azimuth)) > 0.05:
+    if abs(math.sin(first.azimuth - second.azimuth)) > TURNED:
         return None
     dx, dy = second.origin - first.origin
     side = dy * math.cos(first.azimuth) - dx * math.sin(first.azimuth)

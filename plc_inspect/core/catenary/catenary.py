@@ -17,6 +17,8 @@ from plc_inspect.results import Float64
 FloatOrArray = TypeVar('FloatOrArray', float, Float64)
 NO_DRAWS: Float64 = np.empty((0, 3))
 """All points start as inliers."""
+LEAST_CHORD = 1e-9
+"""A shorter span has no sag [m].  Source: numerical: its chord has no slope."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -146,7 +148,7 @@ def _sag(middle, shape, start, end):  # type: ignore[no-untyped-def]
     """Greatest vertical distance from chord to curve: where the slope is that of the chord."""
     g, k = shape[1], shape[2]
     t0, t1 = start - middle, end - middle
-    if abs(t1 - t0) < 1e-9:
+    if abs(t1 - t0) < LEAST_CHORD:
         return 0.0
     base = math.asinh(g)
     first = math.cosh(k * t0 + base) / k

@@ -39,8 +39,20 @@ from plc_inspect.errors import FitError
 from plc_inspect.results import Bool, Float64
 
 BRIDGE_SLACK = 0.15
-"""Miss of a continuation that is allowed beyond three times its uncertainty [m]."""
+"""
+Miss of a continuation that is allowed beyond three times its uncertainty [m].
+Source: judgement; not measured.
+"""
 MAX_MISS = 0.8
+"""
+Miss of a continuation, at most, however uncertain it is [m].
+Source: judgement; not measured.
+"""
+LEAST_FIT = 0.8
+"""
+Share of the points of each of two parts that must lie on the curve through both.
+Source: judgement; not measured.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -220,7 +232,7 @@ def join(
     for part in (first, second):
         x, y = union.local(points[part.points])
         miss = np.maximum(np.abs(y), np.abs(points[part.points, 2] - union.fit.height(x)))
-        if (miss <= tolerance).mean() < 0.8:
+        if (miss <= tolerance).mean() < LEAST_FIT:
             return None
     error = math.hypot(union.fit.rmse, union.lateral_rmse)
     own = max(math.hypot(part.fit.rmse, part.lateral_rmse) for part in (first, second))

@@ -38,7 +38,10 @@ from plc_inspect.errors import FitError
 from plc_inspect.results import Bool, Float64, Int64
 
 MAX_POINTS = 2000
-"""Points that a fit needs while conductors are looked for."""
+"""
+Points that a fit takes at most while conductors are looked for.
+Source: numerical: time alone; their noise is less than a millimetre in the curve's height.
+"""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)  # without slots, as the row is kept once made

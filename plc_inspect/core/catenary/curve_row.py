@@ -11,22 +11,28 @@ import numpy as np
 from plc_inspect.core.catenary.solver import (
     height_at,
     LEAST_EXTENT,
+    LEAST_POINTS,
     slope_at,
     solve_catenary,
 )
 from plc_inspect.core.numerics.arrays import put
 from plc_inspect.results import Float64
 
-MIN_TOLERANCE = 0.1
-MAX_TOLERANCE = 0.35
-"""Bounds of the residual of an inlier, when it is derived from the noise [m]."""
+MIN_TOLERANCE, MAX_TOLERANCE = 0.1, 0.35
+"""
+Bounds of the residual of an inlier, when it is derived from the noise [m].
+Source: judgement; not measured.
+"""
 ROUNDING = 1e-6
 """
 Margin at ends that are themselves places of points [m].
 Source: numerical: rounding must not decide whether they are within.
 """
 NUM_PLANES = 4
-"""Rounds of fitting the plane and choosing the points near it."""
+"""
+Rounds of fitting the plane and choosing the points near it.
+Source: judgement; not measured.
+"""
 ORIGIN_X, ORIGIN_Y, COS, SIN, MIDDLE, HEIGHT, SLOPE, CURVATURE, LOW, HIGH = range(10)
 """
 Columns of a row: the plan origin [m], the direction of x, where the catenary is expanded [m],
@@ -37,6 +43,12 @@ TOLERANCE, NUM_POINTS, COVARIANCE, ROW = 17, 18, 19, 28
 """
 Further ones, as the fields of Curve.  NUM_POINTS are all points on the curve, 0 where there is
 none; the covariance of height, slope and curvature takes nine; ROW is the length of a row.
+Source: numerical: the layout of a row.
+"""
+LEAST_SPREAD = 1e-9
+"""
+Sum of squares along a plane below which points have no direction [m2].
+Source: numerical: rounding of their coordinates.
 """
 
 
@@ -54,9 +66,9 @@ def describe_misfit(row: Float64, num: int, num_plane: int, num_curve: int) -> s
     """
     if row[NUM_POINTS]:
         return ''
-    if num < 4:
-        return f'a conductor needs 4 points, got {num}'
-    if num_plane < 4:
+    if num < LEAST_POINTS:
+        return f'a conductor needs {LEAST_POINTS} points, got {num}'
+    if num_plane < LEAST_POINTS:
         return f'{num_plane} of {num} points lie in a vertical plane'
     if row[HIGH] - row[LOW] < LEAST_EXTENT:
         return f'a catenary cannot be fitted to points within {row[HIGH] - row[LOW]:.1e} m'
@@ -106,11 +118,11 @@ def fit_row(  # type: ignore[no-untyped-def]
     row = np.zeros(ROW)
     stride = max(-(-len(chosen) // max_points), 1)
     chosen = chosen[::stride].copy()
-    if len(chosen) < 4:
+    if len(chosen) < LEAST_POINTS:
         return row, chosen[:0], stride, 0
     ox, oy, azimuth, x, y, z, keep = _find_plane(points, chosen, tolerance, wanted)
     num_plane = keep.sum()
-    if num_plane < 4:
+    if num_plane < LEAST_POINTS:
         return row, chosen[:0], stride, num_plane
     if num_plane < len(chosen):
         chosen, x, y, z = chosen[keep], x[keep], y[keep], z[keep]
@@ -120,7 +132,7 @@ def fit_row(  # type: ignore[no-untyped-def]
     middle, shape, covariance, rmse, inlier, converged = solve_catenary(x, z, vertical, draws)
     own = chosen[inlier]
     num = len(own)
-    if num < 4:
+    if num < LEAST_POINTS:
         return row, own, stride, num_plane
     low, high, mean, square = np.inf, -np.inf, 0.0, 0.0
     for k in range(len(x)):
@@ -140,7 +152,7 @@ def fit_row(  # type: ignore[no-untyped-def]
     put(shape, row[HEIGHT:])
     row[LOW], row[HIGH], row[AZIMUTH], row[RMSE], row[LATERAL_RMSE] = low, high, azimuth, rmse, rms
     row[OFFSET_SIGMA], row[TURN_SIGMA] = noise / math.sqrt(num), noise / math.sqrt(
-        max(spread, 1e-9)
+        max(spread, LEAST_SPREAD)
     )
     row[MEAN_X], row[CONVERGED], row[TOLERANCE] = mean, converged, tolerance
     row[NUM_POINTS] = num * stride
@@ -249,7 +261,7 @@ def _find_plane(points, chosen, tolerance, wanted):  # type: ignore[no-untyped-d
                 count += 1
                 mx += x[k]
                 my += y[k]
-        if step == NUM_PLANES or count < 4:
+        if step == NUM_PLANES or count < LEAST_POINTS:
             break
         mx /= count
         my /= count
@@ -258,7 +270,7 @@ def _find_plane(points, chosen, tolerance, wanted):  # type: ignore[no-untyped-d
             if keep[k]:
                 spread += (x[k] - mx) * (x[k] - mx)
                 product += (x[k] - mx) * (y[k] - my)
-        slope = product / spread if spread > 1e-9 else 0.0
+        slope = product / spread if spread > LEAST_SPREAD else 0.0
         offset = my - slope * mx
         sx -= offset * sa
         sy += offset * ca

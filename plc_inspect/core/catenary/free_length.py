@@ -35,31 +35,53 @@ from plc_inspect.core.numerics.plan_index import gather_strip, PlanIndex
 from plc_inspect.results import Bool, Float64
 
 STEP = 1.0
-"""Length of the parts that are weighed [m]."""
+"""Length of the parts that are weighed [m].  Source: by definition: evidence counts metres."""
 CORE_SIGMAS = 3.5
-"""Radius of the core in standard deviations of the points across the curve; 99.8 % lie in it."""
+"""
+Radius of the core in standard deviations of the points across the curve.
+Source: derived: 99.8 % of them lie in it.
+"""
 LEAST_CORE = 0.06
-"""Radius of the core, at least [m]: three standard deviations of the best ranges, 2 cm."""
+"""
+Radius of the core, at least [m].
+Source: derived: three standard deviations of the best ranges, 2 cm.
+"""
 RING = (0.3, 1.0)
 """
-Inner and outer radius of the wide ring [m]; chosen on real clouds with and without wires: nearer,
-the mixed returns about a conductor count against it, farther, the ground and crowns below it.
+Inner and outer radius of the wide ring [m].
+Source: judgement; on real clouds with and without wires: nearer, the mixed returns about a
+conductor count against it, farther, the ground and crowns below it.
 """
 RING_RATIO = 1.5
-"""The wide ring begins at this many radii of the core, at least."""
+"""
+The wide ring begins at this many radii of the core, at least.
+Source: judgement; not measured.
+"""
 CLOSE_RING = (1.3, 2.2)
-"""Radii of the close ring in those of the core: what touches the conductor."""
+"""
+Radii of the close ring in those of the core: what touches the conductor.
+Source: judgement; not measured.
+"""
 CORE_SHARE = 0.9
-"""Share of the points about a conductor that lie in its core; mixed returns are the rest."""
+"""
+Share of the points about a conductor that lie in its core; mixed returns are the rest.
+Source: judgement; not measured.
+"""
 NATS = 2.0
-"""Logarithm of the likelihood ratio that makes a clean metre: one in seven by chance."""
+"""
+Logarithm of the likelihood ratio that makes a clean metre.
+Source: judgement; not measured: one metre in seven is clean by chance.
+"""
 DROP = 1.5
 """
 Points this far below a curve are no part of what it could lie on [m].
 Source: a roof's eaves, a truss and a pipe rack are less high than this.
 """
 RAYLEIGH_MEDIAN = 1.1774
-"""Median distance from the axis in standard deviations, of points that scatter both ways."""
+"""
+Median distance from the axis in standard deviations, of points that scatter both ways.
+Source: derived: the square root of 2 ln 2.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

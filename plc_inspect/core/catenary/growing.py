@@ -42,16 +42,23 @@ from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.results import Bool, Float32, Float64, Int64
 
 CROWD_LENGTH = 4.0
-"""Length of the parts of a curve that are crowded or not [m]."""
+"""Length of the parts of a curve that are crowded or not [m].  Source: judgement; not measured."""
 FOLLOW_SHARE = 0.6
-"""A conductor is followed where the shell holds at most this share of the points on it."""
+"""
+A conductor is followed where the shell holds at most this share of the points on it.
+Source: judgement; not measured.
+"""
 COMPANY_RADIUS = 0.8
-"""Distance at which other things keep a curve company [m]."""
+"""Distance at which other things keep a curve company [m].  Source: judgement; not measured."""
 MAX_ROUNDS = 8
+"""Times that a curve grows at its ends, at most.  Source: numerical: a bound of time."""
 NUM_REACHES = 13
-"""Reaches beyond an end that are tried, from none to ``max_step``."""
+"""
+Reaches beyond an end that are tried, from none to ``max_step``.
+Source: numerical: a bound of time.
+"""
 STEP = 1.0
-"""Length of a bin [m]."""
+"""Length of a bin [m].  Source: judgement; not measured."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -38,9 +38,15 @@ from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.results import Bool, Float64, Int64
 
 ALONG = 0.3
-"""A conductor beside runs along this share of a curve, at least."""
+"""
+A conductor beside runs along this share of a curve, at least.
+Source: judgement; not measured.
+"""
 LEAST_COMMON = 8
-"""Metres that two curves run side by side before they can be tied."""
+"""
+Metres that two curves run side by side before they can be tied.
+Source: judgement; not measured.
+"""
 SIDE = 3.0
 """
 Distance within which a piece runs beside a conductor [m].
@@ -60,13 +66,25 @@ Source: the jib of a crane 0.42 to 0.88; wires beside crowns, with others that w
 between them, 0.11 at most.
 """
 TIE_PARTS = 6
-"""Parts of the way from one curve to the other, less TIE_MARGIN at both ends."""
+"""
+Parts of the way from one curve to the other, less TIE_MARGIN at both ends.
+Source: judgement; not measured.
+"""
 TIE_WIDTH = 0.15
-"""Distance from the plane through two curves of what ties them [m]."""
+"""
+Distance from the plane through two curves of what ties them [m].
+Source: judgement; not measured.
+"""
 TIE_MARGIN = 0.2
-"""At this share of the way from one curve to the other, and on, points lie between them."""
+"""
+At this share of the way from one curve to the other, and on, points lie between them.
+Source: judgement; not measured.
+"""
 PARALLEL = 0.1
-"""Greatest sine of the angle between curves that run beside each other: 6 degrees."""
+"""
+Greatest sine of the angle between curves that run beside each other: 6 degrees.
+Source: judgement; not measured.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

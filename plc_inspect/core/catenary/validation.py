@@ -35,7 +35,10 @@ A free metre of the close ring stands for so many of the wide one, where both ar
 Source: judgement; with few points a metre the close ring tells half as much as the wide one.
 """
 STRAIGHT_CLUTTER = 0.5
-"""Share of ``max_clutter`` of its length that may be cluttered where a curve is straight."""
+"""
+Share of ``max_clutter`` of its length that may be cluttered where a curve is straight.
+Source: judgement; not measured.
+"""
 UNTIDY_RATIO = 4.0 / 3.0
 """A thick curve alone may have this many times ``max_crowding``.  Source: judgement."""
 UNSEEN_RATIO = 3.0
