@@ -145,7 +145,11 @@ def find_joints(curves: Sequence[Curve], max_reach: float) -> tuple[Joint, ...]:
         keys = {(first, side), (second, other_side)}
         if not keys & used:
             used |= keys
-            chosen.append(_describe(curves, (first, second), (side, other_side), values[k]))
+            x, other_x, miss, kink, cost = values[k].tolist()
+            chosen.append(describe_joint(
+                curves, (first, second), (side, other_side), (x, other_x),
+                kink=kink, miss=miss, cost=cost,
+            ))
     return tuple(chosen)
 
 
@@ -176,14 +180,25 @@ def _pair_ends(rows: Float64, max_reach: float) -> Int64:
     return np.stack([curve[one], side[one], curve[other], side[other]], axis=1)
 
 
-def _describe(
-    curves: Sequence[Curve],
-    numbers: tuple[int, int],
-    sides: tuple[int, int],
-    values: Float64,
+def describe_joint(
+    curves: Sequence[Curve], numbers: tuple[int, int], sides: tuple[int, int],
+    x: tuple[float, float], *, kink: float, miss: float, cost: float,
 ) -> Joint:
-    """Return the joint of two ends from x of both, their distance, the kink and the cost."""
-    x, other_x, miss, rise, cost = values.tolist()
+    """
+    Return the joint of two ends.
+
+    Parameters
+    ----------
+    curves : sequence of Curve
+        All curves.
+    numbers, sides, x, kink, miss, cost
+        The two among them, and the others as of ``Joint``.
+
+    Returns
+    -------
+    Joint
+
+    """
     first, second = (curves[number] for number in numbers)
     axis = [
         sides[1] * turn(second.azimuth) - sides[0] * turn(first.azimuth)
@@ -192,10 +207,10 @@ def _describe(
     return Joint(
         curves=numbers,
         sides=sides,
-        x=(x, other_x),
-        position=(first.position(x)[0] + second.position(other_x)[0]) / 2,
+        x=x,
+        position=(first.position(x[0])[0] + second.position(x[1])[0]) / 2,
         direction=math.atan2(axis[1], axis[0]),
-        kink=rise,
+        kink=kink,
         miss=miss,
         cost=cost,
     )
@@ -230,6 +245,7 @@ def find_meeting(
 
 @njit(cache=True, nogil=True, error_model='numpy')
 def _mark_meeting(rows, others, far, max_reach, most_miss):  # type: ignore[no-untyped-def]
+    """Tell which rows meet another, by any of their ends."""
     result = np.zeros(len(rows), dtype=np.bool_)
     pair, both = np.array([[0, 0, 1, 0]]), np.empty((2, rows.shape[1]))
     for k in range(len(rows)):
@@ -263,9 +279,11 @@ def _meet_all(rows, pairs, max_reach):  # type: ignore[no-untyped-def]
         )
         if miss > 2 * MAX_MISS:
             continue
+        # what the extrapolation is unsure of may be missed more
         slack = SURE_SIGMAS * max(sigma_of(first, x), sigma_of(second, other_x))
         if miss > MAX_MISS + min(slack, MAX_MISS):
             continue
+        # how both curves rise to where they meet, and how far that is from their ends
         rise = side * slope_of(first, x) + other_side * slope_of(second, other_x)
         beyond = (x - (first[HIGH] if side > 0 else first[LOW])) * side
         other_beyond = (other_x - (second[HIGH] if other_side > 0 else second[LOW])) * other_side
@@ -302,6 +320,7 @@ def _approach(row, other, side, other_side, reach, other_reach):  # type: ignore
     other_back = min(MAX_OVERLAP, (other[HIGH] - other[LOW]) / 2)
     best_x, best_other_x, best = end, other_end, np.inf
     for fine in range(2):
+        # along all of the end in coarse steps, then about the best of them in fine ones
         if fine == 0:
             first, step = end - side * back, COARSE_STEP * side
             num = math.ceil((reach + back) / COARSE_STEP)
@@ -315,6 +334,7 @@ def _approach(row, other, side, other_side, reach, other_reach):  # type: ignore
             x = first + k * step
             px, py = row[ORIGIN_X] + row[COS] * x, row[ORIGIN_Y] + row[SIN] * x
             other_x, across = to_local(other, px, py)
+            # the distance across alone is never more than that in space
             beyond = (other_x - other_end) * other_side
             if not -other_back < beyond < other_reach or abs(across) >= best:
                 continue

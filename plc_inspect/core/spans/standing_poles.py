@@ -25,7 +25,7 @@ from plc_inspect.core.extraction.height import ground_at
 from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.core.numerics.plan_index import gather_strip
 from plc_inspect.core.numerics.threads import call_each
-from plc_inspect.core.spans.joints import Joint, MAX_MISS, MAX_TURN
+from plc_inspect.core.spans.joints import describe_joint, Joint, MAX_MISS, MAX_TURN
 from plc_inspect.core.spans.structures import (
     COLUMN,
     FILLED,
@@ -262,17 +262,12 @@ def _face(curves: Sequence[Curve], first: _PoleEnd, second: _PoleEnd) -> bool:
 def _join(
     curves: Sequence[Curve], first: _PoleEnd, second: _PoleEnd, miss: float
 ) -> Joint:
-    curve, other = curves[first.number], curves[second.number]
-    rise = first.side * float(curve.fit.slope(first.x))
-    rise += second.side * float(other.fit.slope(second.x))
-    axis = [
-        second.side * turn(other.azimuth) - first.side * turn(curve.azimuth)
-        for turn in (math.cos, math.sin)
-    ]
-    return Joint(
-        curves=(first.number, second.number), sides=(first.side, second.side),
-        x=(first.x, second.x), position=(first.place + second.place) / 2,
-        direction=math.atan2(axis[1], axis[0]), kink=rise, miss=miss, cost=miss,
+    rise = sum(
+        end.side * float(curves[end.number].fit.slope(end.x)) for end in (first, second)
+    )
+    return describe_joint(
+        curves, (first.number, second.number), (first.side, second.side), (first.x, second.x),
+        kink=rise, miss=miss, cost=miss,
     )
 
 
@@ -322,6 +317,9 @@ def _mark_columns(  # type: ignore[no-untyped-def]
             row[ORIGIN_X] + row[COS] * low, row[ORIGIN_Y] + row[SIN] * low,
             row[ORIGIN_X] + row[COS] * high, row[ORIGIN_Y] + row[SIN] * high, BESIDE + COLUMN,
         )
+
+        # for each cell along and across: which metres above ground hold points, as bits, how many
+        # points, and how many metres a pole that reaches the curve must fill
         num = 2 * (int((high - low) / (2 * CELL)) + 1)
         levels = np.zeros((num + 1, across + 1), dtype=np.int64)
         counts = np.zeros((num + 1, across + 1), dtype=np.int64)
@@ -341,6 +339,8 @@ def _mark_columns(  # type: ignore[no-untyped-def]
                 side = int((y + BESIDE + COLUMN) / CELL)
                 levels[place, side] |= 1 << level
                 counts[place, side] += 1
+
+        # four cells that fill their metres, and hold more than what lies about them
         mark = np.zeros(num // 2, dtype=np.bool_)
         for place in range(num):
             for side in range(across):
@@ -349,7 +349,7 @@ def _mark_columns(  # type: ignore[no-untyped-def]
                     | levels[place, side + 1] | levels[place + 1, side + 1]
                 )
                 filled = 0
-                while both:
+                while both:  # count the bits
                     both &= both - 1
                     filled += 1
                 if filled > 0 and filled >= FILLED * needed[place]:
