@@ -57,6 +57,13 @@ NUM_REACHES = 13
 Reaches beyond an end that are tried, from none to ``max_step``.
 Source: numerical: a bound of time.
 """
+LEAST_KEPT = 0.9
+"""
+A curve that holds a smaller share of its points, or of its length, than before has not grown.
+Source: judgement; not measured.
+"""
+LEAST_GROWTH = 1.0
+"""A curve that grew by less is done [m].  Source: by definition: one bin."""
 STEP = 1.0
 """Length of a bin [m].  Source: judgement; not measured."""
 
@@ -253,11 +260,13 @@ def _extend(points, grid, row, max_step):  # type: ignore[no-untyped-def]
     nothing, no_draws = np.zeros(0, dtype=np.bool_), np.empty((0, 3))
     allowed = math.ceil(max_step / STEP)
     for _ in range(MAX_ROUNDS):
+        # bins along the curve and as far beyond as it is known
         reach = _sure_reach(row, max_step)
         first = row[LOW] - reach
         core, shell, chosen, _ = profile_row(
             points, grid, row, first, row[HIGH] + reach, STEP, nothing
         )
+        # from both ends over good bins, and over short gaps
         good = (core > 0) & (shell <= FOLLOW_SHARE * core)
         own_low = int(reach / STEP)
         own_high = int((row[HIGH] - first) / STEP)
@@ -265,6 +274,7 @@ def _extend(points, grid, row, max_step):  # type: ignore[no-untyped-def]
         beyond = _walk(good[min(own_high, len(good) - 1) :], allowed)
         low = first + (own_low - before) * STEP
         high = first + (own_high + beyond + 1) * STEP
+        # fit it anew to all points between
         num = 0
         for i in chosen:
             x, _ = to_local(row, points[i, 0], points[i, 1])
@@ -278,11 +288,11 @@ def _extend(points, grid, row, max_step):  # type: ignore[no-untyped-def]
         if not is_curve(grown):
             break
         length, was = grown[HIGH] - grown[LOW], row[HIGH] - row[LOW]
-        if grown[NUM_POINTS] < 0.9 * row[NUM_POINTS] or length < 0.9 * was:
+        if grown[NUM_POINTS] < LEAST_KEPT * row[NUM_POINTS] or length < LEAST_KEPT * was:
             break
         put(grown, row)
         own, stride = kept, step
-        if length < was + 1.0:
+        if length < was + LEAST_GROWTH:
             break
     return own, stride
 
@@ -327,6 +337,7 @@ def profile_row(points, grid, row, low, high, step, ignore):  # type: ignore[no-
         row[ORIGIN_X] + row[COS] * low, row[ORIGIN_Y] + row[SIN] * low,
         row[ORIGIN_X] + row[COS] * high, row[ORIGIN_Y] + row[SIN] * high, most,
     )
+    # the curve in each bin, as a polynomial
     num = max(math.ceil((high - low) / step), 1)
     course = _sample_course(row, low, step, num)
     core = np.zeros(num, dtype=np.int64)
@@ -343,6 +354,7 @@ def profile_row(points, grid, row, low, high, step, ignore):  # type: ignore[no-
         place = math.floor((x - low + ROUNDING) * by_step)
         if place < 0 or place >= num:
             continue
+        # distance to the curve, squared
         d = x - low - (place + 0.5) * step
         at = course[place]
         dz = points[i, 2] - (at[0] + d * (at[1] + d * (at[2] + d * at[3])))
@@ -356,7 +368,7 @@ def profile_row(points, grid, row, low, high, step, ignore):  # type: ignore[no-
         elif r2 <= outer and not (len(ignore) and ignore[i]):
             shell[place] += 1
     chosen, distance = chosen[:found].copy(), distance[:found].copy()
-    if not ordered:
+    if not ordered:  # the strip comes cell by cell
         ascending = argsort_spread(chosen)
         chosen, distance = chosen[ascending], distance[ascending]
     return core, shell, chosen, distance
