@@ -184,6 +184,7 @@ def _add(points, stamp, keys, sums, counts, times, table, num):  # type: ignore[
         k = np.int64(np.floor(points[n, 2] / CELL))
         if max(abs(i), abs(j), abs(k)) >= _HALF - 2:
             continue
+        # the cell of the point, a new one where there is none
         key = _pack(i, j, k)
         slot = find_slot(key, table, keys)
         if slot < 0:
@@ -195,10 +196,12 @@ def _add(points, stamp, keys, sums, counts, times, table, num):  # type: ignore[
             num += 1
         if stamp - times[slot, 0] > OPEN_NS:
             continue
+        # looks are scans that saw it
         if times[slot, 1] != stamp:
             times[slot, 1] = stamp
             counts[slot, 1] += 1
         counts[slot, 0] += 1
+        # sums and products about the middle of the cell
         x = points[n, 0] - (i + 0.5) * CELL
         y = points[n, 1] - (j + 0.5) * CELL
         z = points[n, 2] - (k + 0.5) * CELL
@@ -217,6 +220,12 @@ def _add(points, stamp, keys, sums, counts, times, table, num):  # type: ignore[
 
 @njit(cache=True, nogil=True)
 def _compare(points, about, keys, sums, counts, times, table, stamp, reach, floor):  # type: ignore[no-untyped-def]
+    """
+    Compare points with the cells about them.
+
+    Returned are the normal equations of moving the points onto the cells, how many points have a
+    cell, how many fit it, and the sum of the ages of their cells [ns].
+    """
     matrix, slope = np.zeros((4, 4)), np.zeros(4)
     inverse = np.zeros((3, 3))
     weighted = np.zeros((3, 4))
@@ -239,6 +248,7 @@ def _compare(points, about, keys, sums, counts, times, table, stamp, reach, floo
                         continue
                     if counts[slot, 1] < LEAST_LOOKS or stamp - times[slot, 0] <= OPEN_NS:
                         continue
+                    # mean and covariance of its points
                     row, share = sums[slot], 1.0 / counts[slot, 0]
                     mx, my, mz = row[0] * share, row[1] * share, row[2] * share
                     a = row[3] * share - mx * mx + floor
@@ -255,6 +265,7 @@ def _compare(points, about, keys, sums, counts, times, table, stamp, reach, floo
                     inverse[1, 2] = b * c - a * e
                     inverse[2, 2] = a * d - b * b
                     scale = 1.0 / (a * inverse[0, 0] + b * inverse[0, 1] + c * inverse[0, 2])
+                    # Mahalanobis distance of the point, squared
                     rx = x - ((i + 0.5) * CELL + mx)
                     ry = y - ((j + 0.5) * CELL + my)
                     rz = z - ((k + 0.5) * CELL + mz)
@@ -276,6 +287,7 @@ def _compare(points, about, keys, sums, counts, times, table, stamp, reach, floo
         if best <= NEAR_ENOUGH:
             fitting += 1
             age += stamp - first
+        # what fits badly weighs little (Geman and McClure)
         weight = (ROBUST / (ROBUST + best)) ** 2
         # derivative by the turn about the vertical through the centre
         ux, uy = -(y - about[1]), x - about[0]
@@ -283,6 +295,7 @@ def _compare(points, about, keys, sums, counts, times, table, stamp, reach, floo
             for q in range(3):
                 weighted[p, q] = weight * best_inverse[p, q]
             weighted[p, 3] = weighted[p, 0] * ux + weighted[p, 1] * uy
+        # normal equations of the shift and the turn
         for q in range(4):
             for p in range(3):
                 matrix[p, q] += weighted[p, q]

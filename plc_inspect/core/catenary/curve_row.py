@@ -115,11 +115,13 @@ def fit_row(  # type: ignore[no-untyped-def]
         How many of those used lie in the plane.
 
     """
+    # as many points as are allowed
     row = np.zeros(ROW)
     stride = max(-(-len(chosen) // max_points), 1)
     chosen = chosen[::stride].copy()
     if len(chosen) < LEAST_POINTS:
         return row, chosen[:0], stride, 0
+    # those in one vertical plane
     ox, oy, azimuth, x, y, z, keep = _find_plane(points, chosen, tolerance, wanted)
     num_plane = keep.sum()
     if num_plane < LEAST_POINTS:
@@ -129,11 +131,13 @@ def fit_row(  # type: ignore[no-untyped-def]
     row[LOW], row[HIGH] = x.min(), x.max()
     if row[HIGH] - row[LOW] < LEAST_EXTENT:
         return row, chosen[:0], stride, num_plane
+    # a catenary in it
     middle, shape, covariance, rmse, inlier, converged = solve_catenary(x, z, vertical, draws)
     own = chosen[inlier]
     num = len(own)
     if num < LEAST_POINTS:
         return row, own, stride, num_plane
+    # extent of its points, and how sure the plane is
     low, high, mean, square = np.inf, -np.inf, 0.0, 0.0
     for k in range(len(x)):
         if inlier[k]:
@@ -245,6 +249,7 @@ def _find_plane(points, chosen, tolerance, wanted):  # type: ignore[no-untyped-d
     azimuth = 0.5 * math.atan2(2.0 * xy, xx - yy)
     if math.cos(azimuth - wanted) < 0.0:  # never where none is wanted: NaN
         azimuth += math.pi
+    # a line in plan by least squares, then by those near it
     sx = sy = 0.0
     keep = np.ones(num, dtype=np.bool_)
     x, y = np.empty(num), np.empty(num)
@@ -263,6 +268,7 @@ def _find_plane(points, chosen, tolerance, wanted):  # type: ignore[no-untyped-d
                 my += y[k]
         if step == NUM_PLANES or count < LEAST_POINTS:
             break
+        # turn and shift the line to the points it keeps
         mx /= count
         my /= count
         spread = product = 0.0

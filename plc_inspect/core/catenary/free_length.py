@@ -145,6 +145,7 @@ def measure_free_length(
 
 @njit(cache=True, nogil=True, error_model='numpy')
 def _measure(points, grid, row, ignore, seen, corner_seen, cell_seen):  # type: ignore[no-untyped-def]
+    """Metres of evidence by the close ring, by the wide one, above what was seen, and against."""
     start, order, corner, cell, num_rows, num_columns = grid
     low, high = row[LOW], row[HIGH]
     near = gather_strip(
@@ -184,6 +185,8 @@ def _measure(points, grid, row, ignore, seen, corner_seen, cell_seen):  # type: 
     core = min(max(CORE_SIGMAS * scatter, LEAST_CORE), max(row[TOLERANCE], LEAST_CORE))
     inner = max(RING_RATIO * core, RING[0])
     outer = max(RING[1], inner + core)
+
+    # evidence of each part in both rings; where nothing was seen below, only that against it
     scale = (high - low) / num / STEP
     close = _weigh(
         distance[:count], part[:count], num, core, CLOSE_RING[0] * core, CLOSE_RING[1] * core

@@ -320,6 +320,7 @@ def _measure_tie(between, row, other):  # type: ignore[no-untyped-def]
         if abs(across) <= TIE_WIDTH and TIE_MARGIN < along < 1.0 - TIE_MARGIN:
             part = int((along - TIE_MARGIN) / (1.0 - 2.0 * TIE_MARGIN) * TIE_PARTS)
             filled[place, min(part, TIE_PARTS - 1)] = True
+    # the emptiest part tells: what is tied is tied all the way
     least = num
     for part in range(TIE_PARTS):
         least = min(least, filled[:, part].sum())

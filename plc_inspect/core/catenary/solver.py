@@ -111,6 +111,7 @@ def _add_up(t, z, h, g, k, scale, tolerance, weight, anew, sums):  # type: ignor
         else:
             grown = math.exp(u + base)
             rise, run = 0.5 * (grown + 1.0 / grown) - root, 0.5 * (grown - 1.0 / grown) - g
+        # residual, weight, and derivatives by slope and curvature
         r = z[m] - h - rise * by_k
         w = weight[m]
         if anew:
@@ -201,11 +202,13 @@ def _refine(t, z, inlier, tolerance):  # type: ignore[no-untyped-def]
     k = min(k, 20.0 / scale)
     converged = False
     covariance = np.zeros((3, 3))
+    # unknowns are scaled so that all are lengths
     units = np.array([1.0, 1.0 / scale, 1.0 / (scale * scale)])
     sums = np.zeros(10)
     rmse = 0.0
     for step in range(NUM_STEPS):
         _add_up(t, z, h, g, k, scale, tolerance, weight, step >= 2, sums)
+        # normal equations
         total, count = sums[0], sums[1]
         right[0], right[1], right[2] = sums[2], sums[3], sums[4]
         normal[0, 0], normal[0, 1], normal[0, 2] = count, sums[5], sums[6]
@@ -219,6 +222,7 @@ def _refine(t, z, inlier, tolerance):  # type: ignore[no-untyped-def]
         if not _invert(normal, inverse):
             weight[:] = 0.0
             break
+        # the step, and the covariance from the scatter about the curve
         change = inverse @ right
         noise = total / max(count - 3, 1)
         for p in range(3):

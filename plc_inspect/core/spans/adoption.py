@@ -53,11 +53,13 @@ def adopt(
     """
     reach = settings.supports.max_reach
     curves = list(conductors.curves)
+    # all that may go on, best seen first
     crowded = _clear(cloud, conductors, settings)
     waiting = sorted(
         [*conductors.doubtful, *crowded], key=lambda curve: (-curve.num_points, *curve.origin)
     )
     may = find_meeting(waiting, curves, reach, ADOPTION_MISS)
+    # what is adopted may be gone on from in its turn
     while True:
         for number in np.flatnonzero(may).tolist():
             if _find_partner(waiting[number], curves, reach) is not None:
@@ -85,6 +87,7 @@ def _clear(
 ) -> tuple[Curve, ...]:
     """Return the crowded curves that are free once all that continue conductors are left out."""
     reach = settings.supports.max_reach
+    # those that continue a conductor, as wide as it is
     going_on: list[Curve] = []
     may = find_meeting(conductors.crowded, conductors.curves, reach, ADOPTION_MISS)
     for number in np.flatnonzero(may).tolist():
@@ -105,6 +108,7 @@ def _clear(
             cloud.points, cloud.index, curve, curve.low, curve.high, ignore=ignore
         )
 
+    # their points, too, are no clutter about the others
     wire = conductors.wire.copy()
     for chosen in call_each(lambda k: profile(going_on[k], wire).chosen, len(going_on)):
         wire[chosen] = True

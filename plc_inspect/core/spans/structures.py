@@ -224,6 +224,7 @@ def _freest(apart, level, needed, azimuth, reach):  # type: ignore[no-untyped-de
         here = strip[order[first]]
         while last < num and strip[order[last]] == here and row[order[last]] == row[order[first]]:
             last += 1
+        # the points of one cell that is as wide as a column
         members = last - first
         put(order[first:last], own)
         first = last
@@ -248,6 +249,7 @@ def _freest(apart, level, needed, azimuth, reach):  # type: ignore[no-untyped-de
                 break
         if members == 0:
             continue
+        # metres in which it is filled, and in which little lies about it
         filled, free, score = 0, 0, 0.0
         for step in range(1, needed + 1):
             if inner[step] > 0.0:
