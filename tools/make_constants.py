@@ -23,6 +23,7 @@ KINDS = {
     'paper': 'the paper',
     'derived': 'follows from other figures, which are named',
     'chosen on': 'chosen by the figures of a bench',
+    'measured': 'set between what was measured, on a bench or on real clouds',
     'numerical': 'sizes of buffers and blocks, bounds of time, tolerances of arithmetic',
     'judgement': 'plausible, and no measurement chose it; some say how far they can be moved',
     'reference': 'data sheets, standards and documents',

@@ -35,7 +35,7 @@ from plc_inspect.core.numerics.plan_index import gather_strip, PlanIndex
 from plc_inspect.results import Bool, Float64
 
 STEP = 1.0
-"""Length of the parts that are weighed [m].  Source: by definition: evidence counts metres."""
+"""Length of the parts that are weighed [m].  Source: derived: evidence counts metres."""
 CORE_SIGMAS = 3.5
 """
 Radius of the core in standard deviations of the points across the curve.
@@ -75,7 +75,7 @@ Source: judgement; not measured: one metre in seven is clean by chance.
 DROP = 1.5
 """
 Points this far below a curve are no part of what it could lie on [m].
-Source: a roof's eaves, a truss and a pipe rack are less high than this.
+Source: judgement; a roof's eaves, a truss and a pipe rack are less high.
 """
 RAYLEIGH_MEDIAN = 1.1774
 """

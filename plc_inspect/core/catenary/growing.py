@@ -63,7 +63,7 @@ A curve that holds a smaller share of its points, or of its length, than before 
 Source: judgement; not measured.
 """
 LEAST_GROWTH = 1.0
-"""A curve that grew by less is done [m].  Source: by definition: one bin."""
+"""A curve that grew by less is done [m].  Source: derived: one bin."""
 STEP = 1.0
 """Length of a bin [m].  Source: judgement; not measured."""
 

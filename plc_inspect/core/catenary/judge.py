@@ -50,20 +50,20 @@ Source: judgement; not measured.
 SIDE = 3.0
 """
 Distance within which a piece runs beside a conductor [m].
-Source: conductors of one low- or medium-voltage line are up to 1.5 m apart, and its telecom wires
-hang 1 to 3 m below.
+Source: judgement; conductors of one low- or medium-voltage line are up to 1.5 m apart, and its
+telecom wires hang 1 to 3 m below.
 """
 TIE = 2.5
 """
 Greatest distance of two curves that may be tied [m].
-Source: the chords of a tower crane's jib are 1 to 2.5 m apart.
+Source: judgement; the chords of a tower crane's jib are 1 to 2.5 m apart.
 """
 TIE_SHARE = 0.3
 """
 Two curves are tied where each part of the way between them holds points in this share of the
 metres, at least.
-Source: the jib of a crane 0.42 to 0.88; wires beside crowns, with others that were not found
-between them, 0.11 at most.
+Source: measured: the jib of a crane 0.42 to 0.88; wires beside crowns, with others that were not
+found between them, 0.11 at most.
 """
 TIE_PARTS = 6
 """

@@ -20,14 +20,14 @@ UNTIDY = 'thick, with other things at its surface'
 BONUS = 8.0
 """
 Metres of evidence that a proven curvature is worth, or a conductor beside.
-Source: with them 4 free metres prove a curve, and 12 without; on the real clouds without
+Source: measured: with them 4 free metres prove a curve, and 12 without; on the real clouds without
 wires no straight thin curve had more than 9.4, `bench/frames.py`.
 """
 THICK_COST = 50.0
 """
 Metres of evidence against a curve for each THICK by which it is thicker than that.
-Source: on a plant and a building site pipes, kerbs and chords of 0.13 to 0.3 m have up to 24, 54
-and 71 free metres; bundles of 0.22 m have 200, three low-voltage wires in 0.16 m 31.
+Source: measured: on a plant and a building site pipes, kerbs and chords of 0.13 to 0.3 m have up
+to 24, 54 and 71 free metres; bundles of 0.22 m have 200, three low-voltage wires in 0.16 m 31.
 """
 CLOSE_RATIO = 2.0
 """
@@ -47,12 +47,12 @@ STRAIGHTEST, SURE = 3000.0, 2.0
 """
 A curve that is straighter than this catenary constant [m], by two standard deviations, counts
 against a conductor what a proven curvature counts for it.
-Source: conductors are strung at 300 to 2500 m; pipes, beams and rails are straight.
+Source: judgement; conductors are strung at 300 to 2500 m; pipes, beams and rails are straight.
 """
 LEAST_CONSTANT = 75.0
 """
 Least catenary constant that proves a conductor [m].
-Source: a service drop of 1.4 N/m strung at 100 N; arcs of scan lines on roofs have less.
+Source: derived: a service drop of 1.4 N/m strung at 100 N; arcs of scan lines on roofs have less.
 """
 
 

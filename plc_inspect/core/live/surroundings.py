@@ -43,7 +43,7 @@ Source: judgement: an eighth of the default distance that is critical.
 SETTLED = 3
 """
 Ticks after its first from which a cell is seen: so long a conductor in it may take to be found.
-Source: measured, bench/proximity.py: with 0, flights begin with a conductor near and "clear".
+Source: measured: bench/proximity.py: with 0, flights begin with a conductor near and "clear".
 """
 LEAST_LENGTH = 1.0
 """Length of a span in a divisor, at least [m].  Source: numerical: not 0."""

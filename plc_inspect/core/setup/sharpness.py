@@ -22,7 +22,7 @@ from plc_inspect.results import Float64, Int64
 CELL = 4.0
 """
 Edge of a cell [m].
-Source: measured on simulated flights: smaller ones hold too few points of a look, larger ones two
+Source: measured: on simulated flights: smaller ones hold too few points of a look, larger ones two
 surfaces.
 """
 MOST_POINTS = 3000
@@ -52,7 +52,7 @@ LEAST_PLANES, LEAST_LINES = 30, 5
 HELD = 1.0
 """
 Blur over its limit from which hazards are held back.
-Source: by definition: limits are set so.
+Source: derived: limits are set so.
 """
 
 

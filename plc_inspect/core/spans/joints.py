@@ -46,7 +46,7 @@ MIN_TURN = 0.012
 """
 Least turn in plan, or kink upwards, at a support where no kink tells of one [rad], on top of its
 own uncertainty.
-Source: the least kink at which a track is cut, `catenary/breaks.py`.
+Source: derived: the least kink at which a track is cut, `catenary/breaks.py`.
 """
 STRETCH_COST = 0.02
 """
@@ -86,7 +86,7 @@ Source: derived: 0.3 % of normal errors lie beyond.
 TURN_SIGMAS = 4.0
 """
 Standard deviations by which a turn or a kink upwards is more than MIN_TURN.
-Source: that of the kinks at which a track is cut, `catenary/breaks.py`.
+Source: derived: that of the kinks at which a track is cut, `catenary/breaks.py`.
 """
 
 

@@ -48,16 +48,20 @@ hangs near the pole.
 ARM = 3.0
 """
 Distance in plan of the other conductors that a pole holds, at most [m].
-Source: half of `supports.MIN_TOWER`, twice over: arms of medium-voltage poles are 1 to 2.5 m.
+Source: derived: half of `supports.MIN_TOWER`, twice over; arms of medium-voltage poles are 1 to
+2.5 m.
 """
 SAME_POLE = 1.0
 """Poles nearer to each other are one [m].  Source: judgement; A-frames have two legs."""
 CELL = 0.5
-"""Edge of the plan cells of which columns are looked for [m].  Source: COLUMN to both sides."""
+"""
+Edge of the plan cells of which columns are looked for [m].
+Source: derived: COLUMN to both sides.
+"""
 LOOK = 0.7
 """
 Of the places in a cell of this edge one is looked at [m].
-Source: BESIDE reaches beyond the diagonal of a cell, which is 1.2 m, from most places.
+Source: derived: BESIDE reaches beyond the diagonal of a cell, which is 1.2 m, from most places.
 """
 BARE_SHARE = 0.35
 """
