@@ -19,7 +19,7 @@ Source: judgement: twice the slip of a good odometry, 0.2 % of the way at 5 m/s.
 MOST_RATE = 0.5
 """Drifts are no faster [m/s].  Source: judgement."""
 _SIZE = 7
-"""Figures of the state.  Source: by definition: shift, turn, rate."""
+"""Figures of the state.  Source: numerical: shift, turn, rate."""
 
 
 class DriftFilter:
@@ -43,11 +43,6 @@ class DriftFilter:
     def covariance(self) -> Float64:
         """(4, 4) of shift and turn [m2, rad2]."""
         return self._spread[:4, :4].copy()
-
-    @property
-    def rate(self) -> Float64:
-        """(3,) by which the shift grows [m/s]."""
-        return self._mean[4:].copy()
 
     def move_at(self, stamp_ns: int) -> RigidMove:
         """Return the move at a time near the last [ns]."""

@@ -48,7 +48,7 @@ LEAST_SHARE = 0.5
 """Share of them that must fit.  Source: measured: bench/studies/odometry_faults.py."""
 CLEARLY = 0.1
 """By so much more of them fit where a less likely place is taken.  Source: judgement."""
-LEAST_SURE = 0.15
+MOST_SIGMA = 0.15
 """Greatest standard deviation of a part's place [m].  Source: derived: 0.2 m must hold."""
 LITTLE = 2.0
 """
@@ -71,6 +71,11 @@ SURELY = 5.0
 """Drift is believed that is so many standard deviations.  Source: judgement."""
 TWICE = 2
 """Batches in a row that must say so.  Source: judgement."""
+UNSURE, STEADY = 0.5, 0.01
+"""
+Standard deviations of the place after a break in which the motion is not known [m], and of the
+heading after any [rad].  Source: judgement; not measured.
+"""
 SEEDED = 150.0
 """What of a resumed map is this near is a landmark again [m].  Source: numerical: 0.2 s."""
 LOST_AFTER = 4
@@ -234,11 +239,7 @@ class Follower:
             return
         pending, scans = self._pending, self._waiting
         self._pending, self._waiting, self._batch = None, [], []
-        part = self._resolve(pending, scans)
-        if part is not None:
-            self.parts.append(part)
-            if not part.aligned:
-                yield part
+        yield from self._note(self._resolve(pending, scans))
         for scan in scans:
             yield from self._release(scan)
 
@@ -251,10 +252,14 @@ class Follower:
         yield replace(scan, points=move.apply(scan.points))
         if scan.stamp_ns - self._batch[0].stamp_ns >= BATCH_NS:
             batch, self._batch = self._batch, []
-            if (part := self._learn(batch)) is not None:
-                self.parts.append(part)
-                if not part.aligned:
-                    yield part
+            yield from self._note(self._learn(batch))
+
+    def _note(self, part: Part | None) -> Iterator[Part]:
+        """Remember a part, and yield it where the map begins anew with it."""
+        if part is not None:
+            self.parts.append(part)
+            if not part.aligned:
+                yield part
 
     def _learn(self, batch: list[Seen]) -> Part | None:
         """Compare a batch with what was seen first, and add it to that."""
@@ -312,12 +317,12 @@ class Follower:
             (before.after(pending.total), pending.sigma), (before, 2.0 * SAME),
         ]
         if not pending.quick:
-            choices = [(before, 0.5), *choices[:1]]
+            choices = [(before, UNSURE), *choices[:1]]
         best: Fit | None = None
         for move, sigma in choices:
             if sigma > LITTLE:
                 continue
-            known = np.diag([sigma**2] * 3 + [0.01**2])
+            known = np.diag([sigma**2] * 3 + [STEADY**2])
             fit = fit_points(
                 self._cells, points, move.about(self._place), known, stamp, coarse=True
             )
@@ -329,8 +334,8 @@ class Follower:
                 return self._give_up(pending.cause, pending.begin_ns)
             by = 'the motion'
             moved = before.after(pending.total).about(self._place)
-            spread = np.diag([pending.sigma**2] * 3 + [0.01**2])
-        elif best.share < LEAST_SHARE or _find_sigma(best.covariance) > LEAST_SURE:
+            spread = np.diag([pending.sigma**2] * 3 + [STEADY**2])
+        elif best.share < LEAST_SHARE or _find_sigma(best.covariance) > MOST_SIGMA:
             return self._give_up(pending.cause, pending.begin_ns)
         else:
             moved, spread = best.move, best.covariance

@@ -27,7 +27,10 @@ SAMPLES = 3
 MOST_SAMPLES = 1500
 """Points of a batch that are compared.  Source: numerical: a comparison takes 0.3 ms."""
 COARSE_NOISE = 0.5
-"""Standard deviation of a point while its place is searched for [m].  Source: half a cell."""
+"""
+Standard deviation of a point while its place is searched for [m].
+Source: derived: half a cell.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -37,9 +40,6 @@ class Fit:
     move: RigidMove
     covariance: Float64
     """(4, 4) of shift and turn [m2, rad2], what was known before included."""
-    own: Float64
-    """(4, 4) normal matrix of the points alone."""
-    num_points: int
     matched: int
     """Points that have a cell."""
     fitting: int
@@ -94,8 +94,8 @@ def fit_points(
                 break
     matrix, _, matched, fitting, age = cells.compare(points, move, stamp_ns, 0)
     return Fit(
-        move=move, covariance=np.linalg.inv(matrix / SHARED + known), own=matrix / SHARED,
-        num_points=len(points), matched=matched, fitting=fitting, age=age,
+        move=move, covariance=np.linalg.inv(matrix / SHARED + known), matched=matched,
+        fitting=fitting, age=age,
     )
 
 
