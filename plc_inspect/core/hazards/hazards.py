@@ -41,7 +41,7 @@ class HazardResult:
     foliage: Bool
     """(K,) neither of surfaces, such as roofs and walls, nor of lines and what holds them."""
     free: Bool
-    """(K,) foliage, unless it is of a surface."""
+    """(K,) neither of lines nor of what holds them: foliage and surfaces."""
     num_unmodelled: int
     """Wires near conductors that were not modelled."""
 

@@ -62,6 +62,7 @@ def stand_near(points: Float64, chosen: Bool, margin: float, *, of_part: bool) -
 
 @njit(cache=True, nogil=True)
 def _stand_near(points, offends, margin, x0, y0):  # type: ignore[no-untyped-def]
+    """Mark the cells of offending points and the eight around each; tell the points in them."""
     columns = int((points[:, 0].max() - x0) / margin) + 3
     rows = int((points[:, 1].max() - y0) / margin) + 3
     wanted = np.zeros((columns, rows), dtype=np.bool_)
@@ -127,6 +128,7 @@ def _climb(keys, level, order, columns, reach, depth, ratio):  # type: ignore[no
     parent = np.full(num, -1, dtype=np.int64)
     roots = np.empty((2 * reach + 1) ** 2, dtype=np.int64)
     for cell in order:
+        # the peaks that it touches, and the highest cell among those
         found = 0
         best = -1
         for step in range(-reach, reach + 1):
@@ -142,6 +144,7 @@ def _climb(keys, level, order, columns, reach, depth, ratio):  # type: ignore[no
         if best < 0:
             parent[cell] = cell
             continue
+        # those whose dip here is not deep enough are one with its own
         own = find_root(parent, best)
         for k in range(found):
             other = find_root(parent, roots[k])
