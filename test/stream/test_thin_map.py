@@ -160,6 +160,7 @@ def test_what_it_keeps_holds_no_more_memory_than_its_cells():
     for k in range(20):
         cells.append(cells_of(strip(8.0 * k, 8.0 * k + 40.0)))
         held.update(cells[-1], np.array([8.0 * k, 0.0]), k)
+    assert held._blocks
     for block in held._blocks.values():
         assert not any(np.shares_memory(block.codes, item.codes) for item in cells)
 

@@ -55,7 +55,9 @@ def test_each_span_has_its_catenary_and_its_sag_within_three_sigma(route):
 def test_a_span_is_fitted_to_all_its_points_and_not_only_to_those_of_its_curve(route):
     points, curves = route
     sparse = [make_curve(points, curve.points[::10]) for curve in curves]
-    for number, final in enumerate(fit(points, lay_out(points, sparse))):
+    found = fit(points, lay_out(points, sparse))
+    assert len(found) == len(curves)
+    for number, final in enumerate(found):
         assert len(sparse[number].points) == 80
         assert final.curve.num_points > 780
 

@@ -74,6 +74,7 @@ def test_every_span_hangs_between_its_supports(result):
 
 
 def test_the_catenary_and_the_quadratic_of_a_span_are_its_curve(result):
+    assert result.models
     for model in result.models:
         span = model.span
         x = np.linspace(0.0, span.length, 50)
@@ -119,6 +120,7 @@ def test_supports_stand_where_the_poles_are(cloud, result):
 
 
 def test_the_height_above_ground_is_measured_along_the_span(result):
+    assert result.models
     for model, stations in zip(result.models, result.ground_below, strict=True):
         assert stations.shape[1] == 2
         assert stations[:, 0].min() >= 0.0

@@ -71,6 +71,7 @@ def test_spans_and_hazards_come_back_in_metres(folders, name):
     for table, parse in (('spans', parse_span), ('hazards', parse_hazard)):
         content = read_table(folders / name, table)
         assert parse_units(content['metres_per_unit']) == units
+        assert content[table]
         for row, made in zip(content[table], getattr(result, table), strict=True):
             assert_same(parse(row, units), made)
 

@@ -113,6 +113,7 @@ def test_page_holds_every_part(page):
 
 def test_drawings_are_xml(page):
     drawings = re.findall(r'<svg.*?</svg>', page, re.DOTALL)
+    assert len(drawings) > 3
     for drawing in drawings:
         ElementTree.fromstring(drawing)
 
