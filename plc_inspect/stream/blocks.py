@@ -212,7 +212,7 @@ def pack_blocks(
     Parameters
     ----------
     blocks : mapping
-        Codes by block, at most MOST_CELLS each.
+        Codes (M,) by block, at most MOST_CELLS each.
     overview : bool
         They are cells of the overview.
     voxel : float
@@ -293,7 +293,7 @@ def read_cloud(data: bytes) -> CloudMessage:
 
 
 def merge_codes(old: UInt64, new: UInt64) -> UInt64:
-    """Return the new cells, and those of the old that are not among them."""
+    """Return the new codes (M,), and those of the old (K,) whose cells are not among them."""
     if not len(old):
         return new
     kept = old[~np.isin(old >> np.uint64(16), new >> np.uint64(16))]
@@ -301,7 +301,7 @@ def merge_codes(old: UInt64, new: UInt64) -> UInt64:
 
 
 def count_changes(old: UInt64, new: UInt64) -> int:
-    """Return how many cells differ between two states of a block, by more than TREMOR."""
+    """Return how many cells differ in two states (K,), (M,) of a block by more than TREMOR."""
     both, at_old, at_new = np.intersect1d(
         old >> np.uint64(16), new >> np.uint64(16), assume_unique=True, return_indices=True
     )

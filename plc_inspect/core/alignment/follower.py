@@ -178,6 +178,15 @@ class Follower:
         """
         Look at a pose that was accepted.
 
+        Parameters
+        ----------
+        stamp_ns : int
+            Later than the one before [ns].
+        position : Float64
+            (3,) in the odometry's frame [m].
+        quaternion : Float64
+            (4,) x y z w.
+
         Returns
         -------
         Break or None

@@ -48,7 +48,7 @@ class RigidMove:
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any] | None) -> 'RigidMove':
-        """Return that of ``record``; None: nothing moves."""
+        """Return that of ``record``; None: nothing moves.  DataError where it is none."""
         if record is None:
             return cls()
         shift, centre = (np.array(record[name], dtype=np.float64) for name in ('shift', 'centre'))

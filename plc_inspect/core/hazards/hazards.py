@@ -155,7 +155,21 @@ def find_hazards(
 def add_ground_clearance(
     models: Sequence[SpanModel], ground_below: Sequence[Float64]
 ) -> tuple[Span, ...]:
-    """Return the spans with their least height above ground and its place along the span."""
+    """
+    Return the spans with their least height above ground and its place along the span.
+
+    Parameters
+    ----------
+    models : sequence of SpanModel
+        Spans with their curves.
+    ground_below : sequence of (K, 2) float64
+        For each, distance from its start and height above ground [m].
+
+    Returns
+    -------
+    tuple of Span
+
+    """
     result = []
     for model, stations in zip(models, ground_below, strict=True):
         span = model.span

@@ -29,7 +29,11 @@ Source: judgement; not measured.
 
 
 def find_corner(points: Float64, edge: float, *, of_part: bool) -> list[float]:
-    """Return the corner of cells: least coordinates, or below them a multiple of the edge [m]."""
+    """
+    Return the corner of cells [m].
+
+    Those are the least of (N, D) coordinates; of a part of a cloud, multiples of the edge below.
+    """
     low = points.min(axis=0)
     corner: list[float] = (np.floor(low / edge) * edge if of_part else low).tolist()
     return corner

@@ -266,7 +266,25 @@ def cut_at_stations(
     stations: Sequence[Sequence[Joint]],
     settings: SupportSettings,
 ) -> list[Curve]:
-    """Cut curves that pass unbroken through a support at which their neighbours end."""
+    """
+    Cut curves that pass unbroken through a support at which their neighbours end.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    curves : sequence of Curve
+        Conductors.
+    stations : sequence of sequence of Joint
+        The joints of each support.
+    settings : SupportSettings
+        Widths and least lengths.
+
+    Returns
+    -------
+    list of Curve
+
+    """
     result = []
     placed = [_station(group) for group in stations]
     for curve in curves:

@@ -69,11 +69,11 @@ class SpanModel:
         return float(self.strands[:, 1].min())
 
     def along(self, x: Float64) -> Float64:
-        """Return the distance from the start of the span at the curve's x [m]."""
+        """Return the distance (N,) from the start of the span at the curve's x (N,) [m]."""
         return np.abs(np.asarray(x) - self.start_x)
 
     def at(self, along: Float64) -> Float64:
-        """Return the curve's x at distances from the start of the span [m]."""
+        """Return the curve's x (N,) at distances (N,) from the start of the span [m]."""
         return self.start_x + math.copysign(1.0, self.end_x - self.start_x) * along
 
     def sigma(self, x: float) -> float:

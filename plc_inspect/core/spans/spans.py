@@ -173,6 +173,7 @@ def spread_spans(spans: SpanResult, cloud: OffGround) -> SpanResult:
 
 
 def measure_ground_below(height: HeightResult, model: SpanModel) -> Float64:
+    """Return (K, 2) distance from the start and height above ground, where it is known [m]."""
     num = max(int(model.span.length), 2) + 1
     x = np.linspace(model.start_x, model.end_x, num)
     at = model.curve.position(x)

@@ -24,6 +24,8 @@ Source: judgement: a worker with small tiles took 0.5 GB on bench/grid/throughpu
 """
 MOST_POINTS = 12_000_000
 """Points of a tile, at most, however much memory there is.  Source: judgement; bounds a loss."""
+LEAST_ALLOWED = 100_000
+"""Points of a tile that memory must allow.  Source: judgement; below, halos are most of it."""
 CELLS_IN_TILE = 16
 """Cells of a tile, about, by which its edge is chosen.  Source: judgement; not measured."""
 LEAST_EDGE, MOST_EDGE = 20.0, 1000.0
@@ -49,7 +51,7 @@ class CellGrid:
     rows: int
 
     def number(self, x: np.ndarray, y: np.ndarray) -> Int64:
-        """Return the number of the cell of each place, those beyond in the nearest one."""
+        """Return the cells (N,) of places x, y (N,) [m]; those beyond are in the nearest one."""
         column = np.floor((x - self.origin[0]) / self.edge).astype(np.int64)
         row = np.floor((y - self.origin[1]) / self.edge).astype(np.int64)
         column, row = column.clip(0, self.columns - 1), row.clip(0, self.rows - 1)
@@ -89,9 +91,26 @@ class Tile:
 
 
 def count_allowed(memory: float) -> int:
-    """Return the points of a tile, with its halo, for the memory of a worker [bytes]."""
+    """
+    Return the points of a tile, with its halo, that the memory of a worker allows.
+
+    Parameters
+    ----------
+    memory : float
+        [bytes]
+
+    Returns
+    -------
+    int
+
+    Raises
+    ------
+    DataError
+        They are fewer than LEAST_ALLOWED.
+
+    """
     allowed = int((memory - BASE_BYTES) / BYTES_PER_POINT)
-    if allowed < 100_000:
+    if allowed < LEAST_ALLOWED:
         raise DataError(
             f'{memory / 1e9:.2f} GB for a worker are too few: allow {BASE_BYTES / 1e9 + 0.3:.1f}'
             ' GB or more (--memory), or fewer workers'

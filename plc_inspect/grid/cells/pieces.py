@@ -58,6 +58,11 @@ def read_points(
     -------
     Points
 
+    Raises
+    ------
+    DataError
+        A cell is not on disk as it was written.
+
     """
     own = set(core)
     points, order, marks = [], [], []
@@ -91,7 +96,7 @@ def read_points(
 def read_attributes(
     folder: Path, pieces: Sequence[Piece]
 ) -> tuple[Float64, np.ndarray]:
-    """Return coordinates [m] and attributes of the points of pieces, in order of the inputs."""
+    """Return coordinates (N, 3) [m] and (N,) ATTRIBUTES of the points, in order of the inputs."""
     points, order, attributes = [], [], []
     for piece in pieces:
         points.append(_load(folder, piece, 'xyz', np.dtype('<f8')).reshape(-1, 3))

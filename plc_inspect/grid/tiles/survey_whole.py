@@ -96,6 +96,19 @@ def measure_candidates(
     """
     Measure how far candidates of a tile are from their neighbours.
 
+    Parameters
+    ----------
+    job : TileJob
+        The tile.
+    frame : CloudFrame
+        Of the whole grid.
+    region : (2, 2) float64
+        Least and greatest x and y of the whole in that frame [m].
+    peak : float
+        Where the histogram of heights of the whole has its peak [m].
+    settings : Settings
+        Of all stages.
+
     Returns
     -------
     dict
@@ -140,7 +153,24 @@ def _is_inside(
 def join_spacing(
     answers: Sequence[Answer], num_neighbors: int
 ) -> tuple[tuple[float, float] | None, Float64]:
-    """Return mean and deviation of all distances [m], and least x and y off the ground [m]."""
+    """
+    Join what `measure_candidates` tells of all tiles.
+
+    Parameters
+    ----------
+    answers : sequence of dict
+        Of the tiles.
+    num_neighbors : int
+        Candidates that a distance is the mean of.
+
+    Returns
+    -------
+    spacing : tuple of float or None
+        Mean and standard deviation of all distances [m], None where there are too few.
+    low : (2,) float64
+        Least x and y off the ground [m].
+
+    """
     num = sum(answer['num'] for answer in answers)
     low = np.full(2, math.inf)
     for answer in answers:
