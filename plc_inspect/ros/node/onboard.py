@@ -10,13 +10,18 @@ import signal
 import sys
 import traceback
 from types import FrameType
-from typing import NoReturn
+from typing import NoReturn, TYPE_CHECKING
 
 from plc_inspect.errors import explain_missing, PlcInspectError
 from plc_inspect.printable import make_one_line
 from plc_inspect.ros.graph.ending import was_cut_short
 from plc_inspect.ros.graph.transport import explain_start, lacks_plugins, prepare_transport
 from plc_inspect.security.member_keys import find_keys
+
+if TYPE_CHECKING:
+    from rclpy.executors import Executor
+
+    from plc_inspect.ros.node.inspect_node import InspectNode
 
 NAME = 'plc_node'
 DONE, DEFECT, BAD_INPUT = 0, 1, 2
@@ -71,25 +76,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         if not was_cut_short(error):
             raise
         return DONE
-    code = DONE
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    try:
-        executor.spin()
-    except KeyboardInterrupt:
-        pass
-    except BaseException as error:  # whatever it is, the results are saved
-        if not isinstance(error, Exception) or not was_cut_short(error):
-            traceback.print_exc()
-            code = DEFECT
-    # A second signal must not cut off the saving of the results.
-    for number in (signal.SIGINT, signal.SIGTERM, *ALSO_TERM):
-        signal.signal(number, signal.SIG_IGN)
-    try:
-        code = code if node.close() else DEFECT
-    except Exception:
-        traceback.print_exc()
-        code = DEFECT
+    code = max(_spin(executor), _save(node))
     if keys is not None:
         # Fast DDS over TCP waits for connections of peers that are gone, some for ever.
         _leave_at_once(code)
@@ -99,6 +88,31 @@ def main(argv: Sequence[str] | None = None) -> int:
     if code != DONE:
         _leave_at_once(code)
     return DONE
+
+
+def _spin(executor: 'Executor') -> int:
+    """Let callbacks run until the node is interrupted; return the exit code."""
+    try:
+        executor.spin()
+    except KeyboardInterrupt:
+        pass
+    except BaseException as error:  # whatever it is, the results are saved
+        if not isinstance(error, Exception) or not was_cut_short(error):
+            traceback.print_exc()
+            return DEFECT
+    return DONE
+
+
+def _save(node: 'InspectNode') -> int:
+    """Save the results; return the exit code."""
+    # A second signal must not cut this off.
+    for number in (signal.SIGINT, signal.SIGTERM, *ALSO_TERM):
+        signal.signal(number, signal.SIG_IGN)
+    try:
+        return DONE if node.close() else DEFECT
+    except Exception:
+        traceback.print_exc()
+        return DEFECT
 
 
 def _pass_on(number: int, frame: FrameType | None) -> None:
