@@ -122,7 +122,7 @@ class Found:
 
 def put_together(flight: Recorded, change: Change, bare: bool = False) -> Found:
     """Put a flight into a map, and look for lines."""
-    accumulator, book = Accumulator(Settings()), SharpnessBook()
+    accumulator, book = Accumulator(Settings(), recorded=True), SharpnessBook()
     if bare:
         accumulator.follower.take = lambda scan: iter([scan])  # type: ignore[method-assign]
         PoseWatch.see = lambda *rest: None  # type: ignore[method-assign, assignment]

@@ -44,7 +44,7 @@ def build(
 ) -> tuple[Accumulator, Sharpness]:
     """Return map and sharpness of a flight whose mount is said, and clock set, wrongly."""
     settings = update(Settings(), {'input.lidar_rpy_deg': list(turn), 'input.max_wait': 5.0})
-    accumulator, book = Accumulator(settings), SharpnessBook()
+    accumulator, book = Accumulator(settings, recorded=True), SharpnessBook()
     events = [(scan.log_ns, 1, index) for index, scan in enumerate(flight.scans)]
     events += [(int(stamp), 0, index) for index, stamp in enumerate(flight.pose_ns)]
     for log, kind, index in sorted(events):
