@@ -269,7 +269,7 @@ def describe_segmentation(
             'lines': len({item.span.line_id for item in state.confirmed}),
             'spans': len(state.confirmed),
             'supports': len(state.supports),
-            'hazards': len(state.hazards),
+            'hazards': 'held back' if state.sharpness.poor else len(state.hazards),
             'lines merged': state.num_merges,
             'last tick [ms]': round(state.seconds * 1e3, 1),
             'last tick voxels': state.num_points,

@@ -21,6 +21,7 @@ from plc_inspect.monitor.picture.model import Monitor
 from plc_inspect.monitor.picture.picture import Link
 from plc_inspect.monitor.station import Station
 from plc_inspect.ros.graph.qos import PROXIMITY, SUMMARY, THIN_CORRIDOR
+from plc_inspect.ros.node.diagnostics import describe_segmentation, Health
 from plc_inspect.ros.results import thin_link
 from plc_inspect.stream.blocks import place_cells, read_cloud
 from plc_inspect.stream.budget import OVERHEAD
@@ -111,6 +112,8 @@ def test_hazards_that_are_held_back_stay_on_view(found, late):
     late.wait(lambda p: p.held, 'word of it')
     late.wait(lambda p: 'sharpness 0.' in p.held_back, 'reason')
     assert '6 spans, hazards held back' in late.look().texts[2]
+    status = describe_segmentation(found.node.state, Health(), False)
+    assert {'hazards': 'held back'}.items() <= {v.key: v.value for v in status.values}.items()
     assert late.look().hazards == shown
     assert [item.number for item in late.look().alarms] == [item.number for item in alarms]
     assert not [event for event in late.look().events if event.text.startswith('hazard 0 ')]
