@@ -133,38 +133,48 @@ def find_layout(
     if len(cut) != len(curves):
         curves = cut
         joints, stations = meet()
-    start_x = np.array([curve.low for curve in curves])
-    end_x = np.array([curve.high for curve in curves])
-    start_station = [-1] * len(curves)
-    end_station = [-1] * len(curves)
-    owner = {id(joint): number for number, group in enumerate(stations) for joint in group}
-    for joint in joints:
-        for own, side, x in zip(joint.curves, joint.sides, joint.x, strict=True):
-            if side > 0:
-                end_x[own], end_station[own] = x, owner[id(joint)]
-            else:
-                start_x[own], start_station[own] = x, owner[id(joint)]
     placed = tuple(_station(group) for group in stations)
-    for number, curve in enumerate(curves):
-        for side, taken, ends in ((1, end_station, end_x), (-1, start_station, start_x)):
-            if taken[number] < 0:
-                other = (start_station if side > 0 else end_station)[number]
-                found = _station_ahead(curve, side, placed, other, poles, settings)
-                if found is not None:
-                    taken[number], ends[number] = found
-    keep = _find_originals(curves, start_x, end_x, settings.max_reach)
+    x, support = _end_at_supports(curves, joints, stations, placed, poles, settings)
+    keep = _find_originals(curves, x[-1], x[1], settings.max_reach)
     if len(keep) < len(curves) and attempts > 1:
         originals = [curves[number] for number in keep]
         return find_layout(points, originals, (), settings, poles, attempts - 1)
     return Layout(
         curves=tuple(curves),
-        start_x=start_x,
-        end_x=end_x,
-        start_station=tuple(start_station),
-        end_station=tuple(end_station),
+        start_x=x[-1],
+        end_x=x[1],
+        start_station=tuple(support[-1]),
+        end_station=tuple(support[1]),
         joints=joints,
         stations=placed,
     )
+
+
+def _end_at_supports(
+    curves: Sequence[Curve], joints: Sequence[Joint], stations: Sequence[Sequence[Joint]],
+    placed: Sequence[Station], poles: Sequence[StandingPole], settings: SupportSettings,
+) -> tuple[dict[int, Float64], dict[int, list[int]]]:
+    """Return x of all curves' ends [m], by side -1 or 1, and their supports, -1 for none."""
+    x = {
+        -1: np.array([curve.low for curve in curves]),
+        1: np.array([curve.high for curve in curves]),
+    }
+    support = {side: [-1] * len(curves) for side in x}
+    # ends that meet others
+    owner = {id(joint): number for number, group in enumerate(stations) for joint in group}
+    for joint in joints:
+        for own, side, place in zip(joint.curves, joint.sides, joint.x, strict=True):
+            x[side][own], support[side][own] = place, owner[id(joint)]
+    # ends that fade out before a support
+    for number, curve in enumerate(curves):
+        for side in (1, -1):
+            if support[side][number] < 0:
+                found = _station_ahead(
+                    curve, side, placed, support[-side][number], poles, settings
+                )
+                if found is not None:
+                    support[side][number], x[side][number] = found
+    return x, support
 
 
 def _find_originals(
