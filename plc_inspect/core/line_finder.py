@@ -43,6 +43,12 @@ from plc_inspect.core.stage_reports import (
 from plc_inspect.core.whole import make_draws, unpack, Whole
 from plc_inspect.results import Float64
 
+MOST_SEARCHES = 4
+"""
+How often the cloud is searched where conductors that were found show that others lay for ground.
+Source: judgement: each search frees 10 to 20 m more of a span, and takes as long as the first.
+"""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FoundLines:
@@ -64,6 +70,8 @@ class FoundLines:
     layout: Layout
     spans: SpanResult
     """With labels of all N points."""
+    rises: bool
+    """Points are high above that ground that were not searched."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -103,18 +111,27 @@ def find_lines(
     FoundLines
 
     """
+    found = _find_once(points, settings, log, east, whole)
+    for _ in range(MOST_SEARCHES - 1):
+        if not found.rises:
+            break
+        log.begin_again()
+        found = _find_once(points, settings, log, east, whole, found.height)
+    return found
+
+
+def _find_once(
+    points: Float64, settings: Settings, log: StageLog, east: Float64, whole: Whole | None,
+    ground: HeightResult | None = None,
+) -> FoundLines:
+    """Run the stages once, with the heights that an earlier run has left where it is given."""
     rng = make_draws(settings, whole)
-    region, peak, anchored, usual = unpack(whole)
+    _, _, anchored, usual = unpack(whole)
 
     # High elevation extraction: heights above local ground, and what is high enough for a wire.
-    surface_settings = settings.height.cell_size, settings.height.max_slope_deg
-    surface = log.recall(
-        'surface', surface_settings,
-        lambda: measure_surface(points, settings.height, region=region),
-    )
     height = log.run(
         settings.height,
-        lambda: extract_high(points, settings.height, surface=surface, peak=peak),
+        lambda: ground or _measure_height(points, settings, log, whole),
         lambda result: report_height(result, log.num_strays),
     )
     cloud = log.recall_after(
@@ -190,7 +207,20 @@ def find_lines(
         conductors=conductors,
         layout=hung.layout,
         spans=hung.spans,
+        rises=hung.height is not height and bool((hung.height.high & ~height.high).any()),
     )
+
+
+def _measure_height(
+    points: Float64, settings: Settings, log: StageLog, whole: Whole | None
+) -> HeightResult:
+    """Return the heights above the lowest points."""
+    region, peak, _, _ = unpack(whole)
+    surface = log.recall(
+        'surface', (settings.height.cell_size, settings.height.max_slope_deg),
+        lambda: measure_surface(points, settings.height, region=region),
+    )
+    return extract_high(points, settings.height, surface=surface, peak=peak)
 
 
 def _find_sight(height: HeightResult) -> Sight:

@@ -90,9 +90,15 @@ class StageLog:
         self._progress = progress
         self._memory = memory
         self._key: tuple[Hashable, ...] = ()
-        self._started = time.perf_counter()
+        self._started = self._begun = time.perf_counter()
         if progress is not None:
             progress(STAGES[0], 0.0)
+
+    def begin_again(self) -> None:
+        """Drop all reports, as the stages run once more for another ground."""
+        self.reports.clear()
+        self._memory, self._key = None, ()
+        self._started = self._begun
 
     def run(
         self, settings: Hashable, compute: Callable[[], T], describe: Callable[[T], Outcome]

@@ -265,3 +265,13 @@ def test_a_short_piece_is_found_where_it_continues_a_line():
     assert {span.line_id for span in result.spans} == {0}
     alone = seen[(seen[:, 0] > 60.0) | (seen[:, 2] < 5.0)]
     assert not Pipeline().run(alone).spans
+
+
+def test_conductors_that_lay_for_ground_are_searched_once_the_ground_is_known():
+    """The ground is seen below the first third of a span alone, as beside a river."""
+    points, label = make_line_cloud(spans=(120.0,), half_width=15.0)
+    ground = (label == PointClass.GROUND) & (points[:, 0] > 40.0)
+    result = Pipeline().run(points[~ground])
+    wires = label[~ground] == PointClass.WIRE
+    # one search finds 0.44 of the wire points
+    assert (result.classification[wires] == PointClass.WIRE).mean() > 0.75
