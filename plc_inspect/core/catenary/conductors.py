@@ -29,9 +29,9 @@ from plc_inspect.core.catenary.curve_row import (
 from plc_inspect.core.catenary.duplicates import drop_duplicates, is_thick
 from plc_inspect.core.catenary.free_length import Sight
 from plc_inspect.core.catenary.growing import extend
-from plc_inspect.core.catenary.judge import Judge, Verdict
+from plc_inspect.core.catenary.judge import find_along, Judge, Verdict
 from plc_inspect.core.catenary.track_fit import fit_tracks
-from plc_inspect.core.catenary.validation import list_evidence, TIED
+from plc_inspect.core.catenary.validation import list_evidence, STAY, TIED
 from plc_inspect.core.clustering.clustering import ClusteringResult
 from plc_inspect.core.numerics.plan_index import PlanIndex
 from plc_inspect.core.numerics.threads import call_each
@@ -107,9 +107,7 @@ def model_conductors(
     ConductorResult
 
     """
-    curves = find_curves(points, index, clustering, settings, rng)
-    judge = Judge(points, index, sight, curves, settings)
-    judge.decide()
+    curves, judge = judge_curves(points, index, clustering, sight, settings, rng)
     kept: list[Curve] = []
     doubtful: list[Curve] = []
     crowded: list[Curve] = []
@@ -128,14 +126,58 @@ def model_conductors(
     )
 
 
+def judge_curves(
+    points: Float64,
+    index: PlanIndex,
+    clustering: ClusteringResult,
+    sight: Sight,
+    settings: CatenarySettings,
+    rng: np.random.Generator,
+) -> tuple[tuple[Curve, ...], Judge]:
+    """
+    Return all curves of the tracks, and what is believed of them.
+
+    A thick curve that is no conductor may lie over several: then its parts are tried, and those
+    that are conductors take its place.  The arguments are those of `model_conductors`.
+    """
+    curves, parts = find_curves(points, index, clustering, settings, rng)
+    judge = Judge(points, index, sight, curves, settings)
+    judge.decide()
+    freed = _find_within(curves, judge.verdicts, parts, settings)
+    if freed:
+        sure = _list_believed(curves, judge)
+        tried = drop_duplicates(points, freed, settings, sure)
+        trial = Judge(points, index, sight, tried, settings)
+        trial.decide()
+        known = {id(curve) for curve in sure}
+        won = [curve for curve in _list_believed(tried, trial) if id(curve) not in known]
+        if won:
+            rest = [curve for curve in curves if id(curve) not in known]
+            curves = drop_duplicates(points, rest, settings, [*sure, *won])
+            judge = Judge(points, index, sight, curves, settings)
+            judge.decide()
+    return curves, judge
+
+
+def _list_believed(curves: Sequence[Curve], judge: Judge) -> list[Curve]:
+    return [
+        curve for curve, verdict in zip(curves, judge.verdicts, strict=True)
+        if not verdict.objection
+    ]
+
+
 def find_curves(
     points: Float64,
     index: PlanIndex,
     clustering: ClusteringResult,
     settings: CatenarySettings,
     rng: np.random.Generator,
-) -> tuple[Curve, ...]:
-    """Return all curves of the tracks, grown, joined and freed of duplicates, before evidence."""
+) -> tuple[tuple[Curve, ...], tuple[Curve, ...]]:
+    """
+    Return all curves of the tracks, grown, joined and freed of duplicates, before evidence.
+
+    Further returned are thin curves that were taken for parts of them.
+    """
     curves = bridge(points, fit_tracks(points, clustering, settings, rng), settings)
     grown = extend(points, index, curves, settings)
     done = {id(curve) for curve in grown}
@@ -145,14 +187,30 @@ def find_curves(
     again = iter(extend(points, index, fresh, settings))
     long = [curve if id(curve) in done else next(again) for curve in curves]
     wide = call_each(lambda k: widen(points, index, long[k], settings), len(long))
-    return drop_duplicates(points, merge_bundles(points, wide, settings), settings)
+    result = drop_duplicates(points, merge_bundles(points, wide, settings), settings)
+    known = {id(curve) for curve in result}
+    parts = tuple(curve for curve in grown if id(curve) not in known and not is_thick(curve))
+    return result, parts
+
+
+def _find_within(
+    curves: Sequence[Curve], verdicts: Sequence[Verdict], parts: Sequence[Curve],
+    settings: CatenarySettings,
+) -> list[Curve]:
+    """Return the parts along thick curves that are no conductors."""
+    failed = [
+        curve for curve, verdict in zip(curves, verdicts, strict=True)
+        if verdict.objection not in ('', TIED, STAY) and is_thick(curve)
+    ]
+    along = find_along([*parts, *failed], settings.bundle_width)[: len(parts), len(parts) :]
+    return [parts[k] for k in np.flatnonzero(along.any(axis=1)).tolist()]
 
 
 def _may_continue(curve: Curve, verdict: Verdict, settings: CatenarySettings) -> bool:
     """Whether nothing but too little evidence speaks against a curve."""
     evidence = list_evidence(curve, verdict.profile, verdict.free, settings)
     against = {item.setting for item in evidence if not item.kept}
-    return verdict.objection != TIED and against <= {
+    return verdict.objection not in (TIED, STAY) and against <= {
         'max_constant', 'max_crowding', 'min_evidence', 'max_clutter'
     }
 

@@ -46,17 +46,21 @@ SLACK = 0.5
 
 
 def drop_duplicates(
-    points: Float64, curves: Sequence[Curve], settings: CatenarySettings
+    points: Float64, curves: Sequence[Curve], settings: CatenarySettings,
+    sure: Sequence[Curve] = (),
 ) -> tuple[Curve, ...]:
     """
     Drop each curve that has most of its points, or of its course, from better seen ones.
 
     A line laid across several conductors at a small angle meets points of each, but has none
-    of its own.
+    of its own.  What is sure goes before all others.
     """
-    if not curves:
+    if not curves and not sure:
         return ()
-    order = sorted(curves, key=lambda curve: _rank(curve, settings))
+    order = [
+        curve for part in (sure, curves)
+        for curve in sorted(part, key=lambda curve: _rank(curve, settings))
+    ]
     start = np.cumsum([0, *(len(curve.points) for curve in order)])
     kept = _choose(
         points, pack_curves(order), np.concatenate([curve.points for curve in order]), start,

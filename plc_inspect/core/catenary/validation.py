@@ -16,6 +16,7 @@ from plc_inspect.core.catenary.growing import Profile
 UNPROVEN = 'curvature not proven'
 CROWDED = 'not free in the air'
 TIED = 'tied to another line along its length'
+STAY = 'a stay of a beam below it'
 UNTIDY = 'thick, with other things at its surface'
 BONUS = 8.0
 """
@@ -114,6 +115,17 @@ def find_objection(
     return next(found, '')
 
 
+def prove_sag(curve: Curve, settings: CatenarySettings) -> float:
+    """Return how far the curvature proves a conductor: 1 fully, 0 not, -1 surely straight."""
+    sigma = math.sqrt(max(float(curve.fit.covariance[2, 2]), 0.0))
+    significance = float(curve.fit.shape[2]) / sigma if sigma > 0.0 else 0.0
+    sags = LEAST_CONSTANT <= curve.fit.c <= settings.max_constant
+    proof = min(significance / settings.min_significance, 1.0) if sags else 0.0
+    if proof < 1.0 and curve.fit.shape[2] + SURE * sigma < 1.0 / STRAIGHTEST:
+        return -1.0
+    return proof
+
+
 def list_evidence(
     curve: Curve,
     profile: Profile,
@@ -141,13 +153,7 @@ def list_evidence(
             scale=scale,
         )
 
-    thick = is_thick(curve)
-    sigma = math.sqrt(max(float(curve.fit.covariance[2, 2]), 0.0))
-    significance = float(curve.fit.shape[2]) / sigma if sigma > 0.0 else 0.0
-    sags = LEAST_CONSTANT <= curve.fit.c <= settings.max_constant
-    proof = min(significance / settings.min_significance, 1.0) if sags else 0.0
-    if proof < 1.0 and curve.fit.shape[2] + SURE * sigma < 1.0 / STRAIGHTEST:
-        proof = -1.0
+    thick, proof = is_thick(curve), prove_sag(curve, settings)
     yield weigh('min_length', curve.length, 'too short')
     yield weigh('min_points', curve.num_points, 'too few points')
     yield weigh('min_coverage', profile.coverage, 'seen in too few places')

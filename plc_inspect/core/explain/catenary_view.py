@@ -10,9 +10,8 @@ import math
 import numpy as np
 
 from plc_inspect.config import Settings
-from plc_inspect.core.catenary.conductors import find_curves
+from plc_inspect.core.catenary.conductors import judge_curves
 from plc_inspect.core.catenary.curve import Curve
-from plc_inspect.core.catenary.judge import Judge
 from plc_inspect.core.catenary.validation import Evidence, list_evidence
 from plc_inspect.core.explain.checks import chain, Check, Finding, Proposal, propose, SLACK
 from plc_inspect.core.trace import Trace
@@ -71,12 +70,11 @@ class Curves:
         """Find the curves again, as the run did."""
         self.trace, self.settings = trace, settings
         cloud, limits = trace.lines.cloud, settings.catenary
-        found = find_curves(
-            cloud.points, cloud.index, trace.lines.clustering, limits, np.random.default_rng(0)
+        found, judge = judge_curves(
+            cloud.points, cloud.index, trace.lines.clustering, trace.lines.sight, limits,
+            np.random.default_rng(0),
         )
         believed = {_key(curve) for curve in trace.lines.conductors.curves}
-        judge = Judge(cloud.points, cloud.index, trace.lines.sight, found, limits)
-        judge.decide()
         views = []
         for curve, verdict in zip(found, judge.verdicts, strict=True):
             evidence = list_evidence(
