@@ -33,7 +33,7 @@ CATENARIES = np.dtype([
 HAZARDS = np.dtype([
     *_XYZ, ('id', '<u4'), *_IDS, ('kind', 'u1'), ('severity', 'u1'), ('clearance', '<f4'),
     ('required', '<f4'), ('horizontal', '<f4'), ('vertical', '<f4'), ('sigma', '<f4'),
-    ('along_span', '<f4'), ('num_points', '<u4'),
+    ('along_span', '<f4'), ('num_points', '<u4'), ('confidence', '<f4'),
 ])
 PROXIMITY = np.dtype([
     *_XYZ, ('thing', 'u1'), ('level', 'u1'), ('distance', '<f4'), ('direction_x', '<f4'),
@@ -151,7 +151,7 @@ def make_hazards(hazards: Sequence[HazardLike], origin: Place = ORIGIN) -> NDArr
     for row, hazard in zip(rows, hazards, strict=True):
         row['id'], row['kind'] = hazard.hazard_id, number_kind(hazard.kind)
         for name in ('line_id', 'span_id', 'severity', 'clearance', 'required', 'horizontal',
-                     'vertical', 'sigma', 'along_span', 'num_points'):
+                     'vertical', 'sigma', 'along_span', 'num_points', 'confidence'):
             row[name] = getattr(hazard, name)
         _put_place(row, hazard.position, origin)
     return rows

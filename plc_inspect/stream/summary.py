@@ -52,7 +52,7 @@ HAZARDS = np.dtype([
     ('severity', 'u1'), *_XYZ,
     *((name, '<i4') for name in ('clearance', 'required', 'horizontal', 'vertical', 'sigma',
                                  'along_span', 'from_support', 'height')),
-    ('support_id', '<i4'), ('num_points', '<u4'),
+    ('support_id', '<i4'), ('num_points', '<u4'), ('confidence', 'u1'),
 ])
 TABLES = {'spans': SPANS, 'supports': SUPPORTS, 'hazards': HAZARDS}
 KEYS = {
@@ -204,6 +204,7 @@ def make_tables(
         for name in ('clearance', 'required', 'horizontal', 'vertical', 'sigma', 'along_span',
                      'from_support', 'height'):
             row[name] = _millimetres(getattr(hazard, name))
+        row['confidence'] = round(100 * min(max(hazard.confidence, 0.0), 1.0))
     return tables
 
 

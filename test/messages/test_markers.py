@@ -38,7 +38,7 @@ SUPPORTS = (
 )
 HAZARDS = tuple(
     make_hazard((20.0 + k, 1.5, 8.0), 0, 4, hazard_id=10 + k, kind=kind, clearance=1.234 + k,
-                severity=Severity(1 + k % 3))
+                severity=Severity(1 + k % 3), confidence=0.97 - 0.05 * k)
     for k, kind in enumerate(HazardKind)
 )
 
@@ -149,7 +149,7 @@ def test_marks_of_the_node(live):
     worst = live['hazards', 12]
     assert spread(worst.color)[:3] == pytest.approx(
         [value / 255 for value in parse_color(SEVERITY_COLORS['critical'])])
-    assert live['hazard_texts', 12].text == 'structure 3.23 m (of 4.00 m)'
+    assert live['hazard_texts', 12].text == 'structure 3.23 m (of 4.00 m), 87 % sure'
 
 
 def test_curves_have_few_pieces_and_both_ends():
@@ -185,10 +185,11 @@ def test_what_a_newer_node_tells_is_drawn_all_the_same():
         hazard_id=1, line_id=0, span_id=0, kind='kind 99', severity=0, position=(1.0, 2.0, 3.0),
         clearance=1.0, required=2.0, horizontal=1.0, vertical=0.0, sigma=0.1, along_span=3.0,
         from_support=3.0, support_id=-1, height=4.0, num_points=9,
+        confidence=0.5,
     )
     sphere, text = list_marks((), (), [strange])
     assert sphere.color == OK_COLOR
-    assert text.text == 'kind 99 1.00 m (of 2.00 m)'
+    assert text.text == 'kind 99 1.00 m (of 2.00 m), 50 % sure'
 
 
 def test_nothing_gives_no_marks():

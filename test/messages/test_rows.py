@@ -37,7 +37,8 @@ SPANS = (
     make_span((80.0, 5.0, 22.0), (150.0, 40.0, 12.0), 0, 7),
 )
 RAISED = tuple(
-    make_hazard((10.0 * k, 1.0, 5.0), 3, 1, hazard_id=k, kind=kind, severity=Severity(1 + k % 3))
+    make_hazard((10.0 * k, 1.0, 5.0), 3, 1, hazard_id=k, kind=kind, severity=Severity(1 + k % 3),
+                confidence=0.25 + 0.11 * k)
     for k, kind in enumerate(HazardKind)
 )
 KINDS = {'LINES': LINES, 'CORRIDOR': CORRIDOR, 'CATENARIES': CATENARIES, 'HAZARDS': HAZARDS,
@@ -114,6 +115,14 @@ def test_spans_and_hazards_of_a_monitor_give_the_same_rows():
     spans, hazards = make_items(SPANS, RAISED)
     assert_alike(make_catenaries(spans), make_catenaries(SPANS), atol=1e-3)
     assert_alike(make_hazards(hazards), make_hazards(RAISED), atol=1e-3)
+
+
+def test_confidence_is_the_last_of_a_row():
+    rows = make_hazards(RAISED)
+    assert rows.dtype.names[-1] == 'confidence'
+    assert rows['confidence'] == pytest.approx([0.25 + 0.11 * k for k in range(len(RAISED))])
+    _, items = make_items(hazards=RAISED)  # the stream tells whole percents
+    assert make_hazards(items)['confidence'] == pytest.approx(rows['confidence'], abs=0.005)
 
 
 def test_a_kind_that_is_unknown_is_none():

@@ -130,6 +130,8 @@ class HazardItem:
     support_id: int
     height: float
     num_points: int
+    confidence: float
+    """Probability that its severity is true, 0 to 1."""
 
     @property
     def severity_name(self) -> str:
@@ -340,6 +342,7 @@ def make_hazard(row: Any) -> HazardItem:
         sigma=metres(row['sigma']), along_span=metres(row['along_span']),
         from_support=metres(row['from_support']), support_id=int(row['support_id']),
         height=metres(row['height']), num_points=int(row['num_points']),
+        confidence=int(row['confidence']) * 1e-2,
     )
 
 

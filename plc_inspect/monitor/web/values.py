@@ -182,6 +182,7 @@ def _make_hazard(item: HazardItem, stretches: dict[tuple[int, int], str]) -> dic
         'rows': [
             ['measured', format_metres(item.clearance, item.sigma)],
             ['required', format_metres(item.required)],
+            ['confidence', f'{round(100 * item.confidence)} %'],
             ['horizontal', format_metres(item.horizontal)],
             ['vertical', format_metres(item.vertical)],
             ['along the span', format_metres(item.along_span)],
