@@ -167,13 +167,15 @@ def _approach(
     low, high = first.start_x, first.end_x
     for _ in range(NUM_ROUNDS):
         x = np.linspace(low, high, NUM_PROBES)
-        at = first.curve.position(x)
-        other, horizontal, vertical = second.part(at)
-        best = int(np.argmin(np.hypot(horizontal, vertical)))
+        at = first.strand_positions(x)
+        other, horizontal, vertical = (
+            part.reshape(at.shape[:2]) for part in second.part(at.reshape(-1, 3))
+        )
+        strand, best = divmod(int(np.argmin(np.hypot(horizontal, vertical))), NUM_PROBES)
         low, high = x[max(best - 1, 0)], x[min(best + 1, NUM_PROBES - 1)]
-    distance = float(np.hypot(horizontal, vertical)[best])
-    pair = (first, second, float(x[best]), float(other[best]))
-    if vertical[best] > 0:
+    distance = float(np.hypot(horizontal, vertical)[strand, best])
+    pair = (first, second, float(x[best]), float(other[strand, best]))
+    if vertical[strand, best] > 0:
         pair = (second, first, pair[3], pair[2])
     return *pair, distance
 

@@ -65,6 +65,16 @@ MOST_OF = 0.5
 An object is a structure where more than this share of its offending points is surface.
 Source: derived: the majority.
 """
+SURE = 2.0
+"""
+Standard deviations within which a distance may be another.
+Source: derived: 95 % of normal errors lie within.
+"""
+SPREAD_OF_ZERO = math.sqrt(3.0)
+"""
+What is anywhere between a conductor and a distance from it deviates by this share of it.
+Source: derived: the root mean square of what is evenly distributed over it, from its end.
+"""
 LEAST_DISTANCE = 1e-9
 """
 Required distance at least, where a measured one is divided by it [m].
@@ -330,9 +340,13 @@ def _describe(
     years = math.nan
     if kind == HazardKind.VEGETATION and settings.growth > 0:
         years = max(value[limit.measure] - limit.tiers[0][1], 0.0) / settings.growth
+    sigma = model.sigma(x)
+    if clearance <= model.curve.tolerance + SURE * sigma:  # what is nearer is taken for the wire
+        sigma = math.hypot(sigma, clearance / SPREAD_OF_ZERO)
     return describe_hazard(
         model, x, supports, rules, limit,
         kind=kind,
+        sigma=sigma,
         severity=severity or Severity.NOTICE,
         position=position.copy(),
         clearance=clearance,

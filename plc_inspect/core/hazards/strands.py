@@ -188,8 +188,9 @@ def _fit_mixture(section, num):  # type: ignore[no-untyped-def]
     nearest = np.empty(count)
     for i in range(count):
         nearest[i] = math.hypot(section[i, 0] - middle[0], section[i, 1] - middle[1])
-    for k in range(num):  # each begins farthest from the others
-        centres[k] = middle if num == 1 else section[np.argmax(nearest)]
+    start = int((1.0 - LEAST_WEIGHT / 2.0) * (count - 1))  # what lies beyond may be strays
+    for k in range(num):  # each begins far from the others
+        centres[k] = middle if num == 1 else section[np.argsort(nearest)[start]]
         for i in range(count):
             apart = math.hypot(section[i, 0] - centres[k, 0], section[i, 1] - centres[k, 1])
             nearest[i] = apart if k == 0 else min(nearest[i], apart)

@@ -80,6 +80,14 @@ class SpanModel:
         """Return the standard deviation of a distance to the curve at x [m]."""
         return math.hypot(float(self.curve.prediction_sigma(np.array([x]))[0]), self.scatter)
 
+    def strand_positions(self, x: Float64) -> Float64:
+        """Return the (S, N, 3) points of its sub-conductors at the curve's x (N,) [m]."""
+        ca, sa = math.cos(self.curve.azimuth), math.sin(self.curve.azimuth)
+        across, above = self.strands.T
+        shift = np.column_stack([-sa * across, ca * across, above])
+        result: Float64 = self.curve.position(x)[None] + shift[:, None]
+        return result
+
     def part(self, points: Float64) -> tuple[Float64, Float64, Float64]:
         """
         Split the distances of points to the span, to the nearest of its sub-conductors.

@@ -136,3 +136,35 @@ def test_what_holds_a_conductor_does_not_fall_on_it(x, falls):
         fallible, [make_model(*ENDS)], make_supports('tower'), RULES, SETTINGS, []
     )
     assert [record['kind'] for record in records] == [HazardKind.FALL_IN] * falls
+
+
+@pytest.mark.parametrize(('num', 'falls'), [(1, False), (4, False), (0, True)])
+def test_wires_that_were_not_found_do_not_fall(num, falls):
+    """A rack of wires beside the conductor; without one, a tree that is as tall."""
+    rng = np.random.default_rng(2)
+    x = rng.uniform(30.0, 70.0, 400)
+    points = np.column_stack([x, np.full(400, 6.0), 11.0 - 0.4 * (np.arange(400) % max(num, 1))])
+    points += rng.normal(0.0, 0.03, points.shape)
+    if num == 0:
+        points = make_tree(50.0, 6.0, 11.0, bottom=3.0)
+    fallible = Fallible(
+        points=points, height=points[:, 2].copy(), surface=np.zeros(len(points), dtype=bool)
+    )
+    records = find_falling_trees(
+        fallible, [make_model(*ENDS)], make_supports('pole'), RULES, SETTINGS, []
+    )
+    assert [record['kind'] for record in records] == [HazardKind.FALL_IN] * falls
+
+
+@pytest.mark.parametrize('gap', [0.08, 3.0])
+def test_what_may_reach_the_conductor_says_so_in_sigma(gap):
+    """Points this near are taken for the conductor, so a tree may begin nearer than it seems."""
+    model = make_model(*ENDS)
+    top = float(model.curve.position(model.at(np.array(50.0)))[0, 2]) - gap
+    (record,), _ = search(make_column(50.0, top=top))
+    assert record['clearance'] == pytest.approx(gap, abs=0.06)
+    touches = record['clearance'] - 1.96 * record['sigma'] <= 0.0
+    assert touches == (gap < 1.0)
+    if gap > 1.0:
+        x, _, _ = model.part(record['position'][None])
+        assert record['sigma'] == pytest.approx(model.sigma(float(x[0])))

@@ -11,6 +11,8 @@ import pytest
 from toys import make_wire
 
 from plc_inspect.config import HazardSettings
+from plc_inspect.core.hazards.clearance_rules import plain_rules
+from plc_inspect.core.hazards.conductor_hazards import find_crossings
 from plc_inspect.core.hazards.hazards import find_hazards
 from plc_inspect.core.hazards.strands import divide_section, find_strands, measure_distances
 
@@ -107,3 +109,35 @@ def test_distances_beyond_the_end_and_on_slopes():
 
 def test_no_spans_have_no_sub_conductors():
     assert find_strands(np.zeros((5, 3)), make_span_result([], 5)) == ()
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_strays_are_no_sub_conductor(seed):
+    x, section = make_section(4, 0.03, seed)
+    rng = np.random.default_rng(seed)
+    section[:5] += rng.normal(0.0, 0.3, (5, 2))
+    strands, _ = divide_section(x, section)
+    assert len(strands) == 4
+    for centre in BUNDLES[4]:
+        assert np.linalg.norm(strands - centre, axis=1).min() < 0.03
+
+
+def test_positions_of_sub_conductors_are_parted_by_nothing():
+    model = dataclasses.replace(make_model(START, END, c=900.0), strands=np.array(BUNDLES[3]))
+    places = model.strand_positions(np.array([20.0, 90.0]))
+    assert places.shape == (3, 2, 3)
+    for own in places:
+        _, horizontal, vertical = model.part(own)
+        assert np.hypot(horizontal, vertical) == pytest.approx([0.0, 0.0], abs=1e-9)
+
+
+@pytest.mark.parametrize('above', [1.5, -1.5])
+def test_lines_cross_at_the_nearest_sub_conductors(above):
+    """Whichever comes first, and whichever is above."""
+    bundle = dataclasses.replace(make_model(START, END, c=900.0), strands=np.array(BUNDLES[4]))
+    z = float(bundle.curve.position(bundle.at(np.array(100.0)))[0, 2]) + above
+    single = make_model((100.0, -20.0, z), (100.0, 20.0, z), c=1e5, line_id=1, span_id=1)
+    rules = plain_rules(HazardSettings())
+    for models in ((bundle, single), (single, bundle)):
+        (record,) = find_crossings(models, (), rules)
+        assert record['clearance'] == pytest.approx(1.3, abs=0.02)
