@@ -15,6 +15,7 @@ from plc_inspect.core.live.session import Kept, LiveState, Session
 from plc_inspect.core.live.told_state import move_state
 from plc_inspect.core.live.warm_up import warm_up_pipeline
 from plc_inspect.core.live.window import Window
+from plc_inspect.core.tracking.hazard_tracking import HazardNews
 from plc_inspect.errors import DataError
 from plc_inspect.node_config import OutputSettings
 from plc_inspect.offline.records.flight import (
@@ -28,6 +29,7 @@ from plc_inspect.results import Float64, Int64, UInt8
 from plc_inspect.ros.node.intake import Intake
 from plc_inspect.ros.node.saving import save_results, Saved
 from plc_inspect.ros.results.publishing import Bundle, make_bundle
+from plc_inspect.ros.results.teller import tell_hazards
 
 ALL_THREADS: int = numba.get_num_threads()
 TICK_THREADS = 1
@@ -149,6 +151,7 @@ class FinalSave:
         """What became of the results of the whole map, None if nothing yet."""
         self._error: Exception | None = None
         self._doubt = ''
+        self._news = HazardNews()
 
     def save(
         self, session: Session, intake: Intake, flight: Flight, state: LiveState | None, late: str
@@ -220,6 +223,7 @@ class FinalSave:
             self._complain(f'the map failed: {type(self._error).__name__}: {self._error}')
             self._complain(rescue(snapshot.flight, state, 'the map failed'))
         elif self.saved is not None:
+            tell_hazards(self._news, self._say)
             tell = self._complain if self.saved.problem else self._say
             tell(self.saved.describe())
             if self._doubt:
@@ -236,6 +240,7 @@ class FinalSave:
             return
         if concluded.sharpness.poor:
             self._doubt = concluded.sharpness.describe()
+        self._news = concluded.news
         flight = snapshot.flight
         with self._writing:
             self.saved = save_results(

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import itertools
 
 from plc_inspect.core.live.session import LiveState
+from plc_inspect.core.tracking.hazard_tracking import HazardNews
 
 
 class Teller:
@@ -34,18 +35,22 @@ class Teller:
         for line in sorted(lines - self._told):
             self._say(f'line {line} found')
         self._told |= lines
-        news = state.news
-        for title, hazards, reasons in (
-            ('raised', news.raised, ()), ('updated', news.updated, ()),
-            ('cleared', news.cleared, news.reasons),
-        ):
-            for hazard, reason in itertools.zip_longest(hazards, reasons):
-                self._say(
-                    f'hazard {hazard.hazard_id} {title}: {hazard.severity.name.lower()}, '
-                    f'{hazard.kind.name.lower()} {hazard.clearance:.2f} m, '
-                    f'line {hazard.line_id} span {hazard.span_id}'
-                    + (f'; {reason}' if reason else '')
-                )
+        tell_hazards(state.news, self._say)
+
+
+def tell_hazards(news: HazardNews, say: Callable[[str], object]) -> None:
+    """Log the hazards that were raised, changed or taken back, these with the reason."""
+    for title, hazards, reasons in (
+        ('raised', news.raised, ()), ('updated', news.updated, ()),
+        ('cleared', news.cleared, news.reasons),
+    ):
+        for hazard, reason in itertools.zip_longest(hazards, reasons):
+            say(
+                f'hazard {hazard.hazard_id} {title}: {hazard.severity.name.lower()}, '
+                f'{hazard.kind.name.lower()} {hazard.clearance:.2f} m, '
+                f'line {hazard.line_id} span {hazard.span_id}'
+                + (f'; {reason}' if reason else '')
+            )
 
 
 def summarize(state: LiveState) -> str:

@@ -5,16 +5,20 @@
 
 import json
 import threading
+from types import SimpleNamespace
 
 import pytest
 from rclpy.parameter import Parameter
 from rig import Rig, wait_for
+from spans import make_hazard
 from std_srvs.srv import Trigger
 
+from plc_inspect.core.tracking.hazard_tracking import HazardNews
 from plc_inspect.errors import ConfigError
 from plc_inspect.offline.export import files
 from plc_inspect.ros.node import jobs
 from plc_inspect.ros.node.inspect_node import InspectNode
+from plc_inspect.ros.node.saving import Saved
 
 
 @pytest.fixture
@@ -146,3 +150,14 @@ def test_map_that_fails_at_the_end_is_said(rig, tmp_path, monkeypatch, capfd):
     said = capfd.readouterr().err
     assert 'the map failed: ValueError: made to fail' in said
     assert len(json.loads((tmp_path / 'out' / 'spans.json').read_text())['spans']) == 6
+
+
+def test_the_end_tells_why_it_takes_a_hazard_back(monkeypatch, tmp_path):
+    news = HazardNews().clear([make_hazard((1.0, 2.0, 3.0), hazard_id=7)], 'the wind')
+    state = SimpleNamespace(sharpness=SimpleNamespace(poor=False), news=news)
+    monkeypatch.setattr(jobs, 'conclude', lambda *_: (state, None, None))
+    monkeypatch.setattr(jobs, 'save_results', lambda *_: Saved(folder=tmp_path, whole=True))
+    said, flight = [], SimpleNamespace(settings=SimpleNamespace(output=None), first_stamp_ns=0)
+    jobs.FinalSave(said.append, said.append).run(None, SimpleNamespace(flight=flight), None)
+    assert said[0].startswith('hazard 7 cleared: warning, vegetation 3.00 m')
+    assert said[0].endswith('; the wind')
