@@ -67,7 +67,11 @@ def make_random(seed: int, kind: Kind = 'any') -> RandomScene:
     """
     rng = np.random.default_rng([seed, len(KINDS)])
     survey = draw_survey(rng)
-    scene = make_random_scene(seed, kind, survey)
+    return measure_scene(make_random_scene(seed, kind, survey), survey, rng)
+
+
+def measure_scene(scene: Scene, survey: Survey, rng: np.random.Generator) -> RandomScene:
+    """Survey a scene and tell the truth about it."""
     scanner = Scanner(scene, survey, rng)
     cloud = join([scanner.measure(beams) for beams in _move(scanner, rng)])
     truth = make_truth(
