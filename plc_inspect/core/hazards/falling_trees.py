@@ -137,13 +137,16 @@ def find_falling_trees(
     feet = points[top].copy()
     feet[:, 2] -= height[top]
     found, distance, owner = find_near(feet, tabulate(models), FALL_REACH + TALLEST)
-    distance = measure_distances(feet[found], distance, owner, models, FALL_REACH + TALLEST)
+    gaps = measure_distances(
+        feet[found], distance.astype(np.float64), owner.astype(np.int64), models,
+        FALL_REACH + TALLEST,
+    )
     width, length = _measure_plan(points, tree)
     wire = (width <= POLE_WIDTH) & (length >= FREE_LENGTH)  # of conductors that were not found
     taken = _trees_at(points, tree, [item['position'] for item in known
                                      if item['kind'] == HazardKind.VEGETATION])
     result = []
-    for number, reach, span in zip(found.tolist(), distance.tolist(), owner.tolist(), strict=True):
+    for number, reach, span in zip(found.tolist(), gaps.tolist(), owner.tolist(), strict=True):
         tall = float(height[top[number]])
         clearance = reach - tall
         severity = limit.judge(clearance)
