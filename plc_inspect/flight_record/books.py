@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Spans, supports and hazards in a record: what changed of them, and what that adds up to."""
+"""What is known, in a record: what changed of it, and what that adds up to."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plc_inspect.core.live.session import Kept
+from plc_inspect.core.setup.sharpness import Spread
 from plc_inspect.core.tracking.hazard_tracking import KeptHazards, KeptSupports, TrackedHazard
 from plc_inspect.core.tracking.tracked_span import KeptSpans, TrackedSpan
 from plc_inspect.errors import DataError
@@ -28,6 +29,7 @@ class BookWriter:
         self._spans: dict[Any, TrackedSpan] = {}
         self._hazards: dict[Any, TrackedHazard] = {}
         self._supports: dict[Any, Support] = {}
+        self._spreads: tuple[Spread, ...] = ()
 
     def describe(self, kept: Kept) -> tuple[dict[str, Any], dict[str, NDArray[Any]] | None]:
         """
@@ -65,6 +67,8 @@ class BookWriter:
                     kept.supports.supports, kept.supports.misses, strict=True
                 ) if number
             ],
+            'spreads': to_plain(_find_later(self._spreads, kept.spreads)),
+            'num_spreads': len(kept.spreads),
         }
         moved = [
             item for key, item in spans.items()
@@ -72,11 +76,18 @@ class BookWriter:
         ]
         self._first = False
         self._spans, self._hazards, self._supports = spans, hazards, supports
+        self._spreads = kept.spreads
         return news, _gather_wires(moved) if moved else None
 
 
 def _find_new(before: Mapping[Any, Any], now: Mapping[Any, Any]) -> list[Any]:
     return [item for key, item in now.items() if before.get(key) is not item]
+
+
+def _find_later(before: Sequence[Spread], now: Sequence[Spread]) -> Sequence[Spread]:
+    """Return what was added since; old ones go in the order in which they came."""
+    known = {id(item) for item in before}
+    return [item for item in now if id(item) not in known]
 
 
 def _describe_span(item: TrackedSpan) -> dict[str, Any]:
@@ -107,6 +118,7 @@ class BookReader:
     _wires: dict[tuple[int, int], tuple[Any, Any]] = field(default_factory=dict)
     _hazards: dict[int, Any] = field(default_factory=dict)
     _supports: dict[int, Any] = field(default_factory=dict)
+    _spreads: list[Any] = field(default_factory=list)
     _last: dict[str, Any] = field(default_factory=dict)
 
     def put(self, news: Mapping[str, Any]) -> None:
@@ -124,6 +136,9 @@ class BookReader:
                     book[item[name]['hazard_id'] if name else item['support_id']] = item
             for item in news['spans']:
                 self._spans[item['span']['line_id'], item['span']['span_id']] = item
+            # a record of an earlier version has none
+            self._spreads += news.get('spreads', [])
+            del self._spreads[:max(len(self._spreads) - int(news.get('num_spreads', 0)), 0)]
             self._last = {
                 name: news[name] for name in
                 ('span_numbers', 'hazard_numbers', 'support_numbers', 'misses')
@@ -161,6 +176,7 @@ class BookReader:
                 supports=supports, next_number=int(self._last['support_numbers']['next_number']),
                 misses=tuple(misses.get(item.support_id, 0) for item in supports),
             ),
+            spreads=from_plain(tuple[Spread, ...], self._spreads),
         )
 
     def _build_span(self, key: tuple[int, int]) -> TrackedSpan:

@@ -18,6 +18,7 @@ import pytest
 from plc_inspect.config import MapSettings, Settings
 from plc_inspect.core.live.session import Session
 from plc_inspect.core.live.warm_up import make_sample
+from plc_inspect.core.setup.sharpness import Spread
 from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
 from plc_inspect.errors import DataError
 from plc_inspect.flight_record import reader as reader_module
@@ -137,6 +138,22 @@ def test_books_come_back(tmp_path, knows):
         [item.span for item in found[1].spans]
     )
     assert to_plain(found[0].hazards) == to_plain(found[1].hazards)
+
+
+def test_sharpness_comes_back_with_what_was_added_and_what_was_dropped(tmp_path, knows):
+    parts = [
+        Spread(number % 3, np.full(3, 0.1 * number), np.zeros(0), np.full(2, 1.0 / 3.0))
+        for number in range(6)
+    ]
+    source = Source(tmp_path / 'it.record')
+    for first, last in ((0, 0), (0, 3), (1, 5), (1, 5), (4, 6)):
+        source.grow(replace(knows, spreads=tuple(parts[first:last])))
+        source.wait()
+        found = read_flight(tmp_path / 'it.record').kept.spreads
+        assert to_plain(found) == to_plain(parts[first:last])
+    source.grow(replace(knows, spreads=()))
+    source.recording.close()
+    assert read_flight(tmp_path / 'it.record').kept.spreads == ()
 
 
 def test_cut_at_any_byte_gives_the_last_whole_chunk(tmp_path, made):

@@ -26,7 +26,7 @@ from plc_inspect.core.live.map_labels import label_points
 from plc_inspect.core.live.surroundings import Surroundings, SurroundingsBook
 from plc_inspect.core.live.window import sample_span, Window
 from plc_inspect.core.pipeline import Pipeline
-from plc_inspect.core.setup.sharpness import LookWindow, Sharpness, SharpnessBook
+from plc_inspect.core.setup.sharpness import LookWindow, Sharpness, SharpnessBook, Spread
 from plc_inspect.core.tracking.hazard_tracking import (
     HazardBook,
     HazardNews,
@@ -117,6 +117,8 @@ class Kept:
     spans: KeptSpans = field(default_factory=KeptSpans)
     hazards: KeptHazards = field(default_factory=KeptHazards)
     supports: KeptSupports = field(default_factory=KeptSupports)
+    spreads: tuple[Spread, ...] = ()
+    """What tells how sharp the map is."""
 
 
 class Session:
@@ -135,10 +137,12 @@ class Session:
     @property
     def state(self) -> LiveState:
         """What is known, without the figures of a tick."""
+        sharpness = self._book.judge()
         return LiveState(
             spans=self._registry.spans,
             supports=self._supports.supports,
-            hazards=self._hazards.hazards,
+            hazards=() if sharpness.poor else self._hazards.hazards,
+            sharpness=sharpness,
             corridor=self._corridor,
             around=self._surroundings.known,
         )
@@ -147,7 +151,7 @@ class Session:
         """Return what is to be kept from tick to tick."""
         return Kept(
             spans=self._registry.remember(), hazards=self._hazards.remember(),
-            supports=self._supports.remember(),
+            supports=self._supports.remember(), spreads=self._book.remember(),
         )
 
     def restore(self, kept: Kept) -> None:
@@ -155,6 +159,7 @@ class Session:
         self._registry.restore(kept.spans)
         self._hazards.restore(kept.hazards)
         self._supports.restore(kept.supports)
+        self._book.restore(kept.spreads)
 
     def tick(
         self, window: Window, settings: Settings, vehicle: Float64 | None,
@@ -184,8 +189,8 @@ class Session:
 
         """
         started = time.perf_counter()
-        if (sharpness := self.measure(looks)).hopeless:
-            return self._wait(window, sharpness, started)
+        if self.measure(looks).hopeless:
+            return self._wait(window, started)
         self._frame = self._frame or find_cloud_frame(window.points)
         result, labels = _run(window.points, self._frame, settings, rules)
         numbered = self._registry.update(result, window.points, window.spans)
@@ -212,10 +217,9 @@ class Session:
         self._book.add(looks)
         return self._book.judge()
 
-    def _wait(self, window: Window, sharpness: Sharpness, started: float) -> Tick:
+    def _wait(self, window: Window, started: float) -> Tick:
         state = replace(
-            self.state, hazards=(), sharpness=sharpness,
-            num_merges=self._registry.num_merges, sequence=window.sequence,
+            self.state, num_merges=self._registry.num_merges, sequence=window.sequence,
             seconds=time.perf_counter() - started,
         )
         return Tick(state=state, labels=np.zeros(0, dtype=np.uint8))

@@ -333,6 +333,15 @@ class SharpnessBook:
         """Forget what was measured."""
         self._spreads.clear()
 
+    def remember(self) -> tuple[Spread, ...]:
+        """Return what was measured, oldest first; what is in it never changes."""
+        return tuple(self._spreads)
+
+    def restore(self, spreads: Sequence[Spread]) -> None:
+        """Go on from what another book measured."""
+        self.clear()
+        self._spreads.extend(spreads)
+
     def add(self, windows: Sequence[LookWindow]) -> None:
         """Measure some windows."""
         self._spreads.extend(measure_spread(window) for window in windows)

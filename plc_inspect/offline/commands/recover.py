@@ -45,7 +45,7 @@ def recover(record: Path) -> Recovered:
     -------
     Recovered
         Ready to be written; where the node held back results of the whole map, those of the
-        last tick.
+        last tick.  Where the map is not sharp, without hazards, as ``counts['held_back']`` says.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def _inspect(flight: 'Flight') -> 'Inspection':
         doubt = state['doubt']
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
         raise DataError(f'the record lacks something: {type(error).__name__}: {error}') from error
-    if doubt:
+    if doubt or session.state.sharpness.hopeless:
         return describe_last_tick(told, session.state)
     return conclude(session, snapshot)[1]
 
@@ -119,6 +119,7 @@ def _run(argv: Sequence[str] | None) -> int:
     parser.add_argument('--force', action='store_true', help='replace a results folder')
     parser.add_argument('--quiet', action='store_true', help='print errors only')
     arguments = parser.parse_args(argv)
+    from plc_inspect.errors import DataError
     from plc_inspect.offline.commands.result_table import render_summary
     from plc_inspect.offline.export.results_folder import check_results, write_results
 
@@ -129,4 +130,6 @@ def _run(argv: Sequence[str] | None) -> int:
         parts = [render_summary(recovered.inspection), *recovered.notes]
         print(make_printable('\n\n'.join(parts)))
         print(f'\nreport: {arguments.output / "report.html"}')
+    if recovered.inspection.counts['held_back']:
+        raise DataError(f'{arguments.record}: {recovered.inspection.counts["held_back"]}')
     return DONE

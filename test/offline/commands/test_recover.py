@@ -3,6 +3,7 @@
 
 """``plc_recover`` makes results of a record that ends anywhere, as the node does at the end."""
 
+from dataclasses import replace
 import json
 import time
 
@@ -13,6 +14,7 @@ from plc_inspect.config import Settings
 from plc_inspect.core.live.session import Session
 from plc_inspect.core.live.warm_up import make_sample
 from plc_inspect.core.mapping.accumulator import Accumulator
+from plc_inspect.core.setup.sharpness import Spread
 from plc_inspect.flight_record.layout import list_segments
 from plc_inspect.flight_record.plain_values import to_plain
 from plc_inspect.flight_record.recording import Recording
@@ -30,10 +32,8 @@ def size_of(folder):
     return sum(path.stat().st_size for path in list_segments(folder))
 
 
-@pytest.fixture(scope='module')
-def record(tmp_path_factory):
-    """Return the record of a flight that was killed, and what was known in it."""
-    folder = tmp_path_factory.mktemp('flight') / 'out.record'
+def make_record(folder, spreads=()):
+    """Write the record of a flight that was killed; return what was known in it."""
     intake = Intake(SETTINGS, Health(), print)
     voxels, session = intake.accumulator.map, Session()
     intake.accumulator.resume(('odom', 'base_link'), None, None)
@@ -52,10 +52,17 @@ def record(tmp_path_factory):
         while size_of(folder) == before and time.monotonic() < until:
             time.sleep(0.01)  # each in a chunk of its own
     state, result, _ = session.conclude(voxels.centroids(), SETTINGS, 1, complete=True)
-    recording.keep(session.remember())
+    recording.keep(replace(session.remember(), spreads=spreads))
     recording.flush()
     recording.close()
-    return folder, state, result
+    return state, result
+
+
+@pytest.fixture(scope='module')
+def record(tmp_path_factory):
+    """Return the record of a flight that was killed, and what was known in it."""
+    folder = tmp_path_factory.mktemp('flight') / 'out.record'
+    return folder, *make_record(folder)
 
 
 def read(folder, name):
@@ -92,6 +99,20 @@ def test_cut_record_says_what_it_lacks(record, tmp_path, capsys):
     assert main([str(cut), '-o', str(tmp_path / 'out')]) == 0
     assert 'are cut off or damaged' in capsys.readouterr().out
     assert len(read(tmp_path / 'out', 'spans')['spans']) == 6
+
+
+@pytest.mark.parametrize(('apart', 'told'), [
+    (0.2, 'hazards are held back'), (9.0, 'nothing is looked for in it'),
+])
+def test_hazards_are_held_back_as_they_were_in_flight(tmp_path, capsys, apart, told):
+    spreads = Spread(1, np.full(50, apart**2), np.zeros(0), np.full(50, 0.02**2)),
+    state, _ = make_record(tmp_path / 'it.record', spreads)
+    assert state.hazards
+    assert main([str(tmp_path / 'it.record'), '-o', str(tmp_path / 'out')]) == 2
+    assert told in capsys.readouterr().err
+    assert read(tmp_path / 'out', 'hazards')['hazards'] == []
+    assert len(read(tmp_path / 'out', 'spans')['spans']) == len(state.confirmed)
+    assert told in read(tmp_path / 'out', 'run')['held_back']
 
 
 def test_folder_that_is_there_needs_force(record, tmp_path, capsys):
