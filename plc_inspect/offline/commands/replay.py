@@ -71,6 +71,7 @@ def replay(
 
     """
     from plc_inspect.core.alignment.moved_results import move_result
+    from plc_inspect.core.mapping.flown_way import FlownWay
     from plc_inspect.core.pipeline import Pipeline
     from plc_inspect.core.setup.sharpness import SharpnessBook
     from plc_inspect.offline.commands.request import hash_input
@@ -81,10 +82,10 @@ def replay(
     tell = progress or (lambda step, share: None)
     topics = (settings.input.scan_topic, settings.input.odometry_topic)
     started = time.perf_counter()
-    book = SharpnessBook()
+    book, way = SharpnessBook(), FlownWay()
     with Recording(path, *topics, settings.input) as recording:
         accumulator = accumulate(
-            recording, settings, lambda share: tell('reading', share), book
+            recording, settings, lambda share: tell('reading', share), book, way
         )
         check_used(recording, accumulator, settings)
         counts = asdict(accumulator.counters())
@@ -107,6 +108,8 @@ def replay(
     if sharpness.poor:
         result = dataclasses.replace(result, hazards=())
     result, points = move_result(result, move), move.apply(points)
+    flown = way.places
+    flown[:, 1:] = move.apply(flown[:, 1:])
     seconds['pipeline'] = time.perf_counter() - started
     return Inspection(
         result=result,
@@ -117,6 +120,7 @@ def replay(
         frame_id=accumulator.frame_id,
         rules=rules,
         checksum=hash_input(path),
+        way=flown,
         counts=counts,
         seconds=seconds,
     )

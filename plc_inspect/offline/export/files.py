@@ -18,11 +18,13 @@ from typing import Any
 import numpy as np
 
 from plc_inspect import __version__
+from plc_inspect.offline.export.coverage_files import make_plan, write_coverage_views
 from plc_inspect.offline.export.dxf import write_dxf
 from plc_inspect.offline.export.geo import write_geo
 from plc_inspect.offline.export.playback import write_playback
 from plc_inspect.offline.export.points_file import write_points
 from plc_inspect.offline.records.changes import describe_changes
+from plc_inspect.offline.records.coverage_record import describe_coverage, look_again, Sight
 from plc_inspect.offline.records.inspection import (
     describe_hazard,
     describe_span,
@@ -59,9 +61,10 @@ HAZARD_COLUMNS = (
 
 def write_files(folder: Path, inspection: Inspection) -> None:
     """Write all files of one run into an empty folder; OSError where one cannot be written."""
-    tables = write_records(folder, inspection)
+    tables, sight = write_records(folder, inspection), look_again(inspection)
+    _write_coverage(folder, inspection, sight)
     with ThreadPoolExecutor(1) as beside:  # points are compressed outside of Python
-        report = beside.submit(_write_views, folder, inspection, tables)
+        report = beside.submit(_write_views, folder, inspection, tables, sight)
         started = time.perf_counter()
         num_written = write_points(folder / 'points.laz', inspection)
         seconds = dict(inspection.seconds) | {'points_file': time.perf_counter() - started}
@@ -73,6 +76,7 @@ def write_files(folder: Path, inspection: Inspection) -> None:
 def write_tables(folder: Path, inspection: Inspection) -> None:
     """Write JSON and CSV of one run alone; OSError where one cannot be written."""
     write_records(folder, inspection)
+    _write_coverage(folder, inspection, look_again(inspection))
     write_json(folder / 'run.json', describe_run(inspection, 0))
 
 
@@ -96,12 +100,7 @@ def write_records(
         span['vegetation_clearance'] = None if distance is None else distance / units.horizontal
     tables = {'spans': spans, 'supports': supports, 'hazards': hazards}
     for name, records in tables.items():
-        head = {
-            'frame_id': inspection.frame_id,
-            'crs': inspection.crs,
-            'metres_per_unit': [units.horizontal, units.vertical],
-        }
-        write_json(folder / f'{name}.json', head | {name: records})
+        write_json(folder / f'{name}.json', _describe_frame(inspection) | {name: records})
     _write_table(folder / 'spans.csv', SPAN_COLUMNS, spans)
     _write_table(folder / 'hazards.csv', HAZARD_COLUMNS, hazards)
     _write_table(folder / 'supports.csv', SUPPORT_COLUMNS, [
@@ -114,15 +113,32 @@ def write_records(
     return tables
 
 
+def _describe_frame(inspection: Inspection) -> Record:
+    units = inspection.units
+    return {
+        'frame_id': inspection.frame_id,
+        'crs': inspection.crs,
+        'metres_per_unit': [units.horizontal, units.vertical],
+    }
+
+
+def _write_coverage(folder: Path, inspection: Inspection, sight: Sight) -> None:
+    record = describe_coverage(sight, inspection.units)
+    write_json(folder / 'coverage.json', _describe_frame(inspection) | record)
+
+
 def _write_views(
-    folder: Path, inspection: Inspection, tables: dict[str, list[Record]]
+    folder: Path, inspection: Inspection, tables: dict[str, list[Record]], sight: Sight
 ) -> float:
     """Write the files for other programs and the report, and return what the report took [s]."""
     write_geo(folder, inspection, tables)
+    write_coverage_views(folder, inspection, sight)
+    if (plan := make_plan(inspection, sight)) is not None:
+        write_json(folder / 'refly.plan', plan)
     write_dxf(folder / 'catenaries.dxf', inspection, tables)
     write_playback(folder / 'results.mcap', inspection)
     started = time.perf_counter()
-    (folder / 'report.html').write_text(render_report(inspection), encoding='utf-8')
+    (folder / 'report.html').write_text(render_report(inspection, sight), encoding='utf-8')
     return time.perf_counter() - started
 
 

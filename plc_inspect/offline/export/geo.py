@@ -26,6 +26,9 @@ STEP = 2.0
 FILE_DATE = '2000-01-01T00:00:00.000Z'
 """Written for the time of the file, so that the same results give the same bytes."""
 
+LINES = 'spans', 'coverage'
+"""Layers of lines; the others are of points."""
+
 Layers = dict[str, tuple[list[Any], list[Record]]]
 """Name of a layer to its geometries, in the frame of the input, and their attributes."""
 
@@ -63,7 +66,7 @@ def write_geo(folder: Path, inspection: Inspection, records: dict[str, list[Reco
     pyogrio.set_gdal_config_options({'OGR_CURRENT_DATE': FILE_DATE})
     layers = make_layers(inspection, records)
     try:
-        world = _to_world(layers, system, inspection)
+        world = to_world(layers, system, inspection)
     except ProjError as error:
         raise DataError(f'coordinates are no places of {system.name}: {error}') from error
     plain = system.to_wkt()
@@ -94,10 +97,10 @@ def make_layers(inspection: Inspection, records: dict[str, list[Record]]) -> Lay
     }
 
 
-def _to_world(
+def to_world(
     layers: Layers, system: pyproj.CRS, inspection: Inspection
 ) -> dict[str, list[Any]]:
-    """Return the geometries in longitude, latitude and metres."""
+    """Return geometries in longitude, latitude and metres; ProjError where they have none."""
     transformer = pyproj.Transformer.from_crs(system, 'EPSG:4326', always_xy=True)
     height = inspection.units.vertical
 
@@ -123,7 +126,7 @@ def write_layer(
                           dtype=object),
         field_data=list(columns.values()),
         fields=np.array(list(columns), dtype=object),
-        geometry_type='LineString Z' if layer == 'spans' else 'Point Z',
+        geometry_type='LineString Z' if layer in LINES else 'Point Z',
         crs=crs, driver=driver, layer=layer, layer_options=options or None,
     )
 

@@ -21,6 +21,7 @@ FILES = (
     'points.laz',
     'report.html',
     'supports.csv',
+    'coverage.json',
     'catenaries.dxf',
     'results.mcap',
 )
@@ -33,6 +34,9 @@ OPTIONAL_FILES = (
     'supports.geojson',
     'hazards.geojson',
     'results.kml',
+    'coverage.geojson',
+    'refly.geojson',
+    'refly.plan',
     'results.gpkg',
 )
 """And these where they were asked for or are possible."""

@@ -6,8 +6,11 @@
 from collections.abc import Callable
 import dataclasses
 
+import numpy as np
+
 from plc_inspect.config import MOST_VOXELS, Settings
 from plc_inspect.core.mapping.accumulator import Accumulator
+from plc_inspect.core.mapping.flown_way import FlownWay
 from plc_inspect.core.mapping.standstill import explain_standstill
 from plc_inspect.core.setup.sharpness import SharpnessBook
 from plc_inspect.errors import DataError
@@ -20,6 +23,7 @@ def accumulate(
     settings: Settings,
     progress: Callable[[float], None] | None = None,
     book: SharpnessBook | None = None,
+    way: FlownWay | None = None,
 ) -> Accumulator:
     """
     Put all scans of a recording into a map, as the node would have done in flight.
@@ -38,6 +42,8 @@ def accumulate(
         Called with the share that was read, 0 to 1, after each scan and at the end.
     book : SharpnessBook or None
         Takes how sharp the map is.
+    way : FlownWay or None
+        Takes the way of the vehicle.
 
     Returns
     -------
@@ -57,7 +63,7 @@ def accumulate(
     for message in recording:
         content, now = message.content, message.log_stamp_ns * 1e-9
         if isinstance(content, StampedPose):
-            accumulator.add_pose(
+            taken = accumulator.add_pose(
                 content.stamp_ns,
                 content.position,
                 content.quaternion,
@@ -65,6 +71,9 @@ def accumulate(
                 child_frame_id=content.child_frame_id,
                 now=now,
             )
+            if taken and way is not None:
+                place = np.array(content.position, dtype=np.float64)
+                way.add(content.stamp_ns, accumulator.follower.move.apply(place))
             continue
         try:
             accumulator.add_scan(

@@ -39,6 +39,8 @@ class Flight:
     """What came in so far."""
     move: RigidMove = field(default_factory=RigidMove)
     """From the frame of the map into that of the odometry as it is now."""
+    way: Float64 | None = None
+    """(K, 4) time [s] and place in the map [m] of the vehicle, None where it is unknown."""
     command: str = 'plc_node'
     """Name of the executable."""
 
@@ -108,6 +110,9 @@ def describe_run(
     """Return a result with all that its folder tells of the flight."""
     from plc_inspect.offline.records.inspection import Inspection
 
+    way = flight.way
+    if way is not None:
+        way = np.column_stack([way[:, 0], flight.move.apply(way[:, 1:])])
     return Inspection(
         result=result,
         points=points,
@@ -117,5 +122,6 @@ def describe_run(
         frame_id=flight.frame_id,
         rules=flight.rules,
         counts=flight.counts,
+        way=way,
         seconds={'pipeline': seconds},
     )

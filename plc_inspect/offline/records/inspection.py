@@ -93,6 +93,8 @@ class Inspection:
     """What changed since an earlier survey, None if none was given."""
     checksum: str = ''
     """SHA-256 of the input, hexadecimal; empty where it is no file."""
+    way: Float64 | None = None
+    """(K, 4) time [s] and place [m] of the vehicle along its way; None where it is unknown."""
     counts: Mapping[str, Any] = field(default_factory=dict)
     """What the reader read and dropped, JSON-serialisable."""
     seconds: Mapping[str, float] = field(default_factory=dict)

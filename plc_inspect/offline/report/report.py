@@ -16,6 +16,7 @@ from plc_inspect import __version__
 from plc_inspect.colors import line_color, LOOKS, SEVERITY_COLORS
 from plc_inspect.core.hazards.clearance_rules import describe_rules, plain_rules
 from plc_inspect.core.tracking.wire_points import WirePoints
+from plc_inspect.offline.records.coverage_record import describe_coverage, look_again, Sight
 from plc_inspect.offline.records.inspection import Inspection, measure_clearances, Record
 from plc_inspect.offline.report.drawing import draw_bars
 from plc_inspect.offline.report.figures import draw_map, draw_profile, draw_section
@@ -45,7 +46,7 @@ _LONG_LIST = 8
 """Longer lists of numbers are drawn as bars."""
 
 
-def render_report(inspection: Inspection) -> str:
+def render_report(inspection: Inspection, sight: Sight | None = None) -> str:
     """
     Return the report of one run as HTML.
 
@@ -56,6 +57,8 @@ def render_report(inspection: Inspection) -> str:
     ----------
     inspection : Inspection
         The run.
+    sight : Sight or None
+        What it has seen; by default found in its points.
 
     Returns
     -------
@@ -64,6 +67,7 @@ def render_report(inspection: Inspection) -> str:
     """
     scene = make_scene(inspection)
     result = inspection.result
+    sight = sight or look_again(inspection)
     return PAGE.render(
         version=__version__,
         inspection=inspection,
@@ -79,6 +83,7 @@ def render_report(inspection: Inspection) -> str:
         groups=_describe_groups(inspection, scene),
         supports=scene.supports,
         hazards=scene.hazards,
+        coverage=describe_coverage(sight, inspection.units),
         origin=scene.origin.tolist(),
         stages=[_describe_stage(stage) for stage in result.stages],
         slowest=max((stage.seconds for stage in result.stages), default=0.0) or 1.0,

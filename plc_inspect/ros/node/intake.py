@@ -21,6 +21,7 @@ from plc_inspect.core.alignment.rigid_move import RigidMove
 from plc_inspect.core.live.window import NEAR
 from plc_inspect.core.mapping.accumulator import Accumulator
 from plc_inspect.core.mapping.eviction import Evictor
+from plc_inspect.core.mapping.flown_way import FlownWay
 from plc_inspect.core.mapping.scan_counters import Counters, DropReason
 from plc_inspect.core.mapping.standstill import explain_standstill
 from plc_inspect.core.setup.mount import Mount
@@ -68,6 +69,7 @@ class Intake:
     ) -> None:
         self.accumulator = Accumulator(settings)
         self.evictor = Evictor(self.accumulator.map)
+        self.way = FlownWay()
         self.vehicle: Float64 | None = None
         """(3,) where the vehicle is in the map [m], None before the first pose."""
         self.told_vehicle: Float64 | None = None
@@ -201,6 +203,7 @@ class Intake:
         if accepted:
             self.told_vehicle = pose.position
             self.vehicle = self.move.apply(np.array(pose.position, dtype=np.float64))
+            self.way.add(pose.stamp_ns, self.vehicle)
             self.on_pose(pose, self.move, self.accumulator.map.cells)
             self._follow_parts(now)
         self._follow_restart()
@@ -371,6 +374,7 @@ class Intake:
 
     def _begin_map(self) -> None:
         """Judge the new map by what comes from now on."""
+        self.way.clear()
         counters = self.accumulator.counters()
         self._refused_before = counters.points_dropped.get('map full', 0)
         self._inserted_before = counters.num_points_inserted

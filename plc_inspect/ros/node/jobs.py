@@ -91,6 +91,7 @@ def take_flight(intake: Intake, settings: Settings, rules: RuleSet) -> Flight:
         frame_id=intake.accumulator.frame_id,
         first_stamp_ns=intake.first_stamp or 0,
         counts=intake.describe(),
+        way=intake.way.places,
         move=intake.move.inverse(),
     )
 

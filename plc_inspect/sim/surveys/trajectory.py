@@ -37,6 +37,8 @@ class FlightPlan:
     """Length of the flight [s], 0: once along the route."""
     shuttle: bool = False
     """Fly back and forth until the duration is over."""
+    waypoints: tuple[tuple[float, float, float], ...] = ()
+    """Places to fly by in the frame of the scene, in place of the route [m]."""
     turning: float = 0.0
     """Standard deviation of the time over which the speed is smoothed at the ends [s]."""
 
@@ -105,7 +107,7 @@ def fly(scene: Scene, plan: FlightPlan, rng: np.random.Generator) -> Trajectory:
     """
     if not plan.speed > 0:
         raise DataError(f'no flight at {plan.speed:g} m/s')
-    path = _lay_path(scene, plan)
+    path = _join_waypoints(plan.waypoints) if plan.waypoints else _lay_path(scene, plan)
     step = np.linalg.norm(np.diff(path, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(step)])
     duration = plan.duration or float(along[-1]) / plan.speed
@@ -121,7 +123,7 @@ def fly(scene: Scene, plan: FlightPlan, rng: np.random.Generator) -> Trajectory:
         if plan.turning > 0.0:
             travelled = gaussian_filter1d(travelled, plan.turning * RATE, mode='nearest')
     position = np.column_stack([np.interp(travelled, along, path[:, axis]) for axis in range(3)])
-    heading = np.unwrap(np.arctan2(np.gradient(path[:, 1]), np.gradient(path[:, 0])))
+    heading = np.unwrap(_find_headings(path))
     yaw = np.interp(travelled, along, gaussian_filter1d(heading, 10, mode='nearest'))
     sway = np.radians(plan.sway_deg)
     rpy = np.column_stack([
@@ -131,6 +133,25 @@ def fly(scene: Scene, plan: FlightPlan, rng: np.random.Generator) -> Trajectory:
     for axis, size in enumerate((0.25, 0.25, 0.15)):
         position[:, axis] += size * _wander(rng, len(times), 1.5)
     return Trajectory(start=0.0, position=position, rpy=rpy)
+
+
+def _join_waypoints(waypoints: tuple[tuple[float, float, float], ...]) -> Float64:
+    """Return the straight ways between waypoints (K, 3) [m], a node a metre."""
+    places = np.array(waypoints, dtype=np.float64)
+    step = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    along = np.concatenate([[0.0], np.cumsum(step)])
+    s = np.arange(0.0, along[-1] + 1.0)
+    return np.column_stack([np.interp(s, along, places[:, axis]) for axis in range(3)])
+
+
+def _find_headings(path: Float64) -> Float64:
+    """Return the directions (K,) in plan of a path [rad]; straight up, the one before holds."""
+    x, y = np.gradient(path[:, 0]), np.gradient(path[:, 1])
+    moves = np.hypot(x, y) > 1e-6
+    if not moves.any():
+        return np.zeros(len(path))
+    last = np.maximum.accumulate(np.where(moves, np.arange(len(path)), moves.argmax()))
+    return np.asarray(np.arctan2(y, x)[last])
 
 
 def _lay_path(scene: Scene, plan: FlightPlan) -> Float64:

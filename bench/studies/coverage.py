@@ -1,0 +1,194 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+What a flight did not see, and how much of that the proposed flight sees.
+
+A scene is flown so that something is hidden: a third of the conductors, a third of all scans, the
+ground behind houses, one side.  What is listed is flown again in the simulator along the
+waypoints, with nothing hidden but what stands in the way.  Printed: metres listed of each part,
+the share of them that was seen then, and how near the second flight came to a true conductor.
+"""
+
+import argparse
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+import sys
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from common.tables import render_table
+
+from plc_inspect.config import MapSettings, Settings
+from plc_inspect.core.coverage.coverage import (
+    Coverage,
+    look_at_section,
+    measure_coverage,
+    Part,
+)
+from plc_inspect.core.coverage.refly import plan_refly, Refly
+from plc_inspect.core.coverage.seen_ground import see_ground, SeenGround
+from plc_inspect.core.pipeline import Pipeline
+from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
+from plc_inspect.offline.export.coverage_files import SPEED
+from plc_inspect.results import InspectionResult, PointClass
+from plc_inspect.sim.scenes.catalogue import make_scene
+from plc_inspect.sim.scenes.scene import Scene
+from plc_inspect.sim.surveys.flight import Flight, PLANS, simulate_flight
+from plc_inspect.sim.surveys.puck import Puck, Scan
+from plc_inspect.sim.surveys.trajectory import FlightPlan, Trajectory
+
+KINDS = ('conductors', 'scans', 'ground', 'side')
+"""What is hidden: a third of conductors, a third of scans, ground behind houses, a side."""
+NOISE = 0.02
+"""Standard deviation of points [m]."""
+NEAR = 3.0
+"""A place of a conductor was seen where a wire point is this near [m]."""
+LEAST_CLOSED, LEAST_APART = 0.95, 15.0
+"""Share of what was listed that is to be seen, and distance from conductors to be kept [m]."""
+
+
+@dataclass
+class Cloud:
+    """Takes a flight as points where they truly are, and the way."""
+
+    keeps: Callable[[float], bool]
+    rng: np.random.Generator
+    voxels: VoxelMap = field(default_factory=lambda: VoxelMap(MapSettings(max_voxels=10_000_000)))
+    way: list[tuple[float, ...]] = field(default_factory=list)
+
+    def write_scan(self, scan: Scan) -> None:
+        if self.keeps(scan.stamp):
+            noise = self.rng.normal(0.0, NOISE, scan.exact.shape)
+            self.voxels.insert(scan.exact + noise)
+
+    def write_odometry(self, odometry: Trajectory, index: int) -> None:
+        if index % 20 == 0:
+            self.way.append((index / 200.0, *odometry.position[index]))
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What a cloud shows."""
+
+    result: InspectionResult
+    points: np.ndarray
+    ground: SeenGround
+    coverage: Coverage
+
+
+def look(cloud: Cloud) -> Seen:
+    """Run the pipeline and measure what was seen."""
+    points = cloud.voxels.centroids()
+    result = Pipeline(Settings()).run(points)
+    ground = see_ground(points, result.classification == PointClass.WIRE)
+    return Seen(result, points, ground, measure_coverage(
+        result, points, ground, np.array(cloud.way)
+    ))
+
+
+def fly(cloud: Cloud, scene: Scene, plan: FlightPlan, rng: np.random.Generator) -> None:
+    """Fly, and put the way into the frame of the scene."""
+    before = len(cloud.way)
+    truth = simulate_flight(scene, cloud, rng, Flight(plan=plan, puck=Puck()))
+    origin = truth['odometry_origin']
+    for number in range(before, len(cloud.way)):
+        time, *place = cloud.way[number]
+        cloud.way[number] = time, *np.add(place, origin)
+
+
+def measure_closed(scene: Scene, first: Seen, then: Seen) -> dict[Part, tuple[float, float]]:
+    """Return metres listed in a first look, and those of them that a second one saw."""
+    wires = then.points[then.result.classification == PointClass.WIRE]
+    wires = wires if len(wires) else np.full((1, 3), np.inf)
+    tree = cKDTree(wires[np.isfinite(wires).all(axis=1)]) if np.isfinite(wires).all() else None
+    truth = cKDTree(np.vstack([item.sample(0.5) for item in scene.conductors]))
+    found = {part: [0.0, 0.0] for part in Part}
+    for item in first.coverage.sections:
+        again = look_at_section(
+            item.section, [np.empty((0, 3))] * len(item.section.spans), then.ground, None
+        )
+        for gap in item.gaps:
+            if gap.part == Part.CONDUCTOR:
+                # where there is no conductor there is nothing to be seen
+                places = gap.places[truth.query(gap.places)[0] <= NEAR]
+                share = len(places) / len(gap.places)
+                found[gap.part][0] += share * gap.length
+                if len(places) and tree is not None:
+                    seen = tree.query(places)[0] <= NEAR
+                    found[gap.part][1] += share * gap.length * float(seen.mean())
+                continue
+            left = sum(
+                max(min(gap.high, other.high) - max(gap.low, other.low), 0.0)
+                for other in again.gaps if other.part == gap.part
+            )
+            found[gap.part][0] += gap.length
+            found[gap.part][1] += gap.length - left
+    return {part: (listed, closed) for part, (listed, closed) in found.items()}
+
+
+def hide(kind: str, seed: int) -> tuple[Scene, Scene, FlightPlan, tuple[float, float]]:
+    """Return a scene with something hidden and without, how to fly, and shares of lost scans."""
+    name = {'conductors': 'hidden', 'scans': 'high_voltage', 'ground': 'street',
+            'side': 'valley'}[kind]
+    scene = make_scene(name, seed)
+    whole = replace(scene, conductors=tuple(
+        replace(item, hidden=None) for item in scene.conductors
+    ))
+    plan = PLANS[name]
+    if kind == 'side':  # far out on one side, low above the slope
+        plan = replace(plan, lateral=35.0, height=-4.0)
+    return scene, whole, plan, (0.33, 0.66) if kind == 'scans' else (2.0, 2.0)
+
+
+def run(kind: str, seed: int) -> tuple[Seen, Refly, dict[Part, tuple[float, float]], float]:
+    """Fly, list, fly what was listed; return the first look, the plan and what was closed."""
+    rng = np.random.default_rng([seed, *kind.encode()])
+    scene, whole, plan, lost = hide(kind, seed)
+    length = float(np.linalg.norm(np.diff(scene.route, axis=0), axis=1).sum())
+    duration = plan.duration or length / plan.speed
+    cloud = Cloud(lambda time: not lost[0] <= time / duration <= lost[1], rng)
+    fly(cloud, scene, plan, rng)
+    first = look(cloud)
+    refly = plan_refly(first.coverage, first.ground, np.array(cloud.way[-1][1:]))
+    if not len(refly.places):
+        return first, refly, measure_closed(whole, first, first), np.inf
+    cloud.keeps, before = (lambda time: True), len(cloud.way)
+    waypoints = tuple(tuple(map(float, place)) for place in refly.places)
+    fly(cloud, whole, FlightPlan(waypoints=waypoints, speed=SPEED), rng)
+    truth = cKDTree(np.vstack([item.sample(0.5) for item in scene.conductors]))
+    apart = truth.query(np.array(cloud.way)[before:, 1:])[0].min()
+    return first, refly, measure_closed(whole, first, look(cloud)), float(apart)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Fly and fly again; return 1 where a figure misses its limit."""
+    parser = argparse.ArgumentParser(description='What a second flight sees of what is listed.')
+    parser.add_argument('--kinds', nargs='*', default=KINDS, choices=KINDS)
+    parser.add_argument('--seed', type=int, default=0)
+    arguments = parser.parse_args(argv)
+    rows, good = [], True
+    for kind in arguments.kinds:
+        first, refly, found, apart = run(kind, arguments.seed)
+        listed = sum(item[0] for item in found.values())
+        closed = sum(item[1] for item in found.values())
+        good &= listed > 0.0 and closed >= LEAST_CLOSED * listed and apart >= LEAST_APART
+        rows.append((
+            kind, f'{first.coverage.num_poor} of {len(first.coverage.sections)}',
+            *(f'{found[part][1]:.0f} of {found[part][0]:.0f}' for part in Part),
+            f'{closed / max(listed, 1e-9):.1%}', f'{refly.length:.0f}', f'{apart:.1f}',
+        ))
+        print(' | '.join(rows[-1]), flush=True)
+    print(render_table(
+        ('hidden', 'spans listed', *(f'{part.name.lower()} [m]' for part in Part), 'seen then',
+         'way [m]', 'nearest conductor [m]'), rows,
+    ))
+    return int(not good)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,282 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The way along which what was not seen is seen, at a safe distance and in the order to fly.
+
+A run passes one stretch on one side.  Between runs the vehicle climbs above all that was seen.
+What was not seen may stand higher: the way is a proposal to a pilot, who looks out.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import enum
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from plc_inspect.core.coverage.coverage import Coverage, Gap, Part, STEP
+from plc_inspect.core.coverage.sections import find_heights, Section
+from plc_inspect.core.coverage.seen_ground import CELL, SeenGround
+from plc_inspect.results import Bool, Float64, Int64, Span
+
+SAFE = 18.0
+"""
+Distance from all conductors, known or carried on beyond open ends, at least [m].
+Source: derived: the default warning distance of 15 m, and 3 m of wind and odometry.
+"""
+ABOVE = 4.0
+"""
+Height above the highest conductor [m].
+Source: judgement: as the flights of the simulator; bench/studies/coverage.py flies it.
+"""
+LEAD = 40.0
+"""
+A run begins and ends so far from its stretch [m].
+Source: derived: 15 degrees below the horizon the ground 10 m below is met after 37 m.
+"""
+OBSTACLES, NEAR = 8.0, 10.0
+"""
+Height above what stands within a distance in plan of the way [m].
+Source: derived: the default critical distance; sway and odometry.
+"""
+MOST_STEP = 25.0
+"""Between two waypoints of a run [m].  Source: judgement: over hills the height changes."""
+LIFT = 2.0
+"""Steps by which a way is lifted until it is safe [m].  Source: numerical."""
+MOST_LIFT = 200.0
+"""A way that is not safe so far up is no way [m].  Source: judgement: higher than any line."""
+SAMPLE = 2.0
+"""Places on conductors and ways that are compared [m].  Source: numerical: SAFE is nine."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Around:
+    """What the way must keep away from."""
+
+    wires: Float64
+    """(N, 3) places along all conductors [m]."""
+    ground: SeenGround
+    safe: float
+    tree: cKDTree
+
+    def is_safe(self, places: Float64) -> Bool:
+        """Tell which places (N, 3) are far enough from conductors and above all else."""
+        good: Bool = places[:, 2] >= self.ground.find_top(places, CELL) + OBSTACLES - LIFT
+        if len(self.wires):
+            good &= self.tree.query(places)[0] >= self.safe - LIFT / 2
+        return good
+
+
+class Kind(enum.IntEnum):
+    """What a waypoint is for."""
+
+    RUN = 0
+    TRANSIT = 1
+    """On the way to the next run."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Run:
+    """One pass along a section on one side."""
+
+    span_id: int
+    is_left: bool
+    places: Float64
+    """(K, 3) waypoints in order [m]."""
+    gaps: tuple[int, ...]
+    """Numbers of what it shows in the list of gaps."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Refly:
+    """What is to be flown again."""
+
+    runs: tuple[Run, ...]
+    """In the order to fly."""
+    places: Float64
+    """(W, 3) all waypoints in the order to fly, transits included [m]."""
+    kinds: tuple[Kind, ...]
+    """Of each."""
+    run: tuple[int, ...]
+    """Run of each; of a transit the one that follows."""
+
+    @property
+    def length(self) -> float:
+        """Of the way [m]."""
+        return float(np.linalg.norm(np.diff(self.places, axis=0), axis=1).sum())
+
+
+def plan_refly(
+    coverage: Coverage, ground: SeenGround, start: Float64 | None = None, safe: float = SAFE
+) -> Refly:
+    """
+    Plan the way along which all gaps are seen.
+
+    Parameters
+    ----------
+    coverage : Coverage
+        What was seen, and what was not.
+    ground : SeenGround
+        How high what was seen stands.
+    start : (3,) float64 or None
+        From where the vehicle comes [m]; None: from the first gap.
+    safe : float
+        Distance from conductors [m].
+
+    Returns
+    -------
+    Refly
+        Without waypoints where there are no gaps.
+
+    """
+    wires = sample_wires([item.section for item in coverage.sections])
+    around = _Around(wires, ground, safe, cKDTree(wires) if len(wires) else None)
+    runs, number = [], 0
+    for item in coverage.sections:
+        numbers = range(number, number + len(item.gaps))
+        number += len(item.gaps)
+        sides: dict[bool, list[int]] = {True: [], False: []}
+        flown = {strip.part: strip.is_flown for strip in item.strips}
+        fixed = [gap.part for gap in item.gaps if gap.part in (Part.LEFT, Part.RIGHT)]
+        # what can be seen from either side is looked at from one that is flown anyhow, or is new
+        free = fixed[0] == Part.LEFT if fixed else not flown.get(Part.LEFT)
+        for place, gap in zip(numbers, item.gaps, strict=True):
+            own = gap.part == Part.LEFT if gap.part in (Part.LEFT, Part.RIGHT) else free
+            sides[own].append(place)
+        for is_left, chosen in sides.items():
+            gaps = [(place, item.gaps[place - numbers[0]]) for place in chosen]
+            for low, high, held in _merge(gaps):
+                runs.append(Run(
+                    span_id=item.section.span_id, is_left=is_left, gaps=held,
+                    places=_lay_run(item.section, (low, high), is_left, around),
+                ))
+    return _order(runs, around, start)
+
+
+def sample_wires(sections: Sequence[Section]) -> Float64:
+    """Return places (N, 3) along all conductors, carried on beyond open ends [m]."""
+    parts = [np.empty((0, 3))]
+    for section in sections:
+        for span in section.spans:
+            low, high = _extend(section, span)
+            parts.append(span.positions(np.linspace(low, high, 2 + int((high - low) / SAMPLE))))
+    return np.concatenate(parts)
+
+
+def _extend(section: Section, span: Span) -> tuple[float, float]:
+    """Return least and greatest x of a span with what lies beyond its open ends [m]."""
+    reach = LEAD + section.high - span.length
+    return -reach if span.open_start else 0.0, span.length + (reach if span.open_end else 0.0)
+
+
+def _merge(gaps: Sequence[tuple[int, Gap]]) -> list[tuple[float, float, tuple[int, ...]]]:
+    """Return stretches that hold numbered gaps; those near each other are one."""
+    merged: list[tuple[float, float, tuple[int, ...]]] = []
+    for number, gap in sorted(gaps, key=lambda item: item[1].low):
+        if merged and gap.low - merged[-1][1] <= 2.0 * LEAD:
+            low, high, held = merged[-1]
+            merged[-1] = low, max(high, gap.high), (*held, number)
+        else:
+            merged.append((gap.low, gap.high, (number,)))
+    return merged
+
+
+def _lay_run(
+    section: Section, stretch: tuple[float, float], is_left: bool,
+    around: _Around,
+) -> Float64:
+    low, high = stretch[0] - LEAD, stretch[1] + LEAD
+    x = np.linspace(low, high, 2 + int((high - low) / MOST_STEP))
+    y = section.left + around.safe if is_left else section.right - around.safe
+    inside = np.clip(x, 0.0, section.high)
+    heights = find_heights(section, inside)[:, 1] + ABOVE
+    return _lift(np.column_stack([section.leave(x, y), heights]), around)
+
+
+def _lift(places: Float64, around: _Around) -> Float64:
+    """Return a way with its waypoints as high as is safe on the way from each to the next."""
+    places = places.copy()
+    places[:, 2] = np.maximum(places[:, 2], around.ground.find_top(places, NEAR) + OBSTACLES)
+    lifted = 0.0
+    while lifted < MOST_LIFT:
+        at, owner = _sample(places)
+        bad = ~around.is_safe(at)
+        if not bad.any():
+            break
+        chosen = np.unique(np.concatenate([owner[bad], owner[bad] + 1]))
+        places[np.minimum(chosen, len(places) - 1), 2] += LIFT
+        lifted += LIFT
+    return places
+
+
+def _sample(places: Float64) -> tuple[Float64, Int64]:
+    """Return places (N, 3) along a way and the number of the leg of each."""
+    parts, owner = [places[:1]], [0]
+    for number in range(len(places) - 1):
+        apart = float(np.linalg.norm(places[number + 1] - places[number]))
+        share = np.linspace(0.0, 1.0, 2 + int(apart / SAMPLE))[:, None]
+        parts.append(places[number] + share * (places[number + 1] - places[number]))
+        owner += [number] * len(share)
+    return np.concatenate(parts), np.array(owner, dtype=np.int64)
+
+
+def _order(
+    runs: Sequence[Run], around: _Around, start: Float64 | None
+) -> Refly:
+    """Put runs one after the other, the nearest end first, with the way between them."""
+    left, at = list(runs), start
+    ordered: list[Run] = []
+    places: list[Float64] = [np.empty((0, 3))]
+    kinds: list[Kind] = []
+    owner: list[int] = []
+    while left:
+        if at is None:
+            number, turned = 0, False
+        else:
+            ends = np.array([(run.places[0], run.places[-1]) for run in left])
+            apart = np.linalg.norm(ends - at, axis=2)
+            number, end = divmod(int(apart.argmin()), 2)
+            turned = bool(end)
+        run = left.pop(number)
+        way = run.places[::-1] if turned else run.places
+        if ordered and at is not None:
+            between = _cross(at, way[0], around)
+            places.append(between)
+            kinds += [Kind.TRANSIT] * len(between)
+            owner += [len(ordered)] * len(between)
+        places.append(way)
+        kinds += [Kind.RUN] * len(way)
+        owner += [len(ordered)] * len(way)
+        ordered.append(Run(
+            span_id=run.span_id, is_left=run.is_left, places=way, gaps=run.gaps,
+        ))
+        at = way[-1]
+    return Refly(
+        runs=tuple(ordered), places=np.concatenate(places), kinds=tuple(kinds), run=tuple(owner),
+    )
+
+
+def _cross(
+    first: Float64, last: Float64, around: _Around
+) -> Float64:
+    """Return waypoints (K, 3) from one place to another: none, or up, over and down."""
+    direct, _ = _sample(np.array([first, last]))
+    if around.is_safe(direct).all():
+        return np.empty((0, 3))
+    near = around.wires[_lies_along(around.wires, first, last, around.safe)]
+    top = max(
+        float(around.ground.find_top(direct, NEAR).max()) + OBSTACLES, float(first[2]),
+        float(last[2]),
+        float(near[:, 2].max()) + around.safe if len(near) else -np.inf,
+    )
+    return np.array([[*first[:2], top], [*last[:2], top]])
+
+
+def _lies_along(wires: Float64, first: Float64, last: Float64, reach: float) -> Bool:
+    """Tell which places (N, 3) are within reach of a leg in plan."""
+    leg = (last - first)[:2]
+    share = np.clip((wires[:, :2] - first[:2]) @ leg / max(float(leg @ leg), STEP), 0.0, 1.0)
+    apart = wires[:, :2] - first[:2] - share[:, None] * leg
+    near: Bool = np.hypot(*apart.T) <= reach
+    return near

@@ -1,0 +1,123 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Where in plan anything was seen, and how high it stands."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from plc_inspect.results import Bool, Float64, Int64
+
+CELL = 2.5
+"""
+Edge of a cell in plan [m].
+Source: derived: half of STEP of ``coverage``; a tree that could reach a conductor fills several.
+"""
+LEAST_POINTS = 2
+"""
+Points from which a cell was seen.
+Source: judgement: one may be a stray.
+"""
+_SHIFT = 1 << 31
+"""Between row and column in one number.  Source: derived: half of the bits of int64."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SeenGround:
+    """The M cells that hold points; parallel, ascending by key."""
+
+    keys: Int64
+    """(M,) row and column in one number."""
+    num_points: Int64
+    """(M,) points that are not of conductors."""
+    top: Float64
+    """(M,) greatest height of all points [m]."""
+
+    def is_seen(self, places: Float64) -> Bool:
+        """
+        Tell at which places in plan the ground, or what stands on it, was seen.
+
+        Parameters
+        ----------
+        places : (N, 2+) float64
+            Map frame [m].
+
+        Returns
+        -------
+        (N,) bool
+
+        """
+        at, found = self._find(places)
+        seen: Bool = found.copy()
+        seen[found] = self.num_points[at[found]] >= LEAST_POINTS
+        return seen
+
+    def find_top(self, places: Float64, reach: float) -> Float64:
+        """
+        Return how high whatever was seen near places stands.
+
+        Parameters
+        ----------
+        places : (N, 2+) float64
+            Map frame [m].
+        reach : float
+            In plan; cells are taken whole [m].
+
+        Returns
+        -------
+        (N,) float64
+            [m], -inf where nothing was seen.
+
+        """
+        top = np.full(len(places), -np.inf)
+        num = int(np.ceil(reach / CELL))
+        for i in range(-num, num + 1):
+            for j in range(-num, num + 1):
+                if np.hypot(max(abs(i) - 1, 0), max(abs(j) - 1, 0)) * CELL > reach:
+                    continue
+                at, found = self._find(places[:, :2] + np.array([i, j]) * CELL)
+                top[found] = np.maximum(top[found], self.top[at[found]])
+        return top
+
+    def _find(self, places: Float64) -> tuple[Int64, Bool]:
+        """Return the row of each place's cell, and whether it is there."""
+        if not len(self.keys):
+            return np.zeros(len(places), dtype=np.int64), np.zeros(len(places), dtype=np.bool_)
+        keys = _pack(places)
+        at = np.minimum(np.searchsorted(self.keys, keys), len(self.keys) - 1)
+        found: Bool = self.keys[at] == keys
+        return at, found
+
+
+def see_ground(points: Float64, is_wire: Bool) -> SeenGround:
+    """
+    Return where points are.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Map frame [m]; rows that are not finite are left out.
+    is_wire : (N,) bool
+        Points of conductors, which say nothing of the ground below.
+
+    Returns
+    -------
+    SeenGround
+
+    """
+    good = np.isfinite(points).all(axis=1)
+    points, is_wire = points[good], is_wire[good]
+    keys, home = np.unique(_pack(points), return_inverse=True)
+    top = np.full(len(keys), -np.inf)
+    np.maximum.at(top, home, points[:, 2])
+    return SeenGround(
+        keys=keys, num_points=np.bincount(home, ~is_wire, len(keys)).astype(np.int64), top=top,
+    )
+
+
+def _pack(places: Float64) -> Int64:
+    """Return row and column of the cell of each place (N, 2+) in one number."""
+    index = np.floor(places[:, :2] / CELL).astype(np.int64)
+    keys: Int64 = index[:, 0] * _SHIFT + index[:, 1]
+    return keys

@@ -1,0 +1,115 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The way proposed passes all that was not seen, and nothing too near."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from spans import make_span, sample_points
+
+from plc_inspect.core.coverage.coverage import Coverage, look_at_section, Part
+from plc_inspect.core.coverage.refly import Kind, LEAD, OBSTACLES, plan_refly, SAFE
+from plc_inspect.core.coverage.sections import find_sections
+from plc_inspect.core.coverage.seen_ground import see_ground
+
+
+def make_corner():
+    """Return two spans with a corner of 60 degrees between them, two conductors each."""
+    end = 100.0 + 100.0 * np.cos(np.pi / 3), 100.0 * np.sin(np.pi / 3)
+    return [
+        make_span((0.0, -2.0, 20.0), (100.0, -2.0, 20.0), 0, 0),
+        make_span((0.0, 2.0, 20.0), (100.0, 2.0, 20.0), 1, 0),
+        make_span((100.0, -2.0, 20.0), (end[0] + 2.0, end[1] - 1.0, 24.0), 0, 1),
+        make_span((100.0, 2.0, 20.0), (end[0] - 2.0, end[1] + 1.0, 24.0), 1, 1),
+    ]
+
+
+def plan(hidden, tree=None, start=None):
+    """Return coverage, plan and dense places on conductors where some ground is hidden."""
+    x, y = np.mgrid[-60.0:260.0:0.5, -80.0:180.0:0.5].reshape(2, -1)
+    keep = ~hidden(x, y)
+    points = np.column_stack([x, y, np.zeros(len(x))])[keep]
+    if tree is not None:
+        points = np.vstack([points, tree])
+    ground = see_ground(points, np.zeros(len(points), dtype=bool))
+    spans = make_corner()
+    coverage = Coverage(sections=tuple(
+        look_at_section(section, [sample_points(span) for span in section.spans], ground, None)
+        for section in find_sections(spans)
+    ))
+    wires = np.vstack([sample_points(span, 1000) for span in spans])
+    return coverage, plan_refly(coverage, ground, start), wires
+
+
+def walk(places):
+    """Return places every half metre along a way."""
+    parts = [
+        first + np.linspace(0.0, 1.0, 2 + int(2 * np.linalg.norm(last - first)))[:, None]
+        * (last - first) for first, last in pairwise(places)
+    ]
+    return np.vstack(parts)
+
+
+def test_nothing_to_fly_where_all_was_seen():
+    coverage, refly, _ = plan(lambda x, y: x > np.inf)
+    assert coverage.gaps == ()
+    assert refly.runs == refly.kinds == ()
+    assert refly.places.shape == (0, 3)
+    assert refly.length == 0.0
+
+
+@pytest.mark.parametrize('hidden', [
+    lambda x, y: np.abs(y) < 15.0,
+    lambda x, y: y < -2.0,
+    lambda x, y: x > -np.inf,
+    lambda x, y: (y > 0.0) & (x > 60.0),
+])
+def test_all_is_passed_at_a_safe_distance(hidden):
+    coverage, refly, wires = plan(hidden)
+    gaps = coverage.gaps
+    assert gaps
+    assert sorted(number for run in refly.runs for number in run.gaps) == [*range(len(gaps))]
+    way = walk(refly.places)
+    apart = np.linalg.norm(way[:, None] - wires[None, ::4], axis=2).min(axis=1)
+    assert apart.min() >= SAFE - 1.5
+    for run in refly.runs:
+        for number in run.gaps:
+            gap = gaps[number]
+            if gap.part in (Part.LEFT, Part.RIGHT):
+                assert run.is_left == (gap.part == Part.LEFT)
+            near = np.linalg.norm(walk(run.places)[:, None, :2] - gap.places[None, :, :2], axis=2)
+            assert near.min(axis=0).max() <= SAFE + 15.0
+    assert len(refly.kinds) == len(refly.run) == len(refly.places)
+    assert list(refly.run) == sorted(refly.run)
+
+
+def test_runs_lead_in_and_out_and_begin_at_the_nearer_end():
+    hidden = lambda x, y: (y > 2.0) & (y < 20.0) & (x > 40.0) & (x < 60.0)  # noqa: E731
+    for start, near in (((-50.0, 0.0, 30.0), 0), ((300.0, 0.0, 30.0), -1)):
+        _, refly, _ = plan(hidden, start=np.array(start))
+        (run,) = refly.runs
+        x = run.places[:, 0]
+        assert x.min() == pytest.approx(40.0 - LEAD, abs=5.0)
+        assert x.max() == pytest.approx(60.0 + LEAD, abs=5.0)
+        assert x[0] == (x.min() if near == 0 else x.max())
+        assert set(refly.kinds) == {Kind.RUN}
+
+
+def test_way_goes_over_a_tree_that_was_seen():
+    tree = np.column_stack([np.full(50, 50.0), np.full(50, 22.0), np.linspace(0.0, 35.0, 50)])
+    hidden = lambda x, y: (y > 2.0) & (y < 12.0) & (x > 40.0) & (x < 60.0)  # noqa: E731
+    _, refly, _ = plan(hidden, tree)
+    way = walk(refly.places)
+    over = np.hypot(*(way[:, :2] - tree[0, :2]).T) < 3.0
+    assert over.any()
+    assert way[over, 2].min() >= 35.0 + OBSTACLES - 3.0
+
+
+def test_other_side_is_reached_over_the_conductors():
+    _, refly, wires = plan(lambda x, y: (np.abs(y) > 2.0) & (np.abs(y) < 14.0) & (x < 60.0))
+    assert {run.is_left for run in refly.runs} == {True, False}
+    assert Kind.TRANSIT in refly.kinds
+    top = refly.places[np.array(refly.kinds) == Kind.TRANSIT, 2]
+    assert top.min() >= wires[:, 2].max()
