@@ -20,9 +20,10 @@ from plc_inspect.core.live.session import Session
 from plc_inspect.core.live.warm_up import make_sample
 from plc_inspect.core.setup.sharpness import Spread
 from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
-from plc_inspect.errors import DataError
+from plc_inspect.errors import ConfigError, DataError
 from plc_inspect.flight_record import reader as reader_module
 from plc_inspect.flight_record import recorder as recorder_module
+from plc_inspect.flight_record import segment as segment_module
 from plc_inspect.flight_record.layout import list_segments, pack_json
 from plc_inspect.flight_record.plain_values import from_plain, to_plain
 from plc_inspect.flight_record.reader import find_end, read_flight
@@ -233,6 +234,50 @@ def fail(monkeypatch, name, seldom):
         return real(*arguments)
 
     monkeypatch.setattr(os, name, run)
+
+
+def test_folder_that_cannot_be_made_is_said_and_costs_no_point(tmp_path):
+    (tmp_path / 'file').write_text('')
+    source = Source(tmp_path / 'file' / 'it.record')
+    (said,) = source.said
+    assert said.startswith('no record is written: ')
+    assert 'it.record cannot be written' in said
+    source.grow()
+    source.recording.step()
+    assert len(source.voxels) > 0
+    assert source.recording.folder is None
+    assert source.recording.describe().problem == said
+    source.recording.close('somewhere')
+
+
+def test_folder_that_is_read_only_is_said_and_costs_no_point(tmp_path, monkeypatch):
+    source = Source(tmp_path / 'it.record')
+    made = segment_module.McapFile
+
+    def refuse(path, **options):
+        raise ConfigError(f'{path} cannot be written: Read-only file system')
+
+    monkeypatch.setattr(segment_module, 'McapFile', refuse)
+    source.grow()
+    until = time.monotonic() + 20.0
+    while not source.said and time.monotonic() < until:
+        source.recording.step()
+        time.sleep(0.01)
+    assert 'Read-only file system' in source.said[0]
+    assert source.said[0].startswith('the record cannot be written: ')
+    assert 'Read-only file system' in source.recording.describe().problem
+    before = len(source.voxels)
+    source.voxels.insert(source._sample + 500.0)
+    source.recording.step()
+    assert len(source.voxels) > before
+    monkeypatch.setattr(segment_module, 'McapFile', made)
+    until = time.monotonic() + 20.0
+    while len(source.said) < 2 and time.monotonic() < until:
+        source.recording.step()
+        time.sleep(0.01)
+    assert source.said[1] == 'the record is written again'
+    source.recording.close('somewhere')
+    check_map(read_flight(tmp_path / 'it.record'), source.voxels)
 
 
 def test_record_begins_once_the_full_disk_has_room(tmp_path, monkeypatch):
