@@ -43,7 +43,13 @@ Source: judgement: an eighth of the default distance that is critical.
 SETTLED = 3
 """
 Ticks after its first from which a cell is seen: so long a conductor in it may take to be found.
-Source: measured: bench/proximity.py: with 0, flights begin with a conductor near and "clear".
+Source: measured: bench/live/proximity.py: with 0, flights begin with a conductor near and "clear".
+"""
+MOST_RISE = 2.0
+"""
+And up to this height above the higher of its ends: there a support must follow [m].
+Source: judgement: one that went on rising behind a support that was not found yet gave 57 false
+criticals in a flight of bench/live/proximity.py.
 """
 LEAST_LENGTH = 1.0
 """Length of a span in a divisor, at least [m].  Source: numerical: not 0."""
@@ -207,8 +213,11 @@ def _describe(span: Span) -> tuple[float, ...]:
         room = MOST_SIGMA**2 - POINT_SIGMA**2 - span.rmse**2
         ratio = math.sqrt(max(room, 0.0)) / max(span.sigma_sag, POINT_SIGMA)
         reach = min(span.length * (math.sqrt(1.0 + ratio) - 1.0) / 2.0, MOST_EXTENSION)
+    most = max(span.start[2], span.end[2]) + MOST_RISE
+    bow = span.c * math.acosh(max((most - span.a) / span.c, 1.0))
     unit = (span.end - span.start)[:2] / max(span.length, LEAST_LENGTH)
     return (
-        *span.start[:2], *unit, -reach if span.open_start else 0.0,
-        span.length + (reach if span.open_end else 0.0), span.a, span.b, span.c,
+        *span.start[:2], *unit, min(max(-reach, span.b - bow), 0.0) if span.open_start else 0.0,
+        max(min(span.length + reach, span.b + bow), span.length) if span.open_end
+        else span.length, span.a, span.b, span.c,
     )

@@ -16,6 +16,7 @@ from plc_inspect.core.live.proximity import HORIZON, Level, measure_proximity, T
 from plc_inspect.core.live.surroundings import (
     find_sigma,
     MOST_EXTENSION,
+    MOST_RISE,
     MOST_SIGMA,
     RANGE,
     SETTLED,
@@ -148,9 +149,16 @@ def test_a_conductor_goes_on_beyond_an_open_end_only():
     assert found.sigma > find_sigma(free, 0.0)
     far = look(make_around([free]), (200.0, 0.0, 20.0))[0]
     beyond = far.position[0] - 40.0
-    assert beyond == pytest.approx(MOST_EXTENSION) or (
-        find_sigma(free, beyond) == pytest.approx(MOST_SIGMA, rel=0.05)
-    )
+    assert far.position[2] == pytest.approx(20.0 + MOST_RISE)
+    assert beyond < MOST_EXTENSION
+    assert find_sigma(free, beyond) < MOST_SIGMA
+    flat = make_span(*ends, c=1e5, is_open=(True, True))
+    for side in (-1.0, 1.0):
+        far = look(make_around([flat]), (200.0 * side, 0.0, 20.0))[0]
+        beyond = abs(far.position[0]) - 40.0
+        assert beyond == pytest.approx(MOST_EXTENSION) or (
+            find_sigma(flat, beyond) == pytest.approx(MOST_SIGMA, rel=0.05)
+        )
 
 
 def test_the_way_to_a_pole_and_a_tree():
