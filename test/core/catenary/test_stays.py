@@ -12,7 +12,7 @@ X = np.linspace(0.0, 60.0, 600)
 
 def bar(low, high, first, last, y=0.0):
     """Return the curve of a straight bar between two heights, over some of the beam [m]."""
-    x = X[(X >= low) & (X <= high)]
+    x = X[(low <= X) & (high >= X)]
     z = first + (last - first) * (x - low) / (high - low)
     noise = np.random.default_rng(3).normal(0.0, 0.01, (len(x), 3))
     points = np.column_stack([x, np.full(len(x), y), z]) + noise
