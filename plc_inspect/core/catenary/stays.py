@@ -58,8 +58,6 @@ def find_stays(curves: Sequence[Curve], beams: Sequence[Curve]) -> Bool:
         Curves that run above a beam, in its vertical plane, and come down on it at one end.
 
     """
-    if not curves or not beams:
-        return np.zeros(len(curves), dtype=bool)
     result: Bool = _find_stays(pack_curves(curves), pack_curves(beams))
     return result
 
