@@ -123,14 +123,14 @@ class Terminal:
         return os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
 
 
-@pytest.fixture(scope='module')
+@pytest.fixture
 def domain():
-    """Return the domain of this module's graph."""
+    """Return the domain of a test's graph."""
     isolate()
     return take_domain()
 
 
-@pytest.fixture(scope='module')
+@pytest.fixture
 def radio(domain):
     """Return a stream on the graph."""
     radio = Radio(domain)
