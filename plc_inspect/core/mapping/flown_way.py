@@ -3,6 +3,8 @@
 
 """Where the vehicle has been, thinned and bounded."""
 
+import math
+
 import numpy as np
 
 from plc_inspect.results import Float64
@@ -35,11 +37,9 @@ class FlownWay:
             Map frame [m].
 
         """
-        x, y, z = (float(value) for value in position)
-        if self._places:
-            _, *last = self._places[-1]
-            if np.hypot(np.hypot(x - last[0], y - last[1]), z - last[2]) < self._step:
-                return
+        x, y, z = position.tolist()
+        if self._places and math.dist((x, y, z), self._places[-1][1:]) < self._step:
+            return
         self._places.append((stamp_ns * 1e-9, x, y, z))
         if len(self._places) > MOST_PLACES:
             self._places = self._places[::2]
