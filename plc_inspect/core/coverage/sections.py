@@ -34,9 +34,8 @@ class Section:
     """(2,) where x is 0 [m]."""
     unit: Float64
     """(2,) direction of x; y is to the left of it."""
-    low: float
-    """Least and greatest x, open ends with what lies beyond [m]."""
     high: float
+    """Greatest x, open ends with what lies beyond; the least is 0 [m]."""
     right: float
     """Least and greatest y of conductors [m]."""
     left: float
@@ -84,8 +83,7 @@ def _lay_section(group: Sequence[Span], spans: Sequence[Span]) -> Section:
     unit = ways.sum(axis=0) / max(float(np.linalg.norm(ways.sum(axis=0))), 1e-9)
     ends = np.array([(span.start[:2], span.end[:2]) for span in group]).reshape(-1, 2)
     section = Section(
-        spans=tuple(group), origin=ends.mean(axis=0), unit=unit, low=0.0, high=0.0, right=0.0,
-        left=0.0,
+        spans=tuple(group), origin=ends.mean(axis=0), unit=unit, high=0.0, right=0.0, left=0.0,
     )
     known = section.enter(ends)
     far = [known]
