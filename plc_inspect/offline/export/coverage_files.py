@@ -7,11 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pyproj
-from pyproj.exceptions import ProjError
 import shapely
 
-from plc_inspect.errors import DataError
-from plc_inspect.offline.export.geo import Layers, to_world, write_layer
+from plc_inspect.offline.export.geo import Layers, write_geojson
 from plc_inspect.offline.records.coverage_record import describe_coverage, Sight
 from plc_inspect.offline.records.georeference import find_horizontal
 from plc_inspect.offline.records.inspection import Inspection, Record
@@ -24,7 +22,7 @@ MAV_CMD_NAV_WAYPOINT, MAV_FRAME_GLOBAL, ABSOLUTE = 16, 0, 2
 
 def write_coverage_views(folder: Path, inspection: Inspection, sight: Sight) -> bool:
     """
-    Write ``coverage.geojson``, ``refly.geojson`` and ``refly.plan``.
+    Write ``coverage.geojson`` and ``refly.geojson``.
 
     Parameters
     ----------
@@ -50,14 +48,7 @@ def write_coverage_views(folder: Path, inspection: Inspection, sight: Sight) -> 
     if system is None:
         return False
     record = describe_coverage(sight, inspection.units)
-    layers = _make_layers(inspection, record, sight)
-    try:
-        world = to_world(layers, system, inspection)
-    except ProjError as error:
-        raise DataError(f'coordinates are no places of {system.name}: {error}') from error
-    for name, (_, rows) in layers.items():
-        write_layer(folder / f'{name}.geojson', 'GeoJSON', name, world[name], rows, 'EPSG:4326',
-                    RFC7946='YES', COORDINATE_PRECISION='9')
+    write_geojson(folder, _make_layers(inspection, record, sight), system, inspection)
     return True
 
 

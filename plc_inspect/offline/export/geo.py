@@ -65,17 +65,50 @@ def write_geo(folder: Path, inspection: Inspection, records: dict[str, list[Reco
         return False
     pyogrio.set_gdal_config_options({'OGR_CURRENT_DATE': FILE_DATE})
     layers = make_layers(inspection, records)
+    world = write_geojson(folder, layers, system, inspection)
+    plain = system.to_wkt()
+    for name, (shapes, rows) in layers.items():
+        write_layer(folder / 'results.gpkg', 'GPKG', name, shapes, rows, plain)
+    _write_kml(folder / 'results.kml', world, layers)
+    return True
+
+
+def write_geojson(
+    folder: Path, layers: Layers, system: pyproj.CRS, inspection: Inspection
+) -> dict[str, list[Any]]:
+    """
+    Write each layer into a file of its name.
+
+    Parameters
+    ----------
+    folder : Path
+        Where; files of these names must not exist.
+    layers : dict
+        In the frame and units of the input.
+    system : pyproj.CRS
+        Of the input.
+    inspection : Inspection
+        The run.
+
+    Returns
+    -------
+    dict
+        Name of a layer to its geometries in longitude, latitude and metres.
+
+    Raises
+    ------
+    DataError
+        The coordinates are no places of the CRS.
+
+    """
     try:
         world = to_world(layers, system, inspection)
     except ProjError as error:
         raise DataError(f'coordinates are no places of {system.name}: {error}') from error
-    plain = system.to_wkt()
-    for name, (shapes, rows) in layers.items():
-        write_layer(folder / 'results.gpkg', 'GPKG', name, shapes, rows, plain)
+    for name, (_, rows) in layers.items():
         write_layer(folder / f'{name}.geojson', 'GeoJSON', name, world[name], rows, 'EPSG:4326',
-               RFC7946='YES', COORDINATE_PRECISION='9')
-    _write_kml(folder / 'results.kml', world, layers)
-    return True
+                    RFC7946='YES', COORDINATE_PRECISION='9')
+    return world
 
 
 def make_layers(inspection: Inspection, records: dict[str, list[Record]]) -> Layers:
