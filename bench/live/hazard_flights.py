@@ -197,8 +197,11 @@ def compare(
     probe, witness, log = heard
     told = witness.told
     for number, word, text in TOLD.findall(log):
-        item = told.setdefault(
-            int(number), Told(text=text, distance=math.nan, nearest=math.nan))
+        if int(number) not in told:  # the run at the end tells of them, too
+            if int(number) in final:
+                continue
+            told[int(number)] = Told(text=text, distance=math.inf, nearest=math.inf)
+        item = told[int(number)]
         item.reason = text.partition('; ')[2] if word == 'cleared' else ''
     faults, only_final, far = [], [], 0
     for number, item in told.items():
