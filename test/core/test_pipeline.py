@@ -14,6 +14,7 @@ from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.core.stage_log import STAGES
 from plc_inspect.errors import DataError
 from plc_inspect.results import Decision, PointClass
+from plc_inspect.sim.random_scenes.truth import make_random
 
 ARRAYS = (
     'line_id', 'span_id', 'residual', 'clearance', 'classification', 'decision', 'ground_height',
@@ -275,3 +276,11 @@ def test_conductors_that_lay_for_ground_are_searched_once_the_ground_is_known():
     wires = label[~ground] == PointClass.WIRE
     # one search finds 0.44 of the wire points
     assert (result.classification[wires] == PointClass.WIRE).mean() > 0.75
+
+
+def test_wires_within_a_thick_curve_that_is_none_are_found():
+    """Four wires 0.45 m apart, in strips that lie some centimetres off each other."""
+    made = make_random(15004, 'clean')
+    called = Pipeline().run(made.cloud.points).classification == PointClass.WIRE
+    # where the thick curve stands for them, four of them have less than 0.7
+    assert min(called[made.cloud.conductor == k].mean() for k in range(3, 12)) > 0.75

@@ -12,7 +12,7 @@ from toys import make_line_cloud
 from plc_inspect.config import Settings
 from plc_inspect.core import line_finder
 from plc_inspect.core.pipeline import Pipeline
-from plc_inspect.core.stage_log import StageMemory
+from plc_inspect.core.stage_log import Outcome, StageLog, StageMemory
 from plc_inspect.setting_names import update
 
 
@@ -78,3 +78,14 @@ def test_memory_is_bounded_and_drops_what_was_unused_for_longest():
     assert [memory.find('stage', key) for key in 'abc'] == ['A', None, 'C']
     assert memory.find('other', 'a') is None
     assert memory.num_found == {'stage': 3}
+
+
+def test_a_second_search_takes_the_place_of_the_first_in_the_reports():
+    log = StageLog()
+    for kept in (1, 2):
+        log.run(None, lambda: None, lambda _, kept=kept: Outcome(num_in=9, num_kept=kept))
+        if kept == 1:
+            before = log.reports[0]
+            log.begin_again()
+    assert [(item.name, item.num_kept) for item in log.reports] == [('height', 2)]
+    assert log.reports[0].seconds > before.seconds
