@@ -17,6 +17,7 @@ from plc_inspect.colors import line_color, LOOKS, SEVERITY_COLORS
 from plc_inspect.core.hazards.clearance_rules import describe_rules, plain_rules
 from plc_inspect.core.tracking.wire_points import WirePoints
 from plc_inspect.offline.records.coverage_record import describe_coverage, look_again, Sight
+from plc_inspect.offline.records.georeference import find_horizontal
 from plc_inspect.offline.records.inspection import Inspection, measure_clearances, Record
 from plc_inspect.offline.report.drawing import draw_bars
 from plc_inspect.offline.report.figures import draw_map, draw_profile, draw_section
@@ -84,6 +85,7 @@ def render_report(inspection: Inspection, sight: Sight | None = None) -> str:
         supports=scene.supports,
         hazards=scene.hazards,
         coverage=describe_coverage(sight, inspection.units),
+        is_located=find_horizontal(inspection) is not None,
         origin=scene.origin.tolist(),
         stages=[_describe_stage(stage) for stage in result.stages],
         slowest=max((stage.seconds for stage in result.stages), default=0.0) or 1.0,

@@ -4,6 +4,7 @@
 """The report: complete, self-contained, well-formed, small."""
 
 import base64
+import dataclasses
 from html.parser import HTMLParser
 import io
 import json
@@ -14,12 +15,15 @@ import xml.etree.ElementTree as ElementTree
 from factories import make_empty_result, make_inspection
 import numpy as np
 from PIL import Image
+import pyproj
 import pytest
 
 from plc_inspect.config import Settings
 from plc_inspect.offline.commands.result_table import render_summary
+from plc_inspect.offline.export.coverage_files import write_coverage_views
 from plc_inspect.offline.export.files import describe_run
 from plc_inspect.offline.readers.catalogue import load_rules
+from plc_inspect.offline.records.coverage_record import look_again
 from plc_inspect.offline.records.inspection import measure_clearances, Units
 from plc_inspect.offline.records.sentences import describe_place
 from plc_inspect.offline.report.drawing import (
@@ -326,3 +330,14 @@ def test_view_keeps_the_places():
     )
     empty = make_inspection(result=make_empty_result(0), points=np.zeros((0, 3)))
     assert encode_view(make_scene(empty)) == ''
+
+
+@pytest.mark.parametrize('crs', ['', pyproj.CRS.from_epsg(28992).to_wkt()])
+def test_the_flight_again_names_only_files_that_are_written(tmp_path, crs):
+    inspection = dataclasses.replace(make_inspection(), crs=crs)
+    sight = look_again(inspection)
+    assert sight.refly.runs
+    write_coverage_views(tmp_path, inspection, sight)
+    page = render_report(inspection)
+    assert 'coverage.json' in page
+    assert ('refly.geojson' in page) == (tmp_path / 'refly.geojson').exists() == bool(crs)
