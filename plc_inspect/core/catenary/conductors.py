@@ -184,7 +184,9 @@ def find_curves(
     curves = drop_duplicates(points, merge_bundles(points, grown, settings), settings)
     curves = merge_bundles(points, bridge(points, curves, settings), settings)
     fresh = [curve for curve in curves if id(curve) not in done]
-    again = iter(extend(points, index, fresh, settings))
+    again = iter(extend(
+        points, index, fresh, settings, [curve for curve in curves if id(curve) in done]
+    ))
     long = [curve if id(curve) in done else next(again) for curve in curves]
     wide = call_each(lambda k: widen(points, index, long[k], settings), len(long))
     result = drop_duplicates(points, merge_bundles(points, wide, settings), settings)

@@ -7,12 +7,20 @@ from collections.abc import Sequence
 import dataclasses
 from dataclasses import dataclass
 import math
+from typing import Any
 
 from numba import njit
 import numpy as np
 
 from plc_inspect.config import CatenarySettings
-from plc_inspect.core.catenary.curve import Curve, MAX_POINTS, pack_curves, unpack_curve
+from plc_inspect.core.catenary.breaks import MIN_KINK
+from plc_inspect.core.catenary.curve import (
+    Curve,
+    find_far_apart,
+    MAX_POINTS,
+    pack_curves,
+    unpack_curve,
+)
 from plc_inspect.core.catenary.curve_row import (
     AZIMUTH,
     COS,
@@ -31,15 +39,17 @@ from plc_inspect.core.catenary.curve_row import (
     SIN,
     SLOPE,
     slope_of,
+    slope_variance_of,
     to_local,
     TOLERANCE,
+    TURN_SIGMA,
 )
 from plc_inspect.core.clustering.segment_fit import SHELL_RATIO, SHELL_SHARE
 from plc_inspect.core.numerics.arrays import put
 from plc_inspect.core.numerics.plan_index import gather_strip, PlanIndex
 from plc_inspect.core.numerics.sorting import argsort_spread
 from plc_inspect.core.numerics.threads import call_each
-from plc_inspect.results import Bool, Float32, Float64, Int64
+from plc_inspect.results import Bool, Float32, Float64, Int32, Int64
 
 CROWD_LENGTH = 4.0
 """Length of the parts of a curve that are crowded or not [m].  Source: judgement; not measured."""
@@ -64,6 +74,16 @@ Source: judgement; not measured.
 """
 LEAST_GROWTH = 1.0
 """A curve that grew by less is done [m].  Source: derived: one bin."""
+BESIDE_SHARE = 0.5
+"""
+Curves with more of the shorter one beside the other do not go on in each other.
+Source: judgement; not measured.
+"""
+GAP_MISS = 0.15
+"""
+Miss that is allowed between two parts of one conductor, beyond three times its uncertainty [m].
+Source: judgement; not measured: as in `conductors.BRIDGE_SLACK`.
+"""
 STEP = 1.0
 """Length of a bin [m].  Source: judgement; not measured."""
 
@@ -203,13 +223,15 @@ def measure_company(
 
 
 def extend(
-    points: Float64, index: PlanIndex, curves: Sequence[Curve], settings: CatenarySettings
+    points: Float64, index: PlanIndex, curves: Sequence[Curve], settings: CatenarySettings,
+    others: Sequence[Curve] = (),
 ) -> list[Curve]:
     """
     Let curves take in the points along them, within their ends and beyond, as far as they go.
 
     Each round extrapolates no farther than the fit is sure of, and stops for good where the next
-    ``max_step`` metres hold no points of a free wire.
+    ``max_step`` metres hold no points of a free wire.  Points of a curve that begins with a kink
+    or an offset where this one ends are left to it: it is the next span, or another conductor's.
 
     Parameters
     ----------
@@ -221,6 +243,8 @@ def extend(
         Each is extended by itself.
     settings : CatenarySettings
         Settings of this stage.
+    others : sequence of Curve
+        Further curves, whose points are left to them likewise.
 
     Returns
     -------
@@ -230,14 +254,18 @@ def extend(
     """
     if not curves:
         return []
-    rows = pack_curves(curves)
+    known = [*curves, *others]
+    rows = pack_curves(known)
     grid = index.grid
+    owner = _claim(points, grid, rows, settings.min_evidence)
+    barred = _bar(rows, find_far_apart(known, settings.max_bridge))
     grown = call_each(
-        lambda k: _extend(points, grid, rows[k], settings.max_step), len(curves)
+        lambda k: _extend(points, grid, rows[k], owner, barred[k], settings.max_step),
+        len(curves),
     )
     return [
         unpack_curve(row, chosen, step) if step else curve
-        for curve, row, (chosen, step) in zip(curves, rows, grown, strict=True)
+        for curve, row, (chosen, step) in zip(curves, rows[: len(curves)], grown, strict=True)
     ]
 
 
@@ -253,8 +281,72 @@ def distances_to(points, row, chosen):  # type: ignore[no-untyped-def]
     return result
 
 
+def _claim(points: Float64, grid: Any, rows: Float64, least: float) -> Int32:
+    """Return the curve of at least some length that each point lies on, -1 for none."""
+    long = np.flatnonzero(rows[:, HIGH] - rows[:, LOW] >= least).tolist()
+    nothing = np.zeros(0, dtype=np.bool_)
+    profiles = call_each(
+        lambda k: profile_row(
+            points, grid, rows[long[k]], rows[long[k], LOW], rows[long[k], HIGH], STEP, nothing
+        ),
+        len(long),
+    )
+    owner = np.full(len(points), -1, dtype=np.int32)
+    nearest = np.full(len(points), np.inf, dtype=np.float32)
+    for number, (_, _, chosen, distance) in zip(long, profiles, strict=True):
+        won = chosen[distance < nearest[chosen]]
+        owner[won] = number
+        nearest[chosen] = np.minimum(nearest[chosen], distance)
+    return owner
+
+
 @njit(cache=True, nogil=True, error_model='numpy')
-def _extend(points, grid, row, max_step):  # type: ignore[no-untyped-def]
+def _bar(rows, far):  # type: ignore[no-untyped-def]
+    """Tell which curves (column) no curve (row) goes on in: (C, C) bool."""
+    num = len(rows)
+    barred = np.zeros((num, num), dtype=np.bool_)
+    for k in range(num):
+        for m in range(k):
+            if not far[k, m] and not _may_be_one(rows[k], rows[m]):
+                barred[k, m] = barred[m, k] = True
+    return barred
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _may_be_one(row, other):  # type: ignore[no-untyped-def]
+    """Tell whether two curves lie beside each other, or meet without an offset or a kink."""
+    # where the other one begins and ends along this one
+    first, _ = to_local(row, *_plan_of(other, other[LOW]))
+    last, _ = to_local(row, *_plan_of(other, other[HIGH]))
+    start, end = max(row[LOW], min(first, last)), min(row[HIGH], max(first, last))
+    shorter = min(row[HIGH] - row[LOW], other[HIGH] - other[LOW])
+    if end - start > BESIDE_SHARE * shorter:
+        return True
+    # both curves in the middle of the gap, or of what they have in common
+    x = 0.5 * (start + end)
+    px, py = _plan_of(row, x)
+    other_x, across = to_local(other, px, py)
+    miss = math.hypot(across, height_of(row, x) - height_of(other, other_x))
+    sigma = math.hypot(sigma_of(row, x), sigma_of(other, other_x))
+    if miss > GAP_MISS + 3.0 * sigma:
+        return False
+    along = math.copysign(1.0, row[COS] * other[COS] + row[SIN] * other[SIN])
+    turn = abs(math.asin(row[COS] * other[SIN] - row[SIN] * other[COS]))
+    if turn > MIN_KINK + 4.0 * math.hypot(row[TURN_SIGMA], other[TURN_SIGMA]):
+        return False
+    kink = abs(slope_of(row, x) - along * slope_of(other, other_x))
+    sigma = math.sqrt(slope_variance_of(row, x) + slope_variance_of(other, other_x))
+    return kink <= MIN_KINK + 4.0 * sigma
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _plan_of(row, x):  # type: ignore[no-untyped-def]
+    """Plan position of a row's curve at x [m]."""
+    return row[ORIGIN_X] + row[COS] * x, row[ORIGIN_Y] + row[SIN] * x
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _extend(points, grid, row, owner, barred, max_step):  # type: ignore[no-untyped-def]
     """Extend a row in place; returned are its points and their stride, 0 if it is the same."""
     own, stride = np.empty(0, dtype=np.int64), 0
     nothing, no_draws = np.zeros(0, dtype=np.bool_), np.empty((0, 3))
@@ -263,8 +355,8 @@ def _extend(points, grid, row, max_step):  # type: ignore[no-untyped-def]
         # bins along the curve and as far beyond as it is known
         reach = _sure_reach(row, max_step)
         first = row[LOW] - reach
-        core, shell, chosen, _ = profile_row(
-            points, grid, row, first, row[HIGH] + reach, STEP, nothing
+        core, shell, chosen, _ = _profile(
+            points, grid, row, first, row[HIGH] + reach, STEP, nothing, owner, barred
         )
         # from both ends over good bins, and over short gaps
         good = (core > 0) & (shell <= FOLLOW_SHARE * core)
@@ -329,6 +421,15 @@ def profile_row(points, grid, row, low, high, step, ignore):  # type: ignore[no-
 
     Further returned are those on it, ascending, and their distances to it.
     """
+    nobody, none = np.zeros(0, dtype=np.int32), np.zeros(0, dtype=np.bool_)
+    return _profile(points, grid, row, low, high, step, ignore, nobody, none)
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _profile(  # type: ignore[no-untyped-def]
+    points, grid, row, low, high, step, ignore, owner, barred
+):
+    """Do the same without the points of barred owners."""
     tolerance = row[TOLERANCE]
     most = tolerance * SHELL_RATIO
     start, order, corner, cell, num_rows, num_columns = grid
@@ -349,7 +450,7 @@ def profile_row(points, grid, row, low, high, step, ignore):  # type: ignore[no-
     ordered = True
     for i in near:
         x, y = to_local(row, points[i, 0], points[i, 1])
-        if abs(y) > most:
+        if abs(y) > most or (len(owner) and owner[i] >= 0 and barred[owner[i]]):
             continue
         place = math.floor((x - low + ROUNDING) * by_step)
         if place < 0 or place >= num:
