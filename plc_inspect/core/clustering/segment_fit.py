@@ -8,6 +8,8 @@ import math
 from numba import njit
 import numpy as np
 
+from plc_inspect.core.numerics.arrays import put
+
 SHELL_RATIO = 1.6
 """
 Outer radius of the shell about a conductor, in radii of the conductor.
@@ -107,13 +109,14 @@ def measure_filling(x, member, low, high):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def measure_crowding(  # type: ignore[no-untyped-def]
-    x, y, w, mx, my, mw, ky, kw, rms, low, high
+    x, y, w, mx, my, mw, ky, kw, rms, low, high, apart
 ):
     """
     Share of the bead's parts that have points close about the axis, not only on it.
 
     Air surrounds a wire.  A plane that goes on beside the axis, such as a roof, has 0.6 times
     as many points between 1 and 1.6 radii as within one radius; a crown has 1.6 times as many.
+    Points that are ``apart``, on other pieces, do not count: wires hang side by side.
     """
     inner = max(CORE_SIGMAS * rms, LEAST_CORE)
     outer = SHELL_RATIO * inner
@@ -129,13 +132,67 @@ def measure_crowding(  # type: ignore[no-untyped-def]
         place = min(int((x[k] - low) / (high - low) * num), num - 1)
         if r2 <= inner * inner:
             core[place] += 1.0
-        elif r2 <= outer * outer:
+        elif r2 <= outer * outer and not apart[k]:
             shell[place] += 1.0
     crowded = 0
     for place in range(num):
         if shell[place] > SHELL_SHARE * core[place] + SHELL_CHANCE:
             crowded += 1
     return crowded / num
+
+
+@njit(cache=True, nogil=True)
+def find_pieces(x, y, w, chosen, label, limit, half):  # type: ignore[no-untyped-def]
+    """
+    Find the clusters of one attempt that are long, filled and thin.
+
+    Parameters
+    ----------
+    x, y, w, chosen, label, limit, half
+        As of `judge_clusters`.
+
+    Returns
+    -------
+    rows : (P, 8) float64
+        Means of x, y, w, slopes in y and w, rms, least and greatest x of each piece.
+    piece : (n,) int64
+        Piece of each point, -1 none.
+    too_thick : (n,) bool
+        Points of clusters that are long and filled, and too thick for one conductor.
+
+    """
+    num = label.max() + 1 if len(label) else 0
+    start = np.zeros(num + 1, dtype=np.int64)  # the points cluster by cluster
+    for k in range(len(label)):
+        if label[k] >= 0:
+            start[label[k] + 1] += 1
+    start = np.cumsum(start)
+    place = start[:-1].copy()
+    order = np.empty(start[num], dtype=np.int64)
+    for k in range(len(label)):
+        if label[k] >= 0:
+            order[place[label[k]]] = chosen[k]
+            place[label[k]] += 1
+    rows = np.empty((num, 8))
+    piece = np.full(len(x), -1, dtype=np.int64)
+    too_thick = np.zeros(len(x), dtype=np.bool_)
+    found = 0
+    for c in range(num):
+        own = order[start[c] : start[c + 1]]
+        ox, member = x[own], np.ones(len(own), dtype=np.bool_)
+        mx, my, mw, ky, kw, rms, low, high = fit_trimmed(ox, y[own], w[own], member)
+        if member.sum() < LEAST_POINTS or high - low < MIN_REACH * half:
+            continue
+        if measure_filling(ox, member, low, high) < MIN_FILLING:
+            continue
+        if rms > limit:
+            too_thick[own[member]] = True
+            continue
+        rows[found, 0], rows[found, 1], rows[found, 2], rows[found, 3] = mx, my, mw, ky
+        rows[found, 4], rows[found, 5], rows[found, 6], rows[found, 7] = kw, rms, low, high
+        piece[own[member]] = found
+        found += 1
+    return rows[:found], piece, too_thick
 
 
 @njit(cache=True, nogil=True)
@@ -162,7 +219,7 @@ def judge_clusters(  # type: ignore[no-untyped-def]
     too_thick : (n,) bool
         Replaced by the points of clusters that are too thick for one conductor.
     fits : (B, 8) float64
-        Means of x, y, w, slopes in y and w, rms, least and greatest x; new rows are set.
+        As the rows of `find_pieces`; new rows are set.
     found : int
         Beads so far.
 
@@ -172,39 +229,19 @@ def judge_clusters(  # type: ignore[no-untyped-def]
         Beads now.
 
     """
-    too_thick[:] = False
-    if len(label) == 0:
-        return found
-    num = label.max() + 1
-    start = np.zeros(num + 1, dtype=np.int64)  # the points cluster by cluster
-    for k in range(len(label)):
-        if label[k] >= 0:
-            start[label[k] + 1] += 1
-    start = np.cumsum(start)
-    place = start[:-1].copy()
-    order = np.empty(start[num], dtype=np.int64)
-    for k in range(len(label)):
-        if label[k] >= 0:
-            order[place[label[k]]] = chosen[k]
-            place[label[k]] += 1
-    for c in range(num):
-        own = order[start[c] : start[c + 1]]
-        ox, member = x[own], np.ones(len(own), dtype=np.bool_)
-        mx, my, mw, ky, kw, rms, low, high = fit_trimmed(ox, y[own], w[own], member)
-        if member.sum() < LEAST_POINTS or high - low < MIN_REACH * half:
-            continue
-        if measure_filling(ox, member, low, high) < MIN_FILLING:
-            continue
-        if rms > limit:
-            too_thick[own[member]] = True
-            continue
-        if measure_crowding(x, y, w, mx, my, mw, ky, kw, rms, low, high) > max_crowding:
-            continue
-        if found == len(fits):
-            continue
-        fits[found, 0], fits[found, 1], fits[found, 2] = mx, my, mw
-        fits[found, 3], fits[found, 4] = ky, kw
-        fits[found, 5], fits[found, 6], fits[found, 7] = rms, low, high
-        owner[own[member]] = found
-        found += 1
+    rows, piece, thick = find_pieces(x, y, w, chosen, label, limit, half)
+    put(thick, too_thick)
+    # pieces have air about them, or each other
+    apart = (piece >= 0) | (owner >= 0)
+    bead = np.full(len(rows) + 1, -1, dtype=np.int64)  # the last one for what is no piece
+    for c in range(len(rows)):
+        mx, my, mw, ky, kw, rms, low, high = rows[c]
+        crowding = measure_crowding(x, y, w, mx, my, mw, ky, kw, rms, low, high, apart)
+        if crowding <= max_crowding and found < len(fits):
+            put(rows[c], fits[found])
+            bead[c] = found
+            found += 1
+    for k in range(len(x)):
+        if bead[piece[k]] >= 0:
+            owner[k] = bead[piece[k]]
     return found

@@ -19,6 +19,7 @@ from plc_inspect.core.clustering.cross_section import (
 )
 from plc_inspect.core.clustering.refinement import attempt_window, NUM_EPS, open_window
 from plc_inspect.core.clustering.segment_fit import (
+    find_pieces,
     fit_trimmed,
     LEAST_POINTS,
     measure_crowding,
@@ -208,7 +209,8 @@ class Windows:
             )
         own = int(np.argmin(np.linalg.norm(np.column_stack((x, y, w)) - at, axis=1)))
         needed = int(count_needed(y, w, limits.eps, limits.min_points))
-        for attempt in attempt_window((x, y, w), open_window(len(x)), needed, half, limits):
+        state = open_window(len(x))
+        for attempt in attempt_window((x, y, w), state, needed, half, limits):
             rows, label = attempt.chosen, attempt.label
             place = np.flatnonzero(rows == own)
             if not len(place):
@@ -226,16 +228,19 @@ class Windows:
             if number >= 0:
                 member = np.zeros(len(x), dtype=bool)
                 member[rows[label == number]] = True
-                view = self._judge(view, (x, y, w), member, own, attempt.limit, half)
+                _, piece, _ = find_pieces(x, y, w, rows, label, attempt.limit, half)
+                apart = (piece >= 0) | (state[0] >= 0)
+                view = self._judge(view, (x, y, w), member, apart, own, attempt.limit)
             if number >= 0 or attempt.number < NUM_EPS:
                 yield view
 
     def _judge(
-        self, view: ClusterView, places: tuple[Float64, Float64, Float64], member: Bool, own: int,
-        limit: float, half: float,
+        self, view: ClusterView, places: tuple[Float64, Float64, Float64], member: Bool,
+        apart: Bool, own: int, limit: float,
     ) -> ClusterView:
-        """Return the view with the figures of the point's cluster."""
+        """Return the view with the figures of the point's cluster, where others lie ``apart``."""
         x, y, w = places
+        half = self.alignment.half_length
         limits, crowding = self.settings.clustering, math.nan
         mx, my, mw, ky, kw, rms, low, high = fit_trimmed(x, y, w, member)
         size, length = int(member.sum()), float(high - low)
@@ -249,7 +254,9 @@ class Windows:
         elif rms > limit:
             outcome = 'too thick'
         else:
-            crowding = float(measure_crowding(x, y, w, mx, my, mw, ky, kw, rms, low, high))
+            crowding = float(measure_crowding(
+                x, y, w, mx, my, mw, ky, kw, rms, low, high, apart
+            ))
             outcome = 'crowded' if crowding > limits.max_crowding else 'bead'
         if outcome == 'bead' and not member[own]:
             outcome = 'trimmed off a bead'

@@ -32,7 +32,8 @@ def make_sheet(low=-6.0, high=6.0):
 
 def crowd(points, low=-6.0, high=6.0):
     """Measure the crowding of the axis of the window."""
-    return measure_crowding(*points.T.copy(), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, low, high)
+    apart = np.zeros(len(points), dtype=bool)
+    return measure_crowding(*points.T.copy(), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, low, high, apart)
 
 
 def judge(*clusters, limit=0.1, max_crowding=0.5, noise=(), room=4):
@@ -104,6 +105,13 @@ def test_each_line_is_a_bead_of_its_own():
     assert not np.concatenate(too_thick).any()
     np.testing.assert_allclose(fits[:2, 1:3], [[-3.0, 0.0], [3.0, 1.0]], atol=1e-9)
     np.testing.assert_allclose(fits[:2, 6:], [[-HALF, HALF]] * 2)
+
+
+def test_lines_side_by_side_do_not_crowd_each_other_but_other_things_do():
+    wire = make_bead() + np.random.default_rng(5).normal(0.0, 0.03, (81, 3)) * (0.0, 1.0, 1.0)
+    beside = make_bead(y=0.13)
+    assert judge(wire, beside)[0] == 2
+    assert judge(wire, noise=[beside])[0] == 0
 
 
 def test_a_thick_cluster_is_no_bead_and_is_told_to_be_too_thick():
