@@ -1,13 +1,14 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Assigns rows to columns one to one, at the least total cost."""
+"""Assigns one to one, at the least total cost: rows to columns, or things to their likes."""
 
 import math
 
 import numpy as np
 
-from plc_inspect.results import Float64
+from plc_inspect.core.numerics.disjoint_sets import unite
+from plc_inspect.results import Float64, Int64
 
 FAR = 1e6
 """
@@ -48,3 +49,79 @@ def assign(cost: Float64, most: float = math.inf) -> list[tuple[int, int]]:
         first, second = linear_sum_assignment(within)
     pairs = zip(rows[first].tolist(), columns[second].tolist(), strict=True)
     return [(i, j) for i, j in pairs if possible[i, j]]
+
+
+def pair_up(pairs: Int64, cost: Float64, lone: float) -> list[int]:
+    """
+    Choose pairs of things of one kind, each thing once, at the least cost together.
+
+    Parameters
+    ----------
+    pairs : (P, 2) int64
+        Numbers of the things of each pair that there may be, in order of cost.
+    cost : (P,) float64
+        Of each pair, not negative.
+    lone : float
+        Two things that are left over cost as much as a pair of this cost.  Pairs that cost more
+        are made of what is left, the cheapest first; so are all pairs of things that cannot be
+        parted into two sides.
+
+    Returns
+    -------
+    list of int
+        Numbers of the pairs, in order of cost.
+
+    """
+    if not len(pairs):
+        return []
+    things, number = np.unique(pairs, return_inverse=True)
+    number = number.reshape(-1, 2)
+    chosen = [
+        k for own in _group(number, len(things)) for k in _match(own, number[own], cost[own], lone)
+    ]
+    used = set(number[chosen].ravel().tolist())
+    for k, both in enumerate(number.tolist()):
+        if not used & set(both):
+            used |= set(both)
+            chosen.append(k)
+    return sorted(chosen)
+
+
+def _group(number: Int64, num: int) -> list[Int64]:
+    """List the pairs of each group of things that hang together."""
+    group = unite(number, num)[number[:, 0]]
+    return [np.flatnonzero(group == one) for one in np.unique(group)]
+
+
+def _match(own: Int64, number: Int64, cost: Float64, lone: float) -> list[int]:
+    """Choose among the pairs of a group those that cost less than two lone things."""
+    ahead = _part(number.tolist())
+    if ahead is None:
+        return []
+    place = {thing: k for k, thing in enumerate(np.unique(number).tolist())}
+    gain = np.zeros((len(place), len(place)))
+    pair = np.full(gain.shape, -1)
+    for k, (first, second), value in zip(
+        own.tolist(), number.tolist(), cost.tolist(), strict=True
+    ):
+        row, column = (first, second) if first in ahead else (second, first)
+        if value < lone:
+            gain[place[row], place[column]] = lone - value
+            pair[place[row], place[column]] = k
+    return [int(pair[both]) for both in assign(-gain) if pair[both] >= 0]
+
+
+def _part(pairs: list[list[int]]) -> set[int] | None:
+    """Return things of which each pair of a group has just one, None if there are none such."""
+    side = {pairs[0][0]: True}
+    before = 0
+    while len(side) > before:
+        before = len(side)
+        for first, second in pairs:
+            if first in side:
+                side.setdefault(second, not side[first])
+            elif second in side:
+                side[first] = not side[second]
+    if any(side[first] == side[second] for first, second in pairs):
+        return None
+    return {thing for thing, value in side.items() if value}

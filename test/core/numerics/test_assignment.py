@@ -8,7 +8,7 @@ import itertools
 import numpy as np
 import pytest
 
-from plc_inspect.core.numerics.assignment import assign
+from plc_inspect.core.numerics.assignment import assign, pair_up
 
 
 def test_each_has_its_own_nearest():
@@ -47,3 +47,54 @@ def test_nothing_pairs_more_or_costs_less(seed):
     )
     assert len(pairs) == best[0]
     assert sum(cost[i, j] for i, j in pairs) == pytest.approx(-best[1])
+
+
+def try_all(pairs, cost, lone):
+    """Return the least cost of all ways to pair, with what is left over."""
+    things = {thing for pair in pairs for thing in pair}
+    best = np.inf
+    for num in range(len(pairs) + 1):
+        for chosen in itertools.combinations(range(len(pairs)), num):
+            used = [thing for k in chosen for thing in pairs[k]]
+            if len(set(used)) == len(used):
+                left = len(things) - len(used)
+                best = min(best, sum(cost[k] for k in chosen) + left * lone / 2)
+    return best
+
+
+def test_pairs_of_one_kind_cost_least_together():
+    rng = np.random.default_rng(4)
+    for _ in range(40):
+        # two sides of four things; lines of a rack, whose ends may take each other's
+        every = np.array([(a, 4 + b) for a in range(4) for b in range(4)])
+        pairs = every[rng.random(16) < 0.5]
+        cost = np.sort(rng.uniform(0.0, 1.0, len(pairs)))
+        chosen = pair_up(pairs, cost, 0.8)
+        used = pairs[chosen].ravel()
+        assert len(np.unique(used)) == len(used)
+        assert chosen == sorted(chosen)
+        cheap = [k for k in chosen if cost[k] < 0.8]
+        left = len(np.unique(pairs)) - 2 * len(cheap)
+        within = cost < 0.8
+        lone = len(np.unique(pairs)) - len(np.unique(pairs[within]))
+        least = try_all(pairs[within].tolist(), cost[within], 0.8) + lone * 0.4
+        assert cost[cheap].sum() + left * 0.4 == pytest.approx(least)
+
+
+def test_the_cheapest_pair_gives_way_where_it_leaves_two_alone():
+    pairs = np.array([[1, 2], [0, 2], [1, 3]])
+    assert pair_up(pairs, np.array([0.1, 0.2, 0.3]), 0.8) == [1, 2]
+    assert pair_up(pairs, np.array([0.1, 0.5, 0.6]), 0.8) == [0]
+
+
+def test_dear_pairs_are_made_of_what_is_left():
+    assert pair_up(np.array([[0, 1], [1, 2], [2, 3]]), np.array([0.1, 0.9, 2.0]), 0.8) == [0, 2]
+
+
+def test_three_that_may_all_pair_are_taken_cheapest_first():
+    pairs = np.array([[0, 1], [1, 2], [2, 0], [2, 3]])
+    assert pair_up(pairs, np.array([0.1, 0.2, 0.3, 0.4]), 0.8) == [0, 3]
+
+
+def test_no_pairs_to_choose_from():
+    assert pair_up(np.zeros((0, 2), dtype=np.int64), np.zeros(0), 0.8) == []

@@ -125,3 +125,25 @@ def test_the_order_of_curves_changes_only_their_numbers():
 def test_few_curves():
     assert find_joints([], 40.0) == ()
     assert find_joints(make_route([(0, 0), (90, 0)], offsets=(0.0,))[1], 40.0) == ()
+
+
+def test_wires_of_a_rack_meet_their_own_though_some_run_beyond_the_support():
+    # two wires 0.25 m apart; the upper one of the first span was followed 1.5 m too far
+    c, apart = 250.0, 0.25
+    wires = [
+        make_wire((45.0 * span, 0.0, 9.0 - apart * k), (45.0 * span + 45.0, 0.0, 9.0 - apart * k),
+                  c=c, per_metre=20.0, seed=2 * span + k)
+        for span in range(2) for k in range(2)
+    ]
+    x = np.linspace(45.0, 46.5, 30)
+    rise = 22.5 / c
+    wires[0] = np.vstack([
+        wires[0], np.column_stack([x, np.zeros(30), 9.0 + rise * (x - 45.0)])
+    ])
+    points = np.vstack(wires)
+    owner = np.repeat(np.arange(4), [len(wire) for wire in wires])
+    curves = [make_curve(points, np.flatnonzero(owner == k)) for k in range(4)]
+    joints = find_joints(curves, 40.0)
+    assert sorted(joint.curves for joint in joints) == [(0, 2), (1, 3)]
+    for joint in joints:
+        assert joint.position[0] == pytest.approx(45.0, abs=0.3)
