@@ -31,11 +31,13 @@ from plc_inspect.core.catenary.free_length import (
     Sight,
     UNKNOWN,
 )
-from plc_inspect.core.catenary.growing import Profile, profile_curve
-from plc_inspect.core.catenary.stays import find_stays
+from plc_inspect.core.catenary.profile import Profile, profile_curve
+from plc_inspect.core.catenary.stays import find_fans, find_hung, find_stays
 from plc_inspect.core.catenary.validation import (
+    BUILT,
     CROWDED,
     find_objection,
+    HUNG,
     prove_sag,
     STAY,
     STRAIGHTEST,
@@ -92,6 +94,11 @@ BEAM_CLUTTER = 0.3
 """
 Metres of a beam with other things about it, less free ones, for each of its length, at least.
 Source: measured: the jibs of seven random cranes have 0.36 to 0.9.
+"""
+LEAST_SPAN = 12.0
+"""
+Supports of one line are never nearer to each other [m].
+Source: judgement; `supports.min_span` by default.
 """
 PARALLEL = 0.1
 """
@@ -155,6 +162,7 @@ class Judge:
         self._try(proven, beside=False)
         self._untie()
         self._unstay()
+        self._unhang()
         near = self._find_beside()
         while self._sweep(near, beside=True):
             near = self._find_beside()
@@ -182,15 +190,27 @@ class Judge:
             self.verdicts[number] = replace(self.verdicts[number], objection=TIED)
 
     def _unstay(self) -> None:
-        """Take back what comes down on a beam below it: stays of cranes and bridges."""
+        """Take back what comes down on a beam below it, or fans out: stays."""
         straight = [
             number for number, verdict in enumerate(self.verdicts)
             if verdict.objection != TIED and prove_sag(self._curves[number], self._settings) < 1.0
         ]
+        curves = [self._curves[number] for number in straight]
         beams = [self._curves[number] for number in straight if self._is_beam(number)]
-        stays = find_stays([self._curves[number] for number in straight], beams)
+        sure = np.array([prove_sag(curve, self._settings) < 0.0 for curve in curves], dtype=bool)
+        stays = find_stays(curves, beams) | find_fans(curves, sure)
         for number in np.array(straight, dtype=np.int64)[stays].tolist():
             self.verdicts[number] = replace(self.verdicts[number], objection=STAY)
+
+    def _unhang(self) -> None:
+        """Take back what carries a deck: main cables of bridges."""
+        known = np.flatnonzero([not verdict.objection for verdict in self.verdicts])
+        hung = find_hung(
+            self._points, self._index, [self._curves[k] for k in known.tolist()], self.wire,
+            LEAST_SPAN,
+        )
+        for number in known[hung].tolist():
+            self.verdicts[number] = replace(self.verdicts[number], objection=HUNG)
 
     def _is_beam(self, number: int) -> bool:
         """Whether a curve is straight and part of something solid."""
@@ -244,7 +264,7 @@ class Judge:
         known = [k for k, verdict in enumerate(self.verdicts) if not verdict.objection]
         rest = [
             number for number, verdict in enumerate(self.verdicts)
-            if verdict.objection not in ('', TIED, STAY) and not is_thick(self._curves[number])
+            if verdict.objection not in ('', *BUILT) and not is_thick(self._curves[number])
         ]
         if not known or not rest:
             return np.zeros(0, dtype=np.int64)

@@ -11,12 +11,15 @@ from plc_inspect.config import CatenarySettings
 from plc_inspect.core.catenary.curve import Curve
 from plc_inspect.core.catenary.duplicates import is_thick, measure_thickness, THICK
 from plc_inspect.core.catenary.free_length import FreeLength
-from plc_inspect.core.catenary.growing import Profile
+from plc_inspect.core.catenary.profile import Profile
 
 UNPROVEN = 'curvature not proven'
 CROWDED = 'not free in the air'
 TIED = 'tied to another line along its length'
-STAY = 'a stay of a beam below it'
+STAY = 'a stay of a beam below it, or of a mast'
+HUNG = 'a cable with hangers'
+BUILT = (TIED, STAY, HUNG)
+"""Parts of something else that is built: no evidence of a conductor helps them."""
 UNTIDY = 'thick, with other things at its surface'
 BONUS = 8.0
 """

@@ -3,9 +3,9 @@
 
 import numpy as np
 import pytest
-from toys import make_curve
+from toys import hang, make_curve, make_index, make_wire
 
-from plc_inspect.core.catenary.stays import find_stays
+from plc_inspect.core.catenary.stays import find_fans, find_hung, find_stays
 
 X = np.linspace(0.0, 60.0, 600)
 
@@ -42,3 +42,51 @@ def test_other_lines_near_a_beam_are_none(curve):
 def test_without_beams_or_curves_there_are_no_stays():
     assert find_stays([], [BEAM]).tolist() == []
     assert find_stays([BEAM], []).tolist() == [False]
+
+
+FAN = [bar(0.0, 30.0, 20.0, 6.0), bar(0.0, 24.0, 19.0, 6.0), bar(0.0, 18.0, 18.0, 6.0)]
+
+
+def test_stays_of_a_mast_fan_out():
+    assert find_fans(FAN, np.array([True, False, False])).tolist() == [True, True, True]
+
+
+@pytest.mark.parametrize('curves', [
+    [bar(0.0, 30.0, 20.0, 20.2), bar(0.0, 30.0, 19.5, 19.7)],  # one above the other
+    [bar(0.0, 30.0, 20.0, 6.0), bar(30.0, 60.0, 6.0, 20.0)],  # one after the other
+    [bar(0.0, 30.0, 20.0, 6.0), bar(0.0, 30.0, 19.0, 12.0, y=3.0)],  # in another plane
+    [FAN[0]],
+    [],
+])
+def test_lines_beside_each_other_are_no_fan(curves):
+    assert not find_fans(curves, np.ones(len(curves), dtype=bool)).any()
+
+
+def test_a_fan_of_which_none_is_surely_straight_may_be_wires_at_a_pole():
+    assert not find_fans(FAN, np.zeros(3, dtype=bool)).any()
+
+
+def hang_cable(hangers, thick=0.03):
+    """Return a cable of 60 m, what hangs from it at some x, and which points are the cable's."""
+    rng = np.random.default_rng(8)
+    cable = make_wire((0.0, 0.0, 20.0), (60.0, 0.0, 20.0), c=120.0, per_metre=20.0)
+    rods = []
+    for x in hangers:
+        top = hang(np.array([x]), 60.0, 20.0, 20.0, 120.0)[0]
+        side = rng.uniform(-thick, thick, (200, 2))
+        rods.append(np.column_stack([x + side[:, 0], side[:, 1], rng.uniform(6.0, top, 200)]))
+    points = np.vstack([cable, *rods])
+    return points, np.arange(len(points)) < len(cable)
+
+
+@pytest.mark.parametrize(('hangers', 'thick', 'hung'), [
+    ((5.0, 12.0, 19.0, 26.0), 0.03, True),
+    ((5.0, 26.0, 50.0), 0.03, False),  # supports of short spans
+    ((5.0, 12.0), 0.03, False),  # a pole and a lamp
+    ((), 0.03, False),
+    ((5.0, 12.0, 19.0, 26.0), 1.2, False),  # trees
+])
+def test_cables_with_hangers_carry_a_deck(hangers, thick, hung):
+    points, wire = hang_cable(hangers, thick)
+    curve = make_curve(points, np.flatnonzero(wire))
+    assert find_hung(points, make_index(points), [curve], wire, 12.0).tolist() == [hung]
