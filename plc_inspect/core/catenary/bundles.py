@@ -11,7 +11,7 @@ import numpy as np
 
 from plc_inspect.config import CatenarySettings
 from plc_inspect.core.catenary.curve import Curve, find_far_apart, fit_curve
-from plc_inspect.core.catenary.growing import profile_curve
+from plc_inspect.core.catenary.profile import profile_curve
 from plc_inspect.core.numerics.plan_index import PlanIndex
 from plc_inspect.errors import FitError
 from plc_inspect.results import Float64

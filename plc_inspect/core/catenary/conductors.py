@@ -31,7 +31,7 @@ from plc_inspect.core.catenary.free_length import Sight
 from plc_inspect.core.catenary.growing import extend
 from plc_inspect.core.catenary.judge import find_along, Judge, Verdict
 from plc_inspect.core.catenary.track_fit import fit_tracks
-from plc_inspect.core.catenary.validation import list_evidence, STAY, TIED
+from plc_inspect.core.catenary.validation import BUILT, list_evidence
 from plc_inspect.core.clustering.clustering import ClusteringResult
 from plc_inspect.core.numerics.plan_index import PlanIndex
 from plc_inspect.core.numerics.threads import call_each
@@ -202,7 +202,7 @@ def _find_within(
     """Return the parts along thick curves that are no conductors."""
     failed = [
         curve for curve, verdict in zip(curves, verdicts, strict=True)
-        if verdict.objection not in ('', TIED, STAY) and is_thick(curve)
+        if verdict.objection not in ('', *BUILT) and is_thick(curve)
     ]
     along = find_along([*parts, *failed], settings.bundle_width)[: len(parts), len(parts) :]
     return [parts[k] for k in np.flatnonzero(along.any(axis=1)).tolist()]
@@ -212,7 +212,7 @@ def _may_continue(curve: Curve, verdict: Verdict, settings: CatenarySettings) ->
     """Whether nothing but too little evidence speaks against a curve."""
     evidence = list_evidence(curve, verdict.profile, verdict.free, settings)
     against = {item.setting for item in evidence if not item.kept}
-    return verdict.objection not in (TIED, STAY) and against <= {
+    return verdict.objection not in BUILT and against <= {
         'max_constant', 'max_crowding', 'min_evidence', 'max_clutter'
     }
 

@@ -12,7 +12,7 @@ from plc_inspect.core.catenary.bundles import widen_to
 from plc_inspect.core.catenary.conductors import ConductorResult
 from plc_inspect.core.catenary.curve import Curve, find_far_apart
 from plc_inspect.core.catenary.duplicates import is_thick
-from plc_inspect.core.catenary.growing import Profile, profile_curve
+from plc_inspect.core.catenary.profile import Profile, profile_curve
 from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.core.spans.joints import find_joints, find_meeting

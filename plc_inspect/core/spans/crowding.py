@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from plc_inspect.core.catenary.growing import CROWD_LENGTH
+from plc_inspect.core.catenary.profile import CROWD_LENGTH
 from plc_inspect.core.clustering.segment_fit import SHELL_CHANCE, SHELL_RATIO, SHELL_SHARE
 from plc_inspect.results import Bool, Float64
 

@@ -13,12 +13,8 @@ from plc_inspect.config import Settings
 from plc_inspect.core.catenary.curve import Curve, fit_curve
 from plc_inspect.core.catenary.curve_row import derive_tolerance, MIN_TOLERANCE
 from plc_inspect.core.catenary.duplicates import drop_duplicates, is_thick
-from plc_inspect.core.catenary.growing import (
-    extend,
-    measure_company,
-    measure_distances,
-    profile_curve,
-)
+from plc_inspect.core.catenary.growing import extend
+from plc_inspect.core.catenary.profile import measure_company, measure_distances, profile_curve
 from plc_inspect.core.clustering.clusterers import KERNELS
 from plc_inspect.core.clustering.cross_section import count_needed, thin_window
 from plc_inspect.core.clustering.segment_fit import LEAST_POINTS, SHELL_CHANCE, SHELL_SHARE

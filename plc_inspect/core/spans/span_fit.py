@@ -34,7 +34,7 @@ from plc_inspect.core.catenary.curve_row import (
     to_local,
     TOLERANCE,
 )
-from plc_inspect.core.catenary.growing import profile_row, STEP
+from plc_inspect.core.catenary.profile import profile_row, STEP
 from plc_inspect.core.numerics.arrays import put
 from plc_inspect.core.numerics.plan_index import PlanIndex
 from plc_inspect.core.numerics.threads import call_each

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from toys import make_line_cloud, make_tree
 
-from plc_inspect.core.catenary.growing import CROWD_LENGTH
+from plc_inspect.core.catenary.profile import CROWD_LENGTH
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.core.spans import point_claims
 from plc_inspect.core.spans.crowding import find_intruders
