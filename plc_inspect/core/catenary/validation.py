@@ -19,7 +19,10 @@ TIED = 'tied to another line along its length'
 STAY = 'a stay of a beam below it, or of a mast'
 HUNG = 'a cable with hangers'
 BUILT = (TIED, STAY, HUNG)
-"""Parts of something else that is built: no evidence of a conductor helps them."""
+"""
+Parts of something else that is built: no evidence of a conductor helps them.
+Source: derived: the three above.
+"""
 UNTIDY = 'thick, with other things at its surface'
 BONUS = 8.0
 """
