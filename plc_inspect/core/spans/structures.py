@@ -43,11 +43,18 @@ It does where within 3 radii there are at most this many times the points in the
 has 8 times as many, a wall or its corner twice as many.
 Source: judgement; holds from 0.625 to 2.5 on bench/constants.py.
 """
-SURE_SHARE, SURE_POINTS = 0.5, 20
+SURE_FILLED = 0.8
 """
-Share of the points within 3 radii that the column holds, and their number, at least, where no
-conductor tells of a pole; a crown has a share of one in nine.
-Source: measured: poles of five real clouds and of random scenes 0.51 to 1, crowns 0.14 to 0.42.
+And this share of its metres, where no conductor tells of it.
+Source: measured: below crowns that touch a conductor bushes and trunks fill 0.6 to 0.75 (random
+scenes, any 41009 and 41025), poles of sparse surveys 0.85 and more.
+"""
+SURE_SHARE, LEAST_SHARE, SHARE_SIGMAS = 0.5, 0.28, 2.0
+"""
+Share of the points within 3 radii that the column holds, and less so many of its standard
+deviations, at least, where no conductor tells of a pole; a crown has a share of one in nine.
+Source: measured: poles of five real clouds and of random scenes have 0.51 to 1, crowns 0.14 to
+0.42; of 20 points 10 must be the column's, of 10 seven.
 """
 CHANCE = 1
 """
@@ -68,6 +75,11 @@ LEAST_HEIGHT = 1.0
 """Points lower than this are no structure's [m].  Source: judgement; not measured."""
 TOP_METRES = 2
 """Metres below the conductor that need not be filled.  Source: judgement; not measured."""
+TOP_GAP = 1.5
+"""
+The highest point of a pole has another one at most this far below it [m].
+Source: judgement: poles of sparse surveys lack points for a metre.
+"""
 LEAST_METRES = 3
 """
 Metres that must be filled are counted from at least this many.
@@ -171,7 +183,7 @@ def find_structure(
     if column is not None:
         own = np.hypot(*(apart - column).T) <= COLUMN
         return Structure(
-            position=near + column, top=float(points[found[own], 2].max()), kind='pole'
+            position=near + column, top=_find_top(points[found[own], 2]), kind='pole'
         )
     inside = np.hypot(apart[:, 0], apart[:, 1]) <= reach + COLUMN
     found, apart, level = found[inside], apart[inside], level[inside]
@@ -193,14 +205,27 @@ def _best_column(apart: Float64, level: Int64, stand: Stand) -> Float64 | None:
     chosen = (level >= first) & (level <= last)
     apart, level, needed = apart[chosen], level[chosen] - first + 1, last - first + 1
     best, filled, free = _freest(apart, level, needed, stand.azimuth, stand.reach)
-    if filled < FILLED * needed or free < max(FREE * needed, LEAST_FREE):
+    share = FILLED if stand.is_told else SURE_FILLED
+    if filled < share * needed or free < max(FREE * needed, LEAST_FREE):
         return None
     axis: Float64 = np.median(apart[np.hypot(*(apart - best).T) <= COLUMN], axis=0)
     distance = np.hypot(*(apart - axis).T)
     num_own, num_near = (int((distance <= reach).sum()) for reach in (COLUMN, RING * COLUMN))
-    if not stand.is_told and num_own < max(SURE_SHARE * num_near, SURE_POINTS):
-        return None
-    return axis
+    return axis if stand.is_told or _is_sure(num_own, num_near) else None
+
+
+def _find_top(z: Float64) -> float:
+    """Return the height of the highest point that is no stray above the others [m]."""
+    order = np.sort(z)
+    close = np.flatnonzero(np.diff(order) <= TOP_GAP)
+    return float(order[close[-1] + 1] if len(close) else order[0])
+
+
+def _is_sure(num_own: int, num_near: int) -> bool:
+    """Whether a column holds so many of the points about it that it is no part of a crown."""
+    share = num_own / max(num_near, 1)
+    sigma = math.sqrt(share * (1.0 - share) / max(num_near, 1))
+    return share >= SURE_SHARE and share - SHARE_SIGMAS * sigma >= LEAST_SHARE
 
 
 @njit(cache=True, nogil=True)

@@ -14,6 +14,7 @@ from plc_inspect.core.spans.layout import find_layout
 from plc_inspect.core.spans.standing_poles import cut_at_poles, find_poles, join_at_poles
 
 SETTINGS = Settings()
+HIGH_PART = make_pole(60.0, 0.0, 8.2)[:, 2] > 6.2
 
 
 def look(*things, height=8.0, offsets=(-0.9, 0.0, 0.9)):
@@ -58,9 +59,20 @@ def test_a_pole_below_a_smooth_catenary_is_found():
     make_tree(60.0, 0.3, 8.5, bottom=0.5, radius=1.5, num=150),
     make_pole(60.0, 4.5, 8.2)[:300],
     make_pole(60.0, 0.0, 6.0),
-], ids=['a crown', 'a thin crown', 'a lamp beside the line', 'a post below it'])
+    np.vstack([make_pole(60.0, 0.0, 5.5), [[60.0, 0.0, 8.0]]]),
+    np.vstack([make_pole(60.0, 0.0, 4.0), make_pole(60.0, 0.0, 8.2)[HIGH_PART]]),
+], ids=['a crown', 'a thin crown', 'a lamp beside the line', 'a post below it',
+        'a post and a stray point', 'a post below something else'])
 def test_what_holds_no_conductor_is_no_pole(thing):
     assert look(thing)[2] == ()
+
+
+def test_a_pole_of_few_points_that_stands_free_is_found():
+    pole = make_pole(60.0, 0.1, 8.2)
+    rising = pole[np.argsort(pole[:, 2])]
+    sparse = rising[np.linspace(0, len(pole) - 1, 19).astype(int)]  # 14 of them above 2 m
+    assert len(look(sparse)[2]) == 1
+    assert look(np.vstack([sparse, sparse + (0.6, 0.0, 0.0), sparse - (0.0, 0.6, 0.0)]))[2] == ()
 
 
 def test_without_curves_nothing_is_looked_for():
