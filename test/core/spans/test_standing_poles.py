@@ -72,7 +72,8 @@ def test_a_pole_of_few_points_that_stands_free_is_found():
     rising = pole[np.argsort(pole[:, 2])]
     sparse = rising[np.linspace(0, len(pole) - 1, 19).astype(int)]  # 14 of them above 2 m
     assert len(look(sparse)[2]) == 1
-    assert look(np.vstack([sparse, sparse + (0.6, 0.0, 0.0), sparse - (0.0, 0.6, 0.0)]))[2] == ()
+    around = [sparse + np.array(step) for step in ((0.6, 0.0, 0.0), (0.0, -0.6, 0.0))]
+    assert look(sparse, *around)[2] == ()
 
 
 def test_without_curves_nothing_is_looked_for():
