@@ -69,6 +69,12 @@ Share of the points of four by four cells that the inner four hold where a pole 
 Source: derived: in clutter that leaves a column SURE_SHARE of its points it is 0.5, in a crown
 0.25.
 """
+LEAST_DENSITY = 0.2
+"""
+Points a metre of a part of a curve, at least, by those of the whole.
+Source: judgement: a conductor is seen as near on both sides of its support; a curve that ran over
+a support between the wires of a rack has a tenth there.
+"""
 HIGHEST = 62
 """Metres above ground that are told apart.  Source: numerical: bits of an integer."""
 
@@ -185,9 +191,11 @@ def cut_curve(points: Float64, curve: Curve, position: Float64) -> list[Curve]:
     pieces = []
     for part in (curve.points[x < at], curve.points[x >= at]):
         try:
-            pieces.append(fit_curve(points, part, tolerance=curve.tolerance))
+            piece = fit_curve(points, part, tolerance=curve.tolerance)
         except FitError:
             continue
+        if len(part) * curve.length >= LEAST_DENSITY * len(curve.points) * piece.length:
+            pieces.append(piece)
     return pieces
 
 

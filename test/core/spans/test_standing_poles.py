@@ -11,7 +11,12 @@ from plc_inspect.config import Settings
 from plc_inspect.core.extraction.height import extract_high
 from plc_inspect.core.extraction.off_ground import gather_off_ground
 from plc_inspect.core.spans.layout import find_layout
-from plc_inspect.core.spans.standing_poles import cut_at_poles, find_poles, join_at_poles
+from plc_inspect.core.spans.standing_poles import (
+    cut_at_poles,
+    cut_curve,
+    find_poles,
+    join_at_poles,
+)
 
 SETTINGS = Settings()
 HIGH_PART = make_pole(60.0, 0.0, 8.2)[:, 2] > 6.2
@@ -108,3 +113,14 @@ def test_a_pole_near_an_end_cuts_nothing_and_is_where_it_ends():
     cloud, curves, poles = look(make_pole(118.5, 0.0, 11.5))
     assert len(poles) == 1
     assert len(cut_at_poles(cloud.points, curves, poles, 6.0)) == len(curves)
+
+
+def test_a_part_of_a_few_points_beyond_the_cut_is_dropped():
+    cloud, curves, _ = look(offsets=(0.0,))
+    (curve,) = curves
+    x, _ = curve.local(cloud.points[curve.points])
+    few = np.r_[curve.points[x < 0.0], curve.points[x >= 0.0][::10]]
+    thin = make_curve(cloud.points, np.sort(few))
+    (kept,) = cut_curve(cloud.points, thin, thin.position(0.0)[0])
+    assert kept.high < 1.0
+    assert len(cut_curve(cloud.points, curve, curve.position(0.0)[0])) == 2
