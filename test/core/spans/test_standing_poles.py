@@ -119,7 +119,7 @@ def test_a_part_of_a_few_points_beyond_the_cut_is_dropped():
     cloud, curves, _ = look(offsets=(0.0,))
     (curve,) = curves
     x, _ = curve.local(cloud.points[curve.points])
-    few = np.r_[curve.points[x < 0.0], curve.points[x >= 0.0][::10]]
+    few = np.r_[curve.points[x < 0.0], curve.points[x >= 0.0][::25]]
     thin = make_curve(cloud.points, np.sort(few))
     (kept,) = cut_curve(cloud.points, thin, thin.position(0.0)[0])
     assert kept.high < 1.0
