@@ -32,12 +32,12 @@ from plc_inspect.core.catenary.free_length import (
     UNKNOWN,
 )
 from plc_inspect.core.catenary.profile import Profile, profile_curve
-from plc_inspect.core.catenary.stays import find_fans, find_hung, find_stays
+from plc_inspect.core.catenary.stays import find_fans, find_held, find_stays
 from plc_inspect.core.catenary.validation import (
     BUILT,
     CROWDED,
     find_objection,
-    HUNG,
+    HELD,
     prove_sag,
     STAY,
     STRAIGHTEST,
@@ -162,11 +162,12 @@ class Judge:
         self._try(proven, beside=False)
         self._untie()
         self._unstay()
-        self._unhang()
+        self._unhold()
         near = self._find_beside()
         while self._sweep(near, beside=True):
             near = self._find_beside()
         self._untie()
+        self._unhold()
 
     def _untie(self) -> None:
         """
@@ -202,15 +203,15 @@ class Judge:
         for number in np.array(straight, dtype=np.int64)[stays].tolist():
             self.verdicts[number] = replace(self.verdicts[number], objection=STAY)
 
-    def _unhang(self) -> None:
-        """Take back what carries a deck: main cables of bridges."""
+    def _unhold(self) -> None:
+        """Take back what touches something at regular intervals: main cables, pipes."""
         known = np.flatnonzero([not verdict.objection for verdict in self.verdicts])
-        hung = find_hung(
+        held = find_held(
             self._points, self._index, [self._curves[k] for k in known.tolist()], self.wire,
             LEAST_SPAN,
         )
-        for number in known[hung].tolist():
-            self.verdicts[number] = replace(self.verdicts[number], objection=HUNG)
+        for number in known[held].tolist():
+            self.verdicts[number] = replace(self.verdicts[number], objection=HELD)
 
     def _is_beam(self, number: int) -> bool:
         """Whether a curve is straight and part of something solid."""

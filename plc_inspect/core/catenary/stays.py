@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Cables that carry something else than current: stays, and those with hangers on them.
+Things that look like conductors and are built of others: stays, main cables, pipes.
 
 Stays are straight thin bars above a beam that they hold, as on tower cranes and stayed bridges, or
-fan out from a mast; from the main cables of suspension bridges hangers go straight down.
+fan out from a mast.  The main cables of suspension bridges have hangers below them, and pipes rest
+on brackets: they touch something at regular short intervals.
 """
 
 from collections.abc import Sequence
@@ -47,25 +48,30 @@ the stays of twelve random cranes rise by 0.1 to 0.5.
 """
 NUM_STATIONS = 25
 """Places along a stay.  Source: numerical."""
-HANGER = 4
+CONTACT_ROOM, CONTACT_DEPTH = 0.5, 1.0
 """
-Metres below a cable that a hanger fills, at least.
-Source: judgement: jumpers and the insulators of a line hang less far down.
+Points so far beside a curve at most, and so far below the points on it, touch it [m].
+Source: judgement: rods and brackets are in the vertical plane of what they hold, to 0.3 m.
 """
-HANGER_CELL = 0.5
+CONTACT_CELL = 0.5
+"""Length of the cells in which contacts are looked for [m].  Source: numerical."""
+LONGEST_CONTACT = 3
 """
-Edge of the cells about a cable in which hangers are looked for [m].
-Source: derived: a rod, and the noise of its points, are in two cells across and along.
+Cells that one contact takes, at most.
+Source: derived: a cross-beam of half a metre, wherever it lies in them; crowns are longer.
 """
-HANGER_SHARE = 0.8
+MOST_TOUCHED = 0.4
 """
-Share of the points of four by four cells that the inner four hold where a hanger is.
-Source: derived: of a rod it is nearly 1; of a treetop, a cone of half its height across, half.
+Share of its cells in which a curve is touched, at most.
+Source: derived: a contact of three cells in each eight, brackets 4 m apart.
 """
-MIN_HANGERS = 3
+LEAST_CONTACTS = 4
+"""Contacts that can be regular, at least.  Source: derived: three intervals that can agree."""
+REGULAR, REGULAR_SHARE = 0.15, 0.75
 """
-Cables with as many hangers, nearer to each other than any two supports, carry a deck.
-Source: judgement: two may be a lamp and a pole.
+Intervals differ from their median by at most this share of it, and this share of them does.
+Source: judgement: hangers and brackets are evenly spaced but where one was not seen; trees are
+not.
 """
 
 
@@ -145,11 +151,11 @@ def find_fans(curves: Sequence[Curve], sure: Bool) -> Bool:
     return result
 
 
-def find_hung(
+def find_held(
     points: Float64, index: PlanIndex, curves: Sequence[Curve], wire: Bool, apart: float
 ) -> Bool:
     """
-    Tell which curves are cables with hangers.
+    Tell which curves touch something below them at regular short intervals.
 
     Parameters
     ----------
@@ -158,25 +164,30 @@ def find_hung(
     index : PlanIndex
         Searched.
     curves : sequence of Curve
-        Cables, or conductors.
+        Pipes, cables, or conductors.
     wire : (N,) bool
         Points of conductors.
     apart : float
-        Two supports are never nearer to each other [m].
+        Two supports of a line are never nearer to each other [m].
 
     Returns
     -------
     (C,) bool
-        Curves from which MIN_HANGERS thin columns go down, each nearer than ``apart`` to the next.
 
     """
-    places = call_each(
-        lambda k: _find_hangers(points, index.grid, curves[k].row, wire), len(curves)
+    contacts = call_each(
+        lambda k: _list_contacts(points, index.grid, curves[k].row, wire), len(curves)
     )
-    more = MIN_HANGERS - 1
-    return np.array([
-        bool((found[more:] - found[:-more] < apart * more).any()) for found in places
-    ], dtype=bool)
+    return np.array([_is_regular(np.diff(x), apart) for x in contacts], dtype=bool)
+
+
+def _is_regular(interval: Float64, longest: float) -> bool:
+    """Tell whether things stand at even intervals, none of them long [m]."""
+    if len(interval) < LEAST_CONTACTS - 1:
+        return False
+    middle = float(np.median(interval))
+    even = np.abs(interval - middle) <= REGULAR * middle
+    return middle < longest and even.mean() >= REGULAR_SHARE
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
@@ -218,47 +229,36 @@ def _parts(row, other):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _find_hangers(points, grid, row, wire):  # type: ignore[no-untyped-def]
-    """List x along a row's curve where a thin column goes straight down from it [m]."""
+def _list_contacts(points, grid, row, wire):  # type: ignore[no-untyped-def]
+    """List x along a row's curve where something short touches it from below [m]."""
     start, order, corner, cell, num_rows, num_columns = grid
     low, high = row[LOW], row[HIGH]
-    reach = 2 * HANGER_CELL
     near = gather_strip(
         start, order, corner, cell, num_rows, num_columns,
         row[ORIGIN_X] + row[COS] * low, row[ORIGIN_Y] + row[SIN] * low,
-        row[ORIGIN_X] + row[COS] * high, row[ORIGIN_Y] + row[SIN] * high, reach,
+        row[ORIGIN_X] + row[COS] * high, row[ORIGIN_Y] + row[SIN] * high, CONTACT_ROOM,
     )
-
-    # for each cell along, and of four across: metres below the curve that hold points, as bits
-    num = int((high - low) / HANGER_CELL) + 1
-    levels = np.zeros((num + 1, 4), dtype=np.int64)
-    counts = np.zeros((num + 1, 4), dtype=np.int64)
+    num = int((high - low) / CONTACT_CELL) + 1
+    touched = np.zeros(num, dtype=np.bool_)
     for i in near:
         if wire[i]:
             continue
         x, y = to_local(row, points[i, 0], points[i, 1])
         below = height_of(row, x) - points[i, 2] - row[TOLERANCE]
-        if x < low or x > high or abs(y) >= reach or not 0.0 <= below < HANGER:
-            continue
-        place, side = int((x - low) / HANGER_CELL), int((y + reach) / HANGER_CELL)
-        levels[place, side] |= 1 << int(below)
-        counts[place, side] += 1
+        if low <= x <= high and abs(y) < CONTACT_ROOM and 0.0 < below < CONTACT_DEPTH:
+            touched[int((x - low) / CONTACT_CELL)] = True
 
-    # the inner two of four cells across, and each two along
+    # cells in a row are one contact
     found = np.empty(num)
     count = 0
-    full = (1 << HANGER) - 1
-    place = 0
-    while place < num:
-        both = (
-            levels[place, 1] | levels[place + 1, 1] | levels[place, 2] | levels[place + 1, 2]
-        )
-        own = counts[place : place + 2, 1:3].sum()
-        about = counts[max(place - 1, 0) : place + 3].sum()
-        if both == full and own >= HANGER_SHARE * about:
-            found[count] = low + (place + 1) * HANGER_CELL
-            count += 1
-            place += 2
-        else:
-            place += 1
+    if touched.mean() <= MOST_TOUCHED:
+        first = -1
+        for place in range(num + 1):
+            if place < num and touched[place]:
+                first = place if first < 0 else first
+            elif first >= 0:
+                if place - first <= LONGEST_CONTACT:
+                    found[count] = low + 0.5 * (first + place) * CONTACT_CELL
+                    count += 1
+                first = -1
     return found[:count]

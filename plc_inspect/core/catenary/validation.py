@@ -17,8 +17,8 @@ UNPROVEN = 'curvature not proven'
 CROWDED = 'not free in the air'
 TIED = 'tied to another line along its length'
 STAY = 'a stay of a beam below it, or of a mast'
-HUNG = 'a cable with hangers'
-BUILT = (TIED, STAY, HUNG)
+HELD = 'touched from below at regular intervals, as pipes and bridge cables are'
+BUILT = (TIED, STAY, HELD)
 """
 Parts of something else that is built: no evidence of a conductor helps them.
 Source: derived: the three above.

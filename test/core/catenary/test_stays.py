@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from toys import hang, make_curve, make_index, make_wire
 
-from plc_inspect.core.catenary.stays import find_fans, find_hung, find_stays
+from plc_inspect.core.catenary.stays import find_fans, find_held, find_stays
 
 X = np.linspace(0.0, 60.0, 600)
 
@@ -66,27 +66,36 @@ def test_a_fan_of_which_none_is_surely_straight_may_be_wires_at_a_pole():
     assert not find_fans(FAN, np.zeros(3, dtype=bool)).any()
 
 
-def hang_cable(hangers, thick=0.03):
-    """Return a cable of 60 m, what hangs from it at some x, and which points are the cable's."""
+def touch(places, thick=0.03, depth=5.0):
+    """Return a cable of 60 m, what stands below it at some x, and which points are the cable's."""
     rng = np.random.default_rng(8)
     cable = make_wire((0.0, 0.0, 20.0), (60.0, 0.0, 20.0), c=120.0, per_metre=20.0)
-    rods = []
-    for x in hangers:
+    things = []
+    for x in places:
         top = hang(np.array([x]), 60.0, 20.0, 20.0, 120.0)[0]
         side = rng.uniform(-thick, thick, (200, 2))
-        rods.append(np.column_stack([x + side[:, 0], side[:, 1], rng.uniform(6.0, top, 200)]))
-    points = np.vstack([cable, *rods])
+        things.append(np.column_stack([
+            x + side[:, 0], side[:, 1], rng.uniform(top - depth, top, 200)
+        ]))
+    points = np.vstack([cable, *things])
     return points, np.arange(len(points)) < len(cable)
 
 
-@pytest.mark.parametrize(('hangers', 'thick', 'hung'), [
+@pytest.mark.parametrize(('places', 'thick', 'held'), [
     ((5.0, 12.0, 19.0, 26.0), 0.03, True),
-    ((5.0, 26.0, 50.0), 0.03, False),  # supports of short spans
-    ((5.0, 12.0), 0.03, False),  # a pole and a lamp
+    ((5.0, 12.1, 18.8, 33.0, 40.0, 47.1), 0.03, True),  # one was not seen
+    ((5.0, 20.0, 35.0, 50.0), 0.03, False),  # supports of short spans
+    ((5.0, 12.0, 19.0), 0.03, False),  # too few to be sure
+    ((5.0, 8.0, 15.0, 26.0, 29.0), 0.03, False),  # treetops
+    ((5.0, 12.0, 19.0, 26.0), 1.5, False),  # crowns
     ((), 0.03, False),
-    ((5.0, 12.0, 19.0, 26.0), 1.2, False),  # trees
 ])
-def test_cables_with_hangers_carry_a_deck(hangers, thick, hung):
-    points, wire = hang_cable(hangers, thick)
+def test_what_is_touched_at_regular_intervals_is_no_conductor(places, thick, held):
+    points, wire = touch(places, thick)
     curve = make_curve(points, np.flatnonzero(wire))
-    assert find_hung(points, make_index(points), [curve], wire, 12.0).tolist() == [hung]
+    assert find_held(points, make_index(points), [curve], wire, 12.0).tolist() == [held]
+
+
+def test_without_curves_nothing_is_held():
+    points, wire = touch((5.0, 12.0))
+    assert find_held(points, make_index(points), [], wire, 12.0).tolist() == []
