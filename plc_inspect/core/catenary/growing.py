@@ -45,7 +45,7 @@ from plc_inspect.core.catenary.profile import profile_own, profile_row, STEP
 from plc_inspect.core.numerics.arrays import put
 from plc_inspect.core.numerics.plan_index import PlanIndex
 from plc_inspect.core.numerics.threads import call_each
-from plc_inspect.results import Float64, Int32
+from plc_inspect.results import Float64, Int32, Int64
 
 FOLLOW_SHARE = 0.6
 """
@@ -121,8 +121,9 @@ def extend(
     known = [*curves, *others]
     rows = pack_curves(known)
     grid = index.grid
-    owner = _claim(points, index, rows, settings.min_evidence)
     barred = _bar(rows, find_far_apart(known, settings.max_bridge))
+    long = rows[:, HIGH] - rows[:, LOW] >= settings.min_evidence
+    owner = _claim(points, index, rows, np.flatnonzero(long & barred.any(axis=0)))
     grown = call_each(
         lambda k: _extend(points, grid, rows[k], owner, barred[k], settings.max_step),
         len(curves),
@@ -133,20 +134,20 @@ def extend(
     ]
 
 
-def _claim(points: Float64, index: PlanIndex, rows: Float64, least: float) -> Int32:
-    """Return the curve of at least some length that each point lies on, -1 for none."""
-    long = np.flatnonzero(rows[:, HIGH] - rows[:, LOW] >= least).tolist()
+def _claim(points: Float64, index: PlanIndex, rows: Float64, wanted: Int64) -> Int32:
+    """Return the nearest of some curves that each point lies on, -1 for none."""
+    numbers = wanted.tolist()
     nothing = np.zeros(0, dtype=np.bool_)
     profiles = call_each(
         lambda k: profile_row(
-            points, index.grid, rows[long[k]], rows[long[k], LOW], rows[long[k], HIGH], STEP,
-            nothing,
+            points, index.grid, rows[numbers[k]], rows[numbers[k], LOW], rows[numbers[k], HIGH],
+            STEP, nothing,
         ),
-        len(long),
+        len(numbers),
     )
     owner = np.full(len(points), -1, dtype=np.int32)
     nearest = np.full(len(points), np.inf, dtype=np.float32)
-    for number, (_, _, chosen, distance) in zip(long, profiles, strict=True):
+    for number, (_, _, chosen, distance) in zip(numbers, profiles, strict=True):
         won = chosen[distance < nearest[chosen]]
         owner[won] = number
         nearest[chosen] = np.minimum(nearest[chosen], distance)
