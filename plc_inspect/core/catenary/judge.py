@@ -95,6 +95,12 @@ BEAM_CLUTTER = 0.3
 Metres of a beam with other things about it, less free ones, for each of its length, at least.
 Source: measured: the jibs of seven random cranes have 0.36 to 0.9.
 """
+STEEP = math.tan(math.radians(15.0))
+"""
+What is surely straight and steeper than this is a stay.
+Source: judgement: conductors on hillsides are as steep, and sag; stays of bridges and guys of
+masts have 20 degrees and more.
+"""
 LEAST_SPAN = 12.0
 """
 Supports of one line are never nearer to each other [m].
@@ -191,7 +197,7 @@ class Judge:
             self.verdicts[number] = replace(self.verdicts[number], objection=TIED)
 
     def _unstay(self) -> None:
-        """Take back what comes down on a beam below it, or fans out: stays."""
+        """Take back stays: what comes down on a beam, fans out, or is steep and straight."""
         straight = [
             number for number, verdict in enumerate(self.verdicts)
             if verdict.objection != TIED and prove_sag(self._curves[number], self._settings) < 1.0
@@ -199,7 +205,10 @@ class Judge:
         curves = [self._curves[number] for number in straight]
         beams = [self._curves[number] for number in straight if self._is_beam(number)]
         sure = np.array([prove_sag(curve, self._settings) < 0.0 for curve in curves], dtype=bool)
-        stays = find_stays(curves, beams) | find_fans(curves, sure)
+        steep = np.array([
+            abs(float(curve.fit.slope(0.5 * (curve.low + curve.high)))) > STEEP for curve in curves
+        ], dtype=bool)
+        stays = find_stays(curves, beams) | find_fans(curves, sure) | (sure & steep)
         for number in np.array(straight, dtype=np.int64)[stays].tolist():
             self.verdicts[number] = replace(self.verdicts[number], objection=STAY)
 

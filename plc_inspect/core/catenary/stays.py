@@ -60,18 +60,12 @@ LONGEST_CONTACT = 3
 Cells that one contact takes, at most.
 Source: derived: a cross-beam of half a metre, wherever it lies in them; crowns are longer.
 """
-MOST_TOUCHED = 0.4
+LEAST_EVEN = 3
+"""Even intervals between contacts, at least.  Source: derived: two more that agree with one."""
+REGULAR = 0.15
 """
-Share of its cells in which a curve is touched, at most.
-Source: derived: a contact of three cells in each eight, brackets 4 m apart.
-"""
-LEAST_CONTACTS = 4
-"""Contacts that can be regular, at least.  Source: derived: three intervals that can agree."""
-REGULAR, REGULAR_SHARE = 0.15, 0.75
-"""
-Intervals differ from their median by at most this share of it, and this share of them does.
-Source: judgement: hangers and brackets are evenly spaced but where one was not seen; trees are
-not.
+Intervals are even that differ from their median by at most this share of it.
+Source: judgement: hangers and brackets stand evenly; trees do not.
 """
 
 
@@ -183,11 +177,12 @@ def find_held(
 
 def _is_regular(interval: Float64, longest: float) -> bool:
     """Tell whether things stand at even intervals, none of them long [m]."""
-    if len(interval) < LEAST_CONTACTS - 1:
+    if len(interval) < LEAST_EVEN:
         return False
     middle = float(np.median(interval))
-    even = np.abs(interval - middle) <= REGULAR * middle
-    return middle < longest and even.mean() >= REGULAR_SHARE
+    even = int((np.abs(interval - middle) <= REGULAR * middle).sum())
+    # the more are even the more may be odd, where one was not seen or something else touches
+    return middle < longest and even >= LEAST_EVEN and 2 * (len(interval) - even) <= even - 2
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
@@ -250,15 +245,13 @@ def _list_contacts(points, grid, row, wire):  # type: ignore[no-untyped-def]
 
     # cells in a row are one contact
     found = np.empty(num)
-    count = 0
-    if touched.mean() <= MOST_TOUCHED:
-        first = -1
-        for place in range(num + 1):
-            if place < num and touched[place]:
-                first = place if first < 0 else first
-            elif first >= 0:
-                if place - first <= LONGEST_CONTACT:
-                    found[count] = low + 0.5 * (first + place) * CONTACT_CELL
-                    count += 1
-                first = -1
+    count, first = 0, -1
+    for place in range(num + 1):
+        if place < num and touched[place]:
+            first = place if first < 0 else first
+        elif first >= 0:
+            if place - first <= LONGEST_CONTACT:
+                found[count] = low + 0.5 * (first + place) * CONTACT_CELL
+                count += 1
+            first = -1
     return found[:count]
