@@ -213,7 +213,8 @@ def _may_continue(curve: Curve, verdict: Verdict, settings: CatenarySettings) ->
     evidence = list_evidence(curve, verdict.profile, verdict.free, settings)
     against = {item.setting for item in evidence if not item.kept}
     return verdict.objection not in BUILT and against <= {
-        'max_constant', 'max_crowding', 'min_evidence', 'max_clutter'
+        'catenary.max_constant', 'catenary.max_crowding', 'catenary.min_evidence',
+        'catenary.max_clutter',
     }
 
 

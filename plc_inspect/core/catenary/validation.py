@@ -4,9 +4,9 @@
 """Evidence that a curve is a conductor, and not an edge that happens to be straight."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 import math
 
+from plc_inspect.checks import Check
 from plc_inspect.config import CatenarySettings
 from plc_inspect.core.catenary.curve import Curve
 from plc_inspect.core.catenary.duplicates import is_thick, measure_thickness, THICK
@@ -61,27 +61,6 @@ LEAST_CONSTANT = 75.0
 Least catenary constant that proves a conductor [m].
 Source: derived: a service drop of 1.4 N/m strung at 100 N; arcs of scan lines on roofs have less.
 """
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Evidence:
-    """One figure of a curve and the limit that a conductor keeps."""
-
-    setting: str
-    """Of `CatenarySettings`, the limit."""
-    value: float
-    limit: float
-    is_least: bool
-    """The value must not be less than the limit, else not more."""
-    objection: str
-    """What is said where it is not kept."""
-    scale: float = 1.0
-    """Value and limit are of the setting times this."""
-
-    @property
-    def kept(self) -> bool:
-        """Whether a conductor could have this value."""
-        return not (self.value < self.limit if self.is_least else self.value > self.limit)
 
 
 def find_objection(
@@ -139,7 +118,7 @@ def list_evidence(
     settings: CatenarySettings,
     *,
     beside: bool = False,
-) -> Iterator[Evidence]:
+) -> Iterator[Check]:
     """
     Yield all that is asked of a conductor, in the order of objections.
 
@@ -147,14 +126,12 @@ def list_evidence(
     points prove, in proportion, or for a conductor beside.  What is thick must be free of what
     touches it and of what is about it, the more of it the thicker it is, and not be straight.
     """
-    def weigh(
-        setting: str, value: float, objection: str, scale: float = 1.0
-    ) -> Evidence:
-        return Evidence(
-            setting=setting,
+    def weigh(name: str, value: float, objection: str, scale: float = 1.0) -> Check:
+        return Check(
+            setting=f'catenary.{name}',
             value=value,
-            limit=getattr(settings, setting) * scale,
-            is_least=setting.startswith('min_'),
+            limit=getattr(settings, name) * scale,
+            is_least=name.startswith('min_'),
             objection=objection,
             scale=scale,
         )

@@ -4,16 +4,16 @@
 """What catenary, supports and corridor found at one point: nearby curves, their evidence."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from plc_inspect.checks import Check
 from plc_inspect.config import Settings
 from plc_inspect.core.catenary.conductors import judge_curves
 from plc_inspect.core.catenary.curve import Curve
-from plc_inspect.core.catenary.validation import Evidence, list_evidence
-from plc_inspect.core.explain.checks import chain, Check, Finding, Proposal, propose, SLACK
+from plc_inspect.core.catenary.validation import list_evidence
+from plc_inspect.core.explain.proposals import chain, Finding, Proposal, propose, SLACK
 from plc_inspect.core.trace import Trace
 from plc_inspect.results import Decision, Float64
 
@@ -30,15 +30,15 @@ Distance from a point, in tolerances of a curve, within which the curve may beco
 Source: judgement; not measured.
 """
 FIGURES = {
-    'min_length': ('length', 'm'),
-    'min_points': ('points', ''),
-    'min_coverage': ('share of metres with points', ''),
-    'min_significance': ('curvature in its standard deviations', ''),
-    'max_constant': ('catenary constant', 'm'),
-    'max_sag_ratio': ('sag as a share of the length', ''),
-    'min_evidence': ('metres of evidence', 'm'),
-    'max_crowding': ('share with other things at its surface', ''),
-    'max_clutter': ('share by which cluttered metres outnumber free ones', ''),
+    'catenary.min_length': ('length', 'm'),
+    'catenary.min_points': ('points', ''),
+    'catenary.min_coverage': ('share of metres with points', ''),
+    'catenary.min_significance': ('curvature in its standard deviations', ''),
+    'catenary.max_constant': ('catenary constant', 'm'),
+    'catenary.max_sag_ratio': ('sag as a share of the length', ''),
+    'catenary.min_evidence': ('metres of evidence', 'm'),
+    'catenary.max_crowding': ('share with other things at its surface', ''),
+    'catenary.max_clutter': ('share by which cluttered metres outnumber free ones', ''),
 }
 """Name and unit of the figure that each limit of `CatenarySettings` applies to."""
 
@@ -48,7 +48,7 @@ class CurveView:
     """A curve, its evidence and what became of it."""
 
     curve: Curve
-    evidence: tuple[Evidence, ...]
+    evidence: tuple[Check, ...]
     objection: str
     """Of all curves judged together, empty for a conductor."""
     believed: bool
@@ -140,29 +140,22 @@ class Curves:
         if moves and len(moves) == len(against):
             yield chain(moves)
 
-    def turn(self, item: Evidence, *, away: bool = False) -> Iterator[Proposal]:
+    def turn(self, item: Check, *, away: bool = False) -> Iterator[Proposal]:
         """Yield the limit at which one figure just passes, or just fails."""
-        if item.scale <= 0.0:
-            return
-        value = item.value / item.scale
-        needed = value
+        needed = value = item.scaled[0]
         if item.scale != 1.0:  # the limit is multiplied: leave room for the last bits
             needed *= 1 - SLACK if item.is_least != away else 1 + SLACK
         yield from propose(
-            self.settings, f'catenary.{item.setting}', needed, item.is_least,
-            FIGURES[item.setting][0], value, away=away,
+            self.settings, item.setting, needed, item.is_least, FIGURES[item.setting][0], value,
+            away=away,
         )
 
 
 def list_checks(view: CurveView, prefix: str = '') -> Iterator[Check]:
-    """Yield the evidence of a curve, in the units of the settings."""
+    """Yield the evidence of a curve with the names and units of its figures."""
     for item in view.evidence:
         name, unit = FIGURES[item.setting]
-        scale = item.scale if item.scale > 0.0 else math.nan
-        yield Check(
-            name=f'{prefix}{name}', value=item.value / scale, limit=item.limit / scale,
-            is_least=item.is_least, setting=f'catenary.{item.setting}', unit=unit,
-        )
+        yield replace(item, name=f'{prefix}{name}', unit=unit)
 
 
 def measure_distance(curve: Curve, position: Float64) -> float:

@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+from plc_inspect.checks import Check
 from plc_inspect.config import ClusteringSettings, Settings
 from plc_inspect.core.clustering.clusterers import count_neighbors
 from plc_inspect.core.clustering.cross_section import (
@@ -27,8 +28,8 @@ from plc_inspect.core.clustering.segment_fit import (
     MIN_FILLING,
 )
 from plc_inspect.core.clustering.segments import find_beads
-from plc_inspect.core.explain.checks import apply, Check, Finding, Proposal, propose, rank
 from plc_inspect.core.explain.extraction_view import Place
+from plc_inspect.core.explain.proposals import apply, Finding, Proposal, propose, rank
 from plc_inspect.core.extraction.alignment import AlignmentResult
 from plc_inspect.results import Bool, Float64, Int32, Int64
 

@@ -10,11 +10,11 @@ import math
 import numpy as np
 from scipy.spatial import cKDTree
 
+from plc_inspect.checks import Check
 from plc_inspect.config import LinearitySettings, Settings
-from plc_inspect.core.explain.checks import (
+from plc_inspect.core.explain.proposals import (
     apply,
     chain,
-    Check,
     Finding,
     Proposal,
     propose,

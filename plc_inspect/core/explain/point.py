@@ -10,9 +10,9 @@ import numpy as np
 
 from plc_inspect.config import Settings
 from plc_inspect.core.explain.catenary_view import Curves, tell_corridor, tell_span
-from plc_inspect.core.explain.checks import apply, Finding, Proposal, rank
 from plc_inspect.core.explain.clustering_view import Windows
 from plc_inspect.core.explain.extraction_view import Place
+from plc_inspect.core.explain.proposals import apply, Finding, Proposal, rank
 from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.core.trace import Trace

@@ -11,8 +11,8 @@ import numpy as np
 
 from plc_inspect.config import Settings
 from plc_inspect.core.explain.catenary_view import Curves, CurveView
-from plc_inspect.core.explain.checks import apply, Proposal, rank
 from plc_inspect.core.explain.point import explain_point, MOST_RUNS
+from plc_inspect.core.explain.proposals import apply, Proposal, rank
 from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.core.spans.span_model import SpanModel

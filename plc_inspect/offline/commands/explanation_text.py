@@ -7,10 +7,11 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
+from plc_inspect.checks import Check
 from plc_inspect.config import Settings
 from plc_inspect.core.explain.catenary_view import CurveView, list_checks
-from plc_inspect.core.explain.checks import Check, Finding, Proposal
 from plc_inspect.core.explain.point import Explanation
+from plc_inspect.core.explain.proposals import Finding, Proposal
 from plc_inspect.core.explain.span import STAGES, Stretch, StretchTrial
 from plc_inspect.offline.commands.result_table import format_table
 from plc_inspect.results import Decision, Float64
@@ -128,14 +129,15 @@ def _render_finding(finding: Finding, settings: Settings) -> Iterator[str]:
 
 def _render_check(check: Check, settings: Settings) -> str:
     mark = ' ' if check.kept else 'x'
-    text = f'    {mark} {check.name}: {_number(check.value, check.unit)}'
-    if check.limit != check.limit:
+    figure, limit = check.scaled
+    text = f'    {mark} {check.name}: {_number(figure, check.unit)}'
+    if limit != limit:
         return text
-    text += f' {_sign(check)} {_number(check.limit, check.unit)}'
+    text += f' {_sign(check)} {_number(limit, check.unit)}'
     if not check.setting:
         return text
     value = _value(check.setting, settings)
-    same = _number(value) == _number(check.limit)
+    same = _number(value) == _number(limit)
     return f'{text} ({check.setting}{"" if same else f" = {_number(value)}"})'
 
 

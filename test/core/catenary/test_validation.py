@@ -155,8 +155,8 @@ def test_evidence_says_how_near_each_limit_is():
     profile, free = measure(points, curve)
     evidence = {item.setting: item for item in list_evidence(curve, profile, free, SETTINGS)}
     assert all(item.kept for item in evidence.values())
-    assert evidence['min_length'].value == curve.length
-    assert evidence['max_sag_ratio'].limit == pytest.approx(0.08 * curve.length)
+    assert evidence['catenary.min_length'].value == curve.length
+    assert evidence['catenary.max_sag_ratio'].limit == pytest.approx(0.08 * curve.length)
     for name, limit in (
         ('min_length', 80.1), ('min_points', 700), ('max_sag_ratio', 0.01),
         ('max_clutter', -1.0), ('min_evidence', 89.0),
@@ -165,8 +165,9 @@ def test_evidence_says_how_near_each_limit_is():
         fails = [
             item.setting for item in list_evidence(curve, profile, free, changed) if not item.kept
         ]
-        assert fails == [name]
-        assert find_objection(curve, profile, free, changed) == evidence[name].objection
+        setting = f'catenary.{name}'
+        assert fails == [setting]
+        assert find_objection(curve, profile, free, changed) == evidence[setting].objection
 
 
 @pytest.mark.parametrize('change', [

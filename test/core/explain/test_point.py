@@ -11,10 +11,10 @@ from toys import make_line_cloud, make_tree, make_wire
 
 from plc_inspect.config import LinearitySettings, SegmentSettings, Settings
 from plc_inspect.core.explain.catenary_view import CurveView
-from plc_inspect.core.explain.checks import propose, rank
 from plc_inspect.core.explain.clustering_view import Windows
 from plc_inspect.core.explain.extraction_view import Place
 from plc_inspect.core.explain.point import confirm, explain_point, find_nearest
+from plc_inspect.core.explain.proposals import propose, rank
 from plc_inspect.core.extraction.linearity import anchor
 from plc_inspect.core.extraction.occupancy import drop_bulk
 from plc_inspect.core.pipeline import enter_frame, Pipeline

@@ -1,12 +1,13 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Figures, their limits, and the settings with which a stage would decide otherwise."""
+"""What stages found at a point, and the settings with which they would decide otherwise."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 import math
 
+from plc_inspect.checks import Check
 from plc_inspect.config import Settings
 from plc_inspect.setting_names import describe, update
 
@@ -18,26 +19,6 @@ LEAST_VALUE = 1e-3
 """Smaller values of settings cost no more to move.  Source: numerical: bounds a logarithm."""
 SLACK = 1e-9
 """Share by which a proposed value passes the figure.  Source: numerical: some rounding."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Check:
-    """One figure of a point or curve, and the limit it was compared with."""
-
-    name: str
-    value: float
-    limit: float = math.nan
-    """NaN: reported, and compared with nothing."""
-    is_least: bool = True
-    """The value must not be less than the limit, else not greater."""
-    setting: str = ''
-    """Dotted name of the setting that is the limit; empty for a constant."""
-    unit: str = ''
-
-    @property
-    def kept(self) -> bool:
-        """Whether the value is within the limit."""
-        return not (self.value < self.limit if self.is_least else self.value > self.limit)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
