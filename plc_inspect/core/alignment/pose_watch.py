@@ -4,14 +4,13 @@
 """Poses that cannot be: steps that no vehicle flies, and poses that stand still in flight."""
 
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass
 import enum
 import math
 
 import numpy as np
 
-from plc_inspect.core.alignment.rigid_move import RigidMove
+from plc_inspect.core.alignment.rigid_move import find_heading, RigidMove
 from plc_inspect.results import Float64
 
 WINDOW = 0.15
@@ -123,7 +122,7 @@ class PoseWatch:
 
         """
         x, y, z = position.tolist()
-        pose = _Pose(stamp_ns, x, y, z, _find_yaw(quaternion))
+        pose = _Pose(stamp_ns, x, y, z, find_heading(quaternion))
         if not self._window:
             self._window.append(pose)
             return None
@@ -220,11 +219,6 @@ class PoseWatch:
             move=RigidMove(should - place, -turn, place),
             sigma=0.02 + self._usual + 0.25 * ACCELERATION * seconds * (seconds + WINDOW),
         )
-
-
-def _find_yaw(quaternion: Float64 | Sequence[float]) -> float:
-    x, y, z, w = (float(v) for v in quaternion)
-    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 def _wrap(angle: float) -> float:

@@ -77,3 +77,9 @@ class RigidMove:
         """Return the move that does another one first, and then this."""
         at = first.centre
         return RigidMove(self.apply(first.apply(at)) - at, self.yaw + first.yaw, at)
+
+
+def find_heading(quaternion: Float64) -> float:
+    """Return the direction in plan of the x axis that a quaternion x y z w turns [rad]."""
+    x, y, z, w = (float(value) for value in quaternion)
+    return math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)

@@ -5,7 +5,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-import math
 
 from builtin_interfaces.msg import Time
 import numpy as np
@@ -15,7 +14,7 @@ from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
 from plc_inspect.config import Settings
-from plc_inspect.core.alignment.rigid_move import RigidMove
+from plc_inspect.core.alignment.rigid_move import find_heading, RigidMove
 from plc_inspect.core.live.motion import Motion
 from plc_inspect.core.live.proximity import measure_proximity
 from plc_inspect.core.live.session import LiveState
@@ -24,7 +23,6 @@ from plc_inspect.core.voxel_buffer.cell_index import CellIndex
 from plc_inspect.messages.markers import mark_proximity
 from plc_inspect.messages.poses import StampedPose
 from plc_inspect.messages.rows import make_proximity
-from plc_inspect.results import Float64
 from plc_inspect.ros.graph.qos import overridable, PROXIMITY, watched
 from plc_inspect.ros.results.markers import add_deletions, make_marker, MarkerKey
 from plc_inspect.ros.results.result_messages import make_cloud
@@ -36,12 +34,6 @@ MARKER_PERIOD_NS = 200_000_000
 """Marks are drawn no more often [ns]."""
 NOTHING = Surroundings()
 """What is known before the first tick."""
-
-
-def find_heading(quaternion: Float64) -> float:
-    """Return the direction in plan of the x axis that a quaternion x y z w turns [rad]."""
-    x, y, z, w = (float(value) for value in quaternion)
-    return math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
 
 
 class KeepOut:

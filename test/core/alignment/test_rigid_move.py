@@ -5,10 +5,11 @@ import math
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from plc_inspect.config import Settings
 from plc_inspect.core.alignment.moved_results import move_box, move_result
-from plc_inspect.core.alignment.rigid_move import RigidMove
+from plc_inspect.core.alignment.rigid_move import find_heading, RigidMove
 from plc_inspect.core.live.warm_up import make_sample
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.errors import DataError
@@ -36,6 +37,14 @@ def test_a_move_survives_its_record():
     assert RigidMove.from_record(None).trivial
     with pytest.raises(DataError, match='3 coordinates'):
         RigidMove.from_record({'shift': [1.0], 'yaw': 0.0, 'centre': [0.0, 0.0, 0.0]})
+
+
+@pytest.mark.parametrize('scale', [1.0, 0.5, 3.0])
+def test_the_heading_is_where_the_x_axis_points_in_plan(scale):
+    turns = Rotation.random(50, random_state=6)
+    for quaternion, axis in zip(turns.as_quat(), turns.apply([1.0, 0.0, 0.0]), strict=True):
+        expected = math.atan2(axis[1], axis[0])
+        assert find_heading(scale * quaternion) == pytest.approx(expected, abs=1e-9)
 
 
 def test_the_box_holds_what_was_in_it():
