@@ -171,7 +171,8 @@ class Recording:
         if recorder.problem:
             problem = f'the record is not written: {recorder.problem}'
         elif recorder.age > LATE:
-            problem = f'the record is {recorder.age:.1f} s behind: the disk is slow'
+            cause = 'the disk is slow' if recorder.busy else 'the node had no time for it'
+            problem = f'the record is {recorder.age:.1f} s behind: {cause}'
         return Condition(problem, {
             'record': str(recorder.folder), 'record [MB]': round(recorder.size / 1e6, 1),
             'record behind [s]': round(recorder.age, 2),

@@ -8,6 +8,7 @@ import errno
 import json
 import os
 import resource
+import threading
 import time
 
 from mcap.records import Chunk
@@ -23,6 +24,7 @@ from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
 from plc_inspect.errors import ConfigError, DataError
 from plc_inspect.flight_record import reader as reader_module
 from plc_inspect.flight_record import recorder as recorder_module
+from plc_inspect.flight_record import recording as recording_module
 from plc_inspect.flight_record import segment as segment_module
 from plc_inspect.flight_record.layout import list_segments, pack_json
 from plc_inspect.flight_record.plain_values import from_plain, to_plain
@@ -277,6 +279,27 @@ def test_folder_that_is_read_only_is_said_and_costs_no_point(tmp_path, monkeypat
         time.sleep(0.01)
     assert source.said[1] == 'the record is written again'
     source.recording.close('somewhere')
+    check_map(read_flight(tmp_path / 'it.record'), source.voxels)
+
+
+def test_what_keeps_the_record_behind_is_said(tmp_path, monkeypatch):
+    source = Source(tmp_path / 'it.record')
+    source.grow()
+    source.wait()
+    monkeypatch.setattr(recording_module, 'LATE', 0.0)
+    assert source.recording.describe().problem.endswith('behind: the node had no time for it')
+    real, slow = os.pwrite, threading.Event()
+
+    def write(*arguments):
+        assert slow.wait(20.0)
+        return real(*arguments)
+
+    monkeypatch.setattr(os, 'pwrite', write)
+    source.grow()
+    assert source.recording.describe().problem.endswith('behind: the disk is slow')
+    slow.set()
+    source.wait()
+    source.recording.close()
     check_map(read_flight(tmp_path / 'it.record'), source.voxels)
 
 
