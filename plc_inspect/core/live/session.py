@@ -283,14 +283,8 @@ class Session:
     def _describe(
         self, news: HazardNews, result: InspectionResult, sequence: int, started: float
     ) -> LiveState:
-        sharpness = self._book.judge()
-        return LiveState(
-            spans=self._registry.spans,
-            supports=self._supports.supports,
-            hazards=() if sharpness.poor else self._hazards.hazards,
-            sharpness=sharpness,
-            corridor=self._corridor,
-            around=self._surroundings.known,
+        return replace(
+            self.state,
             news=news,
             stages=result.stages,
             num_points=result.num_points,
