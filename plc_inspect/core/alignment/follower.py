@@ -165,11 +165,6 @@ class Follower:
         return self._following
 
     @property
-    def waits(self) -> bool:
-        """Whether a break is not understood yet."""
-        return self._pending is not None
-
-    @property
     def num_waiting(self) -> int:
         """Scans that wait until they are fitted."""
         return len(self._waiting)
