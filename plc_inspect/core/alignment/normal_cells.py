@@ -14,6 +14,7 @@ import numpy as np
 
 from plc_inspect.core.alignment.rigid_move import RigidMove
 from plc_inspect.core.numerics.hash_table import enter, find_slot, index_keys, make_table, UInt32
+from plc_inspect.core.numerics.voxels import add_moments
 from plc_inspect.results import Float64, Int32, Int64
 
 CELL = 1.0
@@ -205,16 +206,7 @@ def _add(points, stamp, keys, sums, counts, times, table, num):  # type: ignore[
         x = points[n, 0] - (i + 0.5) * CELL
         y = points[n, 1] - (j + 0.5) * CELL
         z = points[n, 2] - (k + 0.5) * CELL
-        row = sums[slot]
-        row[0] += x
-        row[1] += y
-        row[2] += z
-        row[3] += x * x
-        row[4] += x * y
-        row[5] += x * z
-        row[6] += y * y
-        row[7] += y * z
-        row[8] += z * z
+        add_moments(sums[slot], 0, x, y, z)
     return num
 
 

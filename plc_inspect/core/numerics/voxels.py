@@ -261,15 +261,21 @@ def _look_up(points, chosen, origin, size, table, key):  # type: ignore[no-untyp
 def add_point(row, x, y, z):  # type: ignore[no-untyped-def]
     """Add a point at x, y, z [m] to the (10,) count, sums and products of a voxel."""
     row[0] += 1.0
-    row[1] += x
-    row[2] += y
-    row[3] += z
-    row[4] += x * x
-    row[5] += x * y
-    row[6] += x * z
-    row[7] += y * y
-    row[8] += y * z
-    row[9] += z * z
+    add_moments(row, 1, x, y, z)
+
+
+@njit(cache=True, nogil=True)
+def add_moments(row, first, x, y, z):  # type: ignore[no-untyped-def]
+    """Add a point's sums and products [m, m2] to nine columns of a row from ``first`` on."""
+    row[first] += x
+    row[first + 1] += y
+    row[first + 2] += z
+    row[first + 3] += x * x
+    row[first + 4] += x * y
+    row[first + 5] += x * z
+    row[first + 6] += y * y
+    row[first + 7] += y * z
+    row[first + 8] += z * z
 
 
 @njit(cache=True, nogil=True)
