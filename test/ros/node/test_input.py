@@ -171,8 +171,9 @@ def test_origin_first_then_utm(rig):
     send_pose = rig.robot.send_pose
     rig.robot.send_pose = lambda stamp=None, position=(0, 0, 0), **options: send_pose(
         stamp, utm + position, **options)
+    num_restarts = rig.counters().num_map_restarts
     try:
-        while not rig.counters().num_map_restarts:
+        while rig.counters().num_map_restarts == num_restarts:
             taken = rig.counters().num_scans
             rig.robot.step()
             counters = rig.wait_until(lambda c, taken=taken: c.num_scans > taken, 'scan')
