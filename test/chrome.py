@@ -53,7 +53,7 @@ class Chrome:
         self._context = _play().chromium.launch_persistent_context(
             profile, executable_path=program, args=FLAGS, headless=True,
             viewport={'width': width, 'height': height}, is_mobile=phone, has_touch=phone,
-            device_scale_factor=2 if phone else 1, color_scheme='light' if light else 'dark',
+            color_scheme='light' if light else 'dark',
         )
         self.page = self._context.pages[0]
         self.page.set_default_timeout(WAIT_MS)
