@@ -6,7 +6,7 @@ SURVEYS := build/surveys
 
 AUDIT := build/audit
 
-.PHONY: help install demo test axe lint settings picture bench performance accuracy faults fuzz \
+.PHONY: help install demo test tests axe lint settings picture bench performance accuracy faults fuzz \
 	lock sbom audit clean
 
 help:
@@ -42,8 +42,12 @@ axe:
 		|| npm ci --prefix test/npm --no-audit --no-fund --loglevel error \
 		|| echo 'axe: npm cannot get axe-core: the page is not tested for accessibility'
 
-test: lint axe
+tests: install axe
 	$(BIN)/pytest -n 2 --dist loadfile
+
+# Beside each other: mypy alone keeps one core of two.
+test: install axe
+	@$(MAKE) --no-print-directory --jobs 2 lint tests
 
 settings: install
 	$(BIN)/python -m plc_inspect.offline.readers.parameter_file
