@@ -46,6 +46,15 @@ class Verdict(enum.Enum):
     """Of another node, while the one that was there speaks."""
 
 
+REFUSALS = {
+    'forged': 'messages that the node did not send are refused',
+    'replayed': 'messages that were sent before are refused',
+    'reordered': 'messages came after newer ones and are not used',
+    'foreign': 'another node of this name speaks: it is shown once this one is silent',
+}
+"""What is told of verdicts, by their names."""
+
+
 @dataclass(frozen=True, slots=True)
 class Judgement:
     """A verdict, and what was missed."""
@@ -85,6 +94,10 @@ class Admission:
         self._past: deque[int] = deque(maxlen=REMEMBERED)
         self._heard = -math.inf
         self._counters: dict[bytes, _Counter] = {}
+
+    def is_signed(self, data: bytes) -> bool:
+        """Tell whether a vehicle of the fleet signed a message; without keys any may be."""
+        return self._verifier is None or self._verifier.check(data) is not None
 
     def judge(
         self, frame: Frame, data: bytes, now: float, resets: int | None = None

@@ -8,13 +8,13 @@ Whatever happens to the link or to the node, the next keyframe brings everything
 """
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 import math
-from typing import Any
+from typing import Any, TypeVar
 
 from plc_inspect.errors import DataError
-from plc_inspect.monitor.picture.admission import Admission, Judgement, Verdict
+from plc_inspect.monitor.picture.admission import Admission, Judgement, REFUSALS, Verdict
 from plc_inspect.monitor.picture.alarms import Alarm, AlarmBook, Cause
 from plc_inspect.monitor.picture.causes import find_height, list_causes
 from plc_inspect.monitor.picture.cloud_store import CloudStore
@@ -34,7 +34,7 @@ from plc_inspect.monitor.picture.picture import (
     SpanItem,
     SupportItem,
 )
-from plc_inspect.stream.blocks import read_cloud
+from plc_inspect.stream.blocks import CloudMessage, read_cloud
 from plc_inspect.stream.frame import SUMMARY
 from plc_inspect.stream.summary import (
     KEYS,
@@ -45,6 +45,8 @@ from plc_inspect.stream.summary import (
     TABLES,
 )
 
+Message = TypeVar('Message', SummaryMessage, CloudMessage)
+
 LATE, LOST = 2.5, 6.0
 """Silence after which the link counts as late, and as lost [s]; the node speaks every second."""
 MOST_EVENTS = 200
@@ -53,13 +55,9 @@ TRACK_STEP = 1.0
 """Places of the track are this far apart [m]."""
 PATIENCE = 5.0
 """What is missing is asked for at most this often [s]."""
+OVERTAKEN = 0.3
+"""What was overtaken may come so much later [s], and counts as reordered; then it is asked for."""
 RATE_WINDOW = 10.0
-REFUSALS = {
-    'forged': 'messages that the node did not send are refused',
-    'replayed': 'messages that were sent before are refused',
-    'reordered': 'messages came after newer ones and are not used',
-    'foreign': 'another node of this name speaks: it is shown once this one is silent',
-}
 REFUSAL_PERIOD = 10.0
 """Refused messages of one kind are told of at most this often [s]."""
 
@@ -120,11 +118,8 @@ class Monitor:
             Whether it was of use; what is damaged, old or of another node is counted.
 
         """
-        self._note_traffic(len(data), now)
-        try:
-            message = read_summary(data)
-        except DataError as error:
-            self._complain(error, now)
+        message = self._open(read_summary, data, now)
+        if message is None:
             return False
         resets = message.status.resets
         judgement = self._admission.judge(message.frame, data, now, resets)
@@ -136,7 +131,7 @@ class Monitor:
         missing = judgement.missing
         if missing and not message.keyframe:
             self._complete = False
-            self._wishes.setdefault('summary', now)
+            self._wishes.setdefault('summary', now + OVERTAKEN)
         if missing:
             self._counts = replace(
                 self._counts, lost_summary=self._counts.lost_summary + missing
@@ -151,11 +146,8 @@ class Monitor:
 
     def take_cloud(self, data: bytes, now: float) -> bool:
         """Take a message of the thinned corridor; as ``take_summary``."""
-        self._note_traffic(len(data), now)
-        try:
-            message = read_cloud(data)
-        except DataError as error:
-            self._complain(error, now)
+        message = self._open(read_cloud, data, now)
+        if message is None:
             return False
         judgement = self._admission.judge(message.frame, data, now)
         if not judgement.good:
@@ -168,7 +160,7 @@ class Monitor:
         if missing:
             self._counts = replace(self._counts, lost_cloud=self._counts.lost_cloud + missing)
             self._tell(now, 1, f'{missing} messages of the corridor were lost: asked for anew')
-            self._wishes.setdefault('cloud', now)
+            self._wishes.setdefault('cloud', now + OVERTAKEN)
         self._cloud_sequence = message.frame.sequence
         self._last_cloud, self._behind = now, None
         self.cloud.put(message)
@@ -240,6 +232,20 @@ class Monitor:
             events=tuple(self._events), alarms=self.alarms.open,
             past_alarms=self.alarms.past,
         )
+
+    def _open(
+        self, read: Callable[[bytes], Message], data: bytes, now: float
+    ) -> Message | None:
+        """Read a message, None and counted where it is not the node's or damaged."""
+        self._note_traffic(len(data), now)
+        if not self._admission.is_signed(data):  # of who has no key nothing is even unpacked
+            self._refuse(Judgement(Verdict.FORGED), now)
+            return None
+        try:
+            return read(data)
+        except DataError as error:
+            self._complain(error, now)
+            return None
 
     def _begin(self, message: SummaryMessage, now: float) -> None:
         """Forget the session before, and say so."""

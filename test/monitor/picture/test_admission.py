@@ -17,7 +17,8 @@ from stream_pieces import make_rows, NO_TABLES, Source
 
 from plc_inspect.errors import ConfigError
 from plc_inspect.monitor.picture.admission import Admission, KEPT, LEAP, SILENT
-from plc_inspect.monitor.picture.model import Monitor
+from plc_inspect.monitor.picture.model import Monitor, OVERTAKEN
+from plc_inspect.stream import frame
 from plc_inspect.stream.frame import Frame, pack_frame, SUMMARY, unpack_frame
 from plc_inspect.stream.signature import OVERHEAD, Signer, Verifier
 
@@ -117,6 +118,19 @@ def test_nothing_forged_is_taken(monitor, node):
     assert monitor.take_summary(good, 110.0)
 
 
+def test_of_who_has_no_key_nothing_is_unpacked(monitor, node, monkeypatch):
+    unpacked = []
+    monkeypatch.setattr(frame.zlib, 'decompressobj', lambda: unpacked.append(1))
+    good = node.summary(15.0)
+    changed = good[:4] + b'\7' + good[5:]
+    for data in (b'', b'nonsense', good[:-1], good[:40], good + b'\0', changed):
+        assert not monitor.take_summary(data, 109.5)
+        assert not monitor.take_cloud(data, 109.5)
+    assert not unpacked
+    counts = monitor.look(110.0).counts
+    assert (counts.forged, counts.malformed) == (12, 0)
+
+
 def test_nothing_replayed_is_taken_not_even_an_earlier_flight(monitor, node):
     yesterday = Node(run=4, session=1)
     recorded = [yesterday.summary(k, keyframe=not k, tables=NO_TABLES) for k in range(5)]
@@ -154,12 +168,12 @@ def test_on_request_only_the_newest_may_come_again(monitor, node):
         monitor.take_summary(node.summary(20.0 + k), 110.0 + k)
     kept = [node.summary(60.0 + k, keyframe=not k) for k in range(3)]
     monitor.take_summary(kept[-1], 152.0)
-    assert monitor.take_wishes(152.0) == {'summary'}
+    assert monitor.take_wishes(152.0 + OVERTAKEN) == {'summary'}
     old = Node()
     replayed = [old.summary(5.0 + k, keyframe=not k) for k in range(53 - KEPT - 1)]
-    assert not any(monitor.take_summary(data, 152.1) for data in replayed)
-    assert all(monitor.take_summary(data, 152.2) for data in kept)
-    assert monitor.look(152.3).complete
+    assert not any(monitor.take_summary(data, 152.4) for data in replayed)
+    assert all(monitor.take_summary(data, 152.5) for data in kept)
+    assert monitor.look(152.6).complete
 
 
 def test_restarts_and_resets_that_are_signed_are_taken_at_once(monitor):
@@ -218,9 +232,9 @@ def test_what_was_kept_from_before_a_reset_is_no_attack():
     after.summary(8.0)
     kept.append(after.summary(9.0))
     monitor.take_summary(kept[-1], 102.0)
-    assert monitor.take_wishes(102.0) == {'summary'}
-    assert [monitor.take_summary(data, 102.1) for data in kept] == [False, False, True, True]
-    assert monitor.look(102.2).counts.describe_refused() == ''
+    assert monitor.take_wishes(102.0 + OVERTAKEN) == {'summary'}
+    assert [monitor.take_summary(data, 102.4) for data in kept] == [False, False, True, True]
+    assert monitor.look(102.5).counts.describe_refused() == ''
 
 
 def test_what_comes_again_after_joining_anew_is_no_attack(monitor, node):
