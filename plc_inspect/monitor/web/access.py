@@ -9,6 +9,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 import enum
 import hmac
+import ipaddress
 import os
 from pathlib import Path
 import secrets
@@ -27,6 +28,8 @@ random letters and digits (36**8 / 2 tries of 5 s) take one address two hundred 
 """
 MOST_PEERS = 1000
 """Addresses that are remembered for their wrong tokens."""
+NETWORK = 64
+"""Bits of an IPv6 address that whoever has it cannot choose (RFC 4291, 2.5.4)."""
 
 
 class Role(enum.Enum):
@@ -134,17 +137,22 @@ def read_tokens(path: Path) -> Tokens:
 
 
 class Penalties:
-    """Wrong tokens by the address they came from: who guesses waits, and nobody else."""
+    """
+    Wrong tokens by the address they came from: who guesses waits, and nobody else.
+
+    Of IPv6 the network counts (/64), as whoever has one has all of its addresses.
+    """
 
     def __init__(self) -> None:
         self._peers: OrderedDict[str, tuple[int, float]] = OrderedDict()
 
     def wait_of(self, peer: str) -> float:
         """Return how long an address still waits [s]."""
-        return max(0.0, self._peers.get(peer, (0, 0.0))[1] - time.monotonic())
+        return max(0.0, self._peers.get(_name_peer(peer), (0, 0.0))[1] - time.monotonic())
 
     def note_wrong(self, peer: str) -> None:
         """Note a wrong token."""
+        peer = _name_peer(peer)
         count = self._peers.pop(peer, (0, 0.0))[0]
         wait = min(PENALTY * 2.0 ** min(count, 10), MOST_PENALTY)
         self._peers[peer] = count + 1, time.monotonic() + wait
@@ -153,4 +161,17 @@ class Penalties:
 
     def note_right(self, peer: str) -> None:
         """Forgive an address."""
-        self._peers.pop(peer, None)
+        self._peers.pop(_name_peer(peer), None)
+
+
+def _name_peer(peer: str) -> str:
+    """Return the network of an IPv6 address, and anything else as it is."""
+    try:
+        address = ipaddress.ip_address(peer.partition('%')[0])
+    except ValueError:
+        return peer
+    if isinstance(address, ipaddress.IPv4Address):
+        return peer
+    if address.ipv4_mapped is not None:
+        return str(address.ipv4_mapped)
+    return str(ipaddress.ip_network((address, NETWORK), strict=False))

@@ -21,7 +21,7 @@ from plc_inspect.monitor.web import gate as gate_module
 from plc_inspect.monitor.web.access import check_tokens, Penalties, read_tokens, Role, Tokens
 from plc_inspect.monitor.web.gate import Gate, is_loopback
 from plc_inspect.monitor.web.site import Site
-from plc_inspect.monitor.web.template import FOLDER
+from plc_inspect.monitor.web.template import FOLDER, list_files
 from plc_inspect.security.authority import issue, make_authority
 
 TOKENS = Tokens({Role.VIEW: 'only looking', Role.ACKNOWLEDGE: 'correct horse'})
@@ -58,9 +58,11 @@ def gate(site):
     gate.close()
 
 
-def ask(gate, path='/', method='GET', body=None, **headers):
-    """Return status, headers and text of an answer."""
-    connection = http.client.HTTPConnection('127.0.0.1', gate.port, timeout=10)
+def ask(gate, path='/', method='GET', body=None, *, peer='127.0.0.1', **headers):
+    """Return status, headers and text of an answer to somebody with an address."""
+    connection = http.client.HTTPConnection(
+        '127.0.0.1', gate.port, timeout=10, source_address=(peer, 0)
+    )
     with contextlib.closing(connection):
         connection.request(method, path, body,
                            {name.replace('_', '-'): value for name, value in headers.items()})
@@ -228,6 +230,51 @@ def test_who_guesses_waits_and_nobody_else(monkeypatch):
     for number in range(access.MOST_PEERS + 10):
         penalties.note_wrong(str(number))
     assert len(penalties._peers) == access.MOST_PEERS
+
+
+def test_a_network_of_addresses_is_one_guesser():
+    penalties = Penalties()
+    penalties.note_wrong('2001:db8::1')
+    for peer in ('2001:db8::1', '2001:db8::ffff:2', '2001:db8:0:0:9::1'):
+        assert penalties.wait_of(peer) > 0.0
+    for peer in ('2001:db8:0:1::1', '10.0.0.1', '', 'fe80::1%eth0'):
+        assert penalties.wait_of(peer) == 0.0
+    penalties.note_wrong('::ffff:10.0.0.1')
+    assert penalties.wait_of('10.0.0.1') > 0.0
+    penalties.note_right('2001:db8::5')
+    assert penalties.wait_of('2001:db8::1') == 0.0
+
+
+def test_the_right_token_of_another_address_is_not_delayed(gate):
+    """A hundred wrong ones while somebody else logs in, again and again."""
+    statuses = [log_in(gate, f'wrong token {k}', peer='127.0.0.2')[0] for k in range(100)]
+    assert set(statuses) == {401, 429}
+    delays = []
+    for k in range(10):
+        log_in(gate, f'wrong token {k}', peer='127.0.0.2')
+        begin = time.monotonic()
+        assert log_in(gate, 'correct horse', peer='127.0.0.3')[0] == 303
+        assert ask(gate, peer='127.0.0.3', Authorization='Bearer only looking')[0] == 200
+        delays.append(time.monotonic() - begin)
+    assert sorted(delays)[len(delays) // 2] < access.MOST_PENALTY / 2
+
+
+def test_no_address_ever_holds_a_token(gate):
+    """Nothing that a referrer, a history or a log could keep; and no referrer goes elsewhere."""
+    status, headers, text = ask(gate, '/?token=correct+horse&next=/')
+    assert (status, headers['Referrer-Policy']) == (401, 'same-origin')
+    form = text[text.index('<form'):text.index('</form>')]
+    assert 'method="post"' in form.lower()
+    assert 'horse' not in text
+    _, headers, _ = ask(gate, '/login', 'POST', 'token=correct+horse',
+                        Content_Type='application/x-www-form-urlencoded')
+    assert headers['Location'] == '/'
+    _, cookie = log_in(gate, 'correct horse')
+    _, _, text = ask(gate, Cookie=cookie)
+    assert 'horse' not in text
+    assert cookie.split('=')[1] not in text
+    assert not [path for path, (_, data) in list_files().items()
+                if b'token=' in data and 'vendor' not in path]
 
 
 def test_brute_force_is_slow_and_a_session_does_not_notice(gate):
