@@ -28,6 +28,7 @@ from plc_inspect.core.live.session import LiveState, Session
 from plc_inspect.core.live.told_state import move_state
 from plc_inspect.core.live.warm_up import warm_up_intake
 from plc_inspect.core.live.window import copy_window, plan_everything, Window, WindowPlan
+from plc_inspect.errors import DataError
 from plc_inspect.flight_record.recording import PERIOD
 from plc_inspect.offline.records.flight import Flight
 from plc_inspect.ros.graph.guard import Guard
@@ -171,7 +172,6 @@ class InspectNode(Node):
 
     def _guard(self, name: str, callback: Callable[..., None]) -> Callable[..., None]:
         """Time a callback, and keep the node alive if it fails."""
-
         def run(*arguments: Any) -> None:
             with self._health.measure(name):
                 try:
@@ -238,10 +238,12 @@ class InspectNode(Node):
         self._diagnostics.publish(DiagnosticArray(header=header, status=status))
         self._stream.tell_health(status)
 
-    def _on_reset(
-        self, request: Trigger.Request, response: Trigger.Response
-    ) -> Trigger.Response:
-        self._forget('the node was reset')
+    def _on_reset(self, request: Trigger.Request, response: Any) -> Any:
+        try:
+            self._forget('the node was reset', lose=False)
+        except DataError as error:
+            response.success, response.message = False, f'not reset: {error}'
+            return response
         self._intake.reset()
         self.get_logger().info('reset: map, lines and hazards are forgotten')
         response.success, response.message = True, 'map, lines and hazards are forgotten'
@@ -252,9 +254,9 @@ class InspectNode(Node):
         self.get_logger().error(f'{self._intake.accumulator.entry.cause}: the map begins anew')
         self._forget('the map began anew')
 
-    def _forget(self, reason: str) -> None:
+    def _forget(self, reason: str, *, lose: bool = True) -> None:
         """Save what was found and forget it, and whatever is being worked on."""
-        if kept := keep_state(self._describe_flight(), self._state, reason):
+        if kept := keep_state(self._describe_flight(), self._state, reason, lose=lose):
             self.get_logger().error(kept)
         self._session = Session()
         self._copy = None
@@ -262,7 +264,8 @@ class InspectNode(Node):
             self._job = 'discarded'
         self._state = None
         self._teller.clear()
-        self._answer_all(reason)
+        for requests in (self._segmenting, self._saving):
+            requests.answer(False, reason)
         self._keeper.forget()
         self._stream.forget()
         self._publish(self._session.state, '')
@@ -271,10 +274,6 @@ class InspectNode(Node):
         now = self.get_clock().now().nanoseconds
         told = move_state(state, self._intake.move.inverse())
         self._results.publish(make_bundle(told, frame_id, now, self.settings.stream))
-
-    def _answer_all(self, reason: str) -> None:
-        self._segmenting.answer(False, reason)
-        self._saving.answer(False, reason)
 
     def _submit(self, job: str, work: Callable[[], Any]) -> None:
         self._job = job
@@ -298,7 +297,8 @@ class InspectNode(Node):
         spans = [item.span for item in self._state.spans] if self._state else []
         if doubt := self._intake.doubt:
             self._wants_tick = False
-            self._answer_all(doubt)
+            for requests in (self._segmenting, self._saving):
+                requests.answer(False, doubt)
         if self._saving:
             if not len(voxels):
                 self._saving.answer(False, 'nothing to save: the map is empty')

@@ -276,13 +276,25 @@ def rescue(flight: Flight, state: LiveState | None, reason: str) -> str:
     return f'{reason}; results of the last tick, without points: {saved.describe()}'
 
 
-def keep_state(flight: Flight, state: LiveState | None, reason: str) -> str:
+def keep_state(flight: Flight, state: LiveState | None, reason: str, *, lose: bool) -> str:
     """
     Save what was found in a map that is given up for a reason; return what became of it, or ''.
 
     It goes to a folder of its own, as that of the settings is taken at the end of the flight.
+
+    Raises
+    ------
+    DataError
+        It could not be saved anywhere, and may not be lost.
+
     """
     if state is None or not state.confirmed:
         return ''
-    settings = replace(flight.settings, output=OutputSettings())
-    return rescue(replace(flight, settings=settings), state, reason)
+    saved = save_results(
+        OutputSettings(), flight.first_stamp_ns, describe_last_tick(flight, state)
+    )
+    if saved.folder is None and not lose:
+        raise DataError(
+            f'{len(state.confirmed)} spans would be lost, and cannot be saved: {saved.problem}'
+        )
+    return f'{reason}; results of the last tick, without points: {saved.describe()}'

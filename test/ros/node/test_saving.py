@@ -71,6 +71,22 @@ def test_a_reset_saves_first(rig, home):
     assert rig.node.state is None
 
 
+def test_what_cannot_be_saved_is_not_reset(rig, monkeypatch):
+    found = len(rig.node.state.confirmed)
+    with monkeypatch.context() as patch:
+        nowhere = Saved(folder=None, whole=False, problem='the disk is full')
+        patch.setattr(jobs, 'save_results', lambda *_: nowhere)
+        answer = rig.call('reset')
+    assert not answer.success
+    assert answer.message == (
+        f'not reset: {found} spans would be lost, and cannot be saved: the disk is full'
+    )
+    assert len(rig.node.state.confirmed) == found
+    assert len(rig.node.intake.accumulator.map)
+    assert rig.call('reset').success
+    assert rig.node.state is None
+
+
 def test_folder_that_became_foreign_is_replaced_by_another(rig, home, tmp_path):
     (tmp_path / 'out').mkdir()
     (tmp_path / 'out' / 'mine.txt').write_text('keep')
