@@ -5,8 +5,10 @@
 
 import argparse
 from collections.abc import Sequence
+import contextlib
 from datetime import datetime, UTC
 from pathlib import Path
+import signal
 import sys
 
 from plc_inspect.errors import ConfigError
@@ -89,14 +91,23 @@ def _carry(arguments: argparse.Namespace) -> int:
     if (arguments.listen is None) == (arguments.connect is None):
         raise ConfigError('the tunnel either listens or connects: --listen or --connect')
     place, port = read_place(arguments.listen or arguments.connect), read_port(arguments.port)
-    tunnel = Tunnel(arguments.folder, place, port, arguments.peer)
-    try:
-        asyncio.run(tunnel.listen() if arguments.listen else tunnel.connect())
-    finally:
-        counts = tunnel.counts
-        print(f'{NAME}: {counts.accepted} connections, {counts.refused} refused', flush=True)
-        for reason, count in sorted(counts.reasons.items()):
-            print(f'{NAME}: {count} refused: {make_printable(reason)}', flush=True)
+
+    def tell(reason: str, count: int) -> None:
+        print(f'{NAME}: {count} refused: {make_printable(reason)}', flush=True)
+
+    async def run() -> None:
+        loop, own = asyncio.get_running_loop(), asyncio.current_task()
+        for number in (signal.SIGINT, signal.SIGTERM):  # systemd's too, and in the background
+            loop.add_signal_handler(number, own.cancel if own is not None else loop.stop)
+        await (tunnel.listen() if arguments.listen else tunnel.connect())
+
+    tunnel = Tunnel(arguments.folder, place, port, arguments.peer, tell)
+    with contextlib.suppress(asyncio.CancelledError):
+        asyncio.run(run())
+    counts = tunnel.counts
+    print(f'{NAME}: {counts.accepted} connections, {counts.refused} refused', flush=True)
+    for reason, count in sorted(counts.reasons.items()):
+        tell(reason, count)
     return DONE
 
 

@@ -26,6 +26,8 @@ HANDSHAKE = 10.0
 MOST_CONNECTIONS = 128
 """Connections at once, handshakes included: others wait in the queue of the system."""
 PIECE = 65_536
+MOST_REASONS = 50
+"""Reasons of refusals that are told apart."""
 FILES = ('root_ca.crt', 'crl.pem', 'member.crt', 'member.key')
 
 
@@ -89,11 +91,18 @@ class Tunnel:
         Of Fast DDS on loopback: of the node there, of the entrance here.
     peer : str
         Member that is expected at the other end, '' any of the fleet.
+    tell : callable or None
+        Gets the reason of a refusal and how often it was the reason, the first time and whenever
+        that has doubled.
 
     """
 
-    def __init__(self, folder: Path, place: Place, port: int, peer: str = '') -> None:
+    def __init__(
+        self, folder: Path, place: Place, port: int, peer: str = '',
+        tell: Callable[[str, int], object] | None = None,
+    ) -> None:
         self._folder, self._place, self._port, self._peer = folder, place, port, peer
+        self._tell = tell
         self.counts = Counts()
         self._contexts: dict[bool, tuple[tuple[float, ...], ssl.SSLContext]] = {}
         self._tasks: set[asyncio.Task[None]] = set()
@@ -193,8 +202,11 @@ class Tunnel:
         self.counts.refused += 1
         reason = getattr(error, 'verify_message', '') or getattr(error, 'reason', '') or str(error)
         reason = reason or type(error).__name__
-        if len(self.counts.reasons) < 50 or reason in self.counts.reasons:
-            self.counts.reasons[reason] = self.counts.reasons.get(reason, 0) + 1
+        if len(self.counts.reasons) >= MOST_REASONS and reason not in self.counts.reasons:
+            return
+        count = self.counts.reasons[reason] = self.counts.reasons.get(reason, 0) + 1
+        if self._tell is not None and not count & (count - 1):
+            self._tell(reason, count)
 
 
 Ends = tuple[asyncio.StreamReader, asyncio.StreamWriter]

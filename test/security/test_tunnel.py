@@ -9,8 +9,12 @@ from datetime import datetime, timedelta, UTC
 import os
 from pathlib import Path
 import shutil
+import signal
 import socket
 import ssl
+import subprocess
+import sys
+import time
 
 import pytest
 
@@ -19,7 +23,7 @@ from plc_inspect.security.authority import issue, load_credential
 from plc_inspect.security.graph_profile import Place
 from plc_inspect.security.keyring import Keyring
 from plc_inspect.security.policy import read_policy
-from plc_inspect.security.tunnel import _take, make_context, Tunnel
+from plc_inspect.security.tunnel import _take, make_context, MOST_REASONS, Tunnel
 
 ROOT = Path(__file__).parents[2]
 NUM_VISITS = 200
@@ -195,6 +199,41 @@ def test_garbage_and_slow_talkers_are_cut_off(fleet, monkeypatch):
             assert rig.tunnel.counts.refused >= 100
 
     run(body())
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_what_it_refused_is_told_at_once_and_at_its_end(fleet, number):
+    port = find_port()
+    tunnel = subprocess.Popen(
+        [sys.executable, '-m', 'plc_inspect.security.command', 'tunnel', fleet / 'keys/vehicle',
+         '--listen', f'127.0.0.1:{port}', '--port', str(find_port())], cwd=ROOT, text=True,
+        stdout=subprocess.PIPE,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),  # as in the background
+    )
+    end = time.monotonic() + 30.0
+    while time.monotonic() < end:
+        with contextlib.suppress(OSError), socket.create_connection(('127.0.0.1', port)) as link:
+            link.sendall(b'nonsense' * 10)
+            break
+        time.sleep(0.1)
+    assert tunnel.stdout.readline() == 'plc_keys: 1 refused: WRONG_VERSION_NUMBER\n'
+    tunnel.send_signal(number)
+    assert tunnel.communicate(timeout=30.0)[0].splitlines() == [
+        'plc_keys: 0 connections, 1 refused', 'plc_keys: 1 refused: WRONG_VERSION_NUMBER',
+    ]
+    assert tunnel.returncode == 0
+
+
+def test_refusals_are_told_the_first_time_and_when_they_doubled(tmp_path):
+    told = []
+    tunnel = Tunnel(tmp_path, Place('127.0.0.1', 1), 1, tell=lambda *own: told.append(own))
+    for _ in range(9):
+        tunnel._note(PermissionError('the other end is nobody'))
+    for number in range(100):
+        tunnel._note(OSError(str(number)))
+    assert [count for reason, count in told if 'nobody' in reason] == [1, 2, 4, 8]
+    assert len(tunnel.counts.reasons) == MOST_REASONS
+    assert tunnel.counts.refused == 109
 
 
 def test_one_connection_after_the_other_is_heard(fleet):
