@@ -28,7 +28,8 @@ from typing import Any
 import numpy as np
 
 from plc_inspect.offline.readers.bags import Recording
-from plc_inspect.ros.graph.transport import prepare_transport
+from plc_inspect.ros.graph.transport import prepare_transport, VARIABLE
+from plc_inspect.security.member_keys import PROFILE
 
 PAGE, TICKS = os.sysconf('SC_PAGE_SIZE'), os.sysconf('SC_CLK_TCK')
 
@@ -109,12 +110,14 @@ class Probe:
 def run(
     bag: Path, out: Path, scan_rate: float, settings: Sequence[str], *,
     seconds: float = math.inf, monitors: int = 0, watch: Callable[[Probe], None] | None = None,
+    keys: Path | None = None,
 ) -> tuple[Probe, str]:
     """
     Fly a recording past the node and return what was seen, and how the node ended.
 
     At most so many seconds are flown, with so many plc_monitor beside, which on the ground have a
     machine of their own and here get what the others leave; ``watch`` may subscribe to more.
+    With the folder of ``plc_keys``, node and player are members of the fleet.
     """
     extra = [item for setting in settings for item in ('-p', setting)]
     with ExitStack() as stack:
@@ -126,6 +129,7 @@ def run(
         node = start(
             sys.executable, '-m', 'plc_inspect.ros.node.onboard', '--ros-args',
             '--log-level', 'warn', '-p', f'output.directory:={out}', *extra,
+            env=choose_keys(keys, 'vehicle'),
         )
         probe = Probe(node.pid, scan_rate)
         stack.callback(probe.close)
@@ -140,7 +144,8 @@ def run(
             if node.poll() is not None or time.monotonic() > deadline:
                 raise SystemExit('the node does not come up')
         player = start(
-            sys.executable, '-m', 'plc_inspect.ros.play', str(bag), '--wait', '10', '--quiet'
+            sys.executable, '-m', 'plc_inspect.ros.play', str(bag), '--wait', '10', '--quiet',
+            env=choose_keys(keys, 'driver'),
         )
         due, over = 0.0, time.monotonic() + seconds
         while player.poll() is None and node.poll() is None and time.monotonic() < over:
@@ -158,6 +163,27 @@ def run(
         return probe, f'exit code {code}, results saved in {time.monotonic() - began:.1f} s'
 
 
+def choose_keys(keys: Path | None, member: str) -> dict[str, str]:
+    """Return the environment of a member of the fleet, that of this process without keys."""
+    if keys is None:
+        return dict(os.environ)
+    folder = keys / member
+    return os.environ | {'PLC_KEYS': str(folder), VARIABLE: str(folder / PROFILE)}
+
+
+def measure(probe: Probe) -> dict[str, float]:
+    """Return the node's own figures."""
+    usage, ticks = np.array(probe.usage), np.array(probe.ticks)[:, 1]
+    return {
+        'processor [cores]': (usage[-1, 1] - usage[0, 1]) / (usage[-1, 0] - usage[0, 0]),
+        'memory at most [MB]': usage[:, 2].max() / 1e6,
+        'tick, median [ms]': float(np.median(ticks)),
+        'tick, p95 [ms]': float(np.percentile(ticks, 95)),
+        'callbacks p99 [ms]': float(probe.values['callbacks p99 [ms]']),
+        'scans': float(probe.values['scans']),
+    }
+
+
 def report(probe: Probe, num_scans: int, end: str) -> None:
     """Print the figures, of the whole run and of its halves."""
     values = probe.values
@@ -171,6 +197,8 @@ def report(probe: Probe, num_scans: int, end: str) -> None:
     for title, series, scale, unit in (
         ('tick', probe.ticks, 1.0, 'ms'), ('scan to published lines', probe.latency, 1.0, 's'),
     ):
+        if not series:  # with keys this process does not hear the player's clock
+            continue
         both = np.array(series)
         parts = both[:, 1], both[both[:, 0] < middle, 1], both[both[:, 0] >= middle, 1]
         numbers = [
@@ -240,17 +268,26 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('bag', type=Path)
     parser.add_argument('--scan-rate', type=float, default=10.0, metavar='HZ')
     parser.add_argument('-p', '--set', action='append', default=[], metavar='NAME:=VALUE')
+    parser.add_argument('--figures', type=Path, metavar='FILE', help='write figures as JSON')
+    parser.add_argument('--keys', type=Path, metavar='KEYS',
+                        help='fly with keys, from a machine that has the profile of the driver')
+    parser.add_argument('--machines', action='store_true',
+                        help='let others on the network find the node')
     arguments = parser.parse_args(argv)
     prepare_transport()
-    os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 100)
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    if not arguments.machines:
+        os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 100)
+        os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     with Recording(arguments.bag, 'velodyne_points', 'odometry') as recording:
         num_scans = sum('points' in m.topic for m in recording.raw_messages())
         print(f'{arguments.bag}: {recording.duration:.0f} s, {num_scans} scans')
     with tempfile.TemporaryDirectory() as room:
         probe, end = run(
-            arguments.bag, Path(room) / 'out', arguments.scan_rate, arguments.set
+            arguments.bag, Path(room) / 'out', arguments.scan_rate, arguments.set,
+            keys=arguments.keys,
         )
+    if arguments.figures is not None:
+        arguments.figures.write_text(json.dumps(measure(probe)), encoding='utf-8')
     report(probe, num_scans, end)
     truth = arguments.bag / 'truth.json'
     if truth.exists():

@@ -102,6 +102,14 @@ class Network:
             self._set_up(machine, len(self._machines) + 1)
         return ['nsenter', '-t', str(self._machines[machine][1].pid), '-n', '-m']
 
+    def find_pid(self, machine: str) -> int:
+        """Return the number of a process on a machine, for what /proc tells of its network."""
+        return self._machines[machine][1].pid
+
+    def find_port(self, machine: str) -> str:
+        """Return the device of the vehicle's bridge that leads to a machine."""
+        return f'port{list(self._machines).index(machine) + 1}'
+
     def _set_up(self, machine: str, number: int) -> None:
         name, vehicle = f'{self._mark}_{number}', f'{self._mark}_1'
         run_ip('netns', 'add', name)

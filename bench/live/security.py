@@ -159,9 +159,11 @@ def fly(
         began = time.monotonic()
         outcome.code = interrupt(node, START)
         outcome.took = time.monotonic() - began
-        end, outcome.tunnel = ends['vehicle']
+        end, said = ends['vehicle']
         interrupt(end)
-        wait_until(lambda: outcome.tunnel, 'word of the tunnel')
+        wait_until(lambda: any(' connections, ' in line for line in said), 'word of the tunnel')
+        time.sleep(0.2)
+        outcome.tunnel = said[next(k for k, line in enumerate(said) if ' connections, ' in line):]
     if not (folder / 'out/run.json').exists():
         raise SystemExit(f'the node saved nothing: {"".join(outcome.log[-3:])}')
     outcome.run = json.loads((folder / 'out/run.json').read_text(encoding='utf-8'))
