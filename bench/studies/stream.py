@@ -6,7 +6,7 @@ Measures the stream for thin links, and what monitors cost the node.
 
 One flight is flown four times: twice without a monitor, and between these twice with three, of
 which this process is one, so that what else the machine does weighs the same on both.  Sizes are
-those of the messages with what DDS, UDP and IP add (``monitor/budget.py``).
+those of the messages with what DDS, UDP and IP add (``stream/budget.py``).
 """
 
 import argparse
@@ -17,8 +17,11 @@ import sys
 import tempfile
 import time
 
-from node_load import Probe, run
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from node_load import measure, Probe, run
 
 from plc_inspect.ros.graph.transport import prepare_transport
 from plc_inspect.stream.budget import OVERHEAD
@@ -31,6 +34,7 @@ BESIDE = 2
 """Monitors beside this process."""
 GROWTH = 0.10
 """Share by which the node's own figures may change."""
+LIMITED = ('processor [cores]', 'memory at most [MB]', 'tick, median [ms]', 'tick, p95 [ms]')
 WINDOW = 5.0
 """The rate of the stream is the greatest mean over this [s]."""
 
@@ -64,17 +68,6 @@ class Sizes:
         return float(total[-1] / np.ptp(rows[:, 0])), float(most)
 
 
-def measure(probe: Probe) -> dict[str, float]:
-    """Return the node's own figures."""
-    usage, ticks = np.array(probe.usage), np.array(probe.ticks)[:, 1]
-    return {
-        'processor [cores]': (usage[-1, 1] - usage[0, 1]) / (usage[-1, 0] - usage[0, 0]),
-        'memory at most [MB]': usage[:, 2].max() / 1e6,
-        'tick, median [ms]': float(np.median(ticks)),
-        'tick, p95 [ms]': float(np.percentile(ticks, 95)),
-    }
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the benchmark; 1 where a limit is not kept."""
     parser = argparse.ArgumentParser(description='Measures the stream for thin links.')
@@ -103,7 +96,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     good &= most <= BUDGET
     print(f'summary and corridor: {mean:.0f} kbit/s on average, {most:.0f} at most over '
           f'{WINDOW:g} s (budget {BUDGET:g})')
-    for name in figures[0][0]:
+    for name in LIMITED:
         alone, beside = (np.mean([item[name] for item in turns]) for turns in figures.values())
         share = beside / alone - 1.0
         good &= share <= GROWTH
