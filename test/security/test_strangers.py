@@ -125,6 +125,31 @@ def test_the_stranger_knows_all_names(monkeypatch):
     }
 
 
+def test_the_policy_names_what_the_node_opens_and_nothing_else():
+    rights = read_policy(POLICY)['/plc_inspect/vehicle']
+    named = {
+        'publisher': {name[2:] for name in rights.publish if name.startswith('rt')},
+        'subscriber': {name[2:] for name in rights.subscribe if name.startswith('rt')},
+        'service': {name[2:].removesuffix('Request') for name in rights.subscribe
+                    if name.startswith('rq')},
+    }
+    rig = Rig(ready=False)
+
+    def look(kind):
+        ask = getattr(rig.client, f'get_{kind}_names_and_types_by_node')
+        return {name for name, _ in ask('plc_inspect', '/')}
+
+    try:
+        wait_for(lambda: 'plc_inspect' in rig.client.get_node_names(), 'node')
+        wait_for(lambda: look('service') == named['service'], 'services')
+        wait_for(lambda: look('publisher') == named['publisher'], 'publishers')
+        assert look('subscriber') <= named['subscriber']
+        # tf2_msgs is in no wheel, and the clock is listened to under use_sim_time alone.
+        assert named['subscriber'] - look('subscriber') <= {'/tf', '/tf_static', '/clock'}
+    finally:
+        rig.close()
+
+
 def test_where_nothing_is_closed_the_stranger_gets_and_changes_everything(tmp_path):
     """What the other tests rely on: it would find what is open."""
     with Processes(tmp_path) as processes:
