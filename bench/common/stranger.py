@@ -66,8 +66,8 @@ KEPT = QoSProfile(
     depth=10, reliability=QoSReliabilityPolicy.RELIABLE,
     durability=QoSDurabilityPolicy.TRANSIENT_LOCAL,
 )
-CALM = 0.2
-"""Between two calls of one service [s]."""
+PAUSE, CALM = 0.05, 0.2
+"""Between two messages of one topic, and between two calls of one service [s]."""
 
 
 def main() -> int:
@@ -96,13 +96,14 @@ def main() -> int:
         name: node.create_client(kind, f'{NODE}/{name}') for name, kind in SERVICES.items()
     }
     calls: dict[str, list[Any]] = {name: [] for name in SERVICES}
-    parameters, due, end = list_changes(), 0.0, time.monotonic() + seconds
+    parameters, due, pause, end = list_changes(), 0.0, 0.0, time.monotonic() + seconds
     ready: set[str] = set()
     while time.monotonic() < end:
         rclpy.spin_once(node, timeout_sec=0.05)
         ready.update(name for name, client in clients.items() if client.service_is_ready())
-        if looks:
+        if looks or time.monotonic() < pause:
             continue
+        pause = time.monotonic() + PAUSE
         for publisher in forge:
             publisher.publish(UInt8MultiArray(data=array.array('B', b'PLCS' + bytes(14))))
             tried['messages sent'] += 1
