@@ -20,6 +20,13 @@ POINT_SIGMA = 0.03
 Standard deviation of one measured point, of the sensor's data sheet [m].
 Source: data sheet of the Velodyne Puck Lite, accuracy of 3 cm.
 """
+MAP_SIGMA = 0.01
+"""
+Standard deviation of the sag from what bends the map along a span: trajectory, strips [m].
+Source: measured: of 1,958 spans of random scenes (clean 40000:40040 and 50000:50030, any
+41000:41040 and 51000:51030) the true sag lies in its 95 % interval in 90 % without it and in 96 %
+with it; from the air, from a car and with a Puck Lite in 98, 94 and 80 %.
+"""
 SAG_STEP = 0.25
 """
 Half the step by which the sag is differentiated at an end [m].
@@ -164,7 +171,9 @@ def model_span(points: Float64, fitted: FittedSpan) -> SpanModel:
         (curve.fit.sag(low - step, high)[0] - curve.fit.sag(low + step, high)[0]) / (2 * step),
         (curve.fit.sag(low, high + step)[0] - curve.fit.sag(low, high - step)[0]) / (2 * step),
     )
-    sigma_sag = math.hypot(sigma_sag, shares[0] * end_sigma[0], shares[1] * end_sigma[1])
+    sigma_sag = math.hypot(
+        sigma_sag, shares[0] * end_sigma[0], shares[1] * end_sigma[1], MAP_SIGMA
+    )
     sigma_a, sigma_b, sigma_c = curve.fit.parameter_sigma()
     x, _ = curve.local(points[own])
     along = (x - start_x) * sign
