@@ -8,8 +8,8 @@ Each flight passes a scene at a side, a height and a speed of its own, or closes
 conductors, crosses below them, or runs past a stretch of them that nothing returns from; a tick is
 due each second and its result is there a while later, as in the node.  Printed for each flight:
 errors of distance and place where the truth is below RANGE, entries into the critical sphere of
-conductors that had been seen for a second, those that were missed, and critical messages without
-any conductor there.
+conductors that had been seen for a second, those that were missed, critical messages without
+any conductor there, and how often an alarm begins: by levels as measured, and as they are told.
 """
 
 import argparse
@@ -26,6 +26,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from common.tables import render_table
 
 from plc_inspect.config import Settings
+from plc_inspect.core.live.held_levels import HeldLevels
 from plc_inspect.core.live.map_labels import make_planner
 from plc_inspect.core.live.motion import Motion
 from plc_inspect.core.live.proximity import Level, measure_proximity, Proximity
@@ -71,9 +72,12 @@ class Watcher:
     accumulator: Accumulator = field(init=False)
     session: Session = field(default_factory=Session)
     motion: Motion = field(default_factory=Motion)
+    levels: HeldLevels = field(default_factory=HeldLevels)
     around: Surroundings = field(default_factory=Surroundings)
     coming: list[tuple[float, Surroundings]] = field(default_factory=list)
     told: list[tuple[float, np.ndarray, tuple[Proximity, ...]]] = field(default_factory=list)
+    held: list[tuple[Proximity, ...]] = field(default_factory=list)
+    """As told, with levels that fall late."""
     seen: list[tuple[float, int, float]] = field(default_factory=list)
     """Time, conductor and distance along it of returns, one a metre and scan."""
     due: float = 0.0
@@ -122,6 +126,7 @@ class Watcher:
                 self.around, seen, position, self.motion.velocity, self.settings.proximity
             )
             self.told.append((time, position.copy(), found))
+            self.held.append(self.levels.hold(found, stamp, position, self.settings.proximity))
 
     def _tick(self, time: float, position: np.ndarray) -> None:
         voxels = self.accumulator.map
@@ -156,6 +161,9 @@ class Figures:
     false: int
     unknown: float
     """Share of the messages that say unknown."""
+    alarms: int
+    """Times at which a thing became critical, as measured."""
+    alarms_told: int
 
 
 def judge(watcher: Watcher, truth: dict, critical: float) -> Figures:
@@ -208,8 +216,15 @@ def judge(watcher: Watcher, truth: dict, critical: float) -> Figures:
             apart.append(np.arccos(np.clip(cosine, -1.0, 1.0)))
     unknown = np.mean([found[0].level == Level.UNKNOWN for *_, found in watcher.told])
     return Figures(
-        np.array(errors), np.array(apart), silent, entries, missed, false, float(unknown)
+        np.array(errors), np.array(apart), silent, entries, missed, false, float(unknown),
+        count_alarms([found for *_, found in watcher.told]), count_alarms(watcher.held),
     )
+
+
+def count_alarms(told: Sequence[tuple[Proximity, ...]]) -> int:
+    """Return how often things became critical."""
+    levels = np.array([[item.level for item in found] for found in told]) == Level.CRITICAL
+    return int((levels & ~np.vstack((np.zeros_like(levels[:1]), levels[:-1]))).sum())
 
 
 def plan_flight(scene: Scene, how: str, rng: np.random.Generator, duration: float) -> FlightPlan:
@@ -272,12 +287,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         rows.append((
             name, f'{len(found.errors)}', f'{p50:.2f}', f'{p95:.2f}', f'{turned:.1f}',
             f'{found.silent}', f'{found.entries}', f'{found.missed}', f'{found.false}',
-            f'{found.unknown:.0%}',
+            f'{found.unknown:.0%}', f'{found.alarms}', f'{found.alarms_told}',
         ))
         print(' | '.join(rows[-1]), flush=True)
     print(render_table(
         ('flight', 'distances', 'error p50 [m]', 'p95 [m]', 'direction p95 [deg]', 'none yet',
-         'entries', 'missed', 'false', 'unknown'), rows,
+         'entries', 'missed', 'false', 'unknown', 'alarms measured', 'told'), rows,
     ))
     return int(not good)
 

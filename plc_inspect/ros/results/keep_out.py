@@ -15,6 +15,7 @@ from visualization_msgs.msg import MarkerArray
 
 from plc_inspect.config import Settings
 from plc_inspect.core.alignment.rigid_move import find_heading, RigidMove
+from plc_inspect.core.live.held_levels import HeldLevels
 from plc_inspect.core.live.motion import Motion
 from plc_inspect.core.live.proximity import measure_proximity
 from plc_inspect.core.live.session import LiveState
@@ -57,6 +58,7 @@ class KeepOut:
     ) -> None:
         self._look, self._share = look, share
         self._motion = Motion()
+        self._levels = HeldLevels()
         self._rows = node.create_publisher(
             PointCloud2, '~/proximity', **overridable(PROXIMITY), **watched(node, 'proximity')
         )
@@ -70,6 +72,8 @@ class KeepOut:
     def tell(self, pose: StampedPose, move: RigidMove, cells: CellIndex) -> None:
         """
         Tell how near the vehicle is at a pose; a map that is not sharp is taken as unseen.
+
+        Levels rise at once and fall late.
 
         Parameters
         ----------
@@ -94,11 +98,12 @@ class KeepOut:
             cells, vehicle, settings.proximity.warning, settings.height.beta
         )
         back = move.inverse()
-        found = [
+        measured = [
             replace(item, position=back.apply(item.position)) for item in measure_proximity(
                 around, seen, vehicle, self._motion.velocity, settings.proximity
             )
         ]
+        found = self._levels.hold(measured, pose.stamp_ns, told, settings.proximity)
         seconds, nanoseconds = divmod(pose.stamp_ns, 1_000_000_000)
         header = Header(stamp=Time(sec=seconds, nanosec=nanoseconds), frame_id=pose.frame_id)
         place = told[0], told[1], told[2]
