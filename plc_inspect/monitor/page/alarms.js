@@ -36,9 +36,13 @@ export class Alarms {
     return this.open.filter(item => item.state !== 'acknowledged').map(item => item.number);
   }
 
-  show(value) {
-    this.open = value.open;
-    const text = JSON.stringify([value.open, this.counts, this.getMe().acknowledges]);
+  show(open) {
+    this.open = open;
+    this.redraw();
+  }
+
+  redraw() {
+    const text = JSON.stringify([this.open, this.counts, this.getMe().acknowledges]);
     if (text !== this.drawn) {
       this.drawn = text;
       this.draw();
@@ -47,7 +51,7 @@ export class Alarms {
 
   count(counts) {
     this.counts = counts;
-    this.show({open: this.open});
+    this.redraw();
   }
 
   draw() {

@@ -2,10 +2,11 @@
 // SPDX-License-Identifier: Apache-2.0
 
 // The page of the ground station: what comes in goes to the picture, the tables and the alarms.
+// State, alarms and tables need no picture: they are there before it, and where it cannot be drawn.
 
 import {Alarms, showState} from './alarms.js';
 import {showClock} from './clock.js';
-import {Scene} from './scene.js';
+import {Rows} from './rows.js';
 import {chip, make, metres, shape, shapeSvg} from './symbols.js';
 import {Tables} from './tables.js';
 
@@ -15,14 +16,24 @@ const asked = new URLSearchParams(location.search).get('vehicle');
 let me = {vehicle: asked ?? '', acknowledges: false};
 let state = null, heard = 0, socket = null, wait = 500;
 
-const scene = new Scene($('canvas'), id => tables.chooseHazard(id, false));
-const tables = new Tables(place => scene.goTo(place), () => me);
-const alarms = new Alarms(item => (item.hazard >= 0 ? tables.chooseHazard(item.hazard) : scene.goTo(item.place)), () => me);
+const scene = {now: null}; // the picture, once it is there
+const draw = (name, ...given) => scene.now?.[name](...given);
+const tables = new Tables(place => draw('goTo', place), () => me);
+const alarms = new Alarms(item => (item.hazard >= 0 ? tables.chooseHazard(item.hazard) : draw('goTo', item.place)), () => me);
+const blocks = []; // points that came before the picture
+const rows = {
+  hazards: new Rows(items => { draw('showHazards', items); tables.showHazards(items); }),
+  spans: new Rows(items => { draw('showSpans', items); tables.showSpans(items); }),
+  supports: new Rows(items => draw('showSupports', items)),
+};
+let track = [], life = null, whole = false;
 
 const parts = {
   me(value) {
     me = value;
-    alarms.count(alarms.counts);
+    if (life !== null && life !== value.life) draw('clearPoints');
+    life = value.life;
+    alarms.redraw();
   },
   state(value) {
     state = value;
@@ -30,28 +41,60 @@ const parts = {
     showState(value.tone, value.text, alarms);
     $('refused').textContent = value.refused && `(${value.refused})`;
     showInstruments(value);
-    scene.showVehicle(value.vehicle, value.heading, value.height, value.near);
+    draw('showVehicle', value.vehicle, value.heading, value.height, value.near);
+    goOn(value.vehicle);
     tables.showAges(value);
     document.body.classList.toggle('old', value.link !== 'live' || value.old.data && value.tone !== 'ok');
   },
   alarms(value) {
     alarms.show(value);
-    tables.showLog(value.past);
     if (state) showState(state.tone, state.text, alarms);
   },
-  hazards(value) { scene.showHazards(value); tables.showHazards(value); },
-  spans(value) { scene.showSpans(value); tables.showSpans(value); },
-  supports: value => scene.showSupports(value),
-  track: value => scene.showTrack(value),
+  past: value => tables.showLog(value),
+  track(value) {
+    track = value;
+    draw('showTrack', track);
+  },
   health: value => tables.showHealth(value),
   events: value => tables.showEvents(value),
   fleet: value => showFleet(value),
   clock(value) {
     alarms.silent = true;
     showClock(value);
-    if (!value) scene.setView('overview'); // results without a flight
+    whole = !value;
+    if (whole) draw('setView', 'overview'); // results without a flight
   },
 };
+
+for (const [name, table] of Object.entries(rows)) {
+  parts[name] = value => table.take(value.rows);
+  parts[`${name}-keys`] = value => table.order(value.keys);
+}
+
+// The way that was flown comes from time to time; what was flown since is added here.
+function goOn(place) {
+  const last = track.at(-1);
+  if (!place || !last || place.every((value, k) => Math.abs(value - last[k]) < 1)) return;
+  track.push(place);
+  draw('showTrack', track);
+}
+
+async function startPicture() {
+  try {
+    const {Scene} = await import('./scene.js');
+    scene.now = new Scene($('canvas'), id => tables.chooseHazard(id, false));
+  } catch (error) {
+    $('no-picture').hidden = false;
+    $('no-picture').textContent = `No 3D picture on this device (${error.message}). State, alarms and tables are not affected.`;
+    return;
+  }
+  scene.now.setTheme(document.documentElement.dataset.theme);
+  for (const table of Object.values(rows)) table.show();
+  draw('showTrack', track);
+  if (state) draw('showVehicle', state.vehicle, state.heading, state.height, state.near);
+  for (const data of blocks.splice(0)) draw('takeBlock', data);
+  if (whole) draw('setView', 'overview');
+}
 
 function showInstruments({near, height, heading, old}) {
   const wire = near.find(item => item.thing === 'conductor');
@@ -89,9 +132,14 @@ function connect() {
   socket.onopen = () => { wait = 500; };
   socket.onmessage = ({data}) => {
     heard = performance.now();
-    if (typeof data !== 'string') return scene.takeBlock(data);
+    if (typeof data !== 'string') {
+      if (scene.now) scene.now.takeBlock(data);
+      else blocks.push(data);
+      return socket.send('.'); // it is here: more may come
+    }
     const {part, value} = JSON.parse(data);
     parts[part]?.(value);
+    if (part in rows) socket.send('.');
   };
   socket.onclose = () => {
     setTimeout(connect, wait);
@@ -113,7 +161,7 @@ function setTheme(theme) {
   document.documentElement.dataset.theme = theme;
   $('theme').textContent = theme === 'light' ? 'Dark' : 'Light';
   localStorage.setItem('theme', theme);
-  scene.setTheme(theme);
+  draw('setTheme', theme);
 }
 
 function setSize(size) {
@@ -125,15 +173,15 @@ $('theme').onclick = () => setTheme(document.documentElement.dataset.theme === '
 $('size').onclick = () => setSize(Number(document.documentElement.dataset.size ?? 1) % 3 + 1);
 $('help-button').onclick = () => $('help').showModal();
 $('help-close').onclick = () => $('help').close();
-for (const button of document.querySelectorAll('[data-view]')) button.onclick = () => scene.setView(button.dataset.view);
+for (const button of document.querySelectorAll('[data-view]')) button.onclick = () => draw('setView', button.dataset.view);
 const prefers = matchMedia('(prefers-color-scheme: light)').matches ? 'light' : 'dark';
 setTheme(localStorage.getItem('theme') ?? prefers);
 setSize(localStorage.getItem('size') ?? 1);
 for (const item of document.querySelectorAll('#legend .shape')) item.append(shapeSvg(item.dataset.tone, 'currentColor'));
 
 const keys = {
-  f: () => scene.setView('follow'), o: () => scene.setView('overview'),
-  t: () => scene.setView('top'), s: () => scene.setView('side'),
+  f: () => draw('setView', 'follow'), o: () => draw('setView', 'overview'),
+  t: () => draw('setView', 'top'), s: () => draw('setView', 'side'),
   1: () => tables.open('hazards'), 2: () => tables.open('spans'),
   3: () => tables.open('log'), 4: () => tables.open('health'),
   a: () => alarms.acknowledge(alarms.unseen()), m: () => alarms.mute(!alarms.muted),
@@ -148,5 +196,6 @@ addEventListener('keydown', event => {
   act();
 });
 
-globalThis.station = {scene, tables, alarms};
+globalThis.station = {get scene() { return scene.now; }, tables, alarms};
 connect();
+startPicture();

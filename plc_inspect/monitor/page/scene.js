@@ -9,19 +9,19 @@ import {LineMaterial} from 'three/lines/LineMaterial.js';
 import {LineSegments2} from 'three/lines/LineSegments2.js';
 import {LineSegmentsGeometry} from 'three/lines/LineSegmentsGeometry.js';
 
-import {corners, make, metres, table} from './symbols.js';
+import {drawAround} from './around.js';
+import {Points} from './points.js';
+import {corners, order, table} from './symbols.js';
 
-const UNIT = 0.01;
-// Points drawn: fewer where frames take longer than 50 ms, more where they take less than 25 ms.
-const LEAST_POINTS = 20000, MOST_POINTS = 600000, SLOW = 50, QUICK = 25;
-// Where fewer points do not help the picture gets coarser, down to so many pixels for each of the screen.
-const COARSEST = 0.6, FINEST = 1.5;
-const MOST_LABELS = 8;
+// Of a curve so far away [m] half of the points are drawn, and of all curves at most so many pieces.
+const FINE = 150, MOST_PIECES = 4000;
+// Ground below the line is drawn so near to the camera [m].
+const GROUND_REACH = 800;
+const SIGN = 0.05; // of the height of the picture
+const REBUILD = 300; // curves are drawn anew for a camera that moved no more often [ms]
+const REST = 400; // the picture is at rest after so long [ms]
 const BEHIND = [-30, 22], NEAR = [-13, 9];
 const VEHICLE = 0x3f8fe0, TOWER = 0x9999a6, GROUND = 0x8a6d5a;
-// Colours come as on the screen, and the renderer counts in light.
-const LIGHT = Uint8Array.from({length: 256}, (_, k) => Math.round(255 * new THREE.Color().setRGB(k / 255, 0, 0, THREE.SRGBColorSpace).r));
-const ORDER = {critical: 3, warning: 2, notice: 1};
 const SKY = {dark: 0x18202a, light: 0xdfe7ee};
 
 export class Scene {
@@ -31,15 +31,21 @@ export class Scene {
     this.origin = null;
     this.view = 'follow';
     this.vehicle = this.heading = null;
-    this.blocks = new Map();
     this.hazards = [];
     this.spans = this.supports = [];
     this.parts = {};
-    this.budget = 150000;
-    this.total = 0;
-    this.finest = FINEST;
-    this.renderer = new THREE.WebGLRenderer({canvas, antialias: true});
+    this.curves = new WeakMap();
+    this.spent = {turned: [], still: []};
+    this.turning = false; // by a pointer
+    this.turned = -Infinity;
+    this.pace = 'still';
+    const soft = drawsInSoftware();
+    // Without alpha the browser need not blend the picture with what is behind it.
+    const context = canvas.getContext('webgl2', {alpha: false, antialias: !soft, stencil: false});
+    if (!context) throw new Error('WebGL 2 is missing');
+    this.renderer = new THREE.WebGLRenderer({canvas, context});
     this.scene = new THREE.Scene();
+    this.points = new Points(this.scene, place => this.local(place), soft);
     this.scene.add(new THREE.AmbientLight(0xffffff, 1.6));
     const sun = new THREE.DirectionalLight(0xffffff, 1.5);
     sun.position.set(1, -2, 4);
@@ -48,10 +54,15 @@ export class Scene {
     this.camera.up.set(0, 0, 1);
     this.camera.position.set(-35, -35, 30);
     this.controls = new OrbitControls(this.camera, canvas);
+    this.controls.addEventListener('start', () => { this.turning = true; });
+    this.controls.addEventListener('end', () => { this.turning = false; });
     this.controls.addEventListener('start', () => { if (this.view !== 'follow') this.setView('free'); });
-    this.controls.addEventListener('change', () => { this.dirty = true; });
+    this.controls.addEventListener('change', () => {
+      this.dirty = true;
+      if (this.turning) this.turned = performance.now();
+    });
     this.materials = {};
-    for (const [name, look] of Object.entries(table)) this.materials[name] = makeSprite(look);
+    for (const [name, look] of Object.entries(table)) this.materials[name] = makeSign(look);
     this.labels = document.getElementById('labels');
     canvas.addEventListener('pointerdown', event => { this.pressed = [event.clientX, event.clientY]; });
     canvas.addEventListener('pointerup', event => this.pick(event));
@@ -59,7 +70,6 @@ export class Scene {
     canvas.addEventListener('webglcontextlost', event => event.preventDefault());
     new ResizeObserver(() => { this.resize(); }).observe(canvas.parentElement);
     this.resize();
-    this.frames = [];
     requestAnimationFrame(time => this.loop(time));
   }
 
@@ -70,10 +80,10 @@ export class Scene {
 
   resize() {
     const box = this.canvas.parentElement;
-    this.renderer.setPixelRatio(Math.min(devicePixelRatio, this.finest));
+    this.renderer.setPixelRatio(Math.min(devicePixelRatio, this.points.finest));
     this.renderer.setSize(box.clientWidth, box.clientHeight, false);
     this.camera.aspect = box.clientWidth / Math.max(box.clientHeight, 1);
-    this.camera.updateProjectionMatrix();
+    for (const look of Object.values(this.materials)) look.size = SIGN * box.clientHeight;
     for (const part of Object.values(this.parts)) part?.material?.resolution?.set(box.clientWidth, box.clientHeight);
     this.dirty = true;
   }
@@ -88,7 +98,7 @@ export class Scene {
     this.origin = place.map(value => Math.round(value / 10) * 10);
     this.controls.target.copy(this.local(place));
     this.look(place, BEHIND);
-    for (const [key, data] of this.waiting ?? []) this.takeBlock(data, key);
+    for (const data of this.waiting ?? []) this.points.take(data);
     this.waiting = null;
     this.showSupports(this.supports);
     if (this.spans.length) this.showSpans(this.spans);
@@ -96,54 +106,15 @@ export class Scene {
   }
 
   takeBlock(data) {
-    const view = new DataView(data);
-    const key = `${view.getInt32(0, true)}/${view.getInt32(4, true)}`;
-    if (!this.origin) {
-      (this.waiting ??= new Map()).set(key, data);
-      return;
-    }
-    const middle = [8, 16, 24].map(at => view.getFloat64(at, true));
-    const edge = view.getFloat32(32, true), count = view.getUint32(36, true);
-    const old = this.blocks.get(key);
-    if (old) {
-      this.scene.remove(old);
-      old.geometry.dispose();
-      this.total -= old.userData.count;
-      this.blocks.delete(key);
-    }
+    if (this.origin) this.points.take(data);
+    else (this.waiting ??= []).push(data);
     this.dirty = true;
-    if (!count) return;
-    const places = new Int16Array(data.slice(40, 40 + 6 * count));
-    const colors = new Uint8Array(data, 40 + 6 * count, 3 * count);
-    const geometry = new THREE.BufferGeometry();
-    geometry.setAttribute('position', new THREE.BufferAttribute(places, 3, false));
-    geometry.setAttribute('color', new THREE.BufferAttribute(colors.map(value => LIGHT[value]), 3, true));
-    geometry.computeBoundingSphere();
-    this.pointMaterials ??= new Map();
-    if (!this.pointMaterials.has(edge)) {
-      this.pointMaterials.set(edge, new THREE.PointsMaterial({size: edge * 0.8, vertexColors: true}));
-    }
-    const points = new THREE.Points(geometry, this.pointMaterials.get(edge));
-    points.scale.setScalar(UNIT);
-    points.position.copy(this.local(middle));
-    points.updateMatrixWorld();
-    points.matrixAutoUpdate = false;
-    points.userData.count = count;
-    this.total += count;
-    this.blocks.set(key, points);
-    this.scene.add(points);
   }
 
-  clearBlocks() {
-    for (const points of this.blocks.values()) {
-      this.scene.remove(points);
-      points.geometry.dispose();
-    }
-    this.blocks.clear();
+  clearPoints() {
+    this.points.clear();
     this.waiting = null;
-    this.total = 0;
-    this.origin = null;
-    this.view = 'follow';
+    this.dirty = true;
   }
 
   put(name, part) {
@@ -157,16 +128,18 @@ export class Scene {
     this.dirty = true;
   }
 
-  lines(places, colors, width, dashed = false) {
+  lines(places, colors, width, {dashed = false, depth = true} = {}) {
     if (!places.length) return null;
     const geometry = new LineSegmentsGeometry();
-    geometry.setPositions(places.flat());
-    if (Array.isArray(colors)) geometry.setColors(colors.flat());
+    geometry.setPositions(places);
+    if (Array.isArray(colors)) geometry.setColors(colors);
     const material = new LineMaterial({linewidth: width, vertexColors: Array.isArray(colors), dashed, dashSize: 1, gapSize: 0.7,
       ...(Array.isArray(colors) ? {} : {color: colors})});
     const box = this.canvas.parentElement;
     material.resolution.set(box.clientWidth, box.clientHeight);
     const result = new LineSegments2(geometry, material);
+    // Conductors are seen through what grows before them.
+    material.depthTest = depth;
     if (dashed) result.computeLineDistances();
     result.frustumCulled = false;
     return result;
@@ -176,20 +149,43 @@ export class Scene {
     this.spans = items;
     if (!this.origin && items.length) this.find(items[0].curve[0]);
     if (!this.origin) return;
-    const places = [], colors = [];
-    for (const item of items) {
-      const own = new THREE.Color(table[item.severity].color).toArray();
-      for (let k = 1; k < item.curve.length; k++) {
-        places.push([...this.local(item.curve[k - 1]).toArray(), ...this.local(item.curve[k]).toArray()]);
-        colors.push([...own, ...own]);
+    this.drawSpans();
+  }
+
+  // Curves far away are drawn with fewer pieces.
+  drawSpans() {
+    this.spansSeen = this.camera.position.clone();
+    this.spansDrawn = performance.now();
+    const curves = this.spans.map(item => this.local3(item));
+    const apart = curves.map(curve => curve.middle.distanceTo(this.camera.position));
+    const wanted = curves.map((curve, k) => Math.max(2, (curve.places.length - 1) * Math.min(1, FINE / apart[k])));
+    const share = Math.min(1, MOST_PIECES / Math.max(1, wanted.reduce((sum, count) => sum + count, 0)));
+    const places = [], colors = [], ground = [];
+    curves.forEach((curve, k) => {
+      const last = curve.places.length - 1, count = Math.min(last, Math.max(1, Math.round(wanted[k] * share)));
+      for (let piece = 0; piece < count; piece++) {
+        const [a, b] = [piece, piece + 1].map(step => curve.places[Math.round(step * last / count)]);
+        places.push(a.x, a.y, a.z, b.x, b.y, b.z);
+        colors.push(...curve.color, ...curve.color);
       }
-    }
-    this.put('spans', this.lines(places, colors, 4));
-    const ground = [];
-    for (const {ground_line: line} of items) {
-      for (let k = 1; k < line.length; k++) ground.push([...this.local(line[k - 1]).toArray(), ...this.local(line[k]).toArray()]);
-    }
+      if (apart[k] > GROUND_REACH) return;
+      for (let at = 1; at < curve.ground.length; at++) ground.push(...curve.ground[at - 1].toArray(), ...curve.ground[at].toArray());
+    });
+    this.put('spans', this.lines(places, colors, 4, {depth: false}));
     this.put('ground', this.lines(ground, GROUND, 3));
+  }
+
+  // A span in the picture's own coordinates; those that did not change are kept.
+  local3(item) {
+    const known = this.curves.get(item);
+    if (known?.origin === this.origin) return known;
+    const places = item.curve.map(place => this.local(place));
+    const found = {
+      origin: this.origin, places, middle: places[places.length >> 1],
+      ground: item.ground_line.map(place => this.local(place)), color: new THREE.Color(table[item.severity].color).toArray(),
+    };
+    this.curves.set(item, found);
+    return found;
   }
 
   showSupports(items) {
@@ -198,7 +194,7 @@ export class Scene {
     const places = items.map(item => {
       const foot = this.local(item.position);
       return [...foot.toArray(), foot.x, foot.y, foot.z + Math.max(item.height, 0.5)];
-    });
+    }).flat();
     this.put('supports', this.lines(places, TOWER, 7));
   }
 
@@ -207,12 +203,13 @@ export class Scene {
     if (!this.origin && items.length) this.find(items[0].position);
     if (!this.origin) return;
     const group = new THREE.Group();
-    for (const item of items) {
-      const sprite = new THREE.Sprite(this.materials[item.severity]);
-      sprite.position.copy(this.local(item.position));
-      sprite.userData.hazard = item.id;
-      sprite.renderOrder = 2 + ORDER[item.severity];
-      group.add(sprite);
+    for (const severity of Object.keys(this.materials)) {
+      const places = items.filter(item => item.severity === severity).map(item => this.local(item.position));
+      if (!places.length) continue;
+      const signs = new THREE.Points(new THREE.BufferGeometry().setFromPoints(places), this.materials[severity]);
+      signs.frustumCulled = false;
+      signs.renderOrder = 2 + order(severity);
+      group.add(signs);
     }
     this.put('hazards', items.length ? group : null);
   }
@@ -220,7 +217,7 @@ export class Scene {
   showTrack(places) {
     if (!this.origin) return;
     const own = places.map(place => this.local(place).toArray());
-    this.put('track', own.length > 1 ? this.lines(own.slice(1).map((place, k) => [...own[k], ...place]), VEHICLE, 2) : null);
+    this.put('track', own.length > 1 ? this.lines(own.slice(1).flatMap((place, k) => [...own[k], ...place]), VEHICLE, 2) : null);
   }
 
   showVehicle(place, heading, height, near) {
@@ -240,13 +237,13 @@ export class Scene {
     this.body = body;
     group.add(body);
     if (height !== null) {
-      const stem = this.lines([[at.x, at.y, at.z, at.x, at.y, at.z - height]], VEHICLE, 2, true);
+      const stem = this.lines([at.x, at.y, at.z, at.x, at.y, at.z - height], VEHICLE, 2, {dashed: true});
       group.add(stem);
     }
     const wire = near.find(item => item.thing === 'conductor' && item.place);
     if (wire) {
       const end = this.local(wire.place);
-      group.add(this.lines([[...at.toArray(), ...end.toArray()]], new THREE.Color(table[wire.tone].color), 3, true));
+      group.add(this.lines([...at.toArray(), ...end.toArray()], new THREE.Color(table[wire.tone].color), 3, {dashed: true, depth: false}));
     }
     this.wire = wire;
     this.put('vehicle', group);
@@ -324,6 +321,7 @@ export class Scene {
     const turned = new THREE.Vector3().setFromSpherical(ball);
     this.camera.position.copy(this.controls.target).add(new THREE.Vector3(turned.x, -turned.z, turned.y));
     if (this.view !== 'follow') this.setView('free');
+    this.turned = performance.now();
     this.dirty = true;
   }
 
@@ -345,98 +343,62 @@ export class Scene {
     return [(at.x + 1) / 2 * box.width, (1 - at.y) / 2 * box.height];
   }
 
-  // Each block shows its share of the budget, near ones more than far ones.
-  thin() {
-    const weights = [];
-    let sum = 0;
-    for (const points of this.blocks.values()) {
-      const apart = points.position.distanceTo(this.camera.position);
-      const weight = points.userData.count / (1 + (apart / 80) ** 2);
-      weights.push([points, weight]);
-      sum += weight;
-    }
-    for (const [points, weight] of weights) {
-      const {count} = points.userData;
-      points.geometry.setDrawRange(0, this.total <= this.budget ? count : Math.ceil(Math.min(count, this.budget * weight / sum)));
-    }
-  }
-
   loop(time) {
     requestAnimationFrame(next => this.loop(next));
     this.controls.update();
-    if (!this.dirty && time - (this.drawn ?? 0) < 500) return;
+    const pace = performance.now() - this.turned < REST ? 'turned' : 'still';
+    if (!this.dirty && pace === this.pace && time - (this.drawn ?? 0) < 500) return;
     this.dirty = false;
-    this.thin();
-    this.sizeSprites();
+    this.pace = pace;
+    this.aim();
+    this.points.choose(this.camera, pace);
     const began = performance.now();
     this.renderer.render(this.scene, this.camera);
-    if (this.blocks.size && this.total > LEAST_POINTS) this.adapt(began);
+    if (this.points.total) this.adapt(began, time);
     this.drawn = time;
-    if (this.origin) this.drawAround();
+    if (!this.origin) return;
+    drawAround(this);
+    if (!performance.getEntriesByName('picture').length) performance.mark('picture');
   }
 
-  adapt(began) {
+  // Make all fit the camera: how far it sees, how fine curves are, how large the vehicle is.
+  aim() {
+    const apart = this.camera.position.distanceTo(this.controls.target);
+    this.camera.near = Math.min(0.5, apart / 10);
+    this.camera.far = Math.max(6000, 4 * apart);
+    this.camera.updateProjectionMatrix();
+    this.camera.updateMatrixWorld();
+    this.body?.scale.setScalar(Math.max(1, this.body.position.distanceTo(this.camera.position) * 0.018));
+    const moved = this.spansSeen?.distanceTo(this.camera.position) > 0.2 * apart;
+    if (moved && performance.now() - this.spansDrawn > REBUILD) this.drawSpans();
+  }
+
+  adapt(began, time) {
     // Reading one pixel waits until the frame is drawn, also in software.
     const context = this.renderer.getContext();
     context.readPixels(0, 0, 1, 1, context.RGBA, context.UNSIGNED_BYTE, new Uint8Array(4));
-    const spent = performance.now() - began;
-    this.spent = spent;
-    const drawn = Math.min(this.budget, this.total);
-    if (spent > SLOW && this.budget <= LEAST_POINTS && this.finest > COARSEST) {
-      this.finest = Math.max(COARSEST, Math.min(this.finest, devicePixelRatio) * 0.85);
-      this.resize();
-    } else if (spent > SLOW) this.budget = Math.max(LEAST_POINTS, Math.round(drawn * 0.8));
-    else if (spent < QUICK && this.budget < this.total) this.budget = Math.min(MOST_POINTS, Math.round(this.budget * 1.1));
-  }
-
-  // Signs of hazards, and the vehicle where it is far, are as large on the screen wherever they are.
-  sizeSprites() {
-    for (const sprite of this.parts.hazards?.children ?? []) {
-      sprite.scale.setScalar(sprite.position.distanceTo(this.camera.position) * 0.055);
-    }
-    this.body?.scale.setScalar(Math.max(1, this.body.position.distanceTo(this.camera.position) * 0.018));
-  }
-
-  drawAround() {
-    const box = this.canvas.getBoundingClientRect();
-    const labels = [];
-    for (const item of [...this.hazards].sort((a, b) => ORDER[b.severity] - ORDER[a.severity]).slice(0, MOST_LABELS)) {
-      const at = this.project(item.position, box);
-      if (at) labels.push([at, `${item.kind} ${metres(item.clearance, 2)}`]);
-    }
-    if (this.vehicle && this.wire) {
-      const middle = this.vehicle.map((value, k) => (value + this.wire.place[k]) / 2);
-      const at = this.project(middle, box);
-      if (at) labels.push([at, metres(this.wire.distance)]);
-    }
-    const ids = this.supports.slice(0, 40).map(item => [this.project([item.position[0], item.position[1], item.position[2] + item.height], box), `structure ${item.id}`]);
-    labels.push(...ids.filter(([at]) => at));
-    const free = [];
-    this.labels.replaceChildren(...labels.filter(([at, text]) => {
-      const wide = 8 * text.length + 10;
-      if (free.some(([other, width]) => Math.abs(other[0] - at[0]) < (wide + width) / 2 && Math.abs(other[1] - at[1]) < 26)) return false;
-      free.push([at, wide]);
-      return true;
-    }).map(([at, text]) => {
-      const item = make('span', {}, text);
-      item.style.left = `${at[0]}px`;
-      item.style.top = `${at[1]}px`;
-      return item;
-    }));
-    const apart = this.camera.position.distanceTo(this.controls.target);
-    const perPixel = 2 * apart * Math.tan(this.camera.fov / 2 * Math.PI / 180) / Math.max(box.height, 1);
-    const raw = 90 * perPixel, unit = 10 ** Math.floor(Math.log10(raw));
-    const length = [5, 2, 1].map(k => k * unit).find(value => value <= raw) ?? unit;
-    document.getElementById('scale-bar').style.width = `${length / perPixel}px`;
-    document.getElementById('scale-text').textContent = `${length >= 1 ? length : length.toFixed(1)} m`;
-    const offset = this.controls.target.clone().sub(this.camera.position);
-    const up = Math.hypot(offset.x, offset.y) > 0.01 * apart ? offset : new THREE.Vector3(0, 1, 0);
-    document.getElementById('needle').setAttribute('transform', `rotate(${-Math.atan2(up.x, up.y) * 180 / Math.PI})`);
+    // Between two frames that follow each other at once the browser itself draws too.
+    const interval = this.before === this.drawn && this.pace === 'turned' ? time - this.drawn : 0;
+    this.before = time;
+    const spent = this.spent[this.pace];
+    spent.push(Math.max(performance.now() - began, interval < 250 ? interval : 0));
+    if (spent.length > 3) spent.shift();
+    const middle = [...spent].sort((a, b) => a - b)[spent.length >> 1];
+    if (this.points.adapt(middle, this.pace, devicePixelRatio)) this.resize();
   }
 }
 
-// The sign of a severity as a picture: shape, colour and mark of the table.
-function makeSprite(look) {
+// Whether a processor draws the picture.
+function drawsInSoftware() {
+  const context = document.createElement('canvas').getContext('webgl2');
+  const about = context?.getExtension('WEBGL_debug_renderer_info');
+  const name = about ? context.getParameter(about.UNMASKED_RENDERER_WEBGL) : '';
+  context?.getExtension('WEBGL_lose_context')?.loseContext();
+  return /swiftshader|llvmpipe|software|basic render/i.test(name);
+}
+
+// The sign of a severity as a picture: shape, colour and mark of the table; as large wherever it is.
+function makeSign(look) {
   const canvas = document.createElement('canvas');
   canvas.width = canvas.height = 96;
   const paint = canvas.getContext('2d');
@@ -460,5 +422,5 @@ function makeSprite(look) {
   paint.fillText({critical: '!', warning: '!', notice: 'i', ok: ''}[look.name], 0, 4);
   const texture = new THREE.CanvasTexture(canvas);
   texture.colorSpace = THREE.SRGBColorSpace;
-  return new THREE.SpriteMaterial({map: texture, depthTest: false});
+  return new THREE.PointsMaterial({map: texture, depthTest: false, transparent: true, sizeAttenuation: false, size: 32});
 }

@@ -6,6 +6,11 @@
 export const table = JSON.parse(document.getElementById('table').textContent);
 const SPACE = 'http://www.w3.org/2000/svg';
 
+// The worse, the greater; 0 of what is no severity of hazards.
+export function order(name) {
+  return {critical: 3, warning: 2, notice: 1}[name] ?? 0;
+}
+
 // Return an element with attributes and children; texts become text nodes.
 export function make(tag, attributes = {}, ...children) {
   const item = document.createElement(tag);

@@ -290,7 +290,11 @@ class Monitor:
         if message.texts is not None:
             self._texts = message.texts
         self._complete |= message.keyframe
-        self._rebuild()
+        changed = message.keyframe or any(
+            message.gone[name] or len(getattr(message.tables, name)) for name in self._rows
+        )
+        if changed or old.held != self._status.held:
+            self._rebuild()
         for level, text in list_news(
             before, self._items[2], was_held=old.held, held=self._status.held
         ):

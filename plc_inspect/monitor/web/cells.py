@@ -3,9 +3,11 @@
 
 """The corridor as browsers get it: points in centimetres, coloured by clearance."""
 
+from dataclasses import dataclass
 import struct
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plc_inspect.monitor.picture.cloud_store import CellArrays, CloudStore
 from plc_inspect.results import Float32, PointClass, UInt8
@@ -24,7 +26,7 @@ UNIT = 0.01
 """Of coordinates [m]."""
 FARTHEST = 32_000
 """No point is farther from the middle of its block than this many units."""
-_HEAD = struct.Struct('<' + 'iidddfI')
+_HEAD = struct.Struct('<' + 'iidddfIIII')
 _PLACE = np.dtype(np.int16).newbyteorder('<')
 _RAMP = np.array([[int(item[k:k + 2], 16) for k in (1, 3, 5)] for item in RAMP], np.float64)
 
@@ -57,7 +59,62 @@ def color_cells(kind: UInt8, clearance: Float32) -> UInt8:
     return np.asarray(np.rint(colors), dtype=np.uint8).reshape(-1, 3)
 
 
-def pack_block(home: BlockKey, cells: CellArrays) -> bytes:
+@dataclass(frozen=True, slots=True, eq=False)
+class BlockPoints:
+    """
+    The points of one block of the corridor, for browsers.
+
+    They are in a random order that is always the same, so that the first of them are all, thinned.
+    """
+
+    home: BlockKey
+    """Number of the block."""
+    middle: tuple[float, float, float]
+    """What their places are counted from [m]."""
+    edge: float
+    """Of a cell [m]."""
+    places: NDArray[np.int16]
+    """(M, 3) in UNIT from the middle."""
+    colors: UInt8
+    """(M, 3) red, green, blue."""
+
+    @property
+    def count(self) -> int:
+        """Number of points."""
+        return len(self.places)
+
+    @property
+    def bytes_each(self) -> int:
+        """Bytes of one point."""
+        return self.places.itemsize * 3 + 3
+
+    def pack(self, version: int, first: int, count: int) -> bytes:
+        """
+        Return the message of some of the points.
+
+        Parameters
+        ----------
+        version : int
+            Of the block; all messages of one version together are the block.
+        first, count : int
+            Which points.
+
+        Returns
+        -------
+        bytes
+            Number (2 int32), middle (3 float64) [m], edge of a cell (float32) [m], version, number
+            of points in all, of the first one here, and of those here (uint32 each), then places
+            (int16) and colours (uint8).
+
+        """
+        own = slice(first, first + count)
+        return b''.join((
+            _HEAD.pack(*self.home, *self.middle, self.edge, version, self.count, first, count),
+            self.places[own].tobytes(), self.colors[own].tobytes(),
+        ))
+
+
+def lay_out_block(home: BlockKey, cells: CellArrays) -> BlockPoints:
     """
     Return a block of the corridor for browsers.
 
@@ -70,26 +127,21 @@ def pack_block(home: BlockKey, cells: CellArrays) -> bytes:
 
     Returns
     -------
-    bytes
-        Number (2 int32), middle (3 float64) [m], edge of a cell (float32) [m], number of points
-        (uint32), then places (int16, UNIT from the middle) and colours (uint8).  The points are
-        in a random order that is always the same, so that the first of them are all, thinned.
+    BlockPoints
 
     """
     points, kind, clearance, size = cells
     shown = np.flatnonzero(kind != PointClass.WIRE)
     shown = np.random.default_rng(0).permutation(shown)
     points = points[shown].astype(np.float64)
-    middle = np.round(points.mean(axis=0), 2) if len(points) else np.zeros(3)
-    places = np.clip(np.rint((points - middle) / UNIT), -FARTHEST, FARTHEST).astype(_PLACE)
-    colors = color_cells(kind[shown], clearance[shown])
-    edge = float(size[shown].min()) if len(shown) else 1.0
-    return b''.join((
-        _HEAD.pack(*home, *middle.tolist(), edge, len(points)),
-        places.tobytes(), colors.tobytes(),
-    ))
+    x, y, z = np.round(points.mean(axis=0), 2).tolist() if len(points) else (0.0, 0.0, 0.0)
+    places = np.clip(np.rint((points - (x, y, z)) / UNIT), -FARTHEST, FARTHEST)
+    return BlockPoints(
+        home=home, middle=(x, y, z), edge=float(size[shown].min()) if len(shown) else 1.0,
+        places=places.astype(_PLACE), colors=color_cells(kind[shown], clearance[shown]),
+    )
 
 
-def pack_changed(cloud: CloudStore) -> list[tuple[BlockKey, bytes]]:
+def take_changed(cloud: CloudStore) -> list[BlockPoints]:
     """Return the blocks that changed since the last call."""
-    return [(home, pack_block(home, cloud.assemble(home))) for home in cloud.take_changed()]
+    return [lay_out_block(home, cloud.assemble(home)) for home in cloud.take_changed()]

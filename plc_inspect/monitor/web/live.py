@@ -4,21 +4,46 @@
 """
 What browsers are sent: each gets what it does not have yet, the newest only, words before points.
 
-A browser on a slow link skips what was replaced meanwhile; nothing queues up for it.
+A browser on a slow link skips what was replaced meanwhile; nothing queues up for it.  State and
+alarms are sent at once; rows of tables and points of the corridor at the pace at which the browser
+answers, the nearest to the vehicle first, and of each block a thinned picture before the rest.
 """
 
 import asyncio
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 import json
+import math
+import secrets
 import threading
+import time
 
 from aiohttp import web
 
+from plc_inspect.monitor.web.cells import BlockPoints
+from plc_inspect.monitor.web.pace import Pace
 from plc_inspect.stream.blocks import BlockKey
 
-MOST_AT_ONCE = 6
-"""Blocks of the corridor that are sent before the words are looked at anew."""
 GREETING = 'me'
+STAGES = (500, 4_000)
+"""So many points of all blocks are sent before more of any [count]."""
+ROWS_BYTES = 3_000
+"""Rows are sent together up to about so many bytes."""
+LEAST_POINTS = 100
+"""Fewer points are not worth a message, unless they are the last."""
+
+Rows = Mapping[str, Sequence[tuple[str, object]]]
+"""Of tables, by name: key and value of each row, in the order in which they are shown."""
+
+
+class Visitor:
+    """What one browser has."""
+
+    def __init__(self) -> None:
+        self.parts: dict[str, int] = {}
+        self.rows: dict[tuple[str, str], int] = {}
+        self.blocks: dict[BlockKey, tuple[int, int]] = {}
+        """Version, and how many of its points."""
+        self.pace = Pace()
 
 
 class Hub:
@@ -26,13 +51,17 @@ class Hub:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
+        self._life = secrets.randbits(32)
         self._version = 0
         self._parts: dict[str, tuple[int, str]] = {}
-        self._blocks: dict[BlockKey, tuple[int, bytes]] = {}
+        self._rows: dict[str, dict[str, tuple[int, str]]] = {}
+        self._blocks: dict[BlockKey, tuple[int, BlockPoints]] = {}
+        self._vehicle: Sequence[float] | None = None
         self._waiting: set[tuple[asyncio.AbstractEventLoop, asyncio.Event]] = set()
 
     def put(
-        self, parts: Mapping[str, object], blocks: Iterable[tuple[BlockKey, bytes]] = ()
+        self, parts: Mapping[str, object], rows: Rows | None = None,
+        blocks: Iterable[BlockPoints] = (), vehicle: Sequence[float] | None = None,
     ) -> None:
         """
         Take what is to be shown; what is as before is not sent again.
@@ -41,19 +70,34 @@ class Hub:
         ----------
         parts : mapping of str to JSON values
             By name.
-        blocks : iterable of tuple
-            Blocks of the corridor that changed, and their bytes.
+        rows : mapping
+            Of tables; all of them.
+        blocks : iterable of BlockPoints
+            Blocks of the corridor that changed.
+        vehicle : sequence of float or None
+            Where it is [m]: what is near is sent first.
 
         """
         texts = {name: _pack(name, value) for name, value in parts.items()}
+        tables = {
+            name: {key: _dump(value) for key, value in own} for name, own in (rows or {}).items()
+        }
+        for name, table in tables.items():
+            texts[f'{name}-keys'] = _pack(f'{name}-keys', {'keys': list(table)})
         with self._lock:
             self._version += 1
+            self._vehicle = vehicle
             for name, text in texts.items():
                 if self._parts.get(name, (0, ''))[1] != text:
                     self._parts[name] = self._version, text
-            for key, data in blocks:
-                self._blocks.pop(key, None)
-                self._blocks[key] = self._version, data
+            for name, table in tables.items():
+                before = self._rows.get(name, {})
+                self._rows[name] = {
+                    key: before[key] if key in before and before[key][1] == text
+                    else (self._version, text) for key, text in table.items()
+                }
+            for block in blocks:
+                self._blocks[block.home] = self._version, block
             for loop, event in self._waiting:
                 loop.call_soon_threadsafe(event.set)
 
@@ -61,15 +105,15 @@ class Hub:
         """Send everything to a browser until it leaves."""
         event = asyncio.Event()
         own = asyncio.get_running_loop(), event
+        visitor = Visitor()
         with self._lock:
             self._waiting.add(own)
-        reader = asyncio.create_task(_read(socket, event))
+        reader = asyncio.create_task(_read(socket, event, visitor.pace))
         try:
-            await socket.send_str(_pack(GREETING, greeting))
-            seen: dict[object, int] = {}
+            await socket.send_str(_pack(GREETING, {**greeting, 'life': self._life}))
             while not socket.closed:
                 event.clear()
-                if not await self._send_news(socket, seen):
+                if not await self._send_news(socket, visitor):
                     await event.wait()
         except ConnectionError:
             pass  # it left
@@ -78,28 +122,84 @@ class Hub:
             with self._lock:
                 self._waiting.discard(own)
 
-    async def _send_news(self, socket: web.WebSocketResponse, seen: dict[object, int]) -> bool:
-        """Send what a browser does not have; return whether there was anything."""
+    async def _send_news(self, socket: web.WebSocketResponse, visitor: Visitor) -> bool:
+        """Send what is urgent and one message of the rest; return whether there was anything."""
         with self._lock:
             parts = [(name, *item) for name, item in self._parts.items()
-                     if seen.get(name) != item[0]]
-            blocks = [(key, *item) for key, item in self._blocks.items()
-                      if seen.get(key) != item[0]][:MOST_AT_ONCE]
+                     if visitor.parts.get(name) != item[0]]
         for name, version, text in parts:
             await socket.send_str(text)
-            seen[name] = version
-        for key, version, data in blocks:
-            await socket.send_bytes(data)
-            seen[key] = version
-        return bool(parts or blocks)
+            visitor.parts[name] = version
+        if visitor.pace.room <= 0:
+            return bool(parts)
+        with self._lock:
+            message = self._choose_rows(visitor) or self._choose_points(visitor)
+        if message is None:
+            return bool(parts)
+        visitor.pace.send(len(message), time.monotonic())
+        if isinstance(message, str):
+            await socket.send_str(message)
+        else:
+            await socket.send_bytes(message)
+        return True
+
+    def _choose_rows(self, visitor: Visitor) -> str | None:
+        """Return rows of one table that a browser does not have, and note that it has them."""
+        for name, table in self._rows.items():
+            chosen: list[str] = []
+            size = 0
+            for key, (version, text) in table.items():
+                if visitor.rows.get((name, key)) == version:
+                    continue
+                if chosen and size + len(text) > ROWS_BYTES:
+                    break
+                visitor.rows[name, key] = version
+                chosen.append(f'[{_dump(key)},{text}]')
+                size += len(text)
+            if chosen:
+                return f'{{"part":{_dump(name)},"value":{{"rows":[{",".join(chosen)}]}}}}'
+        return None
+
+    def _choose_points(self, visitor: Visitor) -> bytes | None:
+        """Return points that a browser does not have, and note that it has them."""
+        best = None
+        for home, (version, block) in self._blocks.items():
+            known, sent = visitor.blocks.get(home, (0, 0))
+            if known != version:
+                sent = 0
+            elif sent >= block.count:
+                continue
+            stage = next((k for k, most in enumerate(STAGES) if sent < most), len(STAGES))
+            apart = 0.0 if self._vehicle is None else math.dist(
+                block.middle[:2], self._vehicle[:2]
+            )
+            rank = stage, apart, home
+            if best is None or rank < best[0]:
+                best = rank, version, block, sent
+        if best is None:
+            return None
+        (stage, *_), version, block, sent = best
+        most = block.count if stage == len(STAGES) else STAGES[stage]
+        # an answer is waited for half a window before the next message is due
+        room = max(LEAST_POINTS, visitor.pace.window // 2 // block.bytes_each)
+        count = min(block.count, most, sent + room) - sent
+        if block.count - sent - count < LEAST_POINTS:
+            count = block.count - sent
+        visitor.blocks[block.home] = version, sent + count
+        return block.pack(version, sent, count)
 
 
-async def _read(socket: web.WebSocketResponse, event: asyncio.Event) -> None:
-    """Wait for the browser to leave; what it says is not listened to."""
+async def _read(socket: web.WebSocketResponse, event: asyncio.Event, pace: Pace) -> None:
+    """Wait for the browser to leave; all that it says is that it has a message."""
     async for _ in socket:
-        pass
+        pace.answer(time.monotonic())
+        event.set()
     event.set()
 
 
 def _pack(name: str, value: object) -> str:
-    return json.dumps({'part': name, 'value': value}, allow_nan=False, separators=(',', ':'))
+    return _dump({'part': name, 'value': value})
+
+
+def _dump(value: object) -> str:
+    return json.dumps(value, allow_nan=False, separators=(',', ':'))

@@ -18,7 +18,7 @@ from plc_inspect.monitor.picture.names import name_conductor, name_stretch
 from plc_inspect.monitor.picture.picture import Picture
 from plc_inspect.monitor.replay.replay import Replay
 from plc_inspect.monitor.web.access import NO_TOKENS, Tokens
-from plc_inspect.monitor.web.cells import pack_changed
+from plc_inspect.monitor.web.cells import take_changed
 from plc_inspect.monitor.web.gate import Gate
 from plc_inspect.monitor.web.profile import FRAME, lay_out_profile, PROFILE_WIDTH
 from plc_inspect.monitor.web.site import Acknowledgement, Site, Steering
@@ -27,7 +27,13 @@ from plc_inspect.monitor.web.values import (
     make_fleet_row,
     make_parts,
     make_replay,
+    make_rows,
+    Rows,
+    thin_track,
 )
+
+TRACK_PERIOD = 10.0
+"""The way that was flown is sent so often; between, browsers draw it themselves [s]."""
 
 
 class Page:
@@ -61,6 +67,8 @@ class Page:
         self._lock = threading.Lock()
         self._shown: dict[str, tuple[Picture, CloudStore]] = {}
         self._fleet: dict[str, Mapping[str, Any]] = {}
+        self._rows: dict[str, tuple[tuple[object, ...], Rows]] = {}
+        self._tracks: dict[str, tuple[float, int | None, list[list[float]]]] = {}
         self._site = Site(self._find_profile, replays=replays)
         self._gate = Gate(host, port, self._site, tokens, tls=tls)
         self._host, self._scheme = host, 'http' if tls is None else 'https'
@@ -103,7 +111,7 @@ class Page:
         """
         with self._lock:
             self._shown[vehicle] = picture, cloud
-            blocks = pack_changed(cloud)
+            blocks = take_changed(cloud)
         if replay is None:
             parts = make_parts(picture, vehicle, round(time.time() - time.monotonic(), 1))
         else:
@@ -114,12 +122,36 @@ class Page:
         rows = [row for row in rows if row['heard']] or rows
         parts['fleet'] = rows
         self._site.first = rows[0]['name']
-        self._site.find_hub(vehicle).put(parts, blocks)
+        parts['track'] = self._find_track(vehicle, picture, replay)
+        self._site.find_hub(vehicle).put(
+            parts, self._find_rows(vehicle, picture), blocks, picture.vehicle
+        )
 
     def take_requests(self) -> list[Acknowledgement | Steering]:
         """Return what browsers asked for since the last call."""
         requests = self._site.requests
         return [requests.popleft() for _ in range(len(requests))]
+
+    def _find_rows(self, vehicle: str, picture: Picture) -> Rows:
+        """Return the tables, made anew only where something in them changed."""
+        known = picture.hazards, picture.supports, picture.spans
+        before = self._rows.get(vehicle)
+        if before is None or any(one is not other for one, other in zip(
+            before[0], known, strict=True
+        )):
+            before = self._rows[vehicle] = known, make_rows(picture)
+        return before[1]
+
+    def _find_track(
+        self, vehicle: str, picture: Picture, replay: Replay | None
+    ) -> list[list[float]]:
+        now = time.monotonic()
+        then, session, track = self._tracks.get(vehicle, (-TRACK_PERIOD, None, []))
+        stale = now - then >= TRACK_PERIOD or session != picture.session or not track
+        if stale or replay is not None:
+            track = thin_track(picture)
+            self._tracks[vehicle] = now, picture.session, track
+        return track
 
     def _find_profile(self, vehicle: str, key: tuple[int, int]) -> Mapping[str, Any] | None:
         with self._lock:

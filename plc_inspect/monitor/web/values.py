@@ -27,6 +27,8 @@ from plc_inspect.monitor.replay.replay import Replay
 
 MOST_EVENTS, MOST_PAST, MOST_TRACK = 40, 30, 300
 """More are not on the page."""
+Rows = dict[str, list[tuple[str, object]]]
+"""Rows of tables by their names: key and value, worst first."""
 TONES = {
     Level.UNKNOWN: 'notice', Level.CLEAR: 'ok', Level.WARNING: 'warning',
     Level.CRITICAL: 'critical',
@@ -48,7 +50,7 @@ HEALTH = {
 
 def make_parts(picture: Picture, name: str, wall: float) -> dict[str, Any]:
     """
-    Return all parts of the page but the corridor.
+    Return all parts of the page but tables, track and corridor.
 
     Parameters
     ----------
@@ -66,25 +68,35 @@ def make_parts(picture: Picture, name: str, wall: float) -> dict[str, Any]:
 
     """
     condition = judge(picture, name)
-    stretches = {item.key: name_stretch(item, picture.supports) for item in picture.spans}
     return {
         'state': _make_state(picture, condition, name),
-        'alarms': {
-            'open': [_make_alarm(item, wall) for item in picture.alarms],
-            'past': [_make_alarm(item, wall) for item in picture.past_alarms[:MOST_PAST]],
-        },
-        'hazards': [_make_hazard(item, stretches) for item in picture.hazards],
-        'spans': [_make_span(item, stretches, picture.supports) for item in picture.spans],
-        'supports': [
-            {'id': item.support_id, 'kind': item.kind, 'height': _round(item.height),
-             'position': _place(item.position)}
-            for item in picture.supports
-        ],
-        'track': _thin_track(picture),
+        'alarms': [_make_alarm(item, wall) for item in picture.alarms],
+        'past': [_make_alarm(item, wall) for item in picture.past_alarms[:MOST_PAST]],
         'health': _make_health(picture),
         'events': [
             {'time': round(wall + item.time, 1), 'level': item.level, 'text': item.text}
             for item in picture.events[: -MOST_EVENTS - 1 : -1]
+        ],
+    }
+
+
+def make_rows(picture: Picture) -> Rows:
+    """Return hazards, structures and spans, in the order in which they are sent."""
+    stretches = {item.key: name_stretch(item, picture.supports) for item in picture.spans}
+    return {
+        'hazards': [
+            (str(item.hazard_id), _make_hazard(item, stretches)) for item in picture.hazards
+        ],
+        'supports': [
+            (str(item.support_id), {
+                'id': item.support_id, 'kind': item.kind, 'height': _round(item.height),
+                'position': _place(item.position),
+            })
+            for item in picture.supports
+        ],
+        'spans': [
+            (f'{item.line_id}/{item.span_id}', _make_span(item, stretches, picture.supports))
+            for item in picture.spans
         ],
     }
 
@@ -109,7 +121,7 @@ def make_replay(state: Mapping[str, Any], replay: Replay) -> dict[str, Any]:
         return {
             'state': {**state, 'time': now, 'tone': 'notice', 'text': text, 'link': 'live',
                       'old': dict.fromkeys(state['old'], False)},
-            'alarms': {'open': [], 'past': []},  # when they were raised is not known
+            'alarms': [], 'past': [],  # when they were raised is not known
             'clock': None,
         }
     tone = 'notice' if state['tone'] == 'ok' else state['tone']
@@ -232,7 +244,8 @@ def _make_health(picture: Picture) -> dict[str, Any]:
     }
 
 
-def _thin_track(picture: Picture) -> list[list[float]]:
+def thin_track(picture: Picture) -> list[list[float]]:
+    """Return where the vehicle has been, thinned."""
     step = 1 + len(picture.track) // MOST_TRACK
     places = list(picture.track[::-step][::-1])
     return [[round(value, 1) for value in place] for place in places]

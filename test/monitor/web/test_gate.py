@@ -13,12 +13,14 @@ import ssl
 import time
 
 from aiohttp import ClientSession
+import numpy as np
 import pytest
 
 from plc_inspect.errors import ConfigError
 from plc_inspect.monitor.web import access
 from plc_inspect.monitor.web import gate as gate_module
 from plc_inspect.monitor.web.access import check_tokens, Penalties, read_tokens, Role, Tokens
+from plc_inspect.monitor.web.cells import BlockPoints
 from plc_inspect.monitor.web.gate import Gate, is_loopback
 from plc_inspect.monitor.web.site import Site
 from plc_inspect.monitor.web.template import FOLDER, list_files
@@ -417,26 +419,44 @@ def test_a_replay_is_steered_and_acknowledges_nothing(body, status):
         gate.close()
 
 
+def make_block(number):
+    """Return a block of one point."""
+    return BlockPoints((0, number), (0.0, 0.0, 0.0), 0.5, np.zeros((1, 3), np.int16),
+                       np.full((1, 3), number, np.uint8))
+
+
 def test_a_browser_gets_what_is_known_and_then_what_changes(gate, site):
     hub = site.find_hub('/plc_inspect')
-    hub.put({'hazards': []}, [((0, 1), b'first'), ((0, 2), b'other')])
+    hub.put({'alarms': []}, {'spans': [('0/1', 7)]}, [make_block(1), make_block(2)])
 
     async def listen():
         headers = {'Authorization': 'Bearer only looking'}
         address = f'http://127.0.0.1:{gate.port}/live'
         async with ClientSession(headers=headers) as session, session.ws_connect(address) as link:
-            found = [await link.receive(10.0) for _ in range(5)]
-            hub.put({'state': {'text': 'all is well'}, 'hazards': [1]}, [((0, 1), b'second')])
-            found += [await link.receive(10.0) for _ in range(2)]
+            async def take(count):
+                found = []
+                while len(found) < count:
+                    found.append((await link.receive(10.0)).data)
+                    await link.send_str('.')
+                return found
+
+            found = await take(7)
+            hub.put({'state': {'text': 'all is well'}, 'alarms': [1]}, {'spans': [('0/1', 8)]},
+                    [make_block(2)])
+            found += await take(3)
             with pytest.raises(TimeoutError):
                 await link.receive(0.3)
-            return [item.data for item in found]
+            return found
 
-    greeting, *parts, block, other, changed, news = asyncio.run(listen())
-    assert json.loads(greeting)['value'] == {'vehicle': '/plc_inspect', 'acknowledges': False}
-    assert [json.loads(part)['part'] for part in parts] == ['state', 'hazards']
-    assert [block, other, news] == [b'first', b'other', b'second']
-    assert json.loads(changed) == {'part': 'hazards', 'value': [1]}  # not what is as before
+    greeting, *parts, row, block, other, changed, new_row, news = asyncio.run(listen())
+    own = json.loads(greeting)['value']
+    assert isinstance(own.pop('life'), int)
+    assert own == {'vehicle': '/plc_inspect', 'acknowledges': False}
+    assert [json.loads(part)['part'] for part in parts] == ['state', 'alarms', 'spans-keys']
+    assert json.loads(row) == {'part': 'spans', 'value': {'rows': [['0/1', 7]]}}
+    assert json.loads(new_row) == {'part': 'spans', 'value': {'rows': [['0/1', 8]]}}
+    assert [data[-3] for data in (block, other, news)] == [1, 2, 2]
+    assert json.loads(changed) == {'part': 'alarms', 'value': [1]}  # not what is as before
 
 
 def test_a_browser_that_asks_for_another_vehicle_gets_nothing(gate):

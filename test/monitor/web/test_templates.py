@@ -119,12 +119,12 @@ def test_the_page_loads_only_what_is_served_and_is_small():
     names = set(re.findall(r'(?:src|href)="(/[^"]+)"', page))
     for path, (kind, data) in served.items():
         if kind == 'text/javascript' and '/vendor/' not in path:
-            found = re.findall(r"from '([^']+)'", data.decode())
+            found = re.findall(r"(?:from |import\()'([^']+)'", data.decode())
             names |= {
                 name.replace('./', '/', 1) if name[0] == '.' else f'/vendor/{name}'
                 for name in found if name != 'three'
             }
-    assert len(names) >= 9
+    assert len(names) >= 13
     assert names <= set(served)
     assert not re.search(r'https?://(?!www\.w3\.org)', page)
 

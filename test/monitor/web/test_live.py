@@ -1,0 +1,164 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What browsers are sent, in which order, and how much of it ahead."""
+
+import heapq
+import itertools
+import json
+import struct
+
+import numpy as np
+import pytest
+
+from plc_inspect.monitor.picture.cloud_store import CloudStore
+from plc_inspect.monitor.web.cells import lay_out_block, UNIT
+from plc_inspect.monitor.web.live import Hub, ROWS_BYTES, STAGES, Visitor
+from plc_inspect.monitor.web.pace import AHEAD, LEAST_WINDOW, MOST_WINDOW, Pace
+from plc_inspect.results import PointClass
+
+HEAD = struct.Struct('=iidddfIIII')
+
+
+def make_block(x, count, seed=0):
+    """Return a block of so many points about (x, 0, 0)."""
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-10.0, 10.0, (count, 3)).astype(np.float32)
+    points[:, 0] += x
+    return lay_out_block((round(x), 0), (
+        points, np.full(count, PointClass.VEGETATION, np.uint8),
+        np.full(count, 5.0, np.float32), np.full(count, 0.5, np.float32),
+    ))
+
+
+def read(message):
+    """Return number, version, points in all, the first and the places of a message."""
+    x, y, *middle, _, version, total, first, count = HEAD.unpack_from(message)
+    places = np.frombuffer(message, np.int16, 3 * count, HEAD.size).reshape(-1, 3)
+    assert len(message) == HEAD.size + 9 * count
+    return (x, y), version, total, first, places * UNIT + middle
+
+
+class Browser:
+    """Takes messages as a browser does."""
+
+    def __init__(self, hub):
+        self.hub, self.visitor = hub, Visitor()
+        self.visitor.pace.window = MOST_WINDOW
+        self.blocks = {}
+        self.order = []
+
+    def take(self, most=10_000):
+        """Take points until there are none."""
+        for _ in range(most):
+            message = self.hub._choose_points(self.visitor)
+            if message is None:
+                return
+            key, version, total, first, places = read(message)
+            known = self.blocks.get(key, (0, 0, np.empty((0, 3))))
+            own = np.empty((0, 3)) if first == 0 else known[2]
+            assert first == len(own)
+            assert not first or known[0] == version
+            self.blocks[key] = version, total, np.vstack((own, places))
+            self.order.append((key, first, len(places)))
+
+
+def test_all_points_come_thinned_first_and_the_nearest_before_others():
+    hub, blocks = Hub(), [make_block(x, 9_000, seed=x) for x in (0, 100, 200)]
+    hub.put({}, None, blocks, vehicle=(190.0, 0.0, 0.0))
+    browser = Browser(hub)
+    browser.take()
+    firsts = [(key[0], first) for key, first, _ in browser.order]
+    assert firsts[:3] == [(200, 0), (100, 0), (0, 0)]
+    assert firsts[3:6] == [(200, STAGES[0]), (100, STAGES[0]), (0, STAGES[0])]
+    assert firsts[6][1] == STAGES[1]
+    for block in blocks:
+        _, total, places = browser.blocks[block.home]
+        assert total == len(places) == 9_000
+        np.testing.assert_allclose(places, block.places * UNIT + np.array(block.middle))
+    assert hub._choose_points(browser.visitor) is None
+
+
+def test_a_block_that_changes_on_its_way_is_sent_anew():
+    hub = Hub()
+    hub.put({}, None, [make_block(0, 9_000)])
+    browser = Browser(hub)
+    browser.take(most=2)
+    hub.put({}, None, [make_block(0, 3_000, seed=1)])
+    browser.take()
+    assert len(browser.blocks[0, 0][2]) == 3_000
+    assert [first for _, first, _ in browser.order] == [0, STAGES[0], 0, STAGES[0]]
+
+
+def test_a_block_without_points_is_told_once():
+    hub, store = Hub(), CloudStore()
+    hub.put({}, None, [lay_out_block((3, 4), store.assemble((3, 4)))])
+    visitor = Visitor()
+    assert read(hub._choose_points(visitor))[:4] == ((3, 4), 1, 0, 0)
+    assert hub._choose_points(visitor) is None
+
+
+def test_a_slow_browser_gets_small_messages():
+    hub, visitor = Hub(), Visitor()
+    hub.put({}, None, [make_block(0, 9_000)])
+    for _ in range(20):
+        message = hub._choose_points(visitor)
+        assert len(message) <= LEAST_WINDOW
+
+
+def test_rows_come_in_small_parts_and_only_what_changed_again():
+    hub, visitor = Hub(), Visitor()
+    table = [(str(k), {'text': 'x' * 100, 'k': k}) for k in range(200)]
+    hub.put({}, {'spans': table})
+    found = {}
+    for text in iter(lambda: hub._choose_rows(visitor), None):
+        assert len(text) < ROWS_BYTES + 1_000
+        message = json.loads(text)
+        assert message['part'] == 'spans'
+        found |= dict(message['value']['rows'])
+    assert found == dict(table)
+    table[7] = '7', {'text': 'new'}
+    hub.put({}, {'spans': table[:-1]})
+    assert json.loads(hub._choose_rows(visitor))['value']['rows'] == [['7', {'text': 'new'}]]
+    assert hub._choose_rows(visitor) is None
+    keys = json.loads(hub._parts['spans-keys'][1])
+    assert keys == {'part': 'spans-keys', 'value': {'keys': [key for key, _ in table[:-1]]}}
+    hub.put({}, {'spans': table})  # one that had gone is sent again
+    assert json.loads(hub._choose_rows(visitor))['value']['rows'][0][0] == '199'
+
+
+def drive(pace, rate, delay, busy, seconds, size=2_000):
+    """Send through a link of a rate [B/s] to a browser that looks every so often [s]."""
+    now, free, answers, waits = 0.0, 0.0, [], []
+    number = itertools.count()
+    while now < seconds:
+        while pace.room > 0:
+            pace.send(size, now)
+            free = max(free, now) + size / rate
+            waits.append((now, free - now))
+            there = free + delay
+            seen = there if not busy else (int(there / busy) + 1) * busy
+            heapq.heappush(answers, (seen + delay, next(number)))
+        now, _ = heapq.heappop(answers)
+        pace.answer(now)
+    return waits
+
+
+@pytest.mark.parametrize(('rate', 'delay'), [(32e3, 0.2), (32e3, 0.02), (2e6, 0.05)])
+def test_a_link_is_filled_and_nothing_waits_long(rate, delay):
+    pace = Pace()
+    waits = [wait for now, wait in drive(pace, rate, delay, 0.0, 20.0) if now > 5.0]
+    assert max(waits) < 1.6 * AHEAD
+    assert len(waits) * 2_000 / 15.0 > 0.8 * rate
+
+
+def test_a_browser_that_looks_seldom_is_not_taken_for_a_slow_link():
+    pace = Pace()
+    drive(pace, 1e8, 0.0005, 0.1, 10.0)
+    assert pace.window > 100_000
+
+
+def test_answers_that_nobody_asked_for_change_nothing():
+    pace = Pace()
+    pace.answer(1.0)
+    assert (pace.window, pace.room) == (LEAST_WINDOW, LEAST_WINDOW)
