@@ -41,7 +41,9 @@ class StreamSettings(Checked):
     """What the node streams to ground stations over a thin link."""
 
     max_kbps: float = setting(
-        256.0, 'rate that summary and thinned corridor keep to, for each monitor; 0: no corridor',
+        192.0,
+        'rate that summary and thinned corridor keep to, for each monitor: three quarters of what '
+        'the link carries, as what is lost is sent again; 0: no corridor',
         unit='kbit/s', low=0.0, high=100_000.0,
     )
     voxel_size: float = setting(

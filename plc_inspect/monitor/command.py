@@ -221,10 +221,16 @@ def _choose_certificate() -> ssl.SSLContext | None:
 
 
 def _loop(station: Any, period: float, show: Callable[[Any], object]) -> None:
-    """Show what is known every period until the graph is left; of a station or a fleet."""
-    due = time.monotonic()
+    """
+    Show what is known every period until the graph is left; of a station or a fleet.
+
+    Where a fleet has a new alarm it is shown at once.
+    """
+    due, raises = time.monotonic(), 0
     while station.spin(max(0.0, min(due - time.monotonic(), 0.2))):
-        if time.monotonic() >= due:
+        alarmed = getattr(station, 'raises', 0) != raises
+        if alarmed or time.monotonic() >= due:
+            raises = getattr(station, 'raises', 0)
             show(station)
             due = max(due + period, time.monotonic())
 

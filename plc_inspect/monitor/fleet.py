@@ -72,6 +72,11 @@ class Fleet:
                     self._follow(name)
         return all(alive)
 
+    @property
+    def raises(self) -> int:
+        """How often alarms were raised, of all vehicles."""
+        return sum(station.monitor.alarms.raises for station in self.stations.values())
+
     def _follow(self, name: str) -> None:
         if name in self.stations:
             raise ConfigError(f'--node {name} is named twice')

@@ -339,6 +339,11 @@ def _key_dtype(table: str) -> np.dtype[Any]:
     return np.dtype([(name, '<i4') for name in KEYS[table]])
 
 
+def key_of(table: str, row: Any) -> tuple[int, ...]:
+    """Return what a row of a table is known by."""
+    return tuple(int(row[name]) for name in KEYS[table])
+
+
 def _keys_of(table: str, rows: NDArray[Any]) -> list[RowKey]:
     return list(zip(*(rows[name].tolist() for name in KEYS[table]), strict=True))
 

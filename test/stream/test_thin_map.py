@@ -49,7 +49,7 @@ def test_messages_stay_short():
     held.update(cells_of(rng.uniform((-200, -20, 0), (200, 20, 15), (60_000, 3))), None, 0.0)
     first = held.take(0.0)
     cells = sum(map(len, first.values()))
-    assert 1500 < cells < 6000
+    assert 600 < cells < 2500
     assert len(empty_out(held, 0.0)) == len(held) - len(first)
 
 

@@ -20,10 +20,9 @@ from plc_inspect.results import Float64
 MARGIN = 1.0
 """
 A level falls only where the distance is beyond its limit by more than this [m].
-Source: derivation: twice 0.3 m, within which 95 of 100 distances are told
-(bench/live/proximity.py), once too short and once too long, and 0.3 m to either side that a
-multirotor wanders when it hovers by sight of the ground (data sheet of the DJI Matrice 300 RTK),
-rounded up.
+Source: derived: twice 0.3 m, within which 95 of 100 distances are to be told
+(bench/live/proximity.py), once too short and once too long, and as much again for a vehicle that
+hovers, rounded.
 """
 HOLD_NS = 2_000_000_000
 """

@@ -79,6 +79,8 @@ class AlarmBook:
         self._open: dict[str, Alarm] = {}
         self._past: deque[Alarm] = deque(maxlen=MOST_PAST)
         self._count = 0
+        self.raises = 0
+        """How often alarms were raised, also once more."""
 
     @property
     def open(self) -> tuple[Alarm, ...]:
@@ -112,10 +114,12 @@ class AlarmBook:
             old = self._open.get(key)
             if old is None:
                 self._count += 1
+                self.raises += 1
                 self._open[key] = Alarm(number=self._count, key=key, cause=cause, raised=now)
             elif old.stands:
                 self._open[key] = replace(old, cause=cause)
             else:  # nobody had seen the one before: they are one
+                self.raises += 1
                 self._open[key] = replace(
                     old, cause=cause, cleared=math.nan, reason='', times=old.times + 1
                 )

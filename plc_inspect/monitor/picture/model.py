@@ -14,8 +14,14 @@ import math
 from typing import Any, TypeVar
 
 from plc_inspect.errors import DataError
-from plc_inspect.monitor.picture.admission import Admission, Judgement, REFUSALS, Verdict
-from plc_inspect.monitor.picture.alarms import Alarm, AlarmBook, Cause
+from plc_inspect.monitor.picture.admission import (
+    Admission,
+    Judgement,
+    REFUSAL_PERIOD,
+    REFUSALS,
+    Verdict,
+)
+from plc_inspect.monitor.picture.alarms import Alarm, AlarmBook
 from plc_inspect.monitor.picture.causes import find_height, list_causes
 from plc_inspect.monitor.picture.cloud_store import CloudStore
 from plc_inspect.monitor.picture.hazard_news import list_news
@@ -34,10 +40,11 @@ from plc_inspect.monitor.picture.picture import (
     SpanItem,
     SupportItem,
 )
+from plc_inspect.monitor.picture.wishes import OVERTAKEN, PATIENCE, Wishes
 from plc_inspect.stream.blocks import CloudMessage, read_cloud
 from plc_inspect.stream.frame import SUMMARY
 from plc_inspect.stream.summary import (
-    KEYS,
+    key_of,
     read_summary,
     Status,
     STATUSES,
@@ -53,13 +60,7 @@ MOST_EVENTS = 200
 MOST_TRACK = 4000
 TRACK_STEP = 1.0
 """Places of the track are this far apart [m]."""
-PATIENCE = 5.0
-"""What is missing is asked for at most this often [s]."""
-OVERTAKEN = 0.3
-"""What was overtaken may come so much later [s], and counts as reordered; then it is asked for."""
 RATE_WINDOW = 10.0
-REFUSAL_PERIOD = 10.0
-"""Refused messages of one kind are told of at most this often [s]."""
 
 
 class Monitor:
@@ -96,7 +97,7 @@ class Monitor:
         self._events: deque[Event] = deque(maxlen=MOST_EVENTS)
         self.alarms = AlarmBook()
         self._moved, self._flown = math.nan, 0.0
-        self._wishes: dict[str, float] = {}
+        self._wishes = Wishes()
         self._traffic: deque[tuple[float, int]] = deque()
         self._items: tuple[tuple[SpanItem, ...], tuple[SupportItem, ...],
                            tuple[HazardItem, ...]] = ((), (), ())
@@ -131,7 +132,7 @@ class Monitor:
         missing = judgement.missing
         if missing and not message.keyframe:
             self._complete = False
-            self._wishes.setdefault('summary', now + OVERTAKEN)
+            self._wishes.want_summary(now + OVERTAKEN)
         if missing:
             self._counts = replace(
                 self._counts, lost_summary=self._counts.lost_summary + missing
@@ -156,11 +157,13 @@ class Monitor:
         if message.frame.session != self._cloud_session:
             self.cloud.clear()
             self._cloud_session = message.frame.session
-        missing = judgement.missing
+        # what was sent before the node knew of a new subscription comes once more
+        missing = 0 if self._wishes.begin_cloud() else judgement.missing
         if missing:
             self._counts = replace(self._counts, lost_cloud=self._counts.lost_cloud + missing)
-            self._tell(now, 1, f'{missing} messages of the corridor were lost: asked for anew')
-            self._wishes.setdefault('cloud', now + OVERTAKEN)
+            self._wish_cloud(
+                f'{missing} messages of the corridor were lost: asked for anew', now, OVERTAKEN
+            )
         self._cloud_sequence = message.frame.sequence
         self._last_cloud, self._behind = now, None
         self.cloud.put(message)
@@ -181,14 +184,11 @@ class Monitor:
 
         """
         if self._complete:
-            self._wishes.pop('summary', None)
-        due = {name for name, since in self._wishes.items() if now >= since}
+            self._wishes.has_summary()
+        due = self._wishes.take(now)
         if 'summary' in due:
             # What the node kept comes from its beginning, and begins with a keyframe.
             self._admission.reopen(SUMMARY)
-            self._wishes['summary'] = now + PATIENCE
-        if 'cloud' in due:
-            del self._wishes['cloud']
         return due
 
     def acknowledge(self, numbers: Iterable[int], who: str, now: float) -> tuple[Alarm, ...]:
@@ -274,7 +274,7 @@ class Monitor:
         self._moved, self._flown = now, 0.0
         self.alarms.update({}, now, 'the node began anew: it may still be there')
         if not message.keyframe:
-            self._wishes.setdefault('summary', now if taken_over else now + 1.0)
+            self._wishes.want_summary(now if taken_over else now + 1.0)
 
     def _apply(self, message: SummaryMessage, now: float) -> None:
         before = self._items[2]
@@ -285,7 +285,7 @@ class Monitor:
                 rows.pop(key, None)
             table = getattr(message.tables, name)
             for row in table:
-                rows[_key_of(name, row)] = row
+                rows[key_of(name, row)] = row
         old, self._status = self._status, message.status
         if message.texts is not None:
             self._texts = message.texts
@@ -299,7 +299,8 @@ class Monitor:
             before, self._items[2], was_held=old.held, held=self._status.held
         ):
             self._tell(now, level, text)
-        self.alarms.update(self._list_causes(), now)
+        spans, supports, hazards = self._items
+        self.alarms.update(list_causes(hazards, spans, supports, self._status), now)
         self._tell_health(old, now)
         place = message.status.vehicle
         if place is not None and (
@@ -308,10 +309,6 @@ class Monitor:
             self._flown += math.dist(place, self._track[-1]) if self._track else 0.0
             self._moved = now
             self._track.append(place)
-
-    def _list_causes(self) -> dict[str, Cause]:
-        spans, supports, hazards = self._items
-        return list_causes(hazards, spans, supports, self._status)
 
     def _compare_cloud(self, now: float) -> None:
         """Ask for the corridor anew where the node sent more than came, and nothing comes."""
@@ -322,8 +319,12 @@ class Monitor:
             self._behind = now
         elif now - self._behind > PATIENCE:
             self._behind = None
-            self._wishes.setdefault('cloud', now)
-            self._tell(now, 1, 'the newest messages of the corridor were lost: asked for anew')
+            self._wish_cloud('the newest of the corridor was lost: asked for anew', now)
+
+    def _wish_cloud(self, why: str, now: float, wait: float = 0.0) -> None:
+        """Ask for the corridor anew after a wait [s], not too often, and say so once."""
+        if self._wishes.want_cloud(now + wait):
+            self._tell(now, 1, why)
 
     def _rebuild(self) -> None:
         hazards = list(map(make_hazard, self._rows['hazards'].values()))
@@ -395,7 +396,3 @@ class Monitor:
 
     def _tell(self, now: float, level: int, text: str) -> None:
         self._events.append(Event(time=now, level=level, text=text))
-
-
-def _key_of(table: str, row: Any) -> tuple[int, ...]:
-    return tuple(int(row[name]) for name in KEYS[table])

@@ -17,7 +17,8 @@ from stream_pieces import make_rows, NO_TABLES, Source
 
 from plc_inspect.errors import ConfigError
 from plc_inspect.monitor.picture.admission import Admission, KEPT, LEAP, SILENT
-from plc_inspect.monitor.picture.model import Monitor, OVERTAKEN
+from plc_inspect.monitor.picture.model import Monitor
+from plc_inspect.monitor.picture.wishes import OVERTAKEN
 from plc_inspect.stream import frame
 from plc_inspect.stream.frame import Frame, pack_frame, SUMMARY, unpack_frame
 from plc_inspect.stream.signature import OVERHEAD, Signer, Verifier

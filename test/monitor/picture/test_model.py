@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from stream_pieces import make_rows, NO_TABLES, Source, TEXTS
 
-from plc_inspect.monitor.picture.model import LATE, LOST, Monitor, OVERTAKEN, PATIENCE
+from plc_inspect.monitor.picture.model import LATE, LOST, Monitor
 from plc_inspect.monitor.picture.node_clock import NodeClock
 from plc_inspect.monitor.picture.picture import Link
+from plc_inspect.monitor.picture.wishes import CLOUD_PATIENCE, OVERTAKEN, PATIENCE
 
 
 def tell(picture):
@@ -297,6 +298,18 @@ def test_a_gap_in_the_corridor_is_told_and_asked_for():
     assert monitor.take_wishes(12.1 + OVERTAKEN) == set()
     assert monitor.look(12.0).counts.lost_cloud == 1
     assert monitor.look(12.0).cloud_blocks == 2
+    for _ in range(4):  # what was sent before the node knew of the new subscription
+        source.cloud(4.0)
+    monitor.take_cloud(source.cloud(4.0), 14.0)
+    assert monitor.take_wishes(14.0) == set()
+    assert monitor.look(14.0).counts.lost_cloud == 1
+    for second in (15.0, 16.0):  # once more, but not at once: all would be sent anew
+        source.cloud(second)
+        monitor.take_cloud(source.cloud(second), second)
+        assert monitor.take_wishes(second) == set()
+    assert monitor.look(16.0).counts.lost_cloud == 3
+    assert sum('were lost' in event.text for event in monitor.look(16.0).events) == 2
+    assert monitor.take_wishes(12.0 + OVERTAKEN + CLOUD_PATIENCE) == {'cloud'}
 
 
 @pytest.mark.parametrize('cloud', [True, False])
