@@ -27,7 +27,7 @@ hovers, rounded.
 HOLD_NS = 2_000_000_000
 """
 And only after it was so all this time [ns].
-Source: derivation: two ticks of the node, so that a conductor which one of them does not find ends
+Source: derived: two ticks of the node, so that a conductor which one of them does not find ends
 no alarm.
 """
 

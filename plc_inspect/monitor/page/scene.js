@@ -302,7 +302,7 @@ export class Scene {
     this.camera.position.copy(center);
     if (view === 'top') this.camera.position.add(new THREE.Vector3(0, -0.001 * far, 0.9 * far));
     if (view === 'side') this.camera.position.addScaledVector(across, -0.8 * far).add(new THREE.Vector3(0, 0, 0.02 * far));
-    if (view === 'overview') this.camera.position.addScaledVector(across, -0.65 * far).addScaledVector(along, -0.3 * far).add(new THREE.Vector3(0, 0, 0.45 * far));
+    if (view === 'overview') this.camera.position.addScaledVector(across, -0.5 * far).addScaledVector(along, -0.23 * far).add(new THREE.Vector3(0, 0, 0.34 * far));
     this.dirty = true;
   }
 

@@ -15,6 +15,11 @@ import math
 
 Place = tuple[float, float, float]
 
+TELLING = 0.3
+"""
+It was nearer before where that is more than this [m].
+Source: measured: bench/live/proximity.py: 95 of 100 distances are told within it.
+"""
 MOST_PAST = 200
 """Alarms that are over are remembered, the newest [count]."""
 MOST_OPEN = 200
@@ -31,6 +36,8 @@ class Cause:
     """Where [m]."""
     hazard_id: int = -1
     """-1: of the keep-out."""
+    distance: float = math.nan
+    """How near it is [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,6 +60,17 @@ class Alarm:
     acknowledged: float = math.nan
     """NaN while nobody has seen it."""
     who: str = ''
+    worst: Cause | None = None
+    """The cause when it was nearest."""
+
+    @property
+    def text(self) -> str:
+        """What is told of it: how near it is, and once it has cleared how near it was."""
+        worst = self.cause if self.worst is None else self.worst
+        if not self.stands:
+            return worst.text
+        nearer = self.cause.distance - worst.distance > TELLING
+        return f'{self.cause.text}; nearest {worst.distance:.1f} m' if nearer else self.cause.text
 
     @property
     def stands(self) -> bool:
@@ -115,13 +133,16 @@ class AlarmBook:
             if old is None:
                 self._count += 1
                 self.raises += 1
-                self._open[key] = Alarm(number=self._count, key=key, cause=cause, raised=now)
+                self._open[key] = Alarm(
+                    number=self._count, key=key, cause=cause, raised=now, worst=cause
+                )
             elif old.stands:
-                self._open[key] = replace(old, cause=cause)
+                self._open[key] = replace(old, cause=cause, worst=_find_worse(old, cause))
             else:  # nobody had seen the one before: they are one
                 self.raises += 1
                 self._open[key] = replace(
-                    old, cause=cause, cleared=math.nan, reason='', times=old.times + 1
+                    old, cause=cause, cleared=math.nan, reason='', times=old.times + 1,
+                    worst=_find_worse(old, cause),
                 )
         for key in [key for key, item in self._open.items() if item.stands]:
             if key not in causes:
@@ -165,3 +186,9 @@ class AlarmBook:
         else:
             del self._open[item.key]
             self._past.append(item)
+
+
+def _find_worse(old: Alarm, cause: Cause) -> Cause:
+    """Return the nearer one; where that is not known the newer."""
+    farther = old.worst is not None and old.worst.distance < cause.distance
+    return old.worst if farther and old.worst is not None else cause

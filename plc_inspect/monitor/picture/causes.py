@@ -52,7 +52,7 @@ def list_causes(
         if near.level == Level.CRITICAL:
             causes[f'keep-out {name_thing(near.thing)}'] = Cause(
                 text=f'keep-out: {describe_nearness(near, stretches)}',
-                place=locate(near, status.vehicle),
+                place=locate(near, status.vehicle), distance=near.distance,
             )
     return causes
 

@@ -53,7 +53,7 @@ def make_snapshot(picture: Picture) -> dict[str, Any]:
             } for item in picture.near
         ],
         'alarms': [
-            {'number': item.number, 'state': item.state, 'text': item.cause.text,
+            {'number': item.number, 'state': item.state, 'text': item.text,
              'hazard_id': item.cause.hazard_id, 'raised': _ago(picture, item.raised),
              'cleared': _ago(picture, item.cleared), 'who': item.who,
              'acknowledged': _ago(picture, item.acknowledged)}

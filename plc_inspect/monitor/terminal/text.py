@@ -141,11 +141,11 @@ def _draw_alarm(picture: Picture) -> Text:
         first = standing[0]
         more = f' (and {len(standing) - 1} more)' if len(standing) > 1 else ''
         word = f'seen by {first.who}' if first.seen else 'ALARM'
-        return Text(f'{word}: {first.cause.text}{more}', no_wrap=True, overflow='ellipsis',
+        return Text(f'{word}: {first.text}{more}', no_wrap=True, overflow='ellipsis',
                     style='bold ' + FILLS['warning' if first.seen else 'critical'])
     if picture.alarms:
         return Text(f'{len(picture.alarms)} alarms cleared that nobody acknowledged (on the page '
-                    'of --web): the newest was ' + picture.alarms[0].cause.text,
+                    'of --web): the newest was ' + picture.alarms[0].text,
                     no_wrap=True, overflow='ellipsis', style=FILLS['warning'])
     held = ' held back, as told last' if picture.held else ''
     return Text(f'{counts["critical"]} critical, {counts["warning"]} warnings, '

@@ -175,7 +175,7 @@ def _make_state(picture: Picture, condition: Condition, name: str) -> dict[str, 
 
 def _make_alarm(item: Alarm, wall: float) -> dict[str, Any]:
     return {
-        'number': item.number, 'state': item.state, 'text': item.cause.text,
+        'number': item.number, 'state': item.state, 'text': item.text,
         'hazard': item.cause.hazard_id, 'place': _place(item.cause.place),
         'stands': item.stands, 'raised': round(wall + item.raised, 1), 'times': item.times,
         'cleared': _time(wall, item.cleared), 'reason': item.reason, 'who': item.who,

@@ -88,3 +88,18 @@ def test_nothing_disappears_by_itself(steps):
         assert {item.key for item in book.open if item.stands} == found
         assert {item.number for item in book.past} <= seen
         assert len(book.open) + len(book.past) == raised
+
+
+def test_what_has_cleared_tells_how_near_it_was():
+    book = AlarmBook()
+    for now, distance in enumerate((7.9, 5.2, 8.8)):
+        cause = Cause(text=f'conductor {distance} m', distance=distance)
+        book.update({'keep-out conductor': cause}, float(now))
+    (item,) = book.open
+    assert item.text == 'conductor 8.8 m; nearest 5.2 m'
+    book.update({}, 4.0)
+    (item,) = book.open
+    assert item.text == 'conductor 5.2 m'
+    book.acknowledge([item.number], 'Anna', 5.0)
+    assert book.past[0].text == 'conductor 5.2 m'
+    assert book.raises == 1
