@@ -42,6 +42,8 @@ TICK, CHANGED = 1.0, 120.0
 """Blocks so near to the vehicle change so often [s], [m]."""
 STEP = 0.25
 """Between two looks, as the command has it [s]."""
+SETTLED, LONGEST = 6.0, 90.0
+"""All points are there when none came for so long; they are waited for no longer [s]."""
 VIEWS = ('follow', 'overview', 'top', 'side')
 LEAST_RATE, MOST_WAIT = 20.0, 3.0
 """Frames a second that are asked for, and the time until the first picture [s]."""
@@ -168,10 +170,15 @@ def look(address: str, width: int, height: int, seconds: float, room: Path) -> l
         first = float(chrome.run(SINCE)) / 1000.0
         print(f'first picture after {first:.2f} s', flush=True)
         rows = [('coming in', *turn(chrome, seconds))]
-        before = -1
-        while before != (before := chrome.run(POINTS)):
-            chrome.page.wait_for_timeout(2500)
-        print(f'{before} points in the browser after {time.monotonic() - began:.0f} s', flush=True)
+        before, since = 0.0, time.monotonic()
+        while time.monotonic() - since < SETTLED:
+            chrome.page.wait_for_timeout(1000)
+            if before != (before := chrome.run(POINTS)):
+                since = time.monotonic()
+            if time.monotonic() - began > LONGEST:
+                break
+        print(f'{before:.0f} points in the browser after '
+              f'{time.monotonic() - began:.0f} s', flush=True)
         for view in VIEWS:
             chrome.run(f"station.scene.setView('{view}')")
             chrome.page.wait_for_timeout(2000)
