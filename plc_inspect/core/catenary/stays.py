@@ -53,6 +53,13 @@ CONTACT_ROOM, CONTACT_DEPTH = 0.5, 1.0
 Points so far beside a curve at most, and so far below the points on it, touch it [m].
 Source: judgement: rods and brackets are in the vertical plane of what they hold, to 0.3 m.
 """
+THIN_ROOM, THIN_DEPTH, THIN_SPREAD = 1.0, 3.0, 0.2
+"""
+Points so far along and beside a contact, and so far below the curve, spread along it by no more
+than this (standard deviation) where it is a rod or a beam across [m].
+Source: derived: a beam of 0.3 m and noise of 0.1 m spread by 0.13 m; the top of a slender tree,
+0.7 m in radius 3 m below its tip, by 0.27 m.
+"""
 CONTACT_CELL = 0.5
 """Length of the cells in which contacts are looked for [m].  Source: numerical."""
 LONGEST_CONTACT = 3
@@ -225,13 +232,13 @@ def _parts(row, other):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model='numpy')
 def _list_contacts(points, grid, row, wire):  # type: ignore[no-untyped-def]
-    """List x along a row's curve where something short touches it from below [m]."""
+    """List x along a row's curve where something thin touches it from below [m]."""
     start, order, corner, cell, num_rows, num_columns = grid
     low, high = row[LOW], row[HIGH]
     near = gather_strip(
         start, order, corner, cell, num_rows, num_columns,
         row[ORIGIN_X] + row[COS] * low, row[ORIGIN_Y] + row[SIN] * low,
-        row[ORIGIN_X] + row[COS] * high, row[ORIGIN_Y] + row[SIN] * high, CONTACT_ROOM,
+        row[ORIGIN_X] + row[COS] * high, row[ORIGIN_Y] + row[SIN] * high, THIN_ROOM,
     )
     num = int((high - low) / CONTACT_CELL) + 1
     touched = np.zeros(num, dtype=np.bool_)
@@ -254,4 +261,30 @@ def _list_contacts(points, grid, row, wire):  # type: ignore[no-untyped-def]
                 found[count] = low + 0.5 * (first + place) * CONTACT_CELL
                 count += 1
             first = -1
-    return found[:count]
+    return _keep_thin(points, row, near, wire, found[:count])
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _keep_thin(points, row, near, wire, found):  # type: ignore[no-untyped-def]
+    """Return the contacts whose points, and those below them, lie close together along a row."""
+    sums = np.zeros((len(found), 3))
+    for i in near:
+        if wire[i]:
+            continue
+        x, y = to_local(row, points[i, 0], points[i, 1])
+        below = height_of(row, x) - points[i, 2] - row[TOLERANCE]
+        if abs(y) >= THIN_ROOM or not 0.0 < below < THIN_DEPTH:
+            continue
+        after = np.searchsorted(found, x)
+        for k in range(max(after - 1, 0), min(after + 1, len(found))):
+            d = x - found[k]
+            if abs(d) < THIN_ROOM:
+                sums[k, 0] += 1.0
+                sums[k, 1] += d
+                sums[k, 2] += d * d
+    kept = np.zeros(len(found), dtype=np.bool_)
+    for k in range(len(found)):
+        num = max(sums[k, 0], 1.0)
+        mean = sums[k, 1] / num
+        kept[k] = sums[k, 2] / num - mean * mean <= THIN_SPREAD * THIN_SPREAD
+    return found[kept]

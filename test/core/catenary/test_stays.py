@@ -96,6 +96,23 @@ def test_what_is_touched_at_regular_intervals_is_no_conductor(places, thick, hel
     assert find_held(points, make_index(points), [curve], wire, 12.0).tolist() == [held]
 
 
+def test_a_line_above_a_row_of_trees_at_even_distances_is_kept():
+    points, wire = touch(())
+    rng = np.random.default_rng(4)
+    trees = []
+    for x in range(6, 55, 6):
+        top = hang(np.array([float(x)]), 60.0, 20.0, 20.0, 120.0)[0] - 0.3
+        down = 6.0 * rng.uniform(0.0, 1.0, 900) ** 0.5
+        around, out = rng.uniform(0.0, 2.0 * np.pi, 900), 0.25 * down * rng.uniform(0.5, 1.0, 900)
+        trees.append(np.column_stack([
+            x + out * np.cos(around), out * np.sin(around), top - down
+        ]))
+    points = np.vstack([points, *trees])
+    wire = np.arange(len(points)) < wire.sum()
+    curve = make_curve(points, np.flatnonzero(wire))
+    assert find_held(points, make_index(points), [curve], wire, 12.0).tolist() == [False]
+
+
 def test_without_curves_nothing_is_held():
     points, wire = touch((5.0, 12.0))
     assert find_held(points, make_index(points), [], wire, 12.0).tolist() == []
