@@ -140,6 +140,11 @@ class Span:
     """Least height of the curve above ground [m], NaN unknown."""
     ground_along: float = math.nan
     """Horizontal distance from the start to where that is [m], NaN unknown."""
+    evidence: float = math.nan
+    """
+    Metres of evidence that it is a conductor, NaN unknown; ``catenary.min_evidence`` are asked of
+    one that continues nothing.
+    """
 
     @property
     def sigma_sag(self) -> float:

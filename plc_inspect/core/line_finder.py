@@ -28,7 +28,7 @@ from plc_inspect.core.spans.layout import find_layout, Layout
 from plc_inspect.core.spans.point_claims import settle_strays
 from plc_inspect.core.spans.route import EAST, trace_routes
 from plc_inspect.core.spans.service_drops import add_taps
-from plc_inspect.core.spans.spans import build_spans, SpanResult, spread_spans
+from plc_inspect.core.spans.spans import build_spans, SpanResult, spread_spans, tell_evidence
 from plc_inspect.core.spans.standing_poles import find_poles
 from plc_inspect.core.stage_log import StageLog
 from plc_inspect.core.stage_reports import (
@@ -279,5 +279,7 @@ def _hang(
     )
     spans = build_spans(cloud, layout, trace_routes(layout, east), settings, rng)
     spans = add_taps(cloud, inliers, spans, settings)
-    spans = spread_spans(settle_strays(cloud, spans), cloud)
+    spans = settle_strays(cloud, spans)
+    spans = tell_evidence(cloud, spans, _find_sight(height), settings.catenary)
+    spans = spread_spans(spans, cloud)
     return _Hung(height=height, layout=layout, spans=spans)

@@ -4,6 +4,7 @@
 """Results as typed rows of a PointCloud2, described in docs/interfaces.md; no ROS is imported."""
 
 from collections.abc import Sequence
+import math
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
@@ -29,6 +30,7 @@ CATENARIES = np.dtype([
     ('end_x', '<f4'), ('end_y', '<f4'), ('end_z', '<f4'),
     ('a', '<f4'), ('b', '<f4'), ('c', '<f4'), ('length', '<f4'), ('sag', '<f4'),
     ('rmse', '<f4'), ('sigma_sag', '<f4'), ('coverage', '<f4'), ('num_points', '<u4'),
+    ('evidence', '<f4'),
 ])
 HAZARDS = np.dtype([
     *_XYZ, ('id', '<u4'), *_IDS, ('kind', 'u1'), ('severity', 'u1'), ('clearance', '<f4'),
@@ -125,6 +127,7 @@ def make_catenaries(spans: Sequence[SpanLike], origin: Place = ORIGIN) -> NDArra
                      'coverage', 'num_points'):
             row[name] = getattr(span, name)
         row['a'] = span.a - origin[2]
+        row['evidence'] = getattr(span, 'evidence', math.nan)  # the thin link has none
         _put_place(row, span.lowest, origin)
         _put_place(row, span.start, origin, 'start_')
         _put_place(row, span.end, origin, 'end_')

@@ -16,7 +16,7 @@ from plc_inspect.core.catenary.profile import Profile
 UNPROVEN = 'curvature not proven'
 CROWDED = 'not free in the air'
 TIED = 'tied to another line along its length'
-STAY = 'a stay of a beam below it, or of a mast'
+STAY = 'a stay: of a beam below it, of a mast, or steep and straight'
 HELD = 'touched from below at regular intervals, as pipes and bridge cables are'
 BUILT = (TIED, STAY, HELD)
 """
@@ -111,6 +111,27 @@ def prove_sag(curve: Curve, settings: CatenarySettings) -> float:
     return proof
 
 
+def add_up(
+    curve: Curve, free: FreeLength, settings: CatenarySettings, *, beside: bool = False
+) -> float:
+    """
+    Add up the evidence that a curve is a conductor [m].
+
+    Those metres count that are free, and a bonus for a curvature that the points prove, in
+    proportion, or for a conductor beside; a thick curve costs more, the thicker it is.
+    """
+    proof = prove_sag(curve, settings)
+    if is_thick(curve):
+        cost = THICK_COST * (measure_thickness(curve) / THICK - 1.0)
+        return min(free.close, free.wide) + BONUS * proof - cost
+    evidence = free.open
+    if proof == 1.0:
+        evidence = max(free.open, free.close, free.wide / UNSEEN_RATIO)
+    elif not beside:
+        evidence = min(free.open, CLOSE_RATIO * free.close)
+    return evidence + BONUS * (proof + beside if proof < 0.0 else max(proof, float(beside)))
+
+
 def list_evidence(
     curve: Curve,
     profile: Profile,
@@ -122,9 +143,8 @@ def list_evidence(
     """
     Yield all that is asked of a conductor, in the order of objections.
 
-    Evidence is added up in metres: those that are free, and a bonus for a curvature that the
-    points prove, in proportion, or for a conductor beside.  What is thick must be free of what
-    touches it and of what is about it, the more of it the thicker it is, and not be straight.
+    Evidence is added up in metres (`add_up`).  What is thick must be free of what touches it and
+    of what is about it, the more of it the thicker it is, and not be straight.
     """
     def weigh(name: str, value: float, objection: str, scale: float = 1.0) -> Check:
         return Check(
@@ -136,7 +156,7 @@ def list_evidence(
             scale=scale,
         )
 
-    thick, proof = is_thick(curve), prove_sag(curve, settings)
+    proof = prove_sag(curve, settings)
     yield weigh('min_length', curve.length, 'too short')
     yield weigh('min_points', curve.num_points, 'too few points')
     yield weigh('min_coverage', profile.coverage, 'seen in too few places')
@@ -144,20 +164,11 @@ def list_evidence(
         'max_sag_ratio', curve.fit.sag(curve.low, curve.high)[0], 'deeper than a conductor',
         curve.length,
     )
-    if thick:
+    if is_thick(curve):
         yield weigh('max_constant', curve.fit.c, 'straighter than a conductor')
         yield weigh('max_crowding', profile.crowding, UNTIDY, UNTIDY_RATIO)
-        evidence = min(free.close, free.wide) + BONUS * proof
-        evidence -= THICK_COST * (measure_thickness(curve) / THICK - 1.0)
-    else:
-        evidence = free.open
-        if proof == 1.0:
-            evidence = max(free.open, free.close, free.wide / UNSEEN_RATIO)
-        elif not beside:
-            evidence = min(free.open, CLOSE_RATIO * free.close)
-        evidence += BONUS * (proof + beside if proof < 0.0 else max(proof, float(beside)))
     lacking = CROWDED if proof == 1.0 else UNPROVEN
-    yield weigh('min_evidence', evidence, lacking)
+    yield weigh('min_evidence', add_up(curve, free, settings, beside=beside), lacking)
     if proof == 1.0 or beside:
         yield weigh('max_clutter', -free.wide, CROWDED, curve.length)
     else:

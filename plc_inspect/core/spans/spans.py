@@ -3,15 +3,19 @@
 
 """Spans, supports and labels of points from the final curves."""
 
+from collections import Counter
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
 
-from plc_inspect.config import Settings
+from plc_inspect.config import CatenarySettings, Settings
+from plc_inspect.core.catenary.free_length import measure_free_length, Sight
+from plc_inspect.core.catenary.validation import add_up
 from plc_inspect.core.extraction.height import ground_at, HeightResult
 from plc_inspect.core.extraction.off_ground import OffGround
+from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.core.spans.attachments import settle_ends
 from plc_inspect.core.spans.layout import Layout
 from plc_inspect.core.spans.route import Route
@@ -180,3 +184,42 @@ def measure_ground_below(height: HeightResult, model: SpanModel) -> Float64:
     clearance = at[:, 2] - ground_at(height, at[:, :2], MAX_GROUND_GAP)
     known = np.isfinite(clearance)
     return np.stack([model.along(x[known]), clearance[known]], axis=1)
+
+
+def tell_evidence(
+    cloud: OffGround, spans: SpanResult, sight: Sight, settings: CatenarySettings
+) -> SpanResult:
+    """
+    Tell of each span how much evidence there is that it is a conductor.
+
+    Parameters
+    ----------
+    cloud : OffGround
+        K points.
+    spans : SpanResult
+        With labels of these points.
+    sight : Sight
+        Ground that was seen.
+    settings : CatenarySettings
+        What evidence is worth.
+
+    Returns
+    -------
+    SpanResult
+
+    """
+    wire = spans.line_id >= 0
+    beside = Counter(model.span.span_id for model in spans.models)
+
+    def measure(model: SpanModel) -> SpanModel:
+        span = model.span
+        low, high = sorted((model.start_x, model.end_x))
+        curve = replace(model.curve, low=low, high=high)
+        free = measure_free_length(cloud.points, cloud.index, curve, wire, sight)
+        evidence = add_up(curve, free, settings, beside=beside[span.span_id] > 1)
+        return replace(model, span=replace(span, evidence=evidence))
+
+    models = spans.models
+    return replace(
+        spans, models=tuple(call_each(lambda k: measure(models[k]), len(models)))
+    )

@@ -45,7 +45,7 @@ SPAN_COLUMNS = (
     'azimuth', 'length', 'a', 'b', 'c', 'a2', 'a1', 'a0', 'sag', 'lowest_x', 'lowest_y',
     'lowest_z', 'open_start', 'open_end', 'rmse', 'num_points', 'coverage', 'sigma_a',
     'sigma_b', 'sigma_c', 'sigma_sag', 'ground_clearance', 'ground_along',
-    'vegetation_clearance',
+    'vegetation_clearance', 'evidence',
 )
 SUPPORT_COLUMNS = (
     'support_id', 'position_x', 'position_y', 'position_z', 'height', 'kind', 'lines',

@@ -133,6 +133,7 @@ def describe_span(span: Span, units: Units) -> Record:
         },
         'ground_clearance': _number(span.ground_clearance / scale),
         'ground_along': _number(span.ground_along / scale),
+        'evidence': _number(span.evidence / scale),
     }
 
 

@@ -115,7 +115,7 @@ def parse_span(row: Record, units: Units) -> Span:
         num_points=int(row['num_points']), coverage=number(row['coverage']) / scale,
         sigma={name: number(value) for name, value in row['sigma'].items()},
         ground_clearance=number(row.get('ground_clearance')),
-        ground_along=number(row.get('ground_along')),
+        ground_along=number(row.get('ground_along')), evidence=number(row.get('evidence')),
     )
 
 
