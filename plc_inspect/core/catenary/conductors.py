@@ -13,7 +13,7 @@ import numpy as np
 from plc_inspect.config import CatenarySettings
 from plc_inspect.core.catenary.breaks import find_breaks
 from plc_inspect.core.catenary.bundles import merge_bundles, widen
-from plc_inspect.core.catenary.curve import Curve, fit_curve, pack_curves
+from plc_inspect.core.catenary.curve import Curve, fit_curve, pack_curves, PART_MISS
 from plc_inspect.core.catenary.curve_row import (
     COS,
     height_of,
@@ -26,10 +26,10 @@ from plc_inspect.core.catenary.curve_row import (
     SIN,
     to_local,
 )
-from plc_inspect.core.catenary.duplicates import drop_duplicates, is_thick
+from plc_inspect.core.catenary.duplicates import drop_duplicates, find_along, is_thick
 from plc_inspect.core.catenary.free_length import Sight
 from plc_inspect.core.catenary.growing import extend
-from plc_inspect.core.catenary.judge import find_along, Judge, Verdict
+from plc_inspect.core.catenary.judge import Judge, Verdict
 from plc_inspect.core.catenary.track_fit import fit_tracks
 from plc_inspect.core.catenary.validation import BUILT, list_evidence
 from plc_inspect.core.clustering.clustering import ClusteringResult
@@ -38,11 +38,6 @@ from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.errors import FitError
 from plc_inspect.results import Bool, Float64
 
-BRIDGE_SLACK = 0.15
-"""
-Miss of a continuation that is allowed beyond three times its uncertainty [m].
-Source: judgement; not measured.
-"""
 MAX_MISS = 0.8
 """
 Miss of a continuation, at most, however uncertain it is [m].
@@ -266,7 +261,7 @@ def _measure_misses(base, rows, max_bridge):  # type: ignore[no-untyped-def]
             ):
                 break
             miss = math.hypot(y, height_of(row, at) - height_of(base, x))
-            if not miss <= min(BRIDGE_SLACK + 3 * sigma_of(base, x), MAX_MISS):
+            if not miss <= min(PART_MISS + 3 * sigma_of(base, x), MAX_MISS):
                 break
             least, most, total = min(least, x), max(most, x), total + miss
         else:

@@ -42,6 +42,11 @@ MAX_POINTS = 2000
 Points that a fit takes at most while conductors are looked for.
 Source: numerical: time alone; their noise is less than a millimetre in the curve's height.
 """
+PART_MISS = 0.15
+"""
+Miss that is allowed between two parts of one conductor beyond three times its uncertainty [m].
+Source: judgement; not measured.
+"""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)  # without slots, as the row is kept once made

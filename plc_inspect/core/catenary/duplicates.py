@@ -12,6 +12,7 @@ import numpy as np
 from plc_inspect.config import CatenarySettings
 from plc_inspect.core.catenary.curve import Curve, find_far_apart, pack_curves
 from plc_inspect.core.catenary.curve_row import (
+    AZIMUTH,
     COS,
     height_of,
     HIGH,
@@ -22,7 +23,7 @@ from plc_inspect.core.catenary.curve_row import (
     to_local,
     TOLERANCE,
 )
-from plc_inspect.results import Float64
+from plc_inspect.results import Bool, Float64
 
 THICK = 0.12
 """
@@ -43,6 +44,16 @@ Source: judgement; not measured.
 """
 SLACK = 0.5
 """A curve counts this far beyond its ends [m].  Source: judgement; not measured."""
+ALONG = 0.3
+"""
+A conductor beside runs along this share of a curve, at least.
+Source: judgement; not measured.
+"""
+PARALLEL = 0.1
+"""
+Greatest sine of the angle between curves that run beside each other: 6 degrees.
+Source: judgement; not measured.
+"""
 
 
 def drop_duplicates(
@@ -140,3 +151,27 @@ def _lies_on(px, py, pz, row, low, high, reach):  # type: ignore[no-untyped-def]
     if abs(y) > reach or x < low or x > high:
         return False
     return math.hypot(y, pz - height_of(row, x)) <= reach
+
+
+def find_along(curves: Sequence[Curve], reach: float) -> Bool:
+    """Tell which curves (row) have which others (column) beside them; (C, C) bool."""
+    if not curves:
+        return np.zeros((0, 0), dtype=bool)
+    result: Bool = _mark_along(pack_curves(curves), find_far_apart(curves, reach), reach)
+    return result
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _mark_along(rows, far, reach):  # type: ignore[no-untyped-def]
+    num = len(rows)
+    result = np.zeros((num, num), dtype=np.bool_)
+    for k in range(num):
+        for m in range(num):
+            if m == k or far[k, m]:
+                continue
+            if abs(np.sin(rows[k, AZIMUTH] - rows[m, AZIMUTH])) > PARALLEL:
+                continue
+            marks = np.zeros(NUM_STATIONS, dtype=np.bool_)
+            mark_course(rows[k], rows[m], rows[m, LOW], rows[m, HIGH], reach, marks)
+            result[k, m] = marks.mean() >= ALONG
+    return result

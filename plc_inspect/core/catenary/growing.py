@@ -16,6 +16,7 @@ from plc_inspect.core.catenary.curve import (
     find_far_apart,
     MAX_POINTS,
     pack_curves,
+    PART_MISS,
     unpack_curve,
 )
 from plc_inspect.core.catenary.curve_row import (
@@ -27,7 +28,6 @@ from plc_inspect.core.catenary.curve_row import (
     is_curve,
     LATERAL_RMSE,
     LOW,
-    MEAN_X,
     NUM_POINTS,
     ORIGIN_X,
     ORIGIN_Y,
@@ -52,11 +52,22 @@ FOLLOW_SHARE = 0.6
 A conductor is followed where the shell holds at most this share of the points on it.
 Source: judgement; not measured.
 """
-CENTRE_RATIO, CENTRE_SIGMAS = 1.0, 3.0
+OWNER_LENGTH = 12.0
 """
-The mean of a bin's points lies off the curve by at most so many times their scatter, and so many
-standard deviations of the mean and of the extrapolated curve more.
-Source: judgement: strips of a survey lie off each other by as much as they scatter together.
+Curves of this length and more own the points on them [m].
+Source: judgement: as long as evidence is asked of a conductor that is alone.
+"""
+SURE_SIGMAS, KINK_SIGMAS = 3.0, 4.0
+"""
+Standard deviations by which curves may be off, and by which a kink or turn is more than MIN_KINK.
+Source: derived: 0.3 % of normal errors lie beyond three; that of the kinks of `breaks`.
+"""
+CENTRE_RATIO, BEND = 1.0, 0.01
+"""
+The mean of a bin's points lies off the curve by at most so many times their scatter, and three
+standard deviations of the mean, of the extrapolated curve and of what bends the map [m] more.
+Source: judgement: strips of a survey lie off each other by as much as they scatter together; the
+bend is that of `span_model.MAP_SIGMA`.
 """
 LEAST_NOISE = 0.015
 """Scatter of the points of a conductor, at least [m].  Source: ranges of the best scanners."""
@@ -72,17 +83,17 @@ LEAST_KEPT = 0.9
 A curve that holds a smaller share of its points, or of its length, than before has not grown.
 Source: judgement; not measured.
 """
+MOST_BACK = 0.15
+"""
+An end is walked back by at most this share of the curve's length.
+Source: judgement: 3 m of a service span of 20 m.
+"""
 LEAST_GROWTH = 1.0
 """A curve that grew by less is done [m].  Source: derived: one bin."""
 BESIDE_SHARE = 0.5
 """
 Curves with more of the shorter one beside the other do not go on in each other.
 Source: judgement; not measured.
-"""
-GAP_MISS = 0.15
-"""
-Miss that is allowed between two parts of one conductor, beyond three times its uncertainty [m].
-Source: judgement; not measured: as in `conductors.BRIDGE_SLACK`.
 """
 
 
@@ -122,7 +133,7 @@ def extend(
     rows = pack_curves(known)
     grid = index.grid
     barred = _bar(rows, find_far_apart(known, settings.max_bridge))
-    long = rows[:, HIGH] - rows[:, LOW] >= settings.min_evidence
+    long = rows[:, HIGH] - rows[:, LOW] >= OWNER_LENGTH
     owner = _claim(points, index, rows, np.flatnonzero(long & barred.any(axis=0)))
     grown = call_each(
         lambda k: _extend(points, grid, rows[k], owner, barred[k], settings.max_step),
@@ -182,15 +193,16 @@ def _may_be_one(row, other):  # type: ignore[no-untyped-def]
     other_x, across = to_local(other, px, py)
     miss = math.hypot(across, height_of(row, x) - height_of(other, other_x))
     sigma = math.hypot(sigma_of(row, x), sigma_of(other, other_x))
-    if miss > GAP_MISS + 3.0 * sigma:
+    if miss > PART_MISS + SURE_SIGMAS * sigma:
         return False
     along = math.copysign(1.0, row[COS] * other[COS] + row[SIN] * other[SIN])
-    turn = abs(math.asin(row[COS] * other[SIN] - row[SIN] * other[COS]))
-    if turn > MIN_KINK + 4.0 * math.hypot(row[TURN_SIGMA], other[TURN_SIGMA]):
+    sine = row[COS] * other[SIN] - row[SIN] * other[COS]
+    turn = abs(math.asin(min(max(sine, -1.0), 1.0)))
+    if turn > MIN_KINK + KINK_SIGMAS * math.hypot(row[TURN_SIGMA], other[TURN_SIGMA]):
         return False
     kink = abs(slope_of(row, x) - along * slope_of(other, other_x))
     sigma = math.sqrt(slope_variance_of(row, x) + slope_variance_of(other, other_x))
-    return kink <= MIN_KINK + 4.0 * sigma
+    return kink <= MIN_KINK + KINK_SIGMAS * sigma
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
@@ -218,10 +230,12 @@ def _extend(points, grid, row, owner, barred, max_step):  # type: ignore[no-unty
         good = centred & (core > 0) & (shell <= FOLLOW_SHARE * core)
         own_low = int(reach / STEP)
         own_high = min(int((row[HIGH] - first) / STEP), len(good) - 1)
-        own_low += _walk_back(core[own_low : own_high + 1], centred[own_low : own_high + 1])
-        own_high -= _walk_back(
-            core[own_low : own_high + 1][::-1], centred[own_low : own_high + 1][::-1]
-        )
+        num_own = own_high - own_low + 1
+        most = int(MOST_BACK * num_own)
+        before = _walk_back(core[own_low:], centred[own_low:], most)
+        beyond = _walk_back(core[: own_high + 1][::-1], centred[: own_high + 1][::-1], most)
+        own_low, own_high = own_low + before, own_high - beyond
+        left = (num_own - before - beyond) / num_own
         low = first + (own_low - _walk(good[: own_low + 1][::-1], allowed)) * STEP
         high = first + (own_high + _walk(good[own_high:], allowed) + 1) * STEP
         # fit it anew to all points between
@@ -238,7 +252,8 @@ def _extend(points, grid, row, owner, barred, max_step):  # type: ignore[no-unty
         if not is_curve(grown):
             break
         length, was = grown[HIGH] - grown[LOW], row[HIGH] - row[LOW]
-        if grown[NUM_POINTS] < LEAST_KEPT * row[NUM_POINTS] or length < LEAST_KEPT * was:
+        least = LEAST_KEPT * left
+        if grown[NUM_POINTS] < least * row[NUM_POINTS] or length < least * was:
             break
         put(grown, row)
         own, stride = kept, step
@@ -265,22 +280,28 @@ def _find_centred(points, row, chosen, low, num):  # type: ignore[no-untyped-def
     for place in range(num):
         if count[place] == 0.0:
             continue
-        chance = CENTRE_RATIO + CENTRE_SIGMAS / math.sqrt(count[place])
-        least = max(abs(low + place * STEP - row[MEAN_X]) - 0.5 * (row[HIGH] - row[LOW]), 0.0)
-        spread = sigma_of(row, low + (place + 0.5) * STEP) if least > 0.0 else 0.0
+        chance = CENTRE_RATIO + SURE_SIGMAS / math.sqrt(count[place])
+        x = low + (place + 0.5) * STEP
+        spread = BEND
+        if not row[LOW] <= x <= row[HIGH]:
+            spread = math.hypot(BEND, sigma_of(row, x))
         result[place] = (
             abs(aside[place]) / count[place]
-            <= chance * max(row[LATERAL_RMSE], LEAST_NOISE) + CENTRE_SIGMAS * spread
+            <= chance * max(row[LATERAL_RMSE], LEAST_NOISE) + SURE_SIGMAS * spread
         ) and (
             abs(above[place]) / count[place]
-            <= chance * max(row[RMSE], LEAST_NOISE) + CENTRE_SIGMAS * spread
+            <= chance * max(row[RMSE], LEAST_NOISE) + SURE_SIGMAS * spread
         )
     return result
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _walk_back(core, centred):  # type: ignore[no-untyped-def]
-    """Count the bins from the first one on that are beside the curve, or empty before such."""
+def _walk_back(core, centred, most):  # type: ignore[no-untyped-def]
+    """
+    Count the bins from the first one on that are beside the curve, or empty before such.
+
+    Where they are more than ``most`` the curve is wrong, and not its end: then none.
+    """
     last = 0
     for step in range(len(core)):
         if core[step] == 0:
@@ -288,6 +309,8 @@ def _walk_back(core, centred):  # type: ignore[no-untyped-def]
         if centred[step]:
             break
         last = step + 1
+        if last > most:
+            return 0
     return last
 
 
@@ -297,7 +320,7 @@ def _sure_reach(row, longest):  # type: ignore[no-untyped-def]
     for part in range(NUM_REACHES - 1, 0, -1):
         reach = longest * part / (NUM_REACHES - 1)
         sigma = max(sigma_of(row, row[HIGH] + reach), sigma_of(row, row[LOW] - reach))
-        if 3.0 * sigma <= row[TOLERANCE]:
+        if SURE_SIGMAS * sigma <= row[TOLERANCE]:
             return reach
     return 0.0
 

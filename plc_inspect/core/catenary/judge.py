@@ -24,7 +24,7 @@ from plc_inspect.core.catenary.curve_row import (
     to_local,
     TOLERANCE,
 )
-from plc_inspect.core.catenary.duplicates import is_thick, mark_course, NUM_STATIONS
+from plc_inspect.core.catenary.duplicates import find_along, is_thick, PARALLEL
 from plc_inspect.core.catenary.free_length import (
     FreeLength,
     measure_free_length,
@@ -47,11 +47,6 @@ from plc_inspect.core.numerics.plan_index import gather_strip, PlanIndex
 from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.results import Bool, Float64, Int64
 
-ALONG = 0.3
-"""
-A conductor beside runs along this share of a curve, at least.
-Source: judgement; not measured.
-"""
 LEAST_COMMON = 8
 """
 Metres that two curves run side by side before they can be tied.
@@ -95,21 +90,28 @@ BEAM_CLUTTER = 0.3
 Metres of a beam with other things about it, less free ones, for each of its length, at least.
 Source: measured: the jibs of seven random cranes have 0.36 to 0.9.
 """
+FREE_SHARE = 0.5
+"""
+Stays of a fan hang free along this share of their length, at least.
+Source: judgement: gutters and ridges, which are as straight, have a roof beside them.
+"""
 STEEP = math.tan(math.radians(15.0))
 """
 What is surely straight and steeper than this is a stay.
 Source: judgement: conductors on hillsides are as steep, and sag; stays of bridges and guys of
 masts have 20 degrees and more.
 """
-LEAST_SPAN = 12.0
+LONGEST_BAY = 8.0
 """
-Supports of one line are never nearer to each other [m].
-Source: judgement; `supports.min_span` by default.
+Brackets and hangers are no farther from each other [m].
+Source: judgement: hangers of bridges are 3 to 6 m apart, brackets of pipes up to 7 m; poles of
+lines are 10 m apart and more.
 """
-PARALLEL = 0.1
+DEEPEST = 200.0
 """
-Greatest sine of the angle between curves that run beside each other: 6 degrees.
-Source: judgement; not measured.
+A cable with a proven curvature that is held is no conductor below this catenary constant [m].
+Source: derived: main cables of bridges sag by a tenth of their span, those of 150 m have 190 m;
+conductors with spacers or diverters, and messengers of railways, have 300 m and more.
 """
 
 
@@ -208,16 +210,24 @@ class Judge:
         steep = np.array([
             abs(float(curve.fit.slope(0.5 * (curve.low + curve.high)))) > STEEP for curve in curves
         ], dtype=bool)
-        stays = find_stays(curves, beams) | find_fans(curves, sure) | (sure & steep)
+        free = np.array([
+            self.verdicts[number].free.wide >= FREE_SHARE * self._curves[number].length
+            for number in straight
+        ], dtype=bool)
+        stays = find_stays(curves, beams) | find_fans(curves, sure, free) | (sure & steep)
         for number in np.array(straight, dtype=np.int64)[stays].tolist():
             self.verdicts[number] = replace(self.verdicts[number], objection=STAY)
 
     def _unhold(self) -> None:
         """Take back what touches something at regular intervals: main cables, pipes."""
-        known = np.flatnonzero([not verdict.objection for verdict in self.verdicts])
+        known = np.flatnonzero([
+            not verdict.objection
+            and (curve.fit.c < DEEPEST or prove_sag(curve, self._settings) < 1.0)
+            for curve, verdict in zip(self._curves, self.verdicts, strict=True)
+        ])
         held = find_held(
             self._points, self._index, [self._curves[k] for k in known.tolist()], self.wire,
-            LEAST_SPAN,
+            LONGEST_BAY,
         )
         for number in known[held].tolist():
             self.verdicts[number] = replace(self.verdicts[number], objection=HELD)
@@ -281,30 +291,6 @@ class Judge:
         curves = [self._curves[number] for number in (*rest, *known)]
         along = find_along(curves, SIDE)[: len(rest), len(rest) :]
         return np.array(rest, dtype=np.int64)[along.any(axis=1)]
-
-
-def find_along(curves: Sequence[Curve], reach: float) -> Bool:
-    """Tell which curves (row) have which others (column) beside them; (C, C) bool."""
-    if not curves:
-        return np.zeros((0, 0), dtype=bool)
-    result: Bool = _mark_along(pack_curves(curves), find_far_apart(curves, reach), reach)
-    return result
-
-
-@njit(cache=True, nogil=True, error_model='numpy')
-def _mark_along(rows, far, reach):  # type: ignore[no-untyped-def]
-    num = len(rows)
-    result = np.zeros((num, num), dtype=np.bool_)
-    for k in range(num):
-        for m in range(num):
-            if m == k or far[k, m]:
-                continue
-            if abs(np.sin(rows[k, AZIMUTH] - rows[m, AZIMUTH])) > PARALLEL:
-                continue
-            marks = np.zeros(NUM_STATIONS, dtype=np.bool_)
-            mark_course(rows[k], rows[m], rows[m, LOW], rows[m, HIGH], reach, marks)
-            result[k, m] = marks.mean() >= ALONG
-    return result
 
 
 @njit(cache=True, nogil=True, error_model='numpy')

@@ -69,16 +69,26 @@ Source: derived: a cross-beam of half a metre, wherever it lies in them; crowns 
 """
 LEAST_EVEN = 3
 """Even intervals between contacts, at least.  Source: derived: two more that agree with one."""
+SHORTEST_BAY = 2.0
+"""
+Brackets and hangers are no nearer to each other [m].
+Source: judgement: what is touched more often is another line, seen once in each scan line.
+"""
+LEAST_CONTACT, LEAST_EXTENT = 3, 0.5
+"""
+Points of a contact, and their extent in height or across [m], at least.
+Source: derived: a line below has neither, a rod all of CONTACT_DEPTH, a beam both sides.
+"""
 REGULAR = 0.15
 """
 Intervals are even that differ from their median by at most this share of it.
-Source: judgement: hangers and brackets stand evenly; trees do not.
+Source: judgement: hangers and brackets stand evenly.
 """
 
 
 def find_stays(curves: Sequence[Curve], beams: Sequence[Curve]) -> Bool:
     """
-    Tell which curves are stays: of a beam, or beside others in a fan of surely straight ones.
+    Tell which curves are stays of a beam.
 
     Parameters
     ----------
@@ -130,7 +140,7 @@ def _holds(row, beam):  # type: ignore[no-untyped-def]
     return min(first, last) <= NEAREST and abs(last - first) >= RISE * (row[HIGH] - row[LOW])
 
 
-def find_fans(curves: Sequence[Curve], sure: Bool) -> Bool:
+def find_fans(curves: Sequence[Curve], sure: Bool, free: Bool) -> Bool:
     """
     Tell which curves fan out from a mast as stays do.
 
@@ -140,6 +150,8 @@ def find_fans(curves: Sequence[Curve], sure: Bool) -> Bool:
         Straight, as far as is known.
     sure : (C,) bool
         Which of them surely are.
+    free : (C,) bool
+        Which of them hang free in the air.
 
     Returns
     -------
@@ -148,7 +160,7 @@ def find_fans(curves: Sequence[Curve], sure: Bool) -> Bool:
         straight, and part from it by more than conductors of one line do.
 
     """
-    result: Bool = _find_fans(pack_curves(curves), sure, find_far_apart(curves, NEAREST))
+    result: Bool = _find_fans(pack_curves(curves), sure, free, find_far_apart(curves, NEAREST))
     return result
 
 
@@ -169,7 +181,7 @@ def find_held(
     wire : (N,) bool
         Points of conductors.
     apart : float
-        Two supports of a line are never nearer to each other [m].
+        Greatest interval [m].
 
     Returns
     -------
@@ -189,15 +201,16 @@ def _is_regular(interval: Float64, longest: float) -> bool:
     middle = float(np.median(interval))
     even = int((np.abs(interval - middle) <= REGULAR * middle).sum())
     # the more are even the more may be odd, where one was not seen or something else touches
-    return middle < longest and even >= LEAST_EVEN and 2 * (len(interval) - even) <= even - 2
+    short = SHORTEST_BAY <= middle <= longest
+    return short and even >= LEAST_EVEN and 2 * (len(interval) - even) <= even - 2
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _find_fans(rows, sure, far):  # type: ignore[no-untyped-def]
+def _find_fans(rows, sure, free, far):  # type: ignore[no-untyped-def]
     result = np.zeros(len(rows), dtype=np.bool_)
     for k in range(len(rows)):
         for m in range(k):
-            if (sure[k] or sure[m]) and not far[k, m]:
+            if free[k] and free[m] and (sure[k] or sure[m]) and not far[k, m]:
                 shorter, longer = k, m
                 if rows[k, HIGH] - rows[k, LOW] > rows[m, HIGH] - rows[m, LOW]:
                     shorter, longer = m, k
@@ -267,7 +280,8 @@ def _list_contacts(points, grid, row, wire):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True, error_model='numpy')
 def _keep_thin(points, row, near, wire, found):  # type: ignore[no-untyped-def]
     """Return the contacts whose points, and those below them, lie close together along a row."""
-    sums = np.zeros((len(found), 3))
+    sums, touching = np.zeros((len(found), 3)), np.zeros(len(found))
+    least, most = np.full((len(found), 2), np.inf), np.full((len(found), 2), -np.inf)
     for i in near:
         if wire[i]:
             continue
@@ -282,9 +296,16 @@ def _keep_thin(points, row, near, wire, found):  # type: ignore[no-untyped-def]
                 sums[k, 0] += 1.0
                 sums[k, 1] += d
                 sums[k, 2] += d * d
+                touching[k] += abs(y) < CONTACT_ROOM and below < CONTACT_DEPTH
+                least[k, 0], most[k, 0] = min(least[k, 0], below), max(most[k, 0], below)
+                least[k, 1], most[k, 1] = min(least[k, 1], y), max(most[k, 1], y)
     kept = np.zeros(len(found), dtype=np.bool_)
     for k in range(len(found)):
         num = max(sums[k, 0], 1.0)
         mean = sums[k, 1] / num
-        kept[k] = sums[k, 2] / num - mean * mean <= THIN_SPREAD * THIN_SPREAD
+        extent = max(most[k, 0] - least[k, 0], most[k, 1] - least[k, 1])
+        kept[k] = (
+            sums[k, 2] / num - mean * mean <= THIN_SPREAD * THIN_SPREAD
+            and touching[k] >= LEAST_CONTACT and extent >= LEAST_EXTENT
+        )
     return found[kept]

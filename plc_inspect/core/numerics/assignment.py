@@ -43,7 +43,7 @@ def assign(cost: Float64, most: float = math.inf) -> list[tuple[int, int]]:
     if len(np.unique(cheapest)) == len(rows):  # the cheapest columns are all different
         first, second = np.arange(len(rows)), cheapest
     else:
-        # Rarely needed, and its import takes longer than a tick: the warm-up imports it.
+        # Its import takes longer than a tick: the warm-up imports it.
         from scipy.optimize import linear_sum_assignment
 
         first, second = linear_sum_assignment(within)
@@ -98,16 +98,18 @@ def _match(own: Int64, number: Int64, cost: Float64, lone: float) -> list[int]:
     ahead = _part(number.tolist())
     if ahead is None:
         return []
-    place = {thing: k for k, thing in enumerate(np.unique(number).tolist())}
-    gain = np.zeros((len(place), len(place)))
+    things = np.unique(number).tolist()
+    rows = {thing: k for k, thing in enumerate(thing for thing in things if thing in ahead)}
+    columns = {thing: k for k, thing in enumerate(thing for thing in things if thing not in ahead)}
+    gain = np.zeros((len(rows), len(columns)))
     pair = np.full(gain.shape, -1)
     for k, (first, second), value in zip(
         own.tolist(), number.tolist(), cost.tolist(), strict=True
     ):
         row, column = (first, second) if first in ahead else (second, first)
         if value < lone:
-            gain[place[row], place[column]] = lone - value
-            pair[place[row], place[column]] = k
+            gain[rows[row], columns[column]] = lone - value
+            pair[rows[row], columns[column]] = k
     return [int(pair[both]) for both in assign(-gain) if pair[both] >= 0]
 
 

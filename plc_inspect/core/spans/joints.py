@@ -59,11 +59,10 @@ OVERLAP_COST = 0.1
 A metre of running on beyond the joint weighs as much as this miss [m].
 Source: judgement; holds from 0.05 to 0.2 on bench/constants.py.
 """
-LONE = 0.8
+LONE = 0.5
 """
 Two ends that meet nothing cost as much as a pair of this cost.
-Source: measured: of 0.2, 0.5, 0.8 and 1.2 the greatest with which no real street loses any wire;
-of 22 conductor-spans of racks (bench/random_scenes.py, any 41005) 19, 20, 22 and 22 are whole.
+Source: derived: MAX_MISS, by which a conductor may miss its own.
 """
 MAX_OVERLAP = 8.0
 """
@@ -304,7 +303,8 @@ def _meet_all(rows, pairs, max_reach):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True, error_model='numpy')
 def _is_bent(row, other, x, other_x, rise):  # type: ignore[no-untyped-def]
     """Tell whether two curves surely turn in plan, or fall, towards where they meet."""
-    turn = abs(math.asin(row[COS] * other[SIN] - row[SIN] * other[COS]))
+    sine = row[COS] * other[SIN] - row[SIN] * other[COS]
+    turn = abs(math.asin(min(max(sine, -1.0), 1.0)))
     sigma = math.hypot(row[TURN_SIGMA], other[TURN_SIGMA])
     if turn >= MIN_TURN + TURN_SIGMAS * sigma:
         return True

@@ -69,11 +69,12 @@ Share of the points of four by four cells that the inner four hold where a pole 
 Source: derived: in clutter that leaves a column SURE_SHARE of its points it is 0.5, in a crown
 0.25.
 """
-LEAST_DENSITY = 0.2
+ABOUT, LEAST_DENSITY = 10.0, 0.2
 """
-Points a metre of a part of a curve, at least, by those of the whole.
-Source: judgement: a conductor is seen as near on both sides of its support; a curve that ran over
-a support between the wires of a rack has a tenth there.
+A part of a curve that is cut has this share of the other one's points in the first metres that were
+seen from the cut on [m], or of the whole's points a metre, at least.
+Source: judgement: a conductor is seen from as near on both sides of its support; a curve that ran
+over a support between the wires of a rack has a tenth of its points there.
 """
 HIGHEST = 62
 """Metres above ground that are told apart.  Source: numerical: bits of an integer."""
@@ -188,13 +189,16 @@ def cut_curve(points: Float64, curve: Curve, position: Float64) -> list[Curve]:
     if not curve.low < at < curve.high:
         return [curve]
     x, _ = curve.local(points[curve.points])
+    sides = [np.sort(away[away >= 0.0]) for away in (at - x, x - at)]
+    near = [int((away < away[0] + ABOUT).sum()) if len(away) else 0 for away in sides]
     pieces = []
-    for part in (curve.points[x < at], curve.points[x >= at]):
+    for part, num in zip((x < at, x >= at), near, strict=True):
         try:
-            piece = fit_curve(points, part, tolerance=curve.tolerance)
+            piece = fit_curve(points, curve.points[part], tolerance=curve.tolerance)
         except FitError:
             continue
-        if len(part) * curve.length >= LEAST_DENSITY * len(curve.points) * piece.length:
+        share = part.mean() * curve.length / piece.length
+        if num >= LEAST_DENSITY * max(near) or share >= LEAST_DENSITY:
             pieces.append(piece)
     return pieces
 

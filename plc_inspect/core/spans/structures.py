@@ -45,16 +45,16 @@ Source: judgement; holds from 0.625 to 2.5 on bench/constants.py.
 """
 SURE_FILLED = 0.8
 """
-And this share of its metres, where no conductor tells of it.
+Share of its metres that a pole fills where no conductor tells of it.
 Source: measured: below crowns that touch a conductor bushes and trunks fill 0.6 to 0.75 (random
 scenes, any 41009 and 41025), poles of sparse surveys 0.85 and more.
 """
-SURE_SHARE, LEAST_SHARE, SHARE_SIGMAS = 0.5, 0.28, 2.0
+SURE_SHARE, LEAST_SHARE, SHARE_SIGMAS, SURE_POINTS = 0.5, 0.28, 2.0, 4
 """
-Share of the points within 3 radii that the column holds, and less so many of its standard
-deviations, at least, where no conductor tells of a pole; a crown has a share of one in nine.
+Share of the points within 3 radii that such a column holds; the share that it holds but for so
+many standard deviations of chance; and its points, at least.  A crown has a share of one in nine.
 Source: measured: poles of five real clouds and of random scenes have 0.51 to 1, crowns 0.14 to
-0.42; of 20 points 10 must be the column's, of 10 seven.
+0.42; derived: of 20 points 10 must be the column's, of 12 eight.
 """
 CHANCE = 1
 """
@@ -182,9 +182,9 @@ def find_structure(
     column = _best_column(apart, level, stand)
     if column is not None:
         own = np.hypot(*(apart - column).T) <= COLUMN
-        return Structure(
-            position=near + column, top=_find_top(points[found[own], 2]), kind='pole'
-        )
+        z = points[found[own], 2]
+        top = float(z.max()) if stand.is_told else _find_top(z)
+        return Structure(position=near + column, top=top, kind='pole')
     inside = np.hypot(apart[:, 0], apart[:, 1]) <= reach + COLUMN
     found, apart, level = found[inside], apart[inside], level[inside]
     filled = len(np.unique(level[(level >= first) & (level <= last)]))
@@ -223,9 +223,12 @@ def _find_top(z: Float64) -> float:
 
 def _is_sure(num_own: int, num_near: int) -> bool:
     """Whether a column holds so many of the points about it that it is no part of a crown."""
-    share = num_own / max(num_near, 1)
-    sigma = math.sqrt(share * (1.0 - share) / max(num_near, 1))
-    return share >= SURE_SHARE and share - SHARE_SIGMAS * sigma >= LEAST_SHARE
+    if num_own < max(SURE_POINTS, SURE_SHARE * num_near):
+        return False
+    # lower end of Wilson's interval of the share
+    share, weight = num_own / num_near, SHARE_SIGMAS**2 / num_near
+    half = SHARE_SIGMAS * math.sqrt(share * (1.0 - share) / num_near + weight / (4 * num_near))
+    return (share + 0.5 * weight - half) / (1.0 + weight) >= LEAST_SHARE
 
 
 @njit(cache=True, nogil=True)

@@ -48,7 +48,7 @@ FAN = [bar(0.0, 30.0, 20.0, 6.0), bar(0.0, 24.0, 19.0, 6.0), bar(0.0, 18.0, 18.0
 
 
 def test_stays_of_a_mast_fan_out():
-    assert find_fans(FAN, np.array([True, False, False])).tolist() == [True, True, True]
+    assert find_fans(FAN, np.array([True, False, False]), np.ones(3, bool)).tolist() == [True] * 3
 
 
 @pytest.mark.parametrize('curves', [
@@ -59,11 +59,17 @@ def test_stays_of_a_mast_fan_out():
     [],
 ])
 def test_lines_beside_each_other_are_no_fan(curves):
-    assert not find_fans(curves, np.ones(len(curves), dtype=bool)).any()
+    every = np.ones(len(curves), dtype=bool)
+    assert not find_fans(curves, every, every).any()
 
 
 def test_a_fan_of_which_none_is_surely_straight_may_be_wires_at_a_pole():
-    assert not find_fans(FAN, np.zeros(3, dtype=bool)).any()
+    assert not find_fans(FAN, np.zeros(3, dtype=bool), np.ones(3, dtype=bool)).any()
+
+
+def test_a_gutter_below_a_cable_makes_no_fan():
+    free = np.array([True, False])
+    assert not find_fans([FAN[0], FAN[2]], np.ones(2, dtype=bool), free).any()
 
 
 def touch(places, thick=0.03, depth=5.0):
@@ -84,7 +90,7 @@ def touch(places, thick=0.03, depth=5.0):
 @pytest.mark.parametrize(('places', 'thick', 'held'), [
     ((5.0, 12.0, 19.0, 26.0), 0.03, True),
     ((5.0, 12.1, 18.8, 33.0, 40.0, 47.1), 0.03, True),  # one was not seen
-    ((5.0, 20.0, 35.0, 50.0), 0.03, False),  # supports of short spans
+    ((5.0, 15.0, 25.0, 35.0, 45.0), 0.03, False),  # posts of an insulated cable
     ((5.0, 12.0, 19.0), 0.03, False),  # too few to be sure
     ((5.0, 8.0, 15.0, 26.0, 29.0), 0.03, False),  # treetops
     ((5.0, 12.0, 19.0, 26.0), 1.5, False),  # crowns
@@ -93,7 +99,17 @@ def touch(places, thick=0.03, depth=5.0):
 def test_what_is_touched_at_regular_intervals_is_no_conductor(places, thick, held):
     points, wire = touch(places, thick)
     curve = make_curve(points, np.flatnonzero(wire))
-    assert find_held(points, make_index(points), [curve], wire, 12.0).tolist() == [held]
+    assert find_held(points, make_index(points), [curve], wire, 8.0).tolist() == [held]
+
+
+def test_another_line_below_that_is_seen_in_scan_lines_holds_nothing():
+    points, wire = touch(())
+    cable = points[wire]
+    below = cable[(np.round(cable[:, 0] / 3.0 - 0.5) - (cable[:, 0] / 3.0 - 0.5)).__abs__() < 0.05]
+    points = np.vstack([points, below - [0.0, 0.0, 0.5]])
+    curve = make_curve(points, np.arange(len(cable)))
+    wire = np.arange(len(points)) < len(cable)
+    assert find_held(points, make_index(points), [curve], wire, 8.0).tolist() == [False]
 
 
 def test_a_line_above_a_row_of_trees_at_even_distances_is_kept():
@@ -110,9 +126,9 @@ def test_a_line_above_a_row_of_trees_at_even_distances_is_kept():
     points = np.vstack([points, *trees])
     wire = np.arange(len(points)) < wire.sum()
     curve = make_curve(points, np.flatnonzero(wire))
-    assert find_held(points, make_index(points), [curve], wire, 12.0).tolist() == [False]
+    assert find_held(points, make_index(points), [curve], wire, 8.0).tolist() == [False]
 
 
 def test_without_curves_nothing_is_held():
     points, wire = touch((5.0, 12.0))
-    assert find_held(points, make_index(points), [], wire, 12.0).tolist() == []
+    assert find_held(points, make_index(points), [], wire, 8.0).tolist() == []
