@@ -23,7 +23,8 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from common.fleet import (
+from common.tables import render_table, replace_section
+from networks.fleet import (
     Fleet,
     interrupt,
     Network,
@@ -35,7 +36,6 @@ from common.fleet import (
     wait_until,
     write_profile,
 )
-from common.tables import render_table, replace_section
 
 from plc_inspect.offline.readers.bags import Recording
 

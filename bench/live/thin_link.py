@@ -5,8 +5,8 @@
 How long an alarm takes from the node's message to the screen, over a thin, long and lossy link.
 
 Vehicle and ground are network namespaces with a link of 256 kbit/s, 2 % loss and 200 ms each way
-between them (``common/thin_path.py``; it needs root).  In the air the node's own stream tells of a
-corridor that takes all that its budget allows, and raises a hazard, or a level of the keep-out,
+between them (``networks/thin_path.py``; it needs root).  In the air the node's own stream tells of
+a corridor that takes all that its budget allows, and raises a hazard, or a level of the keep-out,
 every few seconds; on the ground plc_monitor serves the page to a Chromium.  With --far the monitor
 is in the air too, and the browser alone beyond the link.  Printed are the times from the message
 that first tells of an alarm to its row on the page.
@@ -29,7 +29,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'test'))
 
-from common.thin_path import ThinPath, write_wrapper
+from networks.thin_path import ThinPath, write_wrapper
 
 from plc_inspect.node_config import StreamSettings
 

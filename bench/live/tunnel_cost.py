@@ -25,8 +25,8 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from common.fleet import Fleet, Network, Processes, read_lines, ROOT, wait_until
 from common.tables import render_table, replace_section
+from networks.fleet import Fleet, Network, Processes, read_lines, ROOT, wait_until
 
 PLAIN, TUNNEL = 'plain UDP', 'tunnel'
 MONITOR = 'plc_inspect.monitor.command'

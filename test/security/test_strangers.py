@@ -171,7 +171,7 @@ def test_without_a_key_of_the_fleet_nothing_is_read_and_nothing_changes(
     """The end of the demo flight, each machine a network namespace, as the bench flies it."""
     monkeypatch.syspath_prepend(str(ROOT / 'bench/live'))
     monkeypatch.syspath_prepend(str(ROOT / 'bench'))
-    from common.fleet import lacks_networks, Network
+    from networks.fleet import lacks_networks, Network
     import security
 
     if reason := lacks_networks():

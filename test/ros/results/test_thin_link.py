@@ -260,7 +260,8 @@ def test_what_is_subscribed_to_anew_comes_anew(found, monkeypatch):
         spin(lambda p: p.complete and p.cloud_cells and p.cloud_blocks >= p.cloud_total)
         # As if messages had been lost on the way.
         station.monitor._complete = False
-        station.monitor._wishes = {'summary': 0.0, 'cloud': 0.0}
+        station.monitor._wishes.want_summary(0.0)
+        station.monitor._wishes.want_cloud(0.0)
         station.monitor.cloud.clear()
         began = time.monotonic()
         spin(lambda p: p.complete and p.cloud_cells and p.cloud_blocks >= p.cloud_total)
