@@ -71,8 +71,8 @@ Source: derived: in clutter that leaves a column SURE_SHARE of its points it is 
 """
 ABOUT, LEAST_DENSITY = 10.0, 0.2
 """
-A part of a curve that is cut has this share of the other one's points in the first metres that were
-seen from the cut on [m], or of the whole's points a metre, at least.
+A part of a curve that is cut has this share of the other one's points in the first metres that
+were seen from the cut on [m], or of the whole's points a metre, at least.
 Source: judgement: a conductor is seen from as near on both sides of its support; a curve that ran
 over a support between the wires of a rack has a tenth of its points there.
 """
