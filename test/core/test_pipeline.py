@@ -284,3 +284,9 @@ def test_wires_within_a_thick_curve_that_is_none_are_found():
     called = Pipeline().run(made.cloud.points).classification == PointClass.WIRE
     # where the thick curve stands for them, four of them have less than 0.7
     assert min(called[made.cloud.conductor == k].mean() for k in range(3, 12)) > 0.75
+
+
+def test_each_span_tells_the_evidence_for_it(result):
+    # conductors of a clean line hang free all along, and others run beside them
+    for span in result.spans:
+        assert span.evidence == pytest.approx(span.length + 8.0, abs=0.1 * span.length)

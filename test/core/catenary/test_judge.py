@@ -8,7 +8,7 @@ from toys import make_curve, make_index, make_sight, make_wire
 
 from plc_inspect.config import CatenarySettings
 from plc_inspect.core.catenary.judge import Judge
-from plc_inspect.core.catenary.validation import CROWDED, TIED, UNPROVEN
+from plc_inspect.core.catenary.validation import CROWDED, HELD, STAY, TIED, UNPROVEN
 
 
 def judge(wires, others=(), seen=True):
@@ -112,3 +112,43 @@ def test_nothing_is_judged_where_there_is_no_curve():
     found.decide()
     assert found.verdicts == []
     assert not found.wire.any()
+
+
+def make_bar(first, last, low=0.0, high=40.0, y=0.0):
+    """Return the points of a straight bar between two heights."""
+    x = np.arange(low, high, 1.0 / 30.0)
+    z = first + (last - first) * (x - low) / (high - low)
+    points = np.column_stack([x, np.full(len(x), y), z])
+    return points + np.random.default_rng(3).normal(0.0, 0.01, points.shape)
+
+
+def make_rods(places, top_of):
+    """Return the points of thin rods that go 4 m down from something at some x."""
+    rng = np.random.default_rng(5)
+    return [
+        np.column_stack([rng.normal(x, 0.02, 120), rng.normal(0.0, 0.02, 120),
+                         top_of(x) - rng.uniform(0.0, 4.0, 120)])
+        for x in places
+    ]
+
+
+def test_a_pipe_on_brackets_is_held_and_a_level_wire_of_few_supports_is_not():
+    pipe = make_bar(12.0, 12.0)
+    assert judge([pipe], make_rods(np.arange(2.0, 40.0, 6.0), lambda _: 12.0)) == [HELD]
+    assert judge([pipe], make_rods((2.0, 22.0, 38.0), lambda _: 12.0)) == ['']
+
+
+def test_a_conductor_with_diverters_at_even_distances_is_kept():
+    wire = make(c=400.0)
+    places = np.arange(3.0, 58.0, 6.0)
+    heights = [float(wire[np.argmin(np.abs(wire[:, 0] - x)), 2]) for x in places]
+    hanging = [
+        np.column_stack([np.full(40, x), np.zeros(40), z - np.linspace(0.1, 0.9, 40)])
+        for x, z in zip(places, heights, strict=True)
+    ]
+    assert judge([wire], hanging) == ['']
+
+
+def test_a_steep_straight_bar_is_a_stay_and_a_level_one_is_not():
+    assert judge([make_bar(8.0, 26.0)]) == [STAY]
+    assert judge([make_bar(12.0, 12.5)]) == ['']
