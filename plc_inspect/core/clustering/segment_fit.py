@@ -29,6 +29,12 @@ MIN_REACH = 0.5
 Length of a bead, at least, in halves of its window.
 Source: judgement; holds down to 0.35, not up to 1.4 of it, on bench/constants.py.
 """
+MOST_BESIDE = 12
+"""
+Pieces of one window that do not crowd each other, at most.
+Source: judgement: two circuits of low voltage on one pole with a street light and telecom wires
+have as many; plants and crowns have hundreds, and each would be followed.
+"""
 TRIM_SIGMAS, LEAST_TRIM = 2.5, 0.05
 """
 Points beyond this many rms, and this [m], of the first line are left out of the second.
@@ -196,6 +202,29 @@ def find_pieces(x, y, w, chosen, label, limit, half):  # type: ignore[no-untyped
 
 
 @njit(cache=True, nogil=True)
+def find_apart(num, piece, owner):  # type: ignore[no-untyped-def]
+    """
+    Tell the points that crowd no piece: of beads, and of pieces where they are few.
+
+    Parameters
+    ----------
+    num : int
+        Pieces.
+    piece, owner : (n,) int64
+        Piece and bead of each point, -1 none.
+
+    Returns
+    -------
+    (n,) bool
+
+    """
+    apart = owner >= 0
+    if num <= MOST_BESIDE:
+        apart |= piece >= 0
+    return apart
+
+
+@njit(cache=True, nogil=True)
 def judge_clusters(  # type: ignore[no-untyped-def]
     x, y, w, chosen, label, limit, half, max_crowding, owner, too_thick, fits, found
 ):
@@ -232,7 +261,7 @@ def judge_clusters(  # type: ignore[no-untyped-def]
     rows, piece, thick = find_pieces(x, y, w, chosen, label, limit, half)
     put(thick, too_thick)
     # pieces have air about them, or each other
-    apart = (piece >= 0) | (owner >= 0)
+    apart = find_apart(len(rows), piece, owner)
     bead = np.full(len(rows) + 1, -1, dtype=np.int64)  # the last one for what is no piece
     for c in range(len(rows)):
         mx, my, mw, ky, kw, rms, low, high = rows[c]

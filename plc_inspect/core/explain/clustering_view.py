@@ -20,6 +20,7 @@ from plc_inspect.core.clustering.cross_section import (
 )
 from plc_inspect.core.clustering.refinement import attempt_window, NUM_EPS, open_window
 from plc_inspect.core.clustering.segment_fit import (
+    find_apart,
     find_pieces,
     fit_trimmed,
     LEAST_POINTS,
@@ -229,8 +230,8 @@ class Windows:
             if number >= 0:
                 member = np.zeros(len(x), dtype=bool)
                 member[rows[label == number]] = True
-                _, piece, _ = find_pieces(x, y, w, rows, label, attempt.limit, half)
-                apart = (piece >= 0) | (state[0] >= 0)
+                pieces, piece, _ = find_pieces(x, y, w, rows, label, attempt.limit, half)
+                apart = find_apart(len(pieces), piece, state[0])
                 view = self._judge(view, (x, y, w), member, apart, own, attempt.limit)
             if number >= 0 or attempt.number < NUM_EPS:
                 yield view
