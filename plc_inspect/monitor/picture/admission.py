@@ -28,12 +28,6 @@ tick of 0.1 s sends, so that a long loss is followed and a forged number is not.
 """
 REMEMBERED = 256
 """Numbers of messages that are known to have been taken, to tell repeated from late."""
-REFUSALS = {
-    'forged': 'messages that the node did not send are refused',
-    'replayed': 'messages that were sent before are refused',
-    'reordered': 'messages came after newer ones and are not used',
-    'foreign': 'another node of this name speaks: it is shown once this one is silent',
-}
 REFUSAL_PERIOD = 10.0
 """Refused messages of one kind are told of at most this often [s]."""
 
