@@ -121,23 +121,35 @@ def _find_stays(rows, beams):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True, error_model='numpy')
 def _holds(row, beam):  # type: ignore[no-untyped-def]
     """Tell whether a row's curve is a stay of a beam."""
-    above = 0
+    _, above, first, last = _compare(row, beam)
+    if above < ABOVE_SHARE * NUM_STATIONS:
+        return False
+    return min(first, last) <= NEAREST and abs(last - first) >= RISE * (row[HIGH] - row[LOW])
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _compare(row, other):  # type: ignore[no-untyped-def]
+    """
+    Compare a row's curve with another one in its vertical plane, from station to station.
+
+    Returned are how many stations they have in common, how many of these are above the other
+    curve, and how high above it the first and the last are [m]; NaN where there are none.
+    """
+    common = above = 0
     first = last = math.nan
     for station in range(NUM_STATIONS):
         x = row[LOW] + (row[HIGH] - row[LOW]) * station / (NUM_STATIONS - 1)
         at, aside = to_local(
-            beam, row[ORIGIN_X] + row[COS] * x, row[ORIGIN_Y] + row[SIN] * x
+            other, row[ORIGIN_X] + row[COS] * x, row[ORIGIN_Y] + row[SIN] * x
         )
-        if abs(aside) > ASIDE or at < beam[LOW] - ASIDE or at > beam[HIGH] + ASIDE:
+        if abs(aside) > ASIDE or at < other[LOW] - ASIDE or at > other[HIGH] + ASIDE:
             continue
-        rise = height_of(row, x) - height_of(beam, at)
-        above += rise > 0.0
-        if math.isnan(first):
-            first = rise
-        last = rise
-    if above < ABOVE_SHARE * NUM_STATIONS:
-        return False
-    return min(first, last) <= NEAREST and abs(last - first) >= RISE * (row[HIGH] - row[LOW])
+        last = height_of(row, x) - height_of(other, at)
+        if common == 0:
+            first = last
+        common += 1
+        above += last > 0.0
+    return common, above, first, last
 
 
 def find_fans(curves: Sequence[Curve], sure: Bool, free: Bool) -> Bool:
@@ -165,7 +177,7 @@ def find_fans(curves: Sequence[Curve], sure: Bool, free: Bool) -> Bool:
 
 
 def find_held(
-    points: Float64, index: PlanIndex, curves: Sequence[Curve], wire: Bool, apart: float
+    points: Float64, index: PlanIndex, curves: Sequence[Curve], wire: Bool, longest: float
 ) -> Bool:
     """
     Tell which curves touch something below them at regular short intervals.
@@ -180,18 +192,19 @@ def find_held(
         Pipes, cables, or conductors.
     wire : (N,) bool
         Points of conductors.
-    apart : float
+    longest : float
         Greatest interval [m].
 
     Returns
     -------
     (C,) bool
+        Curves with contacts at even intervals.
 
     """
     contacts = call_each(
         lambda k: _list_contacts(points, index.grid, curves[k].row, wire), len(curves)
     )
-    return np.array([_is_regular(np.diff(x), apart) for x in contacts], dtype=bool)
+    return np.array([_is_regular(np.diff(x), longest) for x in contacts], dtype=bool)
 
 
 def _is_regular(interval: Float64, longest: float) -> bool:
@@ -222,22 +235,8 @@ def _find_fans(rows, sure, free, far):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True, error_model='numpy')
 def _parts(row, other):  # type: ignore[no-untyped-def]
     """Tell whether two curves meet at one end, in a vertical plane, and part from there on."""
-    first = last = math.nan
-    common = 0
-    for station in range(NUM_STATIONS):
-        x = row[LOW] + (row[HIGH] - row[LOW]) * station / (NUM_STATIONS - 1)
-        at, aside = to_local(
-            other, row[ORIGIN_X] + row[COS] * x, row[ORIGIN_Y] + row[SIN] * x
-        )
-        if abs(aside) > ASIDE or at < other[LOW] - ASIDE or at > other[HIGH] + ASIDE:
-            continue
-        last = height_of(row, x) - height_of(other, at)
-        if common == 0:
-            first = last
-        elif last * first < 0.0:  # they cross
-            return False
-        common += 1
-    if common < ABOVE_SHARE * NUM_STATIONS:
+    common, above, first, last = _compare(row, other)
+    if common < ABOVE_SHARE * NUM_STATIONS or 0 < above < common:  # or they cross
         return False
     least = min(abs(first), abs(last))
     return least <= NEAREST and abs(last - first) >= RISE * (row[HIGH] - row[LOW])
