@@ -92,7 +92,7 @@ LEAST_GROWTH = 1.0
 """A curve that grew by less is done [m].  Source: derived: one bin."""
 BESIDE_SHARE = 0.5
 """
-Curves with more of the shorter one beside the other do not go on in each other.
+Curves with more of the shorter one beside the other do not go on in each other: neither is barred.
 Source: judgement; not measured.
 """
 

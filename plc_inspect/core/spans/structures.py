@@ -54,7 +54,7 @@ SURE_SHARE, LEAST_SHARE, SHARE_SIGMAS, SURE_POINTS = 0.5, 0.28, 2.0, 4
 Share of the points within 3 radii that such a column holds; the share that it holds but for so
 many standard deviations of chance; and its points, at least.  A crown has a share of one in nine.
 Source: measured: poles of five real clouds and of random scenes have 0.51 to 1, crowns 0.14 to
-0.42; derived: of 20 points 10 must be the column's, of 12 eight.
+0.42; derived: of 20 points 10 must be the column's, of 12 seven, of 5 four.
 """
 CHANCE = 1
 """
