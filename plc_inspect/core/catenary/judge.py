@@ -200,13 +200,14 @@ class Judge:
 
     def _unstay(self) -> None:
         """Take back stays: what comes down on a beam, fans out, or is steep and straight."""
+        proofs = [prove_sag(curve, self._settings) for curve in self._curves]
         straight = [
             number for number, verdict in enumerate(self.verdicts)
-            if verdict.objection != TIED and prove_sag(self._curves[number], self._settings) < 1.0
+            if verdict.objection != TIED and proofs[number] < 1.0
         ]
         curves = [self._curves[number] for number in straight]
         beams = [self._curves[number] for number in straight if self._is_beam(number)]
-        sure = np.array([prove_sag(curve, self._settings) < 0.0 for curve in curves], dtype=bool)
+        sure = np.array([proofs[number] < 0.0 for number in straight], dtype=bool)
         steep = np.array([
             abs(float(curve.fit.slope(0.5 * (curve.low + curve.high)))) > STEEP for curve in curves
         ], dtype=bool)

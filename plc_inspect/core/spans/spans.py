@@ -4,7 +4,6 @@
 """Spans, supports and labels of points from the final curves."""
 
 from collections import Counter
-import dataclasses
 from dataclasses import dataclass, replace
 import math
 
@@ -114,8 +113,8 @@ def build_spans(
     for (number, side), (beyond, deviation) in closed.items():
         cut = finals[number]
         finals[number] = (
-            dataclasses.replace(cut, high=cut.high + beyond) if side > 0
-            else dataclasses.replace(cut, low=cut.low - beyond)
+            replace(cut, high=cut.high + beyond) if side > 0
+            else replace(cut, low=cut.low - beyond)
         )
         end_sigma[number, (side + 1) // 2] = deviation
     coverage = measure_coverage(points, index, finals)
@@ -158,7 +157,7 @@ def build_spans(
 
 def copy_labels(spans: SpanResult) -> SpanResult:
     """Return spans whose labels may be changed without changing those given."""
-    return dataclasses.replace(
+    return replace(
         spans, line_id=spans.line_id.copy(), span_id=spans.span_id.copy(),
         residual=spans.residual.copy(),
     )
@@ -166,7 +165,7 @@ def copy_labels(spans: SpanResult) -> SpanResult:
 
 def spread_spans(spans: SpanResult, cloud: OffGround) -> SpanResult:
     """Return spans with labels of all N points, from those of the points off the ground."""
-    return dataclasses.replace(
+    return replace(
         spans,
         line_id=cloud.scatter(spans.line_id, -1),
         span_id=cloud.scatter(spans.span_id, -1),
