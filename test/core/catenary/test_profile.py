@@ -6,15 +6,12 @@ import numpy as np
 import pytest
 from toys import hang, make_curve, make_ground, make_index, make_wire
 
-from plc_inspect.config import CatenarySettings
 from plc_inspect.core.catenary.profile import (
     measure_company,
     measure_distances,
     profile_curve,
     profile_row,
 )
-
-SETTINGS = CatenarySettings()
 
 
 def make_line(parts=((0.0, 1.0),), per_metre=8.0, length=100.0):

@@ -72,7 +72,7 @@ def test_a_gutter_below_a_cable_makes_no_fan():
     assert not find_fans([FAN[0], FAN[2]], np.ones(2, dtype=bool), free).any()
 
 
-def touch(places, thick=0.03, depth=5.0):
+def touch(places, thick=0.03):
     """Return a cable of 60 m, what stands below it at some x, and which points are the cable's."""
     rng = np.random.default_rng(8)
     cable = make_wire((0.0, 0.0, 20.0), (60.0, 0.0, 20.0), c=120.0, per_metre=20.0)
@@ -81,7 +81,7 @@ def touch(places, thick=0.03, depth=5.0):
         top = hang(np.array([x]), 60.0, 20.0, 20.0, 120.0)[0]
         side = rng.uniform(-thick, thick, (200, 2))
         things.append(np.column_stack([
-            x + side[:, 0], side[:, 1], rng.uniform(top - depth, top, 200)
+            x + side[:, 0], side[:, 1], rng.uniform(top - 5.0, top, 200)
         ]))
     points = np.vstack([cable, *things])
     return points, np.arange(len(points)) < len(cable)
