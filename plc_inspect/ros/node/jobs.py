@@ -270,10 +270,7 @@ def rescue(flight: Flight, state: LiveState | None, reason: str) -> str:
     """
     if state is None:
         return f'nothing saved: {reason}, and no tick was done before'
-    saved = save_results(
-        flight.settings.output, flight.first_stamp_ns, describe_last_tick(flight, state)
-    )
-    return f'{reason}; results of the last tick, without points: {saved.describe()}'
+    return _tell(_save_tick(flight, state, flight.settings.output), reason)
 
 
 def keep_state(flight: Flight, state: LiveState | None, reason: str, *, lose: bool) -> str:
@@ -290,11 +287,17 @@ def keep_state(flight: Flight, state: LiveState | None, reason: str, *, lose: bo
     """
     if state is None or not state.confirmed:
         return ''
-    saved = save_results(
-        OutputSettings(), flight.first_stamp_ns, describe_last_tick(flight, state)
-    )
+    saved = _save_tick(flight, state, OutputSettings())
     if saved.folder is None and not lose:
         raise DataError(
             f'{len(state.confirmed)} spans would be lost, and cannot be saved: {saved.problem}'
         )
+    return _tell(saved, reason)
+
+
+def _save_tick(flight: Flight, state: LiveState, output: OutputSettings) -> Saved:
+    return save_results(output, flight.first_stamp_ns, describe_last_tick(flight, state))
+
+
+def _tell(saved: Saved, reason: str) -> str:
     return f'{reason}; results of the last tick, without points: {saved.describe()}'
