@@ -33,6 +33,7 @@ from plc_inspect.core.catenary.judge import Judge, Verdict
 from plc_inspect.core.catenary.track_fit import fit_tracks
 from plc_inspect.core.catenary.validation import BUILT, list_evidence
 from plc_inspect.core.clustering.clustering import ClusteringResult
+from plc_inspect.core.numerics.arrays import merge_ascending
 from plc_inspect.core.numerics.plan_index import PlanIndex
 from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.errors import FitError
@@ -199,8 +200,8 @@ def _find_within(
         curve for curve, verdict in zip(curves, verdicts, strict=True)
         if verdict.objection not in ('', *BUILT) and is_thick(curve)
     ]
-    along = find_along([*parts, *failed], settings.bundle_width)[: len(parts), len(parts) :]
-    return [parts[k] for k in np.flatnonzero(along.any(axis=1)).tolist()]
+    along = find_along(parts, failed, settings.bundle_width)
+    return [parts[k] for k in np.flatnonzero(along).tolist()]
 
 
 def _may_continue(curve: Curve, verdict: Verdict, settings: CatenarySettings) -> bool:
@@ -281,7 +282,7 @@ def join(
     tolerance = max(first.tolerance, second.tolerance)
     try:
         union = fit_curve(
-            points, np.union1d(first.points, second.points), tolerance=tolerance
+            points, merge_ascending(first.points, second.points), tolerance=tolerance
         )
     except FitError:
         return None

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 import math
+from typing import NamedTuple
 
 from numba import njit
 import numpy as np
@@ -15,6 +16,7 @@ from plc_inspect.core.catenary.catenary import CatenaryFit, FloatOrArray, NO_DRA
 from plc_inspect.core.catenary.curve_row import (
     AZIMUTH,
     CONVERGED,
+    COS,
     COVARIANCE,
     CURVATURE,
     describe_misfit,
@@ -30,12 +32,14 @@ from plc_inspect.core.catenary.curve_row import (
     ORIGIN_Y,
     RMSE,
     ROW,
+    SIN,
     to_local,
     TOLERANCE,
     TURN_SIGMA,
 )
+from plc_inspect.core.numerics.arrays import put
 from plc_inspect.errors import FitError
-from plc_inspect.results import Bool, Float64, Int64
+from plc_inspect.results import Float64, Int32, Int64
 
 MAX_POINTS = 2000
 """
@@ -223,30 +227,103 @@ def pack_curves(curves: Sequence[Curve]) -> Float64:
     return np.array([curve.row for curve in curves], dtype=np.float64).reshape(-1, ROW)
 
 
-def find_far_apart(curves: Sequence[Curve], margin: float = 1.0) -> Bool:
+class Near(NamedTuple):
+    """For each curve, which are near it: those of curve k are item[start[k] : start[k + 1]]."""
+
+    start: Int64
+    """(C + 1,) where the list of each curve begins."""
+    item: Int32
+    """(P,) numbers of curves, ascending in each list."""
+
+    def of(self, number: int) -> Int32:
+        """Return the list of one curve."""
+        return self.item[self.start[number] : self.start[number + 1]]
+
+
+def find_near(
+    curves: Sequence[Curve], margin: float = 1.0, others: Sequence[Curve] | None = None
+) -> Near:
     """
-    Tell, cheaply, which pairs of curves are so far apart that no point is on or near both.
+    Find, cheaply, which curves are so near to each other that a point may be on or near both.
+
+    Parameters
+    ----------
+    curves : sequence of Curve
+        C curves.
+    margin : float
+        Pieces are near that come, in plan, within this of each other beyond their tolerances [m].
+    others : sequence of Curve, optional
+        What is looked for; the curves themselves by default, each but itself.
 
     Returns
     -------
-    (C, C) bool
-        True where, in plan, the piece of one is more than ``margin`` [m] beyond the tolerances
-        away from the other's.
+    Near
+        Numbers of others for each curve.
 
     """
-    origin = np.array([curve.origin for curve in curves]).reshape(-1, 2)
-    azimuth = np.array([curve.azimuth for curve in curves])
-    low, high = (np.array([getattr(curve, name) for curve in curves]) for name in ('low', 'high'))
-    reach = np.array([curve.tolerance for curve in curves])
-    reach = reach[:, None] + reach + margin
-    unit = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
-    left = np.stack([-unit[:, 1], unit[:, 0]], axis=1)
-    beyond = np.zeros((len(curves), len(curves)), dtype=bool)
-    for axis, least, most in ((unit, low, high), (left, 0.0 * low, 0.0 * high)):
-        ends = [
-            (origin + at[:, None] * unit) @ axis.T - (origin * axis).sum(axis=1)
-            for at in (low, high)
-        ]
-        beyond |= np.maximum(*ends) < least - reach
-        beyond |= np.minimum(*ends) > most + reach
-    return beyond
+    rows = pack_curves(curves)
+    wanted = rows if others is None else pack_curves(others)
+    order = np.argsort(_list_boxes(wanted)[:, 0], kind='stable')
+    return Near(*_list_near(rows, wanted, order, margin, others is None))
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _list_boxes(rows):  # type: ignore[no-untyped-def]
+    """Least x, most x, least y and most y of the pieces, in plan, with their tolerances [m]."""
+    result = np.empty((len(rows), 4))
+    for k in range(len(rows)):
+        row = rows[k]
+        for axis in range(2):
+            first = row[ORIGIN_X + axis] + row[COS + axis] * row[LOW]
+            last = row[ORIGIN_X + axis] + row[COS + axis] * row[HIGH]
+            result[k, 2 * axis] = min(first, last) - row[TOLERANCE]
+            result[k, 2 * axis + 1] = max(first, last) + row[TOLERANCE]
+    return result
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _list_near(rows, wanted, order, margin, is_same):  # type: ignore[no-untyped-def]
+    """List the wanted rows near each row, as Near has them; ``order`` is that of their least x."""
+    boxes, others = _list_boxes(rows), _list_boxes(wanted)
+    start = np.zeros(len(rows) + 1, dtype=np.int64)
+    item = np.empty(max(4 * len(rows), 16), dtype=np.int32)
+    used = 0
+    for k in range(len(rows)):
+        box = boxes[k]
+        for m in order:
+            if others[m, 0] > box[1] + margin:
+                break
+            if (
+                others[m, 1] < box[0] - margin
+                or others[m, 2] > box[3] + margin
+                or others[m, 3] < box[2] - margin
+                or (is_same and m == k)
+            ):
+                continue
+            if _is_beyond(rows[k], wanted[m], margin) or _is_beyond(wanted[m], rows[k], margin):
+                continue
+            if used == len(item):
+                longer = np.empty(2 * used, dtype=np.int32)
+                put(item, longer)
+                item = longer
+            item[used] = m
+            used += 1
+        item[start[k] : used].sort()
+        start[k + 1] = used
+    return start, item[:used]
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _is_beyond(row, other, margin):  # type: ignore[no-untyped-def]
+    """Tell whether another piece lies wholly before, behind or on one side of a row's."""
+    reach = row[TOLERANCE] + other[TOLERANCE] + margin
+    x, y = to_local(
+        row, other[ORIGIN_X] + other[COS] * other[LOW], other[ORIGIN_Y] + other[SIN] * other[LOW]
+    )
+    end_x, end_y = to_local(
+        row, other[ORIGIN_X] + other[COS] * other[HIGH], other[ORIGIN_Y] + other[SIN] * other[HIGH]
+    )
+    return (
+        max(x, end_x) < row[LOW] - reach or min(x, end_x) > row[HIGH] + reach
+        or max(y, end_y) < -reach or min(y, end_y) > reach
+    )

@@ -10,7 +10,7 @@ from numba import njit
 import numpy as np
 
 from plc_inspect.config import CatenarySettings
-from plc_inspect.core.catenary.curve import Curve, find_far_apart, pack_curves
+from plc_inspect.core.catenary.curve import Curve, find_near, pack_curves
 from plc_inspect.core.catenary.curve_row import (
     AZIMUTH,
     COS,
@@ -75,7 +75,7 @@ def drop_duplicates(
     start = np.cumsum([0, *(len(curve.points) for curve in order)])
     kept = _choose(
         points, pack_curves(order), np.concatenate([curve.points for curve in order]), start,
-        find_far_apart(order),
+        find_near(order),
     )
     result = [curve for curve, is_kept in zip(order, kept, strict=True) if is_kept]
     result.sort(key=lambda curve: (-curve.length, *curve.origin))
@@ -107,7 +107,7 @@ def measure_thickness(curve: Curve) -> float:
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _choose(points, rows, own, start, far):  # type: ignore[no-untyped-def]
+def _choose(points, rows, own, start, near):  # type: ignore[no-untyped-def]
     """Tell which curves, best seen first, have points and a course of their own."""
     kept = np.zeros(len(rows), dtype=np.bool_)
     for number in range(len(rows)):
@@ -115,8 +115,8 @@ def _choose(points, rows, own, start, far):  # type: ignore[no-untyped-def]
         on_course = np.zeros(NUM_STATIONS, dtype=np.bool_)
         mine = own[start[number] : start[number + 1]]
         shared = np.zeros(len(mine), dtype=np.bool_)
-        for k in range(number):
-            if not kept[k] or far[number, k]:
+        for k in near.item[near.start[number] : near.start[number + 1]]:
+            if not kept[k]:  # nor is what comes later
                 continue
             other = rows[k]
             reach = COURSE_SHARE * max(row[TOLERANCE], other[TOLERANCE])
@@ -153,25 +153,37 @@ def _lies_on(px, py, pz, row, low, high, reach):  # type: ignore[no-untyped-def]
     return math.hypot(y, pz - height_of(row, x)) <= reach
 
 
-def find_along(curves: Sequence[Curve], reach: float) -> Bool:
-    """Tell which curves (row) have which others (column) beside them; (C, C) bool."""
-    if not curves:
-        return np.zeros((0, 0), dtype=bool)
-    result: Bool = _mark_along(pack_curves(curves), find_far_apart(curves, reach), reach)
+def find_along(curves: Sequence[Curve], others: Sequence[Curve], reach: float) -> Bool:
+    """
+    Tell which curves have another one beside them.
+
+    Parameters
+    ----------
+    curves, others : sequence of Curve
+        C curves, and those that may run beside them.
+    reach : float
+        Greatest distance [m].
+
+    Returns
+    -------
+    (C,) bool
+
+    """
+    near = find_near(curves, reach, others)
+    result: Bool = _mark_along(pack_curves(curves), pack_curves(others), near, reach)
     return result
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _mark_along(rows, far, reach):  # type: ignore[no-untyped-def]
-    num = len(rows)
-    result = np.zeros((num, num), dtype=np.bool_)
-    for k in range(num):
-        for m in range(num):
-            if m == k or far[k, m]:
-                continue
-            if abs(np.sin(rows[k, AZIMUTH] - rows[m, AZIMUTH])) > PARALLEL:
+def _mark_along(rows, others, near, reach):  # type: ignore[no-untyped-def]
+    result = np.zeros(len(rows), dtype=np.bool_)
+    for k in range(len(rows)):
+        for m in near.item[near.start[k] : near.start[k + 1]]:
+            if abs(np.sin(rows[k, AZIMUTH] - others[m, AZIMUTH])) > PARALLEL:
                 continue
             marks = np.zeros(NUM_STATIONS, dtype=np.bool_)
-            mark_course(rows[k], rows[m], rows[m, LOW], rows[m, HIGH], reach, marks)
-            result[k, m] = marks.mean() >= ALONG
+            mark_course(rows[k], others[m], others[m, LOW], others[m, HIGH], reach, marks)
+            if marks.mean() >= ALONG:
+                result[k] = True
+                break
     return result

@@ -13,7 +13,7 @@ from plc_inspect.config import CatenarySettings
 from plc_inspect.core.catenary.breaks import MIN_KINK
 from plc_inspect.core.catenary.curve import (
     Curve,
-    find_far_apart,
+    find_near,
     MAX_POINTS,
     pack_curves,
     PART_MISS,
@@ -132,11 +132,13 @@ def extend(
     known = [*curves, *others]
     rows = pack_curves(known)
     grid = index.grid
-    barred = _bar(rows, find_far_apart(known, settings.max_bridge))
-    long = rows[:, HIGH] - rows[:, LOW] >= OWNER_LENGTH
-    owner = _claim(points, index, rows, np.flatnonzero(long & barred.any(axis=0)))
+    near = find_near(curves, settings.max_bridge, known)
+    barred = call_each(lambda k: _bar(rows, k, near.of(k)), len(curves))
+    owner = _claim(points, index, rows, np.unique(np.concatenate(barred)))
     grown = call_each(
-        lambda k: _extend(points, grid, rows[k], owner, barred[k], settings.max_step),
+        lambda k: _extend(
+            points, grid, rows[k], len(rows), owner, barred[k], settings.max_step
+        ),
         len(curves),
     )
     return [
@@ -166,15 +168,16 @@ def _claim(points: Float64, index: PlanIndex, rows: Float64, wanted: Int64) -> I
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _bar(rows, far):  # type: ignore[no-untyped-def]
-    """Tell which curves (column) no curve (row) goes on in: (C, C) bool."""
-    num = len(rows)
-    barred = np.zeros((num, num), dtype=np.bool_)
-    for k in range(num):
-        for m in range(k):
-            if not far[k, m] and not _may_be_one(rows[k], rows[m]):
-                barred[k, m] = barred[m, k] = True
-    return barred
+def _bar(rows, number, near):  # type: ignore[no-untyped-def]
+    """Return the owners near a curve, by its number, that it does not go on in."""
+    barred = np.zeros(len(near), dtype=np.bool_)
+    for place in range(len(near)):
+        other = near[place]
+        if other == number or rows[other, HIGH] - rows[other, LOW] < OWNER_LENGTH:
+            continue
+        # the same for both of a pair
+        barred[place] = not _may_be_one(rows[max(number, other)], rows[min(number, other)])
+    return near[barred]
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
@@ -212,17 +215,21 @@ def _plan_of(row, x):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _extend(points, grid, row, owner, barred, max_step):  # type: ignore[no-untyped-def]
+def _extend(  # type: ignore[no-untyped-def]
+    points, grid, row, num_curves, owner, barred, max_step
+):
     """Extend a row in place; returned are its points and their stride, 0 if it is the same."""
     own, stride = np.empty(0, dtype=np.int64), 0
     nothing, no_draws = np.zeros(0, dtype=np.bool_), np.empty((0, 3))
     allowed = math.ceil(max_step / STEP)
+    is_barred = np.zeros(num_curves, dtype=np.bool_)
+    is_barred[barred] = True
     for _ in range(MAX_ROUNDS):
         # bins along the curve and as far beyond as it is known
         reach = _sure_reach(row, max_step)
         first = row[LOW] - reach
         core, shell, chosen, _ = profile_own(
-            points, grid, row, first, row[HIGH] + reach, STEP, nothing, owner, barred
+            points, grid, row, first, row[HIGH] + reach, STEP, nothing, owner, is_barred
         )
         # back from both ends over bins that lie beside the curve, then on over good ones, and
         # over short gaps

@@ -11,7 +11,7 @@ from numba import njit
 import numpy as np
 
 from plc_inspect.config import CatenarySettings
-from plc_inspect.core.catenary.curve import Curve, find_far_apart, pack_curves
+from plc_inspect.core.catenary.curve import Curve, find_near, pack_curves
 from plc_inspect.core.catenary.curve_row import (
     AZIMUTH,
     COS,
@@ -187,15 +187,18 @@ class Judge:
         curves = [self._curves[number] for number in known.tolist()]
         if len(curves) < 2:
             return
-        rows, far = pack_curves(curves), find_far_apart(curves, TIE)
+        rows, near = pack_curves(curves), find_near(curves, TIE)
         own = np.zeros(len(self._points), dtype=bool)  # curves not believed may be the bracing
         for number in known.tolist():
             own[self.verdicts[number].profile.chosen] = True
-        pairs = np.array(call_each(
-            lambda k: _find_tied(self._points, self._index.grid, rows, k, far[k], own),
+        tied = np.zeros(len(curves), dtype=bool)
+        for number, others in enumerate(call_each(
+            lambda k: _find_tied(self._points, self._index.grid, rows, k, near.of(k), own),
             len(curves),
-        ))
-        for number in known[pairs.any(axis=0) | pairs.any(axis=1)].tolist():
+        )):
+            tied[others] = True
+            tied[number] |= len(others) > 0
+        for number in known[tied].tolist():
             self.verdicts[number] = replace(self.verdicts[number], objection=TIED)
 
     def _unstay(self) -> None:
@@ -287,28 +290,31 @@ class Judge:
             number for number, verdict in enumerate(self.verdicts)
             if verdict.objection not in ('', *BUILT) and not is_thick(self._curves[number])
         ]
-        if not known or not rest:
-            return np.zeros(0, dtype=np.int64)
-        curves = [self._curves[number] for number in (*rest, *known)]
-        along = find_along(curves, SIDE)[: len(rest), len(rest) :]
-        return np.array(rest, dtype=np.int64)[along.any(axis=1)]
+        along = find_along(
+            [self._curves[number] for number in rest], [self._curves[number] for number in known],
+            SIDE,
+        )
+        return np.array(rest, dtype=np.int64)[along]
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _find_tied(points, grid, rows, number, far, own):  # type: ignore[no-untyped-def]
-    """Tell which of the rows before one, by its number, are tied to it."""
-    tied = np.zeros(len(rows), dtype=np.bool_)
+def _find_tied(points, grid, rows, number, near, own):  # type: ignore[no-untyped-def]
+    """Return those of the rows near one, by its number, that come before it and are tied to it."""
+    tied = np.zeros(len(near), dtype=np.bool_)
     row = rows[number]
     between = np.empty((0, 3))
-    for k in range(number):
-        if far[k] or abs(math.sin(rows[k, AZIMUTH] - row[AZIMUTH])) > PARALLEL:
+    for place in range(len(near)):
+        k = near[place]
+        if k >= number:
+            break
+        if abs(math.sin(rows[k, AZIMUTH] - row[AZIMUTH])) > PARALLEL:
             continue
         if len(between) == 0:
             between = _list_beside(points, grid, row, own)
             if len(between) == 0:
                 break
-        tied[k] = _measure_tie(between, row, rows[k]) >= TIE_SHARE
-    return tied
+        tied[place] = _measure_tie(between, row, rows[k]) >= TIE_SHARE
+    return near[tied]
 
 
 @njit(cache=True, nogil=True, error_model='numpy')

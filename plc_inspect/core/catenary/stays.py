@@ -15,7 +15,7 @@ import math
 from numba import njit
 import numpy as np
 
-from plc_inspect.core.catenary.curve import Curve, find_far_apart, pack_curves
+from plc_inspect.core.catenary.curve import Curve, find_near, pack_curves
 from plc_inspect.core.catenary.curve_row import (
     COS,
     height_of,
@@ -103,15 +103,16 @@ def find_stays(curves: Sequence[Curve], beams: Sequence[Curve]) -> Bool:
         Curves that run above a beam, in its vertical plane, and come down on it at one end.
 
     """
-    result: Bool = _find_stays(pack_curves(curves), pack_curves(beams))
+    near = find_near(curves, ASIDE, beams)
+    result: Bool = _find_stays(pack_curves(curves), pack_curves(beams), near)
     return result
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _find_stays(rows, beams):  # type: ignore[no-untyped-def]
+def _find_stays(rows, beams, near):  # type: ignore[no-untyped-def]
     result = np.zeros(len(rows), dtype=np.bool_)
     for k in range(len(rows)):
-        for m in range(len(beams)):
+        for m in near.item[near.start[k] : near.start[k + 1]]:
             if _holds(rows[k], beams[m]):
                 result[k] = True
                 break
@@ -172,7 +173,7 @@ def find_fans(curves: Sequence[Curve], sure: Bool, free: Bool) -> Bool:
         straight, and part from it by more than conductors of one line do.
 
     """
-    result: Bool = _find_fans(pack_curves(curves), sure, free, find_far_apart(curves, NEAREST))
+    result: Bool = _find_fans(pack_curves(curves), sure, free, find_near(curves, NEAREST))
     return result
 
 
@@ -219,11 +220,11 @@ def _is_regular(interval: Float64, longest: float) -> bool:
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _find_fans(rows, sure, free, far):  # type: ignore[no-untyped-def]
+def _find_fans(rows, sure, free, near):  # type: ignore[no-untyped-def]
     result = np.zeros(len(rows), dtype=np.bool_)
     for k in range(len(rows)):
-        for m in range(k):
-            if free[k] and free[m] and (sure[k] or sure[m]) and not far[k, m]:
+        for m in near.item[near.start[k] : near.start[k + 1]]:
+            if m < k and free[k] and free[m] and (sure[k] or sure[m]):
                 shorter, longer = k, m
                 if rows[k, HIGH] - rows[k, LOW] > rows[m, HIGH] - rows[m, LOW]:
                     shorter, longer = m, k

@@ -37,6 +37,36 @@ def put(values, target):  # type: ignore[no-untyped-def]
         target[k] = values[k]
 
 
+@njit(cache=True, nogil=True)
+def merge_ascending(first, second):  # type: ignore[no-untyped-def]
+    """
+    Merge two ascending arrays.
+
+    Parameters
+    ----------
+    first, second : (N,), (M,) integer
+        Strictly ascending.
+
+    Returns
+    -------
+    (K,) integer
+        What is in either, strictly ascending.
+
+    """
+    result = np.empty(len(first) + len(second), dtype=first.dtype)
+    i = k = used = 0
+    while i < len(first) or k < len(second):
+        if k == len(second) or (i < len(first) and first[i] < second[k]):
+            result[used] = first[i]
+            i += 1
+        else:
+            i += i < len(first) and first[i] == second[k]
+            result[used] = second[k]
+            k += 1
+        used += 1
+    return result[:used]
+
+
 @njit(cache=True, parallel=True, nogil=True)
 def find_true(mask):  # type: ignore[no-untyped-def]
     """

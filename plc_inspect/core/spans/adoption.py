@@ -10,7 +10,7 @@ import numpy as np
 from plc_inspect.config import Settings
 from plc_inspect.core.catenary.bundles import widen_to
 from plc_inspect.core.catenary.conductors import ConductorResult
-from plc_inspect.core.catenary.curve import Curve, find_far_apart
+from plc_inspect.core.catenary.curve import Curve, find_near
 from plc_inspect.core.catenary.duplicates import is_thick
 from plc_inspect.core.catenary.profile import Profile, profile_curve
 from plc_inspect.core.extraction.off_ground import OffGround
@@ -74,8 +74,7 @@ def adopt(
 def _find_partner(curve: Curve, curves: Sequence[Curve], reach: float) -> Curve | None:
     """Return the curve that one meets at a support, if no other meets it better there."""
     # those it may meet, and those that these may meet instead
-    near = ~find_far_apart([curve, *curves], 4 * reach)[0, 1:]
-    around = [other for other, is_near in zip(curves, near, strict=True) if is_near]
+    around = [curves[k] for k in find_near([curve], 4 * reach, curves).item.tolist()]
     for joint in find_joints([*around, curve], reach):
         if max(joint.curves) == len(around) and joint.miss < ADOPTION_MISS:
             return around[min(joint.curves)]

@@ -10,7 +10,7 @@ import math
 from numba import njit
 import numpy as np
 
-from plc_inspect.core.catenary.curve import Curve, find_far_apart, pack_curves
+from plc_inspect.core.catenary.curve import Curve, find_near, pack_curves
 from plc_inspect.core.catenary.curve_row import (
     COS,
     height_of,
@@ -241,23 +241,21 @@ def find_meeting(
     (C,) bool
 
     """
-    far = find_far_apart([*curves, *others], 2 * max_reach)[: len(curves), len(curves) :]
+    near = find_near(curves, 2 * max_reach, others)
     result: Bool = _mark_meeting(
-        pack_curves(curves), pack_curves(others), np.ascontiguousarray(far), max_reach, most_miss
+        pack_curves(curves), pack_curves(others), near, max_reach, most_miss
     )
     return result
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _mark_meeting(rows, others, far, max_reach, most_miss):  # type: ignore[no-untyped-def]
+def _mark_meeting(rows, others, near, max_reach, most_miss):  # type: ignore[no-untyped-def]
     """Tell which rows meet another, by any of their ends."""
     result = np.zeros(len(rows), dtype=np.bool_)
     pair, both = np.array([[0, 0, 1, 0]]), np.empty((2, rows.shape[1]))
     for k in range(len(rows)):
         both[0] = rows[k]
-        for m in range(len(others)):
-            if far[k, m]:
-                continue
+        for m in near.item[near.start[k] : near.start[k + 1]]:
             both[1] = others[m]
             for side in (-1, 1):
                 for other_side in (-1, 1):

@@ -11,7 +11,7 @@ from numba import njit
 import numpy as np
 
 from plc_inspect.config import SupportSettings
-from plc_inspect.core.catenary.curve import Curve, find_far_apart, pack_curves
+from plc_inspect.core.catenary.curve import Curve, find_near, pack_curves
 from plc_inspect.core.catenary.curve_row import TOLERANCE
 from plc_inspect.core.catenary.duplicates import mark_course, NUM_STATIONS, SLACK
 from plc_inspect.core.numerics.disjoint_sets import unite
@@ -182,7 +182,7 @@ def _find_originals(
 ) -> list[int]:
     """Curves that do not lie on a better seen one, now that all reach their supports."""
     order = np.argsort([-curve.num_points for curve in curves], kind='stable')
-    near = ~find_far_apart(curves, 1.0 + max_reach)
+    near = find_near(curves, 1.0 + max_reach)
     kept = _choose_originals(pack_curves(curves), start_x, end_x, near, order)
     result: list[int] = np.flatnonzero(kept).tolist()
     return result
@@ -194,8 +194,8 @@ def _choose_originals(rows, start_x, end_x, near, order):  # type: ignore[no-unt
     for number in order:
         row = rows[number]
         on_other = np.zeros(NUM_STATIONS, dtype=np.bool_)
-        for k in range(len(rows)):
-            if kept[k] and near[number, k]:
+        for k in near.item[near.start[number] : near.start[number + 1]]:
+            if kept[k]:
                 reach = max(row[TOLERANCE], rows[k][TOLERANCE])
                 mark_course(
                     row, rows[k], start_x[k] - SLACK, end_x[k] + SLACK, reach, on_other

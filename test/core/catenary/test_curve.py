@@ -8,7 +8,7 @@ import pytest
 from toys import hang, make_curve, make_wire, turn
 
 from plc_inspect.core.catenary.catenary import draw_triples
-from plc_inspect.core.catenary.curve import fit_curve
+from plc_inspect.core.catenary.curve import find_near, fit_curve
 from plc_inspect.core.catenary.curve_row import (
     derive_tolerance,
     fit_row,
@@ -142,3 +142,61 @@ def test_one_place_is_as_many():
     place = np.array([33.0, -7.0, 4.0])
     x, y = curve.local(place[None, :])
     assert curve.local_place(place) == pytest.approx((x[0], y[0]), abs=1e-12)
+
+
+def make_many(seed, num):
+    """Curves of 5 to 60 m in all directions within a square of 200 m."""
+    rng = np.random.default_rng(seed)
+    x = np.linspace(-0.5, 0.5, 12)
+    curves = []
+    for length, angle, place in zip(
+        rng.uniform(5, 60, num), rng.uniform(0, np.pi, num), rng.uniform(0, 200, (num, 2)),
+        strict=True,
+    ):
+        at = length * x
+        wire = np.stack([at * np.cos(angle), at * np.sin(angle), at**2 / 800.0 + 9.0], axis=1)
+        curves.append(make_curve(wire + np.append(place, 0.0)))
+    return curves
+
+
+def measure_gap(first, second):
+    """Return the least distance of two pieces in plan, from places 0.5 m apart [m]."""
+    stations = [
+        curve.position(np.arange(curve.low, curve.high + 0.5, 0.5))[:, :2]
+        for curve in (first, second)
+    ]
+    return float(np.linalg.norm(stations[0][:, None] - stations[1], axis=2).min())
+
+
+@pytest.mark.parametrize('margin', [1.0, 3.0, 20.0])
+def test_all_that_is_near_is_found_and_nothing_that_is_far(margin):
+    curves = make_many(3, 60)
+    others = make_many(4, 25)
+    num = 0
+    for near, wanted in (
+        (find_near(curves, margin), curves), (find_near(curves, margin, others), others),
+    ):
+        assert len(near.start) == 61
+        for number, curve in enumerate(curves):
+            found = near.of(number).tolist()
+            assert found == sorted(set(found))
+            for other, piece in enumerate(wanted):
+                if piece is curve:
+                    assert other not in found
+                    continue
+                gap = measure_gap(curve, piece) - curve.tolerance - piece.tolerance
+                if gap <= margin - 0.5:
+                    assert other in found
+                    num += 1
+                elif gap > np.sqrt(2.0) * (margin + curve.tolerance + piece.tolerance) + 0.5:
+                    assert other not in found
+    assert num > 20
+
+
+def test_nearness_is_mutual_and_of_nothing_nothing_is_near():
+    near = find_near(make_many(5, 80), 5.0)
+    pairs = {(number, other) for number in range(80) for other in near.of(number).tolist()}
+    assert len(pairs) > 100
+    assert {(other, number) for number, other in pairs} == pairs
+    assert find_near([], 5.0).start.tolist() == [0]
+    assert find_near(make_many(5, 2), 5.0, []).start.tolist() == [0, 0, 0]

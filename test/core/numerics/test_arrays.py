@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from plc_inspect.core.numerics.arrays import find_true, put, take_rows
+from plc_inspect.core.numerics.arrays import find_true, merge_ascending, put, take_rows
 
 
 @pytest.mark.parametrize('num', [0, 1, 15, 16, 17, 10_001])
@@ -29,3 +29,10 @@ def test_it_puts_values_in_the_first_places():
     put(np.array([7.0, 8.0]), target[1:])
     put(np.empty(0), target)
     assert target.tolist() == [0.0, 7.0, 8.0, 3.0, 4.0]
+
+
+@pytest.mark.parametrize('sizes', [(0, 0), (0, 5), (5, 0), (40, 60)])
+def test_it_merges_as_numpy_does(sizes):
+    rng = np.random.default_rng(sum(sizes))
+    first, second = (np.unique(rng.integers(0, 80, size)) for size in sizes)
+    np.testing.assert_array_equal(merge_ascending(first, second), np.union1d(first, second))
