@@ -38,6 +38,7 @@ from plc_inspect.core.catenary.validation import (
     CROWDED,
     find_objection,
     HELD,
+    is_straight,
     prove_sag,
     STAY,
     STRAIGHTEST,
@@ -95,11 +96,11 @@ FREE_SHARE = 0.5
 Stays of a fan hang free along this share of their length, at least.
 Source: judgement: gutters and ridges, which are as straight, have a roof beside them.
 """
-STEEP = math.tan(math.radians(15.0))
+STEEP, STEEP_CONSTANT = math.tan(math.radians(15.0)), 1500.0
 """
-What is surely straight and steeper than this is a stay.
-Source: judgement: conductors on hillsides are as steep, and sag; stays of bridges and guys of
-masts have 20 degrees and more.
+What is steeper than this, and surely straighter than such a catenary constant [m], is a stay.
+Source: measured: on random scenes steep conductors of 28 m and more are surely tighter than 1060 m
+and bars of bridges surely straighter than 1890 m; guys of masts have 20 degrees and more.
 """
 LONGEST_BAY = 8.0
 """
@@ -212,13 +213,14 @@ class Judge:
         beams = [self._curves[number] for number in straight if self._is_beam(number)]
         sure = np.array([proofs[number] < 0.0 for number in straight], dtype=bool)
         steep = np.array([
-            abs(float(curve.fit.slope(0.5 * (curve.low + curve.high)))) > STEEP for curve in curves
+            abs(float(curve.fit.slope(0.5 * (curve.low + curve.high)))) > STEEP
+            and is_straight(curve, STEEP_CONSTANT) for curve in curves
         ], dtype=bool)
         free = np.array([
             self.verdicts[number].free.wide >= FREE_SHARE * self._curves[number].length
             for number in straight
         ], dtype=bool)
-        stays = find_stays(curves, beams) | find_fans(curves, sure, free) | (sure & steep)
+        stays = find_stays(curves, sure, beams) | find_fans(curves, sure, free) | steep
         for number in np.array(straight, dtype=np.int64)[stays].tolist():
             self.verdicts[number] = replace(self.verdicts[number], objection=STAY)
 

@@ -86,46 +86,51 @@ Source: judgement: hangers and brackets stand evenly.
 """
 
 
-def find_stays(curves: Sequence[Curve], beams: Sequence[Curve]) -> Bool:
+def find_stays(curves: Sequence[Curve], sure: Bool, beams: Sequence[Curve]) -> Bool:
     """
-    Tell which curves are stays of a beam.
+    Tell which curves are stays or rails of a beam.
 
     Parameters
     ----------
     curves : sequence of Curve
         Straight, as far as is known.
+    sure : (C,) bool
+        Which of them surely are.
     beams : sequence of Curve
         Straight, and part of something solid.
 
     Returns
     -------
     (C,) bool
-        Curves that run above a beam, in its vertical plane, and come down on it at one end.
+        Curves that run above a beam, in its vertical plane, and come down on it at one end, or
+        are surely straight and close above it.
 
     """
     near = find_near(curves, ASIDE, beams)
-    result: Bool = _find_stays(pack_curves(curves), pack_curves(beams), near)
+    result: Bool = _find_stays(pack_curves(curves), sure, pack_curves(beams), near)
     return result
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _find_stays(rows, beams, near):  # type: ignore[no-untyped-def]
+def _find_stays(rows, sure, beams, near):  # type: ignore[no-untyped-def]
     result = np.zeros(len(rows), dtype=np.bool_)
     for k in range(len(rows)):
         for m in near.item[near.start[k] : near.start[k + 1]]:
-            if _holds(rows[k], beams[m]):
+            if _holds(rows[k], sure[k], beams[m]):
                 result[k] = True
                 break
     return result
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _holds(row, beam):  # type: ignore[no-untyped-def]
-    """Tell whether a row's curve is a stay of a beam."""
+def _holds(row, is_sure, beam):  # type: ignore[no-untyped-def]
+    """Tell whether a row's curve is a stay of a beam, or a rail where it is surely straight."""
     _, above, first, last = _compare(row, beam)
     if above < ABOVE_SHARE * NUM_STATIONS:
         return False
-    return min(first, last) <= NEAREST and abs(last - first) >= RISE * (row[HIGH] - row[LOW])
+    return min(first, last) <= NEAREST and (
+        is_sure or abs(last - first) >= RISE * (row[HIGH] - row[LOW])
+    )
 
 
 @njit(cache=True, nogil=True, error_model='numpy')

@@ -106,9 +106,13 @@ def prove_sag(curve: Curve, settings: CatenarySettings) -> float:
     significance = float(curve.fit.shape[2]) / sigma if sigma > 0.0 else 0.0
     sags = LEAST_CONSTANT <= curve.fit.c <= settings.max_constant
     proof = min(significance / settings.min_significance, 1.0) if sags else 0.0
-    if proof < 1.0 and curve.fit.shape[2] + SURE * sigma < 1.0 / STRAIGHTEST:
-        return -1.0
-    return proof
+    return -1.0 if proof < 1.0 and is_straight(curve, STRAIGHTEST) else proof
+
+
+def is_straight(curve: Curve, constant: float) -> bool:
+    """Tell whether a curve is surely straighter than a catenary of a constant [m]."""
+    sigma = math.sqrt(max(float(curve.fit.covariance[2, 2]), 0.0))
+    return float(curve.fit.shape[2]) + SURE * sigma < 1.0 / constant
 
 
 def add_up(

@@ -279,6 +279,8 @@ def cut_at_stations(
     """
     Cut curves that pass unbroken through a support at which their neighbours end.
 
+    One that ends at a support of another line than theirs runs beside that line.
+
     Parameters
     ----------
     points : (N, 3) float64
@@ -297,9 +299,12 @@ def cut_at_stations(
     """
     result = []
     placed = [_station(group) for group in stations]
-    for curve in curves:
+    passed, own = _list_next(len(curves), stations)
+    for curve, at in zip(curves, own, strict=True):
         parts = [curve]
-        for station in placed:
+        for station, beyond in zip(placed, passed, strict=True):
+            if at and beyond.isdisjoint(at.values()):
+                continue
             if abs(math.sin(station.direction - curve.azimuth)) > math.sin(PARALLEL):
                 continue
             x, y = curve.local_place(station.position)
@@ -314,6 +319,22 @@ def cut_at_stations(
             ]
         result += parts
     return result
+
+
+def _list_next(
+    num: int, stations: Sequence[Sequence[Joint]]
+) -> tuple[list[set[int]], list[dict[int, int]]]:
+    """Return the supports next to each one on its line, and those of each curve's sides."""
+    own: list[dict[int, int]] = [{} for _ in range(num)]
+    for station, group in enumerate(stations):
+        for joint in group:
+            for curve, side in zip(joint.curves, joint.sides, strict=True):
+                own[curve][side] = station
+    beyond = [
+        {at for joint in group for curve in joint.curves for at in own[curve].values()} - {station}
+        for station, group in enumerate(stations)
+    ]
+    return beyond, own
 
 
 def _station_ahead(

@@ -20,13 +20,14 @@ def bar(low, high, first, last, y=0.0):
 
 
 BEAM = bar(0.0, 60.0, 20.0, 20.0)
+NO = np.zeros(1, dtype=bool)
 
 
 @pytest.mark.parametrize('curve', [
     bar(2.0, 40.0, 20.5, 27.0), bar(40.0, 58.0, 27.0, 21.0), bar(5.0, 40.0, 21.5, 27.0, y=0.8),
 ])
 def test_bars_that_come_down_on_a_beam_are_its_stays(curve):
-    assert find_stays([curve], [BEAM]).tolist() == [True]
+    assert find_stays([curve], NO, [BEAM]).tolist() == [True]
 
 
 @pytest.mark.parametrize('curve', [
@@ -36,12 +37,24 @@ def test_bars_that_come_down_on_a_beam_are_its_stays(curve):
     bar(2.0, 40.0, 14.0, 19.5),  # below
 ])
 def test_other_lines_near_a_beam_are_none(curve):
-    assert find_stays([curve], [BEAM]).tolist() == [False]
+    assert find_stays([curve], NO, [BEAM]).tolist() == [False]
 
 
 def test_without_beams_or_curves_there_are_no_stays():
-    assert find_stays([], [BEAM]).tolist() == []
-    assert find_stays([BEAM], []).tolist() == [False]
+    assert find_stays([], NO[:0], [BEAM]).tolist() == []
+    assert find_stays([BEAM], NO, []).tolist() == [False]
+
+
+@pytest.mark.parametrize(('height', 'expected'), [(21.1, True), (22.9, True), (23.5, False)])
+def test_what_is_surely_straight_and_close_above_a_beam_is_its_rail(height, expected):
+    rail = bar(2.0, 58.0, height, height)
+    assert find_stays([rail], ~NO, [BEAM]).tolist() == [expected]
+    assert find_stays([rail], NO, [BEAM]).tolist() == [False]
+
+
+def test_a_rail_that_goes_on_beyond_the_beam_is_none_of_it():
+    rail = bar(2.0, 58.0, 21.0, 21.0)
+    assert find_stays([rail], ~NO, [bar(2.0, 40.0, 20.0, 20.0)]).tolist() == [False]
 
 
 FAN = [bar(0.0, 30.0, 20.0, 6.0), bar(0.0, 24.0, 19.0, 6.0), bar(0.0, 18.0, 18.0, 6.0)]

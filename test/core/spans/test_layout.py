@@ -6,7 +6,7 @@ import pytest
 from toys import make_curve, make_route, make_wire
 
 from plc_inspect.config import SupportSettings
-from plc_inspect.core.spans.layout import cut_at_stations, find_layout, group_joints
+from plc_inspect.core.spans.layout import find_layout, group_joints
 from plc_inspect.errors import ConfigError
 
 SETTINGS = SupportSettings()
@@ -51,9 +51,18 @@ def test_a_conductor_that_passes_unbroken_is_cut_where_its_neighbours_end():
     assert len(own) == 2
     for number in own:
         assert {layout.start_station[number], layout.end_station[number]} == {-1, 0}
-    # the same as a function
-    stations = group_joints(layout.joints, SETTINGS)
-    assert len(cut_at_stations(points, [passing], stations, SETTINGS)) == 2
+
+
+def test_a_line_beside_one_with_other_supports_is_not_cut_at_them():
+    points, curves = make_route([(0, 0), (90, 0), (170, 0)])
+    more, beside = make_route([(0, 18), (40, 18), (125, 18)])
+    points = np.vstack([points, more])
+    moved = [
+        make_curve(points, curve.points + len(points) - len(more)) for curve in beside
+    ]
+    layout = find_layout(points, [*curves, *moved], (), SETTINGS)
+    assert len(layout.stations) == 2
+    assert len(layout.curves) == 12
 
 
 def test_a_conductor_that_fades_out_hangs_at_the_support_of_its_neighbours():
