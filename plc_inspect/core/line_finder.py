@@ -22,7 +22,7 @@ from plc_inspect.core.extraction.linearity import (
 )
 from plc_inspect.core.extraction.off_ground import gather_off_ground, OffGround
 from plc_inspect.core.extraction.outliers import OutlierResult, remove_outliers
-from plc_inspect.core.spans.adoption import adopt
+from plc_inspect.core.spans.adoption import adopt, drop_borne
 from plc_inspect.core.spans.ground_revision import renumber_points, revise_ground
 from plc_inspect.core.spans.layout import find_layout, Layout
 from plc_inspect.core.spans.point_claims import settle_strays
@@ -273,9 +273,11 @@ def _hang(
     east: Float64,
 ) -> _Hung:
     """Find spans and supports."""
+    poles = find_poles(cloud, conductors.curves, conductors.wire)
+    conductors = drop_borne(conductors, poles, settings.catenary)
     layout = find_layout(
         cloud.points, conductors.curves, adopt(cloud, conductors, settings), settings.supports,
-        find_poles(cloud, conductors.curves, conductors.wire),
+        poles,
     )
     spans = build_spans(cloud, layout, trace_routes(layout, east), settings, rng)
     spans = add_taps(cloud, inliers, spans, settings)

@@ -116,6 +116,11 @@ conductors with spacers or diverters, and messengers of railways, have 300 m and
 """
 
 
+def may_be_held(curve: Curve, settings: CatenarySettings) -> bool:
+    """Tell whether something that touches a curve at even intervals may hold it, and not hang."""
+    return curve.fit.c < DEEPEST or prove_sag(curve, settings) < 1.0
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Verdict:
     """What is known of one curve, and why it is no conductor."""
@@ -182,9 +187,10 @@ class Judge:
         """
         Take back what is tied together along its whole length: chords of a truss, rails, racks.
 
-        Conductors that hang side by side have air between them.
+        Conductors that hang side by side have air between them.  What is tied to something that
+        was taken back is so too.
         """
-        known = np.flatnonzero([not verdict.objection for verdict in self.verdicts])
+        known = np.flatnonzero([verdict.objection in ('', *BUILT) for verdict in self.verdicts])
         curves = [self._curves[number] for number in known.tolist()]
         if len(curves) < 2:
             return
@@ -200,35 +206,37 @@ class Judge:
             tied[others] = True
             tied[number] |= len(others) > 0
         for number in known[tied].tolist():
-            self.verdicts[number] = replace(self.verdicts[number], objection=TIED)
+            if not self.verdicts[number].objection:
+                self.verdicts[number] = replace(self.verdicts[number], objection=TIED)
 
     def _unstay(self) -> None:
-        """Take back stays: what comes down on a beam, fans out, or is steep and straight."""
+        """Take back what is of a beam, fans out, or is steep and straight."""
         proofs = [prove_sag(curve, self._settings) for curve in self._curves]
-        straight = [
+        numbers = [
             number for number, verdict in enumerate(self.verdicts)
-            if verdict.objection != TIED and proofs[number] < 1.0
+            if verdict.objection != TIED and may_be_held(self._curves[number], self._settings)
         ]
-        curves = [self._curves[number] for number in straight]
-        beams = [self._curves[number] for number in straight if self._is_beam(number)]
-        sure = np.array([proofs[number] < 0.0 for number in straight], dtype=bool)
+        curves = [self._curves[number] for number in numbers]
+        straight = np.array([proofs[number] < 0.0 for number in numbers], dtype=bool)
+        deep = np.array([proofs[number] == 1.0 for number in numbers], dtype=bool)
         steep = np.array([
             abs(float(curve.fit.slope(0.5 * (curve.low + curve.high)))) > STEEP
             and is_straight(curve, STEEP_CONSTANT) for curve in curves
         ], dtype=bool)
         free = np.array([
             self.verdicts[number].free.wide >= FREE_SHARE * self._curves[number].length
-            for number in straight
+            for number in numbers
         ], dtype=bool)
-        stays = find_stays(curves, sure, beams) | find_fans(curves, sure, free) | steep
-        for number in np.array(straight, dtype=np.int64)[stays].tolist():
+        beams = [self._curves[number] for number in numbers if self._is_beam(number)]
+        stays = find_stays(curves, straight | deep, beams) | steep
+        stays |= find_fans(curves, straight, free & ~deep)
+        for number in np.array(numbers, dtype=np.int64)[stays].tolist():
             self.verdicts[number] = replace(self.verdicts[number], objection=STAY)
 
     def _unhold(self) -> None:
         """Take back what touches something at regular intervals: main cables, pipes."""
         known = np.flatnonzero([
-            not verdict.objection
-            and (curve.fit.c < DEEPEST or prove_sag(curve, self._settings) < 1.0)
+            not verdict.objection and may_be_held(curve, self._settings)
             for curve, verdict in zip(self._curves, self.verdicts, strict=True)
         ])
         held = find_held(

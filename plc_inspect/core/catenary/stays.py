@@ -67,6 +67,12 @@ LONGEST_CONTACT = 3
 Cells that one contact takes, at most.
 Source: derived: a cross-beam of half a metre, wherever it lies in them; crowns are longer.
 """
+NUM_LAYERS, LAYER, SOLID_SHARE = 5, 0.1, 0.5
+"""
+Contacts are looked for in the first of so many layers, each so much deeper [m], that holds points
+along at most this share of the curve.
+Source: derived: the lower half of a pipe of a metre, seen along most of it.
+"""
 LEAST_EVEN = 3
 """Even intervals between contacts, at least.  Source: derived: two more that agree with one."""
 SHORTEST_BAY = 2.0
@@ -88,22 +94,22 @@ Source: judgement: hangers and brackets stand evenly.
 
 def find_stays(curves: Sequence[Curve], sure: Bool, beams: Sequence[Curve]) -> Bool:
     """
-    Tell which curves are stays or rails of a beam.
+    Tell which curves are stays, rails or main cables of a beam.
 
     Parameters
     ----------
     curves : sequence of Curve
-        Straight, as far as is known.
+        What may be held.
     sure : (C,) bool
-        Which of them surely are.
+        Which of them are surely straight, or deeper than conductors of a line.
     beams : sequence of Curve
         Straight, and part of something solid.
 
     Returns
     -------
     (C,) bool
-        Curves that run above a beam, in its vertical plane, and come down on it at one end, or
-        are surely straight and close above it.
+        Curves that run above a beam, in its vertical plane, and come near to it: at one end, or
+        anywhere those that are sure.
 
     """
     near = find_near(curves, ASIDE, beams)
@@ -124,13 +130,11 @@ def _find_stays(rows, sure, beams, near):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model='numpy')
 def _holds(row, is_sure, beam):  # type: ignore[no-untyped-def]
-    """Tell whether a row's curve is a stay of a beam, or a rail where it is surely straight."""
-    _, above, first, last = _compare(row, beam)
-    if above < ABOVE_SHARE * NUM_STATIONS:
+    """Tell whether a row's curve is a stay of a beam, or a rail or cable where it is sure."""
+    _, above, first, last, nearest = _compare(row, beam)
+    if above < ABOVE_SHARE * NUM_STATIONS or nearest > NEAREST:
         return False
-    return min(first, last) <= NEAREST and (
-        is_sure or abs(last - first) >= RISE * (row[HIGH] - row[LOW])
-    )
+    return is_sure or abs(last - first) >= RISE * (row[HIGH] - row[LOW])
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
@@ -139,10 +143,12 @@ def _compare(row, other):  # type: ignore[no-untyped-def]
     Compare a row's curve with another one in its vertical plane, from station to station.
 
     Returned are how many stations they have in common, how many of these are above the other
-    curve, and how high above it the first and the last are [m]; NaN where there are none.
+    curve, how high above it the first and the last are [m], NaN where there are none, and how
+    high above or below it the nearest is [m].
     """
     common = above = 0
     first = last = math.nan
+    nearest = math.inf
     for station in range(NUM_STATIONS):
         x = row[LOW] + (row[HIGH] - row[LOW]) * station / (NUM_STATIONS - 1)
         at, aside = to_local(
@@ -155,7 +161,8 @@ def _compare(row, other):  # type: ignore[no-untyped-def]
             first = last
         common += 1
         above += last > 0.0
-    return common, above, first, last
+        nearest = min(nearest, abs(last))
+    return common, above, first, last, nearest
 
 
 def find_fans(curves: Sequence[Curve], sure: Bool, free: Bool) -> Bool:
@@ -210,18 +217,18 @@ def find_held(
     contacts = call_each(
         lambda k: _list_contacts(points, index.grid, curves[k].row, wire), len(curves)
     )
-    return np.array([_is_regular(np.diff(x), longest) for x in contacts], dtype=bool)
+    return np.array([is_regular(np.diff(x), longest) for x in contacts], dtype=bool)
 
 
-def _is_regular(interval: Float64, longest: float) -> bool:
-    """Tell whether things stand at even intervals, none of them long [m]."""
-    if len(interval) < LEAST_EVEN:
+def is_regular(interval: Float64, longest: float, least: int = LEAST_EVEN) -> bool:
+    """Tell whether things stand at intervals [m], ``least`` of them even and none of them long."""
+    if len(interval) < least:
         return False
     middle = float(np.median(interval))
     even = int((np.abs(interval - middle) <= REGULAR * middle).sum())
     # the more are even the more may be odd, where one was not seen or something else touches
     short = SHORTEST_BAY <= middle <= longest
-    return short and even >= LEAST_EVEN and 2 * (len(interval) - even) <= even - 2
+    return short and even >= least and 2 * (len(interval) - even) <= even - 2
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
@@ -241,7 +248,7 @@ def _find_fans(rows, sure, free, near):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True, error_model='numpy')
 def _parts(row, other):  # type: ignore[no-untyped-def]
     """Tell whether two curves meet at one end, in a vertical plane, and part from there on."""
-    common, above, first, last = _compare(row, other)
+    common, above, first, last, _ = _compare(row, other)
     if common < ABOVE_SHARE * NUM_STATIONS or 0 < above < common:  # or they cross
         return False
     least = min(abs(first), abs(last))
@@ -260,13 +267,19 @@ def _list_contacts(points, grid, row, wire):  # type: ignore[no-untyped-def]
     )
     num = int((high - low) / CONTACT_CELL) + 1
     touched = np.zeros(num, dtype=np.bool_)
-    for i in near:
-        if wire[i]:
-            continue
-        x, y = to_local(row, points[i, 0], points[i, 1])
-        below = height_of(row, x) - points[i, 2] - row[TOLERANCE]
-        if low <= x <= high and abs(y) < CONTACT_ROOM and 0.0 < below < CONTACT_DEPTH:
-            touched[int((x - low) / CONTACT_CELL)] = True
+    for layer in range(NUM_LAYERS):
+        # below what is solid: a pipe is touched nowhere else
+        top = row[TOLERANCE] + layer * LAYER
+        touched[:] = False
+        for i in near:
+            if wire[i]:
+                continue
+            x, y = to_local(row, points[i, 0], points[i, 1])
+            below = height_of(row, x) - points[i, 2] - top
+            if low <= x <= high and abs(y) < CONTACT_ROOM and 0.0 < below < CONTACT_DEPTH:
+                touched[int((x - low) / CONTACT_CELL)] = True
+        if touched.mean() <= SOLID_SHARE:
+            break
 
     # cells in a row are one contact
     found = np.empty(num)
@@ -279,19 +292,23 @@ def _list_contacts(points, grid, row, wire):  # type: ignore[no-untyped-def]
                 found[count] = low + 0.5 * (first + place) * CONTACT_CELL
                 count += 1
             first = -1
-    return _keep_thin(points, row, near, wire, found[:count])
+    return _keep_thin(points, row, near, wire, top, found[:count])
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _keep_thin(points, row, near, wire, found):  # type: ignore[no-untyped-def]
-    """Return the contacts whose points, and those below them, lie close together along a row."""
+def _keep_thin(points, row, near, wire, top, found):  # type: ignore[no-untyped-def]
+    """
+    Return the contacts whose points, and those below them, lie close together along a row.
+
+    They are looked for from ``top`` below the curve on [m].
+    """
     sums, touching = np.zeros((len(found), 3)), np.zeros(len(found))
     least, most = np.full((len(found), 2), np.inf), np.full((len(found), 2), -np.inf)
     for i in near:
         if wire[i]:
             continue
         x, y = to_local(row, points[i, 0], points[i, 1])
-        below = height_of(row, x) - points[i, 2] - row[TOLERANCE]
+        below = height_of(row, x) - points[i, 2] - top
         if abs(y) >= THIN_ROOM or not 0.0 < below < THIN_DEPTH:
             continue
         after = np.searchsorted(found, x)

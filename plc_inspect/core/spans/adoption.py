@@ -1,21 +1,26 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Adoption: curves with too little evidence of their own that continue a conductor."""
+"""Second looks: curves that supports prove to be conductors, or to be none."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from plc_inspect.config import Settings
+from plc_inspect.config import CatenarySettings, Settings
 from plc_inspect.core.catenary.bundles import widen_to
 from plc_inspect.core.catenary.conductors import ConductorResult
 from plc_inspect.core.catenary.curve import Curve, find_near
 from plc_inspect.core.catenary.duplicates import is_thick
+from plc_inspect.core.catenary.judge import LONGEST_BAY, may_be_held
 from plc_inspect.core.catenary.profile import Profile, profile_curve
+from plc_inspect.core.catenary.stays import is_regular
+from plc_inspect.core.catenary.validation import HELD
 from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.core.spans.joints import find_joints, find_meeting
+from plc_inspect.core.spans.standing_poles import ARM, StandingPole
 from plc_inspect.errors import FitError
 from plc_inspect.results import Bool
 
@@ -24,6 +29,28 @@ ADOPTION_MISS = 0.3
 A doubtful curve meets a believed one within this [m].
 Source: judgement; holds from 0.15 to 0.6 on bench/constants.py.
 """
+LEAST_BAYS = 2
+"""
+Even intervals between poles that bear a pipe, at least.
+Source: derived: one more that agrees with one; lines have no three poles so close.
+"""
+
+
+def drop_borne(
+    conductors: ConductorResult, poles: Sequence[StandingPole], settings: CatenarySettings
+) -> ConductorResult:
+    """Drop the curves that poles bear at even short intervals, as they bear pipes and rails."""
+    kept: list[Curve] = []
+    for curve in conductors.curves:
+        x = sorted(curve.local_place(pole.position)[0] for pole in poles if pole.holds(curve))
+        bays = np.diff([at for at in x if curve.low - ARM <= at <= curve.high + ARM])
+        if not (may_be_held(curve, settings) and is_regular(bays, LONGEST_BAY, LEAST_BAYS)):
+            kept.append(curve)
+    num = len(conductors.curves) - len(kept)
+    objections = dict(conductors.objections)
+    if num:
+        objections[HELD] = objections.get(HELD, 0) + num
+    return replace(conductors, curves=tuple(kept), objections=objections)
 
 
 def adopt(

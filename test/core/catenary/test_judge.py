@@ -3,6 +3,9 @@
 
 """Curves judged together: wires side by side, pieces beside them, and trusses."""
 
+from dataclasses import replace
+from itertools import pairwise
+
 import numpy as np
 from toys import make_curve, make_index, make_sight, make_wire
 
@@ -112,6 +115,24 @@ def test_nothing_is_judged_where_there_is_no_curve():
     found.decide()
     assert found.verdicts == []
     assert not found.wire.any()
+
+
+def test_what_is_tied_to_something_that_was_taken_back_is_so_too():
+    lower, upper = make(z=12.0, c=1000.0), make(z=13.0, c=1000.0, seed=1)
+    at = np.random.default_rng(6).integers(0, len(lower), 6000)
+    up = np.random.default_rng(7).uniform(0.0, 1.0, (len(at), 1))
+    lattice = lower[at] + up * np.array([0.0, 0.0, 1.0])
+    points = np.vstack([lower, upper, lattice])
+    ends = np.cumsum([0, len(lower), len(upper)])
+    curves = [make_curve(points, np.arange(low, high)) for low, high in pairwise(ends)]
+    found = Judge(points, make_index(points), make_sight(points), curves, CatenarySettings())
+    for first, expected in ((STAY, [STAY, TIED]), (UNPROVEN, [UNPROVEN, ''])):
+        found.verdicts = [
+            replace(verdict, objection=objection)
+            for verdict, objection in zip(found.verdicts, (first, ''), strict=True)
+        ]
+        found._untie()
+        assert [verdict.objection for verdict in found.verdicts] == expected
 
 
 def make_bar(first, last, low=0.0, high=40.0, y=0.0):

@@ -52,6 +52,16 @@ def test_what_is_surely_straight_and_close_above_a_beam_is_its_rail(height, expe
     assert find_stays([rail], NO, [BEAM]).tolist() == [False]
 
 
+def test_a_cable_that_comes_down_on_a_deck_is_its_main_cable():
+    x = X[X < 55.0]
+    z = 21.0 + (x - 30.0) ** 2 / 240.0
+    noise = np.random.default_rng(3).normal(0.0, 0.01, (len(x), 3))
+    cable = make_curve(np.column_stack([x, np.zeros(len(x)), z]) + noise)
+    assert find_stays([cable], ~NO, [BEAM]).tolist() == [True]
+    high = make_curve(np.column_stack([x, np.zeros(len(x)), z + 4.0]) + noise)
+    assert find_stays([high], ~NO, [BEAM]).tolist() == [False]
+
+
 def test_a_rail_that_goes_on_beyond_the_beam_is_none_of_it():
     rail = bar(2.0, 58.0, 21.0, 21.0)
     assert find_stays([rail], ~NO, [bar(2.0, 40.0, 20.0, 20.0)]).tolist() == [False]
@@ -112,6 +122,26 @@ def touch(places, thick=0.03):
 def test_what_is_touched_at_regular_intervals_is_no_conductor(places, thick, held):
     points, wire = touch(places, thick)
     curve = make_curve(points, np.flatnonzero(wire))
+    assert find_held(points, make_index(points), [curve], wire, 8.0).tolist() == [held]
+
+
+@pytest.mark.parametrize(('spacing', 'held'), [(6.5, True), (11.0, False)])
+def test_posts_are_told_from_the_pipe_that_they_bear(spacing, held):
+    rng = np.random.default_rng(8)
+    around = rng.uniform(0.0, 2.0 * np.pi, 6000)
+    pipe = np.column_stack([
+        rng.uniform(0.0, 40.0, 6000), 0.25 * np.cos(around), 5.0 + 0.25 * np.sin(around)
+    ])
+    posts = [
+        np.column_stack([rng.uniform(x - 0.1, x + 0.1, 200), rng.uniform(-0.1, 0.1, 200),
+                         rng.uniform(0.0, 5.0, 200)])
+        for x in np.arange(2.0, 40.0, spacing)
+    ]
+    points = np.vstack([pipe, *posts])
+    top = np.flatnonzero((pipe[:, 2] > 5.15) & (np.abs(pipe[:, 1]) < 0.15))
+    curve = make_curve(points, top)
+    wire = np.zeros(len(points), dtype=bool)
+    wire[top] = True
     assert find_held(points, make_index(points), [curve], wire, 8.0).tolist() == [held]
 
 

@@ -9,9 +9,11 @@ from toys import make_curve, make_route, make_tree, make_wire
 
 from plc_inspect.config import Settings
 from plc_inspect.core.catenary.conductors import ConductorResult
+from plc_inspect.core.catenary.validation import HELD
 from plc_inspect.core.extraction.height import extract_high
 from plc_inspect.core.extraction.off_ground import gather_off_ground
-from plc_inspect.core.spans.adoption import adopt
+from plc_inspect.core.spans.adoption import adopt, drop_borne
+from plc_inspect.core.spans.standing_poles import StandingPole
 
 SETTINGS = Settings()
 TWIN = 0.4
@@ -97,3 +99,27 @@ def test_wires_that_crowd_each_other_go_on_side_by_side():
     believed, crowded = curves[:3], curves[3:]
     assert len(take(points, believed, crowded=crowded)) == 3
     assert take(points, [], crowded=crowded) == ()
+
+
+@pytest.mark.parametrize(('places', 'c', 'kept'), [
+    ((5.0, 11.5, 18.0), 1e6, False),  # posts of a pipe
+    ((5.0, 11.5), 1e6, True),
+    ((5.0, 30.0, 55.0), 1e6, True),  # poles of a line
+    ((5.0, 11.5, 18.0), 400.0, True),  # it hangs
+])
+def test_what_poles_bear_at_short_intervals_is_no_conductor(places, c, kept):
+    wire = make_wire((0.0, 0.0, 8.0), (60.0, 0.0, 8.0), c, per_metre=30.0)
+    curve = make_curve(wire)
+    low, high = float(wire[:, 2].min()), float(wire[:, 2].max())
+    poles = [
+        StandingPole(position=np.array([x, 0.0]), base=0.0, top=high if c > 1e5 else low + 3.0)
+        for x in places
+    ]
+    conductors = ConductorResult(
+        curves=(curve,), doubtful=(), crowded=(), objections={HELD: 2},
+        wire=np.ones(len(wire), dtype=bool),
+    )
+    result = drop_borne(conductors, poles, SETTINGS.catenary)
+    assert len(result.curves) == kept
+    assert result.objections == {HELD: 2 if kept else 3}
+    assert conductors.objections == {HELD: 2}
