@@ -79,6 +79,7 @@ setup(
     ],
     extras_require={
         'grid': ['dask>=2024.8', 'distributed>=2024.8'],
+        'formats': ['plyfile>=1.0', 'pye57>=0.4.11'],
         'fuzz': ['atheris>=3.0,<4'],
         'dev': [
             'colorspacious>=1.1',
@@ -90,6 +91,8 @@ setup(
             'mypy>=1.10',
             'pillow>=10',
             'playwright>=1.40',
+            'plyfile>=1.0',
+            'pye57>=0.4.11',
             'pyte>=0.8',
             'pytest>=8.0',
             'pytest-rerunfailures>=14',

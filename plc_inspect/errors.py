@@ -24,3 +24,12 @@ def explain_missing(error: ModuleNotFoundError) -> str:
     """Return in one line which Python package is missing, and how to get it."""
     package = (error.name or str(error)).partition('.')[0]
     return f'the Python package {package} is missing: install it as docs/install.md says'
+
+
+def say_needed(path: object, error: ModuleNotFoundError) -> DataError:
+    """Return the error of an input whose format needs a package that is missing."""
+    package = (error.name or str(error)).partition('.')[0]
+    return DataError(
+        f'{path} needs the Python package {package}, which is missing: '
+        "pip install 'plc_inspect[formats]'"
+    )

@@ -4,7 +4,7 @@
 """A grid from its inputs to its results folder."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 import shutil
 import time
@@ -163,21 +163,25 @@ def inspect_sources(
         None of the inputs can be read, or memory is too small.
 
     """
-    cut = cut_sources(run, sources)
+    held = [source for source in sources if source.num_points]  # others have no bounds
+    cut = cut_sources(run, held)
     jobs = plan_tiles(run, cut)
     run.tell(f'memory: {estimate_memory(jobs) / 1e9:.1f} GB for the largest of', 0, len(jobs), 0)
     answers = inspect_tiles(run, cut, jobs, know_whole(run, cut, jobs))
-    return write_grid(run, sources, refusals, cut, jobs, answers), jobs
+    summary = write_grid(run, held, refusals, cut, jobs, answers)
+    empty = [f'{source.path} holds no point' for source in sources if not source.num_points]
+    return replace(summary, notes=(*summary.notes, *empty)), jobs
 
 
 def check_together(sources: Sequence[Source], refusals: Sequence[Refusal]) -> None:
     """Raise DataError where inputs cannot be one grid."""
     if not sources:
         raise DataError(f'no input can be used: {refusals[0].error}')
-    if not any(source.num_points for source in sources):
+    held = [source for source in sources if source.num_points]
+    if not held:
         raise DataError(f'none of {len(sources)} inputs holds a point')
-    first = sources[0]
-    for other in sources[1:]:
+    first = held[0]
+    for other in held[1:]:
         if other.crs != first.crs or other.units != first.units:
             raise DataError(
                 f'{first.path} and {other.path} have different coordinate reference systems '

@@ -19,8 +19,9 @@ from plc_inspect.errors import DataError
 from plc_inspect.grid.cells.layout import CellGrid
 from plc_inspect.grid.cells.sources import Source
 from plc_inspect.offline.readers.clouds import convert_to_metres, scale_grid
+from plc_inspect.offline.readers.copc import iterate_copc
 from plc_inspect.offline.readers.laz import open_las
-from plc_inspect.offline.readers.pcd import read_pcd
+from plc_inspect.offline.readers.plain_clouds import is_plain, iterate_points
 from plc_inspect.printable import make_one_line
 from plc_inspect.results import Float64
 
@@ -49,7 +50,7 @@ def name_part(source: int, part: int) -> str:
 
 def count_parts(source: Source) -> int:
     """Return into how many parts an input is divided."""
-    if source.path.lower().endswith('.pcd'):
+    if is_plain(source.path):
         return 1
     return max(-(-source.num_points // PART), 1)
 
@@ -102,6 +103,11 @@ def cut_part(
             stats.add(points, source)
             _write(aside, points, attributes, stats, np.arange(written, written + len(points)))
             written += len(points)
+        if stats.num_outside:
+            raise DataError(
+                f'{source.path}: {stats.num_outside} of {written} points lie outside the bounds '
+                'that its header tells, by more than 1 m: write it anew'
+            )
     except BaseException:
         shutil.rmtree(aside, ignore_errors=True)
         raise
@@ -156,7 +162,7 @@ class _Stats:
                               strict=True))
         return {
             'part': name, 'num_points': num, 'num_lost': self.num_lost,
-            'num_outside': self.num_outside, 'moments': self._moments.tolist(),
+            'moments': self._moments.tolist(),
             'strays': strays,
             'cells': {str(cell): values for cell, values in sorted(self._cells.items())},
         }
@@ -188,14 +194,18 @@ def _read_part(source: Source, part: int) -> Iterator[tuple[Float64, np.ndarray]
     """Yield coordinates in units of the file, and attributes, of some points at a time."""
     path = Path(source.path)
     first, last = part * PART, min((part + 1) * PART, source.num_points)
+    num_parts = count_parts(source)
     try:
-        if path.suffix.lower() == '.pcd':
-            points = read_pcd(path)
-            yield points, np.zeros(len(points), dtype=ATTRIBUTES)
+        if is_plain(path):
+            for points in iterate_points(path, CHUNK):
+                yield points, np.zeros(len(points), dtype=ATTRIBUTES)
+            return
+        if source.is_indexed and num_parts > 1:
+            for chunk in iterate_copc(path, part, num_parts):
+                yield _take_points(chunk), _take_attributes(chunk)
             return
         with open_las(path) as reader:
             reader.seek(first)
-            scales, offsets = np.array(reader.header.scales), np.array(reader.header.offsets)
             while first < last:
                 chunk = reader.read_points(min(CHUNK, last - first))
                 if not len(chunk):
@@ -204,12 +214,7 @@ def _read_part(source: Source, part: int) -> Iterator[tuple[Float64, np.ndarray]
                         f' {source.num_points}'
                     )
                 first += len(chunk)
-                yield (
-                    scale_grid(
-                        _take(chunk, 'X'), _take(chunk, 'Y'), _take(chunk, 'Z'), scales, offsets
-                    ),
-                    _take_attributes(chunk),
-                )
+                yield _take_points(chunk), _take_attributes(chunk)
     except DataError:
         raise
     except OSError as error:
@@ -219,8 +224,9 @@ def _read_part(source: Source, part: int) -> Iterator[tuple[Float64, np.ndarray]
         raise DataError(f'{path} cannot be read, is it truncated? {text}') from error
 
 
-def _take(chunk: laspy.ScaleAwarePointRecord, name: str) -> np.ndarray:
-    return np.ascontiguousarray(chunk.array[name])
+def _take_points(chunk: laspy.ScaleAwarePointRecord) -> Float64:
+    x, y, z = (np.ascontiguousarray(chunk.array[name]) for name in 'XYZ')
+    return scale_grid(x, y, z, np.array(chunk.scales), np.array(chunk.offsets))
 
 
 def _take_attributes(chunk: laspy.ScaleAwarePointRecord) -> np.ndarray:

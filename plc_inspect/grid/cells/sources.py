@@ -13,22 +13,28 @@ from typing import Any
 import laspy
 import numpy as np
 
+from plc_inspect.core.numerics.arrays import MOST_COORDINATE
 from plc_inspect.errors import DataError
 from plc_inspect.offline.readers.clouds import (
     check_las_header,
     choose_units,
     find_las_crs,
+    find_plain_crs,
     measure_units,
     parse_crs,
-    read_cloud,
     render_wkt,
     SUFFIXES,
 )
+from plc_inspect.offline.readers.copc import count_indexed, is_copc
+from plc_inspect.offline.readers.plain_clouds import is_plain, iterate_points
 from plc_inspect.offline.readers.plausibility import question_place
 from plc_inspect.printable import make_one_line
+from plc_inspect.results import Float64
 
 INDEX_SUFFIXES = ('.geojson', '.json', '.vpc', '.gpkg', '.shp')
 """A tile index: GeoJSON, a virtual point cloud, GeoPackage, shapefile."""
+TABLES = ('.csv',)
+"""Of a folder these are not taken: most are lists of something else."""
 LOCATION_KEYS = ('location', 'path', 'file', 'filename', 'file_name', 'url', 'href')
 """Attributes of an index that hold the path of a tile, as PDAL, LAStools and lidR name it."""
 
@@ -55,6 +61,8 @@ class Source:
     """[bytes]"""
     changed: int
     """When the file was changed last [ns]."""
+    is_indexed: bool = False
+    """It is a COPC file, of which parts are found by its own index."""
     note: str = ''
     """What was assumed of its coordinates, '' where they are known."""
 
@@ -129,7 +137,8 @@ def _expand(item: str) -> Iterator[Path]:
 
 def _list_folder(folder: Path) -> Iterator[Path]:
     for path in sorted(folder.rglob('*')):
-        if path.suffix.lower() in SUFFIXES and path.is_file():
+        suffix = path.suffix.lower()
+        if suffix in SUFFIXES and suffix not in TABLES and path.is_file():
             yield path.resolve()
 
 
@@ -193,7 +202,7 @@ def read_sources(
     Returns
     -------
     sources : list of Source
-        Those that can be used and hold points.
+        Those that can be used; some may hold no point.
     refusals : list of Refusal
         The others, and why.
 
@@ -226,12 +235,10 @@ def _read_source(
     given: tuple[str, tuple[float, float]] | None,
     known: dict[bytes, tuple[str, tuple[float, float]]],
 ) -> Source:
-    stat = path.stat()
-    if path.suffix.lower() == '.pcd':
-        points = read_cloud(path).points
-        good = points[np.isfinite(points).all(axis=1)]
-        low, high = (good.min(axis=0), good.max(axis=0)) if len(good) else (np.zeros(3),) * 2
-        num, (wkt, units) = len(points), given or ('', (1.0, 1.0))
+    stat, is_indexed = path.stat(), False
+    if is_plain(path):
+        num, low, high = _measure_plain(path)
+        wkt, units = given or _find_plain_system(path)
         low, high = low * [units[0], units[0], units[1]], high * [units[0], units[0], units[1]]
         scales = offsets = np.zeros(3)
     else:
@@ -243,12 +250,33 @@ def _read_source(
             known[key] = find_las_crs(header, path)
         wkt, units = given or known[key]
         scale = np.array([units[0], units[0], units[1]])
-        low, high = np.array(header.mins) * scale, np.array(header.maxs) * scale
+        low, high = _find_bounds(path, header, scale)
+        is_indexed = is_copc(header)
         scales, offsets = np.array(header.scales), np.array(header.offsets)
     return Source(
         path=str(path), number=number, num_points=num, low=_triple(low), high=_triple(high),
         crs=wkt, units=units, scales=_triple(scales), offsets=_triple(offsets),
-        size=stat.st_size, changed=stat.st_mtime_ns,
+        size=stat.st_size, changed=stat.st_mtime_ns, is_indexed=is_indexed,
+    )
+
+
+def _measure_plain(path: Path) -> tuple[int, Float64, Float64]:
+    """Return points, least and greatest coordinates of a file that has no header of them."""
+    num, low, high = 0, np.full(3, np.inf), np.full(3, -np.inf)
+    for points in iterate_points(path):
+        num += len(points)
+        good = points[(np.abs(points) < MOST_COORDINATE).all(axis=1)]
+        low = np.minimum(low, good.min(axis=0, initial=np.inf))
+        high = np.maximum(high, good.max(axis=0, initial=-np.inf))
+    if num and not np.isfinite(low).all():
+        raise DataError(f'{path} holds no finite point, of {num}')
+    return num, low if num else np.zeros(3), high if num else np.zeros(3)
+
+
+def _find_plain_system(path: Path) -> tuple[str, tuple[float, float]]:
+    system = find_plain_crs(path)
+    return ('', (1.0, 1.0)) if system is None else (
+        render_wkt(system), measure_units(system, path)
     )
 
 
@@ -292,8 +320,36 @@ def _read_header(path: Path) -> laspy.LasHeader:
         raise DataError(f'{path} has no readable LAS header: {text}') from error
 
 
+def _find_bounds(path: Path, header: laspy.LasHeader, scale: Float64) -> tuple[Float64, Float64]:
+    """Return the bounds that a header tells [m]; DataError where they are none."""
+    low, high = np.array(header.mins) * scale, np.array(header.maxs) * scale
+    if header.point_count and not (
+        (low <= high).all() and (np.abs([low, high]) < MOST_COORDINATE).all()
+    ):
+        raise DataError(
+            f'{path}: its header tells bounds from {_render(header.mins)} to '
+            f'{_render(header.maxs)}, which are none: write it anew'
+        )
+    return low, high
+
+
+def _render(values: Any) -> str:
+    return '(' + ', '.join(f'{value:.6g}' for value in values) + ')'
+
+
 def _check_count(path: Path, header: laspy.LasHeader, size: int) -> None:
-    """Refuse an uncompressed file that is too short for the points its header counts."""
+    """Refuse a file that holds more or less points than its header counts, if that shows."""
+    if is_copc(header):
+        try:
+            indexed = count_indexed(path)
+        except Exception as error:  # laspy lets errors of struct and numpy through
+            text = make_one_line(error) or type(error).__name__
+            raise DataError(f'{path} has no readable index of COPC: {text}') from error
+        if indexed != header.point_count:
+            raise DataError(
+                f'{path} is damaged: its index leads to {indexed} points, its header counts'
+                f' {header.point_count}'
+            )
     if header.are_points_compressed:
         return
     room = size - header.offset_to_point_data

@@ -61,7 +61,7 @@ def survey(
     Parameters
     ----------
     path : Path
-        A LAS, LAZ or PCD file.
+        A cloud, see `read_cloud`.
     settings : Settings
         All settings.
     crs : str or None
@@ -137,7 +137,7 @@ def begin_reading(
     Parameters
     ----------
     path : Path
-        A LAS, LAZ or PCD file.
+        A cloud, see `read_cloud`.
     crs : str or None
         Coordinate reference system instead of the file's.
     unit : float or None
@@ -212,7 +212,8 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = make_parser(NAME, 'Finds power lines and their hazards in clouds.')
     parser.add_argument(
         'clouds', nargs='+', metavar='CLOUD',
-        help='a LAS, LAZ or PCD file; more of them, folders, patterns or a tile index are a grid',
+        help='a LAS, LAZ, COPC, PCD, E57, PLY, XYZ or CSV file; more of them, folders, patterns or a'
+        ' tile index are a grid',
     )
     parser.add_argument(
         '--crs', help='coordinate reference system instead of the one in the file, as EPSG:2992'

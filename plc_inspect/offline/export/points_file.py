@@ -27,6 +27,8 @@ _MODERN_FORMAT = {0: 6, 1: 6, 2: 7, 3: 7, 4: 9, 5: 10}
 _SCAN_ANGLE_STEP = 0.006
 """Degrees in one unit of ``scan_angle`` (LAS 1.4 R15, table 15)."""
 _LARGEST = 2**31 - 1
+_COPC = 'copc'
+"""User of records that index the points of a COPC file; those that are written lie elsewhere."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,7 +91,10 @@ def _write_las(path: Path, las: laspy.LasData, inspection: Inspection) -> None:
     ):
         setattr(header, name, getattr(las.header, name))
     header.global_encoding = las.header.global_encoding
-    header.vlrs.extend(vlr for vlr in las.header.vlrs if type(vlr).__name__ != 'ExtraBytesVlr')
+    header.vlrs.extend(
+        vlr for vlr in las.header.vlrs
+        if type(vlr).__name__ != 'ExtraBytesVlr' and vlr.user_id != _COPC
+    )
     ours = {name for name, *_ in EXTRA_DIMENSIONS}
     header.add_extra_dims([
         laspy.ExtraBytesParams(
@@ -119,8 +124,11 @@ def _write_las(path: Path, las: laspy.LasData, inspection: Inspection) -> None:
                 record.array[name] = source[name][chunk]
             _put_result(record.array, inspection.result, chunk)
             writer.write_points(record)
-        if las.evlrs:
-            writer.write_evlrs(las.evlrs)
+        evlrs = laspy.vlrs.vlrlist.VLRList([
+            vlr for vlr in las.evlrs or () if vlr.user_id != _COPC
+        ])
+        if evlrs:
+            writer.write_evlrs(evlrs)
 
 
 def _write_coordinates(path: Path, inspection: Inspection) -> int:

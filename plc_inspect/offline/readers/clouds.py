@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Point clouds from files, LAS, LAZ and PCD, in metres."""
+"""Point clouds from files, in metres."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,12 +18,17 @@ from plc_inspect.core.extraction.ground_surface import bounds
 from plc_inspect.core.numerics.arrays import MOST_COORDINATE
 from plc_inspect.errors import ConfigError, DataError
 from plc_inspect.offline.readers.laz import read_las
-from plc_inspect.offline.readers.pcd import read_pcd
+from plc_inspect.offline.readers.plain_clouds import (
+    find_named_crs,
+    is_plain,
+    read_points,
+    READERS,
+)
 from plc_inspect.offline.readers.plausibility import question_place
 from plc_inspect.printable import make_one_line
 from plc_inspect.results import Float64, Int32
 
-SUFFIXES = ('.las', '.laz', '.pcd')
+SUFFIXES = ('.las', '.laz', *READERS)
 
 _UNIT_CODES = {9001: 1.0, 9002: 0.3048, 9003: 1200.0 / 3937.0}
 """
@@ -55,7 +60,7 @@ class Cloud:
     metres_per_unit: tuple[float, float]
     """Length of the file's horizontal and vertical unit [m]."""
     las: Any
-    """The laspy.LasData with all attributes, None for a PCD file."""
+    """The laspy.LasData with all attributes, None for a file of another kind."""
     note: str = ''
     """What was assumed of the coordinates, '' where they are known."""
 
@@ -72,7 +77,7 @@ def read_cloud(
     Parameters
     ----------
     path : Path or str
-        A .las, .laz or .pcd file.
+        A file whose name ends in one of SUFFIXES.
     crs : str or None
         CRS that replaces the file's, as 'EPSG:2992' or WKT.
     unit : float or None
@@ -100,11 +105,9 @@ def read_cloud(
         kind = 'is a folder' if path.is_dir() else 'is no regular file'
         raise DataError(f'{path} {kind if path.exists() else "does not exist"}')
     given = None if crs is None else parse_crs(crs)
-    if path.suffix.lower() == '.pcd':
-        try:
-            las, points = None, read_pcd(path)
-        except OSError as error:
-            raise _not_read(path, error) from error
+    if is_plain(path):
+        las, points = None, read_points(path)
+        given = given or find_plain_crs(path)
     else:
         las, points = load_las(path)
     system, wkt, units = given, '', (1.0, 1.0)
@@ -260,6 +263,18 @@ def parse_crs(text: str) -> pyproj.CRS:
         return pyproj.CRS.from_user_input(text)
     except CRSError as error:
         raise ConfigError(f'unknown coordinate reference system {text!r}') from error
+
+
+def find_plain_crs(path: Path) -> pyproj.CRS | None:
+    """Return the CRS that a file other than LAS names; DataError where it is not understood."""
+    text = find_named_crs(path)
+    if not text:
+        return None
+    try:
+        return pyproj.CRS.from_user_input(text)
+    except CRSError as error:
+        shown = make_one_line(text)[:120]
+        raise DataError(f'{path} has a CRS that is not understood (give one): {shown}') from error
 
 
 def render_wkt(system: pyproj.CRS) -> str:

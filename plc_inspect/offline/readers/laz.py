@@ -40,11 +40,20 @@ def open_las(path: Path) -> Iterator[laspy.LasReader]:
     a damaged file would make lazrs ask for more memory than there is, which ends the process, and
     RuntimeError where it panics, which would pass by all that catches errors.
     """
+    with (
+        panics_as_errors(), path.open('rb') as file,
+        laspy.open(file, laz_backend=BACKENDS) as reader,
+    ):
+        if reader.header.are_points_compressed:
+            _check_chunks(file, reader.header)
+        yield reader
+
+
+@contextmanager
+def panics_as_errors() -> Iterator[None]:
+    """Raise RuntimeError where lazrs panics, which would pass by all that catches errors."""
     try:
-        with path.open('rb') as file, laspy.open(file, laz_backend=BACKENDS) as reader:
-            if reader.header.are_points_compressed:
-                _check_chunks(file, reader.header)
-            yield reader
+        yield
     except BaseException as error:
         if type(error).__name__ != 'PanicException':  # no module has it to be imported from
             raise

@@ -5,8 +5,12 @@
 
 from collections.abc import Sequence
 import math
+from pathlib import Path
+
+import numpy as np
 
 from plc_inspect.errors import ConfigError, DataError
+from plc_inspect.results import Float64
 
 UNITS = {'m': 1.0, 'ft': 0.3048, 'us-ft': 1200.0 / 3937.0}
 """
@@ -24,6 +28,12 @@ EARTH_RADII = 6.33e6, 6.40e6
 """Distance of places on Earth from its centre [m].  Source: derived: WGS 84 and mountains."""
 UTM_EAST = 1e6
 """Eastings of UTM are less [m].  Source: derived: from 167 km to 833 km."""
+
+COARSEST = 0.02
+"""
+Step of coordinates in single precision, at most [units of the file].
+Source: derived: the diameter of a conductor.
+"""
 
 
 def parse_unit(name: str | None) -> float | None:
@@ -92,3 +102,29 @@ def question_place(
     if max(abs(low[0]), abs(high[0])) > UTM_EAST:
         note += f'; x of {high[0]:.6g} may be feet: then give --units ft or us-ft, or --crs'
     return note
+
+
+def check_precision(path: Path, points: Float64) -> None:
+    """
+    Refuse coordinates whose decimals were lost in single precision.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+    points : (N, 3) float64
+        As it holds them in single precision.
+
+    Raises
+    ------
+    DataError
+        They are so large that they are steps of more than COARSEST apart.
+
+    """
+    largest = float(np.abs(points).max(initial=0.0, where=np.isfinite(points)))
+    step = float(np.spacing(np.float32(largest))) if largest < np.finfo(np.float32).max else 0.0
+    if step > COARSEST:
+        raise DataError(
+            f'{path}: coordinates up to {largest:.7g} in single precision are known to {step:g}'
+            ' only: write them in double precision, or shifted to a place nearby'
+        )

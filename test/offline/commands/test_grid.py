@@ -4,11 +4,14 @@
 """``plc_survey`` over a grid: what makes one, exit codes, messages."""
 
 import json
+import struct
 
-from grid.grids import make_line, write_las
+from clouds import write_copc, write_e57, write_ply, write_xyz
+from grid.grids import make_line, ORIGIN, write_las
 import numpy as np
 import pytest
 
+from plc_inspect.grid.cells import cut
 from plc_inspect.offline.commands.survey import main
 
 OPTIONS = ['--halo', '60', '--memory', '2', '--quiet']
@@ -47,6 +50,62 @@ def test_a_folder_is_a_grid_and_a_damaged_tile_is_told(folder, tmp_path, capsys)
     (tmp_path / 'tiles' / 'c.las').unlink()
     assert main([str(tmp_path / 'tiles'), '-o', str(out), *OPTIONS]) == 0
     assert 'c.las' not in (out / 'index.html').read_text()
+
+
+def test_formats_may_be_mixed(folder, tmp_path, monkeypatch):
+    (tmp_path / 'tiles').mkdir()
+    tiles = tmp_path / 'tiles'
+    points = make_line(1)
+    own = np.array_split(points, 4)
+    write_copc(tiles / 'a.copc.laz', own[0])
+    write_ply(tiles / 'b.ply', own[1])
+    write_xyz(tiles / 'c.xyz', own[2])
+    shift = np.floor(points.min(axis=0))
+    write_e57(tiles / 'd.e57', own[3] - shift, translation=shift)
+    write_xyz(tiles / 'list.csv', own[0], mark=',')  # of a folder tables are not taken
+    monkeypatch.setattr(cut, 'PART', 1000)  # else one part of a COPC file is all of it
+    out = tmp_path / 'out'
+    assert main([str(tiles), '-o', str(out), *OPTIONS]) == 0
+    run = json.loads((out / 'run.json').read_text())
+    assert run['num_points'] == len(points)
+    assert run['input']['num_sources'] == 4
+    single = write_las(tmp_path / 'all.las', points)
+    assert main([str(single), '-o', str(tmp_path / 'single'), '--quiet']) == 0
+    spans, other = (
+        json.loads((own / 'spans.json').read_text())['spans']
+        for own in (out, tmp_path / 'single')
+    )
+    assert len(spans) == len(other) == 3
+    for one, two in zip(spans, other, strict=True):
+        assert one['sag'] == pytest.approx(two['sag'], abs=1e-3)
+
+
+def test_an_empty_tile_is_no_place(tmp_path, capsys):
+    points = make_line(1)
+    first, second = write_las(tmp_path / 'a.las', points), tmp_path / 'b.las'
+    write_las(second, points[:0])
+    (tmp_path / 'c.xyz').touch()
+    out = tmp_path / 'out'
+    assert main([str(first), str(second), str(tmp_path / 'c.xyz'), '-o', str(out),
+                 *OPTIONS[:-1]]) == 0
+    run = json.loads((out / 'run.json').read_text())
+    assert (run['num_points'], run['num_spans'], run['num_tiles']) == (len(points), 3, 1)
+
+
+def test_bounds_that_lie_are_told(tmp_path, capsys):
+    path = write_las(tmp_path / 'a.las', make_line(1))
+    data = bytearray(path.read_bytes())
+    data[179:187] = struct.pack('<d', ORIGIN[0] + 20.0)  # greatest x
+    path.write_bytes(bytes(data))
+    good = write_las(tmp_path / 'b.las', make_line(1))
+    out = tmp_path / 'out'
+    assert main([str(path), str(good), '-o', str(out), *OPTIONS]) == 2
+    assert 'points lie outside the bounds that its header tells' in capsys.readouterr().err
+    data[179:187] = struct.pack('<d', np.nan)
+    path.write_bytes(bytes(data))
+    line = refuse(capsys, path, '-o', tmp_path / 'none', '--halo', '60')
+    assert 'its header tells bounds from' in line
+    assert not (tmp_path / 'none').exists()
 
 
 def test_an_index_names_its_tiles(folder, tmp_path):

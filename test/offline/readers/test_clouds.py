@@ -241,7 +241,7 @@ def test_what_is_no_cloud(tmp_path):
         ('missing.laz', 'does not exist'),
         ('text.laz', 'text.laz is not a LAS file'),
         ('folder.laz', 'is a folder'),
-        ('cloud.ply', 'must end in .las, .laz, .pcd'),
+        ('cloud.obj', 'must end in .las, .laz, .pcd, .e57, .ply, .xyz, .csv'),
     ):
         with pytest.raises(DataError, match=message):
             read_cloud(tmp_path / name)

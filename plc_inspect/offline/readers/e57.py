@@ -1,0 +1,129 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""E57 files (ASTM E2807): the points of all scans, in the frame of the file."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plc_inspect.errors import DataError, say_needed
+from plc_inspect.offline.readers.plausibility import check_precision
+from plc_inspect.printable import make_one_line
+from plc_inspect.results import Float64
+
+_CARTESIAN = ('cartesianX', 'cartesianY', 'cartesianZ')
+_SPHERICAL = ('sphericalRange', 'sphericalAzimuth', 'sphericalElevation')
+
+
+def iterate_e57(path: Path, most: int) -> Iterator[Float64]:
+    """
+    Yield the points of an E57 file, scan by scan.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    most : int
+        Points that are yielded at once.
+
+    Yields
+    ------
+    (N, 3) float64
+        In the frame of the file, poses of scans applied [m]; NaN where a scan marks a point as
+        invalid.
+
+    Raises
+    ------
+    DataError
+        pye57 is missing, the file is no E57 file, damaged, or has scans without coordinates,
+        or with such that lost their decimals.
+
+    """
+    with _open(path) as file:
+        for number in range(file.scan_count):
+            yield from _iterate_scan(path, file, number, most)
+
+
+def find_e57_crs(path: Path) -> str:
+    """Return the coordinate reference system that an E57 file names, as WKT, '' none."""
+    with _open(path) as file:
+        root = file.root
+        if not root.isDefined('coordinateMetadata'):
+            return ''
+        return str(root['coordinateMetadata'].value()).strip()
+
+
+@contextmanager
+def _open(path: Path) -> Iterator[Any]:
+    try:
+        import pye57
+    except ModuleNotFoundError as error:
+        raise say_needed(path, error) from error
+    with path.open('rb'):  # an error of the system says more than one of libE57
+        pass
+    try:
+        with pye57.E57(str(path)) as file:
+            yield file
+    except (DataError, OSError, MemoryError):
+        raise
+    except Exception as error:  # libE57 has errors of its own for all that may be wrong
+        text = make_one_line(error).partition(' (')[0] or type(error).__name__
+        raise DataError(f'{path} cannot be read, is it damaged or truncated? {text}') from error
+
+
+def _iterate_scan(path: Path, file: Any, number: int, most: int) -> Iterator[Float64]:
+    head = file.get_header(number)
+    names = next((own for own in (_CARTESIAN, _SPHERICAL) if set(own) <= set(head.point_fields)),
+                 None)
+    if names is None:
+        raise DataError(
+            f'{path}, scan {number + 1}: no coordinates, only {", ".join(head.point_fields)}'
+        )
+    valid = 'cartesianInvalidState' if names is _CARTESIAN else 'sphericalInvalidState'
+    wanted = [*names, *([valid] if valid in head.point_fields else [])]
+    size = max(min(most, head.point_count), 1)
+    data, buffers = file.make_buffers(wanted, size)
+    pose = head.rotation_matrix, head.translation
+    is_single = any(_is_single(head, name) for name in names)
+    reader, held = head.points.reader(buffers), 0
+    try:
+        while num := int(reader.read()):
+            held += num
+            own = np.column_stack([data[name][:num] for name in names])
+            if is_single:
+                check_precision(path, own)
+            points = own if names is _CARTESIAN else _to_cartesian(own)
+            if head.has_pose():
+                points = points @ pose[0].T + pose[1]
+            if valid in data:
+                points[data[valid][:num] != 0] = np.nan
+            yield points
+    finally:
+        reader.close()
+    if held != head.point_count:
+        raise DataError(
+            f'{path}, scan {number + 1} holds {held} points, its header counts {head.point_count}'
+        )
+
+
+def _is_single(head: Any, name: str) -> bool:
+    """Tell whether a column of a scan is kept in single precision."""
+    from pye57 import libe57
+
+    kind = libe57.StructureNode(head.points.prototype())[name]
+    return isinstance(kind, libe57.FloatNode) and (
+        kind.precision() == libe57.FloatPrecision.E57_SINGLE
+    )
+
+
+def _to_cartesian(points: Float64) -> Float64:
+    """Return places from range [m], azimuth and elevation [rad], as E57 defines them."""
+    distance, azimuth, elevation = points.T
+    flat = distance * np.cos(elevation)
+    return np.column_stack([
+        flat * np.cos(azimuth), flat * np.sin(azimuth), distance * np.sin(elevation),
+    ])

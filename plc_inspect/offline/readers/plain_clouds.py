@@ -1,0 +1,76 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Clouds of which only coordinates are read: PCD, E57, PLY and text, some points at a time."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from plc_inspect.errors import DataError
+from plc_inspect.offline.readers.e57 import find_e57_crs, iterate_e57
+from plc_inspect.offline.readers.pcd import read_pcd
+from plc_inspect.offline.readers.ply import iterate_ply
+from plc_inspect.offline.readers.xyz import iterate_xyz
+from plc_inspect.results import Float64
+
+CHUNK = 1_000_000
+"""Points that are read at once."""
+
+
+def _iterate_pcd(path: Path, most: int) -> Iterator[Float64]:
+    points = read_pcd(path)
+    for begin in range(0, len(points), most):
+        yield points[begin : begin + most]
+
+
+READERS: dict[str, Callable[[Path, int], Iterator[Float64]]] = {
+    '.pcd': _iterate_pcd, '.e57': iterate_e57, '.ply': iterate_ply, '.xyz': iterate_xyz,
+    '.csv': iterate_xyz,
+}
+"""By the end of the name of a file."""
+
+
+def is_plain(path: Path | str) -> bool:
+    """Tell whether a file is one of which only coordinates are read."""
+    return Path(path).suffix.lower() in READERS
+
+
+def iterate_points(path: Path, most: int = CHUNK) -> Iterator[Float64]:
+    """
+    Yield the points of a file.
+
+    Parameters
+    ----------
+    path : Path
+        Of a kind in READERS.
+    most : int
+        Points that are yielded at once.
+
+    Yields
+    ------
+    (N, 3) float64
+        As they are in the file, NaN and infinities included.
+
+    Raises
+    ------
+    DataError
+        The file cannot be read, is truncated or damaged.
+
+    """
+    try:
+        yield from READERS[path.suffix.lower()](path, most)
+    except OSError as error:
+        raise DataError(f'{path} cannot be read: {error.strerror or error}') from error
+
+
+def read_points(path: Path) -> Float64:
+    """Read all points of a file, (N, 3) as they are in it; see `iterate_points` for errors."""
+    parts = list(iterate_points(path))
+    return parts[0] if len(parts) == 1 else np.concatenate([np.zeros((0, 3)), *parts])
+
+
+def find_named_crs(path: Path) -> str:
+    """Return the coordinate reference system that a file names, '' where it names none."""
+    return find_e57_crs(path) if path.suffix.lower() == '.e57' else ''

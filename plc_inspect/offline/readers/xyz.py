@@ -1,0 +1,150 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Points as text: a row for each, columns parted by spaces, commas, semicolons or tabs."""
+
+from collections.abc import Iterator, Sequence
+from itertools import chain, islice
+from pathlib import Path
+
+import numpy as np
+
+from plc_inspect.errors import DataError
+from plc_inspect.printable import make_one_line
+from plc_inspect.results import Float64
+
+_COMMENTS = ('#', '//')
+_MOST_TEXT = 80
+"""Characters of a row that are quoted."""
+_MOST_LINES = 250_000
+"""Rows that are held as text at once.  Source: judgement: some 20 MB."""
+_MOST_LINE = 100_000
+"""Characters of a row; a longer one is of no such file.  Source: judgement."""
+
+
+def iterate_xyz(path: Path, most: int) -> Iterator[Float64]:
+    """
+    Yield the points of a text file.
+
+    The first row may name the columns; then x, y and z are taken, else the first three.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    most : int
+        Points that are yielded at once.
+
+    Yields
+    ------
+    (N, 3) float64
+        As they are in the file, NaN included.
+
+    Raises
+    ------
+    DataError
+        A row has too few columns or something that is no number, no column is named x, y or z, or
+        the text ends in the middle of a row.
+    OSError
+        The file cannot be opened.
+
+    """
+    with path.open(encoding='utf-8-sig', errors='replace') as file:
+        rows = iter(lambda: file.readline(_MOST_LINE + 1), '')
+        before, first = _find_first(rows)
+        if not first:
+            return
+        mark = next((own for own in ';\t,' if own in first), None)
+        names = [name.strip(' \t"\'').lower() for name in _strip(first).split(mark)]
+        if any(_is_number(name) for name in names[:3]):
+            columns = [0, 1, 2]
+            rows, before = chain([first], rows), before - 1
+        else:
+            columns = _find_columns(path, names)
+        while lines := list(islice(rows, min(most, _MOST_LINES))):
+            points = _parse(path, lines, mark, columns, before)
+            before += len(lines)
+            if not lines[-1].endswith('\n') and _is_cut_off(lines[-2:], mark):
+                raise DataError(
+                    f'{path}, row {before}, the last, has fewer decimals than others and no line'
+                    ' break: is it truncated? Where it is whole, end it with a line break'
+                )
+            yield points
+
+
+def _find_first(file: Iterator[str]) -> tuple[int, str]:
+    """Return the number of the first row that holds points or names columns, and its text."""
+    for number, line in enumerate(file, start=1):
+        names = _strip(line).replace(',', ' ').replace(';', ' ').lower().split()
+        is_comment = line.lstrip().startswith(_COMMENTS)
+        if names and (not is_comment or {'x', 'y', 'z'} <= {name.strip('"\'') for name in names}):
+            return number, line
+    return 0, ''
+
+
+def _strip(line: str) -> str:
+    """Return a row without the mark of a comment in front, as CloudCompare names columns."""
+    text = line.strip()
+    for mark in _COMMENTS:
+        text = text.removeprefix(mark)
+    return text.strip()
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _find_columns(path: Path, names: Sequence[str]) -> list[int]:
+    for name in 'xyz':
+        if names.count(name) != 1:
+            shown = make_one_line(', '.join(names))[:_MOST_TEXT]
+            number = 'no column' if name not in names else f'{names.count(name)} columns'
+            raise DataError(f'{path} has {number} {name!r} in its first row: {shown}')
+    return [names.index(name) for name in 'xyz']
+
+
+def _parse(
+    path: Path, lines: list[str], mark: str | None, columns: Sequence[int], before: int
+) -> Float64:
+    longest = max(map(len, lines))
+    if longest > _MOST_LINE:
+        raise DataError(f'{path} is no text of points: a row has {longest} characters')
+    if not any(line.strip() and not line.lstrip().startswith(_COMMENTS) for line in lines):
+        return np.zeros((0, 3))
+    marks = _COMMENTS if any('#' in line or '//' in line for line in lines) else None
+    try:
+        return np.loadtxt(
+            lines, delimiter=mark, usecols=columns, comments=marks, ndmin=2, dtype=np.float64
+        )
+    except ValueError as error:
+        raise DataError(f'{path}, {_find_fault(lines, mark, columns, before, error)}') from error
+
+
+def _is_cut_off(lines: Sequence[str], mark: str | None) -> bool:
+    """Tell whether the last column of the last row is shorter behind the point than before."""
+    before, last = (len(line.strip().split(mark)[-1].partition('.')[2])
+                    for line in (lines[0], lines[-1]))
+    return last < before
+
+
+def _find_fault(
+    lines: Sequence[str], mark: str | None, columns: Sequence[int], before: int, error: ValueError
+) -> str:
+    """Say in which row something is wrong, and what."""
+    for number, line in enumerate(lines, start=before + 1):
+        text = line.partition('#')[0].partition('//')[0]
+        parts = text.split(mark) if text.strip() else []
+        if not parts:
+            continue
+        shown = make_one_line(line.strip())[:_MOST_TEXT]
+        if len(parts) <= max(columns):
+            return (f'row {number}: {len(parts)} columns, {max(columns) + 1} are needed; is it'
+                    f' truncated? {shown}')
+        for column in columns:
+            if not _is_number(parts[column]):
+                return f'row {number}: {make_one_line(parts[column])!r} is no number: {shown}'
+    return f'rows {before + 1} to {before + len(lines)}: {make_one_line(error)}'
