@@ -28,7 +28,7 @@ def write_copc(path, points, capacity=CAPACITY):
         """Keep some points in a node, and give the others to its children."""
         nodes.append((key, np.sort(rows[:capacity])))
         rest = rows[capacity:]
-        level, *place = key
+        level = key[0]
         size = 2 * half / 2 ** (level + 1)
         child = np.floor((points[rest] - (center - half)) / size).astype(int)
         for own in np.unique(child, axis=0):

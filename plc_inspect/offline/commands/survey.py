@@ -212,8 +212,8 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = make_parser(NAME, 'Finds power lines and their hazards in clouds.')
     parser.add_argument(
         'clouds', nargs='+', metavar='CLOUD',
-        help='a LAS, LAZ, COPC, PCD, E57, PLY, XYZ or CSV file; more of them, folders, patterns or a'
-        ' tile index are a grid',
+        help='a LAS, LAZ, COPC, PCD, E57, PLY, XYZ or CSV file; more of them, folders, patterns'
+        ' or a tile index are a grid',
     )
     parser.add_argument(
         '--crs', help='coordinate reference system instead of the one in the file, as EPSG:2992'

@@ -88,7 +88,7 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument(
         'input', type=Path, metavar='CLOUD_OR_BAG',
-        help='a cloud as plc_survey takes it, a rosbag2 folder, or a .mcap, .db3 or ROS 1 .bag file',
+        help='a cloud as of plc_survey, a rosbag2 folder, or a .mcap, .db3 or ROS 1 .bag file',
     )
     parser.add_argument(
         '-o', '--output', type=Path, metavar='PARAMS.yaml', help='parameter file to write'

@@ -73,7 +73,7 @@ def test_points_of_e57_stand_where_the_pose_of_their_scan_puts_them(tmp_path):
     ('1 2\n', 'row 1: 2 columns, 3 are needed'),
     ('1 2 3\n4 5 6\n7 8\n', 'row 3: 2 columns, 3 are needed; is it truncated? 7 8'),
     ('1 2 3\n4 five 6\n', "row 2: 'five' is no number: 4 five 6"),
-    ('1,5 2,5 3,5 4\n', "is no number"),
+    ('1,5 2,5 3,5 4\n', 'is no number'),
     ('a,b,c\n1,2,3\n', "has no column 'x' in its first row: a, b, c"),
     ('x,y,x,z\n1,2,3,4\n', "has 2 columns 'x' in its first row"),
     ('1.00 2.00 3.00\n4.00 5.00 6.0', 'row 2, the last, has fewer decimals than others'),
@@ -130,7 +130,8 @@ def test_a_damaged_e57_file_is_refused(tmp_path):
 
 
 def test_decimals_lost_in_single_precision_are_told(tmp_path):
-    for path in (write_ply(tmp_path / 'a.ply', FAR, kind='f4'), write_e57(tmp_path / 'a.e57', FAR)):
+    ply = write_ply(tmp_path / 'a.ply', FAR, kind='f4')
+    for path in (ply, write_e57(tmp_path / 'a.e57', FAR)):
         assert 'in single precision are known to 0.5 only' in refuse(path)
     near = read_cloud(write_ply(tmp_path / 'b.ply', POINTS, kind='f4'))
     np.testing.assert_allclose(near.points, POINTS, atol=1e-4)
