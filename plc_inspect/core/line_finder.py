@@ -125,7 +125,7 @@ def _find_once(
     ground: HeightResult | None = None,
 ) -> FoundLines:
     """Run the stages once, with the heights that an earlier run has left where it is given."""
-    rng = make_draws(settings, whole)
+    rng = make_draws(settings)
     _, _, anchored, usual = unpack(whole)
 
     # High elevation extraction: heights above local ground, and what is high enough for a wire.

@@ -51,7 +51,11 @@ class PartResult:
 
 
 class EqualDraws:
-    """The same random numbers for every fit, whichever fits are made before it."""
+    """
+    The same random numbers for every fit.
+
+    A curve is then fitted alike whichever others are found: in a part of a cloud as in the whole.
+    """
 
     def __init__(self, num_trials: int) -> None:
         """Draw those of one fit."""
@@ -62,10 +66,8 @@ class EqualDraws:
         return np.resize(self._own, shape)
 
 
-def make_draws(settings: Settings, whole: Whole | None) -> np.random.Generator:
-    """Return what fits are drawn from: in a part of a cloud the same for each of them."""
-    if whole is None:
-        return np.random.default_rng(0)
+def make_draws(settings: Settings) -> np.random.Generator:
+    """Return what fits are drawn from."""
     return cast(np.random.Generator, EqualDraws(settings.catenary.num_trials))
 
 

@@ -57,7 +57,7 @@ def test_the_line_is_as_it_is_without_its_taps(street):
     for one, other in zip(alone.spans, result.spans[:6], strict=True):
         assert (one.line_id, one.span_id) == (other.line_id, other.span_id)
         np.testing.assert_allclose(one.end, other.end, atol=0.05)
-    assert ((alone.line_id >= 0) != (result.line_id >= 0)[~own]).sum() < 10
+    assert ((alone.line_id >= 0) != (result.line_id >= 0)[~own]).sum() < 20  # of 14,760
 
 
 @pytest.mark.parametrize('degrees', [50, 200])
