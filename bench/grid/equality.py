@@ -41,6 +41,8 @@ GAP = 60.0
 """Between the boxes of two sections [m]."""
 MOST_CURVE = 1e-3
 """Distance of two curves that are one [m]."""
+LEAST_SAME = 0.9999
+"""Share of points with the same class, and with the same line and span."""
 STATIONS = np.linspace(0.0, 1.0, 11)
 COLUMNS = ('cloud', 'cut', 'tiles', 'spans', 'curves [mm]', 'supports', 'hazards', 'class [%]',
            'line, span [%]')
@@ -157,6 +159,8 @@ def compare(own: Found, other: Found) -> tuple[list[str], bool]:
     good = (
         same_place and one_to_one and len(pairs) == num[0] == num[1] and worst <= MOST_CURVE
         and supports == len(own.supports) == len(other.supports)
+        and hazards == len(own.hazards) == len(other.hazards)
+        and min(same_class, float(same_line.mean())) >= LEAST_SAME
     )
     return [
         f'{len(pairs)} of {num[0]}, {num[1]}', f'{1000 * worst:.4f}',
@@ -192,7 +196,7 @@ def count_same(own: Sequence, other: Sequence) -> int:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Print the table, and return 1 where spans or supports are not equal."""
+    """Print the table, and return 1 where two runs are not equal."""
     parser = argparse.ArgumentParser(description=__doc__.strip().partition('\n')[0])
     parser.add_argument('--cloud', type=Path, nargs='*', default=[], help='LAS or LAZ files')
     parser.add_argument('--sections', type=int, default=8, help='simulated sections; 0: none')

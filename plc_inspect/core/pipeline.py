@@ -26,7 +26,7 @@ from plc_inspect.core.spans.route import EAST
 from plc_inspect.core.stage_log import Progress, StageLog, StageMemory
 from plc_inspect.core.stage_reports import report_corridor, report_hazards
 from plc_inspect.core.trace import Trace
-from plc_inspect.core.whole import PartResult, Whole
+from plc_inspect.core.whole import Whole
 from plc_inspect.errors import DataError
 from plc_inspect.results import Float64, InspectionResult, Int64
 
@@ -76,7 +76,7 @@ class Pipeline:
 
     def run_part(
         self, points: Float64, number: Int64, whole: Whole, progress: Progress | None = None
-    ) -> PartResult:
+    ) -> InspectionResult:
         """
         Find what `run` does, in a part of a cloud, as it is in the whole.
 
@@ -93,7 +93,7 @@ class Pipeline:
 
         Returns
         -------
-        PartResult
+        InspectionResult
             That of the whole away from the edge of the part, but for numbers of lines and spans;
             up to rounding.
 
@@ -102,10 +102,7 @@ class Pipeline:
         own = frame.enter(_check(points))
         probes = np.flatnonzero(number % whole.probe_step == 0)
         trace = self._trace(own, StageLog(progress), frame.east, whole, probes)
-        return PartResult(
-            result=frame.leave_result(trace.result, trace.offending), near=trace.near,
-            near_points=own[trace.near], free=trace.free,
-        )
+        return frame.leave_result(trace.result, trace.offending)
 
     def trace(
         self, points: Float64, progress: Progress | None = None, east: Float64 = EAST
@@ -141,9 +138,8 @@ class Pipeline:
         )
 
         # Hazards, and with them what the points about the conductors are.
-        nearby = choose_surroundings(height, spans, corridor)
-        if whole is not None:
-            nearby = replace(nearby, of_part=True)
+        # In cells at multiples of their edges, which a part of a cloud shares with the whole.
+        nearby = replace(choose_surroundings(height, spans, corridor), of_part=True)
         found, labels = log.run(
             None,
             lambda: self._judge(points, lines, corridor, nearby),
@@ -167,7 +163,6 @@ class Pipeline:
         )
         return Trace(
             lines=lines, corridor=corridor, result=result, offending=found.offending,
-            near=nearby.index, free=found.free,
         )
 
     def _judge(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from plc_inspect.core.corridor import CorridorResult
 from plc_inspect.core.line_finder import FoundLines
 from plc_inspect.core.spans.span_model import SpanModel
-from plc_inspect.results import Bool, Float64, InspectionResult, Int64
+from plc_inspect.results import Float64, InspectionResult
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -20,10 +20,6 @@ class Trace:
     result: InspectionResult
     offending: tuple[Float64, ...]
     """(K, 3) points of each hazard [m]."""
-    near: Int64
-    """(J,) surroundings of the conductors, ascending."""
-    free: Bool
-    """(J,) foliage, unless it is of a surface."""
 
     @property
     def models(self) -> tuple[SpanModel, ...]:

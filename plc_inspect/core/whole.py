@@ -10,7 +10,7 @@ import numpy as np
 
 from plc_inspect.config import Settings
 from plc_inspect.core.cloud_frame import CloudFrame
-from plc_inspect.results import Bool, Float64, InspectionResult, Int64
+from plc_inspect.results import Float64
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -35,19 +35,6 @@ class Whole:
     probe_step: int
     """Of the points of the whole every so many is one by which radii of the corridor are
     chosen."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PartResult:
-    """What was found in a part of N points, and what else its classes depend on."""
-
-    result: InspectionResult
-    near: Int64
-    """(J,) surroundings of conductors, ascending; they are vegetation or other."""
-    near_points: Float64
-    """(J, 3) in the frame of the whole [m]."""
-    free: Bool
-    """(J,) vegetation, unless they are of a surface, as `hazards.surfaces` tells it."""
 
 
 class EqualDraws:

@@ -82,10 +82,7 @@ def write_grid(
     done = [job for job in jobs if job.tile.name in answers]
     joined = join_tiles([read_found(job.place, job.tile.number) for job in done])
     units = Units(horizontal=sources[0].units[0], vertical=sources[0].units[1])
-    lows = np.array([answer['near_low'] for answer in answers.values()]).reshape(-1, 3)
-    corner = np.where(np.isfinite(lows), lows, np.inf).min(axis=0, initial=np.inf)
-    corner[~np.isfinite(corner)] = 0.0
-    written = _write_points(run, sources, done, joined, tuple(corner.tolist()))
+    written = _write_points(run, sources, done, joined)
     failures = (
         *(('input', item.path, item.error) for item in refusals), *run.ledger.list_failures(),
     )
@@ -117,8 +114,7 @@ def measure_kilometres(joined: JoinedGrid) -> float:
 
 
 def _write_points(
-    run: GridRun, sources: Sequence[Source], jobs: Sequence[TileJob], joined: JoinedGrid,
-    corner: tuple[float, ...],
+    run: GridRun, sources: Sequence[Source], jobs: Sequence[TileJob], joined: JoinedGrid
 ) -> dict[str, dict[str, Any]]:
     known = [source for source in sources if all(scale > 0 for scale in source.scales)]
     first = known[0] if known else None
@@ -138,9 +134,9 @@ def _write_points(
         inspected = run.ledger.find_task('tile', name)
         tasks.append(Task(
             name=name, function=write_tile_points,
-            arguments=(job, str(place), form, corner, numbers),
+            arguments=(job, str(place), form, numbers),
         ))
-        keys[name] = make_key(inspected, numbers, corner, asdict(form))
+        keys[name] = make_key(inspected, numbers, asdict(form))
         if not place.is_file():
             run.ledger.forget('points', name)
     folder = run.folder / TILE_FOLDER

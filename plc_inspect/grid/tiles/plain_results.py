@@ -11,27 +11,18 @@ from typing import Any
 
 import numpy as np
 
-from plc_inspect.core.hazards.surfaces import is_surface
-from plc_inspect.core.whole import PartResult
 from plc_inspect.results import (
     Bool,
     Float64,
     Hazard,
     HazardKind,
     InspectionResult,
-    PointClass,
     Severity,
     Span,
     SpanKey,
     Support,
-    UInt8,
 )
 
-BESIDE = 3.0
-"""
-Points this far beyond a tile count for the surfaces in it [m].
-Source: derived: neighbours of voxels of hazards.surfaces.
-"""
 MARGIN = 0.5
 """Both tiles claim what lies this near to their border [m]; one of them keeps it."""
 POINT_FIELDS = ('line_id', 'span_id', 'clearance', 'classification', 'decision')
@@ -125,68 +116,6 @@ def write_found(
     aside = Path(f'{place}.json.partial')
     aside.write_text(json.dumps(value), encoding='utf-8')
     aside.rename(f'{place}.json')
-
-
-def write_near(
-    place: Path, part: PartResult, points: Float64, core: Bool, territory: Rectangle
-) -> list[float]:
-    """
-    Write what is near conductors in a tile, for `classify_near`.
-
-    Parameters
-    ----------
-    place : Path
-        The beginning of the names of its files.
-    part : PartResult
-        What was found in N points.
-    points : (N, 3) float64
-        Map frame [m].
-    core : (N,) bool
-        Points of the tile.
-    territory : tuple of float
-        Of the tile [m].
-
-    Returns
-    -------
-    list of float
-        Least coordinates of those of the tile, in the frame of the whole [m].
-
-    """
-    x0, y0, x1, y1 = territory
-    near = points[part.near]
-    chosen = (near[:, 0] >= x0 - BESIDE) & (near[:, 0] < x1 + BESIDE)
-    chosen &= (near[:, 1] >= y0 - BESIDE) & (near[:, 1] < y1 + BESIDE)
-    number = np.where(core, np.cumsum(core) - 1, -1)[part.near[chosen]]
-    place.parent.mkdir(parents=True, exist_ok=True)
-    np.savez(
-        f'{place}.near.npz', points=part.near_points[chosen], number=number,
-        free=part.free[chosen],
-    )
-    low: list[float] = part.near_points[core[part.near]].min(axis=0, initial=np.inf).tolist()
-    return low
-
-
-def classify_near(place: Path, corner: Float64, classification: UInt8) -> None:
-    """
-    Tell vegetation from other things near conductors, as in the whole.
-
-    Parameters
-    ----------
-    place : Path
-        The beginning of the names of the files of a tile.
-    corner : (3,) float64
-        Least coordinates of all that `write_near` wrote, over all tiles [m].
-    classification : (N,) uint8
-        Of the points of the tile; changed here.
-
-    """
-    with np.load(f'{place}.near.npz') as known:
-        points, number, free = known['points'], known['number'], known['free']
-    foliage = free & ~is_surface(points, corner=corner)
-    own = number >= 0
-    classification[number[own]] = np.where(
-        foliage[own], PointClass.VEGETATION, PointClass.OTHER
-    ).astype(np.uint8)
 
 
 def read_found(place: Path, number: int) -> FoundTile:

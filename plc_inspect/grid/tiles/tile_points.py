@@ -13,7 +13,7 @@ import numpy as np
 
 from plc_inspect.grid.cells.cut import FLAG_NAMES, RETURN_BITS
 from plc_inspect.grid.cells.pieces import read_attributes
-from plc_inspect.grid.tiles.plain_results import classify_near, POINT_FIELDS
+from plc_inspect.grid.tiles.plain_results import POINT_FIELDS
 from plc_inspect.grid.tiles.tile_job import CELLS, list_pieces, TileJob
 from plc_inspect.offline.export.points_file import (
     CHUNK_SIZE,
@@ -40,8 +40,7 @@ class PointsFormat:
 
 
 def write_tile_points(
-    job: TileJob, place: str, form: PointsFormat, corner: tuple[float, float, float],
-    numbers: Sequence[tuple[int, int, int, int]],
+    job: TileJob, place: str, form: PointsFormat, numbers: Sequence[tuple[int, int, int, int]]
 ) -> dict[str, Any]:
     """
     Write the points of one tile as LAZ 1.4.
@@ -54,8 +53,6 @@ def write_tile_points(
         The file.
     form : PointsFormat
         How.
-    corner : tuple of float
-        Of what is near conductors in the grid, see `classify_near` [m].
     numbers : sequence of tuple
         Line and span of the tile, and what these are in the grid.
 
@@ -71,7 +68,6 @@ def write_tile_points(
     )
     with np.load(f'{job.place}.labels.npz') as known:
         labels = {name: known[name] for name in POINT_FIELDS}
-    classify_near(job.place, np.array(corner), labels['classification'])
     labels['line_id'], labels['span_id'] = _renumber(
         labels['line_id'], labels['span_id'], numbers
     )

@@ -21,7 +21,7 @@ from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.core.whole import Whole
 from plc_inspect.grid.cells.layout import BASE_BYTES, BYTES_PER_POINT
-from plc_inspect.grid.tiles.plain_results import is_within, write_found, write_near
+from plc_inspect.grid.tiles.plain_results import is_within, write_found
 from plc_inspect.grid.tiles.tile_job import TileJob
 from plc_inspect.offline.export.files import measure_peak_memory
 from plc_inspect.offline.records.inspection import measure_clearances
@@ -94,23 +94,22 @@ def inspect_tile(
         found = job.read(halo)
         looks += 1
         outer = job.tile.rectangle(job.grid, halo)
-        part = pipeline.run_part(found.points, found.number, whole)
+        result = pipeline.run_part(found.points, found.number, whole)
         num_points = len(found.points)
-        look = _judge(part.result, found.core, job.tile.rectangle(job.grid), outer, bound)
+        look = _judge(result, found.core, job.tile.rectangle(job.grid), outer, bound)
         wider = min(halo * WIDEN, MOST_HALO)
         if not look.num_cut or wider <= halo:
             break
         if num_points * (wider / halo) > most_points:
             break
         halo = wider
-    low = write_near(job.place, part, found.points, found.core, job.tile.rectangle(job.grid))
     write_found(
         job.place, look.result, look.core, look.near | look.claimed,
         middles=look.middles, territory=job.tile.rectangle(job.grid),
         vegetation=measure_clearances(look.result, settings.hazards.min_points),
     )
     return {
-        'near_low': low, 'num_points': int(look.core.sum()), 'num_read': num_points,
+        'num_points': int(look.core.sum()), 'num_read': num_points,
         'halo': halo, 'looks': looks,
         'num_spans': int(look.claimed.sum()), 'num_cut': look.num_cut,
         'seconds': time.perf_counter() - started, 'peak_memory': measure_peak_memory(),
