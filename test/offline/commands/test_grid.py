@@ -6,7 +6,7 @@
 import json
 import struct
 
-from clouds import write_copc, write_e57, write_ply, write_xyz
+from grid.formats import write_copc, write_e57, write_ply, write_xyz
 from grid.grids import make_line, ORIGIN, write_las
 import numpy as np
 import pytest

@@ -5,7 +5,7 @@
 
 import builtins
 
-from clouds import write_copc, write_e57, write_ply, write_xyz
+from grid.formats import write_copc, write_e57, write_ply, write_xyz
 import numpy as np
 import pytest
 
