@@ -8,9 +8,11 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from plc_inspect.core.hazards.conductor_hazards import SURE
 from plc_inspect.core.numerics.assignment import assign
+from plc_inspect.core.numerics.disjoint_sets import unite
 from plc_inspect.errors import DataError
 from plc_inspect.results import Float64, Hazard, Span
 
@@ -46,6 +48,11 @@ Source: judgement; not measured.
 """
 NUM_STATIONS = 41
 """Places at which two spans are compared.  Source: judgement; not measured."""
+STEP = 10.0
+"""
+Places along lines by which those are found that may be near each other are this far apart [m].
+Source: numerical: a station between two places is STEP / 2 from one of them, on both lines.
+"""
 LEAST_CHANGE = 0.15
 """Change of sag that is tolerated in any case [m].  Source: judgement; not measured."""
 TIE_BREAK = 1e-3
@@ -167,20 +174,67 @@ def match_spans(before: Sequence[Span], after: Sequence[Span]) -> list[tuple[int
         Indices into both.
 
     """
-    cost = np.full((len(before), len(after)), np.inf)
-    for i, first in enumerate(before):
-        for j, second in enumerate(after):
-            if math.dist((first.start + first.end)[:2] / 2, (second.start + second.end)[:2] / 2) \
-                    > first.length + second.length:
-                continue
-            common = _overlay(first, second)
-            if common is None:
-                continue
-            lateral, vertical = (float(np.abs(value).mean()) for value in common[1:])
-            held = _are_held_alike(first, second)
-            if held and lateral <= MAX_LATERAL and vertical <= MAX_VERTICAL:
-                cost[i, j] = math.hypot(lateral, vertical)
-    return assign(cost)
+    marks = [[_mark(span.start[:2], span.end[:2]) for span in own] for own in (before, after)]
+    pairs, costs = [], []
+    for i, j in _find_near(marks[0], marks[1], MAX_LATERAL):
+        first, second = before[i], after[j]
+        common = _overlay(first, second)
+        if common is None:
+            continue
+        lateral, vertical = (float(np.abs(value).mean()) for value in common[1:])
+        held = _are_held_alike(first, second)
+        if held and lateral <= MAX_LATERAL and vertical <= MAX_VERTICAL:
+            pairs.append((i, j))
+            costs.append(math.hypot(lateral, vertical))
+    return _assign(pairs, costs)
+
+
+def _mark(start: Float64, end: Float64) -> Float64:
+    """Return places in plan along a line, no more than STEP apart, its ends among them."""
+    num = math.ceil(float(np.linalg.norm(end - start)) / STEP) + 1
+    return np.linspace(start, end, max(num, 2))
+
+
+def _find_near(
+    before: Sequence[Float64], after: Sequence[Float64], distance: float
+) -> list[tuple[int, int]]:
+    """Return the pairs of lines, as `_mark` marks them, that may be within a distance in plan."""
+    if not before or not after:
+        return []
+    owners = [np.repeat(np.arange(len(own)), [len(line) for line in own])
+              for own in (before, after)]
+    trees = [cKDTree(np.concatenate(own)) for own in (before, after)]
+    found = trees[0].sparse_distance_matrix(
+        trees[1], distance + STEP, output_type='coo_matrix'
+    )
+    pairs = np.column_stack([owners[0][found.row], owners[1][found.col]])
+    return [(int(i), int(j)) for i, j in np.unique(pairs, axis=0).tolist()]
+
+
+def _mark_box(extent: Float64) -> Float64:
+    """Return places in plan over a box, no more than STEP apart along its sides."""
+    x, y = (_mark(extent[:1, axis], extent[1:, axis])[:, 0] for axis in (0, 1))
+    return np.column_stack([np.tile(x, len(y)), np.repeat(y, len(x))])
+
+
+def _assign(pairs: Sequence[tuple[int, int]], costs: Sequence[float]) -> list[tuple[int, int]]:
+    """Pair one to one, among pairs that can be, each group that is linked by itself."""
+    if not pairs:
+        return []
+    first, second = (np.unique(own, return_inverse=True) for own in np.array(pairs).T)
+    links = np.column_stack([first[1], len(first[0]) + second[1]])
+    root = np.asarray(unite(links.tolist(), len(first[0]) + len(second[0])))[links[:, 0]]
+    order = np.argsort(root, kind='stable')
+    result = []
+    for own in np.split(order, np.flatnonzero(np.diff(root[order])) + 1):
+        rows, row = np.unique(first[1][own], return_inverse=True)
+        columns, column = np.unique(second[1][own], return_inverse=True)
+        cost = np.full((len(rows), len(columns)), np.inf)
+        cost[row, column] = np.array(costs)[own]
+        result += [
+            (int(first[0][rows[i]]), int(second[0][columns[j]])) for i, j in assign(cost)
+        ]
+    return sorted(result)
 
 
 def _overlay(first: Span, second: Span) -> tuple[float, Float64, Float64] | None:
@@ -245,17 +299,19 @@ def _match_hazards(
     before: Sequence[Hazard], after: Sequence[Hazard]
 ) -> tuple[tuple[tuple[Hazard, Hazard], ...], list[Hazard], tuple[Hazard, ...]]:
     """Return pairs of the same hazards, hazards that are gone, and those that are new."""
-    cost = np.full((len(before), len(after)), np.inf)
-    for i, first in enumerate(before):
-        for j, second in enumerate(after):
-            if first.kind != second.kind:
-                continue
-            below = first.extent[0] - second.extent[1]
-            gap = np.maximum(below, second.extent[0] - first.extent[1])
-            apart = float(np.linalg.norm(np.maximum(gap, 0.0)))
-            if apart <= SAME_PLACE:
-                cost[i, j] = apart + TIE_BREAK * math.dist(first.position, second.position)
-    pairs = assign(cost)
+    marks = [[_mark_box(item.extent) for item in own] for own in (before, after)]
+    near, costs = [], []
+    for i, j in _find_near(marks[0], marks[1], SAME_PLACE + STEP):
+        first, second = before[i], after[j]
+        if first.kind != second.kind:
+            continue
+        below = first.extent[0] - second.extent[1]
+        gap = np.maximum(below, second.extent[0] - first.extent[1])
+        apart = float(np.linalg.norm(np.maximum(gap, 0.0)))
+        if apart <= SAME_PLACE:
+            near.append((i, j))
+            costs.append(apart + TIE_BREAK * math.dist(first.position, second.position))
+    pairs = _assign(near, costs)
     firsts, seconds = {i for i, _ in pairs}, {j for _, j in pairs}
     return (
         tuple((before[i], after[j]) for i, j in pairs),

@@ -6,7 +6,6 @@
 from dataclasses import dataclass
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyproj
@@ -29,10 +28,11 @@ from plc_inspect.offline.records.results_reader import (
     read_table,
     understanding,
 )
-from plc_inspect.results import Float64, Hazard, Int32, PointClass, Span
+from plc_inspect.results import Float64, Hazard, Int32, Int64, PointClass, Span
 
 CANOPY_CELL = 1.0
 """Edge of the plan cells whose highest vegetation is compared [m]."""
+TILES, POINTS = 'tiles', 'points.laz'
 MIN_CELLS = 5
 """Growth is told from at least this many cells."""
 
@@ -111,13 +111,26 @@ def read_survey(folder: Path) -> Survey:
         found = tuple(parse_span(row, units) for row in spans['spans'])
     with understanding(folder / 'hazards.json'):
         raised = tuple(parse_hazard(row, units) for row in hazards['hazards'])
-    las, points = read_points(folder, 'span_id')
-    own = np.asarray(las.classification) == PointClass.VEGETATION
+    canopy, span = _read_canopy(folder, units)
     return Survey(
         name=folder.name, crs=crs, frame_id=frame_id, units=units, spans=found, hazards=raised,
-        vegetation=vegetation, canopy=units.to_metres(points[own]),
-        canopy_span=np.asarray(las['span_id'])[own],
+        vegetation=vegetation, canopy=canopy, canopy_span=span,
     )
+
+
+def _read_canopy(folder: Path, units: Units) -> tuple[Float64, Int32]:
+    """Return vegetation [m] and its spans; of the tiles of a grid only what is highest."""
+    tiles = sorted((folder / TILES).glob(f'*/{POINTS}')) if (folder / TILES).is_dir() else []
+    parts = []
+    for path in tiles or [folder / POINTS]:
+        las, points = read_points(path.parent, 'span_id')
+        own = np.asarray(las.classification) == PointClass.VEGETATION
+        canopy, span = units.to_metres(points[own]), np.asarray(las['span_id'])[own]
+        if tiles:
+            _, top = _find_tops(canopy)
+            canopy, span = canopy[top], span[top]
+        parts.append((canopy, span))
+    return np.concatenate([own for own, _ in parts]), np.concatenate([own for _, own in parts])
 
 
 def to_survey(inspection: Inspection) -> Survey:
@@ -243,11 +256,14 @@ def _measure_growth(before: Survey, after: Survey) -> tuple[Growth, ...]:
     """Rise of the highest vegetation in the plan cells that both surveys saw it in."""
     if not len(before.canopy) or not len(after.canopy):
         return ()
-    low = np.minimum(before.canopy.min(axis=0), after.canopy.min(axis=0))[:2]
-    first, first_top, _ = _raise(before.canopy, before.canopy_span, low)
-    second, second_top, span = _raise(after.canopy, after.canopy_span, low)
-    _, i, j = np.intersect1d(first, second, return_indices=True)
-    rise, span = second_top[j] - first_top[i], span[j]
+    cells, tops = zip(*(_find_tops(survey.canopy) for survey in (before, after)), strict=True)
+    _, number = np.unique(np.concatenate(cells), axis=0, return_inverse=True)
+    number = number.ravel()
+    _, i, j = np.intersect1d(
+        number[: len(cells[0])], number[len(cells[0]) :], return_indices=True
+    )
+    first, second = tops[0][i], tops[1][j]
+    rise, span = after.canopy[second, 2] - before.canopy[first, 2], after.canopy_span[second]
     result = []
     for span_id in np.unique(span).tolist():
         own = rise[span == span_id]
@@ -259,14 +275,13 @@ def _measure_growth(before: Survey, after: Survey) -> tuple[Growth, ...]:
     return tuple(result)
 
 
-def _raise(canopy: Float64, span: Int32, low: Float64) -> tuple[Any, Float64, Int32]:
-    """Return the number of each plan cell, and height and span of its highest point."""
-    cell = np.floor((canopy[:, :2] - low) / CANOPY_CELL).astype(np.int64)
-    key = cell[:, 1] * 10_000_000 + cell[:, 0]
-    order = np.lexsort((canopy[:, 2], key))
-    last = np.append(np.diff(key[order]) != 0, True)
+def _find_tops(canopy: Float64) -> tuple[Int64, Int64]:
+    """Return the (K, 2) plan cells of a canopy, and the index of the highest point of each."""
+    cell = np.floor(canopy[:, :2] / CANOPY_CELL).astype(np.int64)
+    order = np.lexsort((canopy[:, 2], cell[:, 0], cell[:, 1]))
+    last = np.append((np.diff(cell[order], axis=0) != 0).any(axis=1), True)[: len(order)]
     top = order[last]
-    return key[top], canopy[top, 2], span[top]
+    return cell[top], top
 
 
 def _is_same(first: str, second: str) -> bool:
