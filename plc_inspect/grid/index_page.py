@@ -14,6 +14,7 @@ from plc_inspect.colors import severity_color
 from plc_inspect.grid.cells.layout import CellGrid
 from plc_inspect.grid.cells.sources import Source
 from plc_inspect.grid.tiles.tile_job import TileJob
+from plc_inspect.offline.records.changes import describe_changes
 from plc_inspect.offline.records.inspection import Record
 from plc_inspect.results import Severity
 from plc_inspect.templates import open_templates
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 
 MOST_HAZARDS = 1000
 """In the list; all are in the tables."""
+MOST_CHANGES = 50
+"""Rows of changes that are listed; all are in changes.json."""
 WIDTH, HEIGHT = 1100, 700
 """Of the map, at most [pixels]."""
 PAGE = 'points.laz'
@@ -79,7 +82,7 @@ def render_index(
     return open_templates('grid/templates').get_template('index.html.j2').render(
         title=title, version=__version__, inputs=len(sources), points=summary.num_points,
         crs=_name_crs(sources[0]), style=_read_style(), unit=unit, totals=totals,
-        failures=summary.failures,
+        failures=summary.failures, changes=_describe_changes(summary),
         hazards=[
             {
                 'severity': item['severity'], 'colour': severity_color(item['severity']),
@@ -103,6 +106,20 @@ def render_index(
         ],
         map=_draw_map(summary, jobs),
     )
+
+
+def _describe_changes(summary: 'GridSummary') -> Record | None:
+    """Return how many things changed since an earlier survey, and the rows of what did most."""
+    if summary.changes is None:
+        return None
+    record = describe_changes(summary.changes, summary.units)
+    abnormal = [row for row in record['spans'] if row['sag_is_abnormal']]
+    abnormal.sort(key=lambda row: -abs(row['sag_change']))
+    growth = sorted(record['growth'], key=lambda row: -row['highest'])
+    return record | {
+        'abnormal': abnormal[:MOST_CHANGES], 'num_abnormal': len(abnormal),
+        'growth': growth[:MOST_CHANGES],
+    }
 
 
 def _name_crs(source: Source) -> str:

@@ -5,7 +5,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 import shutil
 from typing import Any
@@ -14,6 +14,7 @@ import numpy as np
 import pyogrio
 
 from plc_inspect import __version__
+from plc_inspect.errors import DataError
 from plc_inspect.grid.cells.sources import Refusal, Source
 from plc_inspect.grid.engine import Task
 from plc_inspect.grid.index_page import render_index
@@ -25,6 +26,12 @@ from plc_inspect.grid.tiles.tile_job import TileJob
 from plc_inspect.grid.tiles.tile_points import PointsFormat, write_tile_points
 from plc_inspect.offline.export.files import measure_peak_memory, write_json, write_records
 from plc_inspect.offline.export.geo import FILE_DATE, make_layers, write_layer
+from plc_inspect.offline.records.changes import (
+    Changes,
+    describe_changes,
+    find_changes,
+    read_survey,
+)
 from plc_inspect.offline.records.georeference import find_horizontal
 from plc_inspect.offline.records.inspection import Inspection, Record, Units
 from plc_inspect.results import InspectionResult
@@ -52,6 +59,8 @@ class GridSummary:
     num_defects: int
     notes: tuple[str, ...] = ()
     """What was assumed of the inputs."""
+    changes: Changes | None = None
+    """Since an earlier survey, None where there was none to compare."""
 
 
 def write_grid(
@@ -98,11 +107,29 @@ def write_grid(
     _write_geopackage(run.folder / 'grid.gpkg', inspection, tables, [
         [names[tile] for tile in joined.span_tiles], [names[tile] for tile in joined.hazard_tiles],
     ])
+    summary = _compare(run, summary)
     write_json(run.folder / 'run.json', _describe(run, sources, cut, summary, written))
     page = render_index(summary, run.folder.name, sources, tables['hazards'], jobs, answers)
     with replace_file(run.folder / 'index.html') as aside:  # the last: a grid with it is whole
         aside.write_text(page, encoding='utf-8')
     return summary
+
+
+def _compare(run: GridRun, summary: GridSummary) -> GridSummary:
+    """Compare the tables and points that were written with an earlier survey."""
+    path = run.folder / 'changes.json'
+    path.unlink(missing_ok=True)
+    if run.baseline is None:
+        return summary
+    try:
+        changes = find_changes(
+            run.baseline, read_survey(run.folder), run.settings.hazards.sag_deviation
+        )
+    except DataError as error:
+        failure = ('baseline', run.baseline.name, str(error))
+        return replace(summary, failures=(*summary.failures, failure))
+    write_json(path, describe_changes(changes, summary.units))
+    return replace(summary, changes=changes)
 
 
 def measure_kilometres(joined: JoinedGrid) -> float:

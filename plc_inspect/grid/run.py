@@ -52,6 +52,7 @@ from plc_inspect.grid.tiles.tile_job import (
     write_catalogue,
 )
 from plc_inspect.grid.tiles.tile_run import inspect_tile
+from plc_inspect.offline.records.changes import Survey
 
 WORK = 'work'
 """Folder of cells and of what was found in each tile; the results do not need it."""
@@ -92,6 +93,8 @@ class GridRun:
     engine: Engine
     ledger: Ledger
     tell: Tell
+    baseline: Survey | None = None
+    """An earlier survey, to be compared."""
     failures: list[str] = field(default_factory=list)
     num_defects: int = 0
 

@@ -32,13 +32,14 @@ from plc_inspect.grid.run import (
     WORK,
 )
 from plc_inspect.grid.tiles.tile_job import TileJob
+from plc_inspect.offline.records.changes import check_systems, Survey
 from plc_inspect.printable import make_one_line
 
 LOG = 'progress.log'
 FILES = (
     LEDGER, f'{LEDGER}-wal', f'{LEDGER}-shm', f'{LEDGER}-journal', LOG, 'run.json', 'spans.json',
     'spans.csv', 'supports.json', 'supports.csv', 'hazards.json', 'hazards.csv', 'grid.gpkg',
-    'index.html', WORK, TILE_FOLDER,
+    'changes.json', 'index.html', WORK, TILE_FOLDER,
 )
 """A results folder of a grid holds these and nothing else."""
 LOG_PERIOD = 5.0
@@ -55,6 +56,8 @@ class GridInputs:
     crs: str | None = None
     unit: float | None = None
     """Metres in one unit of inputs without a CRS."""
+    baseline: Survey | None = None
+    """An earlier survey, to be compared."""
     force: bool = False
     """Begin anew where the folder holds a grid."""
 
@@ -120,6 +123,9 @@ def survey_grid(
     tell('headers', 0, len(paths), 0)
     sources, refusals = read_sources(paths, inputs.crs, inputs.unit)
     check_together(sources, refusals)
+    if inputs.baseline is not None:
+        first = next(source for source in sources if source.num_points)
+        check_systems(inputs.baseline, first.path, first.crs)
     count_allowed(engine.memory)
     check_grid_folder(inputs.folder, inputs.force)
     inputs.folder.mkdir(parents=True, exist_ok=True)
@@ -129,6 +135,7 @@ def survey_grid(
         run = GridRun(
             folder=inputs.folder, settings=settings, rules=rules, options=options,
             engine=engine, ledger=ledger, tell=_log_too(inputs.folder / LOG, tell),
+            baseline=inputs.baseline,
         )
         numbers = ledger.number_sources([str(path) for path in paths])
         for refusal in refusals:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from plc_inspect.config import Settings
     from plc_inspect.core.hazards.clearance_rules import RuleSet
     from plc_inspect.grid.results import GridSummary
+    from plc_inspect.offline.records.changes import Survey
 
 GIGABYTE = 1e9
 MOST_LISTED = 20
@@ -66,7 +67,7 @@ def check_grid_arguments(arguments: argparse.Namespace) -> None:
     from plc_inspect.errors import ConfigError
     from plc_inspect.grid.survey_grid import check_grid_folder
 
-    for name in ('baseline', 'cases', 'pdf'):
+    for name in ('cases', 'pdf'):
         if getattr(arguments, name):
             option = '--case' if name == 'cases' else f'--{name}'
             raise ConfigError(f'{option} is for a single cloud, not for a grid')
@@ -78,7 +79,8 @@ def check_grid_arguments(arguments: argparse.Namespace) -> None:
 
 
 def run_grid(
-    arguments: argparse.Namespace, settings: 'Settings', rules: 'RuleSet | None'
+    arguments: argparse.Namespace, settings: 'Settings', rules: 'RuleSet | None',
+    baseline: 'Survey | None' = None,
 ) -> int:
     """
     Inspect a grid as the arguments of a command ask for.
@@ -100,7 +102,7 @@ def run_grid(
 
     inputs = GridInputs(
         items=tuple(arguments.clouds), folder=arguments.output, crs=arguments.crs,
-        force=arguments.force, unit=parse_unit(arguments.units),
+        force=arguments.force, unit=parse_unit(arguments.units), baseline=baseline,
     )
     options = GridOptions(
         halo=arguments.halo or HALO, tile_edge=arguments.tile or math.inf,
@@ -123,6 +125,10 @@ def run_grid(
             more = f' (and {len(summary.notes) - 1} others)' if len(summary.notes) > 1 else ''
             print(make_one_line(f'note: {summary.notes[0]}{more}') + '\n')
         print(make_printable(render_grid(summary)))
+        if summary.changes is not None:
+            from plc_inspect.offline.commands.compare import render_changes
+
+            print('\n' + make_printable(render_changes(summary.changes, summary.units)))
         print(f'\nreport: {arguments.output / "index.html"}')
     for stage, name, error in summary.failures:
         print(make_one_line(f'plc_survey: {stage} {name}: {error}'), file=sys.stderr)

@@ -205,7 +205,7 @@ def _run_grid(arguments: argparse.Namespace) -> int:
     check_grid_arguments(arguments)
     settings = read_settings(arguments.params, arguments.assignments)
     request, settings = read_request(arguments, settings)
-    return run_grid(arguments, settings, request.rules)
+    return run_grid(arguments, settings, request.rules, request.baseline)
 
 
 def _parse(argv: Sequence[str] | None) -> argparse.Namespace:

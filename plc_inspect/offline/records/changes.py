@@ -172,11 +172,7 @@ def find_changes(before: Survey, after: Survey, sag_deviation: float) -> Changes
         The frames differ or the surveys do not overlap.
 
     """
-    if not _is_same(before.crs, after.crs):
-        raise DataError(
-            f'{before.name} is in {_name_crs(before.crs)} and {after.name} in'
-            f' {_name_crs(after.crs)}: surveys are compared in one reference system'
-        )
+    check_systems(before, after.name, after.crs)
     if before.frame_id != after.frame_id:
         raise DataError(
             f'{before.name} is in frame {before.frame_id!r} and {after.name} in'
@@ -195,6 +191,15 @@ def find_changes(before: Survey, after: Survey, sag_deviation: float) -> Changes
             )
     return Changes(before=before.name, comparison=comparison, vegetation=vegetation,
                    growth=_measure_growth(before, after))
+
+
+def check_systems(before: Survey, name: str, crs: str) -> None:
+    """Raise DataError where a survey is not in the reference system of another, by its name."""
+    if not _is_same(before.crs, crs):
+        raise DataError(
+            f'{before.name} is in {_name_crs(before.crs)} and {name} in {_name_crs(crs)}: surveys'
+            ' are compared in one reference system'
+        )
 
 
 def describe_changes(changes: Changes, units: Units) -> Record:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from plc_inspect.grid.cells import cut
+from plc_inspect.offline.commands.compare import main as compare
 from plc_inspect.offline.commands.survey import main
 
 OPTIONS = ['--halo', '60', '--memory', '2', '--quiet']
@@ -156,11 +157,48 @@ def test_a_header_must_count_its_points(tmp_path, capsys):
     assert f'holds {count} points and its header counts {count - 7}' in line
 
 
+def test_grids_are_compared(tmp_path, capsys):
+    points = make_line(2)
+    before = write_las(tmp_path / 'before.las', points, 'EPSG:25832')
+    assert main([str(before), '-o', str(tmp_path / 'before'), '--tile', '90', *OPTIONS]) == 0
+    tree = (points[:, 2] > ORIGIN[2] + 0.5) & (points[:, 2] < ORIGIN[2] + 11.3)
+    points[tree, 2] += 0.4
+    after = write_las(tmp_path / 'after.las', points, 'EPSG:25832')
+    out = tmp_path / 'after'
+    assert main([str(after), '-o', str(out), '--tile', '70', *OPTIONS,
+                 '--baseline', str(tmp_path / 'before')]) == 0
+    record = json.loads((out / 'changes.json').read_text())
+    assert (len(record['spans']), record['lost_spans'], record['added_spans']) == (6, [], [])
+    assert len(record['kept_hazards']) == 1
+    assert [row['median'] for row in record['growth']] == [pytest.approx(0.4, abs=0.01)]
+    assert 'Changes since before' in (out / 'index.html').read_text()
+    assert compare(['--quiet', str(tmp_path / 'before'), str(out), '-o',
+                    str(tmp_path / 'changes.json')]) == 0
+    assert json.loads((tmp_path / 'changes.json').read_text()) == record
+    # a grid and a single survey are compared as well, and a grid elsewhere is refused by name
+    assert main([str(before), '-o', str(tmp_path / 'single'), '--quiet']) == 0
+    assert compare(['--quiet', str(tmp_path / 'single'), str(out), '-o',
+                    str(tmp_path / 'both.json')]) == 0
+    both = json.loads((tmp_path / 'both.json').read_text())
+    assert both['growth'] == record['growth']
+    capsys.readouterr()
+    far = write_las(tmp_path / 'far.las', points + 900.0, 'EPSG:25832')
+    assert main([str(far), '-o', str(tmp_path / 'far'), *OPTIONS,
+                 '--baseline', str(tmp_path / 'before')]) == 2
+    assert 'do not overlap: none of 6 spans before is one of 6 after' in capsys.readouterr().err
+    other = write_las(tmp_path / 'other.las', points, 'EPSG:25833')
+    line = refuse(capsys, other, '-o', tmp_path / 'other', *OPTIONS,
+                  '--baseline', tmp_path / 'before')
+    assert 'surveys are compared in one reference system' in line
+    assert not (tmp_path / 'other').exists()
+
+
 def test_wrong_options_are_refused(folder, tmp_path, capsys):
     out, cloud = tmp_path / 'out', folder / 'a.laz'
     assert '--workers must be 1 or more' in refuse(capsys, cloud, '-o', out, '--workers', '0')
     assert 'are too few' in refuse(capsys, cloud, '-o', out, '--memory', '0.5')
-    assert 'for a single cloud' in refuse(
+    assert 'for a single cloud' in refuse(capsys, cloud, '-o', out, '--halo', '60', '--pdf')
+    assert 'no results folder' in refuse(
         capsys, cloud, '-o', out, '--halo', '60', '--baseline', folder
     )
     out.mkdir()
