@@ -55,4 +55,4 @@ def test_no_cell_of_the_tables_is_a_formula(tmp_path):
         rows = list(csv.DictReader(stream))
     assert {row['rule'] for row in rows} == {'\'=HYPERLINK("http://x")'}
     assert {row['source'] for row in rows} == {"'@SUM(A1)"}
-    assert all(float(row['position_x']) is not None for row in rows)  # numbers stay numbers
+    assert all(float(row['position_x [m]']) is not None for row in rows)  # numbers stay numbers

@@ -92,6 +92,7 @@ def test_the_folder_holds_tables_layers_and_a_page(cloud, tmp_path):
         info = pyogrio.read_info(folder / 'grid.gpkg', layer=name)
         assert info['features'] == len(getattr(summary.joined, name))
         assert 'EPSG:25832' in info['crs']
+    assert (folder / 'spans.csv').read_text().startswith('line_id,span_id,start_x [m],')
     page = (folder / 'index.html').read_text()
     assert jobs[0].tile.name in page
     assert 'vegetation' in page

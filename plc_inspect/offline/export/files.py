@@ -33,6 +33,7 @@ from plc_inspect.offline.records.inspection import (
     Inspection,
     measure_clearances,
     Record,
+    Units,
 )
 from plc_inspect.offline.records.load_case_record import describe_what_if
 from plc_inspect.offline.report.report import render_report
@@ -57,6 +58,16 @@ HAZARD_COLUMNS = (
     'source', 'voltage', 'other_line_id', 'support_id', 'from_support', 'height', 'years', 'note',
     'confidence', 'text',
 )
+
+LENGTHS = frozenset({
+    'length', 'a', 'b', 'c', 'a0', 'sag', 'rmse', 'sigma_a', 'sigma_b', 'sigma_c', 'sigma_sag',
+    'ground_clearance', 'ground_along', 'vegetation_clearance', 'evidence', 'clearance',
+    'required', 'horizontal', 'vertical', 'sigma', 'along_span', 'from_support',
+})
+"""Columns in the horizontal unit of the input, besides x and y."""
+HEIGHTS = frozenset({'height'})
+"""Columns in the vertical unit of the input, besides z."""
+OTHER_UNITS = {'azimuth': 'rad', 'a2': '1/{unit}', 'years': 'a'}
 
 
 def write_files(folder: Path, inspection: Inspection) -> None:
@@ -101,11 +112,11 @@ def write_records(
     tables = {'spans': spans, 'supports': supports, 'hazards': hazards}
     for name, records in tables.items():
         write_json(folder / f'{name}.json', _describe_frame(inspection) | {name: records})
-    _write_table(folder / 'spans.csv', SPAN_COLUMNS, spans)
-    _write_table(folder / 'hazards.csv', HAZARD_COLUMNS, hazards)
+    _write_table(folder / 'spans.csv', SPAN_COLUMNS, spans, units)
+    _write_table(folder / 'hazards.csv', HAZARD_COLUMNS, hazards, units)
     _write_table(folder / 'supports.csv', SUPPORT_COLUMNS, [
         row | {'lines': ' '.join(map(str, row['lines']))} for row in supports
-    ])
+    ], units)
     if inspection.what_if is not None:
         write_json(folder / 'whatif.json', describe_what_if(inspection.what_if, units))
     if inspection.changes is not None:
@@ -228,10 +239,24 @@ def write_json(path: Path, value: Record) -> None:
     path.write_text(render_json(value) + '\n', encoding='utf-8')
 
 
-def _write_table(path: Path, columns: Sequence[str], records: Sequence[Record]) -> None:
+def name_column(column: str, units: Units) -> str:
+    """Return the heading of a column of a table: its name, and its unit in brackets."""
+    unit = ''
+    if column in LENGTHS or column[-2:] in ('_x', '_y'):
+        unit = units.name
+    elif column in HEIGHTS or column.endswith('_z'):
+        unit = units.vertical_name
+    elif column in OTHER_UNITS:
+        unit = OTHER_UNITS[column].format(unit=units.name)
+    return f'{column} [{unit}]' if unit else column
+
+
+def _write_table(
+    path: Path, columns: Sequence[str], records: Sequence[Record], units: Units
+) -> None:
     with path.open('w', encoding='utf-8', newline='') as stream:
         writer = csv.DictWriter(stream, columns, lineterminator='\n')
-        writer.writeheader()
+        writer.writerow({column: name_column(column, units) for column in columns})
         for record in records:
             writer.writerow({key: _cell(value) for key, value in flatten(record).items()})
 

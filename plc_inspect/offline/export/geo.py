@@ -17,7 +17,7 @@ import shapely
 
 from plc_inspect.colors import LOOKS
 from plc_inspect.errors import DataError
-from plc_inspect.offline.records.georeference import find_horizontal
+from plc_inspect.offline.records.georeference import find_horizontal, find_whole
 from plc_inspect.offline.records.inspection import flatten, Inspection, Record
 from plc_inspect.offline.records.span_curve import trace_span
 
@@ -66,7 +66,7 @@ def write_geo(folder: Path, inspection: Inspection, records: dict[str, list[Reco
     pyogrio.set_gdal_config_options({'OGR_CURRENT_DATE': FILE_DATE})
     layers = make_layers(inspection, records)
     world = write_geojson(folder, layers, system, inspection)
-    plain = system.to_wkt()
+    plain = find_whole(inspection) or system.to_wkt()
     for name, (shapes, rows) in layers.items():
         write_layer(folder / 'results.gpkg', 'GPKG', name, shapes, rows, plain)
     _write_kml(folder / 'results.kml', world, layers)

@@ -12,6 +12,7 @@ import laspy
 from numba import njit
 import numpy as np
 import pyproj
+from pyproj.crs import CompoundCRS
 from pyproj.exceptions import CRSError
 
 from plc_inspect.core.extraction.ground_surface import bounds
@@ -42,7 +43,7 @@ Points beyond MOST_COORDINATE that are strays at most, as a number and as a shar
 Source: judgement: as core.extraction.stray_points; more are of a wrong unit or CRS.
 """
 
-_HORIZONTAL_UNIT_KEY, _VERTICAL_UNIT_KEY = 3076, 4099
+_HORIZONTAL_UNIT_KEY, _VERTICAL_SYSTEM_KEY, _VERTICAL_UNIT_KEY = 3076, 4096, 4099
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -296,19 +297,42 @@ def find_las_crs(header: laspy.LasHeader, path: Path) -> tuple[str, tuple[float,
     if system is None:
         horizontal = keys.get(_HORIZONTAL_UNIT_KEY, 1.0)
         return '', (horizontal, keys.get(_VERTICAL_UNIT_KEY, horizontal))
+    system = _add_vertical(system, header, keys.get(_VERTICAL_UNIT_KEY))
     horizontal, vertical = measure_units(system, path)
     if len(system.axis_info) < 3:
         vertical = keys.get(_VERTICAL_UNIT_KEY, vertical)
     return render_wkt(system), (horizontal, vertical)
 
 
+def _add_vertical(
+    system: pyproj.CRS, header: laspy.LasHeader, unit: float | None
+) -> pyproj.CRS:
+    """Return the CRS with the vertical one of the GeoTIFF keys, where units agree with it."""
+    codes = [key.value_offset for key in _list_geo_keys(header) if key.id == _VERTICAL_SYSTEM_KEY]
+    if len(system.axis_info) != 2 or not codes:
+        return system
+    try:
+        heights = pyproj.CRS.from_epsg(codes[0])
+        if not heights.is_vertical:
+            return system
+        metres = heights.axis_info[0].unit_conversion_factor
+        if unit is not None and abs(metres - unit) > 1e-9:
+            return system
+        return CompoundCRS(f'{system.name} + {heights.name}', [system, heights])
+    except CRSError:  # one of a user, or the number of a datum
+        return system
+
+
+def _list_geo_keys(header: laspy.LasHeader) -> list[Any]:
+    records = [*header.vlrs, *(header.evlrs or [])]
+    return [key for record in records for key in getattr(record, 'geo_keys', ())]
+
+
 def _read_unit_keys(header: laspy.LasHeader) -> dict[int, float]:
     """Return the GeoTIFF unit keys of a LAS file, in metres."""
-    records = [*header.vlrs, *(header.evlrs or [])]
     return {
         key.id: _UNIT_CODES[key.value_offset]
-        for record in records
-        for key in getattr(record, 'geo_keys', ())
+        for key in _list_geo_keys(header)
         if key.id in (_HORIZONTAL_UNIT_KEY, _VERTICAL_UNIT_KEY)
         and key.value_offset in _UNIT_CODES
     }

@@ -54,3 +54,13 @@ def find_horizontal(inspection: Inspection) -> pyproj.CRS | None:
     if system.is_compound:
         system = system.sub_crs_list[0]
     return system if system.is_projected else None
+
+
+def find_whole(inspection: Inspection) -> str:
+    """Return the WKT of a CRS that has a vertical part as well, '' for one that has none."""
+    wkt = inspection.crs or inspection.georeference
+    try:
+        system = pyproj.CRS.from_wkt(wkt) if wkt else None
+    except CRSError:
+        return ''
+    return wkt if system is not None and system.is_compound else ''

@@ -47,11 +47,12 @@ class Units:
     @property
     def name(self) -> str:
         """Short name of the horizontal unit, as printed behind numbers."""
-        known = {'m': 1.0, 'ft': 0.3048, 'ftUS': 1200.0 / 3937.0}
-        for name, metres in known.items():
-            if math.isclose(self.horizontal, metres, rel_tol=1e-9):
-                return name
-        return f'x {self.horizontal:g} m'
+        return _name_unit(self.horizontal)
+
+    @property
+    def vertical_name(self) -> str:
+        """Short name of the vertical unit."""
+        return _name_unit(self.vertical)
 
     def from_metres(self, points: Float64) -> Float64:
         """Return coordinates (..., 3) given in metres in the units of the input, a copy."""
@@ -60,6 +61,13 @@ class Units:
     def to_metres(self, points: Float64) -> Float64:
         """Return coordinates (..., 3) given in the units of the input in metres, a copy."""
         return points * np.array([self.horizontal, self.horizontal, self.vertical])
+
+
+def _name_unit(metres: float) -> str:
+    for name, length in {'m': 1.0, 'ft': 0.3048, 'ftUS': 1200.0 / 3937.0}.items():
+        if math.isclose(metres, length, rel_tol=1e-9):
+            return name
+    return f'x {metres:g} m'
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

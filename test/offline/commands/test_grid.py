@@ -9,6 +9,8 @@ import struct
 from grid.formats import write_copc, write_e57, write_ply, write_xyz
 from grid.grids import make_line, ORIGIN, write_las
 import numpy as np
+import pyogrio
+import pyproj
 import pytest
 
 from plc_inspect.grid.cells import cut
@@ -191,6 +193,15 @@ def test_grids_are_compared(tmp_path, capsys):
                   '--baseline', tmp_path / 'before')
     assert 'surveys are compared in one reference system' in line
     assert not (tmp_path / 'other').exists()
+
+
+def test_the_geopackage_keeps_the_vertical_system(tmp_path):
+    path = write_las(tmp_path / 'a.las', make_line(1), 'EPSG:25832+7837')
+    out = tmp_path / 'out'
+    assert main([str(path), '-o', str(out), *OPTIONS]) == 0
+    for layer in ('spans', 'supports', 'hazards'):
+        crs = pyproj.CRS(pyogrio.read_info(out / 'grid.gpkg', layer=layer)['crs'])
+        assert crs.sub_crs_list[1].name == 'DHHN2016 height'
 
 
 def test_wrong_options_are_refused(folder, tmp_path, capsys):

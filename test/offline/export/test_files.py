@@ -223,9 +223,19 @@ def test_points_open_in_pdal(folder):
     }
 
 
+def test_a_geopackage_keeps_the_vertical_system(tmp_path):
+    crs = pyproj.CRS('EPSG:7415').to_wkt()
+    write_results(tmp_path / 'out', make_inspection(crs=crs, origin=(155e3, 463e3, 0.0)))
+    for layer in ('spans', 'supports', 'hazards'):
+        info = pyogrio.read_info(tmp_path / 'out/results.gpkg', layer=layer)
+        assert pyproj.CRS(info['crs']).sub_crs_list[1].name == 'NAP height'
+
+
 def test_supports_as_a_table(folder):
     rows = (folder / 'supports.csv').read_text(encoding='utf-8').splitlines()
-    assert rows[0] == 'support_id,position_x,position_y,position_z,height,kind,lines'
+    assert rows[0] == (
+        'support_id,position_x [m],position_y [m],position_z [m],height [m],kind,lines'
+    )
     assert len(rows) == 4
     spans = json.loads((folder / 'spans.json').read_text(encoding='utf-8'))['spans']
     assert spans[0]['vegetation_clearance'] > 0

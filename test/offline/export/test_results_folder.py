@@ -109,15 +109,31 @@ def test_tables_agree_with_json(tmp_path, inspection):
     spans = read(tmp_path / 'out/spans.json')['spans']
     assert len(rows) == len(spans)
     for row, span in zip(rows, spans, strict=True):
-        assert float(row['start_y']) == pytest.approx(span['start'][1], abs=1e-4)
-        assert float(row['a2']) == pytest.approx(span['quadratic'][0], rel=1e-11)
-        assert float(row['sigma_sag']) == span['sigma']['sag']
+        assert float(row['start_y [m]']) == pytest.approx(span['start'][1], abs=1e-4)
+        assert float(row['a2 [1/m]']) == pytest.approx(span['quadratic'][0], rel=1e-11)
+        assert float(row['sigma_sag [m]']) == span['sigma']['sag']
         assert row['open_end'] == str(span['open_end']).lower()
     with (tmp_path / 'out/hazards.csv').open(encoding='utf-8') as stream:
         rows = list(csv.DictReader(stream))
     assert [row['kind'] for row in rows] == ['vegetation']
     assert rows[0]['severity'] == 'critical'
-    assert float(rows[0]['min_z']) < float(rows[0]['position_z']) <= float(rows[0]['max_z'])
+    assert float(rows[0]['min_z [m]']) < float(rows[0]['position_z [m]'])
+    assert float(rows[0]['position_z [m]']) <= float(rows[0]['max_z [m]'])
+
+
+def test_columns_of_tables_say_their_units(tmp_path):
+    units = Units(horizontal=1200.0 / 3937.0, vertical=0.3048)
+    write_results(tmp_path / 'out', make_inspection(units=units))
+    heads = {
+        name: (tmp_path / f'out/{name}.csv').read_text().splitlines()[0].split(',')
+        for name in ('spans', 'supports', 'hazards')
+    }
+    assert {'start_x [ftUS]', 'start_z [ft]', 'azimuth [rad]', 'a2 [1/ftUS]', 'a1', 'sag [ftUS]',
+            'coverage', 'num_points', 'lowest_z [ft]'} <= set(heads['spans'])
+    assert {'position_y [ftUS]', 'position_z [ft]', 'height [ft]', 'kind'} <= set(
+        heads['supports'])
+    assert {'clearance [ftUS]', 'required [ftUS]', 'max_z [ft]', 'voltage', 'years [a]',
+            'confidence', 'text'} <= set(heads['hazards'])
 
 
 def test_run_says_how(tmp_path, inspection):

@@ -98,6 +98,22 @@ def test_units_of_geotiff_keys(keys, units, tmp_path):
     assert read_cloud(tmp_path / 'cloud.las').metres_per_unit == pytest.approx(units, rel=1e-12)
 
 
+@pytest.mark.parametrize(('keys', 'heights', 'units'), [
+    ([(3072, 2992), (4096, 5703)], 'NAVD88 height', (0.3048, 1.0)),
+    ([(3072, 2992), (4096, 6360), (4099, 9003)], 'NAVD88 height (ftUS)', (0.3048, US_FOOT)),
+    ([(3072, 2992), (4096, 5703), (4099, 9002)], '', (0.3048, 0.3048)),  # they disagree
+    ([(3072, 2992), (4096, 5103)], '', (0.3048, 0.3048)),  # the number of a datum
+])
+def test_the_vertical_system_of_geotiff_keys(keys, heights, units, tmp_path):
+    header = laspy.LasHeader(point_format=1, version='1.2')
+    header.vlrs.append(make_geo_keys(*keys))
+    laspy.LasData(header).write(tmp_path / 'cloud.las')
+    cloud = read_cloud(tmp_path / 'cloud.las')
+    assert cloud.metres_per_unit == pytest.approx(units, rel=1e-12)
+    parts = pyproj.CRS(cloud.crs).sub_crs_list
+    assert [part.name for part in parts[1:]] == ([heights] if heights else [])
+
+
 def test_degrees_are_refused(tmp_path):
     path = write_las(tmp_path / 'cloud.las', make_points(), crs='EPSG:4326')
     with pytest.raises(DataError, match='project the cloud first'):
