@@ -14,8 +14,10 @@ import pytest
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.offline.readers.clouds import read_cloud
 
-CUTS = [{'edge': 45.0, 'tile_edge': 90.0, 'shift': (0.0, 0.0)},
-        {'edge': 37.0, 'tile_edge': 80.0, 'shift': (17.3, 5.1)}]
+CUTS = [{'edge': 45.0, 'tile_edge': 90.0, 'shift': (0.0, 0.0), 'halo': 130.0},
+        {'edge': 37.0, 'tile_edge': 80.0, 'shift': (17.3, 5.1), 'halo': 130.0},
+        # at first the halo ends just behind a support, where conductors are bent
+        {'edge': 45.0, 'tile_edge': 45.0, 'shift': (8.0, 3.0), 'halo': 50.0}]
 
 
 @pytest.fixture(scope='module')
@@ -45,7 +47,7 @@ def collect(folder):
 
 @pytest.mark.parametrize('cut', CUTS)
 def test_a_grid_is_equal_to_the_merged_cloud(cut, cloud, merged, tmp_path):
-    summary, jobs = inspect(tmp_path / 'out', [cloud], halo=130.0, **cut)
+    summary, jobs = inspect(tmp_path / 'out', [cloud], **cut)
     joined = summary.joined
     assert len(jobs) > 5
     assert summary.failures == ()

@@ -32,7 +32,10 @@ WIDEN = 1.5
 MOST_HALO = 2000.0
 """Widest halo [m].  Source: judgement: the longest spans but of fjords and rivers."""
 NEAR_EDGE = 25.0
-"""An open end this near to the edge of what was read is cut off [m].  Source: judgement."""
+"""
+An end this near to the edge of what was read is cut off, or of a support that is [m].
+Source: judgement: half the width of the largest towers, and their neighbours in the next metres.
+"""
 NEAR_TILE = 60.0
 """Spans this near to a tile decide what its points are [m].  Source: judgement: the corridor."""
 NEAR_SPAN = 30.0
@@ -152,9 +155,7 @@ def _find_middles(spans: Sequence[Span]) -> Float64:
 
 def _is_cut(span: Span, outer: Rectangle, bound: Rectangle) -> bool:
     """Tell whether a span ends where nothing more was read, though the grid goes on."""
-    for end, is_open in ((span.start, span.open_start), (span.end, span.open_end)):
-        if not is_open:
-            continue
+    for end in (span.start, span.end):  # one on a support as well: it is half seen at the edge
         for side in range(4):
             edge, limit = outer[side], bound[side]
             goes_on = edge > limit if side < 2 else edge < limit
