@@ -10,7 +10,9 @@ Tasks are plain functions of plain values and paths: no point passes through a s
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
 import os
+import signal
 import time
 from typing import Any, Protocol
 
@@ -200,11 +202,28 @@ def open_engine(
     dask.config.set({'distributed.nanny.pre-spawn-environ': KEEP_FREED | {
         'NUMBA_NUM_THREADS': str(threads), 'OMP_NUM_THREADS': '1',
     }})
-    with LocalCluster(  # type: ignore[no-untyped-call]
-        n_workers=num_workers, threads_per_worker=1, processes=True, memory_limit=int(each),
-        dashboard_address='127.0.0.1:0', host='127.0.0.1', silence_logs=40,
-    ) as cluster, Client(cluster) as client:  # type: ignore[no-untyped-call]
+    with _without_interrupts():
+        local = LocalCluster(  # type: ignore[no-untyped-call]
+            n_workers=num_workers, threads_per_worker=1, processes=True, memory_limit=int(each),
+            dashboard_address='127.0.0.1:0', host='127.0.0.1', silence_logs=40,
+        )
+    with local as cluster, Client(cluster) as client:  # type: ignore[no-untyped-call]
         yield DaskEngine(client, each)
+
+
+@contextmanager
+def _without_interrupts() -> Iterator[None]:
+    """
+    Let threads and processes that are started never see Ctrl-C, which comes here after it.
+
+    A terminal sends it to workers as well: they would end each by itself, with a traceback.
+    """
+    resource_tracker.ensure_running()  # it lets interrupts in again where it starts
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _connect(

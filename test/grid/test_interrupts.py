@@ -1,0 +1,123 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""A run that is killed, or interrupted, goes on where it was and comes to the same end."""
+
+from contextlib import closing
+import os
+from pathlib import Path
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+
+from grid.grids import make_line, write_las
+from grid.tasks import DEADLINE
+import pytest
+
+from plc_inspect.offline.commands.command_line import INTERRUPTED
+
+SURVEY = (
+    'import sys; from plc_inspect.offline.commands.survey import main; sys.exit(main(sys.argv[1:]))'
+)
+TABLES = ('spans.json', 'supports.json', 'hazards.json', 'spans.csv')
+
+
+@pytest.fixture(scope='module')
+def cloud(tmp_path_factory):
+    """Write a line of four spans."""
+    return write_las(tmp_path_factory.mktemp('cloud') / 'line.las', make_line())
+
+
+def start(cloud, out, *options):
+    """Start plc_survey over many tiles, a process group of its own."""
+    return subprocess.Popen(
+        [sys.executable, '-c', SURVEY, str(cloud), '-o', str(out), '--tile', '40', '--halo', '60',
+         '--memory', '2', '--quiet', *options],
+        stderr=subprocess.PIPE, text=True, start_new_session=True,
+        env=os.environ | {'PYTHONPATH': str(Path(__file__).parents[2]), 'NUMBA_NUM_THREADS': '1'},
+    )
+
+
+def count_done(out):
+    """Return how many tiles the ledger of a run that goes on tells as done."""
+    try:
+        with closing(sqlite3.connect(f'file:{out}/ledger.sqlite?immutable=1', uri=True)) as file:
+            return sum(file.execute(
+                "SELECT COUNT(*) FROM task WHERE stage = 'tile' AND state = 'done'"
+            ).fetchone())
+    except sqlite3.Error:  # not there yet, or in the middle of a write
+        return 0
+
+
+def wait_for_tiles(process, out, num):
+    """Wait until some tiles are done, by what they leave behind."""
+    until = time.monotonic() + DEADLINE
+    while len(list(out.glob('work/tiles/*.json'))) < num:
+        assert process.poll() is None, process.stderr.read()
+        assert time.monotonic() < until
+        time.sleep(0.01)
+
+
+def list_group(number):
+    """List the processes of a group that run; what ended and waits to be asked does not."""
+    found = []
+    for path in Path('/proc').glob('[0-9]*/stat'):
+        try:
+            state, _, group = path.read_text().rpartition(')')[2].split()[:3]
+        except OSError:  # it has ended
+            continue
+        if int(group) == number and state != 'Z':
+            found.append(path.parent.name)
+    return found
+
+
+@pytest.fixture(scope='module')
+def whole(cloud, tmp_path_factory):
+    """Run without interruption; return its tables."""
+    out = tmp_path_factory.mktemp('whole') / 'out'
+    process = start(cloud, out)
+    _, error = process.communicate(timeout=DEADLINE)
+    assert process.returncode == 0, error
+    return {name: (out / name).read_bytes() for name in TABLES}
+
+
+def test_a_killed_client_goes_on_where_it_was(cloud, whole, tmp_path):
+    out = tmp_path / 'out'
+    process = start(cloud, out)
+    wait_for_tiles(process, out, 3)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.communicate()
+    assert process.returncode == -signal.SIGKILL
+    assert not (out / 'index.html').exists()
+    before = {path: path.stat().st_mtime_ns for path in out.glob('work/tiles/*.json')}
+    again = start(cloud, out)
+    _, error = again.communicate(timeout=DEADLINE)
+    assert again.returncode == 0, error
+    assert {name: (out / name).read_bytes() for name in TABLES} == whole
+    kept = [path for path, stamp in before.items() if path.stat().st_mtime_ns == stamp]
+    assert len(kept) >= len(before) - 1  # the last may not have reached the ledger
+    assert count_done(out) > len(kept)
+
+
+@pytest.mark.parametrize('workers', [1, 2])
+def test_ctrl_c_ends_in_order(workers, cloud, whole, tmp_path):
+    if workers > 1:
+        pytest.importorskip('distributed')
+    out = tmp_path / 'out'
+    process = start(cloud, out, '--workers', str(workers))
+    wait_for_tiles(process, out, 2)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does, to the workers as well
+    _, error = process.communicate(timeout=DEADLINE)
+    assert process.returncode == INTERRUPTED, error
+    assert 'Traceback' not in error
+    assert not (out / 'index.html').exists()
+    until = time.monotonic() + DEADLINE
+    while list_group(process.pid) and time.monotonic() < until:
+        time.sleep(0.05)
+    assert list_group(process.pid) == []  # no worker is left behind
+    again = start(cloud, out)
+    _, error = again.communicate(timeout=DEADLINE)
+    assert again.returncode == 0, error
+    assert {name: (out / name).read_bytes() for name in TABLES} == whole
