@@ -79,6 +79,7 @@ setup(
     ],
     extras_require={
         'grid': ['dask>=2024.8', 'distributed>=2024.8'],
+        'pdf': ['pypdf>=4'],
         'formats': ['plyfile>=1.0', 'pye57>=0.4.11'],
         'fuzz': ['atheris>=3.0,<4'],
         'dev': [
@@ -93,6 +94,7 @@ setup(
             'playwright>=1.40',
             'plyfile>=1.0',
             'pye57>=0.4.11',
+            'pypdf>=4',
             'pyte>=0.8',
             'pytest>=8.0',
             'pytest-rerunfailures>=14',

@@ -19,7 +19,8 @@ import pytest
 from plc_inspect.offline.commands.command_line import INTERRUPTED
 
 SURVEY = (
-    'import sys; from plc_inspect.offline.commands.survey import main; sys.exit(main(sys.argv[1:]))'
+    'import sys; from plc_inspect.offline.commands.survey import main;'
+    ' sys.exit(main(sys.argv[1:]))'
 )
 TABLES = ('spans.json', 'supports.json', 'hazards.json', 'spans.csv')
 

@@ -90,6 +90,9 @@ def make_parser(name: str, description: str) -> Parser:
         '--geo', action='store_true', help='fail where no GeoJSON, KML and GeoPackage is possible'
     )
     more.add_argument('--pdf', action='store_true', help='print the report with Chromium as well')
+    more.add_argument(
+        '--paper', default='A4', metavar='SIZE', help='of the PDF: A4 (default) or Letter'
+    )
     parser.add_argument('--quiet', action='store_true', help='print errors only')
     return parser
 

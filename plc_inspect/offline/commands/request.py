@@ -23,7 +23,7 @@ from plc_inspect.offline.readers.catalogue import load_conductor, load_rules, pa
 from plc_inspect.offline.records.changes import find_changes, read_survey, Survey, to_survey
 from plc_inspect.offline.records.georeference import find_horizontal, make_origin_crs
 from plc_inspect.offline.records.inspection import Inspection
-from plc_inspect.offline.report.browser import find_browser
+from plc_inspect.offline.report.paper import check_printing
 from plc_inspect.setting_names import update
 
 
@@ -39,7 +39,8 @@ class Request:
     baseline: Survey | None = None
     geo: bool = False
     """Files for geographic information systems are a must."""
-    pdf: bool = False
+    paper: str = ''
+    """Size of the paper on which the report is printed as well, '' not."""
 
 
 def read_request(
@@ -85,11 +86,11 @@ def read_request(
         conductor = load_conductor(arguments.conductor, arguments.conductors)
         Case(name='--surveyed-at', temperature=arguments.surveyed_at)
     if arguments.pdf:
-        find_browser()
+        check_printing(arguments.paper)
     return Request(
         rules=rules, cases=cases, conductor=conductor, temperature=arguments.surveyed_at or 0.0,
         baseline=read_survey(arguments.baseline) if arguments.baseline else None,
-        geo=arguments.geo, pdf=arguments.pdf,
+        geo=arguments.geo, paper=arguments.paper if arguments.pdf else '',
     ), settings
 
 
@@ -171,7 +172,7 @@ def deliver(
     """
     inspection = complete(inspection, request)
     progress('writing', 0.0)
-    write_results(arguments.output, inspection, arguments.force, request.pdf)
+    write_results(arguments.output, inspection, arguments.force, request.paper)
     return inspection
 
 

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from plc_inspect.errors import DataError
 from plc_inspect.offline.records.inspection import Inspection
-from plc_inspect.offline.report.browser import print_pdf
 from plc_inspect.whole_files import check_folder, replace_folder
 
 FILES = (
@@ -65,7 +64,7 @@ def check_results(folder: Path, force: bool = False) -> None:
 
 
 def write_results(
-    folder: Path, inspection: Inspection, force: bool = False, pdf: bool = False, *,
+    folder: Path, inspection: Inspection, force: bool = False, paper: str = '', *,
     tables_only: bool = False,
 ) -> None:
     """
@@ -82,8 +81,8 @@ def write_results(
         The run.
     force : bool
         Replace a results folder that exists.
-    pdf : bool
-        Print the report with an installed Chromium as well.
+    paper : str
+        Size of the paper on which the report is printed as well, one of `paper.SIZES`; '' not.
     tables_only : bool
         Write JSON and CSV alone, for where there is no room for more.
 
@@ -94,6 +93,8 @@ def write_results(
 
     """
     from plc_inspect.offline.export.files import write_files, write_tables  # loads all formats
+    from plc_inspect.offline.report.paper import print_report
+    from plc_inspect.offline.report.report import render_report
 
     check_results(folder, force)
     with replace_folder(folder) as aside:
@@ -101,5 +102,7 @@ def write_results(
             write_tables(aside, inspection)
             return
         write_files(aside, inspection)
-        if pdf:
-            print_pdf(aside / 'report.html', aside / 'report.pdf')
+        if paper:
+            print_report(
+                lambda own: render_report(inspection, paper=own), paper, aside / 'report.pdf'
+            )

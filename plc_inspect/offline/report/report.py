@@ -6,6 +6,7 @@
 from collections import Counter
 from collections.abc import Mapping
 import math
+import time
 from typing import Any
 
 import jinja2
@@ -22,6 +23,8 @@ from plc_inspect.offline.records.inspection import Inspection, measure_clearance
 from plc_inspect.offline.report.drawing import draw_bars
 from plc_inspect.offline.report.figures import draw_map, draw_profile, draw_section
 from plc_inspect.offline.report.findings import list_changes, list_what_if, list_worst
+from plc_inspect.offline.report.hazard_sheets import list_sheets, VIEW_TILT_DEG
+from plc_inspect.offline.report.paper import list_contents, Paper, quote_css
 from plc_inspect.offline.report.point_scene import make_scene, Scene
 from plc_inspect.offline.report.sheets import draw_plan
 from plc_inspect.offline.report.stage_figures import draw_residuals, draw_stage
@@ -47,7 +50,9 @@ _LONG_LIST = 8
 """Longer lists of numbers are drawn as bars."""
 
 
-def render_report(inspection: Inspection, sight: Sight | None = None) -> str:
+def render_report(
+    inspection: Inspection, sight: Sight | None = None, paper: Paper | None = None
+) -> str:
     """
     Return the report of one run as HTML.
 
@@ -60,6 +65,8 @@ def render_report(inspection: Inspection, sight: Sight | None = None) -> str:
         The run.
     sight : Sight or None
         What it has seen; by default found in its points.
+    paper : Paper or None
+        For a report that is to be printed: it has contents, and a sheet for each hazard.
 
     Returns
     -------
@@ -69,7 +76,21 @@ def render_report(inspection: Inspection, sight: Sight | None = None) -> str:
     scene = make_scene(inspection)
     result = inspection.result
     sight = sight or look_again(inspection)
+    worst, what_if, changes = (
+        list_worst(scene, inspection), list_what_if(inspection), list_changes(inspection)
+    )
+    coverage = describe_coverage(sight, inspection.units)
+    sheets = [] if paper is None else list_sheets(scene)
     return PAGE.render(
+        paper='' if paper is None else paper.size,
+        date=time.strftime('%Y-%m-%d'),
+        pages={} if paper is None else paper.pages,
+        sheets=sheets,
+        view_tilt=VIEW_TILT_DEG,
+        contents=list_contents(
+            sheets, worst=bool(worst), coverage=bool(coverage['sections']),
+            what_if=what_if is not None, changes=changes is not None,
+        ),
         version=__version__,
         inspection=inspection,
         scene=scene,
@@ -77,14 +98,14 @@ def render_report(inspection: Inspection, sight: Sight | None = None) -> str:
         summary=_summarise(inspection, scene),
         map=Markup(draw_map(scene)),  # nosec B704
         view=Markup(encode_view(scene)),  # nosec B704
-        worst=list_worst(scene, inspection),
-        what_if=list_what_if(inspection),
-        changes=list_changes(inspection),
+        worst=worst,
+        what_if=what_if,
+        changes=changes,
         rules=describe_rules(inspection.rules or plain_rules(inspection.settings.hazards)),
         groups=_describe_groups(inspection, scene),
         supports=scene.supports,
         hazards=scene.hazards,
-        coverage=describe_coverage(sight, inspection.units),
+        coverage=coverage,
         is_located=find_horizontal(inspection) is not None,
         origin=scene.origin.tolist(),
         stages=[_describe_stage(stage) for stage in result.stages],
@@ -274,7 +295,8 @@ def _list_settings(inspection: Inspection) -> list[Record]:
 def _load_page() -> jinja2.Template:
     environment = open_templates('offline/report/templates')
     environment.filters.update(
-        number=format_number, count=_format_count, percent=_format_percent, coordinate=_place
+        number=format_number, count=_format_count, percent=_format_percent, coordinate=_place,
+        css_text=quote_css,
     )
     return environment.get_template('report.html.j2')
 

@@ -13,10 +13,11 @@ import tempfile
 from factories import make_inspection
 import numpy as np
 from PIL import Image
+import pypdf
 import pytest
 
 from plc_inspect.errors import ConfigError
-from plc_inspect.offline.report import browser
+from plc_inspect.offline.report import browser, paper
 from plc_inspect.offline.report.browser import (
     find_browser,
     FLAGS,
@@ -25,6 +26,7 @@ from plc_inspect.offline.report.browser import (
     print_pdf,
     take_screenshot,
 )
+from plc_inspect.offline.report.paper import check_printing, list_contents, print_report
 from plc_inspect.offline.report.report import render_report
 from plc_inspect.results import Severity
 
@@ -135,6 +137,46 @@ def test_pdf(chromium, page, tmp_path):
     data = path.read_bytes()
     assert data.startswith(b'%PDF')
     assert len(re.findall(rb'/Type\s*/Page\b', data)) > 5
+
+
+def test_a_printed_report_has_contents_and_a_page_for_each_hazard(chromium, tmp_path):
+    assert chromium
+    inspection = make_long_inspection(4)
+    sizes = {'A4': (594.96, 841.92), 'Letter': (612.0, 792.0)}
+    for size, (width, height) in sizes.items():
+        path = tmp_path / f'{size}.pdf'
+        print_report(lambda own: render_report(inspection, paper=own), size, path)
+        assert list(tmp_path.glob('*.html')) == []
+        pages = pypdf.PdfReader(path).pages
+        texts = [page.extract_text() for page in pages]
+        assert {(round(float(page.mediabox.width), 2), round(float(page.mediabox.height), 2))
+                for page in pages} == {(width, height)}
+        titles = {title for _, title, _ in list_contents(
+            [], worst=True, coverage=True, what_if=True, changes=True)}
+        sheets = {}
+        for number, text in enumerate(texts, start=1):
+            assert f'page {number} of {len(texts)}' in text
+            assert re.search(r'\d{4}-\d\d-\d\d', text)
+            lines = [line.strip() for line in text.splitlines() if line.strip()]
+            lines = [line for line in lines if not re.search(r'page \d+ of|^\S+, \d{4}-', line)]
+            assert len(lines) > 3, f'page {number} is empty'
+            assert lines[-1] not in titles, f'page {number} ends with a heading'
+            found = re.match(r'Hazard (\d+)', lines[0])
+            if found:
+                sheets[int(found[1])] = number
+                assert 'Seen from beside the line' in text
+        assert sorted(sheets) == [item.hazard_id for item in inspection.result.hazards]
+        for hazard, number in sheets.items():
+            assert re.search(rf'Hazard {hazard}: \w+, \w+\s+{number}\b', ' '.join(texts[:2]))
+
+
+def test_paper_must_be_known(chromium, monkeypatch):
+    assert chromium
+    with pytest.raises(ConfigError, match="--paper must be one of A4, Letter, got 'A5'"):
+        check_printing('A5')
+    monkeypatch.setattr(paper, 'PACKAGE', 'no_such_package')
+    with pytest.raises(ConfigError, match='--pdf needs the Python package no_such_package'):
+        check_printing('A4')
 
 
 def test_without_a_browser_it_is_said(monkeypatch, page, tmp_path):
