@@ -81,7 +81,7 @@ def render_index(
     ]
     return open_templates('grid/templates').get_template('index.html.j2').render(
         title=title, version=__version__, inputs=len(sources), points=summary.num_points,
-        crs=_name_crs(sources[0]), style=_read_style(), unit=unit, totals=totals,
+        crs=_name_crs(sources[0]), style=read_style(), unit=unit, totals=totals,
         failures=summary.failures, changes=_describe_changes(summary),
         hazards=[
             {
@@ -132,7 +132,8 @@ def _number(value: float | None) -> str:
     return '-' if value is None else f'{value:.2f}'
 
 
-def _read_style() -> str:
+def read_style() -> str:
+    """Return the style sheet of the reports."""
     return files('plc_inspect').joinpath('offline/report/templates/report.css').read_text('utf-8')
 
 

@@ -62,18 +62,18 @@ class GridInputs:
     """Begin anew where the folder holds a grid."""
 
 
-def check_grid_folder(folder: Path, force: bool) -> None:
+def check_grid_folder(folder: Path, force: bool, files: Sequence[str] = FILES) -> None:
     """
     Raise DataError unless a grid can be written, or taken up again, in a folder.
 
-    With ``force`` an earlier grid there is removed.
+    With ``force`` an earlier grid there is removed.  Its folder holds ``files`` and nothing else.
     """
     if not folder.exists():
         return
     if folder.is_symlink() or not folder.is_dir():
         raise DataError(f'{folder} exists and is not a folder')
     held = {item.name for item in folder.iterdir()}
-    foreign = sorted(held - set(FILES))
+    foreign = sorted(held - set(files))
     if held and (foreign or LEDGER not in held):
         raise DataError(
             f'{folder} holds no grid that could be taken up again: {(foreign or sorted(held))[0]}'
@@ -134,7 +134,7 @@ def survey_grid(
             path.unlink(missing_ok=True)
         run = GridRun(
             folder=inputs.folder, settings=settings, rules=rules, options=options,
-            engine=engine, ledger=ledger, tell=_log_too(inputs.folder / LOG, tell),
+            engine=engine, ledger=ledger, tell=log_too(inputs.folder / LOG, tell),
             baseline=inputs.baseline,
         )
         numbers = ledger.number_sources([str(path) for path in paths])
@@ -200,8 +200,8 @@ def _name(source: Source) -> str:
     return source.crs.partition('"')[2].partition('"')[0] or 'none'
 
 
-def _log_too(path: Path, tell: Tell) -> Tell:
-    """Return what tells of progress and writes a line into the log now and then."""
+def log_too(path: Path, tell: Tell) -> Tell:
+    """Return what tells of progress, and writes a line into the log now and then."""
     begun: dict[str, tuple[float, int]] = {}
     last = [0.0]
 

@@ -19,6 +19,7 @@ from plc_inspect.offline.commands.command_line import (
     run_command,
     show_progress,
 )
+from plc_inspect.offline.commands.flights import are_many, check_flights, run_flights
 from plc_inspect.printable import make_printable
 
 if TYPE_CHECKING:
@@ -164,10 +165,13 @@ def _run(argv: Sequence[str] | None) -> int:
     }
     settings = update(settings, {name: topic for name, topic in topics.items() if topic})
     request, settings = read_request(arguments, settings)
-    origin = locate_flight(arguments.origin)
+    if are_many(arguments):
+        check_flights(arguments)
+        return run_flights(arguments, settings, request)
+    bag, origin = Path(arguments.bags[0]), locate_flight(arguments.origin)
     check_results(arguments.output, arguments.force)
     with show_progress(arguments.quiet) as progress:
-        inspection = replay(arguments.bag, settings, progress, request.rules)
+        inspection = replay(bag, settings, progress, request.rules)
         inspection = dataclasses.replace(inspection, **origin)
         inspection = deliver(inspection, request, arguments, progress)
     if not arguments.quiet:
@@ -175,14 +179,16 @@ def _run(argv: Sequence[str] | None) -> int:
         print(make_printable('\n\n'.join(part for part in parts if part)))
         print(f'\nreport: {arguments.output / "report.html"}')
     if inspection.counts['held_back']:
-        raise DataError(f'{arguments.bag}: {inspection.counts["held_back"]}')
+        raise DataError(f'{bag}: {inspection.counts["held_back"]}')
     return DONE
 
 
 def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = make_parser(NAME, 'Finds power lines and their hazards in a recorded flight.')
     parser.add_argument(
-        'bag', type=Path, metavar='BAG', help='a rosbag2 folder, .mcap, .db3 or ROS 1 .bag file'
+        'bags', nargs='+', metavar='BAG',
+        help='a rosbag2 folder, .mcap, .db3 or ROS 1 .bag file; more of them, folders and patterns'
+        ' are flights, each by itself',
     )
     parser.add_argument('--scan-topic', metavar='TOPIC', help='instead of input.scan_topic')
     parser.add_argument(
@@ -192,4 +198,12 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
         '--origin', metavar='LAT,LON,ALT',
         help='WGS 84 place of the origin of the odometry (x east, y north)',
     )
+    group = parser.add_argument_group('flights', 'for many recordings; see docs/grid.md')
+    group.add_argument(
+        '--workers', type=int, metavar='N', help='processes that replay flights (default 1)'
+    )
+    group.add_argument(
+        '--scheduler', metavar='ADDRESS', help='Dask scheduler, as tcp://host:8786, or its file'
+    )
+    group.add_argument('--memory', type=float, metavar='GB', help='memory of each worker')
     return parser.parse_args(argv)

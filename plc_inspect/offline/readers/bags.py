@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+import re
 from types import TracebackType
 from typing import Any, Literal, Self
 
@@ -342,6 +343,28 @@ def _absolute(topic: str) -> str:
 
 def _in_one_line(error: BaseException) -> str:
     return make_one_line(error) or type(error).__name__
+
+
+def find_recordings(path: Path) -> list[Path]:
+    """
+    Return the recordings in a folder, at any depth, by name; the folder itself where it is one.
+
+    A file is one by the end of its name.  DataError where it cannot be told what files are.
+    """
+    if not path.is_dir():
+        return [path] if path.suffix in _SUFFIXES else []
+    files = sorted(file for file in path.iterdir() if file.suffix in _SUFFIXES and file.is_file())
+    if (path / 'metadata.yaml').exists() or len(files) == 1:
+        return [path]
+    parts = [re.fullmatch(r'(.*)_(\d+)', file.stem) for file in files]
+    names = {part[1] for part in parts if part}
+    if files and all(parts) and len(names) == 1:
+        raise DataError(
+            f'{path} has no metadata.yaml and {len(files)} files {names.pop()}_N: parts of one'
+            ' recording? Then make it anew (ros2 bag reindex), else name the files'
+        )
+    inner = sorted(item for item in path.iterdir() if item.is_dir())
+    return files + [own for item in inner for own in find_recordings(item)]
 
 
 def _find_source(path: Path) -> Path:

@@ -1,0 +1,227 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What ``plc_replay`` does with many recordings: each flight by itself, and a page on top."""
+
+import argparse
+from collections.abc import Iterable, Iterator, Sequence
+import dataclasses
+import glob
+from pathlib import Path
+import shutil
+import sys
+from typing import Any, TYPE_CHECKING
+
+from plc_inspect import __version__
+from plc_inspect.errors import ConfigError, DataError
+from plc_inspect.offline.commands.command_line import BAD_INPUT, DEFECT, DONE, show_progress
+from plc_inspect.offline.readers.bags import find_recordings
+from plc_inspect.printable import make_one_line
+
+if TYPE_CHECKING:
+    from plc_inspect.config import Settings
+    from plc_inspect.grid.engine import Task
+    from plc_inspect.offline.commands.request import Request
+
+FLIGHTS = 'flights'
+STAGE = 'flight'
+GIGABYTE = 1e9
+
+
+def are_many(arguments: argparse.Namespace) -> bool:
+    """Tell whether many recordings are named: more than one, a pattern, a folder of them."""
+    items = arguments.bags
+    options = arguments.workers, arguments.scheduler, arguments.memory
+    if len(items) > 1 or any(option is not None for option in options):
+        return True
+    path = Path(items[0])
+    if not path.exists():
+        return glob.has_magic(items[0])
+    return path.is_dir() and find_recordings(path) not in ([path], [])
+
+
+def expand_flights(items: Sequence[str]) -> list[Path]:
+    """
+    Find the recordings that arguments name.
+
+    Parameters
+    ----------
+    items : sequence of str
+        Recordings, folders (searched at any depth), patterns.
+
+    Returns
+    -------
+    list of Path
+        Each once: in the order of the arguments, and by name within each.
+
+    Raises
+    ------
+    DataError
+        There is no such file, or a folder or pattern holds no recording.
+
+    """
+    found: dict[Path, None] = {}
+    for item in items:
+        path = Path(item)
+        if not path.exists():
+            names = sorted(glob.glob(item, recursive=True)) if glob.has_magic(item) else []
+            if not names:
+                raise DataError(
+                    f'{item} ' + ('matches no file' if glob.has_magic(item) else 'does not exist')
+                )
+            own = [flight for name in names for flight in find_recordings(Path(name))]
+        else:
+            own = [path] if path.is_file() else find_recordings(path)
+        if not own:
+            raise DataError(f'{item} holds no recording: none ends in .mcap, .db3 or .bag')
+        found |= dict.fromkeys(flight.resolve() for flight in own)
+    return list(found)
+
+
+def name_flights(paths: Iterable[Path]) -> dict[str, Path]:
+    """Return recordings by the names of their results folders: their own, told apart."""
+    named: dict[str, Path] = {}
+    for path in paths:
+        name, number = path.stem if path.is_file() else path.name, 1
+        own = name
+        while own in named:
+            number += 1
+            own = f'{name}_{number}'
+        named[own] = path
+    return named
+
+
+def check_flights(arguments: argparse.Namespace) -> None:
+    """Raise ConfigError where options do not go with many recordings."""
+    for name, option in (('baseline', '--baseline'), ('origin', '--origin')):
+        if getattr(arguments, name):
+            raise ConfigError(f'{option} is for a single flight, not for many')
+    if arguments.workers is not None and arguments.workers < 1:
+        raise ConfigError(f'--workers must be 1 or more, got {arguments.workers}')
+
+
+def replay_flight(
+    source: str, place: str, settings: 'Settings', request: 'Request'
+) -> dict[str, Any]:
+    """
+    Replay one recording into a results folder of its own, in place of an older one.
+
+    Returns
+    -------
+    dict
+        Figures for the ledger and the page on top.
+
+    """
+    from plc_inspect.offline.commands.replay import describe_losses, replay
+    from plc_inspect.offline.commands.request import complete
+    from plc_inspect.offline.export.files import measure_peak_memory
+    from plc_inspect.offline.export.results_folder import write_results
+
+    inspection = complete(replay(Path(source), settings, rules=request.rules), request)
+    folder = Path(place)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    write_results(folder, inspection, True, request.paper)
+    result = inspection.result
+    groups: dict[int, list[float]] = {}
+    for span in result.spans:
+        groups.setdefault(span.span_id, []).append(span.length)
+    return {
+        'num_points': result.num_points, 'num_lines': result.num_lines,
+        'num_spans': len(result.spans), 'num_supports': len(result.supports),
+        'kilometres': sum(sum(own) / len(own) for own in groups.values()) / 1000.0,
+        'held_back': inspection.counts['held_back'],
+        'losses': describe_losses(inspection).splitlines(),
+        'peak_memory': measure_peak_memory(),
+    }
+
+
+def run_flights(
+    arguments: argparse.Namespace, settings: 'Settings', request: 'Request'
+) -> int:
+    """
+    Replay many recordings; what was replayed before is not replayed again.
+
+    Returns
+    -------
+    int
+        0 done, 2 where a flight could not be replayed, 1 where one failed by a defect.
+
+    Raises
+    ------
+    PlcInspectError
+        No recording is found, or the folder holds something else.
+
+    """
+    from plc_inspect.grid.engine import open_engine
+    from plc_inspect.grid.flights_page import write_flights
+    from plc_inspect.grid.ledger import Ledger
+    from plc_inspect.grid.ledger import NAME as LEDGER
+    from plc_inspect.grid.run import GridOptions, GridRun
+    from plc_inspect.grid.survey_grid import check_grid_folder, LOG, log_too
+
+    named = name_flights(expand_flights(arguments.bags))
+    folder = arguments.output
+    check_grid_folder(folder, arguments.force, (
+        LEDGER, f'{LEDGER}-wal', f'{LEDGER}-shm', f'{LEDGER}-journal', LOG, 'run.json',
+        'index.html', FLIGHTS,
+    ))
+    folder.mkdir(parents=True, exist_ok=True)
+    memory = None if arguments.memory is None else arguments.memory * GIGABYTE
+    with (
+        open_engine(arguments.workers or 1, arguments.scheduler, memory) as engine,
+        show_progress(arguments.quiet, time_left=True) as progress,
+        Ledger(folder, __version__) as ledger,
+    ):
+        (folder / 'index.html').unlink(missing_ok=True)  # not whole any more
+        run = GridRun(
+            folder=folder, settings=settings, rules=request.rules, options=GridOptions(),
+            engine=engine, ledger=ledger,
+            tell=log_too(folder / LOG, lambda step, done, total, failed: progress(
+                f'{step} {done}/{total}', done / max(total, 1)
+            )),
+        )
+        tasks = list(_make_tasks(named, folder, settings, request))
+        for task in tasks:
+            if not (folder / FLIGHTS / task.name / 'run.json').is_file():
+                ledger.forget(STAGE, task.name)
+        answers = run.run(STAGE, tasks, {
+            task.name: _make_key(named[task.name], settings, request) for task in tasks
+        })
+        failures = [(name, error) for _, name, error in ledger.list_failures()]
+    for path in (folder / FLIGHTS).iterdir() if (folder / FLIGHTS).is_dir() else ():
+        if path.name not in answers:
+            shutil.rmtree(path)
+    failures += [(name, answer['held_back']) for name, answer in sorted(answers.items())
+                 if answer['held_back']]
+    totals = write_flights(folder, FLIGHTS, named, answers, failures)
+    if not arguments.quiet:
+        print(', '.join(f'{value} {name}' for name, value in totals.items()))
+        print(f'\nreport: {folder / "index.html"}')
+    for name, error in failures:
+        print(make_one_line(f'plc_replay: {name}: {error}'), file=sys.stderr)
+    if failures:
+        return DEFECT if run.num_defects else BAD_INPUT
+    return DONE
+
+
+def _make_tasks(
+    named: dict[str, Path], folder: Path, settings: 'Settings', request: 'Request'
+) -> Iterator['Task']:
+    from plc_inspect.grid.engine import Task
+
+    for name, path in named.items():
+        yield Task(name=name, function=replay_flight, arguments=(
+            str(path), str((folder / FLIGHTS / name).absolute()), settings, request,
+        ))
+
+
+def _make_key(path: Path, settings: 'Settings', request: 'Request') -> str:
+    """Return what changes where a flight is to be replayed again."""
+    from plc_inspect.grid.ledger import make_key
+
+    files = sorted(path.rglob('*')) if path.is_dir() else [path]
+    stamps = [
+        [str(item), item.stat().st_size, item.stat().st_mtime_ns] for item in files
+        if item.is_file()
+    ]
+    return make_key(__version__, stamps, dataclasses.asdict(settings), repr(request))

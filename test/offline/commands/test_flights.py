@@ -1,0 +1,79 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""``plc_replay`` over many recordings: each by itself, none twice, what fails is told."""
+
+import json
+
+from offline.commands.test_replay import pipeline, run, write_bag
+import pytest
+
+__all__ = ['pipeline']
+
+
+@pytest.fixture
+def bags(tmp_path):
+    """Write two flights, and one whose file is cut off, into folders of a folder."""
+    folder = tmp_path / 'flown'
+    for name in ('monday', 'tuesday', 'wednesday'):
+        (folder / name).mkdir(parents=True)
+        write_bag(folder / name / 'flight', num_scans=5 if name == 'monday' else 8)
+    (damaged,) = (folder / 'wednesday').rglob('*.mcap')
+    damaged.write_bytes(damaged.read_bytes()[:900])
+    return folder
+
+
+def test_each_flight_has_its_folder_and_a_damaged_one_is_told(bags, pipeline, tmp_path, capfd):
+    out = tmp_path / 'out'
+    assert run(bags, '-o', out) == 2
+    text, error = capfd.readouterr()
+    assert text.startswith('2 flights')
+    assert error.count('\n') == 1
+    assert error.startswith('plc_replay: flight_3: ')
+    head = json.loads((out / 'run.json').read_text(encoding='utf-8'))
+    assert head['totals']['flights'] == 2
+    assert {name: item['num_points'] for name, item in head['flights'].items()} == {
+        'flight': 50, 'flight_2': 80,
+    }
+    assert head['flights']['flight_2']['source'].endswith('tuesday/flight')
+    page = (out / 'index.html').read_text(encoding='utf-8')
+    assert 'flights/flight_2/report.html' in page
+    assert 'flight_3' in page
+    assert (out / 'flights/flight/report.html').is_file()
+    assert not (out / 'flights/flight_3').exists()
+
+
+def test_a_flight_is_replayed_once(bags, pipeline, tmp_path, capfd):
+    out = tmp_path / 'out'
+    flights = [bags / 'monday/flight', bags / 'tuesday/flight']
+    assert run(*flights, '-o', out, '--quiet') == 0
+    stamp = {path: path.stat().st_mtime_ns for path in out.glob('flights/*/run.json')}
+    assert len(stamp) == 2
+    pipeline.given = None
+    assert run(*flights, '-o', out, '--quiet') == 0
+    assert pipeline.given is None
+    assert {path: path.stat().st_mtime_ns for path in stamp} == stamp
+    assert run(*flights, '-o', out, '--quiet', '--set', 'map.min_points=2') == 0
+    assert pipeline.given is not None
+    assert run(flights[0], '-o', out, '--quiet', '--memory', '2') == 0
+    assert sorted(path.name for path in (out / 'flights').iterdir()) == ['flight']
+
+
+def test_what_is_no_recording_is_refused(bags, tmp_path, capfd):
+    out = tmp_path / 'out'
+    (tmp_path / 'parts').mkdir()
+    for number in range(2):
+        (tmp_path / f'parts/bag_{number}.mcap').touch()
+    for arguments, message in (
+        ([tmp_path / '*.bag'], 'matches no file'),
+        ([bags / 'monday/flight', tmp_path / 'none'], 'does not exist'),
+        ([tmp_path / 'parts'], 'has no metadata.yaml and 2 files bag_N: parts of one recording?'),
+        ([bags, '--origin', '59,18,20'], '--origin is for a single flight'),
+        ([bags, '--baseline', bags], 'no results folder'),
+        ([bags, '--workers', '0'], '--workers must be 1 or more'),
+    ):
+        assert run(*arguments, '-o', out) == 2
+        _, error = capfd.readouterr()
+        assert error.count('\n') == 1
+        assert message in error
+    assert not out.exists()
