@@ -36,9 +36,9 @@ IMPORT_TO_KEY = {
 IMPORT_TO_REQUIREMENT = {
     'markupsafe': 'jinja2', 'sklearn': 'scikit-learn', 'yaml': 'PyYAML', 'lazrs': 'laspy',
 }
-WITHOUT_KEY = {'cma', 'dask', 'distributed', 'ezdxf', 'laspy', 'lazrs', 'mcap', 'pyogrio', 'rich',
-               'zstandard'}
-OPTIONAL = ('grid',)
+WITHOUT_KEY = {'cma', 'dask', 'distributed', 'ezdxf', 'laspy', 'lazrs', 'mcap', 'plyfile', 'pye57',
+               'pyogrio', 'pypdf', 'rich', 'zstandard'}
+OPTIONAL = ('grid', 'pdf', 'formats')
 """Extras without which one thing cannot be done, which says so."""
 
 
