@@ -4,6 +4,7 @@
 """Writes clouds in formats that are read, and none of the package writes."""
 
 import struct
+from unittest.mock import patch
 
 import laspy
 import lazrs
@@ -80,8 +81,24 @@ def _render_head(header, first_point, first_record):
     ])
 
 
-def write_e57(path, points, *, rotation=None, translation=None, **more):
-    """Write points as one scan of an E57 file."""
+def write_e57(path, points, *, rotation=None, translation=None, crs='', **more):
+    """Write points as one scan of an E57 file, with a reference system where one is given."""
+    import pye57
+
+    class Nodes:
+        """What pye57 writes with, but for the one empty text: that of the reference system."""
+
+        def __getattr__(self, name):
+            return getattr(pye57.libe57, name)
+
+        def StringNode(self, file, text):  # noqa: N802
+            return pye57.libe57.StringNode(file, text or crs)
+
+    with patch.object(pye57.e57, 'libe57', Nodes()):
+        return _write_e57(path, points, rotation, translation, more)
+
+
+def _write_e57(path, points, rotation, translation, more):
     import pye57
 
     columns = dict(zip(('cartesianX', 'cartesianY', 'cartesianZ'), points.T.copy(), strict=True))

@@ -101,3 +101,28 @@ def test_surveys_that_do_not_overlap():
         compare(make_rack(), make_rack(shift=30.0))
     with pytest.raises(DataError, match='do not overlap'):
         compare([], make_rack())
+
+
+def test_a_long_survey_is_matched_as_its_parts_are():
+    rng = np.random.default_rng(4)
+    racks = [
+        [dataclasses.replace(span, line_id=4 * number + span.line_id) for span in make_rack()]
+        for number in range(150)
+    ]
+    before = [
+        dataclasses.replace(
+            span, start=span.start + move, end=span.end + move, lowest=span.lowest + move,
+        )
+        for number, own in enumerate(racks) for span in own
+        for move in [np.array([300.0 * (number % 12), 40.0 * (number // 12), 0.0])]
+    ]
+    after = [
+        dataclasses.replace(span, start=span.start + aside, end=span.end + aside)
+        for span in before for aside in [np.array([0.0, 0.1, 0.0])]
+    ]
+    order = rng.permutation(len(after))
+    pairs = match_spans(before, [after[k] for k in order])
+    assert len(pairs) == len(before) == 1200
+    assert all(order[j] == i for i, j in pairs)
+    part = match_spans(before[:80], after[:80])
+    assert part == [(k, k) for k in range(80)]

@@ -7,9 +7,11 @@ import builtins
 
 from grid.formats import write_copc, write_e57, write_ply, write_xyz
 import numpy as np
+import pyproj
 import pytest
 
 from plc_inspect.errors import DataError
+from plc_inspect.grid.cells.sources import read_sources
 from plc_inspect.offline.readers import copc
 from plc_inspect.offline.readers.clouds import load_las, read_cloud
 from plc_inspect.offline.readers.plain_clouds import iterate_points
@@ -67,6 +69,21 @@ def test_points_of_e57_stand_where_the_pose_of_their_scan_puts_them(tmp_path):
     valid = np.arange(len(POINTS)) % 5 != 0
     np.testing.assert_allclose(cloud.points[valid], expected[valid], atol=1e-4)
     assert cloud.num_not_finite == (~valid).sum()
+
+
+def test_the_reference_system_of_e57_is_read(tmp_path):
+    path = write_e57(tmp_path / 'a.e57', POINTS, crs=pyproj.CRS('EPSG:2992').to_wkt())
+    cloud = read_cloud(path)
+    assert pyproj.CRS(cloud.crs).to_epsg() == 2992
+    assert cloud.metres_per_unit == (0.3048, 0.3048)
+    assert cloud.note == ''
+    assert read_cloud(path, 'EPSG:25832').metres_per_unit == (1.0, 1.0)
+    (source,), refusals = read_sources([path])
+    assert refusals == []
+    assert (source.crs, source.units) == (cloud.crs, (0.3048, 0.3048))
+    assert 'has a CRS that is not understood' in refuse(
+        write_e57(tmp_path / 'b.e57', POINTS, crs='somewhere')
+    )
 
 
 @pytest.mark.parametrize(('rows', 'message'), [
