@@ -91,7 +91,7 @@ def write_e57(path, points, *, rotation=None, translation=None, crs='', **more):
         def __getattr__(self, name):
             return getattr(pye57.libe57, name)
 
-        def StringNode(self, file, text):  # noqa: N802
+        def StringNode(self, file, text):
             return pye57.libe57.StringNode(file, text or crs)
 
     with patch.object(pye57.e57, 'libe57', Nodes()):
