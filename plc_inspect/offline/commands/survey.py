@@ -12,6 +12,7 @@ from threading import Thread
 import time
 from typing import TYPE_CHECKING
 
+from plc_inspect.errors import DataError
 from plc_inspect.offline.commands.allocator import keep_freed_memory
 from plc_inspect.offline.commands.command_line import (
     DONE,
@@ -38,6 +39,13 @@ if TYPE_CHECKING:
 NAME = 'plc_survey'
 LARGE = 10_000_000
 """A file of more bytes takes longer than what is loaded beside it."""
+LARGEST_UNASKED = 100_000_000
+"""A file of fewer bytes fits into memory."""
+BASE_BYTES, BYTES_PER_POINT = 400_000_000, 150
+"""
+Memory of one run, and for each point [bytes].
+Source: bench/grid/throughput.py: 1.69 GB for 8 million points.
+"""
 FILES = 'plc_inspect.offline.export.files'
 """Loads all formats."""
 
@@ -86,7 +94,6 @@ def survey(
 
     """
     from plc_inspect.core.pipeline import Pipeline
-    from plc_inspect.errors import DataError
     from plc_inspect.offline.commands.request import hash_input
     from plc_inspect.offline.records.inspection import Inspection, Units
 
@@ -163,6 +170,36 @@ def begin_reading(
     return reading
 
 
+def check_memory(path: Path) -> None:
+    """
+    Raise DataError where a large LAS or LAZ file is more than memory holds in one run.
+
+    Its header alone is read; what is wrong with the file is told where it is read.
+    """
+    if path.suffix.lower() not in ('.las', '.laz') or not path.is_file():
+        return
+    if path.stat().st_size < LARGEST_UNASKED:
+        return
+    import laspy
+
+    from plc_inspect.grid.engine import measure_available
+    from plc_inspect.offline.readers.clouds import check_las_header
+
+    try:
+        check_las_header(path)
+        with path.open('rb') as file:
+            num_points = int(laspy.LasHeader.read_from(file).point_count)
+    except Exception:  # whatever it is, reading says it
+        return
+    free, needed = measure_available(), BASE_BYTES + BYTES_PER_POINT * num_points
+    if needed > free:
+        raise DataError(
+            f'{path} holds {num_points:,} points: one run over all of them takes'
+            f' {needed / 1e9:.1f} GB of memory, {free / 1e9:.1f} GB are free: survey it in tiles,'
+            f' as with --memory {max(0.8 * free / 1e9, 1.0):.1f}'
+        )
+
+
 def _load(settings: 'Settings') -> None:
     """Load the kernels."""
     from plc_inspect.core.live.warm_up import warm_up_pipeline
@@ -176,6 +213,7 @@ def _run(argv: Sequence[str] | None) -> int:
     if is_grid(arguments):
         return _run_grid(arguments)
     cloud = Path(arguments.clouds[0])
+    check_memory(cloud)
     reading = begin_reading(cloud, arguments.crs, parse_unit(arguments.units))
     from plc_inspect.offline.commands.request import deliver, read_request
     from plc_inspect.offline.commands.result_table import render_summary

@@ -13,7 +13,9 @@ import pyogrio
 import pyproj
 import pytest
 
+from plc_inspect.grid import engine
 from plc_inspect.grid.cells import cut
+from plc_inspect.offline.commands import survey
 from plc_inspect.offline.commands.compare import main as compare
 from plc_inspect.offline.commands.survey import main
 
@@ -202,6 +204,20 @@ def test_the_geopackage_keeps_the_vertical_system(tmp_path):
     for layer in ('spans', 'supports', 'hazards'):
         crs = pyproj.CRS(pyogrio.read_info(out / 'grid.gpkg', layer=layer)['crs'])
         assert crs.sub_crs_list[1].name == 'DHHN2016 height'
+
+
+def test_a_cloud_larger_than_memory_is_told_before_it_is_read(tmp_path, capsys, monkeypatch):
+    path = write_las(tmp_path / 'a.las', make_line(1))
+    monkeypatch.setattr(survey, 'LARGEST_UNASKED', 0)
+    monkeypatch.setattr(survey, 'BYTES_PER_POINT', 1_000_000)
+    monkeypatch.setattr(engine, 'measure_available', lambda: 2.5e9)
+    line = refuse(capsys, path, '-o', tmp_path / 'out')
+    num = len(make_line(1))
+    assert f'holds {num:,} points: one run over all of them takes' in line
+    assert line.endswith('2.5 GB are free: survey it in tiles, as with --memory 2.0')
+    assert not (tmp_path / 'out').exists()
+    monkeypatch.setattr(survey, 'BYTES_PER_POINT', 150)
+    assert main([str(path), '-o', str(tmp_path / 'out'), '--quiet']) == 0
 
 
 def test_wrong_options_are_refused(folder, tmp_path, capsys):
