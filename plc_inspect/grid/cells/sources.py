@@ -16,6 +16,7 @@ import numpy as np
 from plc_inspect.core.numerics.arrays import MOST_COORDINATE
 from plc_inspect.errors import DataError
 from plc_inspect.offline.readers.clouds import (
+    check_count,
     check_las_header,
     choose_units,
     find_las_crs,
@@ -244,7 +245,7 @@ def _read_source(
     else:
         header = _read_header(path)
         num = int(header.point_count)
-        _check_count(path, header, stat.st_size)
+        _check_count(path, header)
         key = b''.join(vlr.record_data_bytes() for vlr in header.vlrs if _is_crs(vlr))
         if given is None and key not in known:
             known[key] = find_las_crs(header, path)
@@ -337,7 +338,7 @@ def _render(values: Any) -> str:
     return '(' + ', '.join(f'{value:.6g}' for value in values) + ')'
 
 
-def _check_count(path: Path, header: laspy.LasHeader, size: int) -> None:
+def _check_count(path: Path, header: laspy.LasHeader) -> None:
     """Refuse a file that holds more or less points than its header counts, if that shows."""
     if is_copc(header):
         try:
@@ -350,18 +351,4 @@ def _check_count(path: Path, header: laspy.LasHeader, size: int) -> None:
                 f'{path} is damaged: its index leads to {indexed} points, its header counts'
                 f' {header.point_count}'
             )
-    if header.are_points_compressed:
-        return
-    room = size - header.offset_to_point_data
-    held = max(room, 0) // header.point_format.size
-    if held < header.point_count:
-        raise DataError(
-            f'{path} is truncated: its header counts {header.point_count} points,'
-            f' {size} bytes hold {held}'
-        )
-    num_evlrs = getattr(header, 'number_of_evlrs', 0) or 0
-    if held > header.point_count and not num_evlrs:
-        raise DataError(
-            f'{path} holds {held} points and its header counts {header.point_count}:'
-            ' which is right? Write it anew'
-        )
+    check_count(path, header)

@@ -178,6 +178,25 @@ def check_las_header(path: Path) -> None:
         raise DataError(f'{path} is truncated: points from byte {first_point}, size {size}')
 
 
+def check_count(path: Path, header: laspy.LasHeader) -> None:
+    """Refuse an uncompressed file that holds more or less points than its header counts."""
+    if header.are_points_compressed or header.point_format.has_waveform_packet:
+        return
+    size = path.stat().st_size
+    held = max(size - header.offset_to_point_data, 0) // header.point_format.size
+    if held < header.point_count:
+        raise DataError(
+            f'{path} is truncated: its header counts {header.point_count} points,'
+            f' {size} bytes hold {held}'
+        )
+    num_evlrs = getattr(header, 'number_of_evlrs', 0) or 0
+    if held > header.point_count and not num_evlrs:
+        raise DataError(
+            f'{path} holds {held} points and its header counts {header.point_count}:'
+            ' which is right? Write it anew'
+        )
+
+
 def load_las(path: Path) -> tuple[laspy.LasData, Float64]:
     """
     Read a LAS or LAZ file as it is.
@@ -216,6 +235,7 @@ def load_las(path: Path) -> tuple[laspy.LasData, Float64]:
             f'{path} is truncated: {len(las.points)} points, its header says {expected}'
         )
     header = las.header
+    check_count(path, header)
     return las, scale_grid(las.X, las.Y, las.Z, np.array(header.scales), np.array(header.offsets))
 
 

@@ -157,8 +157,10 @@ def test_a_header_must_count_its_points(tmp_path, capsys):
     count = int.from_bytes(data[247:255], 'little')
     data[247:255] = (count - 7).to_bytes(8, 'little')
     path.write_bytes(bytes(data))
-    line = refuse(capsys, path, '-o', tmp_path / 'out', '--memory', '2')
-    assert f'holds {count} points and its header counts {count - 7}' in line
+    for options in (['--memory', '2'], []):  # as a grid, and as a single cloud
+        line = refuse(capsys, path, '-o', tmp_path / 'out', *options)
+        assert f'holds {count} points and its header counts {count - 7}' in line
+    assert not (tmp_path / 'out').exists()
 
 
 def test_grids_are_compared(tmp_path, capsys):
