@@ -3,7 +3,7 @@
 
 """A run that is killed, or interrupted, goes on where it was and comes to the same end."""
 
-from contextlib import closing
+from contextlib import closing, suppress
 import os
 from pathlib import Path
 import signal
@@ -13,7 +13,7 @@ import sys
 import time
 
 from grid.grids import make_line, write_las
-from grid.tasks import DEADLINE
+from grid.tasks import DEADLINE as LOADED
 import pytest
 
 from plc_inspect.offline.commands.command_line import INTERRUPTED
@@ -22,6 +22,8 @@ SURVEY = (
     'import sys; from plc_inspect.offline.commands.survey import main;'
     ' sys.exit(main(sys.argv[1:]))'
 )
+DEADLINE = 4 * LOADED
+"""Workers load all kernels first [s]."""
 TABLES = ('spans.json', 'supports.json', 'hazards.json', 'spans.csv')
 
 
@@ -31,14 +33,28 @@ def cloud(tmp_path_factory):
     return write_las(tmp_path_factory.mktemp('cloud') / 'line.las', make_line())
 
 
+STARTED = []
+
+
+@pytest.fixture(autouse=True, scope='module')
+def end_all():
+    """Leave no process behind, whatever failed."""
+    yield
+    for process in STARTED:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait(DEADLINE)
+
+
 def start(cloud, out, *options):
     """Start plc_survey over many tiles, a process group of its own."""
-    return subprocess.Popen(
+    STARTED.append(subprocess.Popen(
         [sys.executable, '-c', SURVEY, str(cloud), '-o', str(out), '--tile', '40', '--halo', '60',
          '--memory', '2', '--quiet', *options],
         stderr=subprocess.PIPE, text=True, start_new_session=True,
         env=os.environ | {'PYTHONPATH': str(Path(__file__).parents[2]), 'NUMBA_NUM_THREADS': '1'},
-    )
+    ))
+    return STARTED[-1]
 
 
 def count_done(out):
