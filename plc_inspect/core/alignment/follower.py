@@ -160,6 +160,16 @@ class Follower:
         return self._held
 
     @property
+    def likely_move(self) -> RigidMove | None:
+        """The same of the newest pose while a break is looked at; None where nobody knows."""
+        if self.watch.frozen:
+            return None
+        if self._pending is None:
+            return self.move
+        known = self._pending.quick and self._pending.sigma <= MOST_SIGMA
+        return self.move.after(self._pending.total) if known else None
+
+    @property
     def following(self) -> bool:
         """Whether scans are moved bit by bit, as the odometry drifts."""
         return self._following

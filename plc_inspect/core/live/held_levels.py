@@ -64,7 +64,7 @@ class HeldLevels:
         stamp_ns : int
             Of the pose; where it goes back, what was held is forgotten [ns].
         vehicle : (3,) float64
-            Where the vehicle is, in the frame of the positions [m].
+            Where the vehicle is, in the frame of the positions [m]; NaN where nobody knows.
         settings : ProximitySettings
             Distances of the levels.
 
@@ -96,7 +96,7 @@ class HeldLevels:
         if stamp_ns - held.last_ns >= HOLD_NS:
             return self._lower(item, stamp_ns, settings)
         apart = float(np.linalg.norm(held.item.position - vehicle))
-        if item.distance <= apart:
+        if item.distance <= apart or math.isnan(apart):
             return replace(item, level=held.level)
         return replace(
             held.item, level=held.level, distance=apart, closest=math.nan, closest_in=math.nan

@@ -80,10 +80,13 @@ class Intake:
         """Called when the map has begun anew."""
         self.accepts: Callable[[Mapping[str, Any], float], bool] = lambda info, now: True
         """Tells whether a scan is of the driver that is listened to."""
-        self.on_pose: Callable[[StampedPose, RigidMove, CellIndex], None] = (
+        self.on_pose: Callable[[StampedPose, RigidMove | None, CellIndex], None] = (
             lambda pose, move, cells: None
         )
-        """Called with each pose that is taken, ``move``, and the cells of the map."""
+        """
+        Called with each pose that is taken, the move into the map frame, None where nobody knows
+        the vehicle's place, and the cells of the map.
+        """
         self.judge_pose: Callable[[StampedPose], bool] | None = None
         """Tells of the first poses after an interruption whether they are to be taken."""
         self.judge_scan: Callable[[str], bool] | None = None
@@ -202,9 +205,11 @@ class Intake:
         )
         if accepted:
             self.told_vehicle = pose.position
-            self.vehicle = self.move.apply(np.array(pose.position, dtype=np.float64))
-            self.way.add(pose.stamp_ns, self.vehicle)
-            self.on_pose(pose, self.move, self.accumulator.map.cells)
+            move = self.accumulator.follower.likely_move
+            if move is not None:
+                self.vehicle = move.apply(np.array(pose.position, dtype=np.float64))
+                self.way.add(pose.stamp_ns, self.vehicle)
+            self.on_pose(pose, move, self.accumulator.map.cells)
             self._follow_parts(now)
         self._follow_restart()
 

@@ -67,9 +67,10 @@ class KeepOut:
             **watched(node, 'proximity_markers'),
         )
         self._told = self._drawn = 0
+        self._knows = False
         self._seen: set[MarkerKey] = set()
 
-    def tell(self, pose: StampedPose, move: RigidMove, cells: CellIndex) -> None:
+    def tell(self, pose: StampedPose, move: RigidMove | None, cells: CellIndex) -> None:
         """
         Tell how near the vehicle is at a pose; a map that is not sharp is taken as unseen.
 
@@ -79,31 +80,36 @@ class KeepOut:
         ----------
         pose : StampedPose
             Of the vehicle.
-        move : RigidMove
-            From its frame into that of the map.
+        move : RigidMove or None
+            From its frame into that of the map; None where nobody knows the vehicle's place:
+            then all is unknown, and only the levels stand for a while.
         cells : CellIndex
             Of the map.
 
         """
         told = np.array(pose.position, dtype=np.float64)
-        vehicle = move.apply(told)
-        self._motion.add(pose.stamp_ns, vehicle)
+        vehicle = np.full(3, np.nan) if move is None else move.apply(told)
+        state, settings = self._look()
+        if state is None and self._knows:  # the map has begun anew, in another frame
+            self._motion, self._levels = Motion(), HeldLevels()
+        self._knows = state is not None
+        if move is not None:
+            self._motion.add(pose.stamp_ns, vehicle)
         if 0 <= pose.stamp_ns - self._told < LEAST_PERIOD_NS:
             return
         self._told = pose.stamp_ns
-        state, settings = self._look()
         blurred = state is None or state.sharpness.poor
-        around = NOTHING if state is None or blurred else state.around
+        around = NOTHING if state is None or blurred or move is None else state.around
         seen = not blurred and around.is_seen(
             cells, vehicle, settings.proximity.warning, settings.height.beta
         )
-        back = move.inverse()
-        measured = [
-            replace(item, position=back.apply(item.position)) for item in measure_proximity(
-                around, seen, vehicle, self._motion.velocity, settings.proximity
-            )
-        ]
-        found = self._levels.hold(measured, pose.stamp_ns, told, settings.proximity)
+        found = self._levels.hold(
+            measure_proximity(around, seen, vehicle, self._motion.velocity, settings.proximity),
+            pose.stamp_ns, vehicle, settings.proximity,
+        )
+        if move is not None:
+            back = move.inverse()
+            found = tuple(replace(item, position=back.apply(item.position)) for item in found)
         seconds, nanoseconds = divmod(pose.stamp_ns, 1_000_000_000)
         header = Header(stamp=Time(sec=seconds, nanosec=nanoseconds), frame_id=pose.frame_id)
         place = told[0], told[1], told[2]

@@ -128,6 +128,33 @@ def test_poses_that_stand_still_are_told_and_what_follows_fits():
     assert measure_errors(entered) < 0.1
 
 
+def see_poses(follower, places):
+    """Tell of poses 50 times a second, and return where each is taken to be; None: unknown."""
+    found = []
+    for number, place in enumerate(places):
+        follower.see_pose(START + number * 20_000_000, np.array(place), UPRIGHT)
+        move = follower.likely_move
+        found.append(None if move is None else move.apply(np.array(place)))
+    return found
+
+
+def test_while_a_step_is_looked_at_the_motion_tells_where_the_vehicle_is():
+    true = [(0.1 * n, 0.0, 15.0) for n in range(40)]
+    told = [(x, y + 5.0 * (x > 2.0), z) for x, y, z in true]
+    found = see_poses(Follower(), told)
+    assert np.linalg.norm(np.array(found) - true, axis=1).max() < 0.2
+
+
+def test_where_the_poses_stand_still_nobody_knows_where_the_vehicle_is():
+    told = [(0.1 * min(n, 20), 0.0, 15.0) for n in range(60)]
+    found = see_poses(Follower(), told)
+    assert all(item is not None for item in found[:21])
+    assert all(item is None for item in found[31:])
+    thawed = see_poses(follower := Follower(), [*told, (9.0, 0.0, 15.0), (9.1, 0.0, 15.0)])
+    assert thawed[-2:] == [None, None]
+    assert not follower.watch.frozen
+
+
 def test_where_nothing_was_seen_twice_a_part_begins():
     follower = Follower()
     entered, parts = fly(

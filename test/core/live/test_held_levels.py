@@ -126,3 +126,15 @@ def test_things_are_held_apart_and_time_that_goes_back_forgets():
     found = levels.hold([measure(50.0)], 1, HERE, SETTINGS)
     assert [item.level for item in found] == [Level.CLEAR]
     assert levels.hold([], 3, HERE, SETTINGS) == ()
+
+
+def test_where_the_vehicle_is_not_known_the_level_stands_without_a_place():
+    flight, nowhere = Flight(), np.full(3, np.nan)
+    flight.tell(5.0)
+    found = flight.tell(math.nan, nowhere, seen=False)
+    assert found.level == Level.CRITICAL
+    assert math.isnan(found.distance)
+    assert np.isnan(found.position).all()
+    for _ in range(HOLD_NS // STEP_NS):
+        found = flight.tell(math.nan, nowhere, seen=False)
+    assert found.level == Level.UNKNOWN
