@@ -20,6 +20,7 @@ from plc_inspect.messages.rows import PROXIMITY
 from plc_inspect.ros.results.keep_out import KeepOut
 
 STEP_NS = 20_000_000
+UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
 START = 1_700_000_000_000_000_000
 TREE = np.array([60.0, 0.0, 10.0])
 """On the way of a vehicle that flies along x at 5 m/s, 10 m high."""
@@ -52,9 +53,9 @@ class Flight:
         for place in places:
             self.count += 1
             stamp = START + self.count * STEP_NS
-            self.follower.see_pose(stamp, np.array(place), np.array([0.0, 0.0, 0.0, 1.0]))
+            self.follower.see_pose(stamp, np.array(place), UPRIGHT)
             self.keep_out.tell(StampedPose(
-                stamp_ns=stamp, position=np.array(place), quaternion=np.array([0.0, 0.0, 0.0, 1.0]),
+                stamp_ns=stamp, position=np.array(place), quaternion=UPRIGHT,
                 frame_id='odom', child_frame_id='base_link',
             ), self.follower.likely_move, self.cells)
         rows = np.frombuffer(bytes(self.told[-1].data), PROXIMITY)
