@@ -58,6 +58,15 @@ def test_sharpness_falls_with_the_error(axis):
     assert 'map is not sharp: check mount, frames, time' in figures[1].describe()
 
 
+def test_lines_are_not_looked_for_where_none_can_be_right():
+    near, far = (fly((0.0, 0.0, angle)) for angle in (0.6, 2.0))
+    assert near.poor
+    assert not near.hopeless
+    assert 0.0 < far.figure < 0.25
+    assert far.hopeless
+    assert 'nothing is looked for' in far.describe()
+
+
 def test_noisy_and_rough_is_not_blurred():
     assert not fly(noise=0.05).poor
 
