@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 import json
 import os
 from pathlib import Path
+import re
 import resource
 import signal
 import subprocess
@@ -31,6 +32,8 @@ from common.tables import render_table, replace_section
 import numpy as np
 from scipy.spatial import cKDTree
 
+from plc_inspect.core.alignment.parts import Part
+from plc_inspect.core.alignment.rigid_move import RigidMove
 from plc_inspect.offline.readers.bags import Recording
 from plc_inspect.ros.graph.transport import prepare_transport
 
@@ -200,7 +203,11 @@ def fly(fault: Fault, events: list[Event], rate: float, root: Path, room: Path) 
     lines = _name_places(log.read_text(), room).splitlines()
     last = [line for line in lines if 'saved' in line or NODE in line]
     told = [text for text in said if 'no scan and no odometry' not in text]  # before, and after
-    texts = sorted(told, key=lambda text: -said[text])[:2]
+    often: dict[str, list[str]] = {}  # texts that differ in figures are one
+    for text in told:
+        often.setdefault(re.sub(r'[-\d.]+', '0', text), []).append(text)
+    groups = sorted(often.values(), key=lambda group: -sum(said[text] for text in group))
+    texts = [group[-1] for group in groups[:3]]
     if 'saved to' not in (last or [''])[-1] or 'ROS_HOME' in (last or [''])[-1]:
         texts.append((last or lines or ['nothing'])[-1][-150:])
     return [str(found[0].parent) if found else '', f'exit {code}',
@@ -242,21 +249,31 @@ def trace(span: dict[str, Any]) -> np.ndarray:
     return np.column_stack((plan, heights))
 
 
+def find_move(found: Path) -> RigidMove | None:
+    """Return what brings results from the odometry's frame at the end into that at the start."""
+    counts = json.loads((found / 'run.json').read_text())['input']['counts']
+    parts = [Part.from_record(item) for item in counts['parts']]
+    return parts[-1].move if parts and parts[-1].aligned else None
+
+
 def compare(found: str, reference: list[Any], offset: Sequence[float]) -> str:
     """
     Return how many spans were found, and how many are not there in the flight without fault.
 
     A span is there where it lies within NEAR of one of that flight all along, whole or in part.
+    Where the odometry was corrected the results are in its frame at the end; they are brought
+    back.  Where the map began anew they are off by ``offset``.
     """
     if not found:
         return 'no results'
     spans = json.loads((Path(found) / 'spans.json').read_text())['spans']
     hazards = json.loads((Path(found) / 'hazards.json').read_text())['hazards']
+    move = find_move(Path(found))
+    traces = [(move or RigidMove()).apply(trace(item)) for item in spans]
+    offset = np.zeros(3) if move else np.array(offset)
     known = cKDTree(np.concatenate([trace(item) for item in reference]) + offset)
-    ghosts = 0
-    for item in spans:
-        ghosts += bool((known.query(trace(item))[0] > NEAR).any())
-    tree = cKDTree(np.concatenate([trace(item) for item in spans] or [np.full((1, 3), 1e9)]))
+    ghosts = sum(bool((known.query(item)[0] > NEAR).any()) for item in traces)
+    tree = cKDTree(np.concatenate(traces or [np.full((1, 3), 1e9)]))
     far = [tree.query(trace(item) + offset)[0] <= NEAR for item in reference]
     share = np.concatenate(far).mean()
     critical = sum(item['severity'] == 'critical' for item in hazards)
@@ -291,7 +308,7 @@ def main() -> int:
             if not reference:
                 print(f'the flight without a fault found no span: {said}', file=sys.stderr)
                 return 1
-            rows.append([name, compare(found, reference, FAULTS[name].offset), end, said[:300]])
+            rows.append([name, compare(found, reference, FAULTS[name].offset), end, said[:400]])
             print(' | '.join(rows[-1]), flush=True)
     if arguments.write:
         table = render_table(COLUMNS, [[cell.replace('|', '/') for cell in row] for row in rows])
