@@ -97,11 +97,17 @@ class PoseWatch:
         self._equal = 0
         self._frozen: _Pose | None = None
         self._since: _Pose | None = None
+        self._doubts = False
 
     @property
     def frozen(self) -> bool:
         """Whether the poses stand still while the vehicle moves."""
         return self._frozen is not None
+
+    @property
+    def believed_ns(self) -> int | None:
+        """Stamp of the pose before those that may be standing still [ns], None: there are none."""
+        return self._since.stamp if self._doubts and self._since is not None else None
 
     def see(self, stamp_ns: int, position: Float64, quaternion: Float64) -> Break | None:
         """
@@ -129,7 +135,7 @@ class PoseWatch:
         last = self._window[-1]
         if pose.place == last.place:
             return self._stand(pose, last)
-        self._equal = 0
+        self._equal, self._doubts = 0, False
         if self._frozen is not None:
             origin, self._frozen = self._frozen, None
             found = self._expect(origin, pose, Oddity.THAWED)
@@ -187,11 +193,13 @@ class PoseWatch:
         self._equal += 1
         speed = math.hypot(*self._velocity[:3]) if self._velocity else 0.0
         if speed < MOVING:
+            self._doubts = False
             self._window.append(pose)
             self._shorten()
             return None
         stood = (pose.stamp - self._since.stamp) * 1e-9
-        if stood < FROZEN or self._equal < FROZEN_POSES:
+        self._doubts = stood < FROZEN or self._equal < FROZEN_POSES
+        if self._doubts:
             return None
         self._frozen = self._since
         return Break(

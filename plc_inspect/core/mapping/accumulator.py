@@ -196,9 +196,10 @@ class Accumulator:
         position = known.positions[-1]
         if np.abs(position).max() < MOST_COORDINATE:
             found = self.follower.see_pose(stamp_ns, position, known.quaternions[-1])
-            if self.follower.watch.frozen or found is not None:
-                frozen = self.follower.watch.frozen
-                self.poses.break_last(Bracket.FROZEN if frozen else Bracket.JUMP)
+            frozen = self.follower.watch.frozen
+            if frozen or found is not None:
+                after = None if found is None else found.before_ns
+                self.poses.break_last(Bracket.FROZEN if frozen else Bracket.JUMP, after)
 
     def add_scan(
         self,
@@ -343,7 +344,7 @@ class Accumulator:
         if newest is None or len(self.poses) < 2 or not self._queue:
             return
         for scan in self._take_waiting():
-            if scan.last > newest:
+            if scan.last > min(newest, self.follower.watch.believed_ns or newest):
                 self._queue.append(scan)
             else:
                 self._insert(scan)

@@ -195,14 +195,26 @@ class PoseBuffer:
             self._append(stamp_ns, pose)
         return status
 
-    def break_last(self, bracket: Bracket) -> None:
-        """Let nothing be interpolated over the interval that ends at the newest pose."""
-        last = self._end - 1
-        before = Bracket(int(self._intervals[last]))
-        if len(self) > 1 and before in (Bracket.OK, Bracket.JUMP):
-            self._interval_counts[before] -= 1
-            self._interval_counts[bracket] += 1
-            self._intervals[last] = bracket
+    def break_last(self, bracket: Bracket, after_ns: int | None = None) -> None:
+        """
+        Let nothing be interpolated over the interval that ends at the newest pose.
+
+        Parameters
+        ----------
+        bracket : Bracket
+            Why.
+        after_ns : int or None
+            Intervals that end after this are broken too [ns].
+
+        """
+        for last in range(self._end - 1, self._start, -1):
+            if last < self._end - 1 and (after_ns is None or self._stamps[last] <= after_ns):
+                break
+            before = Bracket(int(self._intervals[last]))
+            if before in (Bracket.OK, Bracket.JUMP):
+                self._interval_counts[before] -= 1
+                self._interval_counts[bracket] += 1
+                self._intervals[last] = bracket
 
     def _check(self, stamp_ns: int, pose: Float64) -> PoseStatus:
         if not np.isfinite(pose).all():

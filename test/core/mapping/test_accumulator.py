@@ -252,19 +252,42 @@ def test_full_map_refuses_points_and_says_so():
     assert counters.points_dropped['map full'] == 1200 - counters.num_points_inserted > 0
 
 
+def test_nothing_is_placed_by_the_first_poses_that_stand_still():
+    accumulator = make_accumulator()
+    place = 0.0
+    for ms in range(0, 3000, 10):
+        place = place if ms > 2000 else 0.006 * ms
+        accumulator.add_pose(START + ms * MS, (place, 0.0, 0.0), UPRIGHT)
+        if ms % 50 == 25 or ms % 50 == 20:
+            add_plain_scan(accumulator, ms)
+    counters = accumulator.counters()
+    # the last that went in is of before 2 s: those after it were placed nowhere
+    assert accumulator.last_inserted <= START + 2000 * MS
+    assert counters.num_scans_inserted >= 39
+    assert counters.scans_dropped['odometry stands still while the vehicle moves'] >= 15
+
+
+def test_scans_go_in_where_each_pose_is_told_twice():
+    accumulator = make_accumulator()
+    for ms in range(0, 2000, 10):
+        accumulator.add_pose(START + ms * MS, (0.006 * (ms // 20 * 20), 0.0, 0.0), UPRIGHT)
+        if ms % 100 == 50:
+            add_plain_scan(accumulator, ms)
+    assert accumulator.counters().num_scans_inserted == 20
+
+
 def test_odometry_that_steps_out_of_the_map_begins_another():
     accumulator = make_accumulator()
     add_poses(accumulator, 0, 100)
     add_plain_scan(accumulator, 50)
     for ms in range(200, 1300, 10):
-        accumulator.add_pose(START + ms * MS, (9e5, 0, 0), UPRIGHT)
+        place = 9e5 + SPEED * (ms - 205) * 1e-3
+        accumulator.add_pose(START + ms * MS, (place, 0, 0), UPRIGHT)
     add_plain_scan(accumulator, 205)
     counters = accumulator.counters()
     assert counters.num_map_restarts == 1
     assert (counters.num_scans_inserted, counters.num_scans_waiting) == (2, 0)
     np.testing.assert_allclose(accumulator.map.centroids(), [[900_010.0, 0, 0]], atol=1e-3)
-
-
 
 
 def test_frames_are_followed_once_all_poses_are_in_others():
