@@ -16,11 +16,10 @@ import numpy as np
 
 from plc_inspect.core.alignment.drift_filter import DriftFilter
 from plc_inspect.core.alignment.normal_cells import LEAST_LOOKS, NormalCells, OPEN_NS
-from plc_inspect.core.alignment.parts import Part, Seen
-from plc_inspect.core.alignment.pose_watch import Break, LEAST_TURN, Oddity, PoseWatch
+from plc_inspect.core.alignment.parts import gather_points, Part, Seen
+from plc_inspect.core.alignment.pose_watch import Break, Oddity, PoseWatch
 from plc_inspect.core.alignment.registration import Fit, fit_points, sample_points
 from plc_inspect.core.alignment.rigid_move import RigidMove
-from plc_inspect.core.numerics.arrays import MOST_COORDINATE
 from plc_inspect.results import Float64
 
 REACH = 40.0
@@ -35,8 +34,6 @@ Source: derived: 5 s without poses at 7 m/s.
 """
 BATCH_NS = 500_000_000
 """Scans of this long are compared together [ns].  Source: judgement: 2.5 m at 5 m/s."""
-MOST_POINTS = 6000
-"""Points of a batch that are kept.  Source: numerical: a batch takes 3 ms."""
 WAIT_NS, MOST_WAIT_NS = 400_000_000, 1_000_000_000
 """
 Scans of this long are fitted after a step; they wait no longer than the second [ns].
@@ -57,18 +54,23 @@ Source: judgement: a correction; what is greater may be another frame.
 """
 SAME = 0.05
 """Steps that come back to less are none [m].  Source: derived: the noise of a point."""
-ENGAGE, ENGAGE_AGAIN = 0.2, 0.12
+ENGAGE = 0.12
 """
-Drift from which scans are moved, within a pass and where the vehicle has come back [m].
-Source: measured: bench/studies/odometry_faults.py: good odometry stays below.
+Drift from which scans are moved [m].
+Source: measured: bench/studies/odometry_faults.py: with 0.2 m flights there and back were doubled
+by up to 0.27 m.
 """
 AGAIN = 10.0
 """
-What was seen first so long ago on average was left meanwhile [s].
+What was seen first so long ago on average was left meanwhile; within a pass the correction sets in
+over the age of what was seen, as a step in the map would stay in it [s].
 Source: measured: bench/studies/odometry_faults.py: 7 s within a pass at 6 m/s.
 """
-SURELY = 5.0
-"""Drift is believed that is so many standard deviations.  Source: judgement."""
+SURELY = 4.0
+"""
+Drift is believed that is so many standard deviations.
+Source: measured: bench/studies/odometry_faults.py: with 5 it was seen 0.05 m later.
+"""
 TWICE = 2
 """Batches in a row that must say so.  Source: judgement."""
 UNSURE, STEADY = 0.5, 0.01
@@ -120,6 +122,7 @@ class Follower:
         self.watch.clear()
         self._held = self.move
         self._filter, self._following = None, False
+        self._onset_ns, self._setting_in, self._lag = 0, 0.0, RigidMove()
         self._pending: _Pending | None = None
         self._waiting: list[Seen] = []
         self._batch: list[Seen] = []
@@ -155,9 +158,25 @@ class Follower:
     @property
     def move(self) -> RigidMove:
         """From the frame of the odometry as it is now into that of the map."""
-        if self._following and self._filter is not None:
-            return self._filter.move_at(self._stamp)
-        return self._held
+        return self._move_at(self._stamp)
+
+    def _move_at(self, stamp_ns: int) -> RigidMove:
+        """Return the same at a time near the last [ns]; while it sets in, a part of it."""
+        if not self._following or self._filter is None:
+            return self._held
+        move = self._filter.move_at(stamp_ns)
+        left = 1.0 - (stamp_ns - self._onset_ns) * 1e-9 / max(self._setting_in, 1e-9)
+        if left <= 0.0:
+            return move
+        left = min(left, 1.0)
+        return RigidMove(
+            move.shift - left * self._lag.shift, move.yaw - left * self._lag.yaw, move.centre
+        )
+
+    @property
+    def waits(self) -> bool:
+        """Whether a break is looked at still."""
+        return self._pending is not None
 
     @property
     def likely_move(self) -> RigidMove | None:
@@ -204,7 +223,7 @@ class Follower:
             return found
         if self._pending is None:
             self._pending = _Pending(
-                _name(found), found.after_ns, found.oddity is Oddity.STEP, found.size,
+                found.describe(), found.after_ns, found.oddity is Oddity.STEP, found.size,
                 found.sigma, found.move,
             )
             return found
@@ -260,10 +279,7 @@ class Follower:
     def _release(self, scan: Seen) -> Iterator[Seen | Part]:
         """Yield a scan in the map's frame, and learn from it."""
         self._batch.append(scan)
-        move = self.move
-        if self._following and self._filter is not None:
-            move = self._filter.move_at(scan.stamp_ns)
-        yield replace(scan, points=move.apply(scan.points))
+        yield replace(scan, points=self._move_at(scan.stamp_ns).apply(scan.points))
         if scan.stamp_ns - self._batch[0].stamp_ns >= BATCH_NS:
             batch, self._batch = self._batch, []
             yield from self._note(self._learn(batch))
@@ -277,7 +293,7 @@ class Follower:
 
     def _learn(self, batch: list[Seen]) -> Part | None:
         """Compare a batch with what was seen first, and add it to that."""
-        points = _gather(batch)
+        points = gather_points(batch, REACH)
         stamp = batch[len(batch) // 2].stamp_ns
         if self._filter is None:
             self._filter = DriftFilter(self._held.about(self._place), stamp)
@@ -296,8 +312,7 @@ class Follower:
                 self._strays += 1
         if self._strays >= LOST_AFTER:
             part = self._give_up('the odometry drifts, and what is seen does not fit', stamp)
-        move = self._filter.move if self._following and self._filter else self._held
-        self._cells.add(move.apply(points), stamp)
+        self._cells.add(self._move_at(stamp).apply(points), stamp)
         return part
 
     def _judge(self, fit: Fit, stamp: int) -> Part | None:
@@ -312,11 +327,12 @@ class Follower:
         size = float(np.linalg.norm(off))
         way = off / max(size, 1e-9)
         sigma = float(np.sqrt(way @ fit.covariance[:3, :3] @ way))
-        least = ENGAGE_AGAIN if fit.age > AGAIN else ENGAGE
-        self._doubts = self._doubts + 1 if size > max(least, SURELY * sigma) else 0
+        self._doubts = self._doubts + 1 if size > max(ENGAGE, SURELY * sigma) else 0
         if self._doubts < TWICE:
             return None
         self._following = True
+        self._onset_ns, self._setting_in = stamp, 0.0 if fit.age > AGAIN else fit.age
+        self._lag = RigidMove(off, fit.move.yaw - self._held.yaw)
         return Part(
             begin_ns=stamp, cause='the odometry drifts', move=fit.move,
             sigma=_find_sigma(fit.covariance), aligned=True, by='what was seen twice',
@@ -324,7 +340,7 @@ class Follower:
 
     def _resolve(self, pending: _Pending, scans: list[Seen]) -> Part | None:
         """Find where the scans after a break belong."""
-        points = sample_points(_gather(scans, WIDE))
+        points = sample_points(gather_points(scans, WIDE))
         stamp = scans[-1].stamp_ns
         before = self.move
         choices = [
@@ -354,7 +370,7 @@ class Follower:
         else:
             moved, spread = best.move, best.covariance
         self._filter = DriftFilter(moved, stamp, spread)
-        self._held = moved
+        self._held, self._setting_in = moved, 0.0
         change = np.linalg.norm(moved.shift - before.about(moved.centre).shift)
         if pending.quick and change < SAME:
             return None
@@ -371,24 +387,5 @@ class Follower:
         return Part(begin_ns=stamp, cause=cause, move=RigidMove(), sigma=0.0, aligned=False)
 
 
-def _name(found: Break) -> str:
-    if found.oddity is Oddity.THAWED:
-        seconds = (found.after_ns - found.before_ns) * 1e-9
-        return f'the odometry stood still for {seconds:.1f} s while the vehicle moved'
-    turn = f' and {np.degrees(found.turn):.1f} degrees' if abs(found.turn) > LEAST_TURN else ''
-    return f'the odometry stepped by {found.size:.2f} m{turn}'
-
-
 def _find_sigma(covariance: Float64) -> float:
     return float(np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1]))
-
-
-def _gather(scans: list[Seen], reach: float = REACH) -> Float64:
-    """Return points of scans that are near enough, thinned evenly."""
-    parts = [
-        scan.points[(scan.apart < reach) & (np.abs(scan.points) < MOST_COORDINATE).all(axis=1)]
-        for scan in scans
-    ]
-    points = np.concatenate(parts) if parts else np.zeros((0, 3))
-    step = 1 + (len(points) - 1) // MOST_POINTS
-    return points[:: step | 1] if len(points) else points

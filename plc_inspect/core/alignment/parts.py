@@ -3,13 +3,21 @@
 
 """Parts of a flight, between which the odometry is not one piece, and the scans of them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from plc_inspect.core.alignment.rigid_move import RigidMove
+from plc_inspect.core.numerics.arrays import MOST_COORDINATE
 from plc_inspect.results import Float64, Int64
 
+MOST_POINTS = 30_000
+"""
+Points of a batch that are kept.
+Source: measured: bench/studies/odometry_faults.py: of 6,000 only crowns filled their cells.
+"""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Seen:
@@ -68,3 +76,29 @@ class Part:
             f'{self.cause}: scans are moved by {x:.2f}, {y:.2f}, {z:.2f} m to where the map is, '
             f'sure to {self.sigma:.2f} m, by {self.by}'
         )
+
+
+def gather_points(scans: Sequence[Seen], reach: float) -> Float64:
+    """
+    Return points of scans that are near enough, thinned evenly.
+
+    Parameters
+    ----------
+    scans : sequence of Seen
+        In one frame.
+    reach : float
+        Distance from the lidar [m].
+
+    Returns
+    -------
+    Float64
+        (N, 3), MOST_POINTS at most [m].
+
+    """
+    parts = [
+        scan.points[(scan.apart < reach) & (np.abs(scan.points) < MOST_COORDINATE).all(axis=1)]
+        for scan in scans
+    ]
+    points = np.concatenate(parts) if parts else np.zeros((0, 3))
+    step = 1 + (len(points) - 1) // MOST_POINTS
+    return points[:: step | 1] if len(points) else points

@@ -69,6 +69,14 @@ class Break:
     sigma: float
     """Standard deviation of where it should be, each axis [m]."""
 
+    def describe(self) -> str:
+        """Return it in one line."""
+        if self.oddity is Oddity.THAWED:
+            seconds = (self.after_ns - self.before_ns) * 1e-9
+            return f'the odometry stood still for {seconds:.1f} s while the vehicle moved'
+        turn = f' and {np.degrees(self.turn):.1f} degrees' if abs(self.turn) > LEAST_TURN else ''
+        return f'the odometry stepped by {self.size:.2f} m{turn}'
+
 
 @dataclass(frozen=True, slots=True)
 class _Pose:

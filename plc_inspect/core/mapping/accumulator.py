@@ -357,9 +357,8 @@ class Accumulator:
             return
         self._counts['too near'] += found.num_near
         self._counts['too far'] += found.num_far
-        self._enter(self.follower.take(
-            Seen(found.points, found.stamps, found.apart, scan.stamp_ns)
-        ))
+        seen = Seen(found.points, found.stamps, found.apart, scan.stamp_ns)
+        self._enter(self.follower.take(seen))
 
     def _enter(self, ready: Iterable[Seen | Part]) -> None:
         """Put scans into the map, which begins anew with a part that lies nowhere in it."""

@@ -5,7 +5,10 @@ import numpy as np
 import pytest
 
 from plc_inspect.core.alignment.follower import Follower
+from plc_inspect.core.alignment.normal_cells import LEAST_LOOKS, NormalCells, OPEN_NS
 from plc_inspect.core.alignment.parts import Part, Seen
+from plc_inspect.core.alignment.registration import fit_points
+from plc_inspect.core.alignment.rigid_move import RigidMove
 
 START = 1_700_000_000_000_000_000
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
@@ -116,6 +119,34 @@ def test_a_drift_is_followed():
     errors = [np.median(points[900:1050, 1]) for _, points in entered]
     assert abs(errors[-1] - errors[30]) < 0.2
     assert (rate * 21.0)[1] > 1.5  # by which it would lie elsewhere
+
+
+def test_a_drift_sets_in_without_a_step_in_the_map():
+    follower, shifts, began = Follower(), [], []
+
+    def error(when):
+        shifts.append(follower.move.shift.copy())
+        began.append(follower.following)
+        return np.array([0.0, 0.08, 0.0]) * when
+
+    fly(follower, error, seconds=24.0)
+    assert any(began[:500])  # on the way there
+    assert np.linalg.norm(np.diff(shifts[:550], axis=0), axis=1).max() < 0.05
+
+
+def test_crowns_of_which_another_side_is_seen_carry_nothing_along():
+    rng, cells = np.random.default_rng(2), NormalCells()
+    crowns = rng.uniform((0.0, 0.0, 4.0), (20.0, 6.0, 5.0), (6000, 3))
+    ground = rng.uniform((0.0, 0.0, 0.5), (20.0, 3.0, 0.5), (3000, 3))
+    seen = np.concatenate((crowns, ground + rng.normal(0.0, 0.02, ground.shape)))
+    for look in range(LEAST_LOOKS):
+        cells.add(seen, START + look)
+    above = crowns[crowns[:, 2] > 4.6][:1000]
+    later = np.concatenate((above, ground[:50]))
+    known = np.diag([0.1**2] * 3 + [1e-6])
+    fit = fit_points(cells, later, RigidMove(), known, START + 2 * OPEN_NS)
+    assert fit.matched > 1000
+    assert abs(fit.move.shift[2]) < 0.03
 
 
 def test_poses_that_stand_still_are_told_and_what_follows_fits():
