@@ -302,9 +302,16 @@ def _compare(points, about, keys, sums, counts, times, table, stamp, reach, floo
         weight = trust * (ROBUST / (ROBUST + best)) ** 2
         # derivative by the turn about the vertical through the centre
         ux, uy = -(y - about[1]), x - about[0]
+        # the square of the inverse over its trace holds across a plane or line, and hardly along
+        # it, where the points end with the cell or with what is seen
+        scale = weight / (best_inverse[0, 0] + best_inverse[1, 1] + best_inverse[2, 2])
         for p in range(3):
             for q in range(3):
-                weighted[p, q] = weight * best_inverse[p, q]
+                weighted[p, q] = scale * (
+                    best_inverse[p, 0] * best_inverse[0, q]
+                    + best_inverse[p, 1] * best_inverse[1, q]
+                    + best_inverse[p, 2] * best_inverse[2, q]
+                )
             weighted[p, 3] = weighted[p, 0] * ux + weighted[p, 1] * uy
         # normal equations of the shift and the turn
         for q in range(4):
