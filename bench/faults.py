@@ -11,13 +11,14 @@ node of another checkout.
 
 import argparse
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 import json
 import os
 from pathlib import Path
 import re
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -59,6 +60,8 @@ class Feeder:
     publishers: dict[str, Any]
     process: int = 0
     """Of the node."""
+    disk: Path | None = None
+    """Which the output folder is on, where it has one of its own."""
     said: dict[str, int] = field(default_factory=dict)
 
     def call_often(self, name: str, count: int) -> str:
@@ -72,6 +75,14 @@ class Feeder:
         while time.monotonic() < end and not all(future.done() for future in futures):
             time.sleep(0.05)
         return f'{sum(future.done() for future in futures)} of {count} calls answered'
+
+    def fill_disk(self) -> str:
+        """Write to the disk until nothing more goes on it."""
+        assert self.disk is not None
+        with (self.disk / 'more').open('wb', buffering=0) as file, suppress(OSError):
+            while file.write(b'x' * 100_000):
+                pass
+        return ''
 
     def stop_node(self, seconds: float) -> str:
         """Let the system stop the node for a while, the flight goes on."""
@@ -158,9 +169,37 @@ def open_feeder(two: bool) -> Iterator[Feeder]:
         context.shutdown()
 
 
+@contextmanager
+def mount_disk(options: str, place: Path) -> Iterator[None]:
+    """Have a small or read-only file system at a place, which needs the right to mount."""
+    if not options:
+        yield
+        return
+    subprocess.run(['mount', '-t', 'tmpfs', '-o', options, 'tmpfs', place], check=True)
+    try:
+        yield
+    finally:
+        subprocess.run(['umount', place], check=True)
+
+
 def fly(fault: Fault, events: list[Event], rate: float, root: Path, room: Path) -> list[str]:
     """Fly once, and return what was found, how it ended, and what was said."""
-    out, log = room / 'out', room / 'log'
+    disk = room / 'disk'
+    disk.mkdir()
+    try:
+        with mount_disk(fault.disk, disk):
+            found, *texts = fly_on(fault, events, rate, root, room)
+            if fault.disk and found:
+                kept = shutil.copytree(found, room / 'kept', dirs_exist_ok=True)
+                found = str(kept)
+            return [found, *texts]
+    except subprocess.CalledProcessError as error:
+        return ['', 'not tried', str(error)]
+
+
+def fly_on(fault: Fault, events: list[Event], rate: float, root: Path, room: Path) -> list[str]:
+    """Fly with all disks there."""
+    out, log = (room / 'disk' if fault.disk else room) / 'out', room / 'log'
 
     def begin() -> None:
         for number in (signal.SIGHUP, signal.SIGQUIT, signal.SIGINT):
@@ -188,7 +227,7 @@ def fly(fault: Fault, events: list[Event], rate: float, root: Path, room: Path) 
             fault.before(out)
             events = fault.change(events)
             with open_feeder(any(event.kind == 'second' for event in events)) as feeder:
-                said, feeder.process = feeder.said, process.pid
+                said, feeder.process, feeder.disk = feeder.said, process.pid, room / 'disk'
                 note = _send(feeder, events, fault, rate)
             process.send_signal(fault.number)
         code: int | str
@@ -199,7 +238,7 @@ def fly(fault: Fault, events: list[Event], rate: float, root: Path, room: Path) 
     finally:
         process.kill()
         process.wait()
-    found = [*room.glob('out/spans.json'), *room.glob('home/plc_inspect/*/spans.json')]
+    found = [*out.glob('spans.json'), *room.glob('home/plc_inspect/*/spans.json')]
     lines = _name_places(log.read_text(), room).splitlines()
     last = [line for line in lines if 'saved' in line or NODE in line]
     told = [text for text in said if 'no scan and no odometry' not in text]  # before, and after
@@ -216,7 +255,7 @@ def fly(fault: Fault, events: list[Event], rate: float, root: Path, room: Path) 
 
 def _name_places(text: str, room: Path) -> str:
     """Name folders by what they are for: a page holds no path of the machine that wrote it."""
-    for name, place in (('OUT', 'out'), ('ROS_HOME', 'home')):
+    for name, place in (('OUT', 'out'), ('OUT', 'disk/out'), ('ROS_HOME', 'home')):
         text = text.replace(str(room / place), name)
     return text
 

@@ -86,6 +86,8 @@ class Fault:
     """Done in the middle of the flight, by the feeder of ``bench/faults.py``; returns a note."""
     number: int = signal.SIGINT
     file_size: int | None = None
+    disk: str = ''
+    """Options of a tmpfs that the output folder is on, '' for the folder of all else."""
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """By which the fault moves the results [m]."""
 
@@ -100,6 +102,9 @@ FAULTS = {
     'SIGHUP at the end': Fault(number=signal.SIGHUP),
     'SIGQUIT at the end': Fault(number=signal.SIGQUIT),
     'files of 100 kB at most': Fault(file_size=100_000),
+    'disk of 3 MB': Fault(disk='size=3m'),
+    'read-only disk': Fault(disk='size=3m,ro'),
+    'disk full from half on': Fault(disk='size=60m', during=lambda feeder: feeder.fill_disk()),
     'output folder of something else': Fault(before=put_foreign_file),
     'hazards.rules unknown at the start': Fault(arguments=('-p', 'hazards.rules:=nonsense')),
     'hazards.rules unknown in flight': Fault(
