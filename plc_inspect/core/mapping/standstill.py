@@ -13,6 +13,11 @@ MOST_LEAD = 0.5
 Difference of the clocks of scans and odometry that is named as the cause [s].
 Source: judgement: several times the delay of a driver; not measured.
 """
+MOST_LATE = 10.0
+"""
+Time up to which poses may also simply come late [s].
+Source: judgement: an odometry that works off a queue; not measured.
+"""
 OTHER_EPOCH = 3.2e7
 """
 Difference of the clocks from which one of them does not tell the date [s].
@@ -96,7 +101,8 @@ def _compare_clocks(counters: Counters) -> str:
             f'{abs(lead):.1f} s behind the others; set both by one clock'
         )
     side = 'ahead of' if lead > 0 else 'behind'
-    return f'scan stamps are {abs(lead):.1f} s {side} odometry: set both by one clock'
+    late = ', or the odometry comes late' if 0 < lead < MOST_LATE else ''
+    return f'scan stamps are {abs(lead):.1f} s {side} odometry: set both by one clock{late}'
 
 
 def _grown(now: Mapping[str, int], before: Mapping[str, int]) -> dict[str, int]:

@@ -36,6 +36,7 @@ def fly(
 
 @pytest.mark.parametrize(('options', 'malformed', 'text'), [
     ({'lead': 18.0}, {}, 'scan stamps are 18.0 s ahead of odometry'),
+    ({'lead': 3.0}, {}, '3.0 s ahead of odometry: set both by one clock, or the odometry'),
     ({'lead': -1.6e9}, {}, 'stamps of scans count from a start, such as power-on'),
     ({'pose_step': 340}, {}, 'odometry comes every 0.34 s; over more than 0.25 s'),
     ({'distance': 1e-9}, {}, 'no point of the scans lies between 1.5 and 100 m'),
