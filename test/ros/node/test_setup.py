@@ -247,7 +247,7 @@ def test_nothing_is_looked_for_in_a_hopeless_map(smeared, monkeypatch, tmp_path)
 def test_a_save_tells_of_hazards_that_are_held_back(smeared, monkeypatch, tmp_path):
     monkeypatch.setenv('ROS_HOME', str(tmp_path))
     spreads = smeared.node._session._book._spreads
-    spreads[-1] = Spread(1, np.full(50, 0.2**2), np.zeros(0), np.full(50, 0.02**2))
+    spreads[-1] = Spread(1, np.full(50, 0.07**2), np.zeros(0), np.full(50, 0.02**2))
     smeared.feed(2)
     answer = smeared.call('save')
     assert answer.success
