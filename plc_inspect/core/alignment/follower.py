@@ -54,16 +54,15 @@ Source: judgement: a correction; what is greater may be another frame.
 """
 SAME = 0.05
 """Steps that come back to less are none [m].  Source: derived: the noise of a point."""
-ENGAGE = 0.12
+ENGAGE, ENGAGE_AGAIN = 0.15, 0.12
 """
-Drift from which scans are moved [m].
-Source: measured: bench/studies/odometry_faults.py: with 0.2 m flights there and back were doubled
-by up to 0.27 m.
+Drift from which scans are moved, within a pass and where the vehicle has come back [m].
+Source: measured: bench/studies/odometry_faults.py and the demo flight: good odometry stays below.
 """
 AGAIN = 10.0
 """
 What was seen first so long ago on average was left meanwhile; within a pass the correction sets in
-over the age of what was seen, as a step in the map would stay in it [s].
+over the age of what was seen, sooner where much is off, as a step in the map would stay in it [s].
 Source: measured: bench/studies/odometry_faults.py: 7 s within a pass at 6 m/s.
 """
 SURELY = 4.0
@@ -327,11 +326,13 @@ class Follower:
         size = float(np.linalg.norm(off))
         way = off / max(size, 1e-9)
         sigma = float(np.sqrt(way @ fit.covariance[:3, :3] @ way))
-        self._doubts = self._doubts + 1 if size > max(ENGAGE, SURELY * sigma) else 0
+        least = ENGAGE_AGAIN if fit.age > AGAIN else ENGAGE
+        self._doubts = self._doubts + 1 if size > max(least, SURELY * sigma) else 0
         if self._doubts < TWICE:
             return None
         self._following = True
-        self._onset_ns, self._setting_in = stamp, 0.0 if fit.age > AGAIN else fit.age
+        within = fit.age * min(1.0, ENGAGE / size) if fit.age <= AGAIN else 0.0
+        self._onset_ns, self._setting_in = stamp, within
         self._lag = RigidMove(off, fit.move.yaw - self._held.yaw)
         return Part(
             begin_ns=stamp, cause='the odometry drifts', move=fit.move,

@@ -22,10 +22,11 @@ CELL = 1.0
 Edge of a cell [m].
 Source: judgement: conductors of one line are farther apart, poles are thinner.
 """
-OPEN_NS = 3_000_000_000
+OPEN_NS = 2_000_000_000
 """
 Time during which a cell takes points [ns].
-Source: judgement: at 5 m/s the arcs of the scan pass over it; 1 cm/s of drift makes 0.03 m of it.
+Source: measured: bench/studies/odometry_faults.py: with 3 s drift of 10 cm/s at take-off showed
+seconds later, and doubled wires; 1 cm/s of drift makes 0.02 m of it.
 """
 LEAST_LOOKS = 3
 """
