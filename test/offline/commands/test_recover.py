@@ -102,7 +102,7 @@ def test_cut_record_says_what_it_lacks(record, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(('apart', 'told'), [
-    (0.2, 'hazards are held back'), (9.0, 'nothing is looked for in it'),
+    (0.07, 'hazards are held back'), (9.0, 'nothing is looked for in it'),
 ])
 def test_hazards_are_held_back_as_they_were_in_flight(tmp_path, capsys, apart, told):
     spreads = Spread(1, np.full(50, apart**2), np.zeros(0), np.full(50, 0.02**2)),
