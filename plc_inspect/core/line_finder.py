@@ -9,7 +9,9 @@ import numpy as np
 
 from plc_inspect.config import Settings
 from plc_inspect.core.catenary.conductors import ConductorResult, model_conductors
+from plc_inspect.core.catenary.duplicates import find_along
 from plc_inspect.core.catenary.free_length import Sight
+from plc_inspect.core.catenary.judge import SIDE
 from plc_inspect.core.clustering.clustering import cluster, ClusteringResult
 from plc_inspect.core.extraction.alignment import align, AlignmentResult
 from plc_inspect.core.extraction.ground_surface import measure_surface
@@ -248,7 +250,11 @@ def _revise(
 ) -> tuple[HeightResult, OffGround, ConductorResult]:
     """Find the ground anew below the conductors, and with it the points off the ground."""
     region, _, anchored, _ = unpack(whole)
-    revised = revise_ground(points, height, conductors.curves, settings.height, region)
+    # what hangs below a conductor may lie for ground as well
+    rest = (*conductors.doubtful, *conductors.crowded)
+    beside = np.flatnonzero(find_along(rest, conductors.curves, SIDE)).tolist()
+    wires = [*conductors.curves, *(rest[number] for number in beside)]
+    revised = revise_ground(points, height, wires, settings.height, region)
     if revised is height:
         return height, cloud, conductors
     own = gather_off_ground(points, revised, settings.height.beta / 2, anchored)

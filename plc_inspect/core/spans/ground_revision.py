@@ -14,7 +14,7 @@ from plc_inspect.core.catenary.nearest_span import find_near, span_table
 from plc_inspect.core.extraction.ground_surface import measure_surface
 from plc_inspect.core.extraction.height import extract_high, ground_at, HeightResult
 from plc_inspect.core.extraction.off_ground import OffGround
-from plc_inspect.results import Float64
+from plc_inspect.results import Bool, Float64
 
 OWN_REACH = 0.5
 """
@@ -72,11 +72,25 @@ def revise_ground(
     airborne = np.zeros(len(points), dtype=np.bool_)
     airborne[own] = True
     if region is None:
-        return extract_high(points, settings, airborne)
-    surface = measure_surface(points, settings, airborne, region)
-    return extract_high(
-        points, settings, surface=surface, peak=height.threshold - settings.beta
-    )
+        revised = extract_high(points, settings, airborne)
+    else:
+        surface = measure_surface(points, settings, airborne, region)
+        revised = extract_high(
+            points, settings, surface=surface, peak=height.threshold - settings.beta
+        )
+    # the ground below them is a guess where none was seen, and may be as high as they are
+    high = revised.high.copy()
+    high[own] |= ~_is_seen(revised, points[own])
+    return replace(revised, high=high)
+
+
+def _is_seen(height: HeightResult, positions: Float64) -> Bool:
+    """Tell where ground was seen below places in the cloud."""
+    cell = np.floor((positions[:, :2] - height.origin) / height.cell_size).astype(np.int64)
+    rows, columns = height.ground_seen.shape
+    column, row = np.clip(cell, 0, (columns - 1, rows - 1)).T
+    seen: Bool = height.ground_seen[row, column]
+    return seen
 
 
 def _find_low(curves: Sequence[Curve], height: HeightResult, beta: float) -> list[Curve]:
