@@ -15,6 +15,12 @@ Source: judgement; not measured.
 """
 AREAL_SHARE = 0.2
 """Share of that square's cells in which ground must be seen.  Source: judgement; not measured."""
+SURE_SHARE, LEAST_RAISED = 0.35, 4.0
+"""
+Below this share what lies so far above the ground about it is none [m].
+Source: derived: a row of wires is up to four cells wide, 0.27 of the square; the least height of
+conductors.
+"""
 AREAL_LEAST = 0.5
 """
 Share of that square's cells that counts as available at least, at the edge of the grid.
@@ -89,7 +95,11 @@ def estimate_ground(
     seen = np.isfinite(surface) & (
         surface <= envelope + SEEN_BAND + SEEN_SLOPE * cell * max_slope
     )
-    seen &= _is_areal(seen)
+    seen, sure = _is_areal(seen, AREAL_SHARE) & seen, _is_areal(seen, SURE_SHARE) & seen
+    if sure.any() and (seen & ~sure).any():
+        # thin and far above what is surely ground: a row of wires with nothing seen below it
+        above = surface - _fill(np.where(sure, surface, np.float32(np.nan)))
+        seen &= sure | (above < LEAST_RAISED)
     return _fill(np.where(seen, surface, np.float32(np.nan))), seen
 
 
@@ -102,7 +112,7 @@ def _fill(values: Float32) -> Float32:
 
 
 @njit(cache=True, parallel=True, nogil=True)
-def _is_areal(seen):  # type: ignore[no-untyped-def]
+def _is_areal(seen, share):  # type: ignore[no-untyped-def]
     """
     Tell cells with seen cells on all sides from those in thin lines.
 
@@ -130,7 +140,7 @@ def _is_areal(seen):  # type: ignore[no-untyped-def]
         for column in range(columns):
             wide = min(column + AREAL_REACH, columns - 1) - max(column - AREAL_REACH, 0) + 1
             available = np.float32(wide * (last - first + 1))
-            needed = np.float32(AREAL_SHARE) * max(available, least)
+            needed = np.float32(share) * max(available, least)
             result[row, column] = np.float32(area[column]) >= needed
     return result
 

@@ -4,7 +4,13 @@
 import numpy as np
 import pytest
 
-from plc_inspect.core.extraction.ground_filter import _fill, _is_areal, AREAL_REACH, AREAL_SHARE
+from plc_inspect.core.extraction.ground_filter import (
+    _fill,
+    _is_areal,
+    AREAL_REACH,
+    AREAL_SHARE,
+    estimate_ground,
+)
 
 SHAPES = [(1, 1), (1, 5), (6, 1), (7, 8), (15, 16), (16, 33), (40, 31)]
 
@@ -22,7 +28,7 @@ def test_ground_has_ground_about_it(shape, share):
             ]
             least = AREAL_SHARE * max(about.size, (2 * reach + 1) ** 2 / 2)
             expected[row, column] = about.sum() >= least - 1e-4
-    np.testing.assert_array_equal(_is_areal(seen), expected)
+    np.testing.assert_array_equal(_is_areal(seen, AREAL_SHARE), expected)
 
 
 @pytest.mark.parametrize('shape', SHAPES)
@@ -48,3 +54,28 @@ def test_a_hole_in_a_slope_is_filled_by_the_slope():
 
 def test_nothing_known_stays_unknown():
     assert np.isnan(_fill(np.full((5, 4), np.nan, dtype=np.float32))).all()
+
+
+def lay_rows(height, wide=3):
+    """Return lowest points: ground on both sides of 30 empty cells with a thin row amid them."""
+    lowest = np.full((75, 60), np.nan, dtype=np.float32)
+    lowest[:20] = lowest[-20:] = 0.0
+    lowest[36 : 36 + wide] = height
+    return lowest
+
+
+@pytest.mark.parametrize(('height', 'seen'), [(8.0, False), (2.0, True)])
+def test_a_row_of_wires_alone_is_no_ground_and_a_scan_line_on_it_is(height, seen):
+    ground, found = estimate_ground(lay_rows(height), 1.0, 1.0)
+    assert found[:20].all()
+    assert found[-20:].all()
+    assert found[36:39, 10:50].all() == seen
+    assert (np.abs(ground[37]).max() < 0.5) != seen
+
+
+def test_a_plateau_is_ground_however_high():
+    lowest = lay_rows(8.0)
+    lowest[30:46] = 8.0
+    ground, found = estimate_ground(lowest, 1.0, 1.0)
+    assert found[30:46, 10:50].all()
+    assert np.abs(ground[38, 10:50] - 8.0).max() < 0.1

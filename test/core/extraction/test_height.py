@@ -228,3 +228,17 @@ def test_ground_that_is_near_a_conductor_stays():
     mended = revise_ground(points, result, [make_curve(wire)], SETTINGS)
     assert mended is not result
     np.testing.assert_allclose(mended.ground, 0.0, atol=0.15)
+
+
+def test_what_lies_along_a_conductor_is_high_where_no_ground_was_seen():
+    """Over a valley that was not seen, the ground filled in between its sides is too high."""
+    sides = make_ground((0, 0), (120, 90), height=lambda x, y: 0.0 * x + 12.0)
+    sides = sides[np.abs(sides[:, 1] - 45.0) > 30.0]
+    wires = [make_wire((0.0, y, 12.0), (120.0, y, 12.0), c=900.0) for y in range(40, 51)]
+    points = np.vstack([*wires, sides])
+    own = slice(0, sum(map(len, wires)))
+    before = extract_high(points, SETTINGS)
+    assert not before.high[own].any()
+    after = revise_ground(points, before, [make_curve(wire) for wire in wires], SETTINGS)
+    assert after.high[own].all()
+    assert not after.high[own.stop :].any()
