@@ -60,6 +60,8 @@ SAME = 1.0
 BOX = 0.5
 """A hazard is about a thing whose nearest point lies this near to its box [m]."""
 NUM_WORST = 10
+MIXED = 'on a mixed return'
+"""A return between two objects; its hazard is true where the object behind it is too near."""
 ON_OBJECTS = (HazardKind.VEGETATION, HazardKind.STRUCTURE, HazardKind.FALL_IN)
 
 
@@ -143,6 +145,8 @@ def judge(seed: int, planted: PlantedScene, result: InspectionResult) -> Judged:
     away, _ = measure_surfaces(cloud.exact[[k for _, k in objects]], scene, REACH)
     for (hazard, k), distance in zip(objects, away.tolist(), strict=True):
         why = find_fault(hazard, int(cloud.label[k]), distance)
+        if why == MIXED and is_of_object(hazard, planted):
+            why = ''
         if why and is_false_conductor(hazard, scene, result):
             why = f'by a conductor that is none, {why}'
         if why:
@@ -162,10 +166,29 @@ def find_fault(hazard: Hazard, label: int, distance: float) -> str:
     if label == Label.GROUND:
         return 'on the ground'
     if label == UNJUDGED:
-        return 'on a mixed return'
+        return MIXED
     beyond = hazard.kind != HazardKind.FALL_IN and distance > (
         LIMITS[hazard.kind] + 2.0 * hazard.sigma)
     return 'beyond the limit' if beyond else ''
+
+
+def is_of_object(hazard: Hazard, planted: PlantedScene) -> bool:
+    """Return whether what a hazard encloses is truly too near, whatever point it rests on."""
+    cloud, scene = planted.made.cloud, planted.made.scene
+    low, high = hazard.extent
+    own = cloud.exact[
+        ((cloud.points >= low) & (cloud.points <= high)).all(axis=1)
+        & np.isin(cloud.label, (Label.VEGETATION, Label.BUILDING))
+    ]
+    if not len(own):
+        return False
+    limit = LIMITS[hazard.kind] + 2.0 * hazard.sigma
+    if hazard.kind != HazardKind.FALL_IN:
+        return float(measure_surfaces(own, scene, REACH)[0].min()) <= limit
+    top = own[np.argmax(own[:, 2])]
+    foot = np.array([[*top[:2], scene.terrain.height(*top[:2].tolist())]])
+    away, _ = measure_surfaces(foot, scene, REACH)
+    return float(away[0]) - float(top[2] - foot[0, 2]) <= limit
 
 
 def is_false_conductor(hazard: Hazard, scene: Scene, result: InspectionResult) -> bool:

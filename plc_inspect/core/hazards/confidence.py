@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import math
 from typing import Any
 
+from plc_inspect.core.hazards.blur import is_blurred
 from plc_inspect.core.hazards.clearance_rules import Limit
 from plc_inspect.core.spans.span_model import SpanModel
 from plc_inspect.results import HazardKind
@@ -15,11 +16,6 @@ END_ROOM = 5.0
 """
 Distance from an end without a known support within which things may be of that support [m].
 Source: judgement; as encroachments.ROOM of a tower.
-"""
-BLURRED = 2.0
-"""
-Scatter of a conductor's points about its curve, in that of the cloud, beyond which it is blurred.
-Source: judgement; four times the variance.
 """
 DOUBTED = 0.5
 """
@@ -99,6 +95,6 @@ def _list_doubts(model: SpanModel, x: float) -> tuple[str, ...]:
     ends = (model.start_x, model.span.open_start), (model.end_x, model.span.open_end)
     if any(is_open and abs(x - place) <= END_ROOM for place, is_open in ends):
         doubts.append(AT_END)
-    if len(model.strands) == 1 and model.curve.fit.rmse > BLURRED * model.scatter:
+    if is_blurred(model):
         doubts.append(NOT_SHARP)
     return tuple(doubts)

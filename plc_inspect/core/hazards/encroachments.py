@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from plc_inspect.config import HazardSettings
+from plc_inspect.core.hazards.blur import measure_reach
 from plc_inspect.core.hazards.clearance_rules import Limit, RuleSet
 from plc_inspect.core.hazards.confidence import IN_DOUBT, judge_confidence
 from plc_inspect.core.hazards.grouping import group_cells, group_points
@@ -341,7 +342,7 @@ def _describe(
     if kind == HazardKind.VEGETATION and settings.growth > 0:
         years = max(value[limit.measure] - limit.tiers[0][1], 0.0) / settings.growth
     sigma = model.sigma(x)
-    if clearance <= model.curve.tolerance + SURE * sigma:  # what is nearer is taken for the wire
+    if clearance <= measure_reach(model) + SURE * sigma:  # what is nearer is taken for the wire
         sigma = math.hypot(sigma, clearance / SPREAD_OF_ZERO)
     return describe_hazard(
         model, x, supports, rules, limit,

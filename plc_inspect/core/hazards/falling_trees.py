@@ -48,6 +48,18 @@ What has more than this share of its points on surfaces is no tree.
 Source: derived: the majority.
 """
 
+HANGS = 3.0
+"""
+Empty height below a few points beyond which they hang above a tree, and are not of it [m].
+Source: judgement; wires hang above crowns by the clearance that they need.
+"""
+FEW = 0.1
+"""Share of the points of a tree that may hang above it at most.  Source: judgement."""
+STANDING = 0.05
+"""
+Extent in height, in the height above ground, of what stands at least: less is a piece of wire.
+Source: judgement; a crown has a third of its tree's height.
+"""
 WIDTH_OF_SIGMA = 4.0
 """
 Width of what stands or hangs evenly, in standard deviations of its points' places.
@@ -123,12 +135,18 @@ def find_falling_trees(
         Values of Hazard; position and height are those of the tree's top.
 
     """
-    points, height, surface = fallible.points, fallible.height, fallible.surface
     limits = rules.find('fall_in')
-    if not limits or not len(points) or not models:
+    if not limits or not len(fallible.points) or not models:
         return []
     limit = limits[0]
-    tree = segment_trees(points, height, of_part=fallible.of_part)
+    tree = segment_trees(fallible.points, fallible.height, of_part=fallible.of_part)
+    stands = _stand(fallible.height, tree)
+    if not stands.any():
+        return []
+    tree = np.unique(tree[stands], return_inverse=True)[1]
+    points, height, surface = (
+        own[stands] for own in (fallible.points, fallible.height, fallible.surface)
+    )
     size = np.bincount(tree)
     flat = np.bincount(tree, weights=surface.astype(np.float64))
     top = np.full(len(size), -1, dtype=np.int64)
@@ -173,6 +191,26 @@ def find_falling_trees(
             height=tall,
             note='horizontal and vertical are from the foot, which is taken to be under the top',
         ))
+    return result
+
+
+def _stand(height: Float64, tree: Int64) -> Bool:
+    """Tell the points that stand: all but a few that hang above a tree, or by themselves."""
+    order = np.lexsort((-height, tree))  # each tree from its top down
+    own, level = tree[order], height[order]
+    first = np.flatnonzero(np.diff(own, prepend=-1))
+    size = np.bincount(tree)
+    rank = np.arange(len(own)) - first[own]
+    below = np.append(level[1:], 0.0)
+    hangs = (level - below > HANGS) & (rank + 1 <= FEW * size[own])
+    last = np.full(len(size), -1, dtype=np.int64)  # of those above the lowest such gap
+    np.maximum.at(last, own[hangs], rank[hangs])
+    kept = rank > last[own]
+    low, high = np.full(len(size), np.inf), np.full(len(size), -np.inf)
+    np.minimum.at(low, own[kept], level[kept])
+    np.maximum.at(high, own[kept], level[kept])
+    result = np.zeros(len(height), dtype=bool)
+    result[order] = kept & (high - low >= STANDING * high)[own]
     return result
 
 

@@ -116,7 +116,7 @@ def find_hazards(
         height=_heights(own, None if height is None else height[nearby.index]),
         distance=distance,
         owner=nearby.span,
-        surface=surface,
+        surface=surface | parts.column,
         of_part=part,
     ).take(other)
     found, explained = find_encroachments(around, models, supports, rules, settings)

@@ -17,6 +17,8 @@ import numpy as np
 
 from plc_inspect.core.catenary.curve import Curve
 from plc_inspect.core.catenary.nearest_span import find_near, span_table
+from plc_inspect.core.hazards.blur import find_blur
+from plc_inspect.core.hazards.columns import find_columns
 from plc_inspect.core.hazards.grouping import group_cells
 from plc_inspect.core.numerics.disjoint_sets import unite
 from plc_inspect.core.numerics.near_pairs import find_pairs
@@ -122,6 +124,8 @@ class LineParts:
     """(K,) of a conductor that was modelled: what continues it, and its strands."""
     unmodelled: Bool
     """(K,) of wires that were not modelled."""
+    column: Bool
+    """(K,) of bare columns away from all ends: they hold no conductor, and are no foliage."""
     num_wires: int
     """Doubtful curves that have points, and wires told by their dots; scraps are not counted."""
 
@@ -157,11 +161,14 @@ def find_line_parts(
     LineParts
 
     """
-    own, unmodelled = np.zeros((2, len(points)), dtype=bool)
+    own, unmodelled, column = np.zeros((3, len(points)), dtype=bool)
     near = np.flatnonzero(distance < reach + MARGIN)
     if not len(near) or not models:
-        return LineParts(own=own, unmodelled=unmodelled, num_wires=0)
+        return LineParts(own=own, unmodelled=unmodelled, column=column, num_wires=0)
     own[_find_continued(points, models)] = True
+    own |= find_blur(points, owner, models)
+    held, column = find_columns(points, distance, owner, models)
+    own |= held
     wires, which = _find_on(points, doubtful, [
         (curve.low - GONE_ON, curve.high + GONE_ON) for curve in doubtful
     ])
@@ -169,7 +176,7 @@ def find_line_parts(
     num_wires = len(np.unique(which))
     near = near[~(own | unmodelled)[near]]
     if not len(near):
-        return LineParts(own=own, unmodelled=unmodelled, num_wires=num_wires)
+        return LineParts(own=own, unmodelled=unmodelled, column=column, num_wires=num_wires)
     places, ends = _lay_out(points[near], owner[near], models)
     for wire in _find_wires(places):
         unmodelled[near[wire]] = True
@@ -178,7 +185,9 @@ def find_line_parts(
     debris, pieces = _find_scraps(places[rest], distance[near[rest]], ends)
     own[near[rest[debris]]] = True
     unmodelled[near[rest[pieces]]] = True
-    return LineParts(own=own, unmodelled=unmodelled & ~own, num_wires=num_wires)
+    return LineParts(
+        own=own, unmodelled=unmodelled & ~own, column=column & ~unmodelled, num_wires=num_wires
+    )
 
 
 def _lay_out(

@@ -156,6 +156,19 @@ def test_wires_that_were_not_found_do_not_fall(num, falls):
     assert [record['kind'] for record in records] == [HazardKind.FALL_IN] * falls
 
 
+def test_pieces_of_wires_high_up_do_not_fall_with_the_tree_below():
+    tree = make_tree(50.0, 6.0, 11.0, bottom=3.0)
+    piece = np.array([[50.0, 6.0, 30.0], [50.5, 6.2, 30.1], [51.0, 6.4, 30.0]])
+    for points, num in ((tree, 1), (piece, 0), (np.vstack([tree, piece]), 1)):
+        fallible = Fallible(points=points, height=points[:, 2].copy(),
+                            surface=np.zeros(len(points), dtype=bool))
+        records = find_falling_trees(
+            fallible, [make_model(*ENDS)], make_supports('pole'), RULES, SETTINGS, []
+        )
+        assert len(records) == num
+        assert all(record['height'] == pytest.approx(11.0, abs=0.2) for record in records)
+
+
 @pytest.mark.parametrize('gap', [0.08, 3.0])
 def test_what_may_reach_the_conductor_says_so_in_sigma(gap):
     """Points this near are taken for the conductor, so a tree may begin nearer than it seems."""

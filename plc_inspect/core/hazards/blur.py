@@ -1,0 +1,70 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Conductors that the map shows blurred, and the points about them that are theirs."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from plc_inspect.core.spans.span_model import SpanModel
+from plc_inspect.results import Bool, Float64, Int64
+
+BLURRED = 2.0
+"""
+Scatter of a conductor's points about its curve, in that of the cloud, beyond which it is blurred.
+Source: judgement; four times the variance.
+"""
+TALL = 4.0
+"""
+How far above and below a blurred conductor points are of it, in its scatter.
+Source: chosen on bench/hazards.py; that scatter is not normal.
+"""
+ACROSS = 0.3
+"""
+How far beside it they are [m].
+Source: derived: as line_parts.TUBE; what blurs a conductor is mostly its height.
+"""
+
+
+def is_blurred(model: SpanModel) -> bool:
+    """Tell whether the points of a conductor scatter more than those of the others."""
+    return len(model.strands) == 1 and model.curve.fit.rmse > BLURRED * model.scatter
+
+
+def measure_reach(model: SpanModel) -> float:
+    """Return how far from a conductor's curve points may be taken for its own [m]."""
+    if not is_blurred(model):
+        return model.curve.tolerance
+    return max(TALL * model.curve.fit.rmse, model.curve.tolerance)
+
+
+def find_blur(points: Float64, owner: Int64, models: Sequence[SpanModel]) -> Bool:
+    """
+    Tell the points that lie about a blurred conductor as its own do.
+
+    Parameters
+    ----------
+    points : (K, 3) float64
+        Off the ground, neither wire nor support [m].
+    owner : (K,) int64
+        The nearest conductor.
+    models : sequence of SpanModel
+        Spans with their curves.
+
+    Returns
+    -------
+    (K,) bool
+
+    """
+    result = np.zeros(len(points), dtype=bool)
+    for number, model in enumerate(models):
+        if is_blurred(model):
+            mine = np.flatnonzero(owner == number)
+            x, y = model.curve.local(points[mine])
+            above = points[mine, 2] - model.curve.fit.height(x)
+            result[mine] = (
+                (np.abs(y) <= ACROSS) & (np.abs(above) <= measure_reach(model))
+                & (x >= model.low) & (x <= model.high)
+            )
+    return result

@@ -1,0 +1,44 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Points about a conductor that the map shows blurred."""
+
+from factories import make_model
+import numpy as np
+import pytest
+from toys import make_wire
+
+from plc_inspect.core.hazards.blur import find_blur, is_blurred, measure_reach, TALL
+
+START, END = (0.0, 0.0, 12.0), (100.0, 0.0, 12.0)
+
+
+def make(noise):
+    points = make_wire(START, END, 800.0, noise=0.02, per_metre=20.0)
+    points[:, 2] += np.random.default_rng(1).normal(0.0, noise, len(points))
+    return make_model(START, END, points=points, tolerance=0.35)
+
+
+def place(model, y, above):
+    x = np.linspace(model.low + 5.0, model.high - 5.0, 50)
+    points = model.curve.position(x)
+    direction = np.array([-np.sin(model.curve.azimuth), np.cos(model.curve.azimuth), 0.0])
+    return points + y * direction + np.array([0.0, 0.0, above])
+
+
+@pytest.mark.parametrize(('noise', 'blurred'), [(0.0, False), (0.15, True)])
+def test_what_lies_about_a_blurred_conductor_is_of_it(noise, blurred):
+    model = make(noise)
+    owner = np.zeros(50, dtype=np.int64)
+    assert is_blurred(model) == blurred
+    for y, above, own in ((0.1, 0.4, True), (0.1, -0.4, True), (0.6, 0.0, False),
+                          (0.0, 1.0, False), (0.0, -1.0, False)):
+        found = find_blur(place(model, y, above), owner, [model])
+        assert found.all() if own and blurred else not found.any()
+
+
+def test_its_reach():
+    sharp, blurred = make(0.0), make(0.15)
+    assert measure_reach(sharp) == sharp.curve.tolerance
+    assert measure_reach(blurred) == pytest.approx(TALL * blurred.curve.fit.rmse)
+    assert measure_reach(blurred) > 0.4
