@@ -19,6 +19,7 @@ from plc_inspect.core.hazards.hazards import (
     find_hazards,
     HazardResult,
 )
+from plc_inspect.core.hazards.roof_rows import are_roof_rows
 from plc_inspect.core.labels import choose_surroundings, label, Labels
 from plc_inspect.core.line_finder import find_lines, FoundLines
 from plc_inspect.core.spans.point_claims import FREE_RADIUS
@@ -168,9 +169,11 @@ class Pipeline:
     def _judge(
         self, points: Float64, lines: FoundLines, corridor: CorridorResult, nearby: Nearby
     ) -> tuple[HazardResult, Labels]:
+        doubtful = lines.conductors.doubtful
+        on_roof = are_roof_rows(doubtful, lines.sight)
         found = find_hazards(
             points, lines.height.height, nearby, lines.spans, self.settings.hazards, self.rules,
-            lines.conductors.doubtful,
+            [curve for curve, is_row in zip(doubtful, on_roof, strict=True) if not is_row],
         )
         return found, label(lines, corridor, nearby, found.foliage)
 

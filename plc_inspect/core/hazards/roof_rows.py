@@ -1,0 +1,97 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Doubtful curves that are the rows of a scanner on a roof, and no wires."""
+
+from collections.abc import Sequence
+import math
+
+import numpy as np
+
+from plc_inspect.core.catenary.curve import Curve
+from plc_inspect.core.catenary.free_length import Sight
+from plc_inspect.results import Bool, Float64
+
+BESIDE = 2.5
+"""
+Distance across of the next row at most [m].
+Source: judgement; sparse scans lay their rows 1.5 m apart.
+"""
+STEEPEST = 1.0
+"""Slope of a roof across its rows at most.  Source: judgement; roofs rise by up to 45 degrees."""
+LEAST_APART = 0.1
+"""Distance across of the next row at least [m].  Source: judgement; else it is the same row."""
+OVERLAP = 0.5
+"""Share of the shorter of two rows that both must run beside each other.  Source: judgement."""
+ALIGNED = 0.1
+"""Angle between two rows at most [rad].  Source: judgement; rows of one strip are parallel."""
+HIDDEN = 0.3
+"""
+Share of the metres of a row over which the ground below was seen, at most.
+Source: measured: 0.75 of the curves on roofs of bench/studies/planted_hazards.py (seeds 903, 905,
+909) have less; those on wires of real clouds (bench/hazards.py) have 0.96 and more.
+"""
+AT_EDGE = 0.8
+"""The same of one at the edge of a roof, with a hidden one beside it.  Source: as HIDDEN."""
+STEP = 0.5
+"""Step along a curve at which the ground below is looked at [m].  Source: numerical."""
+
+
+def are_roof_rows(curves: Sequence[Curve], sight: Sight) -> Bool:
+    """
+    Tell curves that run side by side over ground that was not seen.
+
+    Parameters
+    ----------
+    curves : sequence of Curve
+        C curves.
+    sight : Sight
+        Where the ground was seen.
+
+    Returns
+    -------
+    (C,) bool
+
+    """
+    seen = [_share_seen(curve, sight) for curve in curves]
+    result = np.zeros(len(curves), dtype=bool)
+    candidates = [number for number, share in enumerate(seen) if share <= AT_EDGE]
+    for k, one in enumerate(candidates):
+        for other in candidates[:k]:
+            if min(seen[one], seen[other]) <= HIDDEN and _lie_side_by_side(
+                curves[one], curves[other]
+            ):
+                result[[one, other]] = True
+    return result
+
+
+def _share_seen(curve: Curve, sight: Sight) -> float:
+    """Return the share of a curve's metres over ground that was seen."""
+    place = curve.position(_step_along(curve))
+    column, row = np.floor((place[:, :2] - sight.origin) / sight.cell_size).astype(np.int64).T
+    rows, columns = sight.seen.shape
+    inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+    seen = np.zeros(len(place), dtype=bool)
+    seen[inside] = sight.seen[row[inside], column[inside]]
+    return float(seen.mean())
+
+
+def _step_along(curve: Curve) -> Float64:
+    return np.linspace(curve.low, curve.high, max(2, math.ceil(curve.length / STEP)))
+
+
+def _lie_side_by_side(one: Curve, other: Curve) -> bool:
+    """Tell whether two curves may be rows of one roof."""
+    if abs(math.sin(one.azimuth - other.azimuth)) > math.sin(ALIGNED):
+        return False
+    if one.length > other.length:
+        one, other = other, one
+    place = one.position(_step_along(one))
+    x, y = other.local(place)
+    along = (x >= other.low) & (x <= other.high)
+    if along.mean() < OVERLAP:
+        return False
+    across = np.abs(y[along])
+    above = np.abs(place[along, 2] - other.fit.height(x[along]))
+    side = LEAST_APART < across.max() and across.min() < BESIDE
+    return bool(side and (above <= STEEPEST * across + LEAST_APART).all())
