@@ -59,6 +59,8 @@ SAME = 1.0
 """A true conductor is found where a found one runs this near [m]; bundles are found as one."""
 BOX = 0.5
 """A hazard is about a thing whose nearest point lies this near to its box [m]."""
+CROSSING_NEAR = 12.0
+"""A crossing is the one that was planted where it lies this near to it in plan [m]."""
 NUM_WORST = 10
 MIXED = 'on a mixed return'
 """A return between two objects; its hazard is true where the object behind it is too near."""
@@ -223,8 +225,8 @@ def judge_item(
         values, numbers, at = found
         mine = exactly = [
             hazard for hazard in result.hazards if hazard.kind == item.kind
-            and math.dist(hazard.position[:2], at[:2]) < (
-                12.0 if item.kind == HazardKind.CROSSING else 80.0)
+            and (math.dist(hazard.position[:2], at[:2]) < CROSSING_NEAR
+                 if item.kind == HazardKind.CROSSING else hangs_on(hazard, item, scene))
         ][:1]
     if not numbers:
         return None
@@ -241,6 +243,14 @@ def judge_item(
             values[SETTINGS.hazards.min_points - 1] < limit - 2.0 * usual),
         known=not any(map(math.isnan, known)), raised=bool(mine),
         error=exactly[0].clearance - float(values[0]) if exactly else math.nan,
+    )
+
+
+def hangs_on(hazard: Hazard, item: Item, scene: Scene) -> bool:
+    """Return whether the conductor that a hazard of the ground is below is one of a thing."""
+    place = hazard.position + np.array([0.0, 0.0, hazard.clearance])
+    return any(
+        measure_distances_of(place[None], scene, number)[0] < SAME for number in item.conductors
     )
 
 

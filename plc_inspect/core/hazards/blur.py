@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Conductors that the map shows blurred, and the points about them that are theirs."""
+"""The points about a conductor that are its own by their scatter, also where it is blurred."""
 
 from collections.abc import Sequence
 
@@ -15,14 +15,15 @@ BLURRED = 2.0
 Scatter of a conductor's points about its curve, in that of the cloud, beyond which it is blurred.
 Source: judgement; four times the variance.
 """
-TALL = 4.0
+TALL, WIDE = 4.0, 5.0
 """
-How far above and below a blurred conductor points are of it, in its scatter.
-Source: chosen on bench/hazards.py; that scatter is not normal.
+How far above and below a blurred conductor points are of it, and about any they may be, in its
+scatter.
+Source: chosen on bench/hazards.py and bench/studies/planted_hazards.py; it is not normal.
 """
 ACROSS = 0.3
 """
-How far beside it they are [m].
+How far beside a blurred conductor they are [m].
 Source: derived: as line_parts.TUBE; what blurs a conductor is mostly its height.
 """
 
@@ -34,9 +35,10 @@ def is_blurred(model: SpanModel) -> bool:
 
 def measure_reach(model: SpanModel) -> float:
     """Return how far from a conductor's curve points may be taken for its own [m]."""
-    if not is_blurred(model):
+    if len(model.strands) > 1:
         return model.curve.tolerance
-    return max(TALL * model.curve.fit.rmse, model.curve.tolerance)
+    times = TALL if is_blurred(model) else WIDE
+    return max(times * model.curve.fit.rmse, model.curve.tolerance)
 
 
 def find_blur(points: Float64, owner: Int64, models: Sequence[SpanModel]) -> Bool:
@@ -68,3 +70,31 @@ def find_blur(points: Float64, owner: Int64, models: Sequence[SpanModel]) -> Boo
                 & (x >= model.low) & (x <= model.high)
             )
     return result
+
+
+def choose_worst(
+    share: Float64, distance: Float64, owner: Int64, models: Sequence[SpanModel]
+) -> int:
+    """
+    Choose the point that a hazard rests on: the worst that cannot be a conductor's own.
+
+    Parameters
+    ----------
+    share : (K,) float64
+        Of the required distance that is kept.
+    distance : (K,) float64
+        To the nearest conductor [m].
+    owner : (K,) int64
+        Which that is.
+    models : sequence of SpanModel
+        Spans with their curves.
+
+    Returns
+    -------
+    int
+        The worst of all where each may be the conductor's own.
+
+    """
+    reach = np.array([measure_reach(model) for model in models])
+    beyond = distance > reach[owner]
+    return int(np.argmin(np.where(beyond, share, np.inf) if beyond.any() else share))

@@ -114,7 +114,8 @@ def find_columns(
         x, beside[mine], above[mine] = model.part(points[near[mine]])
         from_end[mine] = np.minimum(x - model.low, model.high - x)
     chosen = beside < BESIDE + 3.0 * CELL
-    near, from_end, beside, above = (own[chosen] for own in (near, from_end, beside, above))
+    near = near[chosen]
+    from_end, beside, above = (own[chosen] for own in (from_end, beside, above))
     if len(near) < LEAST_POINTS:
         return held, lone
     voxel, count = _count_voxels(points[near])

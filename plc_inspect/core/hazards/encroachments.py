@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from plc_inspect.config import HazardSettings
-from plc_inspect.core.hazards.blur import measure_reach
+from plc_inspect.core.hazards.blur import choose_worst, measure_reach
 from plc_inspect.core.hazards.clearance_rules import Limit, RuleSet
 from plc_inspect.core.hazards.confidence import IN_DOUBT, judge_confidence
 from plc_inspect.core.hazards.grouping import group_cells, group_points
@@ -331,7 +331,7 @@ def _describe(
     if offends.sum() < settings.min_points:
         return None
     near, which, share = near.take(offends), which[offends], share[offends]
-    worst = int(np.argmin(share))
+    worst = choose_worst(share, near.distance, near.owner, models)
     model, limit = models[int(near.owner[worst])], limits[int(which[worst])]
     position = near.points[worst]
     x, horizontal, vertical = (float(value[0]) for value in model.part(position[None, :]))

@@ -15,6 +15,7 @@ from plc_inspect.config import HazardSettings
 from plc_inspect.core.catenary.nearest_span import find_near
 from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.hazards.encroachments import describe_hazard, is_held
+from plc_inspect.core.hazards.grouping import group_cells
 from plc_inspect.core.hazards.line_parts import FREE_LENGTH, POLE_WIDTH
 from plc_inspect.core.hazards.strands import measure_distances
 from plc_inspect.core.hazards.trees import segment_trees
@@ -48,6 +49,11 @@ What has more than this share of its points on surfaces is no tree.
 Source: derived: the majority.
 """
 
+TOUCH = 1.0
+"""
+Edge of the cells that touch within one thing: wires hang farther above crowns [m].
+Source: judgement; as encroachments.TREE_LINK.
+"""
 HANGS = 3.0
 """
 Empty height below a few points beyond which they hang above a tree, and are not of it [m].
@@ -79,6 +85,11 @@ class Fallible:
     """(K,) points of roofs and walls."""
     of_part: bool = False
     """As of `encroachments.Nearby`."""
+
+    def take(self, chosen: Bool) -> 'Fallible':
+        """Return some of the points."""
+        return Fallible(points=self.points[chosen], height=self.height[chosen],
+                        surface=self.surface[chosen], of_part=self.of_part)
 
 
 def find_fallible(points: Float64, height: Float32, spans: SpanResult) -> Int64:
@@ -139,14 +150,14 @@ def find_falling_trees(
     if not limits or not len(fallible.points) or not models:
         return []
     limit = limits[0]
+    fallible = fallible.take(~_are_wires(fallible.points))
     tree = segment_trees(fallible.points, fallible.height, of_part=fallible.of_part)
-    stands = _stand(fallible.height, tree)
-    if not stands.any():
+    standing = _stand(fallible.height, tree)
+    if not standing.any():
         return []
-    tree = np.unique(tree[stands], return_inverse=True)[1]
-    points, height, surface = (
-        own[stands] for own in (fallible.points, fallible.height, fallible.surface)
-    )
+    tree = np.unique(tree[standing], return_inverse=True)[1]
+    fallible = fallible.take(standing)
+    points, height, surface = fallible.points, fallible.height, fallible.surface
     size = np.bincount(tree)
     flat = np.bincount(tree, weights=surface.astype(np.float64))
     top = np.full(len(size), -1, dtype=np.int64)
@@ -160,7 +171,7 @@ def find_falling_trees(
         FALL_REACH + TALLEST,
     )
     width, length = _measure_plan(points, tree)
-    wire = (width <= POLE_WIDTH) & (length >= FREE_LENGTH)  # of conductors that were not found
+    wire = (width <= POLE_WIDTH) & (length >= FREE_LENGTH)
     taken = _trees_at(points, tree, [item['position'] for item in known
                                      if item['kind'] == HazardKind.VEGETATION])
     result = []
@@ -191,6 +202,14 @@ def find_falling_trees(
             height=tall,
             note='horizontal and vertical are from the foot, which is taken to be under the top',
         ))
+    return result
+
+
+def _are_wires(points: Float64) -> Bool:
+    """Tell the points of what is narrow and long by itself: of conductors that were not found."""
+    thing = group_cells(points, np.full(3, TOUCH))
+    width, length = _measure_plan(points, thing)
+    result: Bool = ((width <= POLE_WIDTH) & (length >= FREE_LENGTH))[thing]
     return result
 
 

@@ -20,6 +20,7 @@ from plc_inspect.core.catenary.nearest_span import find_near, span_table
 from plc_inspect.core.hazards.blur import find_blur
 from plc_inspect.core.hazards.columns import find_columns
 from plc_inspect.core.hazards.grouping import group_cells
+from plc_inspect.core.hazards.straight import are_straight
 from plc_inspect.core.numerics.disjoint_sets import unite
 from plc_inspect.core.numerics.near_pairs import find_pairs
 from plc_inspect.core.spans.point_claims import FREE_RADIUS
@@ -265,6 +266,7 @@ def _find_scraps(
     piece = (spread <= THIN).all(axis=1) & (np.abs(slope) <= PARALLEL).all(axis=1)
     piece &= extent[:, 0] >= PIECE_LENGTH
     from_end = np.abs(mean[:, 0, None] - ends).min(axis=1)
+    piece |= are_straight(places, thing) & (from_end <= JUMPER_ROOM)  # service drops, stays
     pole = (from_end <= POLE_ROOM) & (extent[:, :2] <= POLE_WIDTH).all(axis=1)
     reach = np.where(from_end <= JUMPER_ROOM, JUMPER_REACH, FREE_RADIUS)
     return ((farthest <= reach) | pole)[thing], piece[thing]

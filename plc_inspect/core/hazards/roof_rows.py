@@ -93,5 +93,5 @@ def _lie_side_by_side(one: Curve, other: Curve) -> bool:
         return False
     across = np.abs(y[along])
     above = np.abs(place[along, 2] - other.fit.height(x[along]))
-    side = LEAST_APART < across.max() and across.min() < BESIDE
+    side = across.max() > LEAST_APART and across.min() < BESIDE
     return bool(side and (above <= STEEPEST * across + LEAST_APART).all())

@@ -3,12 +3,20 @@
 
 """Points about a conductor that the map shows blurred."""
 
+import dataclasses
+
 from factories import make_model
 import numpy as np
 import pytest
 from toys import make_wire
 
-from plc_inspect.core.hazards.blur import find_blur, is_blurred, measure_reach, TALL
+from plc_inspect.core.hazards.blur import (
+    choose_worst,
+    find_blur,
+    is_blurred,
+    measure_reach,
+    TALL,
+)
 
 START, END = (0.0, 0.0, 12.0), (100.0, 0.0, 12.0)
 
@@ -39,6 +47,23 @@ def test_what_lies_about_a_blurred_conductor_is_of_it(noise, blurred):
 
 def test_its_reach():
     sharp, blurred = make(0.0), make(0.15)
-    assert measure_reach(sharp) == sharp.curve.tolerance
+    assert measure_reach(sharp) == sharp.curve.tolerance == 0.35
     assert measure_reach(blurred) == pytest.approx(TALL * blurred.curve.fit.rmse)
     assert measure_reach(blurred) > 0.4
+
+
+def test_a_hazard_rests_on_what_cannot_be_the_conductor():
+    model = make(0.0)
+    owner = np.zeros(3, dtype=np.int64)
+    share = np.array([0.1, 0.3, 0.2])
+    assert choose_worst(share, np.array([0.3, 0.9, 0.8]), owner, [model]) == 2
+    assert choose_worst(share, np.array([0.4, 0.9, 0.8]), owner, [model]) == 0
+    assert choose_worst(share, np.array([0.3, 0.3, 0.2]), owner, [model]) == 0
+
+
+def test_bundles_are_as_near_as_their_tolerance():
+    points = make_wire(START, END, 800.0, noise=0.3, per_metre=20.0)
+    model = make_model(START, END, points=points, tolerance=0.35)
+    bundle = dataclasses.replace(model, strands=np.array([[0.2, 0.0], [-0.2, 0.0]]))
+    assert measure_reach(bundle) == 0.35
+    assert not find_blur(place(model, 0.1, 0.2), np.zeros(50, np.int64), [bundle]).any()
