@@ -79,7 +79,7 @@ END_ROOM = 8.0
 Distance along a span from its end within which a column holds the conductor [m].
 Source: judgement; as line_parts.JUMPER_ROOM.
 """
-FARTHEST = 8.0
+FARTHEST = 6.0
 """Distance from a conductor beyond which no column is looked for [m].  Source: judgement."""
 
 
@@ -127,6 +127,8 @@ def find_columns(
     order = np.argsort(column, kind='stable')
     plan = points[near, :2]
     for own in np.split(order, np.flatnonzero(np.diff(column[order])) + 1):
+        if len(own) * LAYER < FILLED * LEAST_EXTENT:
+            continue
         low, high = voxel[own].min(axis=0), voxel[own].max(axis=0) + 1
         layers = high[2] - low[2]
         if (
@@ -159,10 +161,13 @@ def _measure_width(plan: Float64) -> float:
 
 def _count_voxels(points: Float64) -> tuple[Int64, Int64]:
     """Return the (V, 3) voxels that hold points, in order, and how many each holds (V,)."""
-    voxel, count = np.unique(
-        np.floor(points / np.array([CELL, CELL, LAYER])).astype(np.int64), axis=0,
-        return_counts=True,
+    cell = np.floor(points / np.array([CELL, CELL, LAYER])).astype(np.int64)
+    corner = cell.min(axis=0)
+    size = cell.max(axis=0) + 1 - corner
+    key, count = np.unique(
+        (cell - corner) @ np.array([size[1] * size[2], size[2], 1]), return_counts=True
     )
+    voxel = np.column_stack(np.unravel_index(key, tuple(size.tolist()))) + corner
     return voxel, count
 
 
