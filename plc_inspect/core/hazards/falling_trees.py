@@ -152,7 +152,7 @@ def find_falling_trees(
     limit = limits[0]
     fallible = fallible.take(~_are_wires(fallible.points))
     tree = segment_trees(fallible.points, fallible.height, of_part=fallible.of_part)
-    standing = _stand(fallible.height, tree)
+    standing = _stand(fallible.points[:, 2], fallible.height, tree)
     if not standing.any():
         return []
     tree = np.unique(tree[standing], return_inverse=True)[1]
@@ -213,7 +213,7 @@ def _are_wires(points: Float64) -> Bool:
     return result
 
 
-def _stand(height: Float64, tree: Int64) -> Bool:
+def _stand(z: Float64, height: Float64, tree: Int64) -> Bool:
     """Tell the points that stand: all but a few that hang above a tree, or by themselves."""
     order = np.lexsort((-height, tree))  # each tree from its top down
     own, level = tree[order], height[order]
@@ -226,10 +226,12 @@ def _stand(height: Float64, tree: Int64) -> Bool:
     np.maximum.at(last, own[hangs], rank[hangs])
     kept = rank > last[own]
     low, high = np.full(len(size), np.inf), np.full(len(size), -np.inf)
-    np.minimum.at(low, own[kept], level[kept])
-    np.maximum.at(high, own[kept], level[kept])
+    np.minimum.at(low, own[kept], z[order[kept]])
+    np.maximum.at(high, own[kept], z[order[kept]])
+    tall = np.zeros(len(size))
+    np.maximum.at(tall, own[kept], level[kept])
     result = np.zeros(len(height), dtype=bool)
-    result[order] = kept & (high - low >= STANDING * high)[own]
+    result[order] = kept & (high - low >= STANDING * tall)[own]
     return result
 
 
