@@ -10,7 +10,7 @@ import numpy as np
 from plc_inspect.config import Settings
 from plc_inspect.core.catenary.conductors import ConductorResult, model_conductors
 from plc_inspect.core.catenary.duplicates import find_along
-from plc_inspect.core.catenary.free_length import Sight
+from plc_inspect.core.catenary.free_length import find_sight, Sight
 from plc_inspect.core.catenary.judge import SIDE
 from plc_inspect.core.clustering.clustering import cluster, ClusteringResult
 from plc_inspect.core.extraction.alignment import align, AlignmentResult
@@ -184,7 +184,7 @@ def _find_once(
     )
 
     # Eqs. 6 and 7: catenaries, and which of them are conductors.
-    sight = _find_sight(height)
+    sight = find_sight(height)
     conductors = log.run(
         None,
         lambda: model_conductors(
@@ -229,11 +229,6 @@ def _measure_height(
         lambda: measure_surface(points, settings.height, region=region),
     )
     return extract_high(points, settings.height, surface=surface, peak=peak)
-
-
-def _find_sight(height: HeightResult) -> Sight:
-    """Return where the ground was seen."""
-    return Sight(seen=height.ground_seen, origin=height.origin, cell_size=height.cell_size)
 
 
 def _gather(
@@ -294,6 +289,6 @@ def _hang(
     spans = build_spans(cloud, layout, trace_routes(layout, east), settings, rng)
     spans = add_taps(cloud, inliers, spans, settings)
     spans = settle_strays(cloud, spans)
-    spans = tell_evidence(cloud, spans, _find_sight(height), settings.catenary)
+    spans = tell_evidence(cloud, spans, find_sight(height), settings.catenary)
     spans = spread_spans(spans, cloud)
     return _Hung(height=height, layout=layout, spans=spans)

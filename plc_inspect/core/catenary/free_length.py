@@ -31,6 +31,7 @@ from plc_inspect.core.catenary.curve_row import (
     to_local,
     TOLERANCE,
 )
+from plc_inspect.core.extraction.height import HeightResult
 from plc_inspect.core.numerics.plan_index import gather_strip, PlanIndex
 from plc_inspect.results import Bool, Float64
 
@@ -111,6 +112,20 @@ class Sight:
     origin: Float64
     """(2,) x, y of the lower corner [m]."""
     cell_size: float
+
+    def tell(self, places: Float64) -> Bool:
+        """Tell where ground was seen below (K, 2+) places [m]; beyond the cells it was not."""
+        column, row = np.floor((places[:, :2] - self.origin) / self.cell_size).astype(np.int64).T
+        rows, columns = self.seen.shape
+        inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+        result = np.zeros(len(places), dtype=bool)
+        result[inside] = self.seen[row[inside], column[inside]]
+        return result
+
+
+def find_sight(height: HeightResult) -> Sight:
+    """Return where the ground was seen."""
+    return Sight(seen=height.ground_seen, origin=height.origin, cell_size=height.cell_size)
 
 
 def measure_free_length(

@@ -53,7 +53,7 @@ def are_roof_rows(curves: Sequence[Curve], sight: Sight) -> Bool:
     (C,) bool
 
     """
-    seen = [_share_seen(curve, sight) for curve in curves]
+    seen = [float(sight.tell(curve.position(_step_along(curve))).mean()) for curve in curves]
     result = np.zeros(len(curves), dtype=bool)
     candidates = [number for number, share in enumerate(seen) if share <= AT_EDGE]
     for k, one in enumerate(candidates):
@@ -63,17 +63,6 @@ def are_roof_rows(curves: Sequence[Curve], sight: Sight) -> Bool:
             ):
                 result[[one, other]] = True
     return result
-
-
-def _share_seen(curve: Curve, sight: Sight) -> float:
-    """Return the share of a curve's metres over ground that was seen."""
-    place = curve.position(_step_along(curve))
-    column, row = np.floor((place[:, :2] - sight.origin) / sight.cell_size).astype(np.int64).T
-    rows, columns = sight.seen.shape
-    inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
-    seen = np.zeros(len(place), dtype=bool)
-    seen[inside] = sight.seen[row[inside], column[inside]]
-    return float(seen.mean())
 
 
 def _step_along(curve: Curve) -> Float64:

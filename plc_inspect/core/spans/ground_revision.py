@@ -10,11 +10,12 @@ import numpy as np
 
 from plc_inspect.config import HeightSettings
 from plc_inspect.core.catenary.curve import Curve
+from plc_inspect.core.catenary.free_length import find_sight
 from plc_inspect.core.catenary.nearest_span import find_near, span_table
 from plc_inspect.core.extraction.ground_surface import measure_surface
 from plc_inspect.core.extraction.height import extract_high, ground_at, HeightResult
 from plc_inspect.core.extraction.off_ground import OffGround
-from plc_inspect.results import Bool, Float64
+from plc_inspect.results import Float64
 
 OWN_REACH = 0.5
 """
@@ -80,17 +81,8 @@ def revise_ground(
         )
     # the ground below them is a guess where none was seen, and may be as high as they are
     high = revised.high.copy()
-    high[own] |= ~_is_seen(revised, points[own])
+    high[own] |= ~find_sight(revised).tell(points[own])
     return replace(revised, high=high)
-
-
-def _is_seen(height: HeightResult, positions: Float64) -> Bool:
-    """Tell where ground was seen below places in the cloud."""
-    cell = np.floor((positions[:, :2] - height.origin) / height.cell_size).astype(np.int64)
-    rows, columns = height.ground_seen.shape
-    column, row = np.clip(cell, 0, (columns - 1, rows - 1)).T
-    seen: Bool = height.ground_seen[row, column]
-    return seen
 
 
 def _find_low(curves: Sequence[Curve], height: HeightResult, beta: float) -> list[Curve]:
