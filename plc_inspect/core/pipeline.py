@@ -3,7 +3,6 @@
 
 """The pipeline: from one cloud to conductors, corridor and hazards."""
 
-from dataclasses import replace
 
 import numpy as np
 
@@ -139,8 +138,7 @@ class Pipeline:
         )
 
         # Hazards, and with them what the points about the conductors are.
-        # In cells at multiples of their edges, which a part of a cloud shares with the whole.
-        nearby = replace(choose_surroundings(height, spans, corridor), of_part=True)
+        nearby = choose_surroundings(height, spans, corridor)
         found, labels = log.run(
             None,
             lambda: self._judge(points, lines, corridor, nearby),

@@ -93,9 +93,6 @@ class Nearby:
     """(K,) distance to the nearest span [m]."""
     span: Int64
     """(K,) which span that is."""
-    of_part: bool = False
-    """The points are a part of a cloud: cells in which they are grouped lie at multiples of
-    their edges, and not at the least coordinates."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -112,8 +109,6 @@ class Surroundings:
     """(K,) index of its model."""
     surface: Bool
     """(K,) points of roofs and walls rather than of foliage."""
-    of_part: bool = False
-    """As of Nearby."""
 
     def take(self, chosen: Int64 | Bool) -> 'Surroundings':
         """Return some of the points."""
@@ -123,7 +118,6 @@ class Surroundings:
             distance=self.distance[chosen],
             owner=self.owner[chosen],
             surface=self.surface[chosen],
-            of_part=self.of_part,
         )
 
 
@@ -271,17 +265,13 @@ def _split_kinds(
 
 def _find_trees(around: Surroundings, offends: Bool) -> Int64:
     """Return the tree of each point around the offending ones, -1 for those far from them."""
-    near = np.flatnonzero(
-        stand_near(around.points, offends, TREE_MARGIN, of_part=around.of_part)
-    )
+    near = np.flatnonzero(stand_near(around.points, offends, TREE_MARGIN))
     tree = np.full(len(around.points), -1, dtype=np.int64)
     body = group_cells(around.points[near], np.full(3, TREE_LINK))
     offending = np.zeros(int(body.max()) + 1, dtype=bool)
     offending[body[offends[near]]] = True
     near = near[offending[body]]
-    tree[near] = segment_trees(
-        around.points[near], around.height[near], of_part=around.of_part
-    )
+    tree[near] = segment_trees(around.points[near], around.height[near])
     return tree
 
 

@@ -83,13 +83,11 @@ class Fallible:
     """(K,) above local ground [m]."""
     surface: Bool
     """(K,) points of roofs and walls."""
-    of_part: bool = False
-    """As of `encroachments.Nearby`."""
 
     def take(self, chosen: Bool) -> 'Fallible':
         """Return some of the points."""
         return Fallible(points=self.points[chosen], height=self.height[chosen],
-                        surface=self.surface[chosen], of_part=self.of_part)
+                        surface=self.surface[chosen])
 
 
 def find_fallible(points: Float64, height: Float32, spans: SpanResult) -> Int64:
@@ -151,7 +149,7 @@ def find_falling_trees(
         return []
     limit = limits[0]
     fallible = fallible.take(~_are_wires(fallible.points))
-    tree = segment_trees(fallible.points, fallible.height, of_part=fallible.of_part)
+    tree = segment_trees(fallible.points, fallible.height)
     standing = _stand(fallible.points[:, 2], fallible.height, tree)
     if not standing.any():
         return []

@@ -40,8 +40,6 @@ class HazardResult:
     """(K, 3) offending points of each, or the place of a conductor [m]."""
     foliage: Bool
     """(K,) neither of surfaces, such as roofs and walls, nor of lines and what holds them."""
-    free: Bool
-    """(K,) neither of lines nor of what holds them: foliage and surfaces."""
     num_unmodelled: int
     """Wires near conductors that were not modelled."""
 
@@ -106,8 +104,7 @@ def find_hazards(
     rules = choose_rules(settings, rules)
     models, supports = find_strands(points, spans), spans.supports
     own = take_rows(points, nearby.index)
-    part = nearby.of_part
-    surface, reach = is_surface(own, of_part=part), rules.reach('vegetation', 'building')
+    surface, reach = is_surface(own), rules.reach('vegetation', 'building')
     distance = measure_distances(own, nearby.distance, nearby.span, models, reach)
     parts = find_line_parts(own, distance, nearby.span, models, doubtful, reach)
     other = np.flatnonzero(~(parts.own | parts.unmodelled))
@@ -117,7 +114,6 @@ def find_hazards(
         distance=distance,
         owner=nearby.span,
         surface=surface | parts.column,
-        of_part=part,
     ).take(other)
     found, explained = find_encroachments(around, models, supports, rules, settings)
     free = np.zeros(len(own), dtype=bool)
@@ -128,8 +124,7 @@ def find_hazards(
         trees = take_rows(points, wide)
         fallible = Fallible(
             points=trees, height=np.asarray(height[wide], dtype=np.float64),
-            surface=is_surface(trees, of_part=part),
-            of_part=part,
+            surface=is_surface(trees),
         )
         found += find_falling_trees(fallible, models, supports, rules, settings, found)
     found += find_low_conductors(models, spans.ground_below, supports, rules)
@@ -147,7 +142,6 @@ def find_hazards(
         ),
         offending=offending,
         foliage=free & ~surface,
-        free=free,
         num_unmodelled=parts.num_wires,
     )
 

@@ -34,9 +34,7 @@ Source: numerical: any that leaves a voxel free.
 """
 
 
-def is_surface(
-    points: Float64, *, of_part: bool = False, corner: Float64 | None = None
-) -> Bool:
+def is_surface(points: Float64) -> Bool:
     """
     Tell points of roofs and walls from foliage by the planar likeness around them.
 
@@ -44,10 +42,6 @@ def is_surface(
     ----------
     points : (N, 3) float64
         Finite positions [m].
-    of_part : bool
-        They are a part of a cloud: voxels lie at multiples of their edge.
-    corner : (3,) float64 or None
-        The least coordinates of all such points of the whole cloud [m], where they are known.
 
     Returns
     -------
@@ -59,11 +53,8 @@ def is_surface(
     everything = np.arange(len(points))
     order = build_plan_index(points, everything, CELL).order
     own = take_rows(points, order)  # neighbours in space are neighbours in memory
-    origin = find_lowest(own, everything) - MARGIN
-    if corner is not None:
-        origin = corner - MARGIN + np.floor((origin + MARGIN - corner) / SIZE) * SIZE
-    elif of_part:
-        origin = np.floor(origin / SIZE) * SIZE
+    # at multiples of their edge, so that a part of a cloud has the voxels of the whole
+    origin = np.floor((find_lowest(own, everything) - MARGIN) / SIZE) * SIZE
     voxels = build_voxels(own, everything, origin, SIZE)
     likeness = measure_likeness(voxels)
     flat = likeness.count >= MIN_POINTS

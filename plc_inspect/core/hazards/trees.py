@@ -28,18 +28,17 @@ Source: judgement; not measured.
 """
 
 
-def find_corner(points: Float64, edge: float, *, of_part: bool) -> list[float]:
+def find_corner(points: Float64, edge: float) -> list[float]:
     """
-    Return the corner of cells [m].
+    Return the corner of cells below (N, D) coordinates [m].
 
-    Those are the least of (N, D) coordinates; of a part of a cloud, multiples of the edge below.
+    It lies at multiples of the edge, so that a part of a cloud has the cells of the whole.
     """
-    low = points.min(axis=0)
-    corner: list[float] = (np.floor(low / edge) * edge if of_part else low).tolist()
+    corner: list[float] = (np.floor(points.min(axis=0) / edge) * edge).tolist()
     return corner
 
 
-def stand_near(points: Float64, chosen: Bool, margin: float, *, of_part: bool) -> Bool:
+def stand_near(points: Float64, chosen: Bool, margin: float) -> Bool:
     """
     Tell the points in the plan cells of chosen points and in the cells around them.
 
@@ -51,15 +50,13 @@ def stand_near(points: Float64, chosen: Bool, margin: float, *, of_part: bool) -
         Some of them.
     margin : float
         Edge of the cells [m].
-    of_part : bool
-        The points are a part of a cloud, see `encroachments.Nearby`.
 
     Returns
     -------
     (N,) bool
 
     """
-    corner = find_corner(points[:, :2], margin, of_part=of_part)
+    corner = find_corner(points[:, :2], margin)
     result: Bool = _stand_near(points, chosen, margin, *corner)
     return result
 
@@ -82,7 +79,7 @@ def _stand_near(points, offends, margin, x0, y0):  # type: ignore[no-untyped-def
     return result
 
 
-def segment_trees(points: Float64, height: Float64, *, of_part: bool = False) -> Int64:
+def segment_trees(points: Float64, height: Float64) -> Int64:
     """
     Divide a canopy into trees.
 
@@ -96,8 +93,6 @@ def segment_trees(points: Float64, height: Float64, *, of_part: bool = False) ->
         Positions [m].
     height : (N,) float64
         Above local ground [m].
-    of_part : bool
-        The points are a part of a cloud, see `encroachments.Nearby`.
 
     Returns
     -------
@@ -107,7 +102,7 @@ def segment_trees(points: Float64, height: Float64, *, of_part: bool = False) ->
     """
     if not len(points):
         return np.zeros(0, dtype=np.int64)
-    corner = find_corner(points[:, :2], CELL, of_part=of_part)
+    corner = find_corner(points[:, :2], CELL)
     column, row = (
         ((along - least) / CELL).astype(np.int64) + REACH
         for along, least in zip(points.T[:2], corner, strict=True)

@@ -32,7 +32,7 @@ def test_it_is_the_likeness_of_the_voxel_a_point_lies_in(seed):
     rng = np.random.default_rng(seed)
     points = make_scene(rng)
     chosen = np.flatnonzero(rng.random(len(points)) < 0.3)
-    origin = points[chosen].min(axis=0) - 2.0
+    origin = np.floor((points[chosen].min(axis=0) - 2.0) / SIZE) * SIZE
     voxels = build_voxels(points, chosen, origin, SIZE)
     likeness = measure_likeness(voxels)
     good = (
