@@ -17,6 +17,7 @@ import time
 from typing import Any, Protocol
 
 from plc_inspect.errors import DataError, PlcInspectError
+from plc_inspect.interrupts import interruptible
 from plc_inspect.printable import make_one_line
 
 PENDING = 4
@@ -70,7 +71,8 @@ def call(task: Task) -> Outcome:
     started = time.perf_counter()
     answer, error, is_defect = None, '', False
     try:
-        answer = task.function(*task.arguments)
+        with interruptible():  # else an interrupt fails the tile and the run goes on
+            answer = task.function(*task.arguments)
     except PlcInspectError as fault:
         error = make_one_line(fault)
     except MemoryError as fault:

@@ -17,6 +17,7 @@ from types import FrameType
 from typing import Any, NoReturn
 
 from plc_inspect.errors import explain_missing, PlcInspectError
+from plc_inspect.interrupts import interruptible
 from plc_inspect.printable import make_one_line
 
 DONE, DEFECT, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -136,20 +137,6 @@ def run_command(name: str, body: Callable[[], int]) -> int:
         return _complain(name, f'{where}{error.strerror or type(error).__name__}')
     except MemoryError as error:
         return _complain(name, f'not enough memory: {error}' if str(error) else 'out of memory')
-
-
-@contextmanager
-def interruptible() -> Iterator[None]:
-    """Raise KeyboardInterrupt where a kernel was interrupted, which fails with SystemError."""
-    try:
-        yield
-    except SystemError as error:
-        cause = error.__cause__
-        while isinstance(cause, SystemError):
-            cause = cause.__cause__
-        if isinstance(cause, KeyboardInterrupt):
-            raise KeyboardInterrupt from error
-        raise
 
 
 @contextmanager

@@ -31,7 +31,8 @@ from plc_inspect.core.tuning.search import (
     Tell,
 )
 from plc_inspect.errors import DataError
-from plc_inspect.offline.commands.command_line import interruptible, Progress
+from plc_inspect.interrupts import interruptible
+from plc_inspect.offline.commands.command_line import Progress
 from plc_inspect.offline.commands.result_table import format_number, format_table
 from plc_inspect.offline.commands.workers import Workers
 from plc_inspect.offline.readers.bag_map import accumulate

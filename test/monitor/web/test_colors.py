@@ -5,7 +5,7 @@
 
 from itertools import combinations
 
-from chrome import EYES, LEAST_DISTANCE, see
+from monitor.web.chrome import EYES, LEAST_DISTANCE, see
 import numpy as np
 import pytest
 

@@ -14,7 +14,7 @@ import sys
 import threading
 import time
 
-from chrome import Chrome, EYES, LEAST_DISTANCE, see, stop_playing
+from monitor.web.chrome import Chrome, EYES, LEAST_DISTANCE, see, stop_playing
 import numpy as np
 from PIL import Image
 import pytest

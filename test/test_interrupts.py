@@ -3,7 +3,8 @@
 
 import pytest
 
-from plc_inspect.offline.commands.command_line import interruptible
+from plc_inspect.grid.engine import call, Task
+from plc_inspect.interrupts import interruptible
 
 
 def fail_with(cause):
@@ -19,3 +20,11 @@ def test_a_kernel_that_was_interrupted_is_an_interrupt():
         fail_with(KeyboardInterrupt())
     with pytest.raises(SystemError), interruptible():
         fail_with(ValueError())
+
+
+def test_a_task_that_is_interrupted_ends_the_run_and_not_only_itself():
+    with pytest.raises(KeyboardInterrupt):
+        call(Task(name='tile', function=fail_with, arguments=(KeyboardInterrupt(),)))
+    assert 'SystemError' in call(
+        Task(name='tile', function=fail_with, arguments=(ValueError(),))
+    ).error
