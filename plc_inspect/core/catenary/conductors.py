@@ -141,25 +141,30 @@ def judge_curves(
     judge.decide()
     freed = _find_within(curves, judge.verdicts, parts, settings)
     if freed:
-        sure = _list_believed(curves, judge)
-        tried = drop_duplicates(points, freed, settings, sure)
-        trial = Judge(points, index, sight, tried, settings)
+        sure = [
+            (curve, verdict) for curve, verdict in zip(curves, judge.verdicts, strict=True)
+            if not verdict.objection
+        ]
+        believed = [curve for curve, _ in sure]
+        known = {id(curve) for curve in believed}
+        tried = [
+            curve for curve in drop_duplicates(points, freed, settings, believed)
+            if id(curve) not in known
+        ]
+        trial = Judge(
+            points, index, sight, [*believed, *tried], settings, [verdict for _, verdict in sure]
+        )
         trial.decide()
-        known = {id(curve) for curve in sure}
-        won = [curve for curve in _list_believed(tried, trial) if id(curve) not in known]
+        won = [
+            curve for curve, verdict in zip(tried, trial.verdicts[len(sure):], strict=True)
+            if not verdict.objection
+        ]
         if won:
             rest = [curve for curve in curves if id(curve) not in known]
-            curves = drop_duplicates(points, rest, settings, [*sure, *won])
+            curves = drop_duplicates(points, rest, settings, [*believed, *won])
             judge = Judge(points, index, sight, curves, settings)
             judge.decide()
     return curves, judge
-
-
-def _list_believed(curves: Sequence[Curve], judge: Judge) -> list[Curve]:
-    return [
-        curve for curve, verdict in zip(curves, judge.verdicts, strict=True)
-        if not verdict.objection
-    ]
 
 
 def find_curves(

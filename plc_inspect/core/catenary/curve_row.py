@@ -9,6 +9,7 @@ from numba import njit
 import numpy as np
 
 from plc_inspect.core.catenary.solver import (
+    expand,
     height_at,
     LEAST_EXTENT,
     LEAST_POINTS,
@@ -222,6 +223,36 @@ def to_local(row, px, py):  # type: ignore[no-untyped-def]
     """Return x along and y across a row's curve of a plan position [m]."""
     dx, dy = px - row[ORIGIN_X], py - row[ORIGIN_Y]
     return row[COS] * dx + row[SIN] * dy, row[COS] * dy - row[SIN] * dx
+
+
+@njit(cache=True, nogil=True, inline='always', error_model='numpy')
+def open_row(row):  # type: ignore[no-untyped-def]
+    """
+    Return a row's curve as numbers that a loop over points keeps in registers, for `see_beside`.
+
+    The row itself would be read anew at each point, as what the loop writes might be part of it.
+    """
+    root = math.sqrt(1.0 + row[SLOPE] * row[SLOPE])
+    return (
+        row[ORIGIN_X], row[ORIGIN_Y], row[COS], row[SIN],
+        row[MIDDLE], row[HEIGHT], row[SLOPE], row[CURVATURE], root, 1.0 / row[CURVATURE],
+    )
+
+
+@njit(cache=True, nogil=True, inline='always', error_model='numpy')
+def see_beside(opened, px, py):  # type: ignore[no-untyped-def]
+    """Return x along and y across an opened row's curve of a plan position [m]."""
+    dx, dy = px - opened[0], py - opened[1]
+    return opened[2] * dx + opened[3] * dy, opened[2] * dy - opened[3] * dx
+
+
+@njit(cache=True, nogil=True, inline='always', error_model='numpy')
+def see_above(opened, x, pz):  # type: ignore[no-untyped-def]
+    """Return how far a height [m] is above an opened row's curve at x [m], and dz/dx there."""
+    _, _, _, _, middle, height, slope, curvature, root, constant = opened
+    more, odd = expand(curvature * (x - middle))
+    rise = pz - height - (root * more + slope * odd) * constant
+    return rise, slope + slope * more + root * odd
 
 
 @njit(cache=True, nogil=True, error_model='numpy')

@@ -20,15 +20,16 @@ import numpy as np
 from plc_inspect.core.catenary.curve import Curve
 from plc_inspect.core.catenary.curve_row import (
     COS,
-    height_of,
     HIGH,
     LOW,
+    open_row,
     ORIGIN_X,
     ORIGIN_Y,
     ROUNDING,
+    see_above,
+    see_beside,
     SIN,
     slope_of,
-    to_local,
     TOLERANCE,
 )
 from plc_inspect.core.extraction.height import HeightResult
@@ -172,19 +173,27 @@ def _measure(points, grid, row, ignore, seen, corner_seen, cell_seen):  # type: 
     # distance from the curve of each point, and the part that it lies beside
     num = max(int((high - low) / STEP), 1)
     is_open = _see_ground(row, num, seen, corner_seen, cell_seen)
+    steepest = math.hypot(1.0, max(abs(slope_of(row, low)), abs(slope_of(row, high))))
     distance = np.empty(len(near))
     part = np.empty(len(near), dtype=np.int64)
     own = np.empty(len(near))
     count = num_own = 0
+    opened, tolerance, by_part = open_row(row), row[TOLERANCE], num / (high - low)
     for i in near:
-        x, y = to_local(row, points[i, 0], points[i, 1])
+        x, y = see_beside(opened, points[i, 0], points[i, 1])
         if x < low - ROUNDING or x > high + ROUNDING or abs(y) > RING[1]:
             continue
-        above = (points[i, 2] - height_of(row, x)) / math.hypot(1.0, slope_of(row, x))
-        place = min(int((x - low + ROUNDING) / (high - low) * num), num - 1)
+        rise, slope = see_above(opened, x, points[i, 2])
+        if rise > RING[1] * steepest:  # most of a strip's points are far off
+            continue
+        place = min(int((x - low + ROUNDING) * by_part), num - 1)
+        if rise < -DROP * steepest:
+            is_open[place] = True
+            continue
+        above = rise / math.sqrt(1.0 + slope * slope)
         is_open[place] = is_open[place] or above < -DROP
-        radius = math.hypot(y, above)
-        if radius <= row[TOLERANCE]:
+        radius = math.sqrt(y * y + above * above)
+        if radius <= tolerance:
             own[num_own] = radius
             num_own += 1
         elif radius > RING[1] or ignore[i]:

@@ -29,10 +29,13 @@ from plc_inspect.core.catenary.curve_row import (
     LATERAL_RMSE,
     LOW,
     NUM_POINTS,
+    open_row,
     ORIGIN_X,
     ORIGIN_Y,
     RMSE,
     ROUNDING,
+    see_above,
+    see_beside,
     sigma_of,
     SIN,
     slope_of,
@@ -277,12 +280,14 @@ def _find_centred(points, row, chosen, low, num):  # type: ignore[no-untyped-def
     What crosses the curve, or leaves it, is on one side of it from bin to bin.
     """
     count, aside, above = np.zeros(num), np.zeros(num), np.zeros(num)
+    opened = open_row(row)
     for i in chosen:
-        x, y = to_local(row, points[i, 0], points[i, 1])
+        x, y = see_beside(opened, points[i, 0], points[i, 1])
+        rise, _ = see_above(opened, x, points[i, 2])
         place = min(max(int((x - low + ROUNDING) / STEP), 0), num - 1)
         count[place] += 1.0
         aside[place] += y
-        above[place] += points[i, 2] - height_of(row, x)
+        above[place] += rise
     result = np.ones(num, dtype=np.bool_)
     for place in range(num):
         if count[place] == 0.0:

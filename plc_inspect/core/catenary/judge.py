@@ -18,8 +18,11 @@ from plc_inspect.core.catenary.curve_row import (
     height_of,
     HIGH,
     LOW,
+    open_row,
     ORIGIN_X,
     ORIGIN_Y,
+    see_above,
+    see_beside,
     SIN,
     to_local,
     TOLERANCE,
@@ -143,23 +146,26 @@ class Judge:
         sight: Sight,
         curves: Sequence[Curve],
         settings: CatenarySettings,
+        believed: Sequence[Verdict] = (),
     ) -> None:
-        """Take the curves; nothing is believed yet."""
+        """Take the curves; what is believed of the first ones already is not judged again."""
         self._points, self._index, self._sight = points, index, sight
         self._curves, self._settings = curves, settings
+        fresh = curves[len(believed):]
         profiles = call_each(
-            lambda k: profile_curve(points, index, curves[k], curves[k].low, curves[k].high),
-            len(curves),
+            lambda k: profile_curve(points, index, fresh[k], fresh[k].low, fresh[k].high),
+            len(fresh),
         )
         self.wire: Bool = np.zeros(len(points), dtype=bool)
         """(N,) points that do not clutter a curve, as they are wires themselves."""
-        self.verdicts = [
+        self.verdicts = [*believed, *(
             Verdict(
                 profile=profile, free=UNKNOWN, beside=False,
                 objection=find_objection(curve, profile, UNKNOWN, settings),
             )
-            for curve, profile in zip(curves, profiles, strict=True)
-        ]
+            for curve, profile in zip(fresh, profiles, strict=True)
+        )]
+        self._mark(np.arange(len(believed)))
 
     def decide(self) -> None:
         """
@@ -169,10 +175,10 @@ class Judge:
         free, once those are left out, frees its neighbours.  What is a truss is taken back, and
         at last short pieces beside a conductor are believed.
         """
-        crowded = np.array([verdict.objection == CROWDED for verdict in self.verdicts], bool)
-        proven = np.flatnonzero(crowded)
+        objections = np.array([verdict.objection for verdict in self.verdicts], dtype=object)
+        proven = np.flatnonzero(objections == CROWDED)
         self._mark(proven)
-        self._sweep(np.flatnonzero(~crowded), beside=False)
+        self._sweep(np.flatnonzero((objections != CROWDED) & (objections != '')), beside=False)
         self._try(proven, beside=False)
         self._untie()
         self._unstay()
@@ -338,14 +344,14 @@ def _list_beside(points, grid, row, own):  # type: ignore[no-untyped-def]
         row[ORIGIN_X] + row[COS] * high, row[ORIGIN_Y] + row[SIN] * high, TIE,
     )
     result = np.empty((len(near), 3))
-    count = 0
+    opened, count = open_row(row), 0
     for i in near:
         if own[i]:
             continue
-        x, y = to_local(row, points[i, 0], points[i, 1])
+        x, y = see_beside(opened, points[i, 0], points[i, 1])
         if x < low or x >= high or abs(y) > TIE:
             continue
-        above = points[i, 2] - height_of(row, x)
+        above, _ = see_above(opened, x, points[i, 2])
         if abs(above) <= TIE:
             result[count, 0], result[count, 1], result[count, 2] = x, y, above
             count += 1

@@ -13,16 +13,13 @@ import numpy as np
 from plc_inspect.core.catenary.curve import Curve
 from plc_inspect.core.catenary.curve_row import (
     COS,
-    CURVATURE,
-    height_of,
-    MIDDLE,
+    open_row,
     ORIGIN_X,
     ORIGIN_Y,
     ROUNDING,
+    see_above,
+    see_beside,
     SIN,
-    SLOPE,
-    slope_of,
-    to_local,
     TOLERANCE,
 )
 from plc_inspect.core.clustering.segment_fit import SHELL_RATIO, SHELL_SHARE
@@ -176,11 +173,12 @@ def measure_company(
 def distances_to(points, row, chosen):  # type: ignore[no-untyped-def]
     """Distances of some of the points to a row's curve near to them [m]."""
     result = np.empty(len(chosen), dtype=np.float32)
+    opened = open_row(row)
     for k in range(len(chosen)):
         i = chosen[k]
-        x, y = to_local(row, points[i, 0], points[i, 1])
-        above = (points[i, 2] - height_of(row, x)) / math.hypot(1.0, slope_of(row, x))
-        result[k] = math.hypot(y, above)
+        x, y = see_beside(opened, points[i, 0], points[i, 1])
+        rise, slope = see_above(opened, x, points[i, 2])
+        result[k] = math.sqrt(y * y + rise * rise / (1.0 + slope * slope))
     return result
 
 
@@ -213,30 +211,25 @@ def profile_own(  # type: ignore[no-untyped-def]
         row[ORIGIN_X] + row[COS] * low, row[ORIGIN_Y] + row[SIN] * low,
         row[ORIGIN_X] + row[COS] * high, row[ORIGIN_Y] + row[SIN] * high, most,
     )
-    # the curve in each bin, as a polynomial
     num = max(math.ceil((high - low) / step), 1)
-    course = _sample_course(row, low, step, num)
     core = np.zeros(num, dtype=np.int64)
     shell = np.zeros(num, dtype=np.int64)
     chosen = np.empty(len(near), dtype=np.int64)
     distance = np.empty(len(near), dtype=np.float32)
-    outer, by_step = most * most, 1.0 / step
+    inner, outer, by_step = tolerance * tolerance, most * most, 1.0 / step
+    opened = open_row(row)
     found = 0
     ordered = True
     for i in near:
-        x, y = to_local(row, points[i, 0], points[i, 1])
+        x, y = see_beside(opened, points[i, 0], points[i, 1])
         if abs(y) > most or (len(owner) and owner[i] >= 0 and barred[owner[i]]):
             continue
         place = math.floor((x - low + ROUNDING) * by_step)
         if place < 0 or place >= num:
             continue
-        # distance to the curve, squared
-        d = x - low - (place + 0.5) * step
-        at = course[place]
-        dz = points[i, 2] - (at[0] + d * (at[1] + d * (at[2] + d * at[3])))
-        dz /= at[4] + d * (at[5] + d * at[6])
-        r2 = y * y + dz * dz
-        if r2 <= tolerance * tolerance:
+        rise, slope = see_above(opened, x, points[i, 2])
+        r2 = y * y + rise * rise / (1.0 + slope * slope)  # distance to the curve, squared
+        if r2 <= inner:
             core[place] += 1
             ordered = ordered and (found == 0 or i > chosen[found - 1])
             chosen[found], distance[found] = i, math.sqrt(r2)
@@ -248,24 +241,3 @@ def profile_own(  # type: ignore[no-untyped-def]
         ascending = argsort_spread(chosen)
         chosen, distance = chosen[ascending], distance[ascending]
     return core, shell, chosen, distance
-
-
-@njit(cache=True, nogil=True, error_model='numpy')
-def _sample_course(row, low, step, num):  # type: ignore[no-untyped-def]
-    """
-    Taylor series of a curve about the middle of each bin.
-
-    Returned are (num, 7) coefficients: four of the height [m], and three of what a vertical
-    distance is to be divided by to be perpendicular, the hyperbolic cosine.  Over half a metre
-    they are exact to 3 um even for a constant of 10 m.
-    """
-    result = np.empty((num, 7))
-    k, base = row[CURVATURE], math.asinh(row[SLOPE])
-    for place in range(num):
-        x = low + (place + 0.5) * step
-        u = k * (x - row[MIDDLE]) + base
-        sinh, cosh = math.sinh(u), math.cosh(u)
-        result[place, 0], result[place, 1] = height_of(row, x), sinh
-        result[place, 2], result[place, 3] = k * cosh / 2.0, k * k * sinh / 6.0
-        result[place, 4], result[place, 5], result[place, 6] = cosh, k * sinh, k * k * cosh / 2.0
-    return result

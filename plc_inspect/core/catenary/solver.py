@@ -149,17 +149,29 @@ def _invert(matrix, result):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit(cache=True, nogil=True, error_model='numpy')
+@njit(cache=True, nogil=True, inline='always', error_model='numpy')
+def expand(u):  # type: ignore[no-untyped-def]
+    """Return cosh(u) - 1 and sinh(u): polynomials, exact to 1e-12, where ``u`` is 0.5 or less."""
+    if abs(u) > 0.5:
+        return math.cosh(u) - 1.0, math.sinh(u)
+    u2 = u * u
+    return 0.5 * u2 * (1.0 + u2 / 12.0 * (1.0 + u2 / 30.0 * (1.0 + u2 / 56.0 * (
+        1.0 + u2 / 90.0)))), u * (1.0 + u2 / 6.0 * (1.0 + u2 / 20.0 * (1.0 + u2 / 42.0 * (
+            1.0 + u2 / 72.0 * (1.0 + u2 / 110.0)))))
+
+
+@njit(cache=True, nogil=True, inline='always', error_model='numpy')
 def height_at(middle, h, g, k, x):  # type: ignore[no-untyped-def]
     """Return z [m] at x [m] of the catenary with height, slope and curvature at ``middle``."""
-    rise = math.cosh(k * (x - middle) + math.asinh(g)) - math.sqrt(1.0 + g * g)
-    return h + rise / k
+    more, odd = expand(k * (x - middle))
+    return h + (math.sqrt(1.0 + g * g) * more + g * odd) / k
 
 
-@njit(cache=True, nogil=True, error_model='numpy')
+@njit(cache=True, nogil=True, inline='always', error_model='numpy')
 def slope_at(middle, g, k, x):  # type: ignore[no-untyped-def]
     """Return dz/dx at x [m] of that catenary."""
-    return math.sinh(k * (x - middle) + math.asinh(g))
+    more, odd = expand(k * (x - middle))
+    return g + g * more + math.sqrt(1.0 + g * g) * odd
 
 
 @njit(cache=True, nogil=True, error_model='numpy', fastmath={'reassoc', 'contract', 'nsz'})

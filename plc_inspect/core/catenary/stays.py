@@ -21,8 +21,11 @@ from plc_inspect.core.catenary.curve_row import (
     height_of,
     HIGH,
     LOW,
+    open_row,
     ORIGIN_X,
     ORIGIN_Y,
+    see_above,
+    see_beside,
     SIN,
     to_local,
     TOLERANCE,
@@ -266,7 +269,7 @@ def _list_contacts(points, grid, row, wire):  # type: ignore[no-untyped-def]
         row[ORIGIN_X] + row[COS] * high, row[ORIGIN_Y] + row[SIN] * high, THIN_ROOM,
     )
     num = int((high - low) / CONTACT_CELL) + 1
-    touched = np.zeros(num, dtype=np.bool_)
+    touched, opened = np.zeros(num, dtype=np.bool_), open_row(row)
     for layer in range(NUM_LAYERS):
         # below what is solid: a pipe is touched nowhere else
         top = row[TOLERANCE] + layer * LAYER
@@ -274,8 +277,9 @@ def _list_contacts(points, grid, row, wire):  # type: ignore[no-untyped-def]
         for i in near:
             if wire[i]:
                 continue
-            x, y = to_local(row, points[i, 0], points[i, 1])
-            below = height_of(row, x) - points[i, 2] - top
+            x, y = see_beside(opened, points[i, 0], points[i, 1])
+            rise, _ = see_above(opened, x, points[i, 2])
+            below = -rise - top
             if low <= x <= high and abs(y) < CONTACT_ROOM and 0.0 < below < CONTACT_DEPTH:
                 touched[int((x - low) / CONTACT_CELL)] = True
         if touched.mean() <= SOLID_SHARE:
@@ -304,11 +308,13 @@ def _keep_thin(points, row, near, wire, top, found):  # type: ignore[no-untyped-
     """
     sums, touching = np.zeros((len(found), 3)), np.zeros(len(found))
     least, most = np.full((len(found), 2), np.inf), np.full((len(found), 2), -np.inf)
+    opened = open_row(row)
     for i in near:
         if wire[i]:
             continue
-        x, y = to_local(row, points[i, 0], points[i, 1])
-        below = height_of(row, x) - points[i, 2] - top
+        x, y = see_beside(opened, points[i, 0], points[i, 1])
+        rise, _ = see_above(opened, x, points[i, 2])
+        below = -rise - top
         if abs(y) >= THIN_ROOM or not 0.0 < below < THIN_DEPTH:
             continue
         after = np.searchsorted(found, x)

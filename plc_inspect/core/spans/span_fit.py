@@ -6,7 +6,6 @@
 from collections.abc import Sequence
 import dataclasses
 from dataclasses import dataclass
-import math
 
 from numba import njit
 import numpy as np
@@ -18,19 +17,18 @@ from plc_inspect.core.catenary.curve_row import (
     AZIMUTH,
     COS,
     COVARIANCE,
-    CURVATURE,
     fit_row,
-    HEIGHT,
     HIGH,
     is_curve,
     LOW,
-    MIDDLE,
     MIN_TOLERANCE,
     NUM_POINTS,
+    open_row,
     ORIGIN_X,
     ORIGIN_Y,
+    see_above,
+    see_beside,
     SIN,
-    SLOPE,
     to_local,
     TOLERANCE,
 )
@@ -234,13 +232,11 @@ def _fit(points, grid, row, ends, is_open, own, draws):  # type: ignore[no-untyp
 @njit(cache=True, nogil=True, error_model='numpy')
 def _residuals(points, row, own):  # type: ignore[no-untyped-def]
     """X of points along a row's curve, and how far they are above it [m]."""
-    x, residual = np.empty(len(own)), np.empty(len(own))
-    k, base, root = row[CURVATURE], math.asinh(row[SLOPE]), math.sqrt(1.0 + row[SLOPE] ** 2)
+    x, residual, opened = np.empty(len(own)), np.empty(len(own)), open_row(row)
     for m in range(len(own)):
         i = own[m]
-        x[m], _ = to_local(row, points[i, 0], points[i, 1])
-        grown = math.exp(k * (x[m] - row[MIDDLE]) + base)
-        residual[m] = points[i, 2] - row[HEIGHT] - (0.5 * (grown + 1.0 / grown) - root) / k
+        x[m], _ = see_beside(opened, points[i, 0], points[i, 1])
+        residual[m], _ = see_above(opened, x[m], points[i, 2])
     return x, residual
 
 

@@ -13,13 +13,14 @@ import numpy as np
 from plc_inspect.core.catenary.curve import Curve, fit_curve, pack_curves
 from plc_inspect.core.catenary.curve_row import (
     COS,
-    height_of,
     HIGH,
     LOW,
+    open_row,
     ORIGIN_X,
     ORIGIN_Y,
+    see_above,
+    see_beside,
     SIN,
-    to_local,
 )
 from plc_inspect.core.extraction.height import ground_at
 from plc_inspect.core.extraction.off_ground import OffGround
@@ -339,14 +340,15 @@ def _mark_columns(  # type: ignore[no-untyped-def]
         num = 2 * (int((high - low) / (2 * CELL)) + 1)
         levels = np.zeros((num + 1, across + 1), dtype=np.int64)
         counts = np.zeros((num + 1, across + 1), dtype=np.int64)
-        needed = np.zeros(num, dtype=np.int64)
+        needed, opened = np.zeros(num, dtype=np.int64), open_row(row)
         for i in near:
             if wire[i]:
                 continue
-            x, y = to_local(row, points[i, 0], points[i, 1])
+            x, y = see_beside(opened, points[i, 0], points[i, 1])
             if x < low or x > high or abs(y) >= BESIDE + COLUMN:
                 continue
-            above = height[i] + height_of(row, x) - points[i, 2]  # of the curve
+            rise, _ = see_above(opened, x, points[i, 2])
+            above = height[i] - rise  # of the curve
             place = int((x - low) / CELL)
             last = max(int(above) - TOP_METRES, first + LEAST_METRES - 1)
             needed[place] = max(needed[place], last - first + 1)
