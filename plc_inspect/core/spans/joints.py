@@ -54,11 +54,6 @@ STRETCH_COST = 0.02
 A metre of extrapolation weighs as much as this miss [m].
 Source: judgement; holds from 0.01 to 0.04 on bench/constants.py.
 """
-OVERLAP_COST = 0.1
-"""
-A metre of running on beyond the joint weighs as much as this miss [m].
-Source: judgement; holds from 0.05 to 0.2 on bench/constants.py.
-"""
 LONE = 0.5
 """
 Two ends that meet nothing cost as much as a pair of this cost.
@@ -291,10 +286,9 @@ def _meet_all(rows, pairs, max_reach):  # type: ignore[no-untyped-def]
         beyond = (x - (first[HIGH] if side > 0 else first[LOW])) * side
         other_beyond = (other_x - (second[HIGH] if other_side > 0 else second[LOW])) * other_side
         stretch = max(beyond, 0.0) + max(other_beyond, 0.0)
-        overlap = max(-beyond, 0.0) + max(-other_beyond, 0.0)
         met[k] = rise >= MIN_RISE or _is_bent(first, second, x, other_x, rise)
         values[k, 0], values[k, 1], values[k, 2], values[k, 3] = x, other_x, miss, rise
-        values[k, 4] = miss + STRETCH_COST * stretch + OVERLAP_COST * overlap
+        values[k, 4] = miss + STRETCH_COST * stretch
     return met, values
 
 

@@ -1,6 +1,9 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
+import dataclasses
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from toys import make_curve, make_route, make_wire, turn
@@ -147,3 +150,19 @@ def test_wires_of_a_rack_meet_their_own_though_some_run_beyond_the_support():
     assert sorted(joint.curves for joint in joints) == [(0, 2), (1, 3)]
     for joint in joints:
         assert joint.position[0] == pytest.approx(45.0, abs=0.3)
+
+
+def test_wires_of_a_rack_meet_their_own_though_their_curves_run_on():
+    heights = (8.0, 8.4, 8.8, 9.2)
+    wires = [
+        make_wire((start, 0.0, z), (end, 0.0, z), c=420.0, seed=10 * span + number)
+        for span, (start, end) in enumerate([(0.0, 38.0), (38.0, 66.0)])
+        for number, z in enumerate(heights)
+    ]
+    places = np.cumsum([0, *map(len, wires)])
+    curves = [make_curve(np.vstack(wires), np.arange(*own)) for own in pairwise(places)]
+    # through the neighbour's points, until they pass it
+    ran = [dataclasses.replace(curve, high=curve.high + 5.0) for curve in curves[:4]]
+    joints = find_joints([*ran, *curves[4:]], 40.0)
+    assert sorted(joint.curves for joint in joints) == [(k, k + 4) for k in range(4)]
+    assert all(abs(joint.position[0] - 38.0) < 0.5 for joint in joints)
