@@ -103,6 +103,11 @@ SIDE_ROOM, TOP_ROOM = 0.5, 1.0
 Points of a tap may lie this far beyond what its candidates keep, beside and above [m].
 Source: judgement; not measured.
 """
+MAST_ROOM, MAST_RISE = 1.5, 2.0
+"""
+The mast of an arm is so near to its end, and stands so far above and below it [m].
+Source: judgement: poles end where taps meet them; bodies of towers are 1 to 3 m wide.
+"""
 THIN_SIGMAS = 2.0
 """A tap is judged within this many rms of its own.  Source: judgement; not measured."""
 
@@ -319,6 +324,7 @@ def _is_tap(
         curve.high - low < LEAST_LENGTH
         or max(low, curve.low) - at > FIRST_SEEN
         or not _leaves(curve, support)
+        or (support.kind == 'unseen' and _comes_to_mast(cloud, curve))
     ):
         return False
     # a roof can be cut into curves, each of which the others surround: they count as well here
@@ -335,6 +341,14 @@ def _is_tap(
         and profile.crowding <= limits.max_crowding
         and measure_company(cloud.points, cloud.index, thin, profile, wire) <= limits.max_company
     )
+
+
+def _comes_to_mast(cloud: OffGround, curve: Curve) -> bool:
+    """Whether a curve ends at something that stands above it and below: it is an arm of that."""
+    tip = curve.position(np.array([curve.high]))[0]
+    apart = cloud.points[cloud.index.strip(tip, tip, MAST_ROOM)] - tip
+    above = apart[np.hypot(apart[:, 0], apart[:, 1]) <= MAST_ROOM, 2]
+    return bool((above > MAST_RISE).any() and (above < -MAST_RISE).any())
 
 
 def _claim(

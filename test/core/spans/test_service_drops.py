@@ -102,3 +102,17 @@ def test_without_a_line_nothing_is_looked_for():
     ground[:, 0] += 45.0
     points = np.vstack([ground, pole, *pieces])
     assert Pipeline().run(points).num_lines == 0
+
+
+def test_an_arm_that_conductors_hang_from_is_no_tap():
+    rng = np.random.default_rng(7)
+    points, _ = make_line_cloud(
+        spans=(60.0, 60.0), offsets=(-0.3, 0.3), height=12.0, c=150.0, half_width=15.0,
+        poles=False,
+    )
+    # the mast stands aside, where no conductor tells of it
+    mast = np.column_stack([rng.normal(60.0, 0.2, 1500), rng.normal(5.5, 0.2, 1500),
+                            rng.uniform(0.0, 18.0, 1500)])
+    arm = np.column_stack([rng.normal(60.0, 0.03, 400), rng.uniform(0.6, 5.5, 400),
+                           rng.normal(12.3, 0.03, 400)])
+    assert Pipeline().run(np.vstack([points, mast, arm])).num_lines == 2
