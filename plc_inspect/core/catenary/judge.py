@@ -35,7 +35,7 @@ from plc_inspect.core.catenary.free_length import (
     UNKNOWN,
 )
 from plc_inspect.core.catenary.profile import Profile, profile_curve
-from plc_inspect.core.catenary.stays import find_fans, find_held, find_stays
+from plc_inspect.core.catenary.stays import find_fans, find_held, find_over_edges, find_stays
 from plc_inspect.core.catenary.validation import (
     BUILT,
     CROWDED,
@@ -240,15 +240,15 @@ class Judge:
             self.verdicts[number] = replace(self.verdicts[number], objection=STAY)
 
     def _unhold(self) -> None:
-        """Take back what touches something at regular intervals: main cables, pipes."""
+        """Take back what touches something at regular intervals, and cables over a deck's edge."""
         known = np.flatnonzero([
             not verdict.objection and may_be_held(curve, self._settings)
             for curve, verdict in zip(self._curves, self.verdicts, strict=True)
         ])
-        held = find_held(
-            self._points, self._index, [self._curves[k] for k in known.tolist()], self.wire,
-            LONGEST_BAY,
-        )
+        curves = [self._curves[k] for k in known.tolist()]
+        held = find_held(self._points, self._index, curves, self.wire, LONGEST_BAY)
+        deep = np.array([curve.fit.c < DEEPEST for curve in curves], dtype=bool)
+        held |= deep & find_over_edges(self._points, self._index, curves, self.wire)
         for number in known[held].tolist():
             self.verdicts[number] = replace(self.verdicts[number], objection=HELD)
 
