@@ -56,6 +56,17 @@ A curve that is straighter than this catenary constant [m], by two standard devi
 against a conductor what a proven curvature counts for it.
 Source: judgement; conductors are strung at 300 to 2500 m; pipes, beams and rails are straight.
 """
+MISLAID = 0.03
+"""
+Error of a sag, beyond that of the fit, where strips or poses are mislaid (standard deviation) [m].
+Source: judgement: strips of a survey are 2 to 5 cm apart.
+"""
+MOST_STRAIGHT = 3.5
+"""
+Surely straight counts at most so many times what a proven curvature does.
+Source: judgement: a curve may lie over two spans and the support between; what is free all along
+outweighs it, and what is half cluttered, as the pipes of a rack, does not.
+"""
 LEAST_CONSTANT = 75.0
 """
 Least catenary constant that proves a conductor [m].
@@ -101,12 +112,20 @@ def find_objection(
 
 
 def prove_sag(curve: Curve, settings: CatenarySettings) -> float:
-    """Return how far the curvature proves a conductor: 1 fully, 0 not, -1 surely straight."""
+    """
+    Return how far the curvature proves a conductor: 1 fully, 0 not, -1 and less surely straight.
+
+    What is surely straight goes with the square of how sure that is, as likelihoods do.
+    """
     sigma = math.sqrt(max(float(curve.fit.covariance[2, 2]), 0.0))
     significance = float(curve.fit.shape[2]) / sigma if sigma > 0.0 else 0.0
     sags = LEAST_CONSTANT <= curve.fit.c <= settings.max_constant
     proof = min(significance / settings.min_significance, 1.0) if sags else 0.0
-    return -1.0 if proof < 1.0 and is_straight(curve, STRAIGHTEST) else proof
+    if proof == 1.0 or not is_straight(curve, STRAIGHTEST):
+        return proof
+    sigma = math.hypot(sigma, 8.0 * MISLAID / curve.length**2)
+    deviations = (1.0 / STRAIGHTEST - float(curve.fit.shape[2])) / sigma
+    return -min(max(deviations / SURE, 1.0)**2, MOST_STRAIGHT)
 
 
 def is_straight(curve: Curve, constant: float) -> bool:

@@ -87,6 +87,13 @@ def test_what_is_surely_straight_must_be_free_for_longer():
     assert judge(make(18.0, c=1e6, noise=0.04), tolerance=0.2) == ''  # it may sag unseen
 
 
+@pytest.mark.parametrize(('c', 'objection'), [(1e6, UNPROVEN), (1500.0, '')])
+def test_the_longer_what_is_straight_the_freer_it_must_be(c, objection):
+    # no conductor of 70 m sags as little as the points of a pipe allow
+    crown = make_ground((5, -1), (23, 1), 60.0) + np.array([0, 0, 11.7])
+    assert judge(make(70.0, c=c, noise=0.05), [crown], tolerance=0.2) == objection
+
+
 def test_a_curve_tighter_than_any_conductor_proves_nothing_by_its_curvature():
     assert judge(make(11.0, c=80.0, per_metre=40.0)) == ''
     assert judge(make(11.0, c=40.0, per_metre=40.0)) == UNPROVEN
