@@ -15,6 +15,7 @@ from plc_inspect.core.catenary.curve import Curve, find_near, pack_curves
 from plc_inspect.core.catenary.curve_row import (
     AZIMUTH,
     COS,
+    CURVATURE,
     height_of,
     HIGH,
     LOW,
@@ -35,7 +36,7 @@ from plc_inspect.core.catenary.free_length import (
     UNKNOWN,
 )
 from plc_inspect.core.catenary.profile import Profile, profile_curve
-from plc_inspect.core.catenary.stays import find_fans, find_held, find_over_edges, find_stays
+from plc_inspect.core.catenary.stays import find_edges, find_fans, find_held, find_stays
 from plc_inspect.core.catenary.validation import (
     BUILT,
     CROWDED,
@@ -52,10 +53,7 @@ from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.results import Bool, Float64, Int64
 
 LEAST_COMMON = 8
-"""
-Metres that two curves run side by side before they can be tied.
-Source: judgement; not measured.
-"""
+"""Metres that two curves run side by side before they can be tied.  Source: judgement."""
 SIDE = 3.0
 """
 Distance within which a piece runs beside a conductor [m].
@@ -240,15 +238,15 @@ class Judge:
             self.verdicts[number] = replace(self.verdicts[number], objection=STAY)
 
     def _unhold(self) -> None:
-        """Take back what touches something at regular intervals, and cables over a deck's edge."""
+        """Take back what is held at regular intervals, hangs over a deck, or lies on a wall."""
         known = np.flatnonzero([
             not verdict.objection and may_be_held(curve, self._settings)
             for curve, verdict in zip(self._curves, self.verdicts, strict=True)
         ])
         curves = [self._curves[k] for k in known.tolist()]
         held = find_held(self._points, self._index, curves, self.wire, LONGEST_BAY)
-        deep = np.array([curve.fit.c < DEEPEST for curve in curves], dtype=bool)
-        held |= deep & find_over_edges(self._points, self._index, curves, self.wire)
+        edge = find_edges(self._points, self._index, curves, self.wire)
+        held |= (edge > 0) | ((edge < 0) & (pack_curves(curves)[:, CURVATURE] > 1.0 / DEEPEST))
         for number in known[held].tolist():
             self.verdicts[number] = replace(self.verdicts[number], objection=HELD)
 

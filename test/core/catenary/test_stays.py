@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from toys import hang, make_curve, make_index, make_wire, turn
 
-from plc_inspect.core.catenary.stays import find_fans, find_held, find_over_edges, find_stays
+from plc_inspect.core.catenary.stays import find_edges, find_fans, find_held, find_stays
 
 X = np.linspace(0.0, 60.0, 600)
 
@@ -194,12 +194,12 @@ def make_bridge(side_height, seed=9):
     return np.vstack([cable, deck, rail, beside]), len(cable)
 
 
-@pytest.mark.parametrize(('side_height', 'over_edge'), [(2.0, True), (10.0, False)])
-def test_a_cable_over_the_edge_of_a_deck_is_of_a_bridge(side_height, over_edge):
+@pytest.mark.parametrize(('side_height', 'edge'), [(2.0, -1), (10.0, 0)])
+def test_a_cable_over_the_edge_of_a_deck_is_of_a_bridge(side_height, edge):
     points, num = make_bridge(side_height)
     wire = np.arange(len(points)) < num
     curve = make_curve(points, np.flatnonzero(wire))
-    assert find_over_edges(points, make_index(points), [curve], wire).tolist() == [over_edge]
+    assert find_edges(points, make_index(points), [curve], wire).tolist() == [edge]
 
 
 def test_a_line_that_crosses_an_edge_does_not_hang_over_it():
@@ -207,4 +207,17 @@ def test_a_line_that_crosses_an_edge_does_not_hang_over_it():
     points[num:] = turn(points[num:] - [30.0, 0.0, 0.0], np.radians(10.0), (30.0, 0.0, 0.0))
     wire = np.arange(len(points)) < num
     curve = make_curve(points, np.flatnonzero(wire))
-    assert not find_over_edges(points, make_index(points), [curve], wire).any()
+    assert not find_edges(points, make_index(points), [curve], wire).any()
+
+
+def test_a_scan_line_on_a_wall_is_below_the_edge_of_its_roof():
+    rng = np.random.default_rng(2)
+    points, _ = make_bridge(-1.0)
+    line = np.column_stack([
+        np.linspace(5.0, 55.0, 100), rng.normal(0.0, 0.01, 100),
+        np.linspace(8.0, 7.0, 100) + rng.normal(0.0, 0.02, 100),
+    ])
+    points = np.vstack([line, points[points[:, 2] < 11.0]])
+    wire = np.zeros(len(points), dtype=bool)
+    curve = make_curve(points, np.arange(100))
+    assert find_edges(points, make_index(points), [curve], wire).tolist() == [1]
