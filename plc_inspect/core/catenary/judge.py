@@ -25,6 +25,7 @@ from plc_inspect.core.catenary.curve_row import (
     see_above,
     see_beside,
     SIN,
+    SLOPE,
     to_local,
     TOLERANCE,
 )
@@ -73,10 +74,7 @@ Source: measured: the jib of a crane 0.42 to 0.88; wires beside crowns, with oth
 found between them, 0.11 at most.
 """
 TIE_PARTS = 6
-"""
-Parts of the way from one curve to the other, less TIE_MARGIN at both ends.
-Source: judgement; not measured.
-"""
+"""Parts of the way from curve to curve, less TIE_MARGIN at both ends.  Source: judgement."""
 TIE_WIDTH = 0.15
 """
 Distance from the plane through two curves of what ties them [m].
@@ -246,7 +244,9 @@ class Judge:
         curves = [self._curves[k] for k in known.tolist()]
         held = find_held(self._points, self._index, curves, self.wire, LONGEST_BAY)
         edge = find_edges(self._points, self._index, curves, self.wire)
-        held |= (edge > 0) | ((edge < 0) & (pack_curves(curves)[:, CURVATURE] > 1.0 / DEEPEST))
+        rows = pack_curves(curves)
+        hung = (rows[:, CURVATURE] > 1.0 / DEEPEST) | (np.abs(rows[:, SLOPE]) > STEEP)
+        held |= (edge > 0) | ((edge < 0) & hung)
         for number in known[held].tolist():
             self.verdicts[number] = replace(self.verdicts[number], objection=HELD)
 
