@@ -205,9 +205,9 @@ def _is_held_up(cloud: OffGround, wire: Bool, item: Standing) -> bool:
     """Tell whether open ends are at a support and did not just leave the cloud."""
     if item.structure is not None and item.structure.kind == 'pole':
         return True
-    return len(item.ends) > 1 and (
-        item.structure is not None or _are_held(cloud, wire, item.ends)
-    )
+    highest = max(float(end.place[2]) for end in item.ends)
+    is_tower = item.structure is not None and item.structure.top > highest - MAX_BELOW
+    return len(item.ends) > 1 and (is_tower or _are_held(cloud, wire, item.ends))
 
 
 def _place(cloud: OffGround, item: Standing, route: Route, mask: Bool) -> _Placed:

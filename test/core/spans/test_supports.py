@@ -133,3 +133,21 @@ def test_without_conductors_there_are_no_supports():
     assert mask.shape == (len(points),)
     assert not mask.any()
     assert place(points[:0], label[:0], num_wires=0)[0] == ()
+
+
+@pytest.mark.parametrize(('top', 'num'), [(17.0, 1), (30.0, 2)])
+def test_a_crown_that_reaches_the_lowest_of_open_ends_is_no_tower(top, num):
+    # circuits one above the other leave the cloud at 60 m, where a tree stands
+    lines = [
+        make_line_cloud(spans=(100.0,), offsets=(-4.0, 4.0), height=height, poles=False)
+        for height in (15.0, 20.0, 25.0)
+    ]
+    points = np.vstack([lines[0][0], *(cloud[label == 14] for cloud, label in lines[1:])])
+    label = np.concatenate([lines[0][1], *(own[own == 14] for _, own in lines[1:])])
+    points, label = cut_out(points, label, 2.0, 60.0)
+    mast = make_tree(1.9, 0.0, 27.0, bottom=0.5, radius=0.15, num=4000)
+    crown = make_tree(60.0, 0.0, top, bottom=1.0, radius=3.0, num=6000)
+    points = np.vstack([points, mast, crown])
+    label = np.concatenate([label, np.full(len(mast), 15), np.full(len(crown), 5)])
+    supports, _, _ = place(points, label)
+    assert len(supports) == num
