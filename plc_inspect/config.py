@@ -266,9 +266,6 @@ class CatenarySettings(Checked):
         0.45, 'greatest share of a bundle or tap with points close about it',
         low=0.0, high=1.0,
     )
-    max_company: float = setting(
-        0.7, 'greatest share of a tap with other things within 0.8 m', low=0.0, high=1.0
-    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,7 +3,6 @@
 
 """What lies on a curve and close about it, metre by metre."""
 
-import dataclasses
 from dataclasses import dataclass
 import math
 
@@ -29,8 +28,6 @@ from plc_inspect.results import Bool, Float32, Float64, Int64
 
 CROWD_LENGTH = 4.0
 """Length of the parts of a curve that are crowded or not [m].  Source: judgement; not measured."""
-COMPANY_RADIUS = 0.8
-"""Distance at which other things keep a curve company [m].  Source: judgement; not measured."""
 STEP = 1.0
 """Length of a bin [m].  Source: judgement; not measured."""
 
@@ -129,44 +126,6 @@ def measure_distances(points: Float64, curve: Curve, chosen: Int64) -> Float32:
     """
     result: Float32 = distances_to(points, curve.row, chosen)
     return result
-
-
-def measure_company(
-    points: Float64, index: PlanIndex, curve: Curve, profile: Profile, wire: Bool
-) -> float:
-    """
-    Return the share of a curve, in parts, that has other things close beside it.
-
-    A part counts where more points lie within ``COMPANY_RADIUS`` than on the curve itself, other
-    wires left out.  Roofs, walls and the arcs that scan lines draw on them have company all
-    along; a conductor has it only where it passes a crown.
-
-    Parameters
-    ----------
-    points : (N, 3) float64
-        Coordinates [m].
-    index : PlanIndex
-        Searched.
-    curve : Curve
-        The curve.
-    profile : Profile
-        Of the curve between its ends.
-    wire : (N,) bool
-        Points of this and other curves.
-
-    """
-    radius = max(COMPANY_RADIUS, 2 * curve.tolerance)
-    around = profile_curve(
-        points, index, dataclasses.replace(curve, tolerance=radius), curve.low, curve.high
-    ).chosen
-    others = around[~wire[around]]
-    x, _ = curve.local(points[others])
-    parts = max(round(CROWD_LENGTH / profile.step), 1)
-    num = math.ceil(len(profile.core) / parts)
-    place = np.clip(((x - profile.low) / CROWD_LENGTH).astype(np.int64), 0, num - 1)
-    beside = np.bincount(place, minlength=num)
-    on = np.add.reduceat(profile.core, np.arange(0, len(profile.core), parts))
-    return float((beside > on).mean())
 
 
 @njit(cache=True, nogil=True, error_model='numpy')

@@ -13,8 +13,9 @@ from plc_inspect.config import Settings
 from plc_inspect.core.catenary.curve import Curve, fit_curve
 from plc_inspect.core.catenary.curve_row import derive_tolerance, MIN_TOLERANCE
 from plc_inspect.core.catenary.duplicates import drop_duplicates, is_thick
+from plc_inspect.core.catenary.free_length import find_sight, measure_free_length
 from plc_inspect.core.catenary.growing import extend
-from plc_inspect.core.catenary.profile import measure_company, measure_distances, profile_curve
+from plc_inspect.core.catenary.profile import measure_distances, profile_curve
 from plc_inspect.core.clustering.clusterers import KERNELS
 from plc_inspect.core.clustering.cross_section import count_needed, thin_window
 from plc_inspect.core.clustering.segment_fit import LEAST_POINTS, SHELL_CHANCE, SHELL_SHARE
@@ -339,7 +340,9 @@ def _is_tap(
         len(profile.chosen) >= limits.min_points
         and profile.coverage >= MIN_COVERAGE
         and profile.crowding <= limits.max_crowding
-        and measure_company(cloud.points, cloud.index, thin, profile, wire) <= limits.max_company
+        and measure_free_length(
+            cloud.points, cloud.index, thin, wire, find_sight(cloud.height)
+        ).wide > 0.0
     )
 
 

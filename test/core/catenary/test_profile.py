@@ -7,7 +7,6 @@ import pytest
 from toys import hang, make_curve, make_ground, make_index, make_wire
 
 from plc_inspect.core.catenary.profile import (
-    measure_company,
     measure_distances,
     profile_curve,
     profile_row,
@@ -77,26 +76,6 @@ def test_ignored_points_do_not_crowd():
     ignore = np.arange(len(points)) >= len(first)
     assert profile(points, curve).crowding > 0.5
     assert profile(points, curve, ignore=ignore).crowding < 0.1
-
-
-def test_company_is_the_share_with_other_things_beside():
-    wire = make_line()
-    half = make_ground((0, 0.3), (50, 0.8), 60.0) + np.array([0, 0, 19.0])
-    for cloud, low, high in ((np.zeros((0, 3)), 0.0, 0.0), (half, 0.4, 0.6)):
-        points = np.vstack([wire, cloud])
-        curve = make_curve(points, np.arange(len(wire)))
-        seen = profile(points, curve)
-        own = np.arange(len(points)) < len(wire)
-        share = measure_company(points, make_index(points), curve, seen, own)
-        assert low <= share <= high
-
-
-def test_other_wires_are_no_company():
-    points = np.vstack([make_line(), make_line() + np.array([0.0, 0.4, 0.0])])
-    curve = make_curve(points, np.arange(800))
-    wire = np.ones(len(points), dtype=bool)
-    seen = profile(points, curve)
-    assert measure_company(points, make_index(points), curve, seen, wire) == 0.0
 
 
 @pytest.mark.parametrize('constant', [15.0, 200.0, 1500.0])

@@ -179,7 +179,7 @@ def test_evidence_says_how_near_each_limit_is():
 
 @pytest.mark.parametrize('change', [
     {'tolerance': -1.0}, {'num_trials': 7}, {'min_points': 3}, {'min_coverage': 1.1},
-    {'max_sag_ratio': 0.0}, {'max_company': -0.1}, {'min_points': 12.0},
+    {'max_sag_ratio': 0.0}, {'max_crowding': -0.1}, {'min_points': 12.0},
 ])
 def test_bad_settings(change):
     with pytest.raises(ConfigError, match=next(iter(change))):

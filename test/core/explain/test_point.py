@@ -239,7 +239,7 @@ def test_a_cloud_too_small_to_be_searched():
     ('catenary.min_points', 240, True, True, 241),
     ('catenary.max_crowding', 0.25, False, True, 0.249),
     ('catenary.max_constant', 12345.6, False, False, 12400.0),
-    ('catenary.max_company', 0.0, False, True, None),
+    ('catenary.min_coverage', 0.0, False, True, None),
     ('height.beta', np.inf, True, False, None),
 ])
 def test_values_are_rounded_to_the_side_that_does_it(setting, needed, is_least, away, expected):

@@ -116,3 +116,16 @@ def test_an_arm_that_conductors_hang_from_is_no_tap():
     arm = np.column_stack([rng.normal(60.0, 0.03, 400), rng.uniform(0.6, 5.5, 400),
                            rng.normal(12.3, 0.03, 400)])
     assert Pipeline().run(np.vstack([points, mast, arm])).num_lines == 2
+
+
+def test_an_edge_with_other_things_a_metre_beside_is_no_tap():
+    rng = np.random.default_rng(8)
+    points, own = make_street(TAPS[0])
+    assert Pipeline().run(points).num_lines == 4
+    along = (np.array(TAPS[0][1]) - TAPS[0][0])[:2]
+    along /= np.linalg.norm(along)
+    around = points[own][rng.integers(0, own.sum(), 1500)]
+    away = rng.choice([-1.0, 1.0], 1500) * rng.uniform(0.83, 0.97, 1500)
+    around[:, 2] += rng.uniform(-0.3, 0.3, 1500)
+    around[:, :2] += away[:, None] * np.array([-along[1], along[0]])
+    assert Pipeline().run(np.vstack([points, around])).num_lines == 3
