@@ -8,7 +8,8 @@ Lines of several kinds, simulated and laid one after the other in all directions
 times at random places, and inspected tile by tile; so are clouds given as files, as
 ``--cloud ahn.laz``.  Printed are spans, supports and hazards that both found, the greatest
 distance of the curves, and the share of points with the same class, line and span.  Two runs are
-compared with: that of ``plc_survey`` over the merged cloud, and a grid of a single tile.
+compared with: that of ``plc_survey`` over the merged cloud, and a grid of a single tile.  Both are
+given what they need for cells of the ground as small as those of tiles, and for all points.
 """
 
 import argparse
@@ -19,6 +20,7 @@ import os
 from pathlib import Path
 import sys
 import tempfile
+import time
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from common.surveys import make_map, open_cache
@@ -28,13 +30,17 @@ import numpy as np
 
 from plc_inspect import __version__
 from plc_inspect.config import Settings
+from plc_inspect.core.extraction import ground_surface
 from plc_inspect.core.pipeline import Pipeline
+from plc_inspect.grid.cells import layout
 from plc_inspect.grid.cells.sources import read_sources
 from plc_inspect.grid.engine import OwnProcess
 from plc_inspect.grid.ledger import Ledger
 from plc_inspect.grid.run import GridOptions, GridRun, renumber
 from plc_inspect.grid.survey_grid import inspect_sources
+from plc_inspect.offline.export.files import measure_peak_memory
 from plc_inspect.offline.readers.clouds import read_cloud
+from plc_inspect.results import Span
 
 SCENES = ('high_voltage', 'medium_voltage', 'low_voltage', 'angle', 'double_circuit', 'crossing')
 GAP = 60.0
@@ -43,6 +49,8 @@ MOST_CURVE = 1e-3
 """Distance of two curves that are one [m]."""
 LEAST_SAME = 0.9999
 """Share of points with the same class, and with the same line and span."""
+MOST_CELLS = 400_000_000
+"""Cells of the ground in one run; a survey takes coarser ones beyond 16 million."""
 STATIONS = np.linspace(0.0, 1.0, 11)
 COLUMNS = ('cloud', 'cut', 'tiles', 'spans', 'curves [mm]', 'supports', 'hazards', 'class [%]',
            'line, span [%]')
@@ -63,7 +71,10 @@ def lay_sections(cache: Path, num: int, num_points: int, seed: int) -> np.ndarra
     parts, corner, top = [], np.zeros(2), 0.0
     per_row = int(np.ceil(np.sqrt(num)))
     for number in range(num):
-        points = make_map(cache, SCENES[number % len(SCENES)], num_points=num_points).points
+        points = make_map(
+            cache, SCENES[number % len(SCENES)], num_points=num_points,
+            seed=number // len(SCENES),
+        ).points
         way = rng.uniform(0.0, 2 * np.pi)
         cosine, sine = np.cos(way), np.sin(way)
         points = points.copy()
@@ -89,8 +100,14 @@ def write_cloud(path: Path, points: np.ndarray) -> Path:
 
 def run_merged(path: Path) -> Found:
     """Inspect a cloud in one run."""
+    begun, busy = time.perf_counter(), time.process_time()
     cloud = read_cloud(path)
     result = Pipeline().run(cloud.points)
+    tell(
+        f'{path.stem}: {len(cloud.points):,} points, {result.num_lines} lines, one run'
+        f' {time.perf_counter() - begun:.0f} s, {time.process_time() - busy:.0f} s of processor'
+        f' time, peak {measure_peak_memory() / 1e9:.1f} GB'
+    )
     return Found(result.spans, result.supports, result.hazards, np.column_stack([
         cloud.las.X, cloud.las.Y, cloud.las.Z, result.classification, result.line_id,
         result.span_id,
@@ -99,6 +116,7 @@ def run_merged(path: Path) -> Found:
 
 def run_grid(path: Path, options: GridOptions, memory: float) -> tuple[Found, int]:
     """Inspect a cloud as a grid; return what was found and the number of tiles."""
+    begun, busy = time.perf_counter(), time.process_time()
     with tempfile.TemporaryDirectory() as room, Ledger(Path(room), __version__) as ledger:
         run = GridRun(
             folder=Path(room), settings=Settings(), rules=None, options=options,
@@ -116,6 +134,16 @@ def run_grid(path: Path, options: GridOptions, memory: float) -> tuple[Found, in
             tables.append(np.column_stack([
                 las.X, las.Y, las.Z, las.classification, las.line_id, las.span_id,
             ]))
+        looks, read, cut = (
+            [ledger.find_task('tile', job.tile.name)[1][name] for job in jobs]
+            for name in ('looks', 'num_read', 'num_cut')
+        )
+    tell(
+        f'{summary.kilometres:.1f} km of line, {len(jobs)} tiles, {sum(looks)} looks,'
+        f' points read {sum(read) / summary.num_points:.2f} times, {sum(cut)} spans cut off,'
+        f' {joined.num_unmatched} unmatched, {time.perf_counter() - begun:.0f} s,'
+        f' {time.process_time() - busy:.0f} s of processor time, load {os.getloadavg()[0]:.1f}'
+    )
     return Found(
         joined.spans, joined.supports, joined.hazards, np.concatenate(tables)
     ), len(jobs)
@@ -124,18 +152,22 @@ def run_grid(path: Path, options: GridOptions, memory: float) -> tuple[Found, in
 def compare(own: Found, other: Found) -> tuple[list[str], bool]:
     """Return figures of how equal two runs are, and whether all that counts is."""
     pairs, worst = [], 0.0
-    free = dict(enumerate(other.spans))
-    for span in own.spans:
-        middle = span.positions(np.array([span.length / 2]))[0]
-        near = min(free, default=None, key=lambda k: float(np.linalg.norm(
-            free[k].positions(np.array([free[k].length / 2]))[0] - middle
-        )))
-        if near is None:
-            break
-        miss = measure_miss(span, free[near])
+    middles = find_middles(other.spans)
+    free = np.ones(len(middles), dtype=bool)
+    for span, middle in zip(own.spans, find_middles(own.spans), strict=True):
+        apart = np.where(free, np.linalg.norm(middles - middle, axis=1), np.inf)
+        near = int(np.argmin(apart)) if free.any() else -1
+        miss = measure_miss(span, other.spans[near]) if near >= 0 else np.inf
         if miss < 1.0:
-            pairs.append((span, free.pop(near)))
+            pairs.append((span, other.spans[near]))
+            free[near] = False
             worst = max(worst, miss)
+        else:
+            tell(f"a span at {render_place(middle)} is one run's alone")
+        if MOST_CURVE < miss < 1.0:
+            tell(f'curves at {render_place(middle)} are {1000 * miss:.1f} mm apart')
+    for place in middles[free]:
+        tell(f"a span at {render_place(place)} is the other run's alone")
     hazards = count_same(own.hazards, other.hazards)
     supports = count_same(own.supports, other.supports)
     lines = {(a.line_id, b.line_id) for a, b in pairs}
@@ -170,6 +202,23 @@ def compare(own: Found, other: Found) -> tuple[list[str], bool]:
     ], bool(good)
 
 
+def find_middles(spans: Sequence[Span]) -> np.ndarray:
+    """Return the (S, 3) middles of the curves [m]."""
+    return np.array([
+        span.positions(np.array([span.length / 2]))[0] for span in spans
+    ]).reshape(-1, 3)
+
+
+def tell(text: str) -> None:
+    """Say what differs, or how far the bench is, beside the table."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def render_place(place: np.ndarray) -> str:
+    """Return a place as text [m]."""
+    return '(' + ', '.join(f'{value:.2f}' for value in place) + ')'
+
+
 def measure_miss(span, other) -> float:
     """Return the greatest distance of two curves, at equal shares of their lengths [m]."""
     first = span.positions(STATIONS * span.length)
@@ -192,6 +241,10 @@ def count_same(own: Sequence, other: Sequence) -> int:
                 del free[k]
                 count += 1
                 break
+        else:
+            tell(f'one run alone: {item}')
+    for item in free:
+        tell(f'the other run alone: {item}')
     return count
 
 
@@ -208,6 +261,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--memory', type=float, default=5.0, help='[GB]')
     parser.add_argument('--cache', type=Path, help='folder for surveys')
     arguments = parser.parse_args(argv)
+    ground_surface.MAX_CELLS, layout.MOST_POINTS = MOST_CELLS, sys.maxsize
     rng = np.random.default_rng(arguments.seed)
     rows, good = [], True
     with open_cache(arguments.cache) as cache, tempfile.TemporaryDirectory() as room:
@@ -235,6 +289,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                     figures, is_good = compare(found, other)
                     good &= is_good
                     rows.append((f'{path.stem}, {name}', str(number + 1), str(num), *figures))
+                    tell(' | '.join(rows[-1]))
     print(render_table(COLUMNS, rows))
     return 0 if good else 1
 

@@ -25,7 +25,7 @@ from plc_inspect.core.extraction.linearity import (
 from plc_inspect.core.extraction.off_ground import gather_off_ground, OffGround
 from plc_inspect.core.extraction.outliers import OutlierResult, remove_outliers
 from plc_inspect.core.spans.adoption import adopt, drop_borne
-from plc_inspect.core.spans.ground_revision import renumber_points, revise_ground
+from plc_inspect.core.spans.ground_revision import raise_ground, renumber_points, revise_ground
 from plc_inspect.core.spans.layout import find_layout, Layout
 from plc_inspect.core.spans.point_claims import settle_strays
 from plc_inspect.core.spans.route import EAST, trace_routes
@@ -45,11 +45,6 @@ from plc_inspect.core.stage_reports import (
 from plc_inspect.core.whole import make_draws, unpack, Whole
 from plc_inspect.results import Float64
 
-LEAST_FREED = 36
-"""
-Points that turn out to be high, at least, for which a cloud is searched again.
-Source: derived: 12 m, which prove a straight conductor, at three points a metre.
-"""
 MOST_SEARCHES = 4
 """
 How often the cloud is searched where conductors that were found show that others lay for ground.
@@ -77,8 +72,8 @@ class FoundLines:
     layout: Layout
     spans: SpanResult
     """With labels of all N points."""
-    rises: bool
-    """Points are high above that ground that were not searched."""
+    risen: HeightResult | None
+    """Ground above which the cloud is to be searched again, None where it need not be."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -120,10 +115,10 @@ def find_lines(
     """
     found = _find_once(points, settings, log, east, whole)
     for _ in range(MOST_SEARCHES - 1):
-        if not found.rises:
+        if found.risen is None:
             break
         log.begin_again()
-        found = _find_once(points, settings, log, east, whole, found.height)
+        found = _find_once(points, settings, log, east, whole, found.risen)
     return found
 
 
@@ -214,8 +209,9 @@ def _find_once(
         conductors=conductors,
         layout=hung.layout,
         spans=hung.spans,
-        rises=hung.height is not height
-        and int((hung.height.high & ~height.high).sum()) >= LEAST_FREED,
+        risen=None if hung.height is height else raise_ground(
+            points, height, hung.height, settings.height, unpack(whole)[0]
+        ),
     )
 
 

@@ -45,6 +45,8 @@ class HeightResult:
     origin: Float64
     """(2,) x, y of the lower corner of the grid [m]."""
     cell_size: float
+    airborne: Bool | None = None
+    """(N,) points that were known not to be ground, None where none were."""
 
 
 def extract_high(
@@ -72,7 +74,7 @@ def extract_high(
     airborne : (N,) bool or None
         Points that cannot be ground.
     surface : Surface or None
-        That of these points, where it is known already.
+        That of these points, without those, where it is known already.
     peak : float or None
         Where the histogram has its peak [m], if these points are a part of a cloud.
 
@@ -105,6 +107,7 @@ def extract_high(
         ground_seen=surface.ground_seen,
         origin=surface.origin,
         cell_size=surface.cell_size,
+        airborne=airborne,
     )
 
 

@@ -97,7 +97,7 @@ def gather_off_ground(
         num_total=len(points),
         least=least,
         high=find_true(is_high),
-        height=replace(height, height=own_height, high=is_high),
+        height=replace(height, height=own_height, high=is_high, airborne=None),
         index=replace(index, order=np.arange(len(own), dtype=np.int32)),
     )
 

@@ -3,6 +3,7 @@
 
 """The ground below conductors that were taken for ground, estimated anew once they are known."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -15,7 +16,7 @@ from plc_inspect.core.catenary.nearest_span import find_near, span_table
 from plc_inspect.core.extraction.ground_surface import measure_surface
 from plc_inspect.core.extraction.height import extract_high, ground_at, HeightResult
 from plc_inspect.core.extraction.off_ground import OffGround
-from plc_inspect.results import Float64
+from plc_inspect.results import Bool, Float64
 
 OWN_REACH = 0.5
 """
@@ -27,6 +28,18 @@ BEYOND = 20.0
 A conductor is looked for this far beyond the points that its curve was fitted to [m].
 Source: judgement; holds from 10 to 40 on bench/constants.py.
 """
+LEAST_FREED = 36
+"""
+Points that turn out to be high near one place, at least, for which it is searched again.
+Source: derived: 12 m, which prove a straight conductor, at three points a metre.
+"""
+BLOCK = 16.0
+"""
+Edge of the blocks in which they are counted, each with the eight about it [m].
+Source: judgement: 12 m of a conductor lie within nine of them, and no edge of a grid's part.
+"""
+NEAR_BLOCKS = 2
+"""Blocks about such a place that are searched again with it.  Source: derived: BEYOND."""
 
 
 def revise_ground(
@@ -40,7 +53,8 @@ def revise_ground(
     Estimate the ground anew where it reaches up to conductors, without their own points.
 
     Where wires are seen before the ground below them, their points are the lowest of their cells.
-    Nothing is done where each curve keeps ``beta`` above the ground.
+    Nothing is done where each curve keeps ``beta`` above the ground.  What was left out of the
+    ground before stays out of it, as its own conductors need not be low any more.
 
     Parameters
     ----------
@@ -72,17 +86,96 @@ def revise_ground(
     own, _, _ = find_near(points, table, OWN_REACH)
     airborne = np.zeros(len(points), dtype=np.bool_)
     airborne[own] = True
-    if region is None:
-        revised = extract_high(points, settings, airborne)
-    else:
-        surface = measure_surface(points, settings, airborne, region)
-        revised = extract_high(
-            points, settings, surface=surface, peak=height.threshold - settings.beta
-        )
+    if height.airborne is not None:
+        airborne |= height.airborne
+    return _measure_without(points, airborne, height, settings, region)
+
+
+def raise_ground(
+    points: Float64,
+    before: HeightResult,
+    after: HeightResult,
+    settings: HeightSettings,
+    region: Float64 | None = None,
+) -> HeightResult | None:
+    """
+    Return the ground above which a cloud is to be searched again, None where it need not be.
+
+    It is the revised one wherever enough points rose above it, and that before elsewhere.  What
+    is far away decides nothing, so that a part of a cloud is searched again as the whole is.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Map frame [m].
+    before : HeightResult
+        Of these points, above which conductors were found.
+    after : HeightResult
+        That of `revise_ground` with these.
+    settings, region
+        As of `revise_ground`.
+
+    Returns
+    -------
+    HeightResult or None
+
+    """
+    freed = np.flatnonzero(after.high & ~before.high)
+    if after.airborne is None or len(freed) < LEAST_FREED:
+        return None
+    risen = _find_risen(points[freed])
+    if not risen:
+        return None
+    airborne = after.airborne.copy()
+    fresh = airborne if before.airborne is None else airborne & ~before.airborne
+    own = np.flatnonzero(fresh)
+    stays = [block not in risen for block in _number_blocks(points[own])]
+    if not any(stays):
+        return after
+    airborne[own[stays]] = False
+    return _measure_without(points, airborne, before, settings, region)
+
+
+def _number_blocks(points: Float64) -> list[tuple[int, int]]:
+    """Return the block of each point, in plan."""
+    blocks: list[list[int]] = np.floor(points[:, :2] / BLOCK).astype(np.int64).tolist()
+    return [(column, row) for column, row in blocks]
+
+
+def _find_risen(freed: Float64) -> set[tuple[int, int]]:
+    """Return the blocks in which, and in those about them, enough points rose, and near ones."""
+    counts = Counter(_number_blocks(freed))
+    about = Counter[tuple[int, int]]()
+    for block, count in counts.items():
+        for near in _list_near(block, 1):
+            about[near] += count
+    return {
+        near for block, count in about.items() if count >= LEAST_FREED
+        for near in _list_near(block, NEAR_BLOCKS)
+    }
+
+
+def _list_near(block: tuple[int, int], reach: int) -> list[tuple[int, int]]:
+    """Return a block and those about it."""
+    steps = range(-reach, reach + 1)
+    return [(block[0] + right, block[1] + up) for right in steps for up in steps]
+
+
+def _measure_without(
+    points: Float64, airborne: Bool, before: HeightResult, settings: HeightSettings,
+    region: Float64 | None,
+) -> HeightResult:
+    """Return the heights above the ground that all points but the airborne ones make."""
+    surface = measure_surface(points, settings, airborne, region)
+    # the peak is that of before: a part of a cloud cannot tell it, and few points do not move it
+    found = extract_high(
+        points, settings, airborne, surface=surface, peak=before.threshold - settings.beta
+    )
     # the ground below them is a guess where none was seen, and may be as high as they are
-    high = revised.high.copy()
-    high[own] |= ~find_sight(revised).tell(points[own])
-    return replace(revised, high=high)
+    own = np.flatnonzero(airborne)
+    high = found.high.copy()
+    high[own] |= ~find_sight(found).tell(points[own])
+    return replace(found, high=high)
 
 
 def _find_low(curves: Sequence[Curve], height: HeightResult, beta: float) -> list[Curve]:
