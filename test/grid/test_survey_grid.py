@@ -79,6 +79,15 @@ def test_a_grid_is_equal_to_the_merged_cloud(cut, cloud, merged, tmp_path):
     assert (table[:, 3] != whole[:, 3]).sum() <= 1e-4 * len(whole)
 
 
+def test_a_grid_of_surveyed_points_keeps_the_class_of_before(cloud, tmp_path):
+    inspect(tmp_path / 'first', [cloud], halo=250.0)
+    tiles = sorted((tmp_path / 'first').glob('tiles/*/points.laz'))
+    inspect(tmp_path / 'again', tiles, halo=250.0)
+    before, again = collect(tmp_path / 'first'), collect(tmp_path / 'again')
+    assert (before[:, 3] != before[:, 6]).any()
+    np.testing.assert_array_equal(again[:, 6], before[:, 6])
+
+
 def test_the_folder_holds_tables_layers_and_a_page(cloud, tmp_path):
     points = read_cloud(cloud).points
     first = write_las(tmp_path / 'a.las', points[::2], 'EPSG:25832')

@@ -18,6 +18,7 @@ from plc_inspect.core.extraction.stray_points import StrayGrid
 from plc_inspect.errors import DataError
 from plc_inspect.grid.cells.layout import CellGrid
 from plc_inspect.grid.cells.sources import Source
+from plc_inspect.offline.export.points_file import ORIGINAL
 from plc_inspect.offline.readers.clouds import convert_to_metres, scale_grid
 from plc_inspect.offline.readers.copc import iterate_copc
 from plc_inspect.offline.readers.laz import open_las
@@ -237,6 +238,8 @@ def _take_attributes(chunk: laspy.ScaleAwarePointRecord) -> np.ndarray:
                  'red', 'green', 'blue'):
         if name in names:
             result[name] = chunk[name]
+    if ORIGINAL in names and chunk.array.dtype[ORIGINAL] == np.uint8:  # of an earlier survey
+        result['classification'] = chunk.array[ORIGINAL]
     result['returns'] = np.asarray(chunk['return_number']) | (
         np.asarray(chunk['number_of_returns']) << RETURN_BITS
     )

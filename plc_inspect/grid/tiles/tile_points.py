@@ -17,14 +17,13 @@ from plc_inspect.grid.tiles.plain_results import POINT_FIELDS
 from plc_inspect.grid.tiles.tile_job import CELLS, list_pieces, TileJob
 from plc_inspect.offline.export.points_file import (
     CHUNK_SIZE,
+    describe_original,
     EXTRA_DIMENSIONS,
     finish_header,
     open_points,
+    ORIGINAL,
 )
 from plc_inspect.whole_files import replace_file
-
-ORIGINAL = 'original_classification'
-"""Extra dimension: the class that a point had."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,9 +73,7 @@ def write_tile_points(
     header = laspy.LasHeader(version='1.4', point_format=7 if form.colours else 6)
     header.scales, header.offsets = np.array(form.scales), np.array(form.offsets)
     header.creation_date = None  # the same points give the same bytes on any day
-    header.add_extra_dims([laspy.ExtraBytesParams(
-        name=ORIGINAL, type=np.uint8, description='class in the input',
-    )])
+    header.add_extra_dims([describe_original()])
     finish_header(header, form.crs)
     units = np.array([form.units[0], form.units[0], form.units[1]])
     Path(place).parent.mkdir(parents=True, exist_ok=True)

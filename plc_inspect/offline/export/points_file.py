@@ -22,6 +22,8 @@ EXTRA_DIMENSIONS = (
     ('clearance', np.float32, 'to nearest conductor [m]'),
     ('decision', np.uint8, 'stage that decided'),
 )
+ORIGINAL = 'original_classification'
+"""Extra dimension: the class that a point had before it was inspected first."""
 _MODERN_FORMAT = {0: 6, 1: 6, 2: 7, 3: 7, 4: 9, 5: 10}
 """Point formats of LAS 1.4 that hold what the old ones hold."""
 _SCAN_ANGLE_STEP = 0.006
@@ -45,8 +47,9 @@ def write_points(path: Path, inspection: Inspection) -> int:
     Write the points of one run as LAZ 1.4, point format 6 or later.
 
     Points that came from a LAS file are all written, in their order, with all their attributes;
-    the class is replaced, and so are extra dimensions named as ours.  Their coordinates stay on
-    the grid of the input, so not a bit is lost.  Other points are written where they are finite.
+    the class is replaced, and so are extra dimensions named as ours.  The class that they had is
+    kept beside it, unless the input tells of an earlier one.  Their coordinates stay on the grid
+    of the input, so not a bit is lost.  Other points are written where they are finite.
 
     Parameters
     ----------
@@ -108,6 +111,9 @@ def _write_las(path: Path, las: laspy.LasData, inspection: Inspection) -> None:
         for item in las.point_format.extra_dimensions
         if item.name not in ours
     ])
+    is_first = ORIGINAL not in header.point_format.dimension_names
+    if is_first:
+        header.add_extra_dims([describe_original()])
     finish_header(header, inspection.crs)
     source = las.points.array
     kept = [name for name in header.point_format.dtype().names if name in source.dtype.names]
@@ -122,6 +128,8 @@ def _write_las(path: Path, las: laspy.LasData, inspection: Inspection) -> None:
                 _view_head(record.array, same)[:] = _view_head(source[chunk], same)
             for name in rest:
                 record.array[name] = source[name][chunk]
+            if is_first:
+                record.array[ORIGINAL] = source['classification'][chunk]
             _put_result(record.array, inspection.result, chunk)
             writer.write_points(record)
         evlrs = laspy.vlrs.vlrlist.VLRList([
@@ -170,6 +178,11 @@ def _modernise(las: laspy.LasData) -> laspy.LasData:
     degrees = np.asarray(las['scan_angle_rank'], np.float64)
     modern['scan_angle'] = np.rint(degrees / _SCAN_ANGLE_STEP).astype(np.int16)
     return modern
+
+
+def describe_original() -> laspy.ExtraBytesParams:
+    """Return the extra dimension that keeps the class which a point had."""
+    return laspy.ExtraBytesParams(name=ORIGINAL, type=np.uint8, description='class in the input')
 
 
 def finish_header(header: laspy.LasHeader, crs: str) -> None:

@@ -74,8 +74,21 @@ def test_las_attributes_are_kept(tmp_path, point_format):
         )
     np.testing.assert_array_equal(out.header.scales, las.header.scales)
     np.testing.assert_array_equal(out.classification, inspection.result.classification)
+    np.testing.assert_array_equal(out['original_classification'], np.asarray(las.classification))
     np.testing.assert_array_equal(out['span_id'], inspection.result.span_id)
     np.testing.assert_array_equal(before, las.points.array)
+
+
+def test_the_class_before_the_first_survey_stays(tmp_path):
+    """A points.laz that is surveyed again tells it still."""
+    las = make_las(7)
+    write_points(tmp_path / 'first.laz', inspect_las(las))
+    first = laspy.read(tmp_path / 'first.laz')
+    assert (np.asarray(first.classification) != las.classification).any()
+    write_points(tmp_path / 'again.laz', inspect_las(first))
+    again = laspy.read(tmp_path / 'again.laz')
+    np.testing.assert_array_equal(again['original_classification'], las.classification)
+    assert first.point_format == again.point_format
 
 
 def test_result_is_in_the_file(tmp_path):
