@@ -78,7 +78,7 @@ setup(
         'zstandard>=0.20',
     ],
     extras_require={
-        'grid': ['dask>=2024.8', 'distributed>=2024.8'],
+        'grid': ['dask>=2024.8', 'distributed>=2024.8', 'pyarrow>=17'],
         'pdf': ['pypdf>=4'],
         'formats': ['plyfile>=1.0', 'pye57>=0.4.11'],
         'fuzz': ['atheris>=3.0,<4'],
@@ -93,6 +93,7 @@ setup(
             'pillow>=10',
             'playwright>=1.40',
             'plyfile>=1.0',
+            'pyarrow>=17',
             'pye57>=0.4.11',
             'pypdf>=4',
             'pyte>=0.8',

@@ -143,6 +143,20 @@ class Ledger:
                 )
         return others
 
+    def list_entries(self) -> list[dict[str, Any]]:
+        """Return all inputs, then all tasks, by the names of their columns."""
+        sources = self._read(
+            "SELECT 'input' AS stage, path AS name, num_points, sha256, error, "
+            f"CASE WHEN COALESCE(error, '') = '' THEN '{DONE}' ELSE '{FAILED}' END AS state "
+            'FROM source ORDER BY number'
+        )
+        return [*sources, *self._read('SELECT * FROM task ORDER BY stage, name')]
+
+    def _read(self, query: str) -> list[dict[str, Any]]:
+        cursor = self._database.execute(query)
+        names = [column[0] for column in cursor.description]
+        return [dict(zip(names, row, strict=True)) for row in cursor]
+
     def list_failures(self) -> list[tuple[str, str, str]]:
         """Return stage, name and error of all tasks that failed."""
         return list(self._database.execute(

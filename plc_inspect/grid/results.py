@@ -20,6 +20,7 @@ from plc_inspect.grid.engine import Task
 from plc_inspect.grid.index_page import render_index
 from plc_inspect.grid.joining import join_tiles, JoinedGrid
 from plc_inspect.grid.ledger import make_key
+from plc_inspect.grid.ledger_table import write_ledger_table
 from plc_inspect.grid.run import CutGrid, GridRun
 from plc_inspect.grid.tiles.plain_results import read_found
 from plc_inspect.grid.tiles.tile_job import TileJob
@@ -59,6 +60,8 @@ class GridSummary:
     num_defects: int
     notes: tuple[str, ...] = ()
     """What was assumed of the inputs."""
+    missing: str = ''
+    """Why a file is not among the results, '' where all are."""
     changes: Changes | None = None
     """Since an earlier survey, None where there was none to compare."""
 
@@ -109,6 +112,8 @@ def write_grid(
     ])
     summary = _compare(run, summary)
     write_json(run.folder / 'run.json', _describe(run, sources, cut, summary, written))
+    missing = write_ledger_table(run.ledger, run.folder, run.settings)
+    summary = replace(summary, missing=missing)
     page = render_index(summary, run.folder.name, sources, tables['hazards'], jobs, answers)
     with replace_file(run.folder / 'index.html') as aside:  # the last: a grid with it is whole
         aside.write_text(page, encoding='utf-8')

@@ -18,6 +18,7 @@ from plc_inspect.grid.cells.sources import expand_inputs, read_sources, Refusal,
 from plc_inspect.grid.engine import Engine
 from plc_inspect.grid.ledger import Ledger
 from plc_inspect.grid.ledger import NAME as LEDGER
+from plc_inspect.grid.ledger_table import TABLE
 from plc_inspect.grid.results import GridSummary, TILE_FOLDER, write_grid
 from plc_inspect.grid.run import (
     cut_sources,
@@ -37,9 +38,9 @@ from plc_inspect.printable import make_one_line
 
 LOG = 'progress.log'
 FILES = (
-    LEDGER, f'{LEDGER}-wal', f'{LEDGER}-shm', f'{LEDGER}-journal', LOG, 'run.json', 'spans.json',
-    'spans.csv', 'supports.json', 'supports.csv', 'hazards.json', 'hazards.csv', 'grid.gpkg',
-    'changes.json', 'index.html', WORK, TILE_FOLDER,
+    LEDGER, f'{LEDGER}-wal', f'{LEDGER}-shm', f'{LEDGER}-journal', TABLE, LOG, 'run.json',
+    'spans.json', 'spans.csv', 'supports.json', 'supports.csv', 'hazards.json', 'hazards.csv',
+    'grid.gpkg', 'changes.json', 'index.html', WORK, TILE_FOLDER,
 )
 """A results folder of a grid holds these and nothing else."""
 LOG_PERIOD = 5.0
@@ -130,8 +131,8 @@ def survey_grid(
     check_grid_folder(inputs.folder, inputs.force)
     inputs.folder.mkdir(parents=True, exist_ok=True)
     with Ledger(inputs.folder, __version__) as ledger:
-        for path in (inputs.folder / 'index.html',):  # not whole any more
-            path.unlink(missing_ok=True)
+        for name in ('index.html', TABLE):  # not whole any more
+            (inputs.folder / name).unlink(missing_ok=True)
         run = GridRun(
             folder=inputs.folder, settings=settings, rules=rules, options=options,
             engine=engine, ledger=ledger, tell=log_too(inputs.folder / LOG, tell),

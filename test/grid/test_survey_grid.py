@@ -3,14 +3,17 @@
 
 """A grid finds what one run over all of its points finds, wherever it is cut."""
 
+import hashlib
 import json
 
 from grid.grids import inspect, make_line, write_las
 import laspy
 import numpy as np
+from pyarrow import parquet
 import pyogrio
 import pytest
 
+from plc_inspect import __version__
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.offline.readers.clouds import read_cloud
 
@@ -104,6 +107,19 @@ def test_the_folder_holds_tables_layers_and_a_page(cloud, tmp_path):
         assert info['features'] == len(getattr(summary.joined, name))
         assert 'EPSG:25832' in info['crs']
     assert (folder / 'spans.csv').read_text().startswith('line_id,span_id,start_x [m],')
+    ledger = parquet.read_table(folder / 'ledger.parquet')
+    rows = ledger.to_pylist()
+    assert json.loads(ledger.schema.metadata[b'settings']) == head['settings']
+    assert [(row['name'], row['sha256']) for row in rows if row['stage'] == 'input'] == [
+        (str(path), hashlib.sha256(path.read_bytes()).hexdigest()) for path in (first, second)
+    ]
+    tiles = {row['name']: row for row in rows if row['stage'] == 'tile'}
+    assert set(tiles) == {job.tile.name for job in jobs}
+    assert sum(row['num_points'] for row in tiles.values()) == len(points)
+    assert {(row['state'], row['version'], row['error']) for row in tiles.values()} == {
+        ('done', __version__, ''),
+    }
+    assert min(row['seconds'] for row in tiles.values()) > 0.0
     page = (folder / 'index.html').read_text()
     assert jobs[0].tile.name in page
     assert 'vegetation' in page

@@ -156,13 +156,14 @@ def run_flights(
     from plc_inspect.grid.flights_page import write_flights
     from plc_inspect.grid.ledger import Ledger
     from plc_inspect.grid.ledger import NAME as LEDGER
+    from plc_inspect.grid.ledger_table import TABLE, write_ledger_table
     from plc_inspect.grid.run import GridOptions, GridRun
     from plc_inspect.grid.survey_grid import check_grid_folder, LOG, log_too
 
     named = name_flights(expand_flights(arguments.bags))
     folder = arguments.output
     check_grid_folder(folder, arguments.force, (
-        LEDGER, f'{LEDGER}-wal', f'{LEDGER}-shm', f'{LEDGER}-journal', LOG, 'run.json',
+        LEDGER, f'{LEDGER}-wal', f'{LEDGER}-shm', f'{LEDGER}-journal', TABLE, LOG, 'run.json',
         'index.html', FLIGHTS,
     ))
     folder.mkdir(parents=True, exist_ok=True)
@@ -172,7 +173,8 @@ def run_flights(
         show_progress(arguments.quiet, time_left=True) as progress,
         Ledger(folder, __version__) as ledger,
     ):
-        (folder / 'index.html').unlink(missing_ok=True)  # not whole any more
+        for name in ('index.html', TABLE):  # not whole any more
+            (folder / name).unlink(missing_ok=True)
         run = GridRun(
             folder=folder, settings=settings, rules=request.rules, options=GridOptions(),
             engine=engine, ledger=ledger,
@@ -188,6 +190,7 @@ def run_flights(
             task.name: _make_key(named[task.name], settings, request) for task in tasks
         })
         failures = [(name, error) for _, name, error in ledger.list_failures()]
+        missing = write_ledger_table(ledger, folder, settings)
     for path in (folder / FLIGHTS).iterdir() if (folder / FLIGHTS).is_dir() else ():
         if path.name not in answers:
             shutil.rmtree(path)
@@ -195,6 +198,8 @@ def run_flights(
                  if answer['held_back']]
     totals = write_flights(folder, FLIGHTS, named, answers, failures)
     if not arguments.quiet:
+        if missing:
+            print(f'note: {missing}\n')
         print(', '.join(f'{value} {name}' for name, value in totals.items()))
         print(f'\nreport: {folder / "index.html"}')
     for name, error in failures:

@@ -124,6 +124,8 @@ def run_grid(
         if summary.notes:
             more = f' (and {len(summary.notes) - 1} others)' if len(summary.notes) > 1 else ''
             print(make_one_line(f'note: {summary.notes[0]}{more}') + '\n')
+        if summary.missing:
+            print(f'note: {summary.missing}\n')
         print(make_printable(render_grid(summary)))
         if summary.changes is not None:
             from plc_inspect.offline.commands.compare import render_changes
