@@ -9,7 +9,7 @@ times at random places, and inspected tile by tile; so are clouds given as files
 ``--cloud ahn.laz``.  Printed are spans, supports and hazards that both found, the greatest
 distance of the curves, and the share of points with the same class, line and span.  Two runs are
 compared with: that of ``plc_survey`` over the merged cloud, and a grid of a single tile.  Both are
-given what they need for cells of the ground as small as those of tiles, and for all points.
+given what they need for cells as small as those of tiles, and for all points.
 """
 
 import argparse
@@ -30,7 +30,9 @@ import numpy as np
 
 from plc_inspect import __version__
 from plc_inspect.config import Settings
+from plc_inspect.core.catenary import nearest_span
 from plc_inspect.core.extraction import ground_surface
+from plc_inspect.core.numerics import plan_index
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.grid.cells import layout
 from plc_inspect.grid.cells.sources import read_sources
@@ -50,7 +52,11 @@ MOST_CURVE = 1e-3
 LEAST_SAME = 0.9999
 """Share of points with the same class, and with the same line and span."""
 MOST_CELLS = 400_000_000
-"""Cells of the ground in one run; a survey takes coarser ones beyond 16 million."""
+"""
+Cells of grids over the whole in one run; a survey takes coarser ones beyond 16 million.
+
+Those of the ground decide heights, those of the index in which order fits draw points.
+"""
 STATIONS = np.linspace(0.0, 1.0, 11)
 COLUMNS = ('cloud', 'cut', 'tiles', 'spans', 'curves [mm]', 'supports', 'hazards', 'class [%]',
            'line, span [%]')
@@ -256,12 +262,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--points', type=int, default=250_000, help='of each section')
     parser.add_argument('--parts', type=int, default=3, help='tiles along an edge, about')
     parser.add_argument('--halo', type=float, default=500.0, help='[m]')
+    parser.add_argument(
+        '--survey-alone', action='store_true', help='compare with no grid of a single tile'
+    )
     parser.add_argument('--cuts', type=int, default=3)
     parser.add_argument('--seed', type=int, default=0)
     parser.add_argument('--memory', type=float, default=5.0, help='[GB]')
     parser.add_argument('--cache', type=Path, help='folder for surveys')
     arguments = parser.parse_args(argv)
-    ground_surface.MAX_CELLS, layout.MOST_POINTS = MOST_CELLS, sys.maxsize
+    for module in (ground_surface, nearest_span, plan_index):
+        module.MAX_CELLS = MOST_CELLS
+    layout.MOST_POINTS = sys.maxsize
     rng = np.random.default_rng(arguments.seed)
     rows, good = [], True
     with open_cache(arguments.cache) as cache, tempfile.TemporaryDirectory() as room:
@@ -276,16 +287,19 @@ def main(argv: Sequence[str] | None = None) -> int:
             merged = run_merged(path)
             extent = float((merged.table[:, :2].max(axis=0) - merged.table[:, :2].min(axis=0)
                             ).max()) * laspy.open(path).header.scales[0]
-            one, _ = run_grid(path, GridOptions(
-                halo=arguments.halo, edge=2.0 * extent
-            ), 1e12)
+            others = [('plc_survey', merged)]
+            if not arguments.survey_alone:
+                one, _ = run_grid(path, GridOptions(
+                    halo=arguments.halo, edge=2.0 * extent
+                ), 1e12)
+                others.append(('one tile', one))
             for number in range(arguments.cuts):
                 edge = extent / arguments.parts
                 found, num = run_grid(path, GridOptions(
                     halo=arguments.halo, edge=edge / 4, tile_edge=edge,
                     shift=tuple(rng.uniform(0.0, edge / 4, 2)),
                 ), arguments.memory * 1e9)
-                for name, other in (('plc_survey', merged), ('one tile', one)):
+                for name, other in others:
                     figures, is_good = compare(found, other)
                     good &= is_good
                     rows.append((f'{path.stem}, {name}', str(number + 1), str(num), *figures))

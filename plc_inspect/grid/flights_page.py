@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from plc_inspect import __version__
-from plc_inspect.colors import severity_color
+from plc_inspect.colors import LOOKS
 from plc_inspect.grid.index_page import MOST_HAZARDS, read_style
 from plc_inspect.offline.export.files import write_json
 from plc_inspect.offline.records.results_reader import read_table
@@ -47,7 +47,7 @@ def write_flights(
 
     """
     hazards = [
-        item | {'flight': name, 'colour': severity_color(item['severity'])}
+        item | {'flight': name}
         for name in sorted(answers)
         for item in read_table(folder / place / name, 'hazards')['hazards']
     ]
@@ -74,6 +74,7 @@ def write_flights(
     })
     page = open_templates('grid/templates').get_template('flights.html.j2').render(
         title=folder.name, version=__version__, style=read_style(), totals=totals, place=place,
+        looks=LOOKS,
         hazards=hazards[:MOST_HAZARDS], num_more=max(len(hazards) - MOST_HAZARDS, 0),
         failures=failures,
         flights=[

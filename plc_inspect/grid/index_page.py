@@ -4,15 +4,17 @@
 """The page on top of a grid: totals, hazards from the worst on, a map, all tiles."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from importlib.resources import files
+import math
 from typing import Any, TYPE_CHECKING
 
 from plc_inspect import __version__
-from plc_inspect.colors import severity_color
+from plc_inspect.colors import LOOKS, severity_color
 from plc_inspect.grid.cells.layout import CellGrid
 from plc_inspect.grid.cells.sources import Source
+from plc_inspect.grid.tiles.section_report import REPORT
 from plc_inspect.grid.tiles.tile_job import TileJob
 from plc_inspect.offline.records.changes import describe_changes
 from plc_inspect.offline.records.inspection import Record
@@ -26,15 +28,18 @@ MOST_HAZARDS = 1000
 """In the list; all are in the tables."""
 MOST_CHANGES = 50
 """Rows of changes that are listed; all are in changes.json."""
+WORST = tuple(sorted(Severity, reverse=True))
+"""Severities from the worst on."""
 WIDTH, HEIGHT = 1100, 700
 """Of the map, at most [pixels]."""
-PAGE = 'points.laz'
-"""What the link of a tile opens."""
+POINTS = 'points.laz'
+"""What the link of a tile opens to which no span belongs; others have a report."""
 
 
 def render_index(
     summary: 'GridSummary', title: str, sources: Sequence[Source], hazards: Sequence[Record],
     jobs: Sequence[TileJob], answers: dict[str, dict[str, Any]],
+    reports: dict[str, dict[str, Any]],
 ) -> str:
     """
     Return the page on top of a grid.
@@ -53,11 +58,13 @@ def render_index(
         All tiles.
     answers : dict
         Of the tiles that were inspected.
+    reports : dict
+        Of the tiles that have a report.
 
     Returns
     -------
     str
-        HTML that needs no other file.
+        HTML that needs no other file; it opens the reports of the tiles.
 
     """
     joined, unit = summary.joined, summary.units.name
@@ -68,7 +75,13 @@ def render_index(
     ))
     kinds = Counter((item['severity'], item['kind']) for item in hazards)
     number = Counter(item['severity'] for item in hazards)
-    per_tile = Counter(joined.hazard_tiles)
+    per_tile: dict[int, Counter[Severity]] = {}
+    for tile, item in zip(joined.hazard_tiles, joined.hazards, strict=True):
+        per_tile.setdefault(tile, Counter())[item.severity] += 1
+    worst = [job for job, _ in sorted(
+        ((job, per_tile.get(job.tile.number, Counter())) for job in jobs),
+        key=lambda pair: ([-pair[1][severity] for severity in WORST], pair[0].tile.name),
+    )]
     totals = [
         ('of line', f'{summary.kilometres:.2f} km', ''),
         ('spans', f'{len(joined.spans):,}',
@@ -77,31 +90,37 @@ def render_index(
         *((f'{name} hazards', number[name], ', '.join(
             f'{kind}: {count}' for (own, kind), count in sorted(kinds.items()) if own == name
         )) for name in ('critical', 'warning', 'notice')),
-        ('coverage', _measure_coverage(summary), 'of the length of conductors holds points'),
+        ('coverage', _render_share(summary.sight['of_conductors']),
+         f'of the length of conductors; {_render_sight(summary.sight)} spans seen well enough to'
+         ' rule out a hazard'),
     ]
     return open_templates('grid/templates').get_template('index.html.j2').render(
         title=title, version=__version__, inputs=len(sources), points=summary.num_points,
-        crs=_name_crs(sources[0]), style=read_style(), unit=unit, totals=totals,
+        looks=LOOKS, crs=_name_crs(sources[0]), style=read_style(), unit=unit, totals=totals,
         failures=summary.failures, changes=_describe_changes(summary),
         hazards=[
             {
-                'severity': item['severity'], 'colour': severity_color(item['severity']),
-                'kind': item['kind'], 'line_id': item['line_id'], 'span_id': item['span_id'],
+                'severity': item['severity'], 'kind': item['kind'],
+                'line_id': item['line_id'], 'span_id': item['span_id'],
                 'measured': _number(item['clearance']), 'required': _number(item['required']),
                 'place': ', '.join(_number(value) for value in item['position']),
-                'tile': names[joined.hazard_tiles[k]], 'page': PAGE, 'text': item['text'],
+                'tile': names[joined.hazard_tiles[k]], 'text': item['text'],
+                'page': _choose_page(names[joined.hazard_tiles[k]], reports),
+                'hazard_id': item['hazard_id'],
             }
             for k, item in ((k, hazards[k]) for k in order[:MOST_HAZARDS])
         ],
         num_more=max(len(hazards) - MOST_HAZARDS, 0),
         tiles=[
             {
-                'name': job.tile.name, 'page': PAGE, 'points': job.tile.num_points,
-                'spans': answer['num_spans'], 'hazards': per_tile[job.tile.number],
+                'name': job.tile.name, 'page': _choose_page(job.tile.name, reports),
+                'points': job.tile.num_points, 'seen': _render_sight(reports.get(job.tile.name)),
+                'spans': answer['num_spans'],
+                'hazards': _count(per_tile.get(job.tile.number, Counter())),
                 'halo': f'{answer["halo"]:.0f}', 'seconds': f'{answer["seconds"]:.1f}',
                 'memory': f'{answer["peak_memory"] / 1e9:.2f}',
             }
-            for job, answer in ((job, answers.get(job.tile.name)) for job in jobs)
+            for job, answer in ((job, answers.get(job.tile.name)) for job in worst)
             if answer is not None
         ],
         map=_draw_map(summary, jobs),
@@ -137,11 +156,24 @@ def read_style() -> str:
     return files('plc_inspect').joinpath('offline/report/templates/report.css').read_text('utf-8')
 
 
-def _measure_coverage(summary: 'GridSummary') -> str:
-    spans = summary.joined.spans
-    total = sum(span.length for span in spans)
-    seen = sum(span.length * span.coverage for span in spans)
-    return f'{100 * seen / total:.0f} %' if total else '-'
+def _count(numbers: Counter[Severity]) -> str:
+    """Return how many hazards of each severity there are, from the worst on."""
+    return ', '.join(
+        f'{numbers[severity]} {severity.name.lower()}' for severity in WORST if numbers[severity]
+    ) or '0'
+
+
+def _render_share(share: float) -> str:
+    return f'{100 * share:.0f} %' if math.isfinite(share) else '-'
+
+
+def _choose_page(name: str, reports: dict[str, dict[str, Any]]) -> str:
+    """Return what the link of a tile opens."""
+    return REPORT if name in reports else POINTS
+
+
+def _render_sight(report: Mapping[str, Any] | None) -> str:
+    return '-' if report is None else f'{report["num_enough"]} of {report["num_sections"]}'
 
 
 def _draw_map(summary: 'GridSummary', jobs: Sequence[TileJob]) -> str:

@@ -6,6 +6,7 @@
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+import math
 from pathlib import Path
 import shutil
 from typing import Any
@@ -22,6 +23,7 @@ from plc_inspect.grid.joining import join_tiles, JoinedGrid
 from plc_inspect.grid.ledger import make_key
 from plc_inspect.grid.ledger_table import write_ledger_table
 from plc_inspect.grid.run import CutGrid, GridRun
+from plc_inspect.grid.sections import write_reports
 from plc_inspect.grid.tiles.plain_results import read_found
 from plc_inspect.grid.tiles.tile_job import TileJob
 from plc_inspect.grid.tiles.tile_points import PointsFormat, write_tile_points
@@ -58,6 +60,12 @@ class GridSummary:
     failures: tuple[tuple[str, str, str], ...]
     """Stage, name and error of what could not be done."""
     num_defects: int
+    sight: dict[str, float]
+    """
+    Of the spans of the line how many were looked at, ``num_sections``, and seen well enough to
+    rule out a hazard, ``num_enough``; ``gap_length`` of the others [m]; ``of_conductors``, the
+    share of their length that holds points, NaN where there is none.
+    """
     notes: tuple[str, ...] = ()
     """What was assumed of the inputs."""
     missing: str = ''
@@ -95,6 +103,9 @@ def write_grid(
     joined = join_tiles([read_found(job.place, job.tile.number) for job in done])
     units = Units(horizontal=sources[0].units[0], vertical=sources[0].units[1])
     written = _write_points(run, sources, done, joined)
+    reports = write_reports(
+        run, run.folder / TILE_FOLDER, done, joined, sources[0].crs, units
+    )
     failures = (
         *(('input', item.path, item.error) for item in refusals), *run.ledger.list_failures(),
     )
@@ -102,6 +113,7 @@ def write_grid(
         joined=joined, num_points=cut.num_points, num_tiles=len(jobs),
         kilometres=measure_kilometres(joined), units=units, failures=failures,
         num_defects=run.num_defects,
+        sight=_sum_sight(reports, joined),
         notes=tuple(source.note for source in sources if source.note),
     )
     inspection = _make_inspection(run, sources, joined, units)
@@ -114,7 +126,9 @@ def write_grid(
     write_json(run.folder / 'run.json', _describe(run, sources, cut, summary, written))
     missing = write_ledger_table(run.ledger, run.folder, run.settings)
     summary = replace(summary, missing=missing)
-    page = render_index(summary, run.folder.name, sources, tables['hazards'], jobs, answers)
+    page = render_index(
+        summary, run.folder.name, sources, tables['hazards'], jobs, answers, reports
+    )
     with replace_file(run.folder / 'index.html') as aside:  # the last: a grid with it is whole
         aside.write_text(page, encoding='utf-8')
     return summary
@@ -135,6 +149,15 @@ def _compare(run: GridRun, summary: GridSummary) -> GridSummary:
         return replace(summary, failures=(*summary.failures, failure))
     write_json(path, describe_changes(changes, summary.units))
     return replace(summary, changes=changes)
+
+
+def _sum_sight(reports: dict[str, dict[str, Any]], joined: JoinedGrid) -> dict[str, float]:
+    length = np.array([span.length for span in joined.spans])
+    seen = float(length @ np.array([span.coverage for span in joined.spans]))
+    return {
+        name: sum(answer[name] for answer in reports.values())
+        for name in ('num_sections', 'num_enough', 'gap_length')
+    } | {'of_conductors': seen / float(length.sum()) if len(length) else math.nan}
 
 
 def measure_kilometres(joined: JoinedGrid) -> float:
@@ -243,6 +266,7 @@ def _describe(
         'num_hazards': len(joined.hazards),
         'num_unmatched': joined.num_unmatched,
         'kilometres': summary.kilometres,
+        'coverage': summary.sight,
         'classes': dict(sorted(classes.items())),
         'failures': [list(item) for item in summary.failures],
         'whole': run.ledger.find_fact('whole'),

@@ -5,7 +5,9 @@
 
 import hashlib
 import json
+import re
 
+from factories import make_inspection
 from grid.grids import inspect, make_line, write_las
 import laspy
 import numpy as np
@@ -16,6 +18,7 @@ import pytest
 from plc_inspect import __version__
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.offline.readers.clouds import read_cloud
+from plc_inspect.offline.records.coverage_record import ENOUGH, look_again
 
 CUTS = [{'edge': 45.0, 'tile_edge': 90.0, 'shift': (0.0, 0.0), 'halo': 130.0},
         {'edge': 37.0, 'tile_edge': 80.0, 'shift': (17.3, 5.1), 'halo': 130.0},
@@ -80,6 +83,41 @@ def test_a_grid_is_equal_to_the_merged_cloud(cut, cloud, merged, tmp_path):
     np.testing.assert_array_equal(table[:, :3], whole[:, :3])
     np.testing.assert_array_equal(table[:, 4:], whole[:, 4:])
     assert (table[:, 3] != whole[:, 3]).sum() <= 1e-4 * len(whole)
+
+
+def test_the_page_opens_the_reports_of_sections(cloud, merged, tmp_path):
+    """They tell of each span what one run over the merged cloud tells, across tiles."""
+    summary, jobs = inspect(tmp_path / 'out', [cloud], edge=45.0, tile_edge=90.0, halo=130.0)
+    page = (tmp_path / 'out' / 'index.html').read_text()
+    links = re.findall(r'href="(tiles/[^"#]+/report\.html)#(hazard-\d+)"', page)
+    assert len(links) == len(merged.hazards) > 0
+    for place, anchor in links:
+        assert f'id="{anchor}"' in (tmp_path / 'out' / place).read_text()
+    for name in re.findall(r'href="(tiles/[^"#]+)', page):
+        assert (tmp_path / 'out' / name).is_file()
+    told = re.findall(r'(critical|warning|notice)</span></td><td>', page)
+    assert told == sorted(told, key=('critical', 'warning', 'notice').index)
+
+    points = read_cloud(cloud).points
+    coverage = look_again(make_inspection(result=merged, points=points)).coverage
+    own = {
+        item.section.span_id: (item.is_enough, sum(gap.length for gap in item.gaps))
+        for item in coverage.sections
+    }
+    found = {}
+    for path in (tmp_path / 'out').glob('tiles/*/coverage.json'):
+        record = json.loads(path.read_text())
+        for item in record['sections']:
+            lengths = [record['gaps'][number]['length'] for number in item['gaps']]
+            found[item['span_id']] = item['verdict'] == ENOUGH, sum(lengths)
+    assert found.keys() == own.keys()
+    for span_id, (is_enough, length) in own.items():
+        assert found[span_id] == (is_enough, pytest.approx(length, abs=0.01))
+    assert len({enough for enough, _ in own.values()}) == 2
+    assert summary.sight['num_enough'] == sum(enough for enough, _ in own.values())
+    assert summary.sight['num_sections'] == len(own)
+    assert summary.sight['of_conductors'] == pytest.approx(1.0, abs=0.05)
+    assert len(list((tmp_path / 'out').glob('tiles/*/report.html'))) < len(jobs)
 
 
 def test_a_grid_of_surveyed_points_keeps_the_class_of_before(cloud, tmp_path):

@@ -27,6 +27,8 @@ MARGIN = 0.5
 """Both tiles claim what lies this near to their border [m]; one of them keeps it."""
 POINT_FIELDS = ('line_id', 'span_id', 'clearance', 'classification', 'decision')
 """Of the points of a tile, what is written into its points.laz."""
+MOST_HEIGHT = 1000.0
+"""Heights above ground are kept up to this [m].  Source: numerical: float16 holds 65504."""
 
 Rectangle = tuple[float, float, float, float]
 
@@ -100,16 +102,24 @@ def write_found(
     spans = [result.spans[k] for k in np.flatnonzero(kept).tolist()]
     keys = {(span.line_id, span.span_id) for span in spans}
     value = {
-        'spans': [_plain(span) for span in spans],
+        'spans': [plain(span) for span in spans],
         'middles': middles[kept].tolist(),
         'territory': territory,
-        'supports': [_plain(item) for item in result.supports],
+        'supports': [plain(item) for item in result.supports],
         'hazards': [
-            _plain(item) for item in result.hazards if (item.line_id, item.span_id) in keys
+            plain(item) for item in result.hazards if (item.line_id, item.span_id) in keys
         ],
     }
     value['vegetation'] = [[*key, vegetation.get(key)] for key in sorted(keys)]
     arrays = {name: getattr(result, name)[core] for name in POINT_FIELDS}
+    wire = np.flatnonzero(arrays['line_id'] >= 0)
+    arrays |= {
+        'wire': wire, 'residual': result.residual[core][wire],
+        # for colours in reports alone
+        'ground_height': result.ground_height[core].clip(-MOST_HEIGHT, MOST_HEIGHT).astype(
+            np.float16
+        ),
+    }
     with Path(f'{place}.labels.npz.partial').open('wb') as file:
         np.savez(file, **arrays)
     Path(f'{place}.labels.npz.partial').rename(f'{place}.labels.npz')
@@ -150,7 +160,7 @@ def _make_span(item: dict[str, Any]) -> Span:
     return Span(**item | places | {'quadratic': (a2, a1, a0)})
 
 
-def _plain(item: Any) -> dict[str, Any]:
+def plain(item: Any) -> dict[str, Any]:
     """Return a frozen result as plain values; floats keep all their bits."""
     return {
         field.name: _value(getattr(item, field.name)) for field in dataclasses.fields(item)

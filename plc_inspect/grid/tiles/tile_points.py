@@ -67,7 +67,7 @@ def write_tile_points(
     )
     with np.load(f'{job.place}.labels.npz') as known:
         labels = {name: known[name] for name in POINT_FIELDS}
-    labels['line_id'], labels['span_id'] = _renumber(
+    labels['line_id'], labels['span_id'] = renumber(
         labels['line_id'], labels['span_id'], numbers
     )
     header = laspy.LasHeader(version='1.4', point_format=7 if form.colours else 6)
@@ -96,10 +96,25 @@ def write_tile_points(
     }
 
 
-def _renumber(
+def renumber(
     line_id: np.ndarray, span_id: np.ndarray, numbers: Sequence[tuple[int, int, int, int]]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return lines and spans by their numbers in the grid, -1 for what is none there."""
+    """
+    Return lines and spans of points by their numbers in the grid.
+
+    Parameters
+    ----------
+    line_id, span_id : (N,) int32
+        By the numbers of a tile, -1 none.
+    numbers : sequence of tuple
+        Line and span of the tile, and what these are in the grid.
+
+    Returns
+    -------
+    (N,), (N,) int32
+        -1 for what is none there.
+
+    """
     num_spans = 1 + max([int(span_id.max(initial=0)), *(item[1] for item in numbers)])
     num_lines = 1 + max([int(line_id.max(initial=0)), *(item[0] for item in numbers)])
     spans = np.full(num_spans + 1, -1, dtype=np.int32)  # the last one is for -1

@@ -111,7 +111,7 @@ def write_records(
         span['vegetation_clearance'] = None if distance is None else distance / units.horizontal
     tables = {'spans': spans, 'supports': supports, 'hazards': hazards}
     for name, records in tables.items():
-        write_json(folder / f'{name}.json', _describe_frame(inspection) | {name: records})
+        write_json(folder / f'{name}.json', describe_frame(inspection) | {name: records})
     _write_table(folder / 'spans.csv', SPAN_COLUMNS, spans, units)
     _write_table(folder / 'hazards.csv', HAZARD_COLUMNS, hazards, units)
     _write_table(folder / 'supports.csv', SUPPORT_COLUMNS, [
@@ -124,7 +124,8 @@ def write_records(
     return tables
 
 
-def _describe_frame(inspection: Inspection) -> Record:
+def describe_frame(inspection: Inspection) -> Record:
+    """Return what each file of records says of its coordinates."""
     units = inspection.units
     return {
         'frame_id': inspection.frame_id,
@@ -135,7 +136,7 @@ def _describe_frame(inspection: Inspection) -> Record:
 
 def _write_coverage(folder: Path, inspection: Inspection, sight: Sight) -> None:
     record = describe_coverage(sight, inspection.units)
-    write_json(folder / 'coverage.json', _describe_frame(inspection) | record)
+    write_json(folder / 'coverage.json', describe_frame(inspection) | record)
 
 
 def _write_views(

@@ -29,7 +29,7 @@ from plc_inspect.offline.report.point_scene import make_scene, Scene
 from plc_inspect.offline.report.sheets import draw_plan
 from plc_inspect.offline.report.stage_figures import draw_residuals, draw_stage
 from plc_inspect.offline.report.view import encode_view
-from plc_inspect.results import Decision, HazardKind, PointClass, Severity, StageReport
+from plc_inspect.results import Decision, HazardKind, PointClass, Severity, SpanKey, StageReport
 from plc_inspect.setting_names import describe, to_mapping
 from plc_inspect.templates import open_templates
 
@@ -51,7 +51,8 @@ _LONG_LIST = 8
 
 
 def render_report(
-    inspection: Inspection, sight: Sight | None = None, paper: Paper | None = None
+    inspection: Inspection, sight: Sight | None = None, paper: Paper | None = None,
+    clearances: Mapping[SpanKey, float | None] | None = None,
 ) -> str:
     """
     Return the report of one run as HTML.
@@ -67,6 +68,9 @@ def render_report(
         What it has seen; by default found in its points.
     paper : Paper or None
         For a report that is to be printed: it has contents, and a sheet for each hazard.
+    clearances : mapping or None
+        Those of `measure_clearances` [m], by default found in the points; given for a section of
+        a grid, which has its tables in common with others.
 
     Returns
     -------
@@ -102,7 +106,7 @@ def render_report(
         what_if=what_if,
         changes=changes,
         rules=describe_rules(inspection.rules or plain_rules(inspection.settings.hazards)),
-        groups=_describe_groups(inspection, scene),
+        groups=_describe_groups(inspection, scene, clearances),
         supports=scene.supports,
         hazards=scene.hazards,
         coverage=coverage,
@@ -116,6 +120,7 @@ def render_report(
         counts=_list_values(inspection.counts),
         looks=LOOKS,
         line_color=line_color,
+        is_section=clearances is not None,
         is_sag=HazardKind.SAG.name.lower(),
     )
 
@@ -174,7 +179,9 @@ def _summarise(inspection: Inspection, scene: Scene) -> list[tuple[str, str, str
     ]
 
 
-def _describe_groups(inspection: Inspection, scene: Scene) -> list[Record]:
+def _describe_groups(
+    inspection: Inspection, scene: Scene, clearances: Mapping[SpanKey, float | None] | None
+) -> list[Record]:
     """Return what the page shows of each span: its lines, hazards and figures."""
     settings = inspection.settings.hazards
     rules = inspection.rules or plain_rules(settings)
@@ -185,7 +192,8 @@ def _describe_groups(inspection: Inspection, scene: Scene) -> list[Record]:
         for limit in limits[:1] for severity, distance in limit.tiers if severity in styles
     }
     required = max((limit.distance for limit in limits), default=0.0) * scene.metre
-    clearances = measure_clearances(inspection.result, settings.min_points)
+    if clearances is None:
+        clearances = measure_clearances(inspection.result, settings.min_points)
     wires = WirePoints(inspection.result, inspection.points)
     groups = []
     for span_id in sorted({span['span_id'] for span in scene.spans}):

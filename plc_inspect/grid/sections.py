@@ -1,0 +1,128 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The sections of a grid: the spans of each tile, and their reports."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+import shapely
+
+from plc_inspect.grid.engine import Task
+from plc_inspect.grid.joining import JoinedGrid
+from plc_inspect.grid.ledger import make_key
+from plc_inspect.grid.run import GridRun
+from plc_inspect.grid.tiles.plain_results import plain
+from plc_inspect.grid.tiles.section_report import (
+    bound,
+    find_strips,
+    remove_report,
+    REPORT,
+    Section,
+    write_section_report,
+)
+from plc_inspect.grid.tiles.tile_job import TileJob
+from plc_inspect.offline.records.inspection import Units
+from plc_inspect.setting_names import to_mapping
+
+STAGE = 'report'
+NEAR_END = 30.0
+"""Supports this near to the end of a span are of its section [m].  Source: judgement."""
+
+
+def write_reports(
+    run: GridRun, folder: Path, jobs: Sequence[TileJob], joined: JoinedGrid, crs: str,
+    units: Units,
+) -> dict[str, dict[str, Any]]:
+    """
+    Write a report for each tile to which spans belong.
+
+    Parameters
+    ----------
+    run : GridRun
+        The run.
+    folder : Path
+        Holds a folder for each tile, by its name.
+    jobs : sequence of TileJob
+        The tiles that were inspected.
+    joined : JoinedGrid
+        What was found in the grid.
+    crs, units
+        Of the coordinates.
+
+    Returns
+    -------
+    dict
+        What is told of each report, by the name of its tile; see `write_section_report`.
+
+    """
+    sections = _lay_sections(run, jobs, joined, crs, units)
+    boxes = shapely.box(*np.array(
+        [job.tile.rectangle(job.grid) for job in jobs]
+    ).reshape(-1, 4).T)
+    tree = shapely.STRtree(boxes)
+    tasks, keys = [], {}
+    for job in jobs:
+        name = job.tile.name
+        section = sections.get(job.tile.number)
+        if section is None:
+            remove_report(folder / name)
+            continue
+        near = sorted(tree.query(shapely.box(*bound(find_strips(section.spans)))).tolist())
+        tiles = [(jobs[k], tuple(
+            (*own, *new) for own, new in sorted(joined.numbers[jobs[k].tile.number].items())
+        )) for k in near]
+        tasks.append(Task(
+            name=name, function=write_section_report,
+            arguments=(str(folder / name), section, tiles),
+        ))
+        keys[name] = make_key(
+            [run.ledger.find_task('tile', other.tile.name) for other, _ in tiles],
+            [numbers for _, numbers in tiles], _describe(section),
+        )
+        if not (folder / name / REPORT).is_file():
+            run.ledger.forget(STAGE, name)
+    return run.run(STAGE, tasks, keys)
+
+
+def _lay_sections(
+    run: GridRun, jobs: Sequence[TileJob], joined: JoinedGrid, crs: str, units: Units
+) -> dict[int, Section]:
+    """Return the section of each tile to which spans belong, by the number of the tile."""
+    places = np.array([item.position[:2] for item in joined.supports]).reshape(-1, 2)
+    supports = cKDTree(places)
+    names = {job.tile.number: job.tile.name for job in jobs}
+    spans: dict[int, list[int]] = {}
+    hazards: dict[int, list[int]] = {}
+    for table, tiles in ((spans, joined.span_tiles), (hazards, joined.hazard_tiles)):
+        for k, tile in enumerate(tiles):
+            table.setdefault(tile, []).append(k)
+    sections = {}
+    for tile, members in spans.items():
+        own = tuple(joined.spans[k] for k in members)
+        ends = np.array([end[:2] for span in own for end in (span.start, span.end)])
+        near = sorted({k for row in supports.query_ball_point(ends, NEAR_END) for k in row})
+        sections[tile] = Section(
+            source=f'{run.folder.name}, section {names[tile]}', spans=own,
+            supports=tuple(joined.supports[k] for k in near),
+            hazards=tuple(joined.hazards[k] for k in hazards.get(tile, [])),
+            vegetation=tuple(
+                (span.line_id, span.span_id, joined.vegetation[span.line_id, span.span_id])
+                for span in own
+            ),
+            settings=run.settings, rules=run.rules, crs=crs, units=units,
+        )
+    return sections
+
+
+def _describe(section: Section) -> list[Any]:
+    """Return what a report depends on besides its points, as plain values."""
+    return [
+        section.source, section.vegetation, to_mapping(section.settings), repr(section.rules),
+        section.crs, [section.units.horizontal, section.units.vertical],
+        *([plain(item) for item in items]
+          for items in (section.spans, section.supports, section.hazards)),
+    ]

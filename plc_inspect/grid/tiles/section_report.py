@@ -1,0 +1,184 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Writes the report of a section: the spans that belong to one tile, with all that is near them.
+
+Its points come from all tiles that they reach into, with the numbers of the whole grid.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plc_inspect.config import Settings
+from plc_inspect.core.hazards.clearance_rules import RuleSet
+from plc_inspect.grid.tiles.plain_results import POINT_FIELDS, Rectangle
+from plc_inspect.grid.tiles.tile_job import TileJob
+from plc_inspect.grid.tiles.tile_points import renumber
+from plc_inspect.offline.export.coverage_files import make_plan, write_coverage_views
+from plc_inspect.offline.export.files import describe_frame, write_json
+from plc_inspect.offline.records.coverage_record import describe_coverage, look_again
+from plc_inspect.offline.records.inspection import Inspection, Units
+from plc_inspect.offline.report.report import render_report
+from plc_inspect.results import Bool, Float64, Hazard, InspectionResult, Span, Support
+from plc_inspect.whole_files import replace_file
+
+REPORT = 'report.html'
+VIEWS = ('coverage.json', 'coverage.geojson', 'refly.geojson', 'refly.plan')
+"""Files beside a report, of which the last three need a coordinate reference system."""
+REACH = 40.0
+"""
+A report shows what lies this near to the outer conductors, in plan [m].
+Source: derived: the corridor, and the strips of ground beside it whose coverage is told.
+"""
+
+Numbers = tuple[tuple[int, int, int, int], ...]
+"""Line and span of a tile, and what these are in the grid."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Section:
+    """What is reported of one tile."""
+
+    source: str
+    spans: tuple[Span, ...]
+    """Those that belong to it, numbered over the grid."""
+    supports: tuple[Support, ...]
+    """At which they end."""
+    hazards: tuple[Hazard, ...]
+    vegetation: tuple[tuple[int, int, float | None], ...]
+    """Line, span and its distance to vegetation [m]."""
+    settings: Settings
+    rules: RuleSet | None
+    crs: str
+    units: Units
+
+
+def find_strips(spans: Sequence[Span]) -> list[tuple[Float64, Float64, Float64]]:
+    """
+    Return what is near spans in plan: a rectangle about each, and all beside it.
+
+    Returns
+    -------
+    list of tuple
+        A corner, the axes (2, 2) along and across, and length and width [m].
+
+    """
+    groups: dict[int, list[Span]] = {}
+    for span in spans:
+        groups.setdefault(span.span_id, []).append(span)
+    strips = []
+    for own in groups.values():
+        along = (own[0].end - own[0].start)[:2] / max(own[0].length, 1e-9)
+        axes = np.array([along, [-along[1], along[0]]])
+        ends = np.array([end[:2] for span in own for end in (span.start, span.end)]) @ axes.T
+        low, high = ends.min(axis=0) - REACH, ends.max(axis=0) + REACH
+        strips.append((low, axes, high - low))
+    return strips
+
+
+def is_near(strips: Sequence[tuple[Float64, Float64, Float64]], points: Float64) -> Bool:
+    """Tell which points (N, 2+) lie in one of the strips."""
+    near = np.zeros(len(points), dtype=bool)
+    for low, axes, size in strips:
+        apart = points[:, :2] @ axes.T - low
+        near |= ((apart >= 0.0) & (apart <= size)).all(axis=1)
+    return near
+
+
+def bound(strips: Sequence[tuple[Float64, Float64, Float64]]) -> Rectangle:
+    """Return least x and y, greatest x and y of strips [m]."""
+    corners = np.array([
+        (low + size * share) @ axes
+        for low, axes, size in strips for share in ((0, 0), (0, 1), (1, 0), (1, 1))
+    ])
+    (x0, y0), (x1, y1) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
+    return x0, y0, x1, y1
+
+
+def write_section_report(
+    folder: str, section: Section, tiles: Sequence[tuple[TileJob, Numbers]]
+) -> dict[str, Any]:
+    """
+    Write the report of one section.
+
+    Parameters
+    ----------
+    folder : str
+        Takes the report and what was seen of the section.
+    section : Section
+        What is reported.
+    tiles : sequence of tuple
+        The inspected tiles that hold points near it, with the numbers of their spans.
+
+    Returns
+    -------
+    dict
+        Sections of line, and those seen well enough to rule out a hazard; length of the gaps [m].
+
+    """
+    strips = find_strips(section.spans)
+    parts = [_read_near(job, numbers, strips) for job, numbers in tiles]
+    arrays = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    points = arrays.pop('points')
+    corridor = np.flatnonzero(np.isfinite(arrays['clearance']))
+    result = InspectionResult(
+        spans=section.spans, supports=section.supports, hazards=section.hazards, stages=(),
+        corridor=corridor, corridor_line_id=arrays['line_id'][corridor],
+        corridor_span_id=arrays['span_id'][corridor], **arrays,
+    )
+    inspection = Inspection(
+        result=result, points=points, settings=section.settings, source=section.source,
+        command='plc_survey', crs=section.crs, units=section.units, rules=section.rules,
+    )
+    place = Path(folder)
+    place.mkdir(parents=True, exist_ok=True)
+    remove_report(place)
+    sight = look_again(inspection)
+    record = describe_coverage(sight, section.units)
+    write_json(place / VIEWS[0], describe_frame(inspection) | record)
+    write_coverage_views(place, inspection, sight)
+    if (plan := make_plan(inspection, sight)) is not None:
+        write_json(place / VIEWS[-1], plan)
+    page = render_report(inspection, sight, clearances={
+        (line, span): distance for line, span, distance in section.vegetation
+    })
+    with replace_file(place / REPORT) as aside:
+        aside.write_text(page, encoding='utf-8')
+    seen = sight.coverage.sections
+    return {
+        'num_points': len(points), 'num_sections': len(seen),
+        'num_enough': sum(item.is_enough for item in seen),
+        'gap_length': float(sum(gap.length for gap in sight.coverage.gaps)),
+    }
+
+
+def remove_report(folder: Path) -> None:
+    """Remove the report of a tile, and what lies beside it."""
+    for name in (REPORT, *VIEWS):
+        (folder / name).unlink(missing_ok=True)
+
+
+def _read_near(
+    job: TileJob, numbers: Numbers, strips: Sequence[tuple[Float64, Float64, Float64]]
+) -> dict[str, np.ndarray]:
+    """Return the points of a tile that lie in strips, and what they are."""
+    points = job.read(0.0).points
+    rows = np.flatnonzero(is_near(strips, points))
+    with np.load(f'{job.place}.labels.npz') as known:
+        labels: dict[str, np.ndarray] = {
+            name: known[name][rows] for name in (*POINT_FIELDS, 'ground_height')
+        }
+        residual = np.full(len(points), np.nan, dtype=np.float32)
+        residual[known['wire']] = known['residual']
+    labels['ground_height'] = labels['ground_height'].astype(np.float32)
+    labels['line_id'], labels['span_id'] = renumber(
+        labels['line_id'], labels['span_id'], numbers
+    )
+    labels |= {'points': points[rows], 'residual': residual[rows]}
+    return labels
+
