@@ -22,6 +22,7 @@ GUIDED = [
     'plc_inspect.offline.records', 'plc_inspect.offline.readers.bags',
     'plc_inspect.offline.readers.parameter_file', 'plc_inspect.offline.readers.catalogue',
     'plc_inspect.offline.readers.text_file', 'plc_inspect.mcap_file',
+    *(f'plc_inspect.offline.readers.{name}' for name in ('copc', 'e57', 'ply', 'xyz')), 'plyfile',
     'plc_inspect.monitor.picture', 'laspy', 'mcap', 'rosbags', 'yaml',
 ]
 """Packages whose branches guide the search; numba cannot compile what is traced."""

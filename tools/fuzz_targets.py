@@ -16,6 +16,7 @@ from pathlib import Path
 import struct
 import tempfile
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 from rosbags.typesys import get_typestore, Stores
@@ -23,6 +24,8 @@ from rosbags.typesys import get_typestore, Stores
 from plc_inspect.config import HazardSettings
 from plc_inspect.errors import DataError, PlcInspectError
 from plc_inspect.flight_record.reader import read_flight
+from plc_inspect.grid.cells import cut
+from plc_inspect.grid.cells.sources import read_sources
 from plc_inspect.messages.poses import pose_from_message
 from plc_inspect.messages.scans import scan_from_message
 from plc_inspect.monitor.picture.model import Monitor
@@ -44,6 +47,8 @@ CODES = {1: 'b', 2: 'B', 3: 'h', 4: 'H', 5: 'i', 6: 'I', 7: 'f', 8: 'd'}
 """Data types of PointField, as ``struct`` names them."""
 MOST_DECODED = 2000
 """Points that the slow decoder reads."""
+PART, MOST_PARTS = 50, 4
+"""Points of a part of an indexed cloud, and parts that are read."""
 
 
 class WrongScanError(AssertionError):
@@ -67,6 +72,17 @@ def _read_bag(path: Path) -> None:
     with Recording(path, 'velodyne_points', 'odometry') as recording:
         for _ in recording:
             pass
+
+
+def _read_copc(path: Path) -> None:
+    """Cut a cloud by its own index, as a grid does with one that is larger than memory."""
+    sources, refusals = read_sources([path])
+    if refusals:
+        raise DataError(refusals[0].error)
+    with patch.object(cut, 'PART', PART):
+        for part in range(min(cut.count_parts(sources[0]), MOST_PARTS)):
+            for _ in cut.read_part(sources[0], part):
+                pass
 
 
 def _read_record(path: Path) -> None:
@@ -153,6 +169,11 @@ TARGETS: dict[str, Callable[[bytes], None]] = {
     'pcd': _in_file('cloud.pcd', read_cloud),
     'las': _in_file('cloud.las', read_cloud),
     'laz': _in_file('cloud.laz', read_cloud),
+    'e57': _in_file('cloud.e57', read_cloud),
+    'ply': _in_file('cloud.ply', read_cloud),
+    'xyz': _in_file('cloud.xyz', read_cloud),
+    'csv': _in_file('cloud.csv', read_cloud),
+    'copc': _in_file('cloud.copc.laz', _read_copc),
     'mcap': _in_file('flight.mcap', _read_bag),
     'record': _in_file('out.record/000001.mcap', _read_record),
     'settings': _in_file('settings.yaml', lambda path: read_settings(path)),

@@ -75,6 +75,22 @@ def make_clouds(folder: Path) -> dict[str, bytes]:
     return found | {'pcd': head.encode() + points.astype('<f4').tobytes()}
 
 
+def make_plain_clouds(folder: Path) -> dict[str, bytes]:
+    """Return a cloud of twenty points as E57, PLY and text, and one of two hundred as COPC."""
+    from grid.formats import write_copc, write_e57, write_ply, write_xyz
+
+    points = np.random.default_rng(1).uniform(0, 50, (200, 3)).round(3)
+    few = points[:20]
+    paths = {
+        'e57': write_e57(folder / 'a.e57', few, translation=np.array([1.0, 2.0, 3.0])),
+        'ply': write_ply(folder / 'a.ply', few),
+        'xyz': write_xyz(folder / 'a.xyz', few),
+        'csv': write_xyz(folder / 'a.csv', few, mark=',', head='x,y,z'),
+        'copc': write_copc(folder / 'a.copc.laz', points, capacity=40),
+    }
+    return {name: path.read_bytes() for name, path in paths.items()}
+
+
 def make_record(folder: Path) -> bytes:
     """Return a segment of the record of a flight of one scan."""
     from plc_inspect.core.hazards.clearance_rules import RuleSet
@@ -100,7 +116,6 @@ def make_record(folder: Path) -> bytes:
 
 def make_tables() -> dict[str, bytes]:
     """Return tables of a results folder."""
-    sys.path.insert(0, str(ROOT / 'test'))
     from factories import make_inspection
 
     from plc_inspect.offline.export.files import describe_run
@@ -131,12 +146,14 @@ def make_stream() -> bytes:
 
 def main() -> None:
     """Write one input for each target."""
+    sys.path.insert(0, str(ROOT / 'test'))
     scan, pose = make_messages()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         inputs = {
             'scan': scan, 'pose': pose, 'mcap': make_bag(folder, scan, pose),
-            'record': make_record(folder), **make_clouds(folder), **make_tables(),
+            'record': make_record(folder), **make_clouds(folder), **make_plain_clouds(folder),
+            **make_tables(),
         }
     inputs['stream'] = make_stream()
     inputs['settings'] = b'map:\n  voxel_size: 0.2\nhazards:\n  warning_distance: 5.0\n'

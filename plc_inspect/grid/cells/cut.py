@@ -3,7 +3,7 @@
 
 """Cuts inputs into cells on disk, in one pass each and with bounded memory."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 import hashlib
 import json
 from pathlib import Path
@@ -56,6 +56,37 @@ def count_parts(source: Source) -> int:
     return max(-(-source.num_points // PART), 1)
 
 
+def find_miscounted(sources: Sequence[Source], answers: dict[str, Stats]) -> dict[str, str]:
+    """
+    Find inputs whose parts, found by an index, do not hold what their header counts.
+
+    Parameters
+    ----------
+    sources : sequence of Source
+        The inputs.
+    answers : dict
+        Of `cut_part`, by the names of parts.
+
+    Returns
+    -------
+    dict
+        For each part of such an input what is wrong with it.
+
+    """
+    found: dict[str, str] = {}
+    for source in sources:
+        names = [name_part(source.number, part) for part in range(count_parts(source))]
+        if not source.is_indexed or not all(name in answers for name in names):
+            continue
+        held = sum(answers[name]['num_points'] for name in names)
+        if held != source.num_points:
+            found |= dict.fromkeys(names, (
+                f'{source.path}: by its index {held} points lie within its bounds, its header'
+                f' counts {source.num_points}: write it anew'
+            ))
+    return found
+
+
 def cut_part(
     folder: str,
     source: Source,
@@ -100,7 +131,7 @@ def cut_part(
     stats = _Stats(grid, np.array(reference), strays)
     written = 0
     try:
-        for points, attributes in _read_part(source, part):
+        for points, attributes in read_part(source, part):
             stats.add(points, source)
             _write(aside, points, attributes, stats, np.arange(written, written + len(points)))
             written += len(points)
@@ -191,8 +222,29 @@ def _write(
                 file.write(np.ascontiguousarray(values[begin:end]).tobytes())
 
 
-def _read_part(source: Source, part: int) -> Iterator[tuple[Float64, np.ndarray]]:
-    """Yield coordinates in units of the file, and attributes, of some points at a time."""
+def read_part(source: Source, part: int) -> Iterator[tuple[Float64, np.ndarray]]:
+    """
+    Yield the points of a part of an input, some at a time.
+
+    Parameters
+    ----------
+    source : Source
+        The input.
+    part : int
+        Which part of it, of `count_parts`.
+
+    Yields
+    ------
+    points : (N, 3) float64
+        In units of the file.
+    attributes : (N,) ATTRIBUTES
+
+    Raises
+    ------
+    DataError
+        The input cannot be read.
+
+    """
     path = Path(source.path)
     first, last = part * PART, min((part + 1) * PART, source.num_points)
     num_parts = count_parts(source)

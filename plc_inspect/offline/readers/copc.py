@@ -4,13 +4,16 @@
 """COPC files, cloud-optimised LAZ: parts of them by their own index."""
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
+import os
 from pathlib import Path
+import struct
 from typing import Any
 
 import laspy
-from laspy.copc import Bounds, CopcReader, load_octree_for_query
+from laspy.copc import Bounds, CopcReader, HierarchyPage, load_octree_for_query
 import numpy as np
 
 from plc_inspect.offline.readers.laz import open_las, panics_as_errors
@@ -18,6 +21,10 @@ from plc_inspect.results import Int64
 
 MOST_NODES = 4_000_000
 """Points of the nodes that are decompressed at once, unless a node alone holds more."""
+LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}
+"""Layers of each kind of item; extra bytes, 14, have one for each (LAZ specification 1.4)."""
+_ITEMS = 34
+"""Where the record of LASzip lists the items of a point."""
 THINNEST = 1.0
 """A slab is not divided below this [units of the file]."""
 
@@ -70,7 +77,7 @@ def iterate_copc(path: Path, part: int, num_parts: int) -> Iterator[laspy.ScaleA
     """
     with open_las(path):  # refuses what would end the process
         pass
-    with panics_as_errors(), CopcReader.open(str(path)) as reader:
+    with _open_indexed(path) as reader:
         waiting = [lay_slabs(reader.header, num_parts)[part]]
         while waiting:
             slab = waiting.pop()
@@ -92,12 +99,81 @@ def iterate_copc(path: Path, part: int, num_parts: int) -> Iterator[laspy.ScaleA
 
 
 def count_indexed(path: Path) -> int:
-    """Return how many points the index of a COPC file leads to."""
-    with panics_as_errors(), CopcReader.open(str(path)) as reader:
+    """
+    Return how many points the index of a COPC file leads to.
+
+    Errors are those of `laz.open_las`.
+    """
+    with _open_indexed(path) as reader:
         nodes: list[Any] = load_octree_for_query(
             reader.source, reader.copc_info, reader.root_page
         )
         return sum(int(node.point_count) for node in nodes)
+
+
+@contextmanager
+def _open_indexed(path: Path) -> Iterator[CopcReader]:
+    """
+    Open a COPC file whose whole index was read and can be.
+
+    laspy follows what a damaged index says: it takes the memory that it asks for, and reads the
+    same page for ever.
+    """
+    with path.open('rb') as file:
+        size = os.fstat(file.fileno()).st_size
+        info = laspy.LasHeader.read_from(file).vlrs[0]
+    _check_range('its index', info.hierarchy_root_offset, info.hierarchy_root_size, size)
+    if not np.isfinite([*info.center, info.halfsize]).all():
+        raise ValueError(f'the box of its index is {info.halfsize:g} about {info.center}')
+    with panics_as_errors(), CopcReader.open(str(path)) as reader:
+        entries = reader.root_page.entries
+        pages = [key for key, entry in entries.items() if entry.point_count < 0]
+        while pages:
+            key = pages.pop()
+            entry = entries[key]
+            _check_range('a page of its index', entry.offset, entry.byte_size, size)
+            reader.source.seek(entry.offset)
+            page = HierarchyPage.from_bytes(reader.source.read(entry.byte_size)).entries
+            if key not in page or page[key].point_count < 0 or len(page) > len(
+                page.keys() - entries.keys()
+            ) + 1:
+                raise ValueError('a page of its index leads back to itself')
+            entries.update(page)
+            pages += [own for own, entry in page.items() if entry.point_count < 0]
+        total = sum(entry.point_count for entry in entries.values())
+        if total > reader.header.point_count:
+            raise ValueError(
+                f'its index counts {total} points, its header {reader.header.point_count}'
+            )
+        num_layers = _count_layers(reader.laszip_vlr.record_data)
+        for entry in entries.values():
+            _check_range('a node', entry.offset, entry.byte_size, size)
+            if entry.point_count:
+                _check_layers(reader, entry, num_layers)
+        yield reader
+
+
+def _count_layers(options: bytes) -> int:
+    """Return in how many layers LAZ keeps the points of a chunk, by its list of items."""
+    (num_items,) = struct.unpack_from('<H', options, _ITEMS - 2)
+    items = [struct.unpack_from('<HH', options, _ITEMS + 6 * k) for k in range(num_items)]
+    return sum(LAYERS.get(kind, size) for kind, size in items)
+
+
+def _check_layers(reader: CopcReader, entry: Any, num_layers: int) -> None:
+    """Refuse sizes of layers that are more than a node has: lazrs takes as much memory."""
+    before = reader.header.point_format.size + 4
+    reader.source.seek(entry.offset)
+    data = reader.source.read(before + 4 * num_layers)
+    sizes = np.frombuffer(data[before : before + 4 * num_layers], '<u4')
+    if len(sizes) < num_layers or len(data) + int(sizes.sum(dtype=np.int64)) > entry.byte_size:
+        raise ValueError(f'a node of {entry.byte_size} bytes has layers of {sizes.tolist()}')
+
+
+def _check_range(what: str, offset: int, length: int, size: int) -> None:
+    """Raise ValueError where something lies beyond the bytes of a file."""
+    if offset < 0 or length < 0 or offset + length > size:
+        raise ValueError(f'{what} has {length} bytes from {offset} on, the file has {size}')
 
 
 def _find_bounds(header: laspy.LasHeader, slab: Slab) -> Bounds:

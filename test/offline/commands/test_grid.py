@@ -85,6 +85,21 @@ def test_formats_may_be_mixed(folder, tmp_path, monkeypatch):
         assert one['sag'] == pytest.approx(two['sag'], abs=1e-3)
 
 
+def test_points_that_an_index_does_not_lead_to_are_missed(tmp_path, monkeypatch, capsys):
+    """Parts of a COPC file are found within the bounds of its header, be they wrong."""
+    points = make_line(1)
+    path = write_copc(tmp_path / 'a.copc.laz', points)
+    write_las(tmp_path / 'b.las', points[:100])
+    content = bytearray(path.read_bytes())
+    struct.pack_into('<d', content, 179 + 32, points[:, 2].max() - 3.0)  # the greatest z
+    path.write_bytes(content)
+    monkeypatch.setattr(cut, 'PART', 1000)
+    out = tmp_path / 'out'
+    assert main([str(path), str(tmp_path / 'b.las'), '-o', str(out), *OPTIONS]) == 2
+    assert f'its header counts {len(points)}: write it anew' in capsys.readouterr().err
+    assert json.loads((out / 'run.json').read_text())['num_points'] == 100
+
+
 def test_an_empty_tile_is_no_place(tmp_path, capsys):
     points = make_line(1)
     first, second = write_las(tmp_path / 'a.las', points), tmp_path / 'b.las'

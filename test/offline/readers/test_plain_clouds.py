@@ -4,6 +4,7 @@
 """E57, PLY, text and COPC: what they hold is read, what is wrong with them is said."""
 
 import builtins
+import struct
 
 from grid.formats import write_copc, write_e57, write_ply, write_xyz
 import numpy as np
@@ -189,3 +190,23 @@ def test_parts_of_a_copc_file_hold_each_point_once(tmp_path, monkeypatch):
         found[np.lexsort(found.T)], expected[np.lexsort(expected.T)]
     )
     assert len(points) == len(FAR)
+
+
+def test_an_index_that_is_damaged_is_refused(tmp_path):
+    """And is not followed: in circles, or for as much memory as it asks for."""
+    whole = write_copc(tmp_path / 'a.copc.laz', FAR).read_bytes()
+    (index,) = struct.unpack_from('<Q', whole, 375 + 54 + 40)
+    (root,) = struct.unpack_from('<Q', whole, index + 16)
+    damages = {
+        'leads back to itself': (index + 16, struct.pack('<Qii', index, 32, -1)),
+        'its index has 4294967296 bytes': (375 + 54 + 48, struct.pack('<Q', 2**32)),
+        'a node has': (index + 24, struct.pack('<i', 2**31 - 1)),
+        'its index counts': (index + 28, struct.pack('<i', 2**31 - 1)),
+        'has layers of': (root + 36 + 4, struct.pack('<I', 2**32 - 1)),
+        'the box of its index': (375 + 54 + 24, struct.pack('<d', np.nan)),
+    }
+    for text, (place, data) in damages.items():
+        path = tmp_path / 'damaged.copc.laz'
+        path.write_bytes(whole[:place] + data + whole[place + len(data):])
+        with pytest.raises(ValueError, match=text):
+            copc.count_indexed(path)
