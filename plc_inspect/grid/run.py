@@ -39,8 +39,10 @@ from plc_inspect.grid.tiles.survey_whole import (
     join_extremes,
     join_spacing,
     measure_candidates,
+    measure_distances,
     measure_ground,
-    remove_heights,
+    remove_kept,
+    write_candidate_boxes,
 )
 from plc_inspect.grid.tiles.tile_job import (
     CELLS,
@@ -334,13 +336,21 @@ def _measure_whole(
                  arguments=(str(job.place), extremes, settings.height))
             for job in jobs
         ), extent, extremes), extremes, settings.height)
-    spacings = ask('candidates', (
+    candidates = ask('candidates', (
         Task(name=job.tile.name, function=measure_candidates,
              arguments=(job, frame, region, peak, settings))
         for job in jobs
     ), extent, extremes, peak)
-    remove_heights(run.work / TILES)
-    spacing, anchor = join_spacing(spacings, settings.outliers.num_neighbors)
+    folder, num = run.work / TILES, settings.outliers.num_neighbors
+    write_candidate_boxes(folder, candidates)
+    known = make_key(candidates, num)
+    spacings = ask('spacing', (
+        Task(name=own['name'], function=measure_distances, arguments=(
+            str(folder), own['name'], num,
+        )) for own in candidates
+    ), known)
+    remove_kept(folder)
+    spacing, anchor = join_spacing(spacings, candidates, num)
     return Whole(frame=frame, region=region, peak=peak, anchor=anchor, spacing=spacing,
                  probe_step=1)
 

@@ -8,15 +8,20 @@ import json
 import re
 
 from factories import make_inspection
-from grid.grids import inspect, make_line, write_las
+from grid.grids import inspect, make_line, ORIGIN, write_las
 import laspy
 import numpy as np
 from pyarrow import parquet
 import pyogrio
 import pytest
+from toys import make_ground, make_wire
 
 from plc_inspect import __version__
-from plc_inspect.core.pipeline import Pipeline
+from plc_inspect.config import Settings
+from plc_inspect.core.line_finder import find_lines
+from plc_inspect.core.pipeline import enter_frame, Pipeline
+from plc_inspect.core.stage_log import StageLog
+from plc_inspect.grid.ledger import Ledger
 from plc_inspect.offline.readers.clouds import read_cloud
 from plc_inspect.offline.records.coverage_record import ENOUGH, look_again
 
@@ -118,6 +123,22 @@ def test_the_page_opens_the_reports_of_sections(cloud, merged, tmp_path):
     assert summary.sight['num_sections'] == len(own)
     assert summary.sight['of_conductors'] == pytest.approx(1.0, abs=0.05)
     assert len(list((tmp_path / 'out').glob('tiles/*/report.html'))) < len(jobs)
+
+
+def test_the_usual_distance_of_candidates_is_that_of_the_whole(tmp_path):
+    """Also where some are alone in their tile, and their neighbours hundreds of metres away."""
+    stump = make_wire((330.0, 390.0, 14.0), (332.0, 390.0, 14.0), per_metre=5.0) + ORIGIN
+    ground = make_ground((310.0, 370.0), (360.0, 410.0), per_square_metre=0.8) + ORIGIN
+    points = np.round(np.vstack([make_line(1), stump, ground]), 3)
+    path = write_las(tmp_path / 'line.las', points)
+    _, jobs = inspect(tmp_path / 'out', [path], edge=45.0, tile_edge=90.0, halo=130.0)
+    assert len(jobs) >= 3
+    with Ledger(tmp_path / 'out', __version__) as ledger:
+        whole = ledger.find_fact('whole')['whole']
+    own, frame, _ = enter_frame(read_cloud(path).points)
+    found = find_lines(own, Settings(), StageLog(None), frame.east).outliers
+    assert whole['spacing'] == pytest.approx([found.mean, found.sigma], rel=1e-9)
+    assert not list((tmp_path / 'out' / 'work').glob('**/*candidates*'))
 
 
 def test_a_grid_of_surveyed_points_keeps_the_class_of_before(cloud, tmp_path):

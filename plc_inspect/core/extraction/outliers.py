@@ -42,7 +42,8 @@ def remove_outliers(
 
     The mean distance to the ``num_neighbors`` nearest others is compared with mean + ``sigma``
     standard deviations over the whole set (Shi et al. 2018, cited by the paper).  A set too
-    small to have that many neighbours is kept whole.  O(M) where places are spread over the plan.
+    small to have that many neighbours is kept whole; in a part of one those that are missing lie
+    beyond its edge, too far away.  O(M) where places are spread over the plan.
 
     Parameters
     ----------
@@ -59,7 +60,7 @@ def remove_outliers(
 
     """
     num = settings.num_neighbors
-    if len(positions) <= num:
+    if len(positions) <= num and usual is None:
         keep = np.ones(len(positions), dtype=bool)
         return OutlierResult(keep=keep, mean=0.0, sigma=0.0, threshold=np.inf)
     average = measure_spacing(positions, num)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from plc_inspect.config import HeightSettings, Settings
 from plc_inspect.core.cloud_frame import CloudFrame
@@ -21,7 +22,6 @@ from plc_inspect.core.extraction.height import (
 )
 from plc_inspect.core.extraction.linearity import anchor, find_candidates
 from plc_inspect.core.extraction.off_ground import gather_off_ground
-from plc_inspect.core.extraction.outliers import measure_spacing
 from plc_inspect.grid.tiles.tile_job import TileJob
 from plc_inspect.results import Float64
 
@@ -29,6 +29,13 @@ CONTEXT = 80.0
 """
 Looked at around a tile for the ground and for candidates [m].
 Source: derived: gaps of the ground grid are filled from blocks of 64 cells at most.
+"""
+CANDIDATES, BOXES = '.candidates.npy', 'candidates.npz'
+"""Ends the names of files of candidates; where they lie, of all tiles."""
+MOST_CANDIDATES = 2_000_000
+"""
+Neighbours are looked for among so many, and somewhat more where they are dense.
+Source: numerical: 48 MB, and as much again for the tree; nearer ones are found before.
 """
 
 Answer = dict[str, Any]
@@ -94,7 +101,7 @@ def measure_candidates(
     job: TileJob, frame: CloudFrame, region: Float64, peak: float, settings: Settings
 ) -> Answer:
     """
-    Measure how far candidates of a tile are from their neighbours.
+    Find the candidates of a tile, and keep them beside it.
 
     Parameters
     ----------
@@ -112,8 +119,8 @@ def measure_candidates(
     Returns
     -------
     dict
-        ``num`` candidates, ``mean`` and ``squares``, the sum of squared differences from it [m2],
-        of the distances; ``low``, least x and y of the points off the ground [m].
+        ``name`` of the tile, ``num`` candidates, ``box``, least x and y and greatest of them;
+        ``low``, least x and y of the points off the ground [m].
 
     """
     found = job.read(CONTEXT)
@@ -122,21 +129,75 @@ def measure_candidates(
     height = extract_high(points, settings.height, surface=surface, peak=peak)
     cloud = gather_off_ground(points, height, settings.height.beta / 2, region[0])
     own = cloud.points[found.core[cloud.place], :2]
-    low = own.min(axis=0, initial=math.inf).tolist()
     linearity = settings.linearity
     origin = anchor(cloud.points, cloud.high, linearity)
     places = find_candidates(cloud.points, cloud.high, origin, linearity).position
-    empty = {'num': 0, 'mean': 0.0, 'squares': 0.0, 'low': low}
-    if len(places) <= settings.outliers.num_neighbors:
-        return empty
-    inside = _is_inside(frame.leave(places), job.tile.rectangle(job.grid))
-    if not inside.any():
-        return empty
-    spacing = measure_spacing(places, settings.outliers.num_neighbors)[inside]
+    places = places[_is_inside(frame.leave(places), job.tile.rectangle(job.grid))]
+    np.save(f'{job.place}{CANDIDATES}', places)
+    plan = places[:, :2]
+    return {
+        'name': job.tile.name, 'num': len(places),
+        'low': own.min(axis=0, initial=math.inf).tolist(),
+        'box': [*plan.min(axis=0, initial=math.inf).tolist(),
+                *plan.max(axis=0, initial=-math.inf).tolist()],
+    }
+
+
+def write_candidate_boxes(folder: Path, answers: Sequence[Answer]) -> None:
+    """Write where the candidates of all tiles that have some lie, for `measure_distances`."""
+    held = [item for item in answers if item['num']]
+    folder.mkdir(parents=True, exist_ok=True)
+    np.savez(
+        folder / BOXES, names=np.array([item['name'] for item in held], dtype=np.str_),
+        boxes=np.array([item['box'] for item in held]).reshape(-1, 4),
+        counts=np.array([item['num'] for item in held], dtype=np.int64),
+    )
+
+
+def measure_distances(folder: str, name: str, num_neighbors: int) -> Answer:
+    """
+    Measure how far the candidates of a tile are from their neighbours, in whichever tile.
+
+    Parameters
+    ----------
+    folder : str
+        With the candidates of all tiles.
+    name : str
+        Of the tile.
+    num_neighbors : int
+        Candidates that a distance is the mean of.
+
+    Returns
+    -------
+    dict
+        ``num`` distances, their ``mean`` [m] and ``squares``, the sum of squared differences from
+        it [m2].
+
+    """
+    with np.load(Path(folder) / BOXES) as known:
+        names, boxes, counts = known['names'].tolist(), known['boxes'], known['counts']
+    if name not in names or counts.sum() <= num_neighbors:
+        return {'num': 0, 'mean': 0.0, 'squares': 0.0}
+    own = boxes[names.index(name)]
+    gaps = np.maximum(np.maximum(boxes[:, :2] - own[2:], own[:2] - boxes[:, 2:]), 0.0)
+    apart = np.hypot(*gaps.T)
+    places = np.load(Path(folder) / f'{name}{CANDIDATES}')
+    spacing = np.zeros(len(places))
+    rest, reach = np.arange(len(places)), CONTEXT
+    while len(rest):
+        near = np.flatnonzero(apart <= reach)
+        is_last = len(near) == len(names) or int(counts[near].sum()) > MOST_CANDIDATES
+        tree = cKDTree(np.concatenate([
+            np.load(Path(folder) / f'{names[k]}{CANDIDATES}') for k in near.tolist()
+        ]))
+        distance, _ = tree.query(places[rest], k=num_neighbors + 1)
+        # a place that is not loaded lies beyond the reach
+        sure = (distance[:, -1] <= reach) | is_last
+        spacing[rest[sure]] = distance[sure, 1:].sum(axis=1) / num_neighbors
+        rest, reach = rest[~sure], 2.0 * reach
     mean = float(spacing.mean())
     return {
         'num': len(spacing), 'mean': mean, 'squares': float(((spacing - mean) ** 2).sum()),
-        'low': low,
     }
 
 
@@ -151,15 +212,17 @@ def _is_inside(
 
 
 def join_spacing(
-    answers: Sequence[Answer], num_neighbors: int
+    answers: Sequence[Answer], lows: Iterable[Answer], num_neighbors: int
 ) -> tuple[tuple[float, float] | None, Float64]:
     """
-    Join what `measure_candidates` tells of all tiles.
+    Join what `measure_distances` and `measure_candidates` tell of all tiles.
 
     Parameters
     ----------
     answers : sequence of dict
-        Of the tiles.
+        Of `measure_distances`.
+    lows : iterable of dict
+        Of `measure_candidates`.
     num_neighbors : int
         Candidates that a distance is the mean of.
 
@@ -173,7 +236,7 @@ def join_spacing(
     """
     num = sum(answer['num'] for answer in answers)
     low = np.full(2, math.inf)
-    for answer in answers:
+    for answer in lows:
         low = np.minimum(low, answer['low'])
     low[~np.isfinite(low)] = 0.0
     if num <= num_neighbors:
@@ -185,7 +248,8 @@ def join_spacing(
     return (mean, math.sqrt(squares / num)), low
 
 
-def remove_heights(folder: Path) -> None:
-    """Remove the heights beside all tiles."""
-    for path in folder.glob('*.heights.npy'):
-        path.unlink()
+def remove_kept(folder: Path) -> None:
+    """Remove heights and candidates beside all tiles."""
+    for pattern in ('*.heights.npy', f'*{CANDIDATES}', BOXES):
+        for path in folder.glob(pattern):
+            path.unlink()

@@ -44,6 +44,13 @@ def test_too_few_to_judge_are_kept(num):
     assert result.threshold == np.inf
 
 
+def test_few_of_many_are_far_from_the_others():
+    """In a part of a cloud, the neighbours that are missing lie beyond its edge."""
+    positions = np.random.default_rng(0).normal(size=(8, 3))
+    assert not remove_outliers(positions, OutlierSettings(), (1.0, 0.5)).keep.any()
+    assert remove_outliers(positions[:0], OutlierSettings(), (1.0, 0.5)).keep.shape == (0,)
+
+
 def test_duplicates_are_kept_and_the_limit_is_inclusive():
     result = remove_outliers(np.ones((20, 3)), OutlierSettings())
     assert result.keep.all()
