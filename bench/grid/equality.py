@@ -272,7 +272,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
     for module in (ground_surface, nearest_span, plan_index):
         module.MAX_CELLS = MOST_CELLS
-    layout.MOST_POINTS = sys.maxsize
+    ground_surface.MOST_PART_CELLS, layout.MOST_POINTS = MOST_CELLS, sys.maxsize
     rng = np.random.default_rng(arguments.seed)
     rows, good = [], True
     with open_cache(arguments.cache) as cache, tempfile.TemporaryDirectory() as room:

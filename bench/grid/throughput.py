@@ -6,13 +6,15 @@ Time and memory of a grid: beside a single survey, with more workers, and in the
 
 A simulated corridor, copies of one laid end to end, is surveyed in one run and as a grid with each
 number of workers, by turns in processes of their own; printed are times, points a second, ratios
-to the single survey and the peak memory of the parent and of tiles.  ``--empty N`` plans a grid
+to the single survey, also by processor time, which a busy machine changes less, the load, and the
+peak memory of the parent and of tiles.  ``--empty N`` plans a grid
 of N tiles that hold a few points each.
 """
 
 import argparse
 from collections.abc import Sequence
 import json
+import os
 from pathlib import Path
 import resource
 import subprocess
@@ -30,13 +32,15 @@ from plc_inspect.grid.cells.layout import lay_cells, lay_tiles
 from plc_inspect.grid.cells.sources import read_sources
 
 GAP = 0.0
-COLUMNS = ('run', 'time [s]', 'points/s', 'to single', 'parent [GB]', 'largest tile [GB]', 'tiles',
-           'read/points')
+COLUMNS = ('run', 'time [s]', 'processor [s]', 'points/s', 'to single', 'by processor', 'load',
+           'parent [GB]', 'largest tile [GB]', 'tiles', 'read/points')
 RUN = (
     'import json, resource, sys, time; begun = time.perf_counter();'
     'from plc_inspect.offline.commands.survey import main; code = main(sys.argv[1:]);'
+    'used = [resource.getrusage(who)'
+    ' for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)];'
     'print(json.dumps([code, time.perf_counter() - begun,'
-    ' resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024]))'
+    ' sum(item.ru_utime + item.ru_stime for item in used), used[0].ru_maxrss * 1024]))'
 )
 
 
@@ -55,34 +59,37 @@ def write_corridor(path: Path, cache: Path, num: int, copies: int) -> Path:
     return path
 
 
-def run(*arguments: str) -> tuple[float, float]:
-    """Run plc_survey in a process of its own; return its time [s] and peak memory [bytes]."""
+def run(*arguments: str) -> tuple[float, float, float]:
+    """Run plc_survey in a process of its own; return times [s] and peak memory [bytes]."""
     done = subprocess.run(
         [sys.executable, '-c', RUN, *arguments, '--quiet'], capture_output=True, text=True,
         check=False,
     )
     if done.returncode:
         raise SystemExit(done.stderr)
-    code, seconds, peak = json.loads(done.stdout.splitlines()[-1])
+    code, seconds, busy, peak = json.loads(done.stdout.splitlines()[-1])
     if code:
         raise SystemExit(f'plc_survey ended with {code}: {done.stderr}')
-    return seconds, peak
+    return seconds, busy, peak
 
 
 def measure(path: Path, num_points: int, workers: Sequence[int], options: Sequence[str]) -> list:
     """Return the rows of a single survey and of grids."""
     rows = []
     with tempfile.TemporaryDirectory(dir=path.parent) as room:
-        single, peak = run(str(path), '-o', f'{room}/single')
-        rows.append(('single', f'{single:.1f}', f'{num_points / single:,.0f}', '1.00',
-                     f'{peak / 1e9:.2f}', '-', '-', '-'))
+        single, single_busy, peak = run(str(path), '-o', f'{room}/single')
+        rows.append((
+            'single', f'{single:.1f}', f'{single_busy:.1f}', f'{num_points / single:,.0f}', '1.00',
+            '1.00', f'{os.getloadavg()[0]:.1f}', f'{peak / 1e9:.2f}', '-', '-', '-',
+        ))
         for num in workers:
             out = Path(room) / f'grid{num}'
-            seconds, peak = run(str(path), '-o', str(out), '--workers', str(num), *options)
+            seconds, busy, peak = run(str(path), '-o', str(out), '--workers', str(num), *options)
             tiles = read_answers(out)
             rows.append((
-                f'grid, {num} workers', f'{seconds:.1f}', f'{num_points / seconds:,.0f}',
-                f'{seconds / single:.2f}', f'{peak / 1e9:.2f}',
+                f'grid, {num} workers', f'{seconds:.1f}', f'{busy:.1f}',
+                f'{num_points / seconds:,.0f}', f'{seconds / single:.2f}',
+                f'{busy / single_busy:.2f}', f'{os.getloadavg()[0]:.1f}', f'{peak / 1e9:.2f}',
                 f'{max(item["peak_memory"] for item in tiles) / 1e9:.2f}', str(len(tiles)),
                 f'{sum(item["num_read"] for item in tiles) / num_points:.2f}',
             ))
@@ -124,8 +131,8 @@ def plan_empty(num: int) -> list[tuple[str, ...]]:
         tiles = lay_tiles(cells, counts, 500.0, 5_000_000)
         seconds = time.perf_counter() - begun
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-    return [(f'plan of {num} inputs', f'{seconds:.1f}', '-', '-', f'{peak / 1e9:.2f}', '-',
-             str(len(tiles)), '-')]
+    return [(f'plan of {num} inputs', f'{seconds:.1f}', '-', '-', '-', '-',
+             f'{os.getloadavg()[0]:.1f}', f'{peak / 1e9:.2f}', '-', str(len(tiles)), '-')]
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -19,6 +19,11 @@ MAX_CELLS = 16_000_000
 Cells of the ground grid at most; a wider area gets larger cells.
 Source: numerical: the grid, float32, takes 64 MB.
 """
+MOST_PART_CELLS = 80_000_000
+"""
+The same for a part of a cloud, whose cells must be those of the whole.
+Source: derived: a tile of 1800 m with halos of 2000 m, turned by any angle; few are as wide.
+"""
 STRETCH = 2048
 """
 Points whose heights are worked out together.
@@ -101,7 +106,8 @@ def measure_surface(
     else:
         _lay_out(low, high, region, settings.cell_size)
     extent = high[:2] - low[:2]
-    cell = max(settings.cell_size, math.sqrt(float(extent[0] * extent[1]) / MAX_CELLS))
+    most = MAX_CELLS if region is None else MOST_PART_CELLS
+    cell = max(settings.cell_size, math.sqrt(float(extent[0] * extent[1]) / most))
     per_cell = 1.0 / cell  # multiplied by as in the kernel, or a place could lie beyond the grid
     shape = (int(extent[1] * per_cell) + 1, int(extent[0] * per_cell) + 1)
     solid = points if airborne is None else points[~airborne]

@@ -32,10 +32,11 @@ LEAST_EDGE, MOST_EDGE = 20.0, 1000.0
 """Edge of a cell [m].  Source: judgement; not measured."""
 MOST_CELLS = 4_000_000
 """Cells over all inputs.  Source: numerical: their counts take 32 MB."""
-MOST_REACH = 2800.0
+MOST_REACH = 5600.0
 """
-Edge of a tile with its halos, at most [m].
-Source: derived: turned by any angle it keeps to the cells of core.extraction.ground_surface.
+Length and width together, at most, of what is read for a tile with its halos [m].
+Source: derived: turned by any angle, half the square of it, it keeps to the cells of
+core.extraction.ground_surface; a square of 2800 m and a corridor of 5300 m do.
 """
 
 
@@ -195,6 +196,7 @@ def lay_tiles(
         A single cell with its halo holds too many.
 
     """
+    table = counts.reshape(grid.rows, grid.columns) > 0
     total = np.zeros((grid.rows + 1, grid.columns + 1), dtype=np.int64)
     total[1:, 1:] = counts.reshape(grid.rows, grid.columns).cumsum(axis=0).cumsum(axis=1)
     more = math.ceil(halo / grid.edge)
@@ -205,6 +207,16 @@ def lay_tiles(
         c1, r1 = min(c1, grid.columns), min(r1, grid.rows)
         return int(total[r1, c1] - total[r0, c1] - total[r1, c0] + total[r0, c0])
 
+    def reach(column: int, row: int, width: int) -> float:
+        """Return length and width together of the cells with points in a tile and its halo."""
+        held = table[
+            max(row - more, 0) : row + width + more, max(column - more, 0) : column + width + more
+        ]
+        return sum(
+            float(used[-1] - used[0] + 1) * grid.edge
+            for used in (np.flatnonzero(held.any(axis=axis)) for axis in (0, 1)) if len(used)
+        )
+
     def divide(column: int, row: int, width: int) -> None:
         if column >= grid.columns or row >= grid.rows:
             return
@@ -213,7 +225,7 @@ def lay_tiles(
             return
         near = count(column - more, row - more, column + width + more, row + width + more)
         edge = width * grid.edge
-        fits = near <= allowed and edge <= most_edge and edge + 2 * halo <= MOST_REACH
+        fits = near <= allowed and edge <= most_edge and reach(column, row, width) <= MOST_REACH
         if fits or width == 1:
             if near > allowed:
                 raise DataError(

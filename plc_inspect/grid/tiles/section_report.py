@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from numba import njit
 import numpy as np
 
 from plc_inspect.config import Settings
@@ -82,12 +83,24 @@ def find_strips(spans: Sequence[Span]) -> list[tuple[Float64, Float64, Float64]]
 
 
 def is_near(strips: Sequence[tuple[Float64, Float64, Float64]], points: Float64) -> Bool:
-    """Tell which points (N, 2+) lie in one of the strips."""
-    near = np.zeros(len(points), dtype=bool)
-    for low, axes, size in strips:
-        apart = points[:, :2] @ axes.T - low
-        near |= ((apart >= 0.0) & (apart <= size)).all(axis=1)
+    """Tell which points (N, 3) lie in one of the strips."""
+    rows = np.array([[*low, *axes.ravel(), *size] for low, axes, size in strips])
+    near: Bool = _is_near(rows.reshape(-1, 8), points)
     return near
+
+
+@njit(cache=True, nogil=True)
+def _is_near(rows, points):  # type: ignore[no-untyped-def]
+    result = np.zeros(len(points), dtype=np.bool_)
+    for i in range(len(points)):
+        x, y = points[i, 0], points[i, 1]
+        for row in rows:
+            along = x * row[2] + y * row[3] - row[0]
+            across = x * row[4] + y * row[5] - row[1]
+            if 0.0 <= along <= row[6] and 0.0 <= across <= row[7]:
+                result[i] = True
+                break
+    return result
 
 
 def bound(strips: Sequence[tuple[Float64, Float64, Float64]]) -> Rectangle:

@@ -7,7 +7,7 @@ from scipy.ndimage import distance_transform_edt
 from toys import make_curve, make_ground, make_tree, make_wire, turn
 
 from plc_inspect.config import HeightSettings
-from plc_inspect.core.extraction.ground_surface import bounds
+from plc_inspect.core.extraction.ground_surface import bounds, measure_surface
 from plc_inspect.core.extraction.height import extract_high, ground_at
 from plc_inspect.core.spans.ground_revision import revise_ground
 from plc_inspect.errors import ConfigError
@@ -228,6 +228,15 @@ def test_ground_that_is_near_a_conductor_stays():
     mended = revise_ground(points, result, [make_curve(wire)], SETTINGS)
     assert mended is not result
     np.testing.assert_allclose(mended.ground, 0.0, atol=0.15)
+
+
+def test_the_cells_of_a_part_are_as_small_as_those_of_the_whole():
+    """Where a single cloud as wide takes coarser ones."""
+    corners = np.array([[0.0, 0.0, 0.0], [4500.0, 4500.0, 0.0]])
+    region = corners[:, :2]
+    assert extract_high(corners, SETTINGS).cell_size > SETTINGS.cell_size
+    part = measure_surface(corners, SETTINGS, region=region)
+    assert part.cell_size == SETTINGS.cell_size
 
 
 def test_what_lies_along_a_conductor_is_high_where_no_ground_was_seen():

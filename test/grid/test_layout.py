@@ -1,0 +1,51 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Tiles are as large as memory, and the cells of the ground, allow."""
+
+import numpy as np
+import pytest
+
+from plc_inspect.grid.cells.layout import CellGrid, lay_tiles, MOST_REACH
+
+EDGE, HALO = 200.0, 500.0
+
+
+def lay(counts, **limits):
+    """Divide cells, given as rows, with all the memory that may be."""
+    rows, columns = counts.shape
+    grid = CellGrid(origin=(0.0, 0.0), edge=EDGE, columns=columns, rows=rows)
+    tiles = lay_tiles(grid, counts.ravel(), HALO, limits.pop('allowed', 10**9), **limits)
+    assert sum(tile.num_points for tile in tiles) == counts.sum()
+    return grid, tiles
+
+
+def find_reach(grid, counts, tile):
+    """Return length and width of what is read for a tile, together [m]."""
+    cells = np.array(tile.cells(grid, HALO))
+    used = cells[counts.ravel()[cells] > 0]
+    row, column = used // grid.columns, used % grid.columns
+    return (np.ptp(row) + np.ptp(column) + 2) * EDGE
+
+
+def test_a_corridor_is_cut_into_long_tiles():
+    """What is read of a line is narrow: a tile of it may be longer than one of a plain."""
+    corridor = np.zeros((80, 80), dtype=np.int64)
+    corridor[40:42] = 1000
+    grid, tiles = lay(corridor)
+    longest = max((tile.last[0] - tile.first[0] + 1) * EDGE for tile in tiles)
+    assert longest == 3200.0
+    assert sum(tile.num_near for tile in tiles) < 1.35 * corridor.sum()
+    plain = np.full((80, 80), 1000, dtype=np.int64)
+    _, others = lay(plain)
+    assert max((tile.last[0] - tile.first[0] + 1) * EDGE for tile in others) == 1600.0
+    for counts, own in ((corridor, tiles), (plain, others)):
+        assert max(find_reach(grid, counts, tile) for tile in own) <= MOST_REACH
+
+
+@pytest.mark.parametrize('allowed', [20_000, 200_000])
+def test_memory_bounds_what_is_read(allowed):
+    corridor = np.zeros((80, 80), dtype=np.int64)
+    corridor[40:42] = 1000
+    _, tiles = lay(corridor, allowed=allowed)
+    assert max(tile.num_near for tile in tiles) <= allowed
