@@ -36,8 +36,10 @@ from plc_inspect.grid.ledger import Ledger, make_key
 from plc_inspect.grid.tiles.survey_whole import (
     count_tile,
     find_peak,
+    join_bounds,
     join_extremes,
     join_spacing,
+    measure_bounds,
     measure_candidates,
     measure_distances,
     measure_ground,
@@ -324,31 +326,33 @@ def _measure_whole(
         return [answers[task.name] for task in listed if task.name in answers]
 
     extent = [(job.tile.first, job.tile.last) for job in jobs]
-    grounds = ask('ground', (
-        Task(name=job.tile.name, function=measure_ground, arguments=(job, frame, settings.height))
-        for job in jobs
-    ), extent)
-    extremes, region = join_extremes(grounds)
+    region = join_bounds(ask('bounds', (
+        Task(name=job.tile.name, function=measure_bounds, arguments=(job, frame)) for job in jobs
+    ), extent))
+    extremes = join_extremes(ask('ground', (
+        Task(name=job.tile.name, function=measure_ground, arguments=(
+            job, frame, region, settings.height,
+        )) for job in jobs
+    ), extent))
     peak = 0.0
     if extremes[0] <= extremes[1]:
         peak = find_peak(ask('histogram', (
-            Task(name=job.tile.name, function=count_tile,
-                 arguments=(str(job.place), extremes, settings.height))
-            for job in jobs
+            Task(name=job.tile.name, function=count_tile, arguments=(
+                str(job.place), extremes, settings.height,
+            )) for job in jobs
         ), extent, extremes), extremes, settings.height)
     candidates = ask('candidates', (
-        Task(name=job.tile.name, function=measure_candidates,
-             arguments=(job, frame, region, peak, settings))
-        for job in jobs
+        Task(name=job.tile.name, function=measure_candidates, arguments=(
+            job, frame, region, peak, settings,
+        )) for job in jobs
     ), extent, extremes, peak)
     folder, num = run.work / TILES, settings.outliers.num_neighbors
     write_candidate_boxes(folder, candidates)
-    known = make_key(candidates, num)
     spacings = ask('spacing', (
         Task(name=own['name'], function=measure_distances, arguments=(
             str(folder), own['name'], num,
         )) for own in candidates
-    ), known)
+    ), make_key(candidates, num))
     remove_kept(folder)
     spacing, anchor = join_spacing(spacings, candidates, num)
     return Whole(frame=frame, region=region, peak=peak, anchor=anchor, spacing=spacing,

@@ -18,6 +18,7 @@ from toys import make_ground, make_wire
 
 from plc_inspect import __version__
 from plc_inspect.config import Settings
+from plc_inspect.core.extraction.height import extract_high
 from plc_inspect.core.line_finder import find_lines
 from plc_inspect.core.pipeline import enter_frame, Pipeline
 from plc_inspect.core.stage_log import StageLog
@@ -139,6 +140,23 @@ def test_the_usual_distance_of_candidates_is_that_of_the_whole(tmp_path):
     found = find_lines(own, Settings(), StageLog(None), frame.east).outliers
     assert whole['spacing'] == pytest.approx([found.mean, found.sigma], rel=1e-9)
     assert not list((tmp_path / 'out' / 'work').glob('**/*candidates*'))
+
+
+def test_heights_of_a_grid_are_those_of_the_whole(tmp_path):
+    """Where ground was not seen it is filled in from afar: the peak of the histogram tells."""
+    def rise(x, y):
+        return 0.15 * x + 2.0 * np.sin(x / 30.0) + 0.1 * y
+
+    ground = make_ground((0, 0), (400, 60), per_square_metre=0.8, height=rise)
+    ground = ground[(ground[:, 0] < 150.0) | (ground[:, 0] > 180.0)]
+    wire = make_wire((0.0, 30.0, 20.0), (400.0, 30.0, 80.0), c=3000.0, per_metre=3)
+    path = write_las(tmp_path / 'gap.las', np.round(np.vstack([ground, wire]) + ORIGIN, 3))
+    inspect(tmp_path / 'out', [path], edge=45.0, tile_edge=90.0, halo=300.0)
+    with Ledger(tmp_path / 'out', __version__) as ledger:
+        whole = ledger.find_fact('whole')['whole']
+    own, *_ = enter_frame(read_cloud(path).points)
+    found = extract_high(own, Settings().height)
+    assert whole['peak'] + Settings().height.beta == pytest.approx(found.threshold, abs=1e-9)
 
 
 def test_a_grid_of_surveyed_points_keeps_the_class_of_before(cloud, tmp_path):

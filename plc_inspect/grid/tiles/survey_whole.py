@@ -25,10 +25,11 @@ from plc_inspect.core.extraction.off_ground import gather_off_ground
 from plc_inspect.grid.tiles.tile_job import TileJob
 from plc_inspect.results import Float64
 
-CONTEXT = 80.0
+CONTEXT = 200.0
 """
 Looked at around a tile for the ground and for candidates [m].
-Source: derived: gaps of the ground grid are filled from blocks of 64 cells at most.
+Source: derived: gaps of the ground grid of up to 64 cells are filled from the block of 64 that
+they lie in and those about it; 130 m gave other heights.
 """
 CANDIDATES, BOXES = '.candidates.npy', 'candidates.npz'
 """Ends the names of files of candidates; where they lie, of all tiles."""
@@ -41,31 +42,54 @@ Source: numerical: 48 MB, and as much again for the tree; nearer ones are found 
 Answer = dict[str, Any]
 
 
-def measure_ground(job: TileJob, frame: CloudFrame, settings: HeightSettings) -> Answer:
+def measure_bounds(job: TileJob, frame: CloudFrame) -> Answer:
+    """Return least x and y and greatest of a tile's points in the frame [m], infinite if none."""
+    own = frame.enter(job.read(0.0).points)[:, :2]
+    own = own[np.isfinite(own[:, 0])]
+    return {'bounds': [*own.min(axis=0, initial=math.inf).tolist(),
+                       *own.max(axis=0, initial=-math.inf).tolist()]}
+
+
+def join_bounds(answers: Iterable[Answer]) -> Float64:
+    """Return least x and y and greatest, (2, 2), over all tiles [m]."""
+    region = np.array([[math.inf] * 2, [-math.inf] * 2])
+    for answer in answers:
+        region[0] = np.minimum(region[0], answer['bounds'][:2])
+        region[1] = np.maximum(region[1], answer['bounds'][2:])
+    return region
+
+
+def measure_ground(
+    job: TileJob, frame: CloudFrame, region: Float64, settings: HeightSettings
+) -> Answer:
     """
     Measure the heights of a tile's points, and keep them beside it.
+
+    Parameters
+    ----------
+    job : TileJob
+        The tile.
+    frame : CloudFrame
+        Of the whole grid.
+    region : (2, 2) float64
+        Least and greatest x and y of the whole in that frame [m]: by it lie the cells.
+    settings : HeightSettings
+        Of the ground.
 
     Returns
     -------
     dict
-        ``extremes``, least and greatest height [m], and ``bounds``, least x and y and greatest
-        in the frame [m]; infinite where there are none.
+        ``extremes``, least and greatest height [m], infinite where there is none.
 
     """
     found = job.read(CONTEXT)
-    points = frame.enter(found.points)
-    surface = measure_surface(points, settings)
-    height = surface.height[found.core]
-    own = points[found.core, :2]
-    del points, surface
+    height = measure_surface(frame.enter(found.points), settings, region=region).height
+    known = height[found.core]
+    known = known[np.isfinite(known)]
     job.place.parent.mkdir(parents=True, exist_ok=True)
-    np.save(f'{job.place}.heights.npy', height[np.isfinite(height)])
-    known = height[np.isfinite(height)]
-    own = own[np.isfinite(own[:, 0])]
+    np.save(f'{job.place}.heights.npy', known)
     return {
         'extremes': [float(known.min(initial=math.inf)), float(known.max(initial=-math.inf))],
-        'bounds': [*own.min(axis=0, initial=math.inf).tolist(),
-                   *own.max(axis=0, initial=-math.inf).tolist()],
     }
 
 
@@ -75,15 +99,12 @@ def count_tile(place: str, extremes: tuple[float, float], settings: HeightSettin
     return {'counts': count_heights(np.load(f'{place}.heights.npy'), edges).tolist()}
 
 
-def join_extremes(answers: Iterable[Answer]) -> tuple[tuple[float, float], Float64]:
-    """Return least and greatest height, and (2, 2) bounds in the frame, over all tiles [m]."""
+def join_extremes(answers: Iterable[Answer]) -> tuple[float, float]:
+    """Return least and greatest height over all tiles [m]."""
     low, high = math.inf, -math.inf
-    region = np.array([[math.inf] * 2, [-math.inf] * 2])
     for answer in answers:
         low, high = min(low, answer['extremes'][0]), max(high, answer['extremes'][1])
-        region[0] = np.minimum(region[0], answer['bounds'][:2])
-        region[1] = np.maximum(region[1], answer['bounds'][2:])
-    return (low, high), region
+    return low, high
 
 
 def find_peak(
