@@ -299,10 +299,8 @@ def know_whole(run: GridRun, cut: CutGrid, jobs: Sequence[TileJob]) -> Whole:
     frame = derive_frame(cut.reference, cut.moments)
     if cut.strays:
         frame = _derive_without_strays(jobs, cut)
-    step = min(choose_step(cut.num_points), MOST_STEP)
-    whole = replace(
-        _measure_whole(run, jobs, frame, key + make_key(cut.part_keys)), probe_step=step
-    )
+    found = _measure_whole(run, jobs, frame, key + make_key(cut.part_keys))
+    whole = replace(found, probe_step=min(choose_step(cut.num_points), MOST_STEP))
     run.ledger.keep_fact('whole', {'key': key, 'whole': render_whole(whole)})
     return whole
 
