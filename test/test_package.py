@@ -36,8 +36,8 @@ IMPORT_TO_KEY = {
 IMPORT_TO_REQUIREMENT = {
     'markupsafe': 'jinja2', 'sklearn': 'scikit-learn', 'yaml': 'PyYAML', 'lazrs': 'laspy',
 }
-WITHOUT_KEY = {'cma', 'dask', 'distributed', 'ezdxf', 'laspy', 'lazrs', 'mcap', 'plyfile', 'pye57',
-               'pyogrio', 'pypdf', 'rich', 'zstandard'}
+WITHOUT_KEY = {'cma', 'dask', 'distributed', 'ezdxf', 'laspy', 'lazrs', 'mcap', 'plyfile',
+               'pyarrow', 'pye57', 'pyogrio', 'pypdf', 'rich', 'zstandard'}
 OPTIONAL = ('grid', 'pdf', 'formats')
 """Extras without which one thing cannot be done, which says so."""
 
