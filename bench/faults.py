@@ -33,7 +33,7 @@ from common.tables import render_table, replace_section
 import numpy as np
 from scipy.spatial import cKDTree
 
-from plc_inspect.core.alignment.parts import Part
+from plc_inspect.core.alignment.parts import BY_RATE, Part
 from plc_inspect.core.alignment.rigid_move import RigidMove
 from plc_inspect.offline.readers.bags import Recording
 from plc_inspect.ros.graph.transport import prepare_transport
@@ -292,7 +292,8 @@ def find_move(found: Path) -> RigidMove | None:
     """Return what brings results from the odometry's frame at the end into that at the start."""
     counts = json.loads((found / 'run.json').read_text())['input']['counts']
     parts = [Part.from_record(item) for item in counts['parts']]
-    return parts[-1].move if parts and parts[-1].aligned else None
+    whole = parts and (parts[-1].aligned or parts[-1].by == BY_RATE)
+    return parts[-1].move if whole else None
 
 
 def compare(found: str, reference: list[Any], offset: Sequence[float]) -> str:

@@ -130,9 +130,9 @@ def put_w_first(time: float, place: np.ndarray, turn: np.ndarray) -> tuple[Any, 
     return place, turn[[3, 0, 1, 2]]
 
 
-def stretch(time: float, place: np.ndarray, turn: np.ndarray) -> tuple[Any, Any]:
-    """Give positions that are 5 % too long, as of one camera."""
-    return 1.05 * place, turn
+def stretch(scale: float) -> Change:
+    """Return a fault: positions are longer by a factor, as of one camera."""
+    return turn_poses(lambda time, place, turn: (scale * place, turn))
 
 
 def hold_positions(events: list[Event]) -> list[Event]:

@@ -16,23 +16,36 @@ SHIFT_WALK, TURN_WALK, RATE_WALK = 0.01, 0.0003, 0.02
 How far the odometry's error wanders in a second [m], [rad], and its rate [m/s].
 Source: judgement: twice the slip of a good odometry, 0.2 % of the way at 5 m/s.
 """
+SCALE, SCALE_WALK = 0.03, 0.0005
+"""
+Standard deviation of the share by which the positions are too short at the start, and how far it
+wanders in a second.
+Source: judgement: a camera alone, an air pressure or a wheel tells ways to a hundredth.
+"""
 MOST_RATE = 0.5
 """Drifts are no faster [m/s].  Source: judgement."""
-_SIZE = 7
-"""Figures of the state.  Source: numerical: shift, turn, rate."""
+_SIZE = 8
+"""Figures of the state.  Source: numerical: shift, turn, rate, share of the way."""
+SLOWEST = 1.0
+"""Slower vehicles do not tell a share of the way from a drift [m/s].  Source: judgement."""
 
 
 class DriftFilter:
-    """Shift, turn, and rate of the shift; the shift is of the vehicle's place."""
+    """
+    Shift, turn, rate of the shift, share of the way; the shift is of the vehicle's place.
+
+    A drift goes on with time whatever the vehicle does; what is a share of the way turns with it.
+    """
 
     def __init__(self, move: RigidMove, stamp_ns: int, covariance: Float64 | None = None) -> None:
         self._centre = move.centre
         self._mean: Float64 = np.zeros(_SIZE)
         self._mean[:3], self._mean[3] = move.shift, move.yaw
-        self._spread = np.diag(np.array([SHIFT] * 3 + [TURN] + [RATE] * 3) ** 2)
+        self._spread = np.diag(np.array([SHIFT] * 3 + [TURN] + [RATE] * 3 + [SCALE]) ** 2)
         if covariance is not None:
             self._spread[:4, :4] = covariance
         self._stamp = stamp_ns
+        self._velocity = np.zeros(3)
 
     @property
     def move(self) -> RigidMove:
@@ -48,22 +61,77 @@ class DriftFilter:
         """Return the move at a time near the last [ns]."""
         ahead = (stamp_ns - self._stamp) * 1e-9
         return RigidMove(
-            self._mean[:3] + ahead * self._mean[4:], float(self._mean[3]), self._centre
+            self._mean[:3] + ahead * (self._mean[4:7] + self._mean[7] * self._velocity),
+            float(self._mean[3]), self._centre,
         )
 
-    def predict(self, stamp_ns: int, place: Float64) -> None:
-        """Go on to a time [ns] and the vehicle's place (3,) [m] in the odometry's frame."""
+    def measure_share(self) -> tuple[float, float]:
+        """
+        Return by what share of the way along it the odometry is off, and its standard deviation.
+
+        Positive where positions are too short.  It holds for the way flown now: without a turn a
+        drift cannot be told from positions that are too long.  0 and infinity at a standstill.
+        """
+        square = float(self._velocity @ self._velocity)
+        if square < SLOWEST**2:
+            return 0.0, np.inf
+        along = np.zeros(_SIZE)
+        along[4:7], along[7] = self._velocity / square, 1.0
+        return float(along @ self._mean), float(np.sqrt(along @ self._spread @ along))
+
+    def measure_aside(self) -> tuple[float, float]:
+        """Return how fast the odometry drifts aside [m/s], and its standard deviation."""
+        aside = self._mean[4:7] + self._mean[7] * self._velocity
+        if self.speed > SLOWEST:
+            way = self._velocity / self.speed
+            aside = aside - (aside @ way) * way
+        return (
+            float(np.linalg.norm(aside)),
+            float(np.sqrt(np.linalg.eigvalsh(self._spread[4:7, 4:7])[-1])),
+        )
+
+    def begin_anew(self, shift: Float64) -> None:
+        """
+        Begin with another shift (3,) [m] and an empty map.
+
+        The share of the way was found in a smeared map, so it may be off still.
+        """
+        self._mean[:3] = shift
+        self._spread[:3], self._spread[:, :3] = 0.0, 0.0
+        self._spread[:3, :3] = SHIFT**2 * np.eye(3)
+        self._spread[7, 7] += SCALE**2
+
+    def carry(self, other: 'DriftFilter') -> None:
+        """Take the share of the way that another filter found."""
+        self._mean[7], self._spread[7, 7] = other._mean[7], other._spread[7, 7]
+        self._velocity = other._velocity
+
+    @property
+    def speed(self) -> float:
+        """Of the vehicle [m/s]."""
+        return float(np.linalg.norm(self._velocity))
+
+    def predict(self, stamp_ns: int, place: Float64) -> float:
+        """
+        Go on to a time [ns] and the vehicle's place (3,) [m] in the odometry's frame.
+
+        Return the way between [m].
+        """
         seconds = max(0.0, (stamp_ns - self._stamp) * 1e-9)
         self._stamp = stamp_ns
         away = place - self._centre
         moved = self.move.about(place)
         grow = np.eye(_SIZE)
         grow[:3, 3] = -away[1], away[0], 0.0
-        grow[:3, 4:] = seconds * np.eye(3)
-        self._mean[:3] = moved.shift + seconds * self._mean[4:]
+        grow[:3, 4:7] = seconds * np.eye(3)
+        grow[:3, 7] = away
+        self._mean[:3] = moved.shift + seconds * self._mean[4:7] + self._mean[7] * away
         self._centre = moved.centre
-        walk = np.array([SHIFT_WALK] * 3 + [TURN_WALK] + [RATE_WALK] * 3) ** 2
+        if seconds > 0.0:
+            self._velocity = away / seconds
+        walk = np.array([SHIFT_WALK] * 3 + [TURN_WALK] + [RATE_WALK] * 3 + [SCALE_WALK]) ** 2
         self._spread = grow @ self._spread @ grow.T + np.diag(walk * seconds)
+        return float(np.linalg.norm(away))
 
     def update(self, fit: Fit) -> None:
         """Take a fit that began at ``move`` and ``covariance``."""
@@ -71,5 +139,5 @@ class DriftFilter:
         gain = self._spread[:, :4] @ np.linalg.inv(before)
         off = np.append(fit.move.shift, fit.move.yaw) - self._mean[:4]
         self._mean = self._mean + gain @ off
-        self._mean[4:] = np.clip(self._mean[4:], -MOST_RATE, MOST_RATE)
+        self._mean[4:7] = np.clip(self._mean[4:7], -MOST_RATE, MOST_RATE)
         self._spread = self._spread + gain @ (fit.covariance - before) @ gain.T

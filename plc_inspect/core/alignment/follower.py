@@ -10,16 +10,18 @@ they cannot be fitted the map begins anew, rather than showing every wire twice.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from plc_inspect.core.alignment.drift_filter import DriftFilter
 from plc_inspect.core.alignment.normal_cells import LEAST_LOOKS, NormalCells, OPEN_NS
-from plc_inspect.core.alignment.parts import gather_points, Part, Seen
+from plc_inspect.core.alignment.parts import BY_RATE, gather_points, Part, Seen
+from plc_inspect.core.alignment.pending_break import PendingBreak
 from plc_inspect.core.alignment.pose_watch import Break, Oddity, PoseWatch
 from plc_inspect.core.alignment.registration import Fit, fit_points, sample_points
 from plc_inspect.core.alignment.rigid_move import RigidMove
+from plc_inspect.core.alignment.steady_errors import SteadyErrors
 from plc_inspect.results import Float64
 
 REACH = 40.0
@@ -83,19 +85,6 @@ LOST_AFTER = 4
 """Batches in a row that do not fit, after which a part begins.  Source: derived: 2 s."""
 
 
-@dataclass(slots=True, eq=False)
-class _Pending:
-    """A break that is being looked at."""
-
-    cause: str
-    begin_ns: int
-    quick: bool
-    size: float
-    sigma: float
-    total: RigidMove
-    """From the newest odometry to that before the break."""
-
-
 class Follower:
     """Brings scans from the odometry's frame into that of the map; owned by one thread."""
 
@@ -105,6 +94,7 @@ class Follower:
         self.watch = PoseWatch()
         self._cells = NormalCells()
         self._filter: DriftFilter | None = None
+        self._steady = SteadyErrors()
         self._place = np.zeros(3)
         self._stamp = 0
         self.clear()
@@ -122,10 +112,11 @@ class Follower:
         self._held = self.move
         self._filter, self._following = None, False
         self._onset_ns, self._setting_in, self._lag = 0, 0.0, RigidMove()
-        self._pending: _Pending | None = None
+        self._pending: PendingBreak | None = None
         self._waiting: list[Seen] = []
         self._batch: list[Seen] = []
         self._doubts = self._strays = 0
+        self._steady.clear()
 
     def resume(
         self, move: RigidMove, points: Float64, stamp_ns: int, place: Float64 | None,
@@ -193,6 +184,11 @@ class Follower:
         return self._following
 
     @property
+    def doubt(self) -> str:
+        """Why nothing may be told of the map, '' if nothing."""
+        return self._steady.doubt
+
+    @property
     def num_waiting(self) -> int:
         """Scans that wait until they are fitted."""
         return len(self._waiting)
@@ -221,19 +217,11 @@ class Follower:
         if found is None or found.oddity is Oddity.FROZEN:
             return found
         if self._pending is None:
-            self._pending = _Pending(
-                found.describe(), found.after_ns, found.oddity is Oddity.STEP, found.size,
-                found.sigma, found.move,
-            )
+            self._pending = PendingBreak.begin(found)
             return found
         waiting = self._pending
-        waiting.total = waiting.total.after(found.move)
-        waiting.sigma = float(np.hypot(waiting.sigma, found.sigma))
-        waiting.quick = waiting.quick and found.oddity is Oddity.STEP
-        off = waiting.total.about(self._place)
-        waiting.size = float(np.linalg.norm(off.shift))
+        waiting.add(found, self._place)
         self._waiting.clear()
-        waiting.begin_ns = found.after_ns
         if waiting.quick and waiting.size < SAME:
             self._pending = None
         return found
@@ -297,7 +285,8 @@ class Follower:
         if self._filter is None:
             self._filter = DriftFilter(self._held.about(self._place), stamp)
         tracked = self._filter
-        tracked.predict(stamp, self._place)
+        self._steady.begin(tracked, self._place)
+        way = tracked.predict(stamp, self._place)
         fit = fit_points(
             self._cells, sample_points(points), tracked.move, tracked.covariance, stamp
         )
@@ -306,7 +295,8 @@ class Follower:
             if fit.share >= LEAST_SHARE:
                 tracked.update(fit)
                 self._strays = 0
-                part = self._judge(fit, stamp)
+                self._steady.judge_heading(fit, fit.age > AGAIN)
+                part = self._judge(fit, stamp) or self._mend(tracked, way, stamp)
             elif self._following:
                 self._strays += 1
         if self._strays >= LOST_AFTER:
@@ -339,7 +329,18 @@ class Follower:
             sigma=_find_sigma(fit.covariance), aligned=True, by='what was seen twice',
         )
 
-    def _resolve(self, pending: _Pending, scans: list[Seen]) -> Part | None:
+    def _mend(self, tracked: DriftFilter, way: float, stamp: int) -> Part | None:
+        """Begin anew where the odometry has a steady error, with that corrected."""
+        cause = self._steady.judge_way(tracked, way, self._place)
+        if not cause:
+            return None
+        self._cells.clear()
+        self._following, self._setting_in, self._doubts = True, 0.0, 0
+        return Part(
+            begin_ns=stamp, cause=cause, move=tracked.move, sigma=0.0, aligned=False, by=BY_RATE
+        )
+
+    def _resolve(self, pending: PendingBreak, scans: list[Seen]) -> Part | None:
         """Find where the scans after a break belong."""
         points = sample_points(gather_points(scans, WIDE))
         stamp = scans[-1].stamp_ns
@@ -370,7 +371,10 @@ class Follower:
             return self._give_up(pending.cause, pending.begin_ns)
         else:
             moved, spread = best.move, best.covariance
-        self._filter = DriftFilter(moved, stamp, spread)
+        old, self._filter = self._filter, DriftFilter(moved, stamp, spread)
+        if old is not None:
+            self._filter.carry(old)
+        self._steady.step()
         self._held, self._setting_in = moved, 0.0
         change = np.linalg.norm(moved.shift - before.about(moved.centre).shift)
         if pending.quick and change < SAME:
@@ -385,6 +389,7 @@ class Follower:
         self._cells.clear()
         self._held, self._filter, self._following = RigidMove(), None, False
         self._doubts = self._strays = 0
+        self._steady.clear()
         return Part(begin_ns=stamp, cause=cause, move=RigidMove(), sigma=0.0, aligned=False)
 
 

@@ -19,6 +19,10 @@ Points of a batch that are kept.
 Source: measured: bench/studies/odometry_faults.py: of 6,000 only crowns filled their cells.
 """
 
+BY_RATE = 'a steady rate'
+"""What corrects a steady error; the map begins anew with it.  Source: its name."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Seen:
     """Points of a scan."""
@@ -48,7 +52,7 @@ class Part:
     aligned: bool
     """It lies where the part before does; otherwise the map began anew with it."""
     by: str = ''
-    """What aligned it: 'what was seen twice' or 'the motion'."""
+    """What aligned it: 'what was seen twice', 'the motion' or BY_RATE."""
 
     def record(self) -> dict[str, Any]:
         """Return it JSON-serialisable."""
@@ -69,6 +73,8 @@ class Part:
 
     def describe(self) -> str:
         """Return it in one line."""
+        if self.by == BY_RATE:
+            return f'{self.cause}: the map began anew with that corrected; check the odometry'
         if not self.aligned:
             return f'{self.cause}: what was seen before and after cannot be brought together'
         x, y, z = self.move.shift.tolist()

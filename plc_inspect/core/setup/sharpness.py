@@ -143,6 +143,8 @@ class Sharpness:
     """Thickness of a plane in one look [m]."""
     num_cells: int = 0
     """Cells that were compared."""
+    doubt: str = ''
+    """What else is wrong with the map, '' if nothing is known of."""
 
     @property
     def known(self) -> bool:
@@ -152,7 +154,7 @@ class Sharpness:
     @property
     def poor(self) -> bool:
         """Whether hazards are held back."""
-        return self.known and self.blur > HELD
+        return bool(self.doubt) or (self.known and self.blur > HELD)
 
     @property
     def hopeless(self) -> bool:
@@ -174,6 +176,8 @@ class Sharpness:
 
     def describe(self) -> str:
         """Return it in one line."""
+        if self.doubt:
+            return self.doubt
         if not self.known:
             return 'sharpness unknown: too few planes and lines were seen twice'
         text = (

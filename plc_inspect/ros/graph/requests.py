@@ -82,3 +82,9 @@ class Requests:
         for _ in range(min(HANDFUL, len(self._answers))):
             future, result = self._answers.popleft()
             future.set_result(result)
+
+
+def refuse(reason: str, *services: Requests) -> None:
+    """Tell everyone who waits for a job of any of the services why it cannot be done."""
+    for item in services:
+        item.answer(False, reason)

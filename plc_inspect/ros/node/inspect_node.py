@@ -33,7 +33,7 @@ from plc_inspect.flight_record.recording import PERIOD
 from plc_inspect.offline.records.flight import Flight
 from plc_inspect.ros.graph.guard import Guard
 from plc_inspect.ros.graph.qos import DIAGNOSTICS, watched
-from plc_inspect.ros.graph.requests import Requests
+from plc_inspect.ros.graph.requests import refuse, Requests
 from plc_inspect.ros.node.complaints import Complaints
 from plc_inspect.ros.node.diagnostics import (
     describe_input,
@@ -47,6 +47,7 @@ from plc_inspect.ros.node.intake import Intake
 from plc_inspect.ros.node.jobs import (
     Done,
     FinalSave,
+    hold_back,
     keep_state,
     prepare,
     run_save,
@@ -264,8 +265,7 @@ class InspectNode(Node):
             self._job = 'discarded'
         self._state = None
         self._teller.clear()
-        for requests in (self._segmenting, self._saving):
-            requests.answer(False, reason)
+        refuse(reason, self._segmenting, self._saving)
         self._keeper.forget()
         self._stream.forget()
         self._publish(self._session.state, '')
@@ -297,8 +297,10 @@ class InspectNode(Node):
         spans = [item.span for item in self._state.spans] if self._state else []
         if doubt := self._intake.doubt:
             self._wants_tick = False
-            for requests in (self._segmenting, self._saving):
-                requests.answer(False, doubt)
+            refuse(doubt, self._segmenting, self._saving)
+            if held := hold_back(self._state, self._intake):
+                self._state = held
+                self._publish(held, self._intake.accumulator.frame_id)
         if self._saving:
             if not len(voxels):
                 self._saving.answer(False, 'nothing to save: the map is empty')
@@ -307,8 +309,7 @@ class InspectNode(Node):
         elif self._wants_tick or self._segmenting:
             asked = bool(self._segmenting)
             plan = self._planner.plan(voxels, spans, self._intake.vehicle, at_once=asked)
-            job = 'tick'
-            self._wants_tick = False
+            job, self._wants_tick = 'tick', False
             if plan is None:
                 self._segmenting.answer(True, 'nothing is new since the last tick')
                 return
@@ -392,8 +393,6 @@ class InspectNode(Node):
         self._keeper.flush()
         late = '' if stopped else f'the running job did not end within {STOP_TIMEOUT:g} s'
         final = FinalSave(log.info, log.error)
-        whole = final.save(
-            self._session, self._intake, self._describe_flight(), self._state, late
-        )
+        whole = final.save(self._session, self._intake, self._describe_flight(), self._state, late)
         self._keeper.close(final.saved)
         return whole

@@ -260,7 +260,9 @@ class Intake:
 
     @property
     def doubt(self) -> str:
-        """Why nothing may be told of the map: it had no room for what is about the vehicle."""
+        """Why nothing may be told of the map: no room about the vehicle, or a wrong odometry."""
+        if doubt := self.accumulator.follower.doubt:
+            return doubt
         counters = self.accumulator.counters()
         refused = counters.points_dropped.get('map full', 0) - self._refused_before
         all_points = refused + counters.num_points_inserted - self._inserted_before

@@ -6,7 +6,7 @@ import pytest
 
 from plc_inspect.core.alignment.follower import Follower
 from plc_inspect.core.alignment.normal_cells import LEAST_LOOKS, NormalCells, OPEN_NS
-from plc_inspect.core.alignment.parts import Part, Seen
+from plc_inspect.core.alignment.parts import BY_RATE, Part, Seen
 from plc_inspect.core.alignment.registration import fit_points
 from plc_inspect.core.alignment.rigid_move import RigidMove
 
@@ -32,9 +32,17 @@ def look(place, rng, num=900):
     return points + rng.normal(0.0, 0.02, points.shape)
 
 
-def fly(follower, error, seconds=12.0):
+def find_place(when, seconds):
+    """Return where a vehicle is that flies along x and back."""
+    far = SPEED * seconds / np.pi * (1.0 - np.cos(2.0 * np.pi * when / seconds)) / 2.0
+    return np.array([far, 0.0, 15.0])
+
+
+def fly(follower, error, seconds=12.0, heading=0.0):
     """
     Fly along x and back, with odometry that is off, or stands still where that is None.
+
+    The heading that it tells drifts by some rad/s.
 
     Return the scans that came through, and the parts that begin the map anew.
     """
@@ -43,15 +51,16 @@ def fly(follower, error, seconds=12.0):
     told = np.zeros(3)
     for tick in range(int(seconds * 50)):
         when = tick * 0.02
-        far = SPEED * seconds / np.pi * (1.0 - np.cos(2.0 * np.pi * when / seconds)) / 2.0
-        place, off = np.array([far, 0.0, 15.0]), error(when)
+        place, off = find_place(when, seconds), error(when)
+        turned = RigidMove(np.zeros(3), heading * when, place)
         stamp = START + round(when * 1e9)
         told = told if off is None else place + off
-        follower.see_pose(stamp, told, UPRIGHT)
+        half = heading * when / 2.0
+        follower.see_pose(stamp, told, np.array([0.0, 0.0, np.sin(half), np.cos(half)]))
         if tick % 5 == 0 and off is not None:
             points = look(place, rng)
             found = list(follower.take(Seen(
-                points + off, np.full(len(points), stamp),
+                turned.apply(points) + off, np.full(len(points), stamp),
                 np.linalg.norm(points - place, axis=1), stamp,
             )))
             parts += [item for item in found if isinstance(item, Part)]
@@ -119,6 +128,64 @@ def test_a_drift_is_followed():
     errors = [np.median(points[900:1050, 1]) for _, points in entered]
     assert abs(errors[-1] - errors[30]) < 0.2
     assert (rate * 21.0)[1] > 1.5  # by which it would lie elsewhere
+
+
+@pytest.mark.parametrize('scale', [0.93, 0.96, 1.04, 1.08])
+def test_positions_that_are_too_long_begin_the_map_anew_and_are_corrected(scale):
+    follower, shifts = Follower(), []
+
+    def error(when):
+        place = find_place(when, 40.0)
+        told = place + (off := (scale - 1.0) * place * (1.0, 1.0, 0.0))
+        shifts.append(follower.move.apply(told) - place)
+        return off
+
+    _, parts = fly(follower, error, seconds=40.0)
+    assert 1 <= len(parts) <= 2
+    assert all(part.by == BY_RATE and not part.aligned for part in parts)
+    assert f'% too {"long" if scale > 1.0 else "short"}' in parts[-1].describe()
+    told = float(parts[-1].cause.split(' %')[0].split()[-1])
+    assert told == pytest.approx(100.0 * abs(scale - 1.0), abs=3.0)
+    # to the end and back the map neither slides nor doubles
+    began = (parts[-1].begin_ns - START) // 20_000_000
+    after = np.array(shifts[began + 50:])
+    assert np.linalg.norm(after - np.median(after, axis=0), axis=1).max() < 0.4
+    assert np.abs(np.median(after, axis=0)).max() < 0.6
+    assert not follower.doubt
+
+
+def test_a_drift_along_the_way_that_is_followed_is_no_scale():
+    follower = Follower()
+    _, parts = fly(follower, lambda when: np.array([0.05 * when, 0.0, 0.0]), seconds=24.0)
+    assert not parts
+    assert not follower.doubt
+
+
+def test_a_heading_that_drifts_against_the_positions_is_doubted():
+    follower = Follower()
+    fly(follower, lambda when: np.zeros(3), seconds=20.0, heading=np.radians(0.4))
+    assert 'heading' in follower.doubt
+    assert 'held back' in follower.doubt
+
+
+def test_a_slow_drift_of_the_heading_is_no_doubt():
+    follower = Follower()
+    fly(follower, lambda when: np.zeros(3), seconds=20.0, heading=np.radians(0.01))
+    assert not follower.doubt
+
+
+def test_a_drift_aside_that_is_too_fast_is_doubted():
+    follower = Follower()
+    fly(follower, lambda when: np.array([0.0, 0.4 * when, 0.0]), seconds=24.0)
+    assert 'drifts by' in follower.doubt
+
+
+def test_a_doubt_ends_with_the_map():
+    follower = Follower()
+    fly(follower, lambda when: np.array([0.0, 0.4 * when, 0.0]), seconds=24.0)
+    assert follower.doubt
+    follower.clear()
+    assert not follower.doubt
 
 
 def test_a_drift_sets_in_without_a_step_in_the_map():
