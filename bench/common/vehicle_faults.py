@@ -135,16 +135,24 @@ def stretch(scale: float) -> Change:
     return turn_poses(lambda time, place, turn: (scale * place, turn))
 
 
-def hold_positions(events: list[Event]) -> list[Event]:
-    """Repeat positions, which are new ten times a second only."""
-    kept: dict[str, Any] = {'time': -1.0}
+def hold_positions(period: float, lost: float = 0.0) -> Change:
+    """Return a fault: positions are new so often [s], and repeated; a share of poses is lost."""
 
-    def change(time: float, place: np.ndarray, turn: np.ndarray) -> tuple[Any, Any]:
-        if time - kept['time'] >= 0.1:
-            kept.update(time=time, place=place)
-        return kept['place'], turn
+    def run(events: list[Event]) -> list[Event]:
+        rng = np.random.default_rng(4)
+        kept: dict[str, Any] = {'time': -1.0}
 
-    return turn_poses(change)(events)
+        def change(time: float, place: np.ndarray, turn: np.ndarray) -> tuple[Any, Any]:
+            if time - kept['time'] >= period - 1e-3:
+                kept.update(time=time, place=place)
+            return kept['place'], turn
+
+        return [
+            event for event in turn_poses(change)(events)
+            if event.kind != 'odometry' or rng.random() >= lost
+        ]
+
+    return run
 
 
 def start_late(name: str) -> Change:

@@ -143,7 +143,6 @@ class SteadyErrors:
             return ''
         shift = self._start.shift + share * (place - self._start.place)
         tracked.begin_anew(shift)
-        self._start = _Start(np.array(place), shift)
         self._share, self._doubts[0] = share, 0
         return _tell_share(share)
 

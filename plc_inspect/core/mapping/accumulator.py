@@ -19,19 +19,19 @@ from numpy.typing import ArrayLike, NDArray
 from plc_inspect.config import Settings
 from plc_inspect.core.alignment.follower import Follower
 from plc_inspect.core.alignment.parts import Part, Seen
-from plc_inspect.core.mapping.frame_watch import FramedPose, FrameWatch
+from plc_inspect.core.mapping.frame_watch import FramedPose
 from plc_inspect.core.mapping.map_entry import MapEntry
 from plc_inspect.core.mapping.placement import Placer, WaitingScan
 from plc_inspect.core.mapping.pose_buffer import Bracket, PoseBuffer, PoseStatus
+from plc_inspect.core.mapping.pose_gate import PoseGate
 from plc_inspect.core.mapping.scan_clock import ScanClock, WaitClock
 from plc_inspect.core.mapping.scan_counters import Counters, DropReason, gather_counters
 from plc_inspect.core.mapping.scan_gate import ScanGate
-from plc_inspect.core.mapping.scan_points import check_points, select_points
+from plc_inspect.core.mapping.scan_points import check_points, check_worst, select_points
 from plc_inspect.core.numerics.arrays import MOST_COORDINATE
 from plc_inspect.core.setup.mount import Mount
 from plc_inspect.core.setup.sharpness import SharpnessMeter
 from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
-from plc_inspect.errors import DataError
 from plc_inspect.results import Float32
 
 QUEUE_SIZE = 64
@@ -44,11 +44,6 @@ RESERVED_VOXELS = 8_000_000
 Voxels that room is made for at the start, so that no scan pays for growing.
 Source: derived: the default of map.max_voxels.
 """
-MAX_TIME_OFFSET = 1.0
-"""
-Largest believable time of a point relative to its scan's stamp [s].
-Source: judgement; not measured.
-"""
 LEADS = 16
 """Scans of which the median lead over the odometry is taken.  Source: judgement; not measured."""
 
@@ -57,10 +52,9 @@ class Accumulator:
     """
     Builds the map from poses and scans in the order in which they come.
 
-    Owned by one thread.  The frame of the first pose is the map frame; where all poses are in
-    another one, or step, or drift, ``follower`` brings scans to where the map is.  Scans of
-    another frame than the first are rejected.  Scans in the odometry's frame itself are taken as
-    they are, with their range measured from the lidar's place.
+    Owned by one thread.  The frame of the first pose is the map frame; where poses are in another
+    one, step or drift, ``follower`` brings scans to where the map is.  Scans of another frame than
+    the first are rejected.  Those in the odometry's own frame are taken as they are.
 
     Parameters
     ----------
@@ -78,13 +72,13 @@ class Accumulator:
         """Frames of the vehicle, and the mount of the lidar."""
         self.follower = Follower()
         """Keeps the map whole when the odometry is not."""
+        self.pose_gate = PoseGate(settings.input)
         self.configure(settings)
         self.map.reserve(RESERVED_VOXELS)
         self._clock, self._waits = ScanClock(), WaitClock(recorded=recorded)
         self._queue: deque[WaitingScan] = deque()
         self._counts: Counter[str] = Counter()
         self._dropped: Counter[DropReason] = Counter()
-        self._frames = FrameWatch()
         self._lidar_frame = ''
         self.mount: Mount | None = None  # of the scans in the map
         self._gate = ScanGate()
@@ -97,7 +91,7 @@ class Accumulator:
         mount: Mount | None = None,
     ) -> None:
         """Go on with what is there, of these frames, counts, last stamp [ns] and mount."""
-        self._frames.frames, self._before = frames, before
+        self.pose_gate.frames, self._before = frames, before
         self._last_inserted, self.mount = last_inserted, mount
 
     def configure(self, settings: Settings) -> None:
@@ -108,6 +102,7 @@ class Accumulator:
         self._max_wait = source.max_wait
         self.placer.configure(source)
         self.poses.configure(source)
+        self.pose_gate.configure(source)
         self.map.configure(settings.map)
 
     @property
@@ -121,6 +116,11 @@ class Accumulator:
         return self.entry.meter
 
     @property
+    def doubt(self) -> str:
+        """What is wrong with the odometry, so that nothing may be told of the map."""
+        return self.pose_gate.doubt or self.follower.doubt
+
+    @property
     def last_inserted(self) -> int | None:
         """Stamp of the scan that went into the map last [ns], None before the first."""
         return self._last_inserted
@@ -128,7 +128,7 @@ class Accumulator:
     @property
     def frames(self) -> tuple[str, str] | None:
         """Frame of the odometry, and of the base; None before the first pose."""
-        return self._frames.frames
+        return self.pose_gate.frames
 
     @property
     def frame_id(self) -> str:
@@ -164,26 +164,27 @@ class Accumulator:
         Returns
         -------
         bool
-            Whether the pose was accepted; if not, the counters say why.
+            Whether the pose was accepted, or waits for the next; if not, the counters say why.
 
         """
         given = FramedPose(
             stamp_ns, np.array(position, dtype=np.float64),
             np.array(quaternion, dtype=np.float64), (frame_id, child_frame_id),
         )
-        taken = self._frames.judge(given)
-        if not taken:
+        taken = self.pose_gate.judge(given)
+        if taken is None:
             self._counts['poses of another frame'] += 1
-        accepted = [self._take_pose(pose) for pose in taken]
+        accepted = [self._take_pose(pose) for pose in taken or []]
         self.expire(now)
-        return accepted[-1] if accepted else False
+        return accepted[-1] if accepted else taken is not None
 
     def _take_pose(self, pose: FramedPose) -> bool:
         status = self.poses.insert(pose.stamp_ns, pose.position, pose.quaternion)
         if status.accepted:
-            self._frames.frames = pose.frames
+            self.pose_gate.frames = pose.frames
             if status is PoseStatus.RESTARTED:
                 self._gate.forget_times()
+                self.pose_gate.forget_times()
                 self.follower.forget_times()
             self._look_at(pose.stamp_ns)
             self._drain()
@@ -248,11 +249,7 @@ class Accumulator:
         kept, stamps, not_finite, near, far, worst = select_points(
             points, times, stamp_ns, low, high
         )
-        if worst > MAX_TIME_OFFSET:
-            raise DataError(
-                f'a point is {worst:g} s away from the stamp of its scan, '
-                f'at most {MAX_TIME_OFFSET:g} s is believed'
-            )
+        check_worst(worst)
         self._counts['scans'] += 1
         first, last = (int(stamps.min()), int(stamps.max())) if len(stamps) else (stamp_ns,) * 2
         reason = self._gate.judge(
@@ -304,6 +301,8 @@ class Accumulator:
 
     def finish(self) -> None:
         """End a recording: drop the scans that wait, which no pose will bracket any more."""
+        for pose in self.pose_gate.release():
+            self._take_pose(pose)
         for _ in self._take_waiting():
             self._dropped[DropReason.NO_POSE_AFTER] += 1
         self._enter(self.follower.settle(0, at_once=True))
@@ -319,6 +318,7 @@ class Accumulator:
 
         """
         self.poses.clear()
+        self.pose_gate.forget_times()
         self._clock = self._clock.restarted()
         self._gate.forget_times()
         self._leads.clear()
@@ -330,7 +330,7 @@ class Accumulator:
         if not keep_map:
             self.follower.clear()
             self.entry.clear()
-            self._frames.clear()
+            self.pose_gate.clear()
             self._last_inserted = self.mount = None
             self._gate = ScanGate()
 

@@ -10,6 +10,21 @@ from numpy.typing import NDArray
 from plc_inspect.errors import DataError
 from plc_inspect.results import Float32, Float64, Int64
 
+MAX_TIME_OFFSET = 1.0
+"""
+Largest believable time of a point relative to its scan's stamp [s].
+Source: judgement; not measured.
+"""
+
+
+def check_worst(worst: float) -> None:
+    """Raise DataError where a point is farther from the stamp of its scan than is believed [s]."""
+    if worst > MAX_TIME_OFFSET:
+        raise DataError(
+            f'a point is {worst:g} s away from the stamp of its scan, '
+            f'at most {MAX_TIME_OFFSET:g} s is believed'
+        )
+
 
 @njit(cache=True, nogil=True)
 def select_points(

@@ -96,7 +96,7 @@ def replay(
         counts['mount_doubt'] = accumulator.placer.mount.doubt
         counts['parts'] = [part.record() for part in accumulator.follower.parts]
         move = accumulator.follower.move.inverse()
-    if doubt := accumulator.follower.doubt:
+    if doubt := accumulator.doubt:
         raise DataError(f'{path}: {doubt}')
     sharpness = book.judge()
     if sharpness.hopeless:

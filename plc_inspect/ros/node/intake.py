@@ -226,6 +226,9 @@ class Intake:
             self._health.odometry = 'the odometry stands still while the vehicle moves'
         elif follower.parts and told:
             self._health.odometry = follower.parts[-1].describe()
+        elif repeated := self.accumulator.pose_gate.describe():
+            self._health.odometry = repeated
+            self._complaints.complain('repeats', repeated)
 
     @property
     def move(self) -> RigidMove:
@@ -261,7 +264,7 @@ class Intake:
     @property
     def doubt(self) -> str:
         """Why nothing may be told of the map: no room about the vehicle, or a wrong odometry."""
-        if doubt := self.accumulator.follower.doubt:
+        if doubt := self.accumulator.doubt:
             return doubt
         counters = self.accumulator.counters()
         refused = counters.points_dropped.get('map full', 0) - self._refused_before

@@ -275,7 +275,7 @@ def rescue(flight: Flight, state: LiveState | None, reason: str) -> str:
 
 def hold_back(state: LiveState | None, intake: Intake) -> LiveState | None:
     """Return what is told where the odometry is found to be wrong, None where that is told."""
-    doubt = intake.accumulator.follower.doubt
+    doubt = intake.accumulator.doubt
     if state is None or state.sharpness.poor or not doubt:
         return None
     return replace(state, hazards=(), sharpness=replace(state.sharpness, doubt=doubt))

@@ -181,15 +181,15 @@ def test_the_end_tells_why_it_takes_a_hazard_back(monkeypatch, tmp_path):
 
 def test_a_doubt_about_the_odometry_holds_hazards_back_and_is_told(rig, tmp_path):
     assert rig.call('segment').success
-    follower = rig.node.intake.accumulator.follower
-    follower._steady.doubt = 'the heading of the odometry drifts: results are held back'
+    accumulator = rig.node.intake.accumulator
+    accumulator.follower._steady.doubt = 'the heading drifts: results are held back'
     answer = rig.call('segment')
     assert not answer.success
-    assert answer.message == follower.doubt
+    assert answer.message == accumulator.doubt
     wait_for(lambda: rig.node.state.sharpness.poor, 'the doubt')
     assert rig.node.state.hazards == ()
-    assert rig.node.state.sharpness.describe() == follower.doubt
+    assert rig.node.state.sharpness.describe() == accumulator.doubt
     assert rig.node.state.confirmed
     assert not rig.node.close()
     run = json.loads((tmp_path / 'out' / 'run.json').read_text())
-    assert run['input']['counts']['held_back'] == follower.doubt
+    assert run['input']['counts']['held_back'] == accumulator.doubt

@@ -1,0 +1,69 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Which poses are taken, and how: their frames, repeated positions, positions in steps."""
+
+from plc_inspect.config import InputSettings
+from plc_inspect.core.mapping.coarse_positions import CoarsePositions
+from plc_inspect.core.mapping.frame_watch import FramedPose, FrameWatch
+from plc_inspect.core.mapping.repeated_positions import RepeatedPositions
+
+
+class PoseGate:
+    """
+    Lets poses through, in order; owned by one thread.
+
+    Parameters
+    ----------
+    settings : InputSettings
+        As for ``RepeatedPositions``.
+
+    """
+
+    def __init__(self, settings: InputSettings) -> None:
+        self._frames = FrameWatch()
+        self._repeats = RepeatedPositions(settings)
+        self._coarse = CoarsePositions()
+
+    def configure(self, settings: InputSettings) -> None:
+        """Use other settings from now on."""
+        self._repeats.configure(settings)
+
+    @property
+    def frames(self) -> tuple[str, str] | None:
+        """Frame of the odometry, and of the base; None before the first pose."""
+        return self._frames.frames
+
+    @frames.setter
+    def frames(self, frames: tuple[str, str] | None) -> None:
+        self._frames.frames = frames
+
+    @property
+    def doubt(self) -> str:
+        """Why nothing may be told of the map, '' if nothing."""
+        return self._coarse.doubt
+
+    def describe(self) -> str:
+        """Say what is odd about the poses that are taken, '' if nothing."""
+        return self._repeats.describe()
+
+    def forget_times(self) -> None:
+        """Expect nothing of the next pose, as after time went back; the frames stay."""
+        self._repeats.clear()
+        self._coarse.clear()
+
+    def clear(self) -> None:
+        """Take whatever pose comes next."""
+        self.forget_times()
+        self._frames.clear()
+
+    def judge(self, pose: FramedPose) -> list[FramedPose] | None:
+        """Return the poses that are to be taken now, in order; None where it is refused."""
+        known = self._frames.judge(pose)
+        for item in known:
+            self._coarse.see(item.position)
+        return [item for own in known for item in self._repeats.judge(own)] if known else None
+
+    def release(self) -> list[FramedPose]:
+        """Return the poses that wait still."""
+        return self._repeats.release()
