@@ -39,6 +39,11 @@ FROZEN = 0.15
 """Poses that are equal for longer, four at least, stand still [s].  Source: judgement."""
 FROZEN_POSES = 4
 """Equal poses, at least.  Source: judgement: some odometry tells each pose twice."""
+FIRST = 0.3
+"""
+A first change of place so soon after the first pose is no step: where positions are repeated, the
+vehicle may have been flying before [s].  Source: derived: positions at 5 Hz.
+"""
 LONG_GAP = 5.0
 """After a longer time without poses nothing is expected of the next [s].  Source: judgement."""
 
@@ -106,6 +111,8 @@ class PoseWatch:
         self._frozen: _Pose | None = None
         self._since: _Pose | None = None
         self._doubts = False
+        self._first_stamp: int | None = None
+        """Of the first pose, until the place changes."""
 
     @property
     def frozen(self) -> bool:
@@ -139,6 +146,7 @@ class PoseWatch:
         pose = _Pose(stamp_ns, x, y, z, find_heading(quaternion))
         if not self._window:
             self._window.append(pose)
+            self._first_stamp = stamp_ns
             return None
         last = self._window[-1]
         if pose.place == last.place:
@@ -149,8 +157,9 @@ class PoseWatch:
             found = self._expect(origin, pose, Oddity.THAWED)
             self._begin(pose)
             return found
+        first, self._first_stamp = self._first_stamp, None
         seconds = (pose.stamp - last.stamp) * 1e-9
-        if seconds > LONG_GAP:
+        if seconds > LONG_GAP or (first is not None and stamp_ns - first < FIRST * 1e9):
             self._begin(pose)
             self._velocity = None
             return None

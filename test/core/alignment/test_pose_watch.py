@@ -87,6 +87,17 @@ def test_a_vehicle_that_stands_may_stand():
     assert not found
 
 
+def test_the_first_change_of_place_in_flight_is_no_step():
+    poses = [(ms, 1.0, 0.0, 0.0) for ms in range(0, 200, 20)]
+    poses += [(ms, 5e-3 * ms + 1.0, 0.0, 0.0) for ms in range(200, 1000, 20)]
+    _, found = feed(poses)
+    assert not found
+    later = [(ms, 1.0, 0.0, 0.0) for ms in range(0, 600, 20)]
+    later += [(ms, 5e-3 * ms + 1.0, 0.0, 0.0) for ms in range(600, 1000, 20)]
+    _, (found,) = feed(later)
+    assert found.oddity is Oddity.STEP
+
+
 def test_poses_that_are_told_twice_are_fine():
     poses = [(ms, x - (0.1 if (ms // 20) % 2 else 0.0), 0.0, 0.0) for ms, x, *_ in fly(3000)]
     watch, found = feed(poses)
