@@ -196,6 +196,8 @@ FAULTS = {
     'z stored before x and y': Fault(change=each('scan', rotate_fields)),
     'z stored before x and y from half on': Fault(change=each('scan', rotate_fields, 10.0)),
     'times of points at zero': Fault(change=each('scan', zero_times)),
-    'one point in ten is dust': Fault(change=each('scan', make_dust)),
+    'one point in a thousand is dust': Fault(change=make_dust(0.001)),
+    'one point in a hundred is dust': Fault(change=make_dust(0.01)),
+    'one point in ten is dust': Fault(change=make_dust(0.1)),
     'first half played twice': Fault(change=play_again),
 }

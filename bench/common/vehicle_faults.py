@@ -8,7 +8,7 @@ from collections.abc import Callable
 import copy
 from typing import Any
 
-from common.flight_faults import add_to, Event, shift_stamp, UTM, view_rows
+from common.flight_faults import add_to, each, Event, shift_stamp, UTM, view_rows
 from common.odometry_changes import HALF
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -211,19 +211,23 @@ def zero_times(message: Any) -> None:
     add_to(message, 'time', lambda time: 0.0 * time)
 
 
-def make_dust(message: Any) -> None:
-    """Let a tenth of the points lie anywhere within 10 m, as dust and insects do."""
-    rng = np.random.default_rng(len(message.data))
-    rows = view_rows(message)
-    chosen = rng.random(len(rows)) < 0.1
-    way = rng.normal(size=(int(chosen.sum()), 3))
-    way *= rng.uniform(1.0, 10.0, (len(way), 1)) / np.linalg.norm(way, axis=1, keepdims=True)
-    at = {item.name: item.offset for item in message.fields}
-    for axis, column in zip('xyz', way.T.astype('<f4'), strict=True):
-        rows[chosen, at[axis] : at[axis] + 4] = (
-            np.ascontiguousarray(column).view(np.uint8).reshape(-1, 4)
-        )
-    message.data = array('B', rows.tobytes())
+def make_dust(share: float) -> Change:
+    """Return a fault: a share of the points lies anywhere within 10 m, as dust and insects do."""
+
+    def change(message: Any) -> None:
+        rng = np.random.default_rng(len(message.data))
+        rows = view_rows(message)
+        chosen = rng.random(len(rows)) < share
+        way = rng.normal(size=(int(chosen.sum()), 3))
+        way *= rng.uniform(1.0, 10.0, (len(way), 1)) / np.linalg.norm(way, axis=1, keepdims=True)
+        at = {item.name: item.offset for item in message.fields}
+        for axis, column in zip('xyz', way.T.astype('<f4'), strict=True):
+            rows[chosen, at[axis] : at[axis] + 4] = (
+                np.ascontiguousarray(column).view(np.uint8).reshape(-1, 4)
+            )
+        message.data = array('B', rows.tobytes())
+
+    return each('scan', change)
 
 
 def play_again(events: list[Event]) -> list[Event]:

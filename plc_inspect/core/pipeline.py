@@ -9,6 +9,7 @@ import numpy as np
 from plc_inspect.config import Settings
 from plc_inspect.core.cloud_frame import CloudFrame, find_cloud_frame
 from plc_inspect.core.corridor import CorridorResult, extract_corridor
+from plc_inspect.core.extraction.dust import find_dust
 from plc_inspect.core.extraction.stray_points import leave_out_strays
 from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.hazards.encroachments import Nearby
@@ -21,6 +22,7 @@ from plc_inspect.core.hazards.hazards import (
 from plc_inspect.core.hazards.roof_rows import are_roof_rows
 from plc_inspect.core.labels import choose_surroundings, label, Labels
 from plc_inspect.core.line_finder import find_lines, FoundLines
+from plc_inspect.core.numerics.arrays import take_rows
 from plc_inspect.core.spans.point_claims import FREE_RADIUS
 from plc_inspect.core.spans.route import EAST
 from plc_inspect.core.stage_log import Progress, StageLog, StageMemory
@@ -34,13 +36,18 @@ from plc_inspect.results import Float64, InspectionResult, Int64
 class Pipeline:
     """All stages with one set of settings; keeps no state between runs."""
 
-    def __init__(self, settings: Settings | None = None, rules: RuleSet | None = None) -> None:
+    def __init__(
+        self, settings: Settings | None = None, rules: RuleSet | None = None,
+        way: Float64 | None = None,
+    ) -> None:
         """
-        Take the settings, by default those of config.py, and the clearance rules.
+        Take the settings, by default those of config.py, the clearance rules, and a flown way.
 
         Without rules they are the plain ones of the settings; ConfigError is raised where the
-        settings name others.
+        settings name others.  The way is (W, 3), in the frame of the points, where the lidar was;
+        about it returns of dust, rain and insects are left out of hazards [m].
         """
+        self._way = np.zeros((0, 3)) if way is None else way
         self.settings = settings or Settings()
         self.rules = choose_rules(self.settings.hazards, rules)
 
@@ -71,7 +78,8 @@ class Pipeline:
         """
         log = StageLog(progress)
         points, frame, log.num_strays = enter_frame(points)
-        trace = self._trace(points, log, frame.east)
+        own = Pipeline(self.settings, self.rules, frame.enter(self._way))
+        trace = own._trace(points, log, frame.east)
         return frame.leave_result(trace.result, trace.offending)
 
     def run_part(
@@ -139,6 +147,8 @@ class Pipeline:
 
         # Hazards, and with them what the points about the conductors are.
         nearby = choose_surroundings(height, spans, corridor)
+        if len(self._way):
+            nearby = nearby.take(~find_dust(take_rows(points, nearby.index), self._way))
         found, labels = log.run(
             None,
             lambda: self._judge(points, lines, corridor, nearby),

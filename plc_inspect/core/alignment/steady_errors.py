@@ -44,6 +44,11 @@ EARLY = 100.0
 Way since the beginning up to which the map begins anew; later too much would be lost, and the
 drift is followed [m].  Source: judgement: it shows after 20 to 40 m.
 """
+LATE = 0.05
+"""
+Change of the share from which results are held back then.
+Source: derived: a drift of 0.1 m/s along the way that turns at 6 m/s is 0.033.
+"""
 SURELY = 4.0
 """So many standard deviations are sure.  Source: as SURELY of follower."""
 TWICE = 2
@@ -131,11 +136,13 @@ class SteadyErrors:
                 'position and heading'
             )
         off = abs(share - self._share)
-        wrong = off > max(SHARE, SURELY * sigma) and off * tracked.speed > SMEAR
+        late = self._flown > EARLY
+        least = LATE if late else SHARE
+        wrong = off > max(least, SURELY * sigma) and off * tracked.speed > SMEAR
         self._doubts[0] = self._doubts[0] + 1 if wrong else 0
         if self._doubts[0] < TWICE or self._start is None:
             return ''
-        if self._flown > EARLY:
+        if late:
             self.doubt = (
                 f'{_tell_share(share - self._share)}, otherwise than before: results are held '
                 'back; check the odometry'

@@ -94,6 +94,14 @@ class Nearby:
     span: Int64
     """(K,) which span that is."""
 
+    def take(self, chosen: Bool) -> 'Nearby':
+        """Return some of the points."""
+        if chosen.all():
+            return self
+        return Nearby(
+            index=self.index[chosen], distance=self.distance[chosen], span=self.span[chosen]
+        )
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Surroundings:

@@ -133,6 +133,8 @@ class Session:
         self._frame: CloudFrame | None = None
         """Of the first window, held so that cells do not move from tick to tick."""
         self._book = SharpnessBook(REMEMBERED)
+        self.way: Float64 | None = None
+        """(W, 3) where the vehicle was in the map [m], None unknown; as for ``Pipeline``."""
 
     @property
     def state(self) -> LiveState:
@@ -192,7 +194,7 @@ class Session:
         if self.measure(looks).hopeless:
             return self._wait(window, started)
         self._frame = self._frame or find_cloud_frame(window.points)
-        result, labels = _run(window.points, self._frame, settings, rules)
+        result, labels = _run(window.points, self._frame, settings, rules, self.way)
         numbered = self._registry.update(result, window.points, window.spans)
         self._finish_spans(window, vehicle)
         keys = {item.key for item in self._registry.spans if item.confirmed}
@@ -258,7 +260,9 @@ class Session:
         """
         started = time.perf_counter()
         self._book.add(looks)
-        result, labels = _run(points, find_cloud_frame(points), settings, rules)
+        result, labels = _run(
+            points, find_cloud_frame(points), settings, rules, self.way
+        )
         known = [item.key for item in self._registry.spans]
         numbered = self._registry.update(
             result, points, known, final=True, complete=complete
@@ -341,11 +345,13 @@ class Session:
 
 
 def _run(
-    points: Float64, frame: CloudFrame, settings: Settings, rules: RuleSet | None
+    points: Float64, frame: CloudFrame, settings: Settings, rules: RuleSet | None,
+    way: Float64 | None,
 ) -> tuple[InspectionResult, UInt8]:
     """Return what the pipeline finds, and labels for the map."""
     own = frame.enter(points)
-    trace = Pipeline(settings, rules).trace(own, east=frame.east)
+    flown = None if way is None else frame.enter(way)
+    trace = Pipeline(settings, rules, flown).trace(own, east=frame.east)
     labels = label_points(own, trace.models, trace.result, settings, rules)
     return frame.leave_result(trace.result, trace.offending), labels
 

@@ -109,7 +109,9 @@ def warm_up_pipeline(settings: Settings, *, rare: bool = False) -> int:
         along = np.arange(100.0)
         divide_section(along, np.column_stack((along % 2.0, along % 3.0 / 100.0)))  # a bundle
         points = np.concatenate((points, make_rarities()))
-    _, result, _ = Session().conclude(points, settings, 0, complete=True)
+    session = Session()
+    session.way = points[:: max(1, len(points) // 100)]
+    _, result, _ = session.conclude(points, settings, 0, complete=True)
     around = surround(result.spans, points)
     measure_proximity(around, True, points[0], np.ones(3), settings.proximity)
     return len(result.spans)

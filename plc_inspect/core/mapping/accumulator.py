@@ -18,17 +18,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from plc_inspect.config import Settings
 from plc_inspect.core.alignment.follower import Follower
+from plc_inspect.core.alignment.frame_watch import FramedPose
 from plc_inspect.core.alignment.parts import Part, Seen
-from plc_inspect.core.mapping.frame_watch import FramedPose
 from plc_inspect.core.mapping.map_entry import MapEntry
 from plc_inspect.core.mapping.placement import Placer, WaitingScan
-from plc_inspect.core.mapping.pose_buffer import Bracket, PoseBuffer, PoseStatus
-from plc_inspect.core.mapping.pose_gate import PoseGate
+from plc_inspect.core.mapping.pose_buffer import PoseBuffer, PoseStatus
+from plc_inspect.core.mapping.pose_gate import break_odd, PoseGate
 from plc_inspect.core.mapping.scan_clock import ScanClock, WaitClock
 from plc_inspect.core.mapping.scan_counters import Counters, DropReason, gather_counters
 from plc_inspect.core.mapping.scan_gate import ScanGate
 from plc_inspect.core.mapping.scan_points import check_points, check_worst, select_points
-from plc_inspect.core.numerics.arrays import MOST_COORDINATE
+from plc_inspect.core.mapping.scan_timing import ScanTiming
 from plc_inspect.core.setup.mount import Mount
 from plc_inspect.core.setup.sharpness import SharpnessMeter
 from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
@@ -82,6 +82,7 @@ class Accumulator:
         self._lidar_frame = ''
         self.mount: Mount | None = None  # of the scans in the map
         self._gate = ScanGate()
+        self.timing = ScanTiming()
         self._leads: deque[float] = deque(maxlen=LEADS)
         self._last_inserted: int | None = None
         self._before: Counters | None = None
@@ -186,21 +187,10 @@ class Accumulator:
                 self._gate.forget_times()
                 self.pose_gate.forget_times()
                 self.follower.forget_times()
-            self._look_at(pose.stamp_ns)
+            break_odd(self.poses, self.follower)
             self._drain()
             self._enter(self.follower.settle(pose.stamp_ns))
         return status.accepted
-
-    def _look_at(self, stamp_ns: int) -> None:
-        """Let nothing be interpolated over poses that cannot be."""
-        known = self.poses.arrays()
-        position = known.positions[-1]
-        if np.abs(position).max() < MOST_COORDINATE:
-            found = self.follower.see_pose(stamp_ns, position, known.quaternions[-1])
-            frozen = self.follower.watch.frozen
-            if frozen or found is not None:
-                after = None if found is None else found.before_ns
-                self.poses.break_last(Bracket.FROZEN if frozen else Bracket.JUMP, after)
 
     def add_scan(
         self,
@@ -251,6 +241,7 @@ class Accumulator:
         )
         check_worst(worst)
         self._counts['scans'] += 1
+        stamps = self.timing.shift(stamp_ns, stamps)
         first, last = (int(stamps.min()), int(stamps.max())) if len(stamps) else (stamp_ns,) * 2
         reason = self._gate.judge(
             frame_id, layout, stamp_ns, (first, last), self._clock.period
@@ -333,6 +324,7 @@ class Accumulator:
             self.pose_gate.clear()
             self._last_inserted = self.mount = None
             self._gate = ScanGate()
+            self.timing.clear()
 
     def _take_waiting(self) -> Iterator[WaitingScan]:
         """Yield the scans that wait now, each taken out of the queue."""
@@ -354,6 +346,10 @@ class Accumulator:
         found = self.placer.place(scan, self.poses)
         if isinstance(found, DropReason):
             self._dropped[found] += 1
+            return
+        if cause := self.timing.look(scan, self.placer, self.poses):
+            self.follower.clear()
+            self.entry.begin_anew(cause)
             return
         self._counts['too near'] += found.num_near
         self._counts['too far'] += found.num_far

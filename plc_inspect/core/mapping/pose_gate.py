@@ -3,10 +3,15 @@
 
 """Which poses are taken, and how: their frames, repeated positions, positions in steps."""
 
+import numpy as np
+
 from plc_inspect.config import InputSettings
-from plc_inspect.core.mapping.coarse_positions import CoarsePositions
-from plc_inspect.core.mapping.frame_watch import FramedPose, FrameWatch
-from plc_inspect.core.mapping.repeated_positions import RepeatedPositions
+from plc_inspect.core.alignment.coarse_positions import CoarsePositions
+from plc_inspect.core.alignment.follower import Follower
+from plc_inspect.core.alignment.frame_watch import FramedPose, FrameWatch
+from plc_inspect.core.alignment.repeated_positions import RepeatedPositions
+from plc_inspect.core.mapping.pose_buffer import Bracket, PoseBuffer
+from plc_inspect.core.numerics.arrays import MOST_COORDINATE
 
 
 class PoseGate:
@@ -67,3 +72,16 @@ class PoseGate:
     def release(self) -> list[FramedPose]:
         """Return the poses that wait still."""
         return self._repeats.release()
+
+
+def break_odd(poses: PoseBuffer, follower: Follower) -> None:
+    """Let nothing be interpolated over the newest of the poses, if it cannot be."""
+    known = poses.arrays()
+    position = known.positions[-1]
+    if np.abs(position).max() >= MOST_COORDINATE:
+        return
+    found = follower.see_pose(int(known.stamps[-1]), position, known.quaternions[-1])
+    frozen = follower.watch.frozen
+    if frozen or found is not None:
+        after = None if found is None else found.before_ns
+        poses.break_last(Bracket.FROZEN if frozen else Bracket.JUMP, after)

@@ -107,11 +107,11 @@ def replay(
     points = points[accumulator.map.counts() >= settings.map.min_points]
     seconds = {'read': time.perf_counter() - started}
     started = time.perf_counter()
-    result = Pipeline(settings, rules).run(points, progress=tell)
+    flown = way.places
+    result = Pipeline(settings, rules, flown[:, 1:].copy()).run(points, progress=tell)
     if sharpness.poor:
         result = dataclasses.replace(result, hazards=())
     result, points = move_result(result, move), move.apply(points)
-    flown = way.places
     flown[:, 1:] = move.apply(flown[:, 1:])
     seconds['pipeline'] = time.perf_counter() - started
     return Inspection(

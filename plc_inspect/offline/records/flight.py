@@ -44,6 +44,11 @@ class Flight:
     command: str = 'plc_node'
     """Name of the executable."""
 
+    @property
+    def places(self) -> Float64 | None:
+        """(K, 3) place of the vehicle in the map [m], None where it is unknown."""
+        return None if self.way is None else self.way[:, 1:]
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Snapshot:
@@ -72,6 +77,7 @@ def conclude(
     """Run the pipeline over the whole map; its labels go to the map."""
     started = time.perf_counter()
     window, flight = snapshot.window, snapshot.flight
+    session.way = flight.places
     state, result, labels = session.conclude(
         window.points, flight.settings, window.sequence, complete=snapshot.complete,
         rules=flight.rules, looks=snapshot.looks,

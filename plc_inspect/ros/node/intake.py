@@ -226,9 +226,11 @@ class Intake:
             self._health.odometry = 'the odometry stands still while the vehicle moves'
         elif follower.parts and told:
             self._health.odometry = follower.parts[-1].describe()
-        elif repeated := self.accumulator.pose_gate.describe():
-            self._health.odometry = repeated
-            self._complaints.complain('repeats', repeated)
+        elif odd := '; '.join(filter(None, (
+            self.accumulator.timing.describe(), self.accumulator.pose_gate.describe(),
+        ))):
+            self._health.odometry = odd
+            self._complaints.complain('odd', odd)
 
     @property
     def move(self) -> RigidMove:

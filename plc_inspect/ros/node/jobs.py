@@ -67,6 +67,7 @@ def run_tick(session: Session, snapshot: Snapshot) -> Done:
     """Run one tick and build its messages; it takes one core and leaves the others alone."""
     numba.set_num_threads(TICK_THREADS)
     window, flight = snapshot.window, snapshot.flight
+    session.way = flight.places
     tick = session.tick(
         window, flight.settings, snapshot.vehicle, flight.rules, snapshot.looks
     )

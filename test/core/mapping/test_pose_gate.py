@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from plc_inspect.config import InputSettings
-from plc_inspect.core.mapping.coarse_positions import CoarsePositions
-from plc_inspect.core.mapping.frame_watch import FramedPose
+from plc_inspect.core.alignment.coarse_positions import CoarsePositions
+from plc_inspect.core.alignment.frame_watch import FramedPose
 from plc_inspect.core.mapping.pose_gate import PoseGate
 
 START = 1_700_000_000_000_000_000

@@ -33,7 +33,7 @@ def pipeline(monkeypatch):
     class Pipeline:
         given = None
 
-        def __init__(self, settings, rules=None):
+        def __init__(self, settings, rules=None, way=None):
             pass
 
         def run(self, points, progress=None):

@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from plc_inspect.config import InputSettings
-from plc_inspect.core.mapping.frame_watch import FramedPose
+from plc_inspect.core.alignment.frame_watch import FramedPose
 
 REMEMBERED = 20
 """Changes of position by which repetition is told.  Source: judgement: 2 s at 10 Hz."""

@@ -1,0 +1,183 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Returns of the air: dust, rain and insects, which lie anywhere about the lidar.
+
+What is there is hit again, in the next beam or by the next scan: its returns lie together.  Those
+of the air lie alone, as many here as there.  Where many lie alone, only returns are believed of
+which far more lie together than so thin an air puts there by chance; where none do, all are.  Far
+from the lidar all are, too: objects are seen sparsely there, and the air is not.
+"""
+
+import math
+
+from numba import njit
+import numpy as np
+
+from plc_inspect.core.numerics.hash_table import find_slot, index_keys
+from plc_inspect.results import Bool, Float64, Int64
+
+RANGE = 12.0
+"""
+Distance from the lidar up to which the air is seen [m].
+Source: judgement: returns of drops and grains fade with one more square of the range than others.
+"""
+REACH = 0.2
+"""
+Distance within which returns lie together [m].
+Source: derived: two voxels of the map; a lidar of 300,000 points a second sees a face of this size
+at 60 m with three of them within a second.
+"""
+FEW = 2
+"""Others within REACH below which a return lies alone.  Source: derived: hazards.min_points."""
+CELL, WIDE = 2.0, 2
+"""
+Edge of the cells by which lone returns are counted [m], and cells that tell of a place beside it.
+Source: judgement: dust is seen up to 10 m away, and thins out over that.
+"""
+LEAST_AIR = 20
+"""Cells of air that tell a density.  Source: judgement: a sixth of those about a place."""
+CLEAR = 0.01
+"""
+Lone returns in a cubic metre up to which the air is clear [1/m3].
+Source: derived: of so many, three are linked by chance (hazards.group_distance) at one place in a
+million cubic metres; measured: bench/faults.py dust: clear air about a crown shows none.
+"""
+CHANCE = 1e-5
+"""
+Probability from which others are believed to lie about a return of the air by chance.
+Source: derived: one in ten flights of 10,000 returns near conductors, and three must.
+"""
+MOST = 30
+"""Others that are counted at most.  Source: numerical: CHANCE at 190 returns in a cubic metre."""
+
+
+def find_dust(points: Float64, way: Float64) -> Bool:
+    """
+    Tell the returns that are no more than the air puts there by chance.
+
+    Parameters
+    ----------
+    points : (K, 3) float64
+        All near the conductors that are neither ground, wire nor support [m].
+    way : (W, 3) float64
+        Where the lidar was, 10 m apart or nearer [m].
+
+    Returns
+    -------
+    (K,) bool
+        Costs O(K).
+
+    """
+    result = np.zeros(len(points), dtype=bool)
+    if len(points) <= FEW or not len(way):
+        return result
+    near = np.flatnonzero(_count_near(points, way, RANGE, 1) > 0)
+    own = points[near]
+    if len(near) <= FEW:
+        return result
+    together = _count_near(own, own, REACH, MOST + 1) - 1
+    density = _measure_air(own, together < FEW)
+    dusty = np.flatnonzero(density > CLEAR)
+    mean = density[dusty] * 4.0 / 3.0 * math.pi * REACH**3
+    result[near[dusty]] = together[dusty] < _find_least(mean)
+    return result
+
+
+def _count_near(points: Float64, others: Float64, reach: float, most: int) -> Int64:
+    """Return the (K,) number of others within reach of each point, ``most`` at most."""
+    low = np.minimum(points.min(axis=0), others.min(axis=0))
+    inside = (others <= points.max(axis=0) + 2.0 * reach).all(axis=1)
+    inside &= (others >= points.min(axis=0) - 2.0 * reach).all(axis=1)
+    others = others[inside]
+    if not len(others):
+        return np.zeros(len(points), dtype=np.int64)
+    own = np.floor((points - low) / reach).astype(np.int64) + 1
+    cell = np.floor((others - low) / reach).astype(np.int64) + 1
+    _, rows, layers = np.maximum(own.max(axis=0), cell.max(axis=0)) + 2
+    key = (cell[:, 0] * rows + cell[:, 1]) * layers + cell[:, 2]
+    order = np.argsort(key, kind='stable')
+    keys, start = np.unique(key[order], return_index=True)
+    return _count(
+        points, (own[:, 0] * rows + own[:, 1]) * layers + own[:, 2], others[order], keys,
+        np.append(start, len(others)), index_keys(keys, len(keys)),
+        (int(rows), int(layers), reach * reach, most),
+    )
+
+
+@njit(cache=True, nogil=True)
+def _count(points, key, others, keys, start, table, sizes):  # type: ignore[no-untyped-def]
+    """Count the others, which are sorted by cell, in the cells about each point."""
+    rows, layers, square, most = sizes
+    found = np.zeros(len(points), dtype=np.int64)
+    for i in range(len(points)):
+        count = 0
+        for step in range(27):
+            x, y, z = step // 9 - 1, step // 3 % 3 - 1, step % 3 - 1
+            slot = find_slot(key[i] + (x * rows + y) * layers + z, table, keys)
+            if slot < 0:
+                continue
+            for k in range(start[slot], start[slot + 1]):
+                a = others[k, 0] - points[i, 0]
+                b = others[k, 1] - points[i, 1]
+                c = others[k, 2] - points[i, 2]
+                count += a * a + b * b + c * c <= square
+            if count >= most:
+                break
+        found[i] = min(count, most)
+    return found
+
+
+def _measure_air(points: Float64, alone: Bool) -> Float64:
+    """
+    Return the (K,) density of lone returns in the air about each point [1/m3].
+
+    Cells where most returns lie together hold an object, whose edge sheds lone ones: they and
+    those beside them are no air.
+    """
+    cell = np.floor(points / CELL).astype(np.int64)
+    cell -= cell.min(axis=0) - WIDE
+    _, rows, layers = (int(size) for size in cell.max(axis=0) + 1 + WIDE)
+    keys, which = np.unique(
+        (cell[:, 0] * rows + cell[:, 1]) * layers + cell[:, 2], return_inverse=True
+    )
+    which = which.reshape(-1)
+    count = np.bincount(which[alone], minlength=len(keys))
+    solid = keys[np.bincount(which, minlength=len(keys)) > 2 * count]
+    solid = np.unique(solid[:, None] + _list_steps(1, rows, layers))
+    count[np.isin(keys, solid)] = 0
+    total, air = np.zeros(len(keys)), np.full(len(keys), (2.0 * WIDE + 1.0) ** 3)
+    for step in _list_steps(WIDE, rows, layers).tolist():
+        slot = np.minimum(np.searchsorted(keys, keys + step), len(keys) - 1)
+        total += np.where(keys[slot] == keys + step, count[slot], 0)
+        if len(solid):
+            slot = np.minimum(np.searchsorted(solid, keys + step), len(solid) - 1)
+            air -= solid[slot] == keys + step
+    density = total / (np.maximum(air, 1.0) * CELL**3)
+    result: Float64 = np.where(air >= LEAST_AIR, density, 0.0)[which]
+    return result
+
+
+def _list_steps(reach: int, rows: int, layers: int) -> Int64:
+    """Return the steps from the number of a cell to those up to ``reach`` cells away."""
+    along = np.arange(-reach, reach + 1)
+    x, y, z = (item.ravel() for item in np.meshgrid(along, along, along, indexing='ij'))
+    result: Int64 = (x * rows + y) * layers + z
+    return result
+
+
+def _find_least(mean: Float64) -> Int64:
+    """Return how many others must lie about a return so that chance is below CHANCE."""
+    least = np.full(len(mean), FEW, dtype=np.int64)
+    term = np.exp(-mean)
+    below = term.copy()  # probability of fewer than the count
+    for count in range(1, MOST):
+        wanted = 1.0 - below > CHANCE
+        if not wanted.any():
+            break
+        least[wanted] = max(FEW, count + 1)
+        term = term * mean / count
+        below += term
+    least[1.0 - below > CHANCE] = MOST
+    return least

@@ -1,0 +1,112 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Shifts the times of scans to where they fit best, where their clock is surely another."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from plc_inspect.core.mapping.placement import PlacedScan, Placer, WaitingScan
+from plc_inspect.core.mapping.pose_buffer import PoseBuffer
+from plc_inspect.core.setup.clock_watch import ClockWatch
+from plc_inspect.results import Int64
+
+SAMPLES = 1000
+"""Points of a scan that are looked at.  Source: numerical: five a cell and scan within 30 m."""
+STEP_NS = 20_000_000
+"""Time over which it is seen how points move [ns].  Source: judgement: two poses at 100 Hz."""
+SMEARED = 0.03
+"""
+Offset from which what was mapped is smeared [s].
+Source: measured: bench/studies/sharpness.py: 0.05 s holds hazards back.
+"""
+EARLY_NS = 20_000_000_000
+"""
+Time since the first scan up to which the map begins anew for that; later too much would be lost,
+and its sharpness tells what may be told [ns].  Source: judgement: it shows after 3 s.
+"""
+MOST_OFFSET = 0.5
+"""Greatest offset that is mended [s].  Source: as MOST_LEAD of standstill, which tells greater."""
+MOST_RATE = 0.02
+"""Greatest difference of the speeds of two clocks.  Source: judgement: hundreds of times usual."""
+LARGE = 0.1
+"""
+After a correction by so much the next one makes up for its error, and tells no rate [s].
+Source: measured: the demo flight with 0.2 s: 0.17 s, then 0.03 s.
+"""
+LEARNING = 0.5
+"""Share of a new offset that is taken for a difference in speed.  Source: judgement."""
+
+
+class ScanTiming:
+    """Owned by one thread."""
+
+    def __init__(self) -> None:
+        self._watch = ClockWatch()
+        self.clear()
+
+    def clear(self) -> None:
+        """Take the stamps of scans as they are."""
+        self._watch.clear()
+        self._offset = self._rate = self._newest = 0.0
+        self._since: int | None = None
+        self._first: int | None = None
+
+    def shift(self, stamp_ns: int, stamps: Int64) -> Int64:
+        """Return the times of points of a scan [ns] by the clock of the odometry."""
+        offset = self._find_offset(stamp_ns)
+        return stamps if offset == 0.0 else stamps + round(offset * 1e9)
+
+    def _find_offset(self, stamp_ns: int) -> float:
+        if self._since is None:
+            return self._offset
+        return self._offset + self._rate * (stamp_ns - self._since) * 1e-9
+
+    def look(self, scan: WaitingScan, placer: Placer, poses: PoseBuffer) -> str:
+        """
+        Look at a scan that was placed.
+
+        Returns
+        -------
+        str
+            Why the map is to begin anew, '' where it may stay.
+
+        """
+        if scan.placed or not len(scan.xyz):
+            return ''
+        self._first = scan.stamp_ns if self._first is None else self._first
+        step = (1 + len(scan.xyz) // SAMPLES) | 1
+        some = replace(
+            scan, xyz=np.ascontiguousarray(scan.xyz[::step]), stamps=scan.stamps[::step].copy()
+        )
+        now = placer.place(some, poses)
+        before = placer.place(replace(some, stamps=some.stamps - STEP_NS), poses)
+        if not isinstance(now, PlacedScan) or not isinstance(before, PlacedScan):
+            return ''
+        velocity = (now.points - before.points) / (STEP_NS * 1e-9)
+        found = self._watch.see(now.points, velocity, now.apart, scan.stamp_ns)
+        if found is None:
+            return ''
+        offset = self._find_offset(scan.stamp_ns) + found
+        if abs(offset) > MOST_OFFSET:
+            return ''
+        if self._since is not None and self._newest < LARGE:
+            seconds = max((scan.stamp_ns - self._since) * 1e-9, 1.0)
+            self._rate += LEARNING * found / seconds
+            self._rate = float(np.clip(self._rate, -MOST_RATE, MOST_RATE))
+        self._offset, self._since, self._newest = offset, scan.stamp_ns, abs(found)
+        self._watch.clear()
+        smeared = abs(found) > SMEARED and scan.stamp_ns - self._first < EARLY_NS
+        return self.describe() if smeared else ''
+
+    def describe(self) -> str:
+        """Say by how much scans are shifted, '' where they are not."""
+        if self._offset == 0.0:
+            return ''
+        side = 'earlier' if self._offset < 0.0 else 'later'
+        drifts = f', and {100.0 * self._rate:+.1f} % more' if abs(self._rate) > 1e-3 else ''
+        return (
+            f'scans fit best {abs(self._offset):.2f} s {side}{drifts}, and are taken so: '
+            'set lidar and odometry by one clock'
+        )

@@ -1,0 +1,129 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from plc_inspect.config import Settings
+from plc_inspect.core.extraction.dust import _count_near, _find_least, CHANCE, find_dust, REACH
+from plc_inspect.core.live.warm_up import make_sample
+from plc_inspect.core.pipeline import Pipeline
+from plc_inspect.results import HazardKind
+
+LOW, HIGH = np.array([0.0, -8.0, 4.0]), np.array([40.0, 8.0, 18.0])
+WAY = np.column_stack((np.linspace(-5.0, 45.0, 26), np.zeros(26), np.full(26, 11.0)))
+
+
+def make_air(density, seed=1):
+    rng = np.random.default_rng(seed)
+    return rng.uniform(LOW, HIGH, (int(density * np.prod(HIGH - LOW)), 3))
+
+
+def make_twig(place, num=8, length=0.25):
+    rng = np.random.default_rng(2)
+    return place + np.column_stack((
+        rng.normal(0.0, 0.01, (num, 2)), np.linspace(0.0, length, num),
+    ))
+
+
+def make_crown(place, num=4000, radius=2.0):
+    rng = np.random.default_rng(3)
+    way = rng.normal(size=(num, 3))
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    return place + way * radius * rng.uniform(0.6, 1.0, (num, 1))
+
+
+@pytest.mark.parametrize('density', [0.05, 0.3, 1.0, 4.0])
+def test_returns_of_the_air_are_told(density):
+    air = make_air(density)
+    assert find_dust(air, WAY).mean() > 0.99
+
+
+@pytest.mark.parametrize('density', [0.05, 0.3, 1.0, 4.0])
+def test_what_is_there_is_kept_in_dust_too(density):
+    twig, crown = make_twig(np.array([20.0, 2.0, 9.0])), make_crown(np.array([30.0, -4.0, 6.0]))
+    points = np.concatenate((twig, crown, make_air(density)))
+    found = find_dust(points, WAY)
+    assert not found[:len(twig)].any()
+    assert found[len(twig):len(twig) + len(crown)].mean() < 0.3  # the thinnest of it
+    assert found[len(twig) + len(crown):].mean() > 0.9  # but for what lies in the crown
+
+
+def test_in_clear_air_every_return_is_kept():
+    few = np.array([[20.0, 2.0, 9.0], [20.3, 2.0, 9.1], [20.6, 2.1, 9.0]])
+    crown = make_crown(np.array([30.0, -4.0, 6.0]))
+    assert not find_dust(few, WAY).any()
+    assert not find_dust(np.concatenate((few, crown)), WAY).any()
+
+
+def test_within_a_crown_every_return_is_kept():
+    rng = np.random.default_rng(4)
+    crown = rng.uniform((10.0, -4.0, 7.0), (20.0, 4.0, 15.0), (50_000, 3))  # about the lidar
+    assert not find_dust(crown, WAY).any()
+
+
+def test_only_near_the_lidar_returns_are_doubted():
+    air = make_air(0.5)
+    assert not find_dust(air, WAY + np.array([0.0, 40.0, 0.0])).any()
+    assert not find_dust(air, np.zeros((0, 3))).any()
+    half = find_dust(air, WAY[WAY[:, 0] < 10.0])
+    assert half[air[:, 0] < 10.0].mean() > 0.99
+    assert not half[air[:, 0] > 24.0].any()
+
+
+def test_few_points_order_and_input():
+    assert find_dust(np.zeros((0, 3)), WAY).shape == (0,)
+    assert not find_dust(np.full((1, 3), 9.0), WAY).any()
+    air = np.concatenate((make_air(0.5), make_twig(np.array([20.0, 2.0, 9.0]))))
+    before, order = air.copy(), np.random.default_rng(5).permutation(len(air))
+    found = find_dust(air, WAY)
+    np.testing.assert_array_equal(find_dust(air[order], WAY), found[order])
+    np.testing.assert_array_equal(air, before)
+
+
+def test_neighbours_are_those_of_a_tree():
+    rng = np.random.default_rng(6)
+    points, others = rng.uniform(-3.0, 4.0, (400, 3)), rng.uniform(-2.0, 3.0, (900, 3))
+    wanted = cKDTree(others).query_ball_point(points, 0.7, return_length=True)
+    np.testing.assert_array_equal(_count_near(points, others, 0.7, 1000), wanted)
+    np.testing.assert_array_equal(_count_near(points, others, 0.7, 3), np.minimum(wanted, 3))
+    far = _count_near(points, others + 100.0, 0.7, 3)
+    assert not far.any()
+
+
+def test_chance_is_that_of_poisson():
+    mean = np.array([0.001, 0.03, 0.5, 3.0])
+    rng = np.random.default_rng(7)
+    for value, least in zip(mean.tolist(), _find_least(mean).tolist(), strict=True):
+        drawn = rng.poisson(value, 2_000_000)
+        assert (drawn >= least).mean() < 5.0 * CHANCE
+    assert Settings().hazards.group_distance > REACH
+
+
+def test_dust_raises_no_hazard_and_hides_none():
+    sample = make_sample()
+    clean = Pipeline(Settings()).run(sample)
+    (tree,) = clean.hazards
+    span = max(clean.spans, key=lambda item: np.linalg.norm(item.lowest - tree.position))
+    along = np.linspace(0.0, span.length, 40)
+    way = span.positions(along) + np.array([0.0, 0.0, 3.0])
+    rng = np.random.default_rng(8)
+    # a return in two cubic metres of a tube of 8 m, and a twig below the wire
+    air = np.repeat(way, 60, axis=0)
+    air = air + rng.uniform(-8.0, 8.0, air.shape)
+    twig = make_twig(span.positions(np.array([span.length / 2.0]))[0] - (0.0, 0.0, 1.3))
+
+    def count(points, flown=None):
+        result = Pipeline(Settings(), None, flown).run(points)
+        near = [
+            item for item in result.hazards if item.kind is HazardKind.VEGETATION
+            and np.linalg.norm(item.position - twig.mean(axis=0)) < 0.5
+        ]
+        return len(result.hazards), len(near)
+
+    num, _ = count(sample)
+    assert count(np.concatenate((sample, twig)), way) == (num + 1, 1)
+    dusty = np.concatenate((sample, twig, air))
+    assert count(dusty)[0] > num + 3  # without knowing where the lidar was
+    assert count(dusty, way) == (num + 1, 1)

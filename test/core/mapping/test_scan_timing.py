@@ -1,0 +1,136 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from plc_inspect.config import Settings
+from plc_inspect.core.mapping.accumulator import Accumulator
+from plc_inspect.core.setup.clock_watch import ClockWatch, measure_offsets
+
+START = 1_700_000_000_000_000_000
+SPEED = 5.0
+
+
+def find_pose(when):
+    """Return place and orientation of a vehicle that flies along x and sways."""
+    turn = Rotation.from_euler('ZYX', [
+        0.1 * np.sin(0.9 * when), 0.04 * np.sin(2.1 * when), 0.05 * np.cos(1.7 * when),
+    ])
+    return np.array([SPEED * when, 0.0, 15.0]), turn
+
+
+def look(when, rng, num=1500):
+    """Return points of ground and two walls as a lidar sees them at a moment."""
+    place, turn = find_pose(when)
+    x, y = place[0] + rng.uniform(-25.0, 25.0, num), rng.uniform(-20.0, 20.0, num)
+    ground = np.column_stack((x, y, 0.1 * y))
+    walls = np.column_stack((
+        x[:600], np.where(np.arange(600) < 300, -18.0, 18.0), rng.uniform(0.0, 12.0, 600),
+    ))
+    world = np.concatenate((ground, walls)) + rng.normal(0.0, 0.02, (num + 600, 3))
+    return turn.inv().apply(world - place)
+
+
+def fly(late, seconds=12.0, rate=0.0, placed=False):
+    """Fly with the lidar's clock ahead by some seconds, and more each second."""
+    accumulator = Accumulator(Settings(), recorded=True)
+    rng = np.random.default_rng(3)
+    for tick in range(int(seconds * 50)):
+        when = tick * 0.02
+        place, turn = find_pose(when)
+        accumulator.add_pose(
+            START + round(when * 1e9), place, turn.as_quat(), frame_id='odom', now=when
+        )
+        if tick % 5 == 0:
+            points = look(when, rng)
+            if placed:
+                points = turn.apply(points) + place
+            ahead = late + rate * when
+            accumulator.add_scan(
+                START + round((when + ahead) * 1e9), points.astype(np.float32),
+                np.zeros(len(points)), frame_id='odom' if placed else 'lidar', now=when,
+            )
+    accumulator.finish()
+    return accumulator
+
+
+@pytest.mark.parametrize('late', [0.2, 0.05, -0.1])
+def test_scans_of_another_clock_are_taken_when_they_fit_best(late):
+    accumulator = fly(late)
+    timing = accumulator.timing
+    assert timing.shift(START, np.zeros(1, dtype=np.int64))[0] * 1e-9 == pytest.approx(
+        -late, abs=0.01
+    )
+    told = timing.describe().split()
+    assert float(told[3]) == pytest.approx(abs(late), abs=0.011)
+    assert told[5].startswith('earlier' if late > 0 else 'later')
+    assert 1 <= accumulator.entry.num_restarts <= 2
+    assert 'scans fit best' in accumulator.entry.cause
+    assert not accumulator.doubt
+    # the walls are thin again
+    points = accumulator.map.centroids()
+    wall = points[(points[:, 2] > 5.0) & (np.abs(points[:, 1] - 18.0) < 1.5)]
+    assert len(wall) > 300
+    assert np.abs(wall[:, 1] - 18.0).mean() < 0.06
+
+
+def test_a_clock_that_runs_fast_is_followed():
+    accumulator = fly(0.0, seconds=20.0, rate=0.01)
+    shifted = accumulator.timing.shift(START + 20_000_000_000, np.zeros(1, dtype=np.int64))
+    assert shifted[0] * 1e-9 == pytest.approx(-0.2, abs=0.05)
+
+
+@pytest.mark.parametrize('options', [{'late': 0.0}, {'late': 0.2, 'placed': True}])
+def test_right_clocks_and_placed_scans_are_left_alone(options):
+    accumulator = fly(**options)
+    stamps = np.arange(3)
+    assert accumulator.timing.shift(START, stamps) is stamps
+    assert not accumulator.timing.describe()
+    assert accumulator.entry.num_restarts == 0
+
+
+def test_a_reset_forgets_the_offset():
+    accumulator = fly(0.1, seconds=8.0)
+    assert accumulator.timing.describe()
+    accumulator.reset()
+    assert not accumulator.timing.describe()
+
+
+def make_planes(offset, num_looks=6):
+    """Return looks at a plane across x, which move along x at their own speeds."""
+    rng = np.random.default_rng(4)
+    speeds = np.linspace(-1.0, 1.0, num_looks)
+    look = np.repeat(np.arange(num_looks), 40)
+    points = np.column_stack((
+        np.full(len(look), 2.0) + offset * speeds[look], rng.uniform(0.2, 3.8, (len(look), 2)),
+    ))
+    velocity = np.zeros_like(points)
+    velocity[:, 0] = speeds[look]
+    return points + rng.normal(0.0, 1e-3, points.shape), velocity, look
+
+
+@pytest.mark.parametrize('offset', [0.0, 0.05, -0.2])
+def test_the_offset_is_that_of_a_toy(offset):
+    product, square, total, count = measure_offsets(*make_planes(offset))
+    assert product / square == pytest.approx(offset, abs=1e-3)
+    assert total == pytest.approx(offset**2 * square, abs=1e-3)
+    assert count == 5
+
+
+def test_too_little_tells_nothing():
+    assert measure_offsets(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, np.int64))[3] == 0
+    points, velocity, look = make_planes(0.1)
+    assert measure_offsets(points[look < 2], velocity[look < 2], look[look < 2])[3] == 0
+    watch = ClockWatch()
+    for number in range(5):
+        assert watch.see(points, velocity, np.full(len(points), 99.0), number * 10**9) is None
+
+
+def test_input_is_unchanged():
+    given = make_planes(0.1)
+    before = [item.copy() for item in given]
+    measure_offsets(*given)
+    for item, was in zip(given, before, strict=True):
+        np.testing.assert_array_equal(item, was)
