@@ -11,6 +11,7 @@ from plc_inspect.config import MapSettings, Settings
 from plc_inspect.core.alignment.normal_cells import NormalCells, OPEN_NS
 from plc_inspect.core.alignment.registration import sample_points
 from plc_inspect.core.alignment.rigid_move import RigidMove
+from plc_inspect.core.extraction.dust import find_dust
 from plc_inspect.core.hazards.clearance_rules import PLAIN
 from plc_inspect.core.hazards.strands import divide_section
 from plc_inspect.core.live.proximity import measure_proximity
@@ -109,9 +110,8 @@ def warm_up_pipeline(settings: Settings, *, rare: bool = False) -> int:
         along = np.arange(100.0)
         divide_section(along, np.column_stack((along % 2.0, along % 3.0 / 100.0)))  # a bundle
         points = np.concatenate((points, make_rarities()))
-    session = Session()
-    session.way = points[:: max(1, len(points) // 100)]
-    _, result, _ = session.conclude(points, settings, 0, complete=True)
+    _, result, _ = Session().conclude(points, settings, 0, complete=True)
+    find_dust(points[:1000], points[:1])
     around = surround(result.spans, points)
     measure_proximity(around, True, points[0], np.ones(3), settings.proximity)
     return len(result.spans)
