@@ -35,6 +35,8 @@ LARGE = 0.1
 After a correction by so much the next one makes up for its error, and tells no rate [s].
 Source: measured: the demo flight with 0.2 s: 0.17 s, then 0.03 s.
 """
+LEAST_TOLD = 0.001
+"""A difference in speed from which it is told.  Source: judgement: 0.1 s in two minutes."""
 LEARNING = 0.5
 """Share of a new offset that is taken for a difference in speed.  Source: judgement."""
 
@@ -105,7 +107,7 @@ class ScanTiming:
         if self._offset == 0.0:
             return ''
         side = 'earlier' if self._offset < 0.0 else 'later'
-        drifts = f', and {100.0 * self._rate:+.1f} % more' if abs(self._rate) > 1e-3 else ''
+        drifts = f', and {100.0 * self._rate:+.1f} % more' if abs(self._rate) > LEAST_TOLD else ''
         return (
             f'scans fit best {abs(self._offset):.2f} s {side}{drifts}, and are taken so: '
             'set lidar and odometry by one clock'
