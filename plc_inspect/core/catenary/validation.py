@@ -17,7 +17,7 @@ UNPROVEN = 'curvature not proven'
 CROWDED = 'not free in the air'
 TIED = 'tied to another line along its length'
 STAY = 'a stay: of a beam below it, of a mast, or steep and straight'
-HELD = 'touched from below at regular intervals, as pipes and bridge cables are'
+HELD = 'touched from below at regular intervals, or along the edge of a deck or roof'
 BUILT = (TIED, STAY, HELD)
 """
 Parts of something else that is built: no evidence of a conductor helps them.
@@ -123,7 +123,7 @@ def prove_sag(curve: Curve, settings: CatenarySettings) -> float:
     proof = min(significance / settings.min_significance, 1.0) if sags else 0.0
     if proof == 1.0 or not is_straight(curve, STRAIGHTEST):
         return proof
-    sigma = math.hypot(sigma, 8.0 * MISLAID / curve.length**2)
+    sigma = math.hypot(sigma, 8.0 * MISLAID / curve.length**2)  # the curvature of such a sag
     deviations = (1.0 / STRAIGHTEST - float(curve.fit.shape[2])) / sigma
     return -min(max(deviations / SURE, 1.0)**2, MOST_STRAIGHT)
 

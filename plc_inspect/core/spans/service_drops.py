@@ -348,7 +348,7 @@ def _is_tap(
 
 def _comes_to_mast(cloud: OffGround, curve: Curve) -> bool:
     """Whether a curve ends at something that stands above it and below: it is an arm of that."""
-    tip = curve.position(np.array([curve.high]))[0]
+    tip = curve.position(curve.high)[0]
     apart = cloud.points[cloud.index.strip(tip, tip, MAST_ROOM)] - tip
     above = apart[np.hypot(apart[:, 0], apart[:, 1]) <= MAST_ROOM, 2]
     return bool((above > MAST_RISE).any() and (above < -MAST_RISE).any())
