@@ -9,8 +9,8 @@ import numpy as np
 
 from plc_inspect.config import AlignmentSettings, ClusteringSettings, LinearitySettings
 from plc_inspect.core.catenary.curve import fit_curve
-from plc_inspect.core.catenary.free_length import Sight
 from plc_inspect.core.clustering.clustering import cluster
+from plc_inspect.core.evidence.free_length import Sight
 from plc_inspect.core.extraction.alignment import align
 from plc_inspect.core.extraction.linearity import find_candidates
 from plc_inspect.core.numerics.plan_index import build_plan_index

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from plc_inspect.config import Settings
-from plc_inspect.core.catenary.conductors import ConductorResult, model_conductors
 from plc_inspect.core.catenary.duplicates import find_along
-from plc_inspect.core.catenary.free_length import find_sight, Sight
-from plc_inspect.core.catenary.judge import SIDE
 from plc_inspect.core.clustering.clustering import cluster, ClusteringResult
+from plc_inspect.core.evidence.conductors import ConductorResult, model_conductors
+from plc_inspect.core.evidence.free_length import find_sight, Sight
+from plc_inspect.core.evidence.judge import SIDE
 from plc_inspect.core.extraction.alignment import align, AlignmentResult
 from plc_inspect.core.extraction.ground_surface import measure_surface
 from plc_inspect.core.extraction.height import extract_high, HeightResult

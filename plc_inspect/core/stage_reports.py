@@ -8,9 +8,9 @@ import math
 import numpy as np
 
 from plc_inspect.config import Settings
-from plc_inspect.core.catenary.conductors import ConductorResult
 from plc_inspect.core.clustering.clustering import ClusteringResult
 from plc_inspect.core.corridor import CorridorResult
+from plc_inspect.core.evidence.conductors import ConductorResult
 from plc_inspect.core.extraction.alignment import AlignmentResult
 from plc_inspect.core.extraction.height import HeightResult
 from plc_inspect.core.extraction.linearity import LinearityResult

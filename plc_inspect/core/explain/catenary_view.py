@@ -10,9 +10,9 @@ import numpy as np
 
 from plc_inspect.checks import Check
 from plc_inspect.config import Settings
-from plc_inspect.core.catenary.conductors import judge_curves
 from plc_inspect.core.catenary.curve import Curve
-from plc_inspect.core.catenary.validation import list_evidence
+from plc_inspect.core.evidence.conductors import judge_curves
+from plc_inspect.core.evidence.validation import list_evidence
 from plc_inspect.core.explain.proposals import chain, Finding, Proposal, propose, SLACK
 from plc_inspect.core.trace import Trace
 from plc_inspect.results import Decision, Float64

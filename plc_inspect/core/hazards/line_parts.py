@@ -35,7 +35,7 @@ Source: derived: three standard deviations of a point of a wire, up to 0.1 m (be
 WIDEST_TUBE = 0.8
 """
 The same at most, where a curve goes on beyond its points [m].
-Source: judgement; as catenary.conductors.MAX_MISS.
+Source: judgement; as evidence.conductors.MAX_MISS.
 """
 GONE_ON = 10.0
 """

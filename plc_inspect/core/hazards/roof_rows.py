@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from plc_inspect.core.catenary.curve import Curve
-from plc_inspect.core.catenary.free_length import Sight
+from plc_inspect.core.evidence.free_length import Sight
 from plc_inspect.results import Bool, Float64
 
 BESIDE = 2.5

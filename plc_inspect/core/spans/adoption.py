@@ -10,13 +10,13 @@ import numpy as np
 
 from plc_inspect.config import CatenarySettings, Settings
 from plc_inspect.core.catenary.bundles import widen_to
-from plc_inspect.core.catenary.conductors import ConductorResult
 from plc_inspect.core.catenary.curve import Curve, find_near
 from plc_inspect.core.catenary.duplicates import is_thick
-from plc_inspect.core.catenary.judge import LONGEST_BAY, may_be_held
 from plc_inspect.core.catenary.profile import Profile, profile_curve
-from plc_inspect.core.catenary.stays import is_regular
-from plc_inspect.core.catenary.validation import HELD
+from plc_inspect.core.evidence.conductors import ConductorResult
+from plc_inspect.core.evidence.judge import LONGEST_BAY, may_be_held
+from plc_inspect.core.evidence.stays import is_regular
+from plc_inspect.core.evidence.validation import HELD
 from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.core.spans.joints import find_joints, find_meeting

@@ -13,13 +13,14 @@ from plc_inspect.config import Settings
 from plc_inspect.core.catenary.curve import Curve, fit_curve
 from plc_inspect.core.catenary.curve_row import derive_tolerance, MIN_TOLERANCE
 from plc_inspect.core.catenary.duplicates import drop_duplicates, is_thick
-from plc_inspect.core.catenary.free_length import find_sight, measure_free_length
 from plc_inspect.core.catenary.growing import extend
 from plc_inspect.core.catenary.profile import measure_distances, profile_curve
 from plc_inspect.core.clustering.clusterers import KERNELS
 from plc_inspect.core.clustering.cross_section import count_needed, thin_window
 from plc_inspect.core.clustering.segment_fit import LEAST_POINTS, SHELL_CHANCE, SHELL_SHARE
 from plc_inspect.core.clustering.segments import cluster_window
+from plc_inspect.core.evidence.free_length import find_sight, measure_free_length
+from plc_inspect.core.evidence.validation import add_up
 from plc_inspect.core.extraction.linearity import LinearityResult
 from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.core.numerics.plan_index import build_plan_index
@@ -276,12 +277,17 @@ def _find_curves(
     known, wire = wire, wire.copy()
     for curve in curves:
         wire[profile_curve(points, index, curve, curve.low, curve.high).chosen] = True
-    result = []
+    result, total = [], 0.0
     for curve in curves:
         low = _find_start(cloud, curve, support, wire)
-        if _is_tap(cloud, curve, low, support, known, wire, settings):
+        thin = _make_thin(curve, low)
+        free = measure_free_length(points, index, thin, wire, find_sight(cloud.height))
+        evidence = add_up(thin, free, limits)
+        total += evidence
+        if evidence > 0.0 and _is_tap(cloud, curve, thin, support, known, settings):
             result.append((curve, low))
-    return result
+    # of a crown, a roof or a truss some piece is free, and most are not
+    return result if total > 0.0 else []
 
 
 def _find_start(cloud: OffGround, curve: Curve, support: Support, wire: Bool) -> float:
@@ -310,39 +316,39 @@ def _leaves(curve: Curve, support: Support) -> bool:
     )
 
 
+def _make_thin(curve: Curve, low: float) -> Curve:
+    """Return a curve from an x on, no thicker than the scatter of its points."""
+    rms = max(curve.fit.rmse, curve.lateral_rmse)
+    return dataclasses.replace(
+        curve, low=low, tolerance=min(max(THIN_SIGMAS * rms, MIN_TOLERANCE), curve.tolerance)
+    )
+
+
 def _is_tap(
-    cloud: OffGround, curve: Curve, low: float, support: Support, known: Bool, wire: Bool,
-    settings: Settings,
+    cloud: OffGround, curve: Curve, thin: Curve, support: Support, known: Bool, settings: Settings
 ) -> bool:
     """
-    Whether a curve hangs free, is as thin as a wire, and begins at its support.
+    Whether a curve begins at its support and, as thin as its points are, is free in the air.
 
-    ``known`` are points of the line, ``wire`` those of other curves that may be taps as well.
+    ``thin`` is the curve from its start on, ``known`` are points of the line.
     """
     limits = settings.catenary
     at, _ = curve.local_place(support.position)
     if (
-        curve.high - low < LEAST_LENGTH
-        or max(low, curve.low) - at > FIRST_SEEN
+        thin.length < LEAST_LENGTH
+        or max(thin.low, curve.low) - at > FIRST_SEEN
         or not _leaves(curve, support)
         or (support.kind == 'unseen' and _comes_to_mast(cloud, curve))
     ):
         return False
     # a roof can be cut into curves, each of which the others surround: they count as well here
-    rms = max(curve.fit.rmse, curve.lateral_rmse)
-    thin = dataclasses.replace(
-        curve, low=low, tolerance=min(max(THIN_SIGMAS * rms, MIN_TOLERANCE), curve.tolerance)
-    )
     profile = profile_curve(
-        cloud.points, cloud.index, thin, low, curve.high, step=STEP, ignore=known
+        cloud.points, cloud.index, thin, thin.low, thin.high, step=STEP, ignore=known
     )
     return (
         len(profile.chosen) >= limits.min_points
         and profile.coverage >= MIN_COVERAGE
         and profile.crowding <= limits.max_crowding
-        and measure_free_length(
-            cloud.points, cloud.index, thin, wire, find_sight(cloud.height)
-        ).wide > 0.0
     )
 
 

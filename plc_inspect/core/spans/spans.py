@@ -10,8 +10,8 @@ import math
 import numpy as np
 
 from plc_inspect.config import CatenarySettings, Settings
-from plc_inspect.core.catenary.free_length import measure_free_length, Sight
-from plc_inspect.core.catenary.validation import add_up
+from plc_inspect.core.evidence.free_length import measure_free_length, Sight
+from plc_inspect.core.evidence.validation import add_up
 from plc_inspect.core.extraction.height import ground_at, HeightResult
 from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.core.numerics.threads import call_each

@@ -8,8 +8,8 @@ import pytest
 from toys import make_curve, make_route, make_tree, make_wire
 
 from plc_inspect.config import Settings
-from plc_inspect.core.catenary.conductors import ConductorResult
-from plc_inspect.core.catenary.validation import HELD
+from plc_inspect.core.evidence.conductors import ConductorResult
+from plc_inspect.core.evidence.validation import HELD
 from plc_inspect.core.extraction.height import extract_high
 from plc_inspect.core.extraction.off_ground import gather_off_ground
 from plc_inspect.core.spans.adoption import adopt, drop_borne

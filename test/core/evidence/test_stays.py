@@ -3,9 +3,9 @@
 
 import numpy as np
 import pytest
-from toys import hang, make_curve, make_index, make_wire, turn
+from toys import hang, make_curve, make_index, make_wire
 
-from plc_inspect.core.catenary.stays import find_edges, find_fans, find_held, find_stays
+from plc_inspect.core.evidence.stays import find_fans, find_held, find_stays
 
 X = np.linspace(0.0, 60.0, 600)
 
@@ -175,49 +175,3 @@ def test_a_line_above_a_row_of_trees_at_even_distances_is_kept():
 def test_without_curves_nothing_is_held():
     points, wire = touch((5.0, 12.0))
     assert find_held(points, make_index(points), [], wire, 8.0).tolist() == []
-
-
-def make_bridge(side_height, seed=9):
-    """Return a deck 4 m wide below one side of a cable, with what lies beyond its edge."""
-    rng = np.random.default_rng(seed)
-    cable = make_wire((0.0, 0.0, 20.0), (60.0, 0.0, 20.0), c=120.0, per_metre=6.0)
-    deck = np.column_stack([
-        rng.uniform(0.0, 60.0, 2000), rng.uniform(0.05, 4.0, 2000), rng.normal(10.0, 0.03, 2000)
-    ])
-    rail = np.column_stack([
-        rng.uniform(0.0, 60.0, 300), rng.uniform(0.3, 0.4, 300), rng.uniform(10.0, 11.0, 300)
-    ])
-    beside = np.column_stack([
-        rng.uniform(0.0, 60.0, 2000), rng.uniform(-4.0, -0.05, 2000),
-        rng.normal(side_height, 0.03, 2000),
-    ])
-    return np.vstack([cable, deck, rail, beside]), len(cable)
-
-
-@pytest.mark.parametrize(('side_height', 'edge'), [(2.0, -1), (10.0, 0)])
-def test_a_cable_over_the_edge_of_a_deck_is_of_a_bridge(side_height, edge):
-    points, num = make_bridge(side_height)
-    wire = np.arange(len(points)) < num
-    curve = make_curve(points, np.flatnonzero(wire))
-    assert find_edges(points, make_index(points), [curve], wire).tolist() == [edge]
-
-
-def test_a_line_that_crosses_an_edge_does_not_hang_over_it():
-    points, num = make_bridge(2.0)
-    points[num:] = turn(points[num:] - [30.0, 0.0, 0.0], np.radians(10.0), (30.0, 0.0, 0.0))
-    wire = np.arange(len(points)) < num
-    curve = make_curve(points, np.flatnonzero(wire))
-    assert not find_edges(points, make_index(points), [curve], wire).any()
-
-
-def test_a_scan_line_on_a_wall_is_below_the_edge_of_its_roof():
-    rng = np.random.default_rng(2)
-    points, _ = make_bridge(-1.0)
-    line = np.column_stack([
-        np.linspace(5.0, 55.0, 100), rng.normal(0.0, 0.01, 100),
-        np.linspace(8.0, 7.0, 100) + rng.normal(0.0, 0.02, 100),
-    ])
-    points = np.vstack([line, points[points[:, 2] < 11.0]])
-    wire = np.zeros(len(points), dtype=bool)
-    curve = make_curve(points, np.arange(100))
-    assert find_edges(points, make_index(points), [curve], wire).tolist() == [1]

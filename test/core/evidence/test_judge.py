@@ -10,8 +10,8 @@ import numpy as np
 from toys import make_curve, make_index, make_sight, make_wire
 
 from plc_inspect.config import CatenarySettings
-from plc_inspect.core.catenary.judge import Judge
-from plc_inspect.core.catenary.validation import CROWDED, HELD, STAY, TIED, UNPROVEN
+from plc_inspect.core.evidence.judge import Judge
+from plc_inspect.core.evidence.validation import CROWDED, HELD, STAY, TIED, UNPROVEN
 
 
 def judge(wires, others=(), seen=True):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from toys import make_curve, make_index, make_sight, make_tree, make_wire, turn
 
-from plc_inspect.core.catenary.free_length import measure_free_length
+from plc_inspect.core.evidence.free_length import measure_free_length
 
 
 def make(length=60.0, **changes):

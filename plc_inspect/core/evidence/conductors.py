@@ -27,12 +27,12 @@ from plc_inspect.core.catenary.curve_row import (
     to_local,
 )
 from plc_inspect.core.catenary.duplicates import drop_duplicates, find_along, is_thick
-from plc_inspect.core.catenary.free_length import Sight
 from plc_inspect.core.catenary.growing import extend
-from plc_inspect.core.catenary.judge import Judge, Verdict
 from plc_inspect.core.catenary.track_fit import fit_tracks
-from plc_inspect.core.catenary.validation import BUILT, list_evidence
 from plc_inspect.core.clustering.clustering import ClusteringResult
+from plc_inspect.core.evidence.free_length import Sight
+from plc_inspect.core.evidence.judge import Judge, Verdict
+from plc_inspect.core.evidence.validation import BUILT, list_evidence
 from plc_inspect.core.numerics.arrays import merge_ascending
 from plc_inspect.core.numerics.plan_index import PlanIndex
 from plc_inspect.core.numerics.threads import call_each

@@ -10,8 +10,8 @@ from plc_inspect.checks import Check
 from plc_inspect.config import CatenarySettings
 from plc_inspect.core.catenary.curve import Curve
 from plc_inspect.core.catenary.duplicates import is_thick, measure_thickness, THICK
-from plc_inspect.core.catenary.free_length import FreeLength
 from plc_inspect.core.catenary.profile import Profile
+from plc_inspect.core.evidence.free_length import FreeLength
 
 UNPROVEN = 'curvature not proven'
 CROWDED = 'not free in the air'

@@ -32,7 +32,7 @@ from plc_inspect.core.catenary.curve_row import (
 )
 from plc_inspect.core.numerics.plan_index import gather_strip, PlanIndex
 from plc_inspect.core.numerics.threads import call_each
-from plc_inspect.results import Bool, Float64, Int64
+from plc_inspect.results import Bool, Float64
 
 ASIDE = 1.5
 """
@@ -87,17 +87,6 @@ LEAST_CONTACT, LEAST_EXTENT = 3, 0.5
 """
 Points of a contact, and their extent in height or across [m], at least.
 Source: derived: a line below has neither, a rod all of CONTACT_DEPTH, a beam both sides.
-"""
-EDGE, DECK_ROOM = 0.3, 1.3
-"""
-A deck or roof lies from so far to so far beside what runs along its edge, at least [m].
-Source: derived: main cables are in the plane of the edge, to the miss of a curve on them.
-"""
-DECK_STEP, FLAT, OPEN_DEPTH, EDGE_SHARE = 2.0, 0.2, 1.5, 0.7
-"""
-Parts along a deck [m], how far their tops are off a straight line and how far below it things are
-on the other side [m], and the share of the parts where that is so, at least.
-Source: judgement: a deck is straight to the noise; vehicles and trees take a third of it at most.
 """
 REGULAR = 0.15
 """
@@ -234,15 +223,6 @@ def find_held(
     return np.array([is_regular(np.diff(x), longest) for x in contacts], dtype=bool)
 
 
-def find_edges(
-    points: Float64, index: PlanIndex, curves: Sequence[Curve], wire: Bool
-) -> Int64:
-    """Tell what curves run along the edge of: -1 a deck below them, 1 a roof above, 0 nothing."""
-    return np.array(call_each(
-        lambda k: _find_edge(points, index.grid, curves[k].row, wire), len(curves)
-    ), dtype=np.int64)
-
-
 def is_regular(interval: Float64, longest: float, least: int = LEAST_EVEN) -> bool:
     """Tell whether things stand at intervals [m], ``least`` of them even and none of them long."""
     if len(interval) < least:
@@ -357,42 +337,3 @@ def _keep_thin(points, row, near, wire, top, found):  # type: ignore[no-untyped-
             and touching[k] >= LEAST_CONTACT and extent >= LEAST_EXTENT
         )
     return found[kept]
-
-
-@njit(cache=True, nogil=True, error_model='numpy')
-def _find_edge(points, grid, row, wire):  # type: ignore[no-untyped-def]
-    """Tell whether one side of a row's curve is flat, below it or above, and the other open."""
-    start, order, corner, cell, num_rows, num_columns = grid
-    low, high = row[LOW], row[HIGH]
-    near = gather_strip(
-        start, order, corner, cell, num_rows, num_columns,
-        row[ORIGIN_X] + row[COS] * low, row[ORIGIN_Y] + row[SIN] * low,
-        row[ORIGIN_X] + row[COS] * high, row[ORIGIN_Y] + row[SIN] * high, DECK_ROOM,
-    )
-    # the points on each side, part by part
-    num, opened = max(int((high - low) / DECK_STEP), 1), open_row(row)
-    height, part, count = np.empty(len(near)), np.empty(len(near), dtype=np.int64), 0
-    for i in near:
-        x, y = see_beside(opened, points[i, 0], points[i, 1])
-        if wire[i] or x < low or x >= high or not EDGE <= abs(y) <= DECK_ROOM:
-            continue
-        if abs(see_above(opened, x, points[i, 2])[0]) > row[TOLERANCE]:
-            place = min(int((x - low) / (high - low) * num), num - 1)
-            height[count], part[count] = points[i, 2], place + num * (y > 0.0)
-            count += 1
-    middle, top = np.full(2 * num, np.inf), np.full(2 * num, -np.inf)
-    for place in range(2 * num):
-        own = height[:count][part[:count] == place]
-        if len(own):
-            middle[place], top[place] = np.median(own), own.max()
-    # any straight line through two middles that most lie on, with nothing beside it
-    for side in range(2):
-        flat, other = np.roll(middle, side * num)[:num], np.roll(top, (1 - side) * num)[:num]
-        for first in range(num):
-            for last in range(first + max(num // 3, 1), num):
-                slope = (flat[last] - flat[first]) / (last - first)
-                line = flat[first] + slope * (np.arange(num) - first)
-                lies = (np.abs(flat - line) <= FLAT) & (other < line - OPEN_DEPTH)
-                if lies.mean() >= EDGE_SHARE:
-                    return 1 if line.mean() > height_of(row, 0.5 * (low + high)) else -1
-    return 0

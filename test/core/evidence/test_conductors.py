@@ -18,12 +18,12 @@ from toys import (
 
 from plc_inspect.config import CatenarySettings
 from plc_inspect.core.catenary.bundles import merge_bundles
-from plc_inspect.core.catenary.conductors import (
+from plc_inspect.core.catenary.duplicates import drop_duplicates
+from plc_inspect.core.catenary.track_fit import split_at_supports
+from plc_inspect.core.evidence.conductors import (
     bridge,
     model_conductors,
 )
-from plc_inspect.core.catenary.duplicates import drop_duplicates
-from plc_inspect.core.catenary.track_fit import split_at_supports
 
 SETTINGS = CatenarySettings()
 

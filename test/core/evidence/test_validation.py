@@ -8,9 +8,9 @@ import pytest
 from toys import make_curve, make_ground, make_index, make_sight, make_wire
 
 from plc_inspect.config import CatenarySettings
-from plc_inspect.core.catenary.free_length import measure_free_length
 from plc_inspect.core.catenary.profile import profile_curve
-from plc_inspect.core.catenary.validation import (
+from plc_inspect.core.evidence.free_length import measure_free_length
+from plc_inspect.core.evidence.validation import (
     CROWDED,
     find_objection,
     list_evidence,
