@@ -18,7 +18,8 @@ MOST_LINES, MOST_MODULES, MOST_ARGUMENTS = 400, 16, 7
 LEAST_FUNCTIONS = {
     'core.numerics': 12, 'core.alignment': 30, 'core.setup': 20, 'core.voxel_buffer': 25,
     'core.mapping': 30, 'core.extraction': 20,
-    'core.clustering': 10, 'core.catenary': 25, 'core.evidence': 12, 'core.spans': 60, 'core.hazards': 40,
+    'core.clustering': 10, 'core.catenary': 25, 'core.evidence': 12, 'core.spans': 60,
+    'core.hazards': 40,
     'core': 20, 'core.loads': 30, 'core.tracking': 40, 'core.coverage': 20, 'core.live': 25,
     'core.explain': 60, 'core.tuning': 30,
     'messages': 20, 'stream': 30, 'flight_record': 60,

@@ -129,3 +129,11 @@ def test_an_edge_with_other_things_a_metre_beside_is_no_tap():
     around[:, 2] += rng.uniform(-0.3, 0.3, 1500)
     around[:, :2] += away[:, None] * np.array([-along[1], along[0]])
     assert Pipeline().run(np.vstack([points, around])).num_lines == 3
+
+
+@pytest.mark.parametrize('apart', [0.4, 0.6])
+def test_a_deck_seen_in_lines_at_a_pole_has_no_taps(apart):
+    x = np.arange(-6, 7) * apart
+    points, own = make_street(*[((45.0 + at, 1.0, 6.0), (45.0 + at, 15.0, 6.0)) for at in x])
+    hidden = ~own & (np.abs(points[:, 0] - 45.0) < 4.5) & (points[:, 1] > 1.0) & (points[:, 2] < 1)
+    assert Pipeline().run(points[~hidden]).num_lines == 3
