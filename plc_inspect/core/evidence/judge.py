@@ -28,8 +28,10 @@ from plc_inspect.core.evidence.validation import (
     CROWDED,
     find_objection,
     HELD,
+    is_scan_line,
     is_straight,
     prove_sag,
+    SCAN_LINE,
     STAY,
     STRAIGHTEST,
     TIED,
@@ -192,7 +194,7 @@ class Judge:
             self.verdicts[number] = replace(self.verdicts[number], objection=STAY)
 
     def _unhold(self) -> None:
-        """Take back what is held at regular intervals, hangs over a deck, or lies on a wall."""
+        """Take back what is held at regular intervals, or lies along an edge or on a surface."""
         known = np.flatnonzero([
             not verdict.objection and may_be_held(curve, self._settings)
             for curve, verdict in zip(self._curves, self.verdicts, strict=True)
@@ -203,8 +205,11 @@ class Judge:
         rows = pack_curves(curves)
         hung = (rows[:, CURVATURE] > 1.0 / DEEPEST) | (np.abs(rows[:, SLOPE]) > STEEP)
         held |= (edge < RAIL) | ((edge >= RAIL) & hung)
-        for number in known[held].tolist():
-            self.verdicts[number] = replace(self.verdicts[number], objection=HELD)
+        for number, curve, is_held in zip(known.tolist(), curves, held.tolist(), strict=True):
+            if is_held or is_scan_line(curve):
+                self.verdicts[number] = replace(
+                    self.verdicts[number], objection=HELD if is_held else SCAN_LINE
+                )
 
     def _is_beam(self, number: int) -> bool:
         """Whether a curve is straight and part of something solid."""

@@ -18,10 +18,18 @@ CROWDED = 'not free in the air'
 TIED = 'tied to another line along its length'
 STAY = 'a stay: of a beam below it, of a mast, or steep and straight'
 HELD = 'touched from below at regular intervals, or along the edge of a deck or roof'
-BUILT = (TIED, STAY, HELD)
+SCAN_LINE = 'one scan line over a surface: its points lie in a plane'
+BUILT = (TIED, STAY, HELD, SCAN_LINE)
 """
-Parts of something else that is built: no evidence of a conductor helps them.
-Source: derived: the three above.
+Parts of something else: no evidence of a conductor helps them.
+Source: derived: the four above.
+"""
+PLANE_RATIO = 0.1
+"""
+The points of a conductor scatter across it both ways, the lesser way at least by this share of the
+other: a beam is as wide as it is long.
+Source: measured: 556 curves on conductors of eight real clouds and 28 random scenes have 0.19 and
+more, scan lines over roofs and racks 0.005 to 0.03.
 """
 UNTIDY = 'thick, with other things at its surface'
 BONUS = 8.0
@@ -132,6 +140,12 @@ def is_straight(curve: Curve, constant: float) -> bool:
     """Tell whether a curve is surely straighter than a catenary of a constant [m]."""
     sigma = math.sqrt(max(float(curve.fit.covariance[2, 2]), 0.0))
     return float(curve.fit.shape[2]) + SURE * sigma < 1.0 / constant
+
+
+def is_scan_line(curve: Curve) -> bool:
+    """Tell whether the points of a thin curve lie in one plane, as those of one scan line do."""
+    scatter = sorted((curve.lateral_rmse, curve.fit.rmse))
+    return not is_thick(curve) and scatter[0] < PLANE_RATIO * scatter[1]
 
 
 def add_up(

@@ -20,7 +20,7 @@ from plc_inspect.core.clustering.cross_section import count_needed, thin_window
 from plc_inspect.core.clustering.segment_fit import LEAST_POINTS, SHELL_CHANCE, SHELL_SHARE
 from plc_inspect.core.clustering.segments import cluster_window
 from plc_inspect.core.evidence.free_length import find_sight, measure_free_length
-from plc_inspect.core.evidence.validation import add_up
+from plc_inspect.core.evidence.validation import add_up, is_scan_line
 from plc_inspect.core.extraction.linearity import LinearityResult
 from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.core.numerics.plan_index import build_plan_index
@@ -271,7 +271,7 @@ def _find_curves(
             )
         except FitError:
             continue
-        if not is_thick(curve) and _leaves(curve, support):
+        if not (is_thick(curve) or is_scan_line(curve)) and _leaves(curve, support):
             curves.append(curve)
     curves = list(drop_duplicates(points, extend(points, index, curves, limits), limits))
     known, wire = wire, wire.copy()
