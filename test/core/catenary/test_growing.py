@@ -40,6 +40,18 @@ def test_growth_steps_over_short_gaps_and_stops_at_long_ones():
     assert grown.length == pytest.approx(100.0, abs=1.0)
 
 
+def test_what_is_seen_in_few_places_is_followed_over_longer_gaps():
+    parts = ((0.0, 0.5), (0.54, 1.0))  # 12 m of 300 m are not seen
+    sparse = make_line(parts, per_metre=0.4, length=300.0)  # an earth wire from the air
+    start = make_curve(sparse, np.flatnonzero(sparse[:, 0] < 150.0))
+    grown = extend(sparse, make_index(sparse), [start], SETTINGS)[0]
+    assert grown.length > 200.0  # the gap, and as far as the rounds of growth reach
+    dense = make_line(parts, per_metre=8.0, length=300.0)
+    start = make_curve(dense, np.flatnonzero(dense[:, 0] < 150.0))
+    grown = extend(dense, make_index(dense), [start], SETTINGS)[0]
+    assert grown.length == pytest.approx(150.0, abs=1.0)
+
+
 def test_growth_takes_nothing_away_and_leaves_the_input_alone():
     points = make_line()
     before = points.copy()
