@@ -114,8 +114,9 @@ def extend(
     Let curves take in the points along them, within their ends and beyond, as far as they go.
 
     Each round extrapolates no farther than the fit is sure of, and stops for good where the next
-    ``max_step`` metres hold no points of a free wire; more of them where it is seen in few places.  Points of a curve that begins with a kink
-    or an offset where this one ends are left to it: it is the next span, or another conductor's.
+    ``max_step`` metres hold no points of a free wire; more of them where it is seen in few
+    places.  Points of a curve that begins with a kink or an offset where this one ends are left to
+    it: it is the next span, or another conductor's.
 
     Parameters
     ----------

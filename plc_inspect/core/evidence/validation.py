@@ -44,6 +44,11 @@ Metres of evidence against a curve for each THICK by which it is thicker than th
 Source: measured: on a plant and a building site pipes, kerbs and chords of 0.13 to 0.3 m have up
 to 24, 54 and 71 free metres; bundles of 0.22 m have 200, three low-voltage wires in 0.16 m 31.
 """
+STRAIGHT_THICK = 0.06
+"""
+The same cost begins here where a curve is straight, in proportion to how sure that is [m].
+Source: derived: half of THICK; pipes of 0.25 m and more spread by this, conductors by their noise.
+"""
 CLOSE_RATIO = 2.0
 """
 A free metre of the close ring stands for so many of the wide one, where both are asked of a curve.
@@ -166,7 +171,11 @@ def add_up(
         evidence = max(free.open, free.close, free.wide / UNSEEN_RATIO)
     elif not beside:
         evidence = min(free.open, CLOSE_RATIO * free.close)
-    return evidence + BONUS * (proof + beside if proof < 0.0 else max(proof, float(beside)))
+    if proof >= 0.0:
+        return evidence + BONUS * max(proof, float(beside))
+    # across alone: what lies over two spans misses their points in height
+    cost = THICK_COST * max(curve.lateral_rmse / STRAIGHT_THICK - 1.0, 0.0)
+    return evidence + BONUS * (proof + beside) + cost * proof / MOST_STRAIGHT
 
 
 def list_evidence(

@@ -13,6 +13,7 @@ from plc_inspect.core.evidence.free_length import measure_free_length
 from plc_inspect.core.evidence.validation import (
     CROWDED,
     find_objection,
+    is_scan_line,
     list_evidence,
     UNPROVEN,
 )
@@ -92,6 +93,24 @@ def test_the_longer_what_is_straight_the_freer_it_must_be(c, objection):
     # no conductor of 70 m sags as little as the points of a pipe allow
     crown = make_ground((5, -1), (23, 1), 60.0) + np.array([0, 0, 11.7])
     assert judge(make(70.0, c=c, noise=0.05), [crown], tolerance=0.2) == objection
+
+
+@pytest.mark.parametrize(('c', 'objection'), [(1e6, UNPROVEN), (1500.0, '')])
+def test_what_is_straight_is_slender_or_a_pipe(c, objection):
+    bar = make(69.0, c=c, per_metre=14.0, noise=0.05)
+    bar[:, 1] += np.random.default_rng(1).uniform(-0.18, 0.18, len(bar))
+    assert judge(bar, tolerance=0.35) == objection
+    assert judge(make(69.0, c=c, per_metre=14.0, noise=0.05), tolerance=0.35) == ''
+
+
+@pytest.mark.parametrize('axis', [1, 2])
+def test_the_points_of_a_wire_do_not_lie_in_a_plane(axis):
+    rng = np.random.default_rng(5)
+    line = np.column_stack([np.linspace(0.0, 15.0, 170), np.zeros(170), np.full(170, 12.0)])
+    line[:, axis] += rng.normal(0.0, 0.06, 170)
+    assert is_scan_line(make_curve(line, tolerance=0.25))
+    line[:, 3 - axis] += rng.normal(0.0, 0.012, 170)
+    assert not is_scan_line(make_curve(line, tolerance=0.25))
 
 
 def test_a_curve_tighter_than_any_conductor_proves_nothing_by_its_curvature():
