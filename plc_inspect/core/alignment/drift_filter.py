@@ -90,16 +90,17 @@ class DriftFilter:
             float(np.sqrt(np.linalg.eigvalsh(self._spread[4:7, 4:7])[-1])),
         )
 
-    def begin_anew(self, shift: Float64) -> None:
+    def begin_anew(self, shift: Float64, share: float, sigma: float) -> None:
         """
-        Begin with another shift (3,) [m] and an empty map.
+        Begin with another shift (3,) [m], a share of the way and an empty map.
 
-        The share of the way was found in a smeared map, so it may be off still.
+        What drifts with time is then a part of the share.
         """
-        self._mean[:3] = shift
-        self._spread[:3], self._spread[:, :3] = 0.0, 0.0
-        self._spread[:3, :3] = SHIFT**2 * np.eye(3)
-        self._spread[7, 7] += SCALE**2
+        self._mean[:3], self._mean[7] = shift, share
+        self._mean[4:7] = 0.0
+        own = np.array([0, 1, 2, 7])
+        self._spread[own], self._spread[:, own] = 0.0, 0.0
+        self._spread[own, own] = np.array([SHIFT, SHIFT, SHIFT, sigma]) ** 2
 
     def carry(self, other: 'DriftFilter') -> None:
         """Take the share of the way that another filter found."""

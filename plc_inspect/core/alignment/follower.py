@@ -91,10 +91,9 @@ class Follower:
     def __init__(self) -> None:
         self.parts: list[Part] = []
         """All but the first."""
-        self.watch = PoseWatch()
+        self.watch, self.steady = PoseWatch(), SteadyErrors()
         self._cells = NormalCells()
         self._filter: DriftFilter | None = None
-        self._steady = SteadyErrors()
         self._place = np.zeros(3)
         self._stamp = 0
         self.clear()
@@ -116,7 +115,7 @@ class Follower:
         self._waiting: list[Seen] = []
         self._batch: list[Seen] = []
         self._doubts = self._strays = 0
-        self._steady.clear()
+        self.steady.clear()
 
     def resume(
         self, move: RigidMove, points: Float64, stamp_ns: int, place: Float64 | None,
@@ -186,7 +185,7 @@ class Follower:
     @property
     def doubt(self) -> str:
         """Why nothing may be told of the map, '' if nothing."""
-        return self._steady.doubt
+        return self.steady.doubt
 
     @property
     def num_waiting(self) -> int:
@@ -285,7 +284,7 @@ class Follower:
         if self._filter is None:
             self._filter = DriftFilter(self._held.about(self._place), stamp)
         tracked = self._filter
-        self._steady.begin(tracked, self._place)
+        self.steady.begin(tracked, self._place)
         way = tracked.predict(stamp, self._place)
         fit = fit_points(
             self._cells, sample_points(points), tracked.move, tracked.covariance, stamp
@@ -295,10 +294,11 @@ class Follower:
             if fit.share >= LEAST_SHARE:
                 tracked.update(fit)
                 self._strays = 0
-                self._steady.judge_heading(fit, fit.age > AGAIN)
-                part = self._judge(fit, stamp) or self._mend(tracked, way, stamp)
+                self.steady.judge_heading(fit, fit.age > AGAIN)
+                part = self._judge(fit, stamp)
             elif self._following:
                 self._strays += 1
+        part = part or self._mend(tracked, way, stamp)
         if self._strays >= LOST_AFTER:
             part = self._give_up('the odometry drifts, and what is seen does not fit', stamp)
         self._cells.add(self._move_at(stamp).apply(points), stamp)
@@ -331,7 +331,7 @@ class Follower:
 
     def _mend(self, tracked: DriftFilter, way: float, stamp: int) -> Part | None:
         """Begin anew where the odometry has a steady error, with that corrected."""
-        cause = self._steady.judge_way(tracked, way, self._place)
+        cause = self.steady.judge_way(tracked, way, self._place)
         if not cause:
             return None
         self._cells.clear()
@@ -374,7 +374,7 @@ class Follower:
         old, self._filter = self._filter, DriftFilter(moved, stamp, spread)
         if old is not None:
             self._filter.carry(old)
-        self._steady.step()
+        self.steady.step()
         self._held, self._setting_in = moved, 0.0
         change = np.linalg.norm(moved.shift - before.about(moved.centre).shift)
         if pending.quick and change < SAME:
@@ -389,7 +389,7 @@ class Follower:
         self._cells.clear()
         self._held, self._filter, self._following = RigidMove(), None, False
         self._doubts = self._strays = 0
-        self._steady.clear()
+        self.steady.clear()
         return Part(begin_ns=stamp, cause=cause, move=RigidMove(), sigma=0.0, aligned=False)
 
 

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plc_inspect.core.alignment.drift_filter import DriftFilter
+from plc_inspect.core.alignment.drift_filter import DriftFilter, SCALE
 from plc_inspect.core.alignment.registration import Fit
-from plc_inspect.results import Float64
+from plc_inspect.results import Bool, Float64
 
 SHARE = 0.02
 """
@@ -27,6 +27,12 @@ TURNED = 0.01
 Turn of the heading against the positions, within a pass, from which nothing is told [rad].
 Source: derived: 0.3 m at 30 m; measured: bench/studies/odometry_faults.py: good odometry shows
 0.002 at most.
+"""
+TURNING = 0.005
+"""
+Turn of the heading against the positions, by planes, from which nothing is told [rad/s].
+Source: derived: 0.3 m at 30 m within their two seconds; measured: bench/studies/input_faults.py:
+good odometry shows less.
 """
 ASIDE = 0.2
 """
@@ -56,6 +62,23 @@ TWICE = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Steady:
+    """What makes planes lie together: to be added to the stamps, the positions, the heading."""
+
+    values: Float64
+    """(3,) time [s], share of the way, turn of the heading [rad/s]."""
+    sigma: Float64
+    """(3,) their standard deviations."""
+    least: float
+    """So many of them are sure."""
+
+    @property
+    def sure(self) -> Bool:
+        """Whether each (3,) is surely not 0."""
+        return np.abs(self.values) > self.least * self.sigma
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _Start:
     """Where the map began."""
 
@@ -79,7 +102,15 @@ class SteadyErrors:
         self.doubt = ''
         """Why nothing may be told of the map, '' if nothing."""
         self._doubts = [0, 0, 0]
+        self._planes: Steady | None = None
         self.step()
+
+    def hear(self, planes: Steady | None) -> None:
+        """Take what planes tell, None: nothing; where the heading turns they tell no scale."""
+        turning = planes is not None and bool(planes.sure[2]) and abs(planes.values[2]) > TURNING
+        self._planes = None if turning else planes
+        if planes is not None and turning:
+            self._doubt_heading(f'{abs(np.degrees(planes.values[2])):.1f} degrees/s')
 
     def step(self) -> None:
         """Take the place of the vehicle and its heading anew, as after a step."""
@@ -100,11 +131,13 @@ class SteadyErrors:
         sigma = float(np.sqrt(fit.covariance[3, 3]))
         self._doubts[1] = self._doubts[1] + 1 if turned > max(TURNED, SURELY * sigma) else 0
         if self._doubts[1] >= TWICE:
-            self.doubt = (
-                f'the heading of the odometry drifts against its positions, by '
-                f'{np.degrees(turned):.1f} degrees and more: results are held back; check what '
-                'tells the heading'
-            )
+            self._doubt_heading(f'{np.degrees(turned):.1f} degrees and more')
+
+    def _doubt_heading(self, size: str) -> None:
+        self.doubt = (
+            f'the heading of the odometry drifts against its positions, by {size}: results are '
+            'held back; check what tells the heading'
+        )
 
     def judge_way(self, tracked: DriftFilter, way: float, place: Float64) -> str:
         """
@@ -126,7 +159,7 @@ class SteadyErrors:
 
         """
         self._flown += way
-        share, sigma = tracked.measure_share()
+        share, sigma, surely = self._measure_share(tracked)
         aside, aside_sigma = tracked.measure_aside()
         wrong = aside > max(ASIDE, SURELY * aside_sigma)
         self._doubts[2] = self._doubts[2] + 1 if wrong else 0
@@ -138,7 +171,7 @@ class SteadyErrors:
         off = abs(share - self._share)
         late = self._flown > EARLY
         least = LATE if late else SHARE
-        wrong = off > max(least, SURELY * sigma) and off * tracked.speed > SMEAR
+        wrong = off > max(least, surely) and off * tracked.speed > SMEAR
         self._doubts[0] = self._doubts[0] + 1 if wrong else 0
         if self._doubts[0] < TWICE or self._start is None:
             return ''
@@ -149,9 +182,19 @@ class SteadyErrors:
             )
             return ''
         shift = self._start.shift + share * (place - self._start.place)
-        tracked.begin_anew(shift)
+        tracked.begin_anew(shift, share, sigma)
         self._share, self._doubts[0] = share, 0
         return _tell_share(share)
+
+    def _measure_share(self, tracked: DriftFilter) -> tuple[float, float, float]:
+        """Return the share, its standard deviation, and what is sure, by whoever knows best."""
+        share, sigma = tracked.measure_share()
+        planes = self._planes
+        if planes is None or planes.sigma[1] >= sigma:
+            # it was found in a smeared map, so it may be off still
+            return share, float(np.hypot(sigma, SCALE)), SURELY * sigma
+        own = float(planes.sigma[1])
+        return float(planes.values[1]), own, planes.least * own
 
 
 def _tell_share(share: float) -> str:

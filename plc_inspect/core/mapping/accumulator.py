@@ -351,6 +351,7 @@ class Accumulator:
             self.follower.clear()
             self.entry.begin_anew(cause)
             return
+        self.follower.steady.hear(self.timing.steady)
         self._counts['too near'] += found.num_near
         self._counts['too far'] += found.num_far
         seen = Seen(found.points, found.stamps, found.apart, scan.stamp_ns)

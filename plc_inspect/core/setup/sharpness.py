@@ -49,6 +49,8 @@ Source: derived: ground with grass of 0.1 m.
 """
 LEAST_PLANES, LEAST_LINES = 30, 5
 """Cells from which a figure is believed.  Source: judgement; not measured."""
+UNSURE = 2.0
+"""So many standard deviations of the median must be over the limit.  Source: derived: 98 %."""
 HELD = 1.0
 """
 Blur over its limit from which hazards are held back.
@@ -289,7 +291,7 @@ def measure_spread(window: LookWindow) -> Spread:
     expected = within * ((looks[kept] - 1) / total[kept, 0])[:, None]
     between = (between[kept] / total[kept] - expected).reshape(-1, 3, 3)
     values, axes = np.linalg.eigh(within.reshape(-1, 3, 3))
-    line = values[:, 1] < LINE * values[:, 2]
+    line = (values[:, 1] < LINE * values[:, 2]) & (values[:, 1] < ROUGH)
     plane = (values[:, 0] < PLANE * values[:, 1]) | (
         (values[:, 0] < ROUGH) & (values[:, 0] < ROUGH_SHARE * values[:, 1])
     )
@@ -378,9 +380,14 @@ class SharpnessBook:
         noise = _gather([item.noise for item in own])
         distance = float(np.sqrt(np.median(values)))
         # what grows with the way flown is that much more over a long window
-        share = LONG.window_ns / scale.window_ns
+        share = LONG.window_ns / scale.window_ns / scale.limit
+        blur = share * distance
+        # of few cells the median may be great by chance: it errs by half the root of their number
+        low = float(np.quantile(values, max(0.0, 0.5 - 0.5 * UNSURE / np.sqrt(len(values)))))
+        if share * np.sqrt(low) <= HELD:
+            blur = min(blur, HELD)
         return Sharpness(
-            blur=share * distance / scale.limit, distance=distance, num_cells=len(values),
+            blur=blur, distance=distance, num_cells=len(values),
             noise=float(np.sqrt(np.median(noise))) if len(noise) else 0.0,
         )
 

@@ -7,7 +7,6 @@ from scipy.spatial.transform import Rotation
 
 from plc_inspect.config import Settings
 from plc_inspect.core.mapping.accumulator import Accumulator
-from plc_inspect.core.setup.clock_watch import ClockWatch, measure_offsets
 
 START = 1_700_000_000_000_000_000
 SPEED = 5.0
@@ -96,41 +95,3 @@ def test_a_reset_forgets_the_offset():
     assert accumulator.timing.describe()
     accumulator.reset()
     assert not accumulator.timing.describe()
-
-
-def make_planes(offset, num_looks=6):
-    """Return looks at a plane across x, which move along x at their own speeds."""
-    rng = np.random.default_rng(4)
-    speeds = np.linspace(-1.0, 1.0, num_looks)
-    look = np.repeat(np.arange(num_looks), 40)
-    points = np.column_stack((
-        np.full(len(look), 2.0) + offset * speeds[look], rng.uniform(0.2, 3.8, (len(look), 2)),
-    ))
-    velocity = np.zeros_like(points)
-    velocity[:, 0] = speeds[look]
-    return points + rng.normal(0.0, 1e-3, points.shape), velocity, look
-
-
-@pytest.mark.parametrize('offset', [0.0, 0.05, -0.2])
-def test_the_offset_is_that_of_a_toy(offset):
-    product, square, total, count = measure_offsets(*make_planes(offset))
-    assert product / square == pytest.approx(offset, abs=1e-3)
-    assert total == pytest.approx(offset**2 * square, abs=1e-3)
-    assert count == 5
-
-
-def test_too_little_tells_nothing():
-    assert measure_offsets(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, np.int64))[3] == 0
-    points, velocity, look = make_planes(0.1)
-    assert measure_offsets(points[look < 2], velocity[look < 2], look[look < 2])[3] == 0
-    watch = ClockWatch()
-    for number in range(5):
-        assert watch.see(points, velocity, np.full(len(points), 99.0), number * 10**9) is None
-
-
-def test_input_is_unchanged():
-    given = make_planes(0.1)
-    before = [item.copy() for item in given]
-    measure_offsets(*given)
-    for item, was in zip(given, before, strict=True):
-        np.testing.assert_array_equal(item, was)

@@ -1,0 +1,231 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Flies what seeds draw, without a fault and with each kind, and prints what was said and found.
+
+``wrongly`` is what was said though it is not so, ``missed`` what was not said though spans or
+hazards came out wrong.  Ends with the number of flights that are not as they should be: without a
+fault something was said or held back; with one, a ghost span or a false critical was told.
+"""
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+import sys
+import time
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from flights.drawn_flights import draw_flight, SECONDS
+from flights.faulty_flights import (
+    compare,
+    Event,
+    Fault,
+    Found,
+    list_conductors,
+    Pose,
+    put_together,
+    record,
+    Turn,
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Kind:
+    """A kind of fault."""
+
+    fault: Fault
+    right: tuple[str, ...] = ()
+    """What may be said of it, of KINDS; the first should be."""
+
+
+def leave(event: Event) -> Iterator[Event]:
+    """Leave all as it is."""
+    yield event
+
+
+def shift_clock(seconds: float, rate: float = 0.0) -> Kind:
+    """Let the stamps of scans be ahead [s], by more and more [s/s]."""
+
+    def run(event: Event) -> Iterator[Event]:
+        if isinstance(event, Turn):
+            event = event._replace(lead=seconds + rate * event.time)
+        yield event
+
+    return Kind(fault=run, right=('clock', 'unsharp'))
+
+
+def stretch(scale: float) -> Kind:
+    """Let positions be longer by a factor."""
+
+    def run(event: Event) -> Iterator[Event]:
+        yield event._replace(position=scale * event.position) if isinstance(event, Pose) else event
+
+    return Kind(fault=run, right=('scale', 'drift', 'otherwise', 'aside', 'unsharp'))
+
+
+def turn_heading(rate: float) -> Kind:
+    """Let the heading drift against the positions [degrees/s]."""
+
+    def run(event: Event) -> Iterator[Event]:
+        if isinstance(event, Pose):
+            more = Rotation.from_euler('Z', rate * event.time, degrees=True)
+            turn = (more * Rotation.from_quat(event.quaternion)).as_quat()
+            event = event._replace(quaternion=turn)
+        yield event
+
+    return Kind(fault=run, right=('heading', 'aside', 'drift', 'unsharp'))
+
+
+def raise_dust(share: float) -> Kind:
+    """Put a share of the points anywhere within 10 m."""
+
+    def run(event: Event) -> Iterator[Event]:
+        if isinstance(event, Turn):
+            rng = np.random.default_rng(round(event.time * 1e6))
+            chosen = rng.random(len(event.xyz)) < share
+            way = rng.normal(size=(int(chosen.sum()), 3))
+            way *= rng.uniform(1.0, 10.0, (len(way), 1)) / np.linalg.norm(way, axis=1)[:, None]
+            xyz = event.xyz.copy()
+            xyz[chosen] = way
+            event = event._replace(xyz=xyz)
+        yield event
+
+    return Kind(fault=run)
+
+
+def hold(period: float) -> Kind:
+    """Let positions be new so often [s], and repeated."""
+    kept: dict[str, Pose] = {}
+
+    def run(event: Event) -> Iterator[Event]:
+        if isinstance(event, Pose):
+            last = kept.get('last')
+            if last is None or not 0.0 <= event.time - last.time < period - 1e-3:
+                last = kept['last'] = event
+            event = event._replace(position=last.position)
+        yield event
+
+    return Kind(fault=run, right=('repeated',))
+
+
+def freeze(begin: float, seconds: float) -> Kind:
+    """Repeat one pose for a while [s]."""
+    kept: dict[str, Pose] = {}
+
+    def run(event: Event) -> Iterator[Event]:
+        if isinstance(event, Pose):
+            if begin < event.time < begin + seconds:
+                event = kept['last']._replace(time=event.time)
+            else:
+                kept['last'] = event
+        yield event
+
+    return Kind(fault=run, right=('stood', 'drift'))
+
+
+def move(begin: float, step: float, rate: float, way: np.ndarray) -> Kind:
+    """Let the odometry step [m], and drift from the beginning on [m/s]."""
+
+    def run(event: Event) -> Iterator[Event]:
+        if isinstance(event, Pose):
+            by = (step if event.time > begin else 0.0) + rate * event.time
+            event = event._replace(position=event.position + by * way)
+        yield event
+
+    return Kind(fault=run, right=('step' if step else 'drift', 'drift'))
+
+
+def make_kinds(seed: int) -> dict[str, Kind]:
+    """Return the faults of a flight; directions and times are of the seed."""
+    rng = np.random.default_rng([seed, 26])
+    way = rng.normal(size=3) * (1.0, 1.0, 0.5)
+    way /= np.linalg.norm(way)
+    when = float(rng.uniform(10.0, SECONDS - 12.0))
+    return {
+        'none': Kind(fault=leave),
+        **{f'clock {1e3 * lead:+.0f} ms': shift_clock(lead)
+           for lead in (0.03, -0.05, 0.08, -0.15, 0.3)},
+        'clock 0.5 % fast': shift_clock(0.0, 0.005),
+        **{f'positions {100 * (scale - 1):+.0f} %': stretch(scale)
+           for scale in (1.02, 0.97, 1.05, 0.9, 1.1)},
+        **{f'heading {rate:g} degrees/s': turn_heading(rate) for rate in (0.05, -0.2, 1.0)},
+        **{f'dust {100 * share:g} %': raise_dust(share) for share in (0.001, 0.003, 0.01, 0.1)},
+        'positions at 10 Hz': hold(0.1),
+        'still for 5 s': freeze(when, 5.0),
+        'step of 2 m': move(when, 2.0, 0.0, way),
+        'drift of 5 cm/s': move(0.0, 0.0, 0.05, way),
+    }
+
+
+def by_time(item: tuple[str, float]) -> float:
+    """Return when something was said [s]."""
+    return item[1]
+
+
+def describe(
+    name: str, kind: Kind, found: Found, clean: Found, truth: np.ndarray
+) -> tuple[str, bool]:
+    """Return a row of the table, and whether it is as it should be."""
+    own, before = compare(found, clean, truth), compare(clean, clean, truth)
+    said = found.said
+    wrongly = [word for word in said if word not in kind.right and word not in clean.said]
+    if name == 'none':
+        wrongly = [word for word in said if word != 'drift']  # it slips
+    first = min((said[word] for word in kind.right if word in said), default=None)
+    told = ' '.join(f'{word} {when:.0f}' for word, when in sorted(said.items(), key=by_time))
+    wrong = not found.poor and (own.ghosts > before.ghosts or own.false > 0)
+    good = not wrong and not (name == 'none' and (wrongly or found.poor))
+    held = 'held' if found.poor else ''
+    row = (
+        f'{own.spans} of {own.known} spans, {own.covered:.0%}, '
+        f'{own.ghosts} ghosts of {before.ghosts}, {own.criticals} criticals of '
+        f'{before.criticals}, {own.false} false, doubled {found.doubled:.2f} | {held}'
+        f'{f" anew {found.restarts}" if found.restarts else ""} | {told or "-"}'
+        f'{f" | WRONGLY {wrongly}" if wrongly else ""}{"" if good else " | BAD"}'
+        f'{" | MISSED" if wrong and first is None else ""}'
+    )
+    if 'clock' in kind.right or found.offset:
+        row += f' | shifted by {found.offset:+.3f} s'
+    return row, good
+
+
+def main() -> int:
+    """Fly, and print a row for each fault of each flight."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('names', nargs='*', help='parts of the names of the faults; all')
+    parser.add_argument('--seeds', nargs='+', type=int, default=range(5000, 5010))
+    parser.add_argument('--cache', type=Path, help='where simulated flights are kept')
+    parser.add_argument('--say', action='store_true', help='print what was said, too')
+    arguments = parser.parse_args()
+    wrong = rows = 0
+    for seed in arguments.seeds:
+        *made, text = draw_flight(seed)
+        path = arguments.cache / f'drawn_{seed}.pickle' if arguments.cache else None
+        flight = record(path, lambda made=made: made, seed)
+        print(f'{seed}: {text}', flush=True)
+        clean: Found | None = None
+        for name, kind in make_kinds(seed).items():
+            if name != 'none' and arguments.names and not any(
+                part in name for part in arguments.names
+            ):
+                continue
+            begin = time.perf_counter()
+            found = put_together(flight, kind.fault)
+            clean = clean or found
+            row, good = describe(name, kind, found, clean, list_conductors(made[0]))
+            wrong, rows = wrong + (not good), rows + 1
+            print(f'{seed} | {name} | {row} | {time.perf_counter() - begin:.0f} s', flush=True)
+            if arguments.say:
+                print(*[f'    {line}' for line in found.told], sep='\n', flush=True)
+    print(f'{wrong} of {rows} are not as they should be')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,310 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+What makes planes lie together: the clock of the lidar, the scale of positions, the heading.
+
+Planes that are seen within two seconds lie apart as far as points are put wrongly.  By a wrong
+clock they are where the vehicle was, and as it was turned, at another time; by a wrong scale as
+far along the way as it flew meanwhile; by a heading that turns about the lidar.  All three are
+fitted together, so that none is taken for another, and their standard deviations are what the
+flight itself shows: how unlike the parts of it are.  Least squares with weights of Student's t by
+cell, so that what is no plane does not count (Lange, Little and Taylor 1989, Robust statistical
+modeling using the t distribution); covariance by blocks of time (Liang and Zeger 1986,
+Longitudinal data analysis), as the errors of an attitude last from scan to scan.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import stdtrit
+
+from plc_inspect.core.alignment.steady_errors import Steady
+from plc_inspect.core.setup.sharpness import CELL, LINE, PLANE, ROUGH, ROUGH_SHARE
+from plc_inspect.results import Float64, Int64
+
+WINDOW_NS = 2_000_000_000
+"""
+Time within which looks are compared [ns].
+Source: measured: bench/studies/input_faults.py: with 1 s standard deviations are twice as great.
+"""
+BLOCK_NS = 500_000_000
+"""Errors of the attitude last shorter [ns].  Source: judgement: vehicles sway at 1 Hz."""
+REMEMBERED = 10
+"""Windows that are remembered.  Source: judgement: 20 s."""
+REACHES = 30.0, 60.0
+"""
+Points farther from the lidar are not looked at, the second where little is nearer than the first
+[m].  Source: as LONG and FAR of sharpness.
+"""
+SAMPLES = 1000
+"""Points of a scan that are looked at.  Source: numerical: five a cell and scan within 30 m."""
+LEAST_POINTS, LEAST_LOOKS = 5, 3
+"""Of a look in a cell, and of looks in a cell.  Source: as sharpness."""
+MOST_APART = 0.6
+"""
+Looks that lie farther apart in a cell are of two things [m].
+Source: judgement: a sixth of a cell.
+"""
+ATTITUDE = 0.001
+"""
+Error of an attitude, by which looks lie apart with range [rad].
+Source: derived: 0.05 degrees.
+"""
+LEAST_NOISE = 0.01
+"""Error of a position [m].  Source: as jitter of the simulated odometry, twice."""
+FREEDOM = 4.0
+"""Degrees of freedom of Student's t.  Source: Lange, Little and Taylor 1989."""
+ROUNDS = 6
+"""Rounds of weights.  Source: numerical: values move by less than a tenth of their deviations."""
+LEAST_BLOCKS = 8
+"""Blocks that tell standard deviations.  Source: derived: two windows."""
+CHANCE = 1e-5
+"""
+Probability of a value as great by chance.
+Source: derived: 1 in 20 in an hour, with 1800 windows of three values.
+"""
+MOST_REST = 3.0
+"""
+Squares of what is left over their variances, in the median of the planes, up to which the values
+are believed.
+Source: derived: chi squared of nine degrees of freedom, 99.9 %; measured:
+bench/studies/input_faults.py: 0.4 to 3 with or without a steady error, 10 to 60 where crowns and
+arcs of the scan are taken for planes.
+"""
+EXPLAINED = 2.0
+"""
+By so much less is left than with none of the values, else: great offsets of a clock are found in
+steps, the first of which leaves much.
+Source: measured: bench/studies/input_faults.py: 2.2 and more for 0.2 and 0.3 s, 1.7 and less where
+planes do not tell.
+"""
+NUM = 3
+"""Values.  Source: derived: clock, scale, heading."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Look:
+    """Points of a scan, all by the poses of the odometry."""
+
+    points: Float64
+    """(N, 3) [m]."""
+    velocity: Float64
+    """(N, 3) how they move as their times grow [m/s]."""
+    lidar: Float64
+    """(N, 3) where the lidar was [m]."""
+    stamps: Int64
+    """(N,) [ns]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rows:
+    """Looks at planes within a window: how far they lie off, and would for each value."""
+
+    off: Float64
+    """(M,) across the plane, less what is the same in all looks [m]."""
+    moves: Float64
+    """(M, 3) the same by a second, by all of the way, and by a radian a second."""
+    sure: Float64
+    """(M,) one over the variance [1/m2]."""
+    cell: Int64
+    """(M,) which plane each is of, from 0 on."""
+    block: Int64
+    """(M,) which part of the window, from 0 on."""
+
+
+class SteadyFit:
+    """Gathers points of scans, and fits the values; owned by one thread."""
+
+    def __init__(self) -> None:
+        self.clear()
+
+    def clear(self) -> None:
+        """Expect nothing of the next scan."""
+        self._window = -1
+        self._looks: list[Look] = []
+        self._rows: deque[Rows] = deque(maxlen=REMEMBERED)
+        self._values = np.zeros(NUM)
+        self.steady: Steady | None = None
+        """What is known; None: too little, or planes do not tell."""
+
+    def see(self, look: Look, stamp_ns: int) -> bool:
+        """
+        Take some points of a scan; tell whether what is known is of now.
+
+        Parameters
+        ----------
+        look : Look
+            At least one point, those of ``choose_points``.
+        stamp_ns : int
+            Of the scan [ns].
+
+        """
+        looks, window = self._looks, stamp_ns // WINDOW_NS
+        if window == self._window:
+            looks.append(look)
+            return False
+        self._window, self._looks = window, [look]
+        if len(looks) >= LEAST_LOOKS:
+            self._rows.append(compare_looks(looks))
+            self.steady = fit_rows(self._rows, self._values)
+            self._values = np.zeros(NUM) if self.steady is None else self.steady.values
+        return True
+
+
+def choose_points(apart: Float64) -> Int64:
+    """Return the rows of SAMPLES points at most that are near enough (N,) [m], evenly."""
+    for reach in REACHES:
+        chosen = np.flatnonzero(apart < reach)
+        if len(chosen) >= SAMPLES:
+            break
+    step = 1 + (len(chosen) - 1) // SAMPLES
+    return chosen[:: step | 1]  # an odd step takes all beams of an interleaved scan
+
+
+def compare_looks(looks: list[Look]) -> Rows:
+    """
+    Compare the looks at planes within a window.
+
+    Parameters
+    ----------
+    looks : list of Look
+        One a scan.
+
+    Returns
+    -------
+    Rows
+        Costs O(N log N), 10 ms for 20,000 points.
+
+    """
+    points = np.concatenate([item.points for item in looks])
+    if not len(points):
+        return Rows(
+            np.zeros(0), np.zeros((0, NUM)), np.zeros(0), np.zeros(0, np.int64),
+            np.zeros(0, np.int64),
+        )
+    stamps = np.concatenate([item.stamps for item in looks])
+    lidar = np.concatenate([item.lidar for item in looks])
+    seconds = ((stamps - stamps.min()) * 1e-9)[:, None]
+    lever = points - lidar
+    turn = seconds * np.column_stack((-lever[:, 1], lever[:, 0], np.zeros(len(lever))))
+    fields = np.concatenate([item.velocity for item in looks]), lidar - lidar[0], turn
+    look = np.repeat(np.arange(len(looks)), [len(item.points) for item in looks])
+    index = np.floor(points / CELL).astype(np.int64)
+    offsets = points - (index + 0.5) * CELL
+    index -= index.min(axis=0)
+    size = index.max(axis=0) + 1
+    cell = (index[:, 0] * size[1] + index[:, 1]) * size[2] + index[:, 2]
+    key, group, count = np.unique(
+        cell * len(looks) + look, return_inverse=True, return_counts=True
+    )
+    group = group.reshape(-1)
+    far = np.sqrt((lever**2).sum(axis=1))
+    mean = _sum(group, np.column_stack((offsets, *fields, seconds, far)), len(key))
+    mean /= count[:, None]
+    apart = offsets - mean[group, :3]
+    scatter = _sum(group, (apart[:, :, None] * apart[:, None, :]).reshape(-1, 9), len(key))
+    good = count >= LEAST_POINTS
+    key, count, mean, scatter = key[good], count[good], mean[good], scatter[good]
+    # planes, as the looks of a cell show them
+    _, home, num = np.unique(key // len(looks), return_inverse=True, return_counts=True)
+    home = home.reshape(-1)
+    total: Float64 = np.bincount(home, count, minlength=len(num)).astype(np.float64)
+    within = _sum(home, scatter, len(num)) / np.maximum(total - num, 1.0)[:, None]
+    values, axes = np.linalg.eigh(within.reshape(-1, 3, 3))
+    plane = (values[:, 0] < PLANE * values[:, 1]) | (
+        (values[:, 0] < ROUGH) & (values[:, 0] < ROUGH_SHARE * values[:, 1])
+    )
+    plane &= (values[:, 1] >= LINE * values[:, 2]) & (num >= LEAST_LOOKS)
+    # across the plane, less what is the same in all looks
+    normal = axes[home, :, 0]
+    across = np.stack([
+        np.einsum('ni,ni->n', mean[:, start : start + 3], normal)
+        for start in range(0, 3 * (1 + NUM), 3)
+    ], axis=1)
+    sure = 1.0 / (
+        np.maximum(values[home, 0], 0.0) / count + LEAST_NOISE**2 + (ATTITUDE * mean[:, -1]) ** 2
+    )
+    weight = np.bincount(home, sure, minlength=len(num))
+    across -= (_sum(home, across * sure[:, None], len(num)) / weight[:, None])[home]
+    wide = np.bincount(home, across[:, 0] ** 2, minlength=len(num)) / np.maximum(num, 1)
+    kept = (plane & (wide < MOST_APART**2))[home]
+    _, own = np.unique(home[kept], return_inverse=True)
+    return Rows(
+        across[kept, 0], across[kept, 1:], sure[kept], own.reshape(-1),
+        (mean[kept, -2] // (BLOCK_NS * 1e-9)).astype(np.int64),
+    )
+
+
+def fit_rows(windows: deque[Rows], start: Float64) -> Steady | None:
+    """
+    Fit the values to what windows tell.
+
+    Parameters
+    ----------
+    windows : deque of Rows
+        At least one.
+    start : (3,) float64
+        Values to begin with.
+
+    Returns
+    -------
+    Steady or None
+        None where there is too little to tell standard deviations, or planes do not lie together
+        with any values.
+
+    """
+    off = np.concatenate([item.off for item in windows])
+    moves = np.concatenate([item.moves for item in windows])
+    sure = np.concatenate([item.sure for item in windows])
+    cell, block = _number([item.cell for item in windows]), _number(
+        [item.block for item in windows]
+    )
+    if len(off) <= NUM:
+        return None
+    num_looks = np.bincount(cell)
+    num_blocks = len(np.unique(block))
+    if num_blocks < LEAST_BLOCKS:
+        return None
+    values = start
+    for _ in range(ROUNDS):
+        rest = off + moves @ values
+        square = np.bincount(cell, sure * rest**2)
+        weight = sure * ((FREEDOM + num_looks - 1.0) / (FREEDOM + square))[cell]
+        matrix = moves.T @ (moves * weight[:, None])
+        scale = np.sqrt(np.maximum(np.diag(matrix), 1e-12))
+        inverse = np.linalg.pinv(matrix / np.outer(scale, scale)) / np.outer(scale, scale)
+        values = -inverse @ (moves.T @ (weight * off))
+    rest = off + moves @ values
+    left, before = (
+        np.median(np.bincount(cell, sure * item**2) / np.maximum(num_looks - 1, 1))
+        for item in (rest, off)
+    )
+    if left > max(MOST_REST, before / EXPLAINED):
+        return None
+    # by how unlike the looks are, the blocks, and, where there are enough, the windows
+    spare = max(len(off) - len(num_looks) - NUM, 1)
+    variance = np.diag(inverse) * float(weight @ rest**2) / spare
+    window = np.repeat(np.arange(len(windows)), [len(item.off) for item in windows])
+    for group in (block, window):
+        num = len(np.unique(group))
+        if num >= LEAST_BLOCKS:
+            slope = _sum(group, moves * (weight * rest)[:, None], int(group.max()) + 1)
+            own = inverse @ (slope.T @ slope) @ inverse * num / (num - NUM)
+            variance = np.maximum(variance, np.diag(own))
+    return Steady(
+        values, np.sqrt(variance), float(stdtrit(num_blocks - NUM, 1.0 - 0.5 * CHANCE))
+    )
+
+
+def _number(parts: list[Int64]) -> Int64:
+    """Join numbers from 0 on of each part to numbers of all."""
+    steps = np.cumsum([0, *[int(part.max(initial=-1)) + 1 for part in parts]])
+    return np.concatenate([part + step for part, step in zip(parts, steps, strict=False)])
+
+
+def _sum(group: Int64, values: Float64, num: int) -> Float64:
+    """Sum the rows of (N, K) values by group."""
+    columns = [np.bincount(group, column, minlength=num) for column in values.T]
+    return np.stack(columns, axis=1)

@@ -1,0 +1,154 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+from collections import deque
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from plc_inspect.core.setup.steady_fit import (
+    choose_points,
+    compare_looks,
+    fit_rows,
+    Look,
+    NUM,
+    REACHES,
+    SAMPLES,
+    SteadyFit,
+    WINDOW_NS,
+)
+
+START = 1_700_000_000 * 10**9
+SPEED = 6.0
+FACES = np.array([
+    [0.0, 0.1, 1.0, 0.0], [0.0, 1.0, 0.0, 15.0], [0.0, 1.0, 0.0, -15.0], [1.0, 0.3, 0.0, 40.0],
+    [1.0, -0.2, 0.1, 25.0], [1.0, 0.1, 0.0, 60.0],
+])
+"""Normals of planes, and where they lie along them [m]."""
+
+
+def find_pose(when):
+    """Return the place and the turn of a vehicle that flies along x and sways."""
+    angles = np.column_stack((
+        0.06 * np.sin(0.9 * when), 0.05 * np.sin(2.3 * when), 0.05 * np.cos(1.9 * when),
+    ))
+    places = np.column_stack((SPEED * when, 0.2 * np.sin(when), 12.0 + 0.0 * when))
+    return places, Rotation.from_euler('ZYX', angles)
+
+
+def make_look(number, rng, late=0.0, share=0.0, turning=0.0):
+    """Return a scan of the planes as it is put by a clock, positions and a heading that err."""
+    when = 0.1 * number + rng.uniform(0.0, 0.1, 1200)
+    place, turn = find_pose(when)
+    normal, far = FACES[:, :3], FACES[:, 3]
+    length = np.linalg.norm(normal, axis=1)
+    normal, far = normal / length[:, None], far / length
+    face = rng.integers(0, len(FACES), len(when))
+    free = place + rng.uniform(-20.0, 20.0, (len(when), 3))
+    across = (free * normal[face]).sum(axis=1) - far[face]
+    world = free - normal[face] * across[:, None] + rng.normal(0.0, 0.02, (len(when), 3))
+    seen = turn.inv().apply(world - place)
+
+    def put(times):
+        at, how = find_pose(times)
+        more = Rotation.from_euler('Z', (turning * times)[:, None])
+        at = (1.0 + share) * at
+        return at, at + (more * how).apply(seen)
+
+    lidar, points = put(when + late)
+    before = put(when + late - 0.02)[1]
+    stamps = START + np.round(when * 1e9).astype(np.int64)
+    return Look(points, (points - before) / 0.02, lidar, stamps)
+
+
+def fly(seconds=12.0, **errors):
+    rng, fit = np.random.default_rng(5), SteadyFit()
+    for number in range(int(seconds * 10)):
+        fit.see(make_look(number, rng, **errors), START + number * 10**8)
+    return fit
+
+
+@pytest.mark.parametrize(('errors', 'which', 'value'), [
+    ({'late': 0.05}, 0, -0.05), ({'late': -0.1}, 0, 0.1), ({'share': 0.05}, 1, -0.05 / 1.05),
+    ({'share': -0.1}, 1, 0.1 / 0.9), ({'turning': 0.008}, 2, -0.008),
+])
+def test_each_error_is_told_and_no_other(errors, which, value):
+    steady = fly(**errors).steady
+    assert steady is not None
+    assert steady.values[which] == pytest.approx(value, rel=0.4 if which == 2 else 0.15)
+    assert steady.sure[which]
+    others = np.delete(np.abs(steady.values) / (0.015, 0.02, 0.005), which)
+    assert (others < 1.0).all()
+
+
+def test_right_looks_are_surely_nothing():
+    for seconds in (5.0, 9.0, 21.0):
+        steady = fly(seconds).steady
+        assert steady is not None
+        assert (np.abs(steady.values) < (0.005, 0.005, 0.001)).all()
+
+
+def test_standard_deviations_are_what_the_flight_shows():
+    rng = np.random.default_rng(6)
+    found = []
+    for _ in range(8):
+        fit = SteadyFit()
+        for number in range(181):
+            look = make_look(number, rng)
+            if number % 5 == 0:  # an attitude that errs for half a second
+                tilt = rng.normal(0.0, 0.002, 3)
+            points = look.lidar + Rotation.from_rotvec(tilt).apply(look.points - look.lidar)
+            fit.see(
+                Look(points, look.velocity, look.lidar, look.stamps), START + number * 10**8
+            )
+        assert not fit.steady.sure.any()
+        found.append((fit.steady.values, fit.steady.sigma))
+    values, sigma = (np.array(item) for item in zip(*found, strict=True))
+    share = np.sqrt((values**2).mean(axis=0)) / sigma.mean(axis=0)
+    assert (share > 0.3).all()
+    assert (share < 2.5).all()
+
+
+def test_planes_that_lie_together_with_no_values_tell_nothing():
+    rng, fit = np.random.default_rng(7), SteadyFit()
+    for number in range(120):
+        look = make_look(number, rng)
+        points = look.points + rng.normal(0.0, 0.3, 3)
+        fit.see(Look(points, look.velocity, look.lidar, look.stamps), START + number * 10**8)
+    assert fit.steady is None
+
+
+def test_too_little_tells_nothing():
+    rng = np.random.default_rng(8)
+    assert len(compare_looks([Look(*[np.zeros((0, 3))] * 3, np.zeros(0, np.int64))] * 3).off) == 0
+    empty = compare_looks([make_look(0, rng)])
+    assert len(empty.off) == 0  # one look is nothing to compare
+    assert fit_rows(deque([empty]), np.zeros(NUM)) is None
+    fit = SteadyFit()
+    for number in range(39):
+        fit.see(make_look(number, rng), START + number * 10**8)
+    assert fit.steady is None  # one window
+    fit.see(make_look(40, rng), START + 2 * WINDOW_NS)
+    assert fit.steady is not None
+    fit.clear()
+    assert fit.steady is None
+
+
+def test_points_are_chosen_near_first_and_evenly():
+    apart = np.linspace(1.0, 100.0, 20_000)
+    chosen = choose_points(apart)
+    assert len(chosen) <= SAMPLES
+    assert apart[chosen].max() < REACHES[0]
+    few = np.concatenate((np.full(10, 5.0), np.full(50, REACHES[1] - 1.0), [99.0]))
+    np.testing.assert_array_equal(choose_points(few), np.arange(60))
+    assert len(choose_points(np.zeros(0))) == 0
+
+
+def test_input_is_unchanged():
+    rng = np.random.default_rng(9)
+    looks = [make_look(number, rng) for number in range(5)]
+    before = [item.points.copy() for item in looks]
+    compare_looks(looks)
+    for item, was in zip(looks, before, strict=True):
+        np.testing.assert_array_equal(item.points, was)
