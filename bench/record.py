@@ -109,7 +109,7 @@ def fly(node: Node, events: Sequence[Event], rate: float, kills: Sequence[float]
     Returns the time that each start took until the node was ready [s].
     """
     starts, due = [], sorted(kills)
-    for feeder in open_feeder(two=False):
+    with open_feeder(two=False) as feeder:
         time.sleep(SETTLE)
         began = time.monotonic()
         for event in events:

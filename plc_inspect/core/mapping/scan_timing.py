@@ -22,13 +22,8 @@ Source: measured: bench/studies/input_faults.py: right clocks show 0.007 where i
 """
 SMEARED = 0.03
 """
-Offset from which what was mapped is smeared [s].
+Offset from which what was mapped is smeared, and the map begins anew, whenever that is [s].
 Source: measured: bench/studies/sharpness.py: 0.05 s holds hazards back.
-"""
-EARLY_NS = 20_000_000_000
-"""
-Time since the first scan up to which the map begins anew for that; later too much would be lost,
-and its sharpness tells what may be told [ns].  Source: judgement: it shows after 3 s.
 """
 MOST_OFFSET = 0.5
 """Greatest offset that is mended [s].  Source: as MOST_LEAD of standstill, which tells greater."""
@@ -57,7 +52,6 @@ class ScanTiming:
         self._fit.clear()
         self._offset = self._rate = self._newest = 0.0
         self._since: int | None = None
-        self._first: int | None = None
 
     @property
     def offset(self) -> float:
@@ -91,7 +85,6 @@ class ScanTiming:
         """
         if scan.placed or not len(scan.xyz):
             return ''
-        self._first = scan.stamp_ns if self._first is None else self._first
         chosen = choose_points(np.sqrt(np.einsum('ij,ij->i', scan.xyz, scan.xyz)))
         if not len(chosen):
             return ''
@@ -119,8 +112,7 @@ class ScanTiming:
             self._rate = float(np.clip(self._rate, -MOST_RATE, MOST_RATE))
         self._offset, self._since, self._newest = offset, scan.stamp_ns, abs(found)
         self._fit.clear()
-        smeared = abs(found) > SMEARED and scan.stamp_ns - self._first < EARLY_NS
-        return self.describe() if smeared else ''
+        return self.describe() if abs(found) > SMEARED else ''
 
     def describe(self) -> str:
         """Say by how much scans are shifted, '' where they are not."""
