@@ -68,7 +68,12 @@ class Feeder:
         """Call a service so often at once, and tell how many calls were answered."""
         from std_srvs.srv import Trigger
 
-        client = self.node.create_client(Trigger, f'/plc_inspect/{name}')
+        from plc_inspect.ros.graph.qos import REQUESTS
+
+        # by default a client keeps ten answers, and loses the others where it is not quick
+        client = self.node.create_client(
+            Trigger, f'/plc_inspect/{name}', qos_profile=REQUESTS
+        )
         client.wait_for_service(10.0)
         futures = [client.call_async(Trigger.Request()) for _ in range(count)]
         end = time.monotonic() + 15.0

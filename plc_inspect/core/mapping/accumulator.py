@@ -346,6 +346,8 @@ class Accumulator:
         found = self.placer.place(scan, self.poses)
         if isinstance(found, DropReason):
             self._dropped[found] += 1
+            if found in (DropReason.POSE_JUMP, DropReason.POSE_FROZEN):
+                self.timing.forget_looks()
             return
         if cause := self.timing.look(scan, self.placer, self.poses):
             self.follower.clear()

@@ -58,6 +58,10 @@ class ScanTiming:
         """By how much scans are shifted, found last [s]."""
         return self._offset
 
+    def forget_looks(self) -> None:
+        """Compare nothing with what was seen before, as where the odometry broke."""
+        self._fit.clear()
+
     @property
     def steady(self) -> Steady | None:
         """What makes planes lie together; None: nobody knows."""

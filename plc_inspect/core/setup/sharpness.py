@@ -52,10 +52,7 @@ LEAST_PLANES, LEAST_LINES = 30, 5
 UNSURE = 2.0
 """So many standard deviations of the median must be over the limit.  Source: derived: 98 %."""
 HELD = 1.0
-"""
-Blur over its limit from which hazards are held back.
-Source: derived: limits are set so.
-"""
+"""Blur over its limit from which hazards are held back.  Source: derived: limits are set so."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +88,6 @@ Source: measured: bench/studies/sharpness.py: bundles and arcs of the scan on th
 are no planes and lines, reach 0.10 and 0.14 with the right set-up.
 """
 
-
 HOPELESS = 3.0
 """
 Blur over its limit from which lines are not looked for in the whole map any more.
@@ -99,12 +95,12 @@ Source: measured: bench/studies/sharpness.py: no right line was found from 4 on;
 quaternions written in another order gave 3.2, and 128 lines that are none.
 """
 
-
-SURELY_SHARP = 0.02
+SURELY_SHARP, SURELY_SHARP_FAR = 0.02, 0.035
 """
-Distance of planes, of the long scale, up to which lines of the short one are arcs of the scan [m].
+Distance of planes, of the long scale, else of the far one, up to which lines of the short one are
+arcs of the scan [m].
 Source: measured: bench/studies/sharpness.py: 0.017 at most with the right set-up, 0.044 and more
-where wires are smeared so far that the long scale does not see them.
+where wires are smeared so far that the long scale does not see them; far 0.032 and 0.041.
 """
 
 
@@ -355,8 +351,9 @@ class SharpnessBook:
     def judge(self) -> Sharpness:
         """Return how sharp the map is, by the worst of planes and lines of all scales."""
         found = Sharpness()
-        planes = self._measure(LONG, 'planes', LEAST_PLANES)
-        sharp = planes is not None and planes.distance <= SURELY_SHARP
+        near, far = (self._measure(scale, 'planes', LEAST_PLANES) for scale in (LONG, FAR))
+        planes, limit = (near, SURELY_SHARP) if near is not None else (far, SURELY_SHARP_FAR)
+        sharp = planes is not None and planes.distance <= limit
         for scale, kind, least, gross in (
             (LONG, 'planes', LEAST_PLANES, 0.0), (LONG, 'lines', LEAST_LINES, 0.0),
             (SHORT, 'planes', LEAST_PLANES, GROSS_PLANES),
@@ -365,7 +362,11 @@ class SharpnessBook:
             own = self._measure(scale, kind, least)
             if own is None or own.distance < gross:
                 continue
-            if (scale is FAR and found.known) or (kind == 'lines' and gross and sharp):
+            # lines may be arcs; what the long one shows may not be known yet
+            unsure = not any(SCALES[item.scale] is LONG for item in self._spreads)
+            if (kind == 'lines' and gross and sharp) or (scale is SHORT and unsure) or (
+                scale is FAR and found.known
+            ):
                 continue
             if own.blur >= found.blur:
                 found = own
@@ -382,7 +383,7 @@ class SharpnessBook:
         # what grows with the way flown is that much more over a long window
         share = LONG.window_ns / scale.window_ns / scale.limit
         blur = share * distance
-        # of few cells the median may be great by chance: it errs by half the root of their number
+        # of few cells the median may be great by chance
         low = float(np.quantile(values, max(0.0, 0.5 - 0.5 * UNSURE / np.sqrt(len(values)))))
         if share * np.sqrt(low) <= HELD:
             blur = min(blur, HELD)
