@@ -5,6 +5,8 @@
 
 import * as THREE from 'three';
 
+import {Batch} from './batch.js';
+
 const UNIT = 0.01;
 const HEAD = 52; // bytes before the points of a message
 // A frame may take so long [ms], else fewer points are drawn; below quick more are. While the picture is
@@ -17,6 +19,8 @@ const COARSEST = 0.6, FINEST = 1.5;
 const REACH = 80;
 // Where few of a block are drawn they are drawn larger, at most so much, so that surfaces stay closed.
 const MOST_LARGER = 3;
+// Blocks of which no more points than this are drawn are drawn together.
+const FEW = 256;
 // Colours come as on the screen, and the renderer counts in light.
 const LIGHT = Uint8Array.from({length: 256}, (_, k) => Math.round(255 * new THREE.Color().setRGB(k / 255, 0, 0, THREE.SRGBColorSpace).r));
 
@@ -28,6 +32,7 @@ export class Points {
     this.blocks = new Map();
     this.coming = new Map(); // newer versions of blocks, not yet as dense as what is drawn
     this.materials = new Map();
+    this.batches = new Map(); // by material
     this.budgets = soft ? {...FIRST_SOFT} : {turned: MOST / 2, still: MOST / 2};
     this.finest = soft ? 1 : FINEST;
     this.total = this.shown = 0;
@@ -114,6 +119,11 @@ export class Points {
     return this.materials.get(key);
   }
 
+  batch(material) {
+    if (!this.batches.has(material)) this.batches.set(material, new Batch(this.scene, material));
+    return this.batches.get(material);
+  }
+
   // Each block in sight shows its share of the budget, near ones more than far ones.
   choose(camera, pace) {
     this.frustum.setFromProjectionMatrix(this.view.multiplyMatrices(camera.projectionMatrix, camera.matrixWorldInverse));
@@ -136,14 +146,19 @@ export class Points {
       seen = seen.filter(([block, , count]) => block.userData.drawn < count);
     }
     this.shown = 0;
+    for (const batch of this.batches.values()) batch.begin();
     for (const block of this.blocks.values()) {
       const {drawn, count, edge} = block.userData;
-      block.visible = drawn > 0;
+      block.visible = drawn > FEW;
       if (!drawn) continue;
       this.shown += drawn;
-      block.geometry.setDrawRange(0, drawn);
-      block.material = this.material(edge, Math.round(2 * Math.log2(Math.min(MOST_LARGER, Math.sqrt(count / drawn)))));
+      const material = this.material(edge, Math.round(2 * Math.log2(Math.min(MOST_LARGER, Math.sqrt(count / drawn)))));
+      if (drawn > FEW) {
+        block.geometry.setDrawRange(0, drawn);
+        block.material = material;
+      } else this.batch(material).add(block, drawn);
     }
+    for (const batch of this.batches.values()) batch.show();
   }
 
   // Draw fewer or more after a frame that took so long [ms]; return whether the picture got coarser or finer.

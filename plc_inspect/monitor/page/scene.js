@@ -13,8 +13,8 @@ import {drawAround} from './around.js';
 import {Points} from './points.js';
 import {corners, order, table} from './symbols.js';
 
-// Of a curve so far away [m] half of the points are drawn, and of all curves at most so many pieces.
-const FINE = 150, MOST_PIECES = 4000;
+// Curves farther than this [m] are drawn with fewer pieces, in software sooner; of all at most so many.
+const FINE = 150, FINE_SOFT = 75, MOST_PIECES = 4000;
 // Ground below the line is drawn so near to the camera [m].
 const GROUND_REACH = 800;
 const SIGN = 0.05; // of the height of the picture
@@ -40,6 +40,7 @@ export class Scene {
     this.turned = -Infinity;
     this.pace = 'still';
     const soft = drawsInSoftware();
+    this.fine = soft ? FINE_SOFT : FINE;
     // Without alpha the browser need not blend the picture with what is behind it.
     const context = canvas.getContext('webgl2', {alpha: false, antialias: !soft, stencil: false});
     if (!context) throw new Error('WebGL 2 is missing');
@@ -158,7 +159,7 @@ export class Scene {
     this.spansDrawn = performance.now();
     const curves = this.spans.map(item => this.local3(item));
     const apart = curves.map(curve => curve.middle.distanceTo(this.camera.position));
-    const wanted = curves.map((curve, k) => Math.max(2, (curve.places.length - 1) * Math.min(1, FINE / apart[k])));
+    const wanted = curves.map((curve, k) => Math.max(1, (curve.places.length - 1) * Math.min(1, this.fine / apart[k])));
     const share = Math.min(1, MOST_PIECES / Math.max(1, wanted.reduce((sum, count) => sum + count, 0)));
     const places = [], colors = [], ground = [];
     curves.forEach((curve, k) => {
