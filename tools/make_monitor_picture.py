@@ -18,7 +18,7 @@ import time
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / 'test'))
 
-from chrome import Chrome, stop_playing  # noqa: E402
+from monitor.web.chrome import Chrome, stop_playing  # noqa: E402
 
 from plc_inspect.offline.report.browser import find_browser  # noqa: E402
 

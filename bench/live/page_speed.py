@@ -158,7 +158,7 @@ def make_tables(length: float):
 
 def look(address: str, width: int, height: int, seconds: float, room: Path) -> list[tuple]:
     """Open the page and turn the picture in each view."""
-    from chrome import Chrome, stop_playing
+    from monitor.web.chrome import Chrome, stop_playing
 
     from plc_inspect.offline.report.browser import find_browser
 

@@ -125,7 +125,7 @@ def _pair(key: str, value: float) -> Any:
 
 def measure(arguments: argparse.Namespace) -> int:
     """Open the link, and compare when alarms were told with when they were seen."""
-    from chrome import Chrome, stop_playing
+    from monitor.web.chrome import Chrome, stop_playing
 
     from plc_inspect.offline.report.browser import find_browser
 
