@@ -13,7 +13,11 @@ from plc_inspect.ros.graph.transport import explain_start
 from plc_inspect.security.member_keys import find_keys
 
 KIND = 'std_msgs/msg/UInt8MultiArray'
-TOPICS = {'summary': 'summary', 'cloud': 'thin_corridor'}
+TOPICS = {'summary': 'summary', 'ahead': 'summary', 'cloud': 'thin_corridor'}
+"""
+By what they are for: the summary comes in order, and beside that each message as it comes; both
+are one datagram on the link.
+"""
 
 
 class Listener:
@@ -25,7 +29,7 @@ class Listener:
     node_name : str
         Name of the node with its namespace, such as ``/plc_inspect``.
     take : mapping of str to callable
-        Gets the bytes of each message of 'summary' and, if it is there, of 'cloud'.
+        Gets the bytes of each message of what is there of TOPICS.
     arguments : list[str]
         For ROS, such as remappings; without ``--ros-args``.
 
@@ -67,7 +71,7 @@ class Listener:
         """Subscribe, anew if need be: then the node sends again what it has."""
         from std_msgs.msg import UInt8MultiArray
 
-        from plc_inspect.ros.graph.qos import SUMMARY, THIN_CORRIDOR
+        from plc_inspect.ros.graph.qos import SUMMARY, SUMMARY_AHEAD, THIN_CORRIDOR
 
         old = self._subscriptions.pop(topic, None)
         if old is not None:
@@ -79,7 +83,8 @@ class Listener:
 
         self._subscriptions[topic] = self._node.create_subscription(
             UInt8MultiArray, f'{self._name}/{TOPICS[topic]}',
-            receive, SUMMARY if topic == 'summary' else THIN_CORRIDOR,
+            receive,
+            {'summary': SUMMARY, 'ahead': SUMMARY_AHEAD, 'cloud': THIN_CORRIDOR}[topic],
         )
 
     def find_nodes(self) -> list[str]:

@@ -60,7 +60,7 @@ class Station:
         self.monitor = Monitor(cloud=cloud, admission=self._seen.admission)
         self._recorder = recorder
         self._recorded = self._heard = 0.0
-        take = {'summary': self._take_summary}
+        take = {'summary': self._take_summary, 'ahead': self._take_ahead}
         if cloud:
             take['cloud'] = self._take_cloud
         self._join = lambda: Listener(node_name, take, arguments)
@@ -127,6 +127,9 @@ class Station:
         self._record('summary', data)
         self._heard = time.monotonic()
         self.monitor.take_summary(data, time.monotonic())
+
+    def _take_ahead(self, data: bytes) -> None:
+        self.monitor.take_ahead(data, time.monotonic())
 
     def _take_cloud(self, data: bytes) -> None:
         self._record('cloud', data)

@@ -8,7 +8,7 @@ A keyframe holds everything; the messages between two keyframes hold the rows th
 numbers of those that are gone.  Lengths are whole millimetres.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import math
 import struct
@@ -232,7 +232,7 @@ class SummaryWriter:
 
     def write(
         self, tables: SummaryTables, status: Status, texts: Sequence[str], uptime: float, *,
-        keyframe: bool,
+        keyframe: bool, again: Container[int] = (),
     ) -> bytes:
         """
         Return the next message.
@@ -249,6 +249,8 @@ class SummaryWriter:
             Steady time of the node [s].
         keyframe : bool
             Tell everything, not only what changed.
+        again : container of int
+            Numbers of hazards that are told though nothing of them changed.
 
         Returns
         -------
@@ -260,7 +262,10 @@ class SummaryWriter:
             rows = getattr(tables, name)
             now = dict(zip(_keys_of(name, rows), map(bytes, _cells(rows)), strict=True))
             before = {} if keyframe else self._told[name]
-            changed = [key not in before or before[key] != data for key, data in now.items()]
+            changed = [
+                before.get(key) != data or (name == 'hazards' and key[0] in again)
+                for key, data in now.items()
+            ]
             gone = sorted(set(before) - set(now))
             body.append(put_rows(rows[np.array(changed, dtype=np.bool_)]))
             body.append(put_rows(_pack_keys(name, gone)))

@@ -146,6 +146,23 @@ class Admission:
         self._begin(frame.session, signature, origin)
         return self._judge_number(frame, now)
 
+    def is_ahead(self, frame: Frame, data: bytes) -> bool:
+        """
+        Tell whether a message is the node's and newer than all that were taken.
+
+        It does not count as taken: it is looked at before those before it are in.
+        """
+        counter = self._counters.get(frame.kind)
+        if counter is None or frame.session != self.session:
+            return False
+        signature = None if self._verifier is None else self._verifier.check(data)
+        if self._verifier is not None and (
+            signature is None or signature.signer != self._signer
+            or signature.run < self.runs.get(signature.signer, 0)
+        ):
+            return False
+        return 0 < frame.sequence - counter.newest <= LEAP
+
     def reopen(self, kind: bytes) -> None:
         """Take what the node keeps once more, as it was asked to send it again."""
         if kind in self._counters:
@@ -193,28 +210,30 @@ class _Counter:
     """Numbers of the messages of one kind in one session."""
 
     def __init__(self) -> None:
-        self._newest = self._floor = -1
+        self.newest = -1
+        """Of the messages that were taken."""
+        self._floor = -1
         self.asked = True
         """What the node keeps may come; before the first message nothing can be missing."""
         self._heard = -math.inf
         self._taken: deque[int] = deque(maxlen=REMEMBERED)
 
     def reopen(self) -> None:
-        self._floor, self.asked = max(-1, self._newest - KEPT), True
+        self._floor, self.asked = max(-1, self.newest - KEPT), True
 
     def judge(self, number: int, now: float, *, strict: bool) -> Judgement:
         begun, quiet = bool(self._taken), now - self._heard
-        lowest = self._floor if self.asked else self._newest
+        lowest = self._floor if self.asked else self.newest
         if number <= lowest:
             if strict or quiet <= SILENT:
                 repeated = number in self._taken
                 return Judgement(Verdict.REPLAYED if repeated else Verdict.REORDERED)
             # Without keys: what came before had a number that was not the node's.
             self.asked = True
-        elif begun and not strict and number - self._newest > LEAP + LEAP_RATE * quiet:
+        elif begun and not strict and number - self.newest > LEAP + LEAP_RATE * quiet:
             return Judgement(Verdict.FORGED)
-        missing = 0 if self.asked else number - self._newest - 1
-        self._newest, self._floor, self.asked = number, number, False
+        missing = 0 if self.asked else number - self.newest - 1
+        self.newest, self._floor, self.asked = number, number, False
         self._heard = now
         self._taken.append(number)
         return Judgement(Verdict.TAKEN, missing)

@@ -9,26 +9,20 @@ Whatever happens to the link or to the node, the next keyframe brings everything
 
 from collections import deque
 from collections.abc import Callable, Iterable
-from dataclasses import replace
+from contextlib import suppress
 import math
 from typing import Any, TypeVar
 
 from plc_inspect.errors import DataError
-from plc_inspect.monitor.picture.admission import (
-    Admission,
-    Judgement,
-    REFUSAL_PERIOD,
-    REFUSALS,
-    Verdict,
-)
-from plc_inspect.monitor.picture.alarms import Alarm, AlarmBook
+from plc_inspect.monitor.picture.admission import Admission, Judgement, Verdict
+from plc_inspect.monitor.picture.ahead import Ahead
+from plc_inspect.monitor.picture.alarms import Alarm, AlarmBook, Cause
 from plc_inspect.monitor.picture.causes import find_height, list_causes
 from plc_inspect.monitor.picture.cloud_store import CloudStore
 from plc_inspect.monitor.picture.hazard_news import list_news
 from plc_inspect.monitor.picture.node_clock import NodeClock
 from plc_inspect.monitor.picture.picture import (
     Ages,
-    Counts,
     Event,
     HazardItem,
     Link,
@@ -40,6 +34,7 @@ from plc_inspect.monitor.picture.picture import (
     SpanItem,
     SupportItem,
 )
+from plc_inspect.monitor.picture.tally import Tally
 from plc_inspect.monitor.picture.wishes import OVERTAKEN, PATIENCE, Wishes
 from plc_inspect.stream.blocks import CloudMessage, read_cloud
 from plc_inspect.stream.frame import SUMMARY
@@ -60,7 +55,6 @@ MOST_EVENTS = 200
 MOST_TRACK = 4000
 TRACK_STEP = 1.0
 """Places of the track are this far apart [m]."""
-RATE_WINDOW = 10.0
 
 
 class Monitor:
@@ -79,10 +73,9 @@ class Monitor:
     def __init__(self, *, cloud: bool = True, admission: Admission | None = None) -> None:
         self._listens = cloud
         self._admission = Admission() if admission is None else admission
-        self._refused_at: dict[str, float] = {}
         self.cloud = CloudStore()
         self._clock = NodeClock()
-        self._counts = Counts()
+        self._tally = Tally()
         self._session: int | None = None
         self._complete = False
         self._cloud_session: int | None = None
@@ -96,9 +89,10 @@ class Monitor:
         self._track: deque[Place] = deque(maxlen=MOST_TRACK)
         self._events: deque[Event] = deque(maxlen=MOST_EVENTS)
         self.alarms = AlarmBook()
+        self._causes: dict[str, Cause] = {}
+        self._ahead = Ahead()
         self._moved, self._flown = math.nan, 0.0
         self._wishes = Wishes()
-        self._traffic: deque[tuple[float, int]] = deque()
         self._items: tuple[tuple[SpanItem, ...], tuple[SupportItem, ...],
                            tuple[HazardItem, ...]] = ((), (), ())
 
@@ -134,9 +128,7 @@ class Monitor:
             self._complete = False
             self._wishes.want_summary(now + OVERTAKEN)
         if missing:
-            self._counts = replace(
-                self._counts, lost_summary=self._counts.lost_summary + missing
-            )
+            self._tally.add('lost_summary', missing)
             self._tell(now, 1, f'{missing} messages of the summary were lost')
         self._end_silence(now)
         self._last = now
@@ -144,6 +136,19 @@ class Monitor:
         self._apply(message, now)
         self._compare_cloud(now)
         return True
+
+    def take_ahead(self, data: bytes, now: float) -> None:
+        """Raise the alarms of a message of the summary that may still wait for those before it."""
+        if not self._admission.is_signed(data):
+            return  # what is refused is counted where it comes in order
+        with suppress(DataError):
+            message = read_summary(data)
+            if self._admission.is_ahead(message.frame, data):
+                spans, supports, _ = self._items
+                hazards = list(map(make_hazard, message.tables.hazards))
+                causes = list_causes(hazards, spans, supports, message.status)
+                self._ahead.take(message.frame.sequence, causes)
+                self._raise_alarms(now)
 
     def take_cloud(self, data: bytes, now: float) -> bool:
         """Take a message of the thinned corridor; as ``take_summary``."""
@@ -160,7 +165,7 @@ class Monitor:
         # what was sent before the node knew of a new subscription comes once more
         missing = 0 if self._wishes.begin_cloud() else judgement.missing
         if missing:
-            self._counts = replace(self._counts, lost_cloud=self._counts.lost_cloud + missing)
+            self._tally.add('lost_cloud', missing)
             self._wish_cloud(
                 f'{missing} messages of the corridor were lost: asked for anew', now, OVERTAKEN
             )
@@ -205,9 +210,6 @@ class Monitor:
     def look(self, now: float) -> Picture:
         """Return what is known now."""
         self._watch(now)
-        while self._traffic and now - self._traffic[0][0] > RATE_WINDOW:
-            self._traffic.popleft()
-        kbps = sum(size for _, size in self._traffic) * 8e-3 / RATE_WINDOW
         spans, supports, hazards = self._items
         status = self._status
         return Picture(
@@ -221,7 +223,7 @@ class Monitor:
                 cloud=now - self._last_cloud,
                 delay=self._clock.delay,
             ),
-            counts=replace(self._counts, kbps=kbps), frame_id=self._texts[0],
+            counts=self._tally.read(now), frame_id=self._texts[0],
             stamp_ns=status.stamp_ns, spans=spans, supports=supports, hazards=hazards,
             held=status.held, vehicle=status.vehicle, heading=status.heading,
             height=find_height(status.vehicle, self.cloud, spans, supports), flown=self._flown,
@@ -237,7 +239,7 @@ class Monitor:
         self, read: Callable[[bytes], Message], data: bytes, now: float
     ) -> Message | None:
         """Read a message, None and counted where it is not the node's or damaged."""
-        self._note_traffic(len(data), now)
+        self._tally.note(len(data), now)
         if not self._admission.is_signed(data):  # of who has no key nothing is even unpacked
             self._refuse(Judgement(Verdict.FORGED), now)
             return None
@@ -257,7 +259,7 @@ class Monitor:
             same = (session - resets) % (1 << 32) == (self._session - self._status.resets) % (
                 1 << 32
             )
-            self._counts = replace(self._counts, restarts=self._counts.restarts + 1)
+            self._tally.add('restarts')
             self._tell(now, 1, 'the node was told to forget everything: cleared' if same else
                        'the node was started anew: what it knew before is gone')
             if not same:
@@ -272,6 +274,8 @@ class Monitor:
         self._items = ((), (), ())
         self._track.clear()
         self._moved, self._flown = now, 0.0
+        self._causes = {}
+        self._ahead.clear()
         self.alarms.update({}, now, 'the node began anew: it may still be there')
         if not message.keyframe:
             self._wishes.want_summary(now if taken_over else now + 1.0)
@@ -300,7 +304,9 @@ class Monitor:
         ):
             self._tell(now, level, text)
         spans, supports, hazards = self._items
-        self.alarms.update(list_causes(hazards, spans, supports, self._status), now)
+        self._causes = list_causes(hazards, spans, supports, self._status)
+        self._ahead.reach(message.frame.sequence)
+        self._raise_alarms(now)
         self._tell_health(old, now)
         place = message.status.vehicle
         if place is not None and (
@@ -309,6 +315,9 @@ class Monitor:
             self._flown += math.dist(place, self._track[-1]) if self._track else 0.0
             self._moved = now
             self._track.append(place)
+
+    def _raise_alarms(self, now: float) -> None:
+        self.alarms.update(self._causes | self._ahead.causes, now)
 
     def _compare_cloud(self, now: float) -> None:
         """Ask for the corridor anew where the node sent more than came, and nothing comes."""
@@ -373,25 +382,14 @@ class Monitor:
             self._tell(now, 1, f'link is back after {now - self._last:.0f} s')
         self._link = Link.LIVE
 
-    def _note_traffic(self, size: int, now: float) -> None:
-        self._traffic.append((now, size))
-        self._counts = replace(
-            self._counts, messages=self._counts.messages + 1, bytes=self._counts.bytes + size
-        )
-
     def _refuse(self, judgement: Judgement, now: float) -> None:
         """Count a message that is not used, and say so from time to time."""
-        if judgement.verdict is Verdict.KEPT:
-            return
-        name = judgement.verdict.value
-        count = getattr(self._counts, name) + 1
-        self._counts = replace(self._counts, **{name: count})
-        if now - self._refused_at.get(name, -math.inf) >= REFUSAL_PERIOD:
-            self._refused_at[name] = now
-            self._tell(now, 1, f'{REFUSALS[name]}: {count} so far')
+        text = self._tally.refuse(judgement, now)
+        if text:
+            self._tell(now, 1, text)
 
     def _complain(self, error: DataError, now: float) -> None:
-        self._counts = replace(self._counts, malformed=self._counts.malformed + 1)
+        self._tally.add('malformed')
         self._tell(now, 1, f'message not understood: {error}')
 
     def _tell(self, now: float, level: int, text: str) -> None:

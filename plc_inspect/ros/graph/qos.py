@@ -68,6 +68,14 @@ SUMMARY = QoSProfile(
 )
 """Of the stream: a keyframe is always among these, so whoever comes late has all at once."""
 
+SUMMARY_AHEAD = QoSProfile(
+    history=QoSHistoryPolicy.KEEP_LAST,
+    depth=24,
+    reliability=QoSReliabilityPolicy.BEST_EFFORT,
+    durability=QoSDurabilityPolicy.VOLATILE,
+)
+"""Of who wants each message as it comes, also while one before it is lost."""
+
 THIN_CORRIDOR = QoSProfile(
     history=QoSHistoryPolicy.KEEP_LAST,
     depth=8,

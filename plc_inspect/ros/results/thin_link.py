@@ -60,8 +60,8 @@ message to the screen the link itself, its losses and the page take the rest.
 """
 ECHOES = (0.1, 0.3, 0.6)
 """
-What raises an alarm is followed by messages so much later [s]: one that comes shows the monitor
-what was lost before it, and Fast DDS says so by itself only every 3 s.
+What raises an alarm is told again so much later [s], as the message before may be lost; one that
+comes also shows the monitor's DDS what was, which Fast DDS says by itself only every 3 s.
 """
 SETTLE = 0.3
 """A listener that is new has found the node too after this [s]; what is sent before is lost."""
@@ -69,11 +69,15 @@ PULSE = 0.9
 """The summary says at least this often that the node lives [s]."""
 LEAST_SILENCE, NEAR_PERIOD = 0.1, 0.5
 """
-A change of the keep-out is told no sooner after the last message; while something is too near,
-the summary says how near at least this often [s].
+A change of the keep-out that raises no alarm is told no sooner after the last message; while
+something is too near, the summary says how near at least this often [s].
 """
 KEYFRAME_EVERY = 20
-"""Messages from one keyframe to the next; fewer than the history of the topic holds."""
+MOST_DEFERRED = len(ECHOES)
+"""
+Messages from one keyframe to the next, and so many more while an alarm is told, as the keyframe
+may take a second of the link; together no more than the history of the topic holds.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -173,6 +177,7 @@ class Stream:
         self._levels: list[Level] = []
         self._listened = self._blank = False
         self._alarms: frozenset[int] = frozenset()
+        self._again: frozenset[int] = frozenset()
         self._echoes: list[float] = []
         self._arrived: float | None = None
         self._begin()
@@ -193,7 +198,7 @@ class Stream:
         """Begin a session, in which nothing was told yet."""
         settings = self._settings()
         self._writer = SummaryWriter(self._session)
-        self._until_keyframe = 0
+        self._until_keyframe = -MOST_DEFERRED
         self._map = ThinMap(settings.voxel_size, CORRIDOR_REACH)
         self._budget = Budget(settings.max_kbps * 125.0, DEPTH)
         self._sequence = 0
@@ -208,7 +213,6 @@ class Stream:
     def publish(self, news: News) -> None:
         """Tell what a tick found."""
         now = self._now()
-        self._tables = news.tables
         self._texts[0] = news.frame_id or self._texts[0]
         stamp_ns = 0 if self._blank else news.stamp_ns
         self._blank = False
@@ -219,10 +223,15 @@ class Stream:
             self._map.update(news.cells, self._intake.told_vehicle, now)
         hazards = news.tables.hazards
         alarms = frozenset(hazards['hazard_id'][hazards['severity'] >= Severity.CRITICAL].tolist())
-        if alarms - self._alarms:
-            self._echoes = [now + later for later in ECHOES]
-        self._alarms = alarms
-        self._tell(now)
+        new = alarms - self._alarms
+        self._alarms, self._again = alarms, (self._again & alarms) | new
+        if new:
+            # a tick may have a hundred spans to tell of: they follow with the first echo
+            self._tables = replace(self._tables, hazards=hazards)
+            self._alarm(now)
+        self._tables = news.tables
+        if not new:
+            self._tell(now)
 
     def tell_health(self, report: Sequence[DiagnosticStatus]) -> None:
         """Take the node's diagnostics up, and see to it that the summary tells of them."""
@@ -260,13 +269,18 @@ class Stream:
         levels = [item.level for item in near]
         changed = self._levels != levels and silence >= LEAST_SILENCE
         close = any(item.level >= Level.WARNING for item in near) and silence >= NEAR_PERIOD
-        if changed or close:
-            if levels.count(Level.CRITICAL) > self._levels.count(Level.CRITICAL):
-                self._echoes = [now + later for later in ECHOES]
+        if levels.count(Level.CRITICAL) > self._levels.count(Level.CRITICAL):
+            self._alarm(now)
+        elif changed or close:
             self._tell(now)
 
     def _now(self) -> float:
         return time.monotonic() - self._started
+
+    def _alarm(self, now: float) -> None:
+        """Tell what raises an alarm, and have it told again."""
+        self._echoes = [now + later for later in ECHOES]
+        self._tell(now)
 
     def _tell(self, now: float) -> None:
         vehicle = self._intake.told_vehicle
@@ -274,9 +288,9 @@ class Stream:
             self._vehicle = vehicle
             x, y, z = vehicle.tolist()
             self._status = replace(self._status, vehicle=(x, y, z), vehicle_uptime=now)
-        keyframe = self._until_keyframe <= 0
+        keyframe = self._until_keyframe <= (-MOST_DEFERRED if self._echoes else 0)
         data = self._writer.write(
-            self._tables, self._status, self._texts, now, keyframe=keyframe
+            self._tables, self._status, self._texts, now, keyframe=keyframe, again=self._again
         )
         self._until_keyframe = KEYFRAME_EVERY - 1 if keyframe else self._until_keyframe - 1
         self._told = now
@@ -294,6 +308,8 @@ class Stream:
         if self._echoes and now >= self._echoes[0]:
             self._echoes = [due for due in self._echoes if due > now]
             self._tell(now)
+            if not self._echoes:
+                self._again = frozenset()
         self._budget.rate = self._settings().max_kbps * 125.0
         if not self._corridor.get_subscription_count() or not self._budget.rate:
             if self._listened:

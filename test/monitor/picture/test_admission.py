@@ -119,6 +119,22 @@ def test_nothing_forged_is_taken(monitor, node):
     assert monitor.take_summary(good, 110.0)
 
 
+def test_no_alarm_is_raised_by_who_has_no_key(monitor, node):
+    rows = make_rows(6, 4)
+    alarmed = [item.key for item in monitor.look(110.0).alarms]
+    forged = [
+        Source().summary(20.0, tables=rows),
+        Node(private=OTHER_PRIVATE).summary(20.0, tables=rows),
+        Node(run=4).summary(20.0, tables=rows),
+        Node(session=8).summary(20.0, tables=rows),
+    ]
+    for data in forged:
+        monitor.take_ahead(data, 110.0)
+    assert [item.key for item in monitor.look(110.0).alarms] == alarmed
+    monitor.take_ahead(node.summary(20.0, tables=rows), 110.0)
+    assert len(monitor.look(110.0).alarms) == len(alarmed) + 1
+
+
 def test_of_who_has_no_key_nothing_is_unpacked(monitor, node, monkeypatch):
     unpacked = []
     monkeypatch.setattr(frame.zlib, 'decompressobj', lambda: unpacked.append(1))

@@ -221,6 +221,48 @@ def test_critical_hazards_are_alarms_until_cleared_and_seen(monitor, source):
     assert {item.cause.hazard_id for item in monitor.look(147.0).past_alarms} == {1, 3}
 
 
+def test_an_alarm_waits_for_no_message_that_was_lost(monitor, source):
+    def list_alarms():
+        return [(item.cause.hazard_id, item.state) for item in monitor.look(101.0).alarms]
+
+    lost = source.summary(6.0, tables=make_rows(6, 3))
+    alarm = source.summary(7.0, tables=make_rows(6, 4))  # number 3 is critical
+    after = source.summary(8.0)
+    for data in (alarm, after, alarm, b'damaged', alarm[:40]):
+        monitor.take_ahead(data, 100.5)
+    assert list_alarms() == [(3, 'new'), (0, 'new')]
+    picture = monitor.look(100.6)
+    assert [item.hazard_id for item in picture.hazards] == [0, 1, 2]  # tables wait
+    assert picture.counts.malformed == 0  # that is counted where it comes in order
+    assert monitor.take_summary(lost, 100.7)  # sent again
+    assert list_alarms() == [(3, 'new'), (0, 'new')]
+    assert monitor.take_summary(alarm, 100.8)
+    assert monitor.take_summary(after, 100.8)
+    assert list_alarms() == [(3, 'new'), (0, 'new')]
+    assert monitor.take_summary(source.summary(9.0, tables=make_rows(6, 3)), 101.0)
+    assert list_alarms() == [(0, 'new'), (3, 'cleared')]
+    monitor.take_ahead(alarm, 101.0)  # it was taken: what comes once more raises nothing
+    assert list_alarms() == [(0, 'new'), (3, 'cleared')]
+
+
+def test_what_never_comes_in_order_stands_until_what_follows_it(monitor, source):
+    source.summary(6.0)
+    monitor.take_ahead(source.summary(7.0, tables=make_rows(6, 4)), 100.5)
+    assert monitor.take_summary(source.summary(9.0, tables=make_rows(6, 3), keyframe=True), 103.0)
+    assert {item.key: item.state for item in monitor.look(103.0).alarms} == {
+        'hazard 0': 'new', 'hazard 3': 'cleared'}
+
+
+def test_a_node_that_begins_anew_ends_what_was_ahead(monitor, source):
+    source.summary(6.0)
+    monitor.take_ahead(source.summary(7.0, tables=make_rows(6, 4)), 100.5)
+    other = Source(session=9)
+    monitor.take_ahead(other.summary(1.0, keyframe=True, tables=make_rows(6, 6)), 104.0)
+    assert {item.key for item in monitor.look(104.0).alarms} == {'hazard 0', 'hazard 3'}
+    assert monitor.take_summary(other.summary(1.5, keyframe=True, tables=NO_TABLES), 104.0)
+    assert {item.state for item in monitor.look(104.0).alarms} == {'cleared'}
+
+
 def test_hazards_that_are_held_back_are_not_cleared(monitor, source):
     shown = monitor.look(100.5).hazards
     rows = make_rows(6, 0)

@@ -11,8 +11,10 @@ from stream_pieces import make_rows
 from plc_inspect.core.live.proximity import Level, Thing
 from plc_inspect.monitor.picture.model import Monitor
 from plc_inspect.node_config import StreamSettings
+from plc_inspect.ros.results import thin_link
 from plc_inspect.ros.results.thin_link import ECHOES, News, PERIOD, Stream
 from plc_inspect.stream.nearness import Nearness
+from plc_inspect.stream.summary import read_summary
 
 
 class Told:
@@ -72,6 +74,40 @@ def test_an_echo_holds_what_a_lost_message_did(told):
     for data in (first, lost, *echoes):
         assert monitor.take_summary(data, 1.0)
     assert len(monitor.alarms.open) == 1
+
+
+def test_an_alarm_is_told_by_each_of_its_messages_alone(told):
+    told.publish(0)
+    told.publish(1)
+    told.pass_time(1.0)
+    first, *alarms = told.data
+    assert len(alarms) == 1 + len(ECHOES)
+    for data in alarms:  # as if all before it were lost
+        monitor = Monitor()
+        monitor.take_summary(first, 1.0)
+        monitor.take_ahead(data, 1.1)
+        (alarm,) = monitor.alarms.open
+        assert alarm.state == 'new'
+        assert alarm.key == 'hazard 0'
+
+
+def test_an_alarm_waits_for_no_keyframe_and_for_no_spans(told, monkeypatch):
+    monkeypatch.setattr(thin_link, 'KEYFRAME_EVERY', 2)
+    told.publish(0)
+    told.publish(0)
+    told.stream.publish(News(tables=make_rows(40, 1), cells=None, frame_id='odom', stamp_ns=1,
+                             held=False))
+    told.pass_time(1.0)
+    messages = list(map(read_summary, told.data))
+    alarm, *echoes = messages[2:]
+    assert not alarm.keyframe
+    assert (len(alarm.tables.spans), len(alarm.tables.hazards)) == (0, 1)
+    assert len(echoes[0].tables.spans) == 38
+    assert [item.keyframe for item in echoes] == [False, False, True]
+    monitor = Monitor()
+    for data in told.data:
+        assert monitor.take_summary(data, 1.0)
+    assert len(monitor.look(1.0).spans) == 40
 
 
 def test_what_comes_too_near_is_told_again_and_what_leaves_is_not(told):
