@@ -14,12 +14,13 @@ const FROZEN = 3000;
 const $ = id => document.getElementById(id);
 const asked = new URLSearchParams(location.search).get('vehicle');
 let me = {vehicle: asked ?? '', acknowledges: false};
-let state = null, heard = 0, socket = null, wait = 500;
+let state = null, heard = 0;
+const newest = {}; // versions of the parts
 
 const scene = {now: null}; // the picture, once it is there
 const draw = (name, ...given) => scene.now?.[name](...given);
 const tables = new Tables(place => draw('goTo', place), () => me);
-const alarms = new Alarms(item => (item.hazard >= 0 ? tables.chooseHazard(item.hazard) : draw('goTo', item.place)), () => me);
+const alarms = new Alarms(item => tables.chooseHazard(item.hazard) || draw('goTo', item.place), () => me);
 const blocks = []; // points that came before the picture
 const rows = {
   hazards: new Rows(items => { draw('showHazards', items); tables.showHazards(items); }),
@@ -27,13 +28,18 @@ const rows = {
   supports: new Rows(items => draw('showSupports', items)),
 };
 let track = [], life = null, whole = false;
+let express = null; // a connection of its own for alarms
 
 const parts = {
   me(value) {
     me = value;
-    if (life !== null && life !== value.life) draw('clearPoints');
+    if (life !== null && life !== value.life) {
+      draw('clearPoints');
+      for (const name of Object.keys(newest)) delete newest[name];
+    }
     life = value.life;
     alarms.redraw();
+    express ??= connect(`vehicle=${encodeURIComponent(me.vehicle)}&alarms=1`, data => take(data));
   },
   state(value) {
     state = value;
@@ -125,26 +131,33 @@ function showFleet(rows) {
   if (focused) $('fleet').querySelector(`[data-vehicle="${focused}"]`)?.focus();
 }
 
-function connect() {
+// What comes over both connections is taken once, and nothing old after what is new.
+function take(data) {
+  const {part, version, value} = JSON.parse(data);
+  if (version && version <= (newest[part] ?? 0)) return part;
+  if (version) newest[part] = version;
+  parts[part]?.(value);
+  return part;
+}
+
+function takeAll(data, socket) {
+  heard = performance.now();
+  if (typeof data !== 'string') {
+    if (scene.now) scene.now.takeBlock(data);
+    else blocks.push(data);
+    socket.send('.'); // it is here: more may come
+  } else if (take(data) in rows) socket.send('.');
+}
+
+// Open a connection, and again whenever it ends.
+function connect(query, receive, wait = 500) {
   const scheme = location.protocol === 'https:' ? 'wss' : 'ws';
-  socket = new WebSocket(`${scheme}://${location.host}/live${asked ? `?vehicle=${encodeURIComponent(asked)}` : ''}`);
+  const socket = new WebSocket(`${scheme}://${location.host}/live?${query}`);
   socket.binaryType = 'arraybuffer';
-  socket.onopen = () => { wait = 500; };
-  socket.onmessage = ({data}) => {
-    heard = performance.now();
-    if (typeof data !== 'string') {
-      if (scene.now) scene.now.takeBlock(data);
-      else blocks.push(data);
-      return socket.send('.'); // it is here: more may come
-    }
-    const {part, value} = JSON.parse(data);
-    parts[part]?.(value);
-    if (part in rows) socket.send('.');
-  };
-  socket.onclose = () => {
-    setTimeout(connect, wait);
-    wait = Math.min(2 * wait, 5000);
-  };
+  socket.onopen = () => { wait = 250; };
+  socket.onmessage = ({data}) => receive(data, socket);
+  socket.onclose = () => setTimeout(() => connect(query, receive, Math.min(2 * wait, 5000)), wait);
+  return socket;
 }
 
 // Where nothing replaces what is shown, it says so by itself.
@@ -197,5 +210,5 @@ addEventListener('keydown', event => {
 });
 
 globalThis.station = {get scene() { return scene.now; }, tables, alarms};
-connect();
+connect(asked ? `vehicle=${encodeURIComponent(asked)}` : '', takeAll);
 startPicture();

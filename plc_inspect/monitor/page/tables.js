@@ -60,14 +60,16 @@ export class Tables {
     if (name && body.contains(document.activeElement) === false) body.querySelector(`[data-focus="${name}"]`)?.focus();
   }
 
+  // Return whether there is such a hazard: an alarm may be there before its row.
   chooseHazard(id, fly = true) {
-    this.hazard = id;
     const item = this.hazards.find(hazard => hazard.id === id);
+    if (!item) return false;
+    this.hazard = id;
     this.showHazards(this.hazards);
-    if (!item) return;
     this.open('hazards');
     this.span = item.span;
     if (fly) this.goTo(item.position);
+    return true;
   }
 
   showHazard() {

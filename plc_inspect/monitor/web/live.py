@@ -7,10 +7,12 @@ What browsers are sent: each gets what it does not have yet, the newest only, wo
 A browser on a slow link skips what was replaced meanwhile; nothing queues up for it.  State and
 alarms are sent at once; rows of tables and points of the corridor at the pace at which the browser
 answers, the nearest to the vehicle first, and of each block a thinned picture before the rest.
+Alarms have a connection of their own too: where a packet is lost, TCP holds back all that follows
+it, which over a slow link takes a second; what comes first by either is shown.
 """
 
 import asyncio
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 import json
 import math
 import secrets
@@ -23,7 +25,7 @@ from plc_inspect.monitor.web.cells import BlockPoints
 from plc_inspect.monitor.web.pace import Pace
 from plc_inspect.stream.blocks import BlockKey
 
-GREETING = 'me'
+GREETING, ALARMS = 'me', 'alarms'
 STAGES = (500, 4_000)
 """So many points of all blocks are sent before more of any [count]."""
 ROWS_BYTES = 3_000
@@ -78,12 +80,12 @@ class Hub:
             Where it is [m]: what is near is sent first.
 
         """
-        texts = {name: _pack(name, value) for name, value in parts.items()}
+        texts = {name: _dump(value) for name, value in parts.items()}
         tables = {
             name: {key: _dump(value) for key, value in own} for name, own in (rows or {}).items()
         }
         for name, table in tables.items():
-            texts[f'{name}-keys'] = _pack(f'{name}-keys', {'keys': list(table)})
+            texts[f'{name}-keys'] = _dump({'keys': list(table)})
         with self._lock:
             self._version += 1
             self._vehicle = vehicle
@@ -101,8 +103,11 @@ class Hub:
             for loop, event in self._waiting:
                 loop.call_soon_threadsafe(event.set)
 
-    async def serve(self, socket: web.WebSocketResponse, greeting: Mapping[str, object]) -> None:
-        """Send everything to a browser until it leaves."""
+    async def serve(
+        self, socket: web.WebSocketResponse, greeting: Mapping[str, object], *,
+        alarms: bool = False,
+    ) -> None:
+        """Send everything, or the alarms alone, to a browser until it leaves."""
         event = asyncio.Event()
         own = asyncio.get_running_loop(), event
         visitor = Visitor()
@@ -110,10 +115,12 @@ class Hub:
             self._waiting.add(own)
         reader = asyncio.create_task(_read(socket, event, visitor.pace))
         try:
-            await socket.send_str(_pack(GREETING, {**greeting, 'life': self._life}))
+            await socket.send_str(_pack(GREETING, _dump({**greeting, 'life': self._life}), 0))
             while not socket.closed:
                 event.clear()
-                if not await self._send_news(socket, visitor):
+                if alarms:
+                    await self._send_parts(socket, visitor, {ALARMS})
+                if alarms or not await self._send_news(socket, visitor):
                     await event.wait()
         except ConnectionError:
             pass  # it left
@@ -122,20 +129,27 @@ class Hub:
             with self._lock:
                 self._waiting.discard(own)
 
-    async def _send_news(self, socket: web.WebSocketResponse, visitor: Visitor) -> bool:
-        """Send what is urgent and one message of the rest; return whether there was anything."""
+    async def _send_parts(
+        self, socket: web.WebSocketResponse, visitor: Visitor, names: Container[str] | None = None
+    ) -> bool:
+        """Send the parts that a browser does not have; return whether there were any."""
         with self._lock:
             parts = [(name, *item) for name, item in self._parts.items()
-                     if visitor.parts.get(name) != item[0]]
+                     if visitor.parts.get(name) != item[0] and (names is None or name in names)]
         for name, version, text in parts:
-            await socket.send_str(text)
+            await socket.send_str(_pack(name, text, version))
             visitor.parts[name] = version
+        return bool(parts)
+
+    async def _send_news(self, socket: web.WebSocketResponse, visitor: Visitor) -> bool:
+        """Send what is urgent and one message of the rest; return whether there was anything."""
+        found = await self._send_parts(socket, visitor)
         if visitor.pace.room <= 0:
-            return bool(parts)
+            return found
         with self._lock:
             message = self._choose_rows(visitor) or self._choose_points(visitor)
         if message is None:
-            return bool(parts)
+            return found
         visitor.pace.send(len(message), time.monotonic())
         if isinstance(message, str):
             await socket.send_str(message)
@@ -197,8 +211,8 @@ async def _read(socket: web.WebSocketResponse, event: asyncio.Event, pace: Pace)
     event.set()
 
 
-def _pack(name: str, value: object) -> str:
-    return _dump({'part': name, 'value': value})
+def _pack(name: str, text: str, version: int) -> str:
+    return f'{{"part":{_dump(name)},"version":{version},"value":{text}}}'
 
 
 def _dump(value: object) -> str:

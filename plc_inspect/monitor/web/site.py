@@ -112,7 +112,7 @@ class Site:
         await hub.serve(socket, {
             'vehicle': name,
             'acknowledges': VISIT.get().role is Role.ACKNOWLEDGE and not self._replays,
-        })
+        }, alarms='alarms' in request.query)
         return socket
 
     async def _show_profile(self, request: web.Request) -> web.Response:

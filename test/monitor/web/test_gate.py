@@ -456,7 +456,37 @@ def test_a_browser_gets_what_is_known_and_then_what_changes(gate, site):
     assert json.loads(row) == {'part': 'spans', 'value': {'rows': [['0/1', 7]]}}
     assert json.loads(new_row) == {'part': 'spans', 'value': {'rows': [['0/1', 8]]}}
     assert [data[-3] for data in (block, other, news)] == [1, 2, 2]
-    assert json.loads(changed) == {'part': 'alarms', 'value': [1]}  # not what is as before
+    changed = json.loads(changed)  # not what is as before
+    assert changed.pop('version') > json.loads(parts[1])['version']
+    assert changed == {'part': 'alarms', 'value': [1]}
+
+
+def test_alarms_come_over_a_connection_of_their_own_too(gate, site):
+    hub = site.find_hub('/plc_inspect')
+    hub.put({'alarms': [], 'state': {}}, {'spans': [('0/1', 7)]}, [make_block(1)])
+
+    async def listen():
+        headers = {'Authorization': 'Bearer only looking'}
+        address = f'http://127.0.0.1:{gate.port}/live'
+        async with ClientSession(headers=headers) as session, \
+                session.ws_connect(address) as all_of_it, \
+                session.ws_connect(f'{address}?alarms=1') as alarms:
+            found = [json.loads((await alarms.receive(10.0)).data) for _ in range(2)]
+            hub.put({'state': {'text': 'changed'}})
+            with pytest.raises(TimeoutError):
+                await alarms.receive(0.3)
+            hub.put({'alarms': [1]})
+            found.append(json.loads((await alarms.receive(10.0)).data))
+            while True:
+                other = (await all_of_it.receive(10.0)).data
+                if isinstance(other, str) and json.loads(other) == found[-1]:
+                    return found
+
+    greeting, first, news = asyncio.run(listen())
+    assert greeting['part'] == 'me'
+    assert (first['part'], first['value']) == ('alarms', [])
+    assert (news['part'], news['value']) == ('alarms', [1])
+    assert news['version'] > first['version']
 
 
 def test_a_browser_that_asks_for_another_vehicle_gets_nothing(gate):

@@ -122,7 +122,7 @@ def test_rows_come_in_small_parts_and_only_what_changed_again():
     assert json.loads(hub._choose_rows(visitor))['value']['rows'] == [['7', {'text': 'new'}]]
     assert hub._choose_rows(visitor) is None
     keys = json.loads(hub._parts['spans-keys'][1])
-    assert keys == {'part': 'spans-keys', 'value': {'keys': [key for key, _ in table[:-1]]}}
+    assert keys == {'keys': [key for key, _ in table[:-1]]}
     hub.put({}, {'spans': table})  # one that had gone is sent again
     assert json.loads(hub._choose_rows(visitor))['value']['rows'][0][0] == '199'
 
