@@ -28,7 +28,9 @@ WHOLE = (
     'core/alignment/test_rigid_move.py', 'offline/report/test_stage_figures.py',
     'sim/evaluation',
 )
-LAST = ('ros/test_processes.py', 'monitor/web/test_page.py', 'ros', 'monitor')
+LAST = ('ros/test_processes.py', 'monitor/web/test_flights.py', 'monitor/web/test_page.py',
+    'ros', 'monitor',
+)
 """
 Files and folders in the order in which they are begun, those not named between both; WHOLE are
 those of FIRST that run the whole pipeline, and wait with those not named.

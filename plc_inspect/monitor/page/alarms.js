@@ -6,7 +6,6 @@
 import {clock, iconOf, make, shape} from './symbols.js';
 
 const MOST_SHOWN = 6;
-const WORDS = {new: 'NEW', acknowledged: 'seen', cleared: 'cleared, nobody saw it'};
 const BEEP_PERIOD = 2000;
 
 export class Alarms {
@@ -25,6 +24,8 @@ export class Alarms {
     document.getElementById('acknowledge-all').onclick = () => this.acknowledge(this.unseen());
     document.getElementById('sound').onclick = () => this.mute(!this.muted);
     document.getElementById('who-cancel').onclick = () => this.dialog.close('');
+    document.getElementById('as-other').onclick = () => this.keepName('');
+    this.keepName(localStorage.getItem('name'));
     this.dialog.addEventListener('close', () => this.dialog.returnValue === 'ok' && this.named());
     // Browsers play nothing before the first press of anything.
     for (const kind of ['pointerdown', 'keydown']) addEventListener(kind, () => this.wake(), {once: true});
@@ -68,13 +69,13 @@ export class Alarms {
   }
 
   drawOne(item, may) {
-    const seen = item.who ? `seen by ${item.who} ${clock(item.acknowledged)}` : WORDS[item.state];
-    const times = item.times > 1 ? `, ${item.times} times` : '';
-    const gone = item.stands ? '' : ` (${item.reason})`;
+    const seen = item.who ? `seen by ${item.who} ${clock(item.acknowledged)}`
+      : item.stands ? `NEW ${clock(item.raised)}` : `cleared ${clock(item.cleared)}, nobody saw it`;
+    const since = [item.who || !item.stands ? `since ${clock(item.raised)}` : '', item.times > 1 ? `${item.times} times` : '', item.stands ? '' : item.reason];
     const row = make('li', {'data-state': item.state, 'data-alarm': item.number},
       shape('critical', '#fff'), make('span', {class: 'mark'}, seen),
       make('button', {type: 'button', class: 'what', onclick: () => this.goTo(item)}, item.text),
-      make('span', {class: 'since'}, `since ${clock(item.raised)}${times}${gone}`));
+      make('span', {class: 'since'}, since.filter(Boolean).join(', ')));
     if (!item.who && may) {
       row.append(make('button', {type: 'button', class: 'seen', 'aria-label': `Acknowledge ${item.text}`,
         onclick: () => this.acknowledge([item.number])}, 'Acknowledge'));
@@ -94,19 +95,32 @@ export class Alarms {
   named() {
     const name = document.getElementById('name').value.trim();
     if (!name) return;
-    localStorage.setItem('name', name);
+    this.keepName(name);
     this.send(name);
   }
 
+  // Who acknowledges on this device, until it is somebody else.
+  keepName(name) {
+    if (name) localStorage.setItem('name', name);
+    else localStorage.removeItem('name');
+    document.getElementById('as').hidden = !name;
+    document.getElementById('as-name').textContent = `Alarms are acknowledged as ${name}.`;
+  }
+
   async send(who) {
-    const answer = await fetch('/acknowledge', {
-      method: 'POST', headers: {'Content-Type': 'application/json'},
-      body: JSON.stringify({vehicle: this.getMe().vehicle, numbers: this.wanted, who}),
-    });
-    if (!answer.ok) {
-      localStorage.removeItem('name');
-      document.getElementById('alarm-sum').textContent = `not acknowledged: ${await answer.text()}`;
+    let problem = '';
+    try {
+      const answer = await fetch('/acknowledge', {
+        method: 'POST', headers: {'Content-Type': 'application/json'},
+        body: JSON.stringify({vehicle: this.getMe().vehicle, numbers: this.wanted, who}),
+      });
+      if (answer.ok) return;
+      problem = await answer.text();
+      this.keepName('');
+    } catch {
+      problem = 'the monitor does not answer';
     }
+    document.getElementById('alarm-sum').textContent = `NOT acknowledged: ${problem}`;
   }
 
   mute(muted) {

@@ -107,7 +107,9 @@ function showInstruments({near, height, heading, old}) {
   const others = near.filter(item => item.thing !== 'conductor' && item.tone === 'critical');
   const words = {clear: '', unknown: 'not all seen', warning: 'near', critical: 'TOO NEAR'};
   const show = item => chip(item.tone, `${item.thing === 'conductor' ? '' : item.thing + ' '}${metres(item.distance)} ${words[item.level]}`.trim());
-  $('nearest').replaceChildren(...(wire && wire.distance !== null ? [show(wire)] : wire ? [chip(wire.tone, wire.level === 'clear' ? 'none near' : 'unknown')] : ['-']), ...others.map(show));
+  $('nearest').replaceChildren(...(wire && wire.distance !== null ? [show(wire)] : wire ? [chip(wire.tone, wire.level === 'clear' ? 'none near' : 'unknown')] : ['-']));
+  $('others').hidden = !others.length;
+  $('other').replaceChildren(...others.map(show));
   $('height').textContent = height === null ? '-' : `about ${metres(height)}`;
   $('heading').textContent = heading === null ? '-' : `${(Math.round(90 - heading * 180 / Math.PI) % 360 + 360) % 360}°`;
   $('instruments').classList.toggle('aged', old.vehicle || old.near && near.length > 0);

@@ -119,10 +119,10 @@ export class Tables {
   }
 
   showLog(alarms) {
-    $('past').replaceChildren(...(alarms.length ? alarms : []).map(item => make('li', {},
-      `${clock(item.raised)} ${item.text}; cleared ${clock(item.cleared)} (${item.reason}); ` +
-      (item.who ? `seen by ${item.who} ${clock(item.acknowledged)}` : 'seen by nobody'))));
-    if (!alarms.length) $('past').append(make('li', {}, 'None is over yet.'));
+    const rows = alarms.map(item => make('li', {}, `${clock(item.raised)} `,
+      item.place ? make('button', {type: 'button', class: 'pick', 'data-focus': `past ${item.number}`, onclick: () => this.goTo(item.place)}, item.text) : item.text,
+      `; cleared ${clock(item.cleared)} (${item.reason}); ${item.who ? `seen by ${item.who} ${clock(item.acknowledged)}` : 'seen by nobody'}`));
+    this.replace($('past'), rows.length ? rows : [make('li', {}, 'None is over yet. Those that stand, and those that nobody has seen, are in the bar at the top.')]);
   }
 
   showEvents(items) {
@@ -142,7 +142,7 @@ export class Tables {
     }
     for (const [id, kind, what] of [['hazards', 'data', count(this.hazards, 'hazard')], ['spans', 'data', count(this.spans, 'span')], ['health', 'health', 'health']]) {
       const line = $(`${id}-age`), old = state.old[kind];
-      line.textContent = `${what}, ${state.age_texts[kind]} old${old ? ': OLD' : ''}` +
+      line.textContent = `${what}, ${state.age_texts[kind]}${old ? ': OLD' : ''}` +
         (id === 'hazards' && this.held ? `; HELD BACK, as told last: ${this.held}` : '');
       line.classList.toggle('stale', old);
       $(`panel-${id}`).querySelector('table').classList.toggle('aged', old);

@@ -11,7 +11,7 @@ from types import MappingProxyType
 from plc_inspect.core.live.proximity import Level, Thing
 from plc_inspect.monitor.picture.alarms import Cause
 from plc_inspect.monitor.picture.cloud_store import CloudStore
-from plc_inspect.monitor.picture.names import find_foot, name_conductor, name_stretch
+from plc_inspect.monitor.picture.names import find_foot, name_conductor, name_stretches
 from plc_inspect.monitor.picture.picture import HazardItem, Place, SpanItem, SupportItem
 from plc_inspect.results import Severity
 from plc_inspect.stream.nearness import Nearness
@@ -39,11 +39,11 @@ def list_causes(
     status: Status,
 ) -> dict[str, Cause]:
     """Return what raises alarms now, by key."""
-    stretches = {item.key: name_stretch(item, supports) for item in spans}
+    stretches = name_stretches(spans, supports)
     held = '; held back, as told last' if status.held else ''
     causes = {
         f'hazard {item.hazard_id}': Cause(
-            text=_describe_hazard(item, stretches) + held, place=item.position,
+            text=describe_hazard(item, stretches) + held, place=item.position,
             hazard_id=item.hazard_id,
         )
         for item in hazards if item.severity >= Severity.CRITICAL
@@ -57,7 +57,8 @@ def list_causes(
     return causes
 
 
-def _describe_hazard(item: HazardItem, stretches: Mapping[tuple[int, int], str]) -> str:
+def describe_hazard(item: HazardItem, stretches: Mapping[tuple[int, int], str]) -> str:
+    """Return a hazard in one line; with names of spans by line and span."""
     where = _name_span(item.line_id, item.span_id, stretches)
     needs = '' if math.isnan(item.required) else f', {item.required:.2f} m required'
     return (f'hazard {item.hazard_id}, {item.kind}: {item.clearance:.2f} m{needs}{where}')

@@ -3,14 +3,16 @@
 
 """What became of hazards from one message to the next, in lines."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
-from plc_inspect.monitor.picture.picture import describe_hazard, HazardItem, name_severity
+from plc_inspect.monitor.picture.causes import describe_hazard
+from plc_inspect.monitor.picture.picture import HazardItem, name_severity
 from plc_inspect.results import Severity
 
 
 def list_news(
-    before: Sequence[HazardItem], hazards: Sequence[HazardItem], *, was_held: bool, held: bool
+    before: Sequence[HazardItem], hazards: Sequence[HazardItem],
+    stretches: Mapping[tuple[int, int], str], *, was_held: bool, held: bool,
 ) -> Iterator[tuple[int, str]]:
     """
     Yield what is new about hazards.
@@ -19,6 +21,8 @@ def list_news(
     ----------
     before, hazards : sequence of HazardItem
         Those that were shown, and those that are.
+    stretches : mapping
+        Names of spans by line and span.
     was_held, held : bool
         Whether the node held them back, and whether it does.
 
@@ -42,6 +46,7 @@ def list_news(
             continue
         critical = item.severity >= Severity.CRITICAL
         word = 'new' if known is None else f'was {name_severity(known.severity)}, is'
-        yield 2 if critical else 0, f'{word} {describe_hazard(item)}'
+        text = describe_hazard(item, stretches)
+        yield 2 if critical else 0, f'{word} {item.severity_name} {text}'
     for number in sorted(old):
         yield 0, f'hazard {number} cleared'

@@ -20,6 +20,7 @@ from plc_inspect.monitor.picture.alarms import Alarm, AlarmBook, Cause
 from plc_inspect.monitor.picture.causes import find_height, list_causes
 from plc_inspect.monitor.picture.cloud_store import CloudStore
 from plc_inspect.monitor.picture.hazard_news import list_news
+from plc_inspect.monitor.picture.names import name_stretches
 from plc_inspect.monitor.picture.node_clock import NodeClock
 from plc_inspect.monitor.picture.picture import (
     Ages,
@@ -299,11 +300,12 @@ class Monitor:
         )
         if changed or old.held != self._status.held:
             self._rebuild()
+        spans, supports, hazards = self._items
         for level, text in list_news(
-            before, self._items[2], was_held=old.held, held=self._status.held
+            before, hazards, name_stretches(spans, supports), was_held=old.held,
+            held=self._status.held,
         ):
             self._tell(now, level, text)
-        spans, supports, hazards = self._items
         self._causes = list_causes(hazards, spans, supports, self._status)
         self._ahead.reach(message.frame.sequence)
         self._raise_alarms(now)

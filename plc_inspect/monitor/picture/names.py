@@ -47,6 +47,13 @@ def name_stretch(span: SpanItem, supports: Sequence[SupportItem]) -> str:
     return f'structure {ends[0]} to {ends[1]}'
 
 
+def name_stretches(
+    spans: Sequence[SpanItem], supports: Sequence[SupportItem]
+) -> dict[tuple[int, int], str]:
+    """Return between which structures spans are, by line and span."""
+    return {item.key: name_stretch(item, supports) for item in spans}
+
+
 def find_foot(place: Place, supports: Sequence[SupportItem]) -> Place | None:
     """Return the foot of the structure that a place of a conductor hangs at, None unknown."""
     found = _find(place, supports)

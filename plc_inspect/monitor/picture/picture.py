@@ -267,15 +267,16 @@ class Picture:
         return told or 'map is not sharp; hazards are held back'
 
     def count_severities(self) -> dict[str, int]:
-        """Return how many hazards and things near the vehicle are critical, and warnings."""
-        counts = {}
-        for severity, level in ((Severity.CRITICAL, Level.CRITICAL),
-                                (Severity.WARNING, Level.WARNING)):
-            counts[severity.name.lower()] = (
-                sum(item.severity == severity for item in self.hazards)
-                + sum(item.level == level for item in self.near)
-            )
-        return counts
+        """
+        Return how many hazards and things near the vehicle are critical, and warnings.
+
+        What is critical raises an alarm, which may be there before the tables tell of it.
+        """
+        return {
+            'critical': sum(item.stands for item in self.alarms),
+            'warning': sum(item.severity == Severity.WARNING for item in self.hazards)
+            + sum(item.level == Level.WARNING for item in self.near),
+        }
 
 
 def format_age(seconds: float) -> str:
@@ -287,14 +288,6 @@ def format_age(seconds: float) -> str:
     if seconds < 120.0:
         return f'{seconds:.0f} s'
     return f'{seconds / 60:.0f} min' if seconds < 7200.0 else f'{seconds / 3600:.1f} h'
-
-
-def describe_hazard(item: HazardItem) -> str:
-    """Return a hazard in one line."""
-    return (
-        f'{item.severity_name} hazard {item.hazard_id}: {item.kind} {item.clearance:.2f} m '
-        f'(of {item.required:.2f} m), line {item.line_id} span {item.span_id}'
-    )
 
 
 def name_severity(severity: int) -> str:

@@ -12,7 +12,7 @@ from plc_inspect.core.live.proximity import Level, Thing
 from plc_inspect.monitor.picture.alarms import Alarm
 from plc_inspect.monitor.picture.causes import describe_nearness, list_ground, locate, name_thing
 from plc_inspect.monitor.picture.condition import Condition, judge
-from plc_inspect.monitor.picture.names import name_conductor, name_stretch
+from plc_inspect.monitor.picture.names import name_conductor, name_stretches
 from plc_inspect.monitor.picture.picture import (
     format_age,
     HazardItem,
@@ -82,7 +82,7 @@ def make_parts(picture: Picture, name: str, wall: float) -> dict[str, Any]:
 
 def make_rows(picture: Picture) -> Rows:
     """Return hazards, structures and spans, in the order in which they are sent."""
-    stretches = {item.key: name_stretch(item, picture.supports) for item in picture.spans}
+    stretches = name_stretches(picture.spans, picture.supports)
     return {
         'hazards': [
             (str(item.hazard_id), _make_hazard(item, stretches)) for item in picture.hazards
@@ -151,7 +151,7 @@ def _make_state(picture: Picture, condition: Condition, name: str) -> dict[str, 
             'data': lost or ages.data > STALE, 'vehicle': lost or ages.vehicle > STALE,
             'health': lost or ages.health > STALE, 'near': lost or ages.near > STALE,
         },
-        'age_texts': {'data': format_age(ages.data), 'health': format_age(ages.health)},
+        'age_texts': {'data': _say_age(ages.data), 'health': _say_age(ages.health)},
         'vehicle': None if picture.vehicle is None else _place(picture.vehicle),
         'heading': _round(picture.heading, 3), 'height': _round(picture.height, 1),
         'near': [
@@ -242,6 +242,10 @@ def _make_health(picture: Picture) -> dict[str, Any]:
             text for text, level in zip(picture.texts, picture.levels, strict=False) if level
         ],
     }
+
+
+def _say_age(seconds: float) -> str:
+    return 'none came yet' if math.isnan(seconds) else f'{format_age(seconds)} old'
 
 
 def thin_track(picture: Picture) -> list[list[float]]:

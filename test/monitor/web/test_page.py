@@ -1,53 +1,32 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The page in a real browser, while node, player and monitor run as processes of their own."""
+"""The page in a real browser, of a stream made by hand."""
 
-import contextlib
 import io
 import itertools
-import os
 from pathlib import Path
-import signal
-import subprocess
-import sys
 import threading
 import time
 
-from monitor.web.chrome import Chrome, EYES, LEAST_DISTANCE, see, stop_playing
+from monitor.web.chrome import EYES, LEAST_DISTANCE, see
+from monitor.web.flight import ALARMS, HAZARDS, STATE, TONE
 import numpy as np
 from PIL import Image
 import pytest
-import rclpy
-from rclpy.context import Context
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rig import isolate, take_domain, wait_for
-from sensor_msgs.msg import PointCloud2
 from stream_pieces import make_rows, Source
 
 from plc_inspect.colors import LOOKS
 from plc_inspect.core.live.proximity import Level, Thing
-from plc_inspect.errors import ConfigError
-from plc_inspect.messages.rows import read_rows
 from plc_inspect.monitor.picture.model import Monitor
 from plc_inspect.monitor.replay.replay import Replay
 from plc_inspect.monitor.replay.tape import Entry, Tape
 from plc_inspect.monitor.web.access import NO_TOKENS, Role, Tokens
 from plc_inspect.monitor.web.page import Page
-from plc_inspect.offline.report.browser import find_browser
-from plc_inspect.ros.graph.qos import RESULTS
 from plc_inspect.stream.nearness import Nearness
 
 ROOT = Path(__file__).parents[3]
 AXE = ROOT / 'test' / 'npm' / 'node_modules' / 'axe-core' / 'axe.min.js'
-HAZARDS = """[...document.querySelectorAll('#hazards tr')].map(row =>
-[row.dataset.hazard, row.children[2].textContent, row.children[3].textContent])"""
-SPANS = """[...document.querySelectorAll('#spans tr')].map(row =>
-[row.dataset.span, row.children[1].textContent, row.children[2].textContent])"""
-TONE = "document.querySelector('#state').dataset.tone"
-STATE = "document.querySelector('#state-text').textContent"
-ALARMS = """[...document.querySelectorAll('#alarm-list li')].map(item =>
-[item.dataset.state, item.querySelector('.what').textContent])"""
 TARGET = """(([x, y, z], [a, b, c]) => [x + a, y + b, z + c])(
 station.scene.controls.target.toArray(), station.scene.origin)"""
 WIRE = Nearness(
@@ -56,183 +35,6 @@ WIRE = Nearness(
 )
 WITHIN = 1.0
 """An alarm is on the screen so soon after the node's message [s]."""
-
-
-@pytest.fixture(scope='module')
-def program():
-    """Find the browser, or say that there is none; what drives it ends with the module."""
-    try:
-        yield find_browser()
-    except ConfigError as error:
-        pytest.skip(str(error))
-    stop_playing()
-
-
-class Flight:
-    """Node, player and page as processes, and a subscriber to what the node publishes."""
-
-    def __init__(self, folder):
-        isolate()
-        self.domain, self.folder = take_domain(), folder
-        self.processes = []
-        self.context = Context()
-        rclpy.init(context=self.context, domain_id=self.domain)
-        self.node = rclpy.create_node('reader', context=self.context)
-        self.newest = {}
-        for name in ('catenaries', 'hazards'):
-            self.node.create_subscription(
-                PointCloud2, f'/plc_inspect/{name}',
-                lambda message, name=name: self.newest.update({name: message}), RESULTS,
-            )
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
-        self.thread = threading.Thread(target=self._spin, daemon=True)
-        self.thread.start()
-
-    def _spin(self):
-        with contextlib.suppress(ExternalShutdownException):
-            self.executor.spin()
-
-    def start(self, module, *arguments, **options):
-        environment = os.environ | {'ROS_DOMAIN_ID': str(self.domain)}
-        process = subprocess.Popen([sys.executable, '-m', module, *map(str, arguments)], cwd=ROOT,
-                                   env=environment, **options)
-        self.processes.append(process)
-        return process
-
-    def start_node(self):
-        return self.start('plc_inspect.ros.node.onboard', '--ros-args', '--log-level', 'warn',
-                          '-p', f'output.directory:={self.folder / "out"}',
-                          '-p', 'output.record:=false')
-
-    def play(self, *arguments):
-        return self.start('plc_inspect.ros.play', 'bags/demo', '--wait', '30', '--quiet',
-                          *arguments)
-
-    def rows(self, name):
-        return read_rows(self.newest[name])
-
-    def published(self):
-        """Return what the node publishes as the page must show it."""
-        hazards = {
-            str(row['id']): [row['clearance'], row['required']] for row in self.rows('hazards')
-        }
-        spans = {
-            f'{row["line_id"]}/{row["span_id"]}': [row['length'], row['sag']]
-            for row in self.rows('catenaries')
-        }
-        return hazards, spans
-
-    def close(self):
-        for process in self.processes:
-            if process.poll() is None:
-                process.send_signal(signal.SIGKILL)
-            process.wait(20.0)
-            if process.stdout:
-                process.stdout.close()
-        self.executor.shutdown()
-        self.thread.join(10.0)
-        self.node.destroy_node()
-        rclpy.shutdown(context=self.context)
-
-
-@pytest.fixture
-def flight(tmp_path):
-    """Return a graph for processes."""
-    flight = Flight(tmp_path)
-    yield flight
-    flight.close()
-
-
-@pytest.fixture
-def browse(program, tmp_path):
-    """Return a function that opens a page; the browsers are closed after the test."""
-    browsers = []
-
-    def browse(address, width=1280, height=800, token='', **options):
-        chrome = Chrome(program, tmp_path / f'profile{len(browsers)}', width, height, **options)
-        browsers.append(chrome)
-        chrome.open(address)
-        if token:
-            chrome.page.fill('input[name=token]', token)
-            chrome.page.press('input[name=token]', 'Enter')
-        chrome.wait(f"{STATE} != 'connecting'")
-        return chrome
-
-    yield browse
-    errors = [error for chrome in browsers for error in chrome.errors]
-    for chrome in browsers:
-        chrome.close()
-    assert errors == []
-
-
-TOLD_STEP = 0.0055
-"""Half of the centimetres that browsers are told, and rounding [m]."""
-
-
-def agree(shown, published):
-    """Whether rows on the page hold the numbers that were published, as far as they show."""
-    if {row[0] for row in shown} != set(published):
-        return False
-    return all(
-        abs(float(text) - value) <= 0.5 * 10.0 ** -len(text.partition('.')[2]) + TOLD_STEP
-        for name, *texts in shown for text, value in zip(texts, published[name], strict=True)
-    )
-
-
-def shows_what_is_published(chrome, flight):
-    """Whether the page shows the hazards and spans that the node published last."""
-    hazards, spans = flight.published()
-    return bool(spans) and agree(chrome.run(SPANS), spans) and agree(chrome.run(HAZARDS), hazards)
-
-
-def test_it_shows_what_is_published_and_recovers(flight, browse, tmp_path):
-    page = flight.start('plc_inspect.monitor.command', '--web', '--port', '0',
-                        stdout=subprocess.PIPE, text=True)
-    address = page.stdout.readline().split()[-1]
-    assert address.startswith('http://127.0.0.1:')
-    chrome = browse(address, 900, 500)
-    chrome.wait(f"{STATE} == 'waiting for /plc_inspect: nothing heard yet'")
-    node = flight.start_node()
-    chrome.wait(f"{STATE} == 'waiting for the lidar: nobody publishes /velodyne_points; '"
-                " + 'nobody publishes /odometry'")
-    assert chrome.run(TONE) == 'critical'
-    player = flight.play()
-    wait_for(lambda: {'hazards', 'catenaries'} <= set(flight.newest), 'topics')
-    wait_for(lambda: len(flight.rows('hazards')) and len(flight.rows('catenaries')) >= 6,
-             'hazards', 60.0)
-    chrome.wait(f"{ALARMS}.some(([state, text]) => state == 'new' && text.includes('hazard'))")
-    assert 'ALARM' in chrome.page.title()
-
-    chrome.page.keyboard.press('o')
-    chrome.take_picture(tmp_path / 'page.png')
-    pixels = np.asarray(Image.open(tmp_path / 'page.png').convert('RGB')).astype(int)
-    pixels = pixels[200:, :480]
-    assert ((pixels.max(axis=2) - pixels.min(axis=2)) > 60).sum() > 300  # something in colour
-
-    player.kill()  # in mid-flight; another takes up, and later the node itself is killed
-    player.wait()
-    chrome.wait(f"{STATE}.startsWith('scans and poses stopped ')")
-    wait_for(lambda: shows_what_is_published(chrome, flight), 'agreement at rest')
-    chrome.wait("document.body.classList.contains('old')")
-    node.kill()
-    node.wait()
-    chrome.wait(f"{STATE}.startsWith('LINK LOST')")
-    assert chrome.run(HAZARDS)  # still there, and called old
-    assert 'all of this is old' in chrome.run(STATE)
-    assert chrome.run("document.querySelector('#hazards-age').textContent").endswith(': OLD')
-
-    flight.newest.clear()
-    flight.start_node()
-    chrome.wait(f"{STATE}.startsWith('waiting for the lidar')")
-    chrome.wait(f'!{HAZARDS}.length')
-    states = {state for state, _ in chrome.run(ALARMS)}
-    assert states == {'cleared'}  # what nobody has seen stands, though the node forgot it
-    assert 'started anew' in chrome.run("document.querySelector('#events').textContent")
-    flight.play('--start', '1')
-    wait_for(lambda: 'catenaries' in flight.newest and len(flight.rows('catenaries')), 'spans',
-             60.0)
-    wait_for(lambda: shows_what_is_published(chrome, flight), 'agreement again')
 
 
 class Station:
