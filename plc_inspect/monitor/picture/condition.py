@@ -133,7 +133,7 @@ def _judge_results(picture: Picture) -> Condition:
         return Condition('notice', 'scans and poses come in; no result yet')
     if ages.data > STALE:
         return Condition('warning', f'no new result for {format_age(ages.data)}')
-    if picture.near and not ages.near <= STALE:
+    if picture.near and ages.near > STALE:
         return Condition('warning', f'keep-out not measured for {format_age(ages.near)}')
     rate = health.get('scan_rate', math.nan)
     speed = '' if math.isnan(rate) else f' at {rate:.1f} Hz'

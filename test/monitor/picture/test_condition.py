@@ -8,10 +8,16 @@ import math
 import pytest
 from stream_pieces import make_rows, NO_TABLES, Source, TEXTS
 
+from plc_inspect.core.live.proximity import Level, Thing
 from plc_inspect.monitor.picture.condition import judge, LANDED_TIME
 from plc_inspect.monitor.picture.model import Monitor
+from plc_inspect.stream.nearness import Nearness
 from plc_inspect.stream.summary import SummaryWriter
 
+WIRE = Nearness(
+    thing=Thing.CONDUCTOR, level=Level.CLEAR, distance=20.0, way=(1.0, 2.0, -3.0), closest=20.0,
+    closest_in=0.0, sigma=0.1,
+)
 GOOD = {'scan_rate': 10.0, 'scan_age': 0.1, 'odometry_age': 0.02, 'sharpness': 0.9}
 SILENT = 'no scan; nobody publishes /velodyne_points'
 
@@ -63,6 +69,8 @@ def test_it_is_good_where_all_is_well():
      {'health': {'sharpness': math.nan}}),
     ('notice', 'scans and poses come in; no result yet', {'tick_uptime': math.nan}),
     ('warning', 'no new result for 5.9 s', {'tick_uptime': 0.0, 'later': 0.9}),
+    ('warning', 'keep-out not measured for 5.9 s',
+     {'near': (WIRE,), 'near_uptime': 0.0, 'later': 0.9}),
     ('notice', 'waiting for the health of /vehicle/plc_inspect', {'health_uptime': math.nan}),
 ])
 def test_it_says_what_is_not_well(tone, text, given):

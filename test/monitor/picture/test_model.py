@@ -233,6 +233,7 @@ def test_an_alarm_waits_for_no_message_that_was_lost(monitor, source):
     assert list_alarms() == [(3, 'new'), (0, 'new')]
     picture = monitor.look(100.6)
     assert [item.hazard_id for item in picture.hazards] == [0, 1, 2]  # tables wait
+    assert picture.count_severities() == {'critical': 2, 'warning': 1}
     assert picture.counts.malformed == 0  # that is counted where it comes in order
     assert monitor.take_summary(lost, 100.7)  # sent again
     assert list_alarms() == [(3, 'new'), (0, 'new')]
