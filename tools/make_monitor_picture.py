@@ -57,6 +57,7 @@ def main() -> None:
                                 light=theme == 'light')
                 chrome.open(address)
                 chrome.wait("document.querySelectorAll('#hazards tr').length > 0", 90.0)
+                chrome.wait("performance.getEntriesByName('picture').length", 60.0)
                 if not number:
                     time.sleep(SECONDS)
                 if name == 'tablet':

@@ -6,6 +6,7 @@
 import {make, metres, order} from './symbols.js';
 
 const MOST_LABELS = 8, MOST_NAMES = 40;
+const ABOVE = 20; // a label is so much above its place [px]
 const SCALE = 90; // greatest length of the scale bar [px]
 
 export function drawAround(scene) {
@@ -30,9 +31,12 @@ function drawLabels(scene, box) {
     const [x, y, z] = item.position, at = scene.project([x, y, z + item.height], box);
     if (at && names++ < MOST_NAMES) labels.push([at, `structure ${item.id}`]);
   }
-  const placed = [];
+  // Nothing covers the vehicle; a label stands above its place, and all of it in the picture.
+  const vehicle = scene.vehicle && scene.project(scene.vehicle, box);
+  const placed = vehicle ? [[[vehicle[0], vehicle[1] + ABOVE], 30]] : [];
   const free = labels.filter(([at, text]) => {
     const wide = 8 * text.length + 10;
+    at[0] = Math.min(Math.max(at[0], wide / 2), box.width - wide / 2);
     if (placed.some(([other, width]) => Math.abs(other[0] - at[0]) < (wide + width) / 2 && Math.abs(other[1] - at[1]) < 26)) return false;
     return placed.push([at, wide]);
   });
