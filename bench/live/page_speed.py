@@ -8,7 +8,8 @@ A corridor of some 15 million points along 12 km, thinned as the node thins it, 
 and a vehicle that flies along them are served by a page of a process of its own, which tells of
 changed blocks near the vehicle all the while.  A Chromium of tablet size, which draws in software,
 opens it, and turns the picture in each view; printed are frames in a second (median, and the worst
-second), points that were drawn, and the times until something was seen.
+second), points that were drawn, the browser's processor time for a frame, which says more than
+frames a second on a busy machine, and the times until something was seen.
 """
 
 import argparse
@@ -156,7 +157,9 @@ def make_tables(length: float):
     return summary.make_tables(spans, supports, hazards)
 
 
-def look(address: str, width: int, height: int, seconds: float, room: Path) -> list[tuple]:
+def look(
+    address: str, width: int, height: int, seconds: float, room: Path, server: int
+) -> list[tuple]:
     """Open the page and turn the picture in each view."""
     from monitor.web.chrome import Chrome, stop_playing
 
@@ -169,7 +172,7 @@ def look(address: str, width: int, height: int, seconds: float, room: Path) -> l
         chrome.wait(READY, 120.0)
         first = float(chrome.run(SINCE)) / 1000.0
         print(f'first picture after {first:.2f} s', flush=True)
-        rows = [('coming in', *turn(chrome, seconds))]
+        rows = [('coming in', *turn(chrome, seconds, server))]
         before, since = 0.0, time.monotonic()
         while time.monotonic() - since < SETTLED:
             chrome.page.wait_for_timeout(1000)
@@ -182,21 +185,46 @@ def look(address: str, width: int, height: int, seconds: float, room: Path) -> l
         for view in VIEWS:
             chrome.run(f"station.scene.setView('{view}')")
             chrome.page.wait_for_timeout(2000)
-            rows.append((view, *turn(chrome, seconds)))
+            rows.append((view, *turn(chrome, seconds, server)))
         chrome.take_picture(room.parent / 'page_speed.png')
         assert chrome.errors == [], chrome.errors
     finally:
         chrome.close()
         stop_playing()
-    return [('first', first, 0.0, 0.0), *rows]
+    return [('first', first, 0.0, 0.0, 0.0), *rows]
 
 
-def turn(chrome, seconds: float) -> tuple[float, float, float]:
-    """Return frames a second, those of the worst second, and points drawn."""
+def sum_processor_time(server: int) -> float:
+    """Return the processor time of all processes below this one but the server's [s]."""
+    parents, spent = {}, {}
+    for path in Path('/proc').glob('[0-9]*/stat'):
+        try:
+            fields = path.read_text().rpartition(')')[2].split()
+        except OSError:
+            continue  # it ended
+        pid = int(path.parent.name)
+        parents[pid], spent[pid] = int(fields[1]), int(fields[11]) + int(fields[12])
+
+    def is_below(pid: int) -> bool:
+        while pid in parents and pid != server:
+            if pid == os.getpid():
+                return True
+            pid = parents[pid]
+        return False
+
+    return sum(
+        ticks for pid, ticks in spent.items() if pid != os.getpid() and is_below(pid)
+    ) / os.sysconf('SC_CLK_TCK')
+
+
+def turn(chrome, seconds: float, server: int) -> tuple[float, float, float, float]:
+    """Return frames a second, of the worst second, points drawn, processor time a frame [ms]."""
+    before = sum_processor_time(server)
     frames = np.array(chrome.run(TURN.replace('SECONDS', f'{seconds:g}')))
     at = (frames[:, 0] - frames[0, 0]) / 1000.0
     counts = np.bincount(at.astype(int), minlength=math.floor(at[-1]))[:math.floor(at[-1])]
-    return float(np.median(counts)), float(counts.min()), float(np.median(frames[:, 1]))
+    each = 1000.0 * (sum_processor_time(server) - before) / len(frames)
+    return float(np.median(counts)), float(counts.min()), float(np.median(frames[:, 1])), each
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -223,15 +251,15 @@ def main(argv: Sequence[str] | None = None) -> int:
             own = arguments.room or Path(room)
             own.mkdir(parents=True, exist_ok=True)
             (_, first, *_), *rows = look(
-                address, *arguments.size, arguments.seconds, own / 'profile'
+                address, *arguments.size, arguments.seconds, own / 'profile', server.pid
             )
     finally:
         server.kill()
         server.wait()
     print(render_table(
-        ('view', 'frames/s, median', 'worst second', 'points drawn'),
-        [(name, f'{rate:.0f}', f'{worst:.0f}', f'{points:.0f}')
-         for name, rate, worst, points in rows],
+        ('view', 'frames/s, median', 'worst second', 'points drawn', 'processor, ms a frame'),
+        [(name, f'{rate:.0f}', f'{worst:.0f}', f'{points:.0f}', f'{each:.0f}')
+         for name, rate, worst, points, each in rows],
     ))
     print(f'load {os.getloadavg()[0]:.1f}')
     good = first < MOST_WAIT and all(rate >= LEAST_RATE for _, rate, *_ in rows)
