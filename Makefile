@@ -43,7 +43,7 @@ axe:
 		|| echo 'axe: npm cannot get axe-core: the page is not tested for accessibility'
 
 tests: install axe
-	$(BIN)/pytest -n 2 --dist loadfile
+	$(BIN)/pytest -n 3 --dist loadfile
 
 # Beside each other: mypy alone keeps one core of two.
 test: install axe

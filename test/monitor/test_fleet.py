@@ -67,7 +67,7 @@ def test_all_that_come_up_are_followed_and_nothing_is_mixed(vehicles):
             assert len(picture.hazards) == 1 + number
             assert picture.vehicle == (1000.0 * number, 0.0, 20.0)
             page.show(name, picture, fleet.stations[name].monitor.cloud)
-        fleet.stations[NAMES[0]].acknowledge([1], 'Anna')
+        fleet.stations[NAMES[0]].acknowledge([1], 'crew')
         seen = [station.look().alarms[0].seen for station in map(fleet.stations.get, NAMES)]
         assert seen == [True, False, False]
         rows = [page._fleet[name] for name in sorted(NAMES)]

@@ -101,6 +101,8 @@ class ScanTiming:
             and isinstance(lidar, PlacedScan)
         ):
             return ''
+        if not np.isfinite(now.points).all():  # poses at no place
+            return ''
         velocity = (now.points - before.points) / (STEP_NS * 1e-9)
         seen = Look(now.points, velocity, lidar.points, now.stamps)
         new, steady = self._fit.see(seen, scan.stamp_ns), self._fit.steady

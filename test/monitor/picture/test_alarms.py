@@ -22,14 +22,14 @@ def test_an_alarm_stands_until_it_is_cleared_and_acknowledged():
     assert states(book) == [('tree', 'new', True)]
     book.update({'tree': TREE}, 1000.0)
     assert book.open[0].raised == 1.0
-    (seen,) = book.acknowledge([1], 'Anna', 1001.0)
-    assert (seen.who, seen.acknowledged) == ('Anna', 1001.0)
+    (seen,) = book.acknowledge([1], 'crew', 1001.0)
+    assert (seen.who, seen.acknowledged) == ('crew', 1001.0)
     assert states(book) == [('tree', 'acknowledged', True)]
     assert book.past == ()
     book.update({}, 1002.0)
     assert book.open == ()
     (past,) = book.past
-    assert (past.cleared, past.reason, past.who) == (1002.0, 'no longer there', 'Anna')
+    assert (past.cleared, past.reason, past.who) == (1002.0, 'no longer there', 'crew')
 
 
 def test_what_cleared_unseen_is_told_until_somebody_sees_it():
@@ -41,7 +41,7 @@ def test_what_cleared_unseen_is_told_until_somebody_sees_it():
     assert states(book) == [('tree', 'new', True)]
     assert (book.open[0].number, book.open[0].times) == (1, 2)
     book.update({}, 4.0)
-    book.acknowledge([1], 'Anna', 5.0)
+    book.acknowledge([1], 'crew', 5.0)
     assert book.open == ()
     book.update({'tree': TREE}, 6.0)  # after it was seen and over: another one
     assert [item.number for item in book.open] == [2]
@@ -51,7 +51,7 @@ def test_what_cleared_unseen_is_told_until_somebody_sees_it():
 def test_new_ones_stand_before_those_that_were_seen():
     book = AlarmBook()
     book.update({'tree': TREE}, 1.0)
-    book.acknowledge([1], 'Anna', 2.0)
+    book.acknowledge([1], 'crew', 2.0)
     book.update({'tree': TREE, 'wire': WIRE}, 3.0)
     assert [item.key for item in book.open] == ['wire', 'tree']
 
@@ -59,10 +59,10 @@ def test_new_ones_stand_before_those_that_were_seen():
 def test_only_what_is_open_and_unseen_is_acknowledged():
     book = AlarmBook()
     book.update({'tree': TREE}, 1.0)
-    assert book.acknowledge([5, -1], 'Anna', 2.0) == ()
-    assert len(book.acknowledge([1, 1], 'Anna', 2.0)) == 1
+    assert book.acknowledge([5, -1], 'crew', 2.0) == ()
+    assert len(book.acknowledge([1, 1], 'crew', 2.0)) == 1
     assert book.acknowledge([1], 'Bert', 3.0) == ()
-    assert book.open[0].who == 'Anna'
+    assert book.open[0].who == 'crew'
 
 
 def test_what_is_remembered_is_bounded():
@@ -84,7 +84,7 @@ def test_nothing_disappears_by_itself(steps):
         raised_before = {item.key for item in book.open}
         book.update(dict.fromkeys(found, TREE), float(next(clock)))
         raised += len(found - raised_before)
-        seen |= {item.number for item in book.acknowledge(numbers, 'Anna', float(next(clock)))}
+        seen |= {item.number for item in book.acknowledge(numbers, 'crew', float(next(clock)))}
         assert {item.key for item in book.open if item.stands} == found
         assert {item.number for item in book.past} <= seen
         assert len(book.open) + len(book.past) == raised
@@ -100,6 +100,6 @@ def test_what_has_cleared_tells_how_near_it_was():
     book.update({}, 4.0)
     (item,) = book.open
     assert item.text == 'conductor 5.2 m'
-    book.acknowledge([item.number], 'Anna', 5.0)
+    book.acknowledge([item.number], 'crew', 5.0)
     assert book.past[0].text == 'conductor 5.2 m'
     assert book.raises == 1

@@ -216,7 +216,7 @@ def test_critical_hazards_are_alarms_until_cleared_and_seen(monitor, source):
     monitor.take_summary(source.summary(51.0, tables=make_rows(6, 3)), 146.0)
     assert set(list_alarms(146.0)) == {(0, 'new'), (1, 'cleared'), (3, 'cleared')}
     numbers = [item.number for item in monitor.look(146.0).alarms]
-    monitor.acknowledge(numbers, 'Anna', 147.0)
+    monitor.acknowledge(numbers, 'crew', 147.0)
     assert list_alarms(147.0) == [(0, 'acknowledged')]
     assert {item.cause.hazard_id for item in monitor.look(147.0).past_alarms} == {1, 3}
 

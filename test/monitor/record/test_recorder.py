@@ -181,11 +181,11 @@ def test_who_acknowledged_an_alarm_stands_in_the_record(tmp_path):
     monitor, source = Monitor(), Source()
     monitor.take_summary(source.summary(5.0, keyframe=True), 100.0)
     with Recorder(path, '/plc_inspect') as recorder:
-        for alarm in monitor.acknowledge([1], 'Anna', 101.5):
+        for alarm in monitor.acknowledge([1], 'crew', 101.5):
             recorder.note(alarm)
     with AnyReader([path]) as reader:
         ((connection, _, data),) = reader.messages()
         note = json.loads(reader.deserialize(data, connection.msgtype).data)
     assert connection.topic == '/plc_inspect/acknowledged'
-    assert (note['who'], note['what'], note['after']) == ('Anna', 'hazard 0', 1.5)
+    assert (note['who'], note['what'], note['after']) == ('crew', 'hazard 0', 1.5)
     assert datetime.fromisoformat(note['time']).tzinfo is not None

@@ -43,7 +43,7 @@ def make_tape(tables):
 def replay():
     """Return a flight with a hazard from 10 s to 20 s that somebody saw at 12 s."""
     tape = make_tape({10: make_rows(6, 1), 20: make_rows(6, 0)})
-    seen = Entry(time=12.0, kind='seen', data=json.dumps({'alarm': 1, 'who': 'Anna'}).encode())
+    seen = Entry(time=12.0, kind='seen', data=json.dumps({'alarm': 1, 'who': 'crew'}).encode())
     entries = sorted([*tape.entries, seen], key=lambda entry: entry.time)
     return Replay(dataclasses.replace(tape, entries=tuple(entries)))
 
@@ -104,7 +104,7 @@ def test_a_record_is_read_back(tmp_path, monkeypatch):
             recorder.take('summary', data)
             monitor.take_summary(data, 100.0 + k)
         recorder.take('cloud', source.cloud(5.0, [[10.0, 2.0, 30.0]]))
-        for alarm in monitor.acknowledge([1], 'Anna', 103.0):
+        for alarm in monitor.acknowledge([1], 'crew', 103.0):
             recorder.note(alarm)
     tape = read_tape(path)
     assert tape.name == '/two/plc_inspect'
@@ -114,7 +114,7 @@ def test_a_record_is_read_back(tmp_path, monkeypatch):
     replay.seek(math.inf)
     picture = replay.look()
     assert len(picture.spans) == 6
-    assert picture.alarms[0].who == 'Anna'
+    assert picture.alarms[0].who == 'crew'
     assert picture.cloud_cells == 1
     whole = path.read_bytes()
     path.write_bytes(whole[:-300])

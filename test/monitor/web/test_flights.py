@@ -84,10 +84,10 @@ def test_every_state_of_a_flight_is_told(flight, browse):
     chrome.wait(f"{ALARMS}.some(([state, text]) => text.startsWith('keep-out'))")
     assert 'TOO NEAR' in chrome.run("document.querySelector('#instruments').textContent")
     chrome.page.keyboard.press('a')
-    chrome.page.keyboard.type('Anna')
+    chrome.page.keyboard.type('crew')
     chrome.page.keyboard.press('Enter')
     chrome.wait(f"{ALARMS}.some(([state]) => state == 'acknowledged')")
-    chrome.wait(f"{PAST}.includes('no longer there') && {PAST}.includes('seen by Anna')")
+    chrome.wait(f"{PAST}.includes('no longer there') && {PAST}.includes('seen by crew')")
     chrome.page.keyboard.press('3')
     chrome.page.click('#past .pick')  # what was that alarm: the picture goes there
     assert chrome.run('station.scene.view') == 'free'

@@ -29,7 +29,7 @@ from plc_inspect.security.authority import issue, make_authority
 TOKENS = Tokens({Role.VIEW: 'only looking', Role.ACKNOWLEDGE: 'correct horse'})
 
 
-WHO = '{"vehicle": "/plc_inspect", "numbers": [1, 2], "who": "Anna"}'
+WHO = '{"vehicle": "/plc_inspect", "numbers": [1, 2], "who": "crew"}'
 UPGRADE = {
     'Upgrade': 'websocket', 'Connection': 'Upgrade', 'Sec-WebSocket-Version': '13',
     'Sec-WebSocket-Key': 'dGhlIHNhbXBsZSBub25jZQ==',
@@ -135,14 +135,14 @@ def test_who_may_view_may_not_acknowledge(gate, site):
         assert ask(gate, '/acknowledge', 'POST', WHO, Cookie=cookie)[0] == status
     assert ask(gate, '/acknowledge', 'POST', WHO)[0] == 401
     (request,) = site.requests
-    assert (request.vehicle, request.numbers, request.who) == ('/plc_inspect', (1, 2), 'Anna')
+    assert (request.vehicle, request.numbers, request.who) == ('/plc_inspect', (1, 2), 'crew')
 
 
 @pytest.mark.parametrize(('body', 'status'), [
     ('', 400), ('[]', 400), ('{"vehicle": "/plc_inspect"}', 400),
-    (WHO.replace('Anna', ' '), 400), (WHO.replace('Anna', 'A' * 41), 400),
+    (WHO.replace('crew', ' '), 400), (WHO.replace('crew', 'A' * 41), 400),
     (WHO.replace('[1, 2]', '["1"]'), 400), (WHO.replace('[1, 2]', '1'), 400),
-    (WHO.replace('"Anna"', '7'), 400), (WHO.replace('/plc', '/other'), 404),
+    (WHO.replace('"crew"', '7'), 400), (WHO.replace('/plc', '/other'), 404),
 ])
 def test_who_acknowledges_says_what_and_who(gate, site, body, status):
     _, cookie = log_in(gate, 'correct horse')
@@ -152,7 +152,7 @@ def test_who_acknowledges_says_what_and_who(gate, site, body, status):
 
 def test_names_hold_no_control_characters(gate, site):
     _, cookie = log_in(gate, 'correct horse')
-    body = WHO.replace('Anna', r'A\u001b[2Jb')
+    body = WHO.replace('crew', r'A\u001b[2Jb')
     assert ask(gate, '/acknowledge', 'POST', body, Cookie=cookie)[0] == 204
     assert '\x1b' not in site.requests[0].who
 

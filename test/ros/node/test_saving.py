@@ -182,7 +182,7 @@ def test_the_end_tells_why_it_takes_a_hazard_back(monkeypatch, tmp_path):
 def test_a_doubt_about_the_odometry_holds_hazards_back_and_is_told(rig, tmp_path):
     assert rig.call('segment').success
     accumulator = rig.node.intake.accumulator
-    accumulator.follower._steady.doubt = 'the heading drifts: results are held back'
+    accumulator.follower.steady.doubt = 'the heading drifts: results are held back'
     answer = rig.call('segment')
     assert not answer.success
     assert answer.message == accumulator.doubt
