@@ -10,6 +10,7 @@ import numpy as np
 from plc_inspect.core.alignment.steady_errors import Steady
 from plc_inspect.core.mapping.placement import PlacedScan, Placer, WaitingScan
 from plc_inspect.core.mapping.pose_buffer import PoseBuffer
+from plc_inspect.core.numerics.arrays import MOST_COORDINATE
 from plc_inspect.core.setup.steady_fit import choose_points, Look, SteadyFit
 from plc_inspect.results import Int64
 
@@ -101,7 +102,7 @@ class ScanTiming:
             and isinstance(lidar, PlacedScan)
         ):
             return ''
-        if not np.isfinite(now.points).all():  # poses at no place
+        if not (np.abs(now.points) < MOST_COORDINATE).all():  # poses at no place
             return ''
         velocity = (now.points - before.points) / (STEP_NS * 1e-9)
         seen = Look(now.points, velocity, lidar.points, now.stamps)
