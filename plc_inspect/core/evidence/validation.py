@@ -165,7 +165,8 @@ def add_up(
     Add up the evidence that a curve is a conductor [m].
 
     Those metres count that are free, and a bonus for a curvature that the points prove, in
-    proportion, or for a conductor beside; a thick curve costs more, the thicker it is.
+    proportion, or for a conductor beside; a thick curve costs more, the thicker it is, and so does
+    one that is surely straight, the wider it is.
     """
     proof = prove_sag(curve, settings)
     if is_thick(curve):
