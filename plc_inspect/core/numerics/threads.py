@@ -6,6 +6,8 @@
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+import os
 import time
 from typing import TypeVar
 
@@ -18,6 +20,15 @@ LEAST_WORK = 0.003
 Least work that is shared among threads, which take time to start and to wait for the GIL [s].
 Source: numerical: time alone depends on it.
 """
+
+
+@cache
+def _open_pool() -> ThreadPoolExecutor:
+    """Return the threads that all calls share: to start some for each took a tenth of a run."""
+    return ThreadPoolExecutor(os.cpu_count(), thread_name_prefix='call_each')
+
+
+os.register_at_fork(after_in_child=_open_pool.cache_clear)  # a child has none of them
 
 
 def call_each(function: Callable[[int], T], num: int) -> list[T]:
@@ -49,10 +60,11 @@ def call_each(function: Callable[[int], T], num: int) -> list[T]:
                 errors[number] = error
                 deque(numbers, maxlen=0)  # empty it, so that no thread goes on
 
-    with ThreadPoolExecutor(threads - 1) as pool:
-        for _ in range(threads - 1):
-            pool.submit(work)
-        work()
+    helpers = [_open_pool().submit(work) for _ in range(threads - 1)]
+    work()
+    for helper in helpers:
+        if not helper.cancel():  # one that had no core to begin on is not waited for
+            helper.result()
     if errors:
         raise errors[min(errors)]
     return [results[number] for number in range(num)]

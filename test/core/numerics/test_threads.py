@@ -53,6 +53,36 @@ def test_short_work_stays_in_the_thread_that_asks(threads, monkeypatch):
     assert set(names) == {threading.get_ident()}
 
 
+def test_threads_are_started_once():
+    call_each(lambda k: time.sleep(0.01), 20)
+    known = set(threading.enumerate())
+    for _ in range(5):
+        call_each(lambda k: time.sleep(0.01), 20)
+    assert set(threading.enumerate()) == known
+
+
+def test_a_helper_without_a_core_is_not_waited_for(threads):
+    pool = threads_module._open_pool()
+    go_on = threading.Event()
+    busy = [pool.submit(go_on.wait, 60.0) for _ in range(pool._max_workers)]
+    try:
+        assert call_each(lambda k: (time.sleep(0.01), k)[1], 20) == list(range(20))
+        assert not any(task.done() for task in busy)
+    finally:
+        go_on.set()
+
+
+@pytest.mark.filterwarnings('ignore:.*fork:DeprecationWarning')  # that is the question
+@pytest.mark.skipif(not hasattr(os, 'fork'), reason='this system does not fork')
+def test_a_forked_child_starts_threads_of_its_own(threads):
+    call_each(lambda k: time.sleep(0.01), 20)
+    child = os.fork()
+    if child == 0:
+        names = call_each(lambda k: (time.sleep(0.01), threading.get_ident())[1], 20)
+        os._exit(0 if len(set(names)) == threads else 1)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+
+
 WAITING = """
 import plc_inspect
 from plc_inspect.core.numerics.arrays import put
