@@ -6,6 +6,9 @@ SURVEYS := build/surveys
 
 AUDIT := build/audit
 
+# Where it is set, hundreds of processes would each compile what they import.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: help install demo test tests axe lint settings picture bench performance accuracy faults fuzz \
 	lock sbom audit clean
 
