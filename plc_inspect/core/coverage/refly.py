@@ -11,14 +11,18 @@ What was not seen may stand higher: the way is a proposal to a pilot, who looks 
 from collections.abc import Sequence
 from dataclasses import dataclass
 import enum
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from plc_inspect.core.coverage.coverage import Coverage, Gap, Part, STEP
 from plc_inspect.core.coverage.sections import find_heights, Section
 from plc_inspect.core.coverage.seen_ground import CELL, SeenGround
 from plc_inspect.results import Bool, Float64, Int64, Span
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 SAFE = 18.0
 """
@@ -50,7 +54,7 @@ SAMPLE = 2.0
 """Places on conductors and ways that are compared [m].  Source: numerical: SAFE is nine."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class _Around:
     """What the way must keep away from."""
 
@@ -58,7 +62,13 @@ class _Around:
     """(N, 3) places along all conductors [m]."""
     ground: SeenGround
     safe: float
-    tree: cKDTree
+
+    @cached_property
+    def tree(self) -> 'cKDTree':
+        """The places."""
+        from scipy.spatial import cKDTree  # a moment that others need not wait for
+
+        return cKDTree(self.wires)
 
     def is_safe(self, places: Float64) -> Bool:
         """Tell which places (N, 3) are far enough from conductors and above all else."""
@@ -131,7 +141,7 @@ def plan_refly(
 
     """
     wires = sample_wires([item.section for item in coverage.sections])
-    around = _Around(wires, ground, safe, cKDTree(wires) if len(wires) else None)
+    around = _Around(wires, ground, safe)
     runs, number = [], 0
     for item in coverage.sections:
         numbers = range(number, number + len(item.gaps))

@@ -20,6 +20,7 @@ from plc_inspect.core.live.surroundings import surround
 from plc_inspect.core.live.window import copy_window, WindowPlanner
 from plc_inspect.core.mapping.accumulator import Accumulator
 from plc_inspect.core.numerics.assignment import assign
+from plc_inspect.core.setup.steady_fit import find_quantile
 from plc_inspect.core.voxel_buffer.voxel_map import INITIAL_CAPACITY
 from plc_inspect.results import Float64
 
@@ -106,6 +107,7 @@ def warm_up_pipeline(settings: Settings, *, rare: bool = False) -> int:
     settings = replace(settings, hazards=replace(settings.hazards, rules=PLAIN))
     points = make_sample()
     if rare:
+        find_quantile(1)
         assign(np.zeros((2, 2)), 1.0)  # two rows with the same cheapest column
         along = np.arange(100.0)
         divide_section(along, np.column_stack((along % 2.0, along % 3.0 / 100.0)))  # a bundle

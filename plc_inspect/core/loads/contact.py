@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import math
 
 import numpy as np
-from scipy.optimize import brentq
 
 from plc_inspect.core.loads.load_cases import change_span, SLACK
 from plc_inspect.core.loads.sag_tension import Case, Conductor, height_at
@@ -112,6 +111,8 @@ def _heat(
     try:
         if not len(x) or float(sink(HOTTEST).min()) > 0.0:
             return math.inf
+        from scipy.optimize import brentq  # half a second that others need not wait for
+
         return float(brentq(
             lambda degrees: sink(degrees).min(), temperature, HOTTEST, xtol=TOLERANCE
         ))

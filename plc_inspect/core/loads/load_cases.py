@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 import math
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from plc_inspect.core.hazards.clearance_rules import Limit, RuleSet
 from plc_inspect.core.hazards.encroachments import MOST_OF, ROOM, THIN_ROOM
@@ -332,6 +331,8 @@ def _over_ground(
     best = Reach(clearance=math.nan, along=math.nan, severity=None)
     if not len(below):
         return best
+    from scipy.spatial import cKDTree  # a moment that others need not wait for
+
     tree = cKDTree(below[:, :2])
     for frame in frames:
         x = np.linspace(0.0, frame.state.length, max(int(frame.state.length), 2) + 1)

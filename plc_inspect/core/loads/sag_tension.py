@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from scipy.optimize import brentq
 
 from plc_inspect.errors import DataError
 from plc_inspect.results import Float64
@@ -244,6 +243,8 @@ def change_state(
             f'case {case.name}: a span of {length:.1f} m with c = {c:.0f} m has no state with'
             f' conductor {conductor.name}'
         )
+    from scipy.optimize import brentq  # half a second that others need not wait for
+
     absolute, relative = CONSTANT_TOLERANCE
     new = math.exp(float(brentq(excess, low, high, xtol=absolute, rtol=relative)))
     return State(c=new, tension=new * load, load=load, swing=swing, length=swung, rise=lifted)

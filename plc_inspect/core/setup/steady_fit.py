@@ -18,7 +18,6 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import stdtrit
 
 from plc_inspect.core.alignment.steady_errors import Steady
 from plc_inspect.core.setup.sharpness import CELL, LINE, PLANE, ROUGH, ROUGH_SHARE
@@ -293,9 +292,14 @@ def fit_rows(windows: deque[Rows], start: Float64) -> Steady | None:
             slope = _sum(group, moves * (weight * rest)[:, None], int(group.max()) + 1)
             own = inverse @ (slope.T @ slope) @ inverse * num / (num - NUM)
             variance = np.maximum(variance, np.diag(own))
-    return Steady(
-        values, np.sqrt(variance), float(stdtrit(num_blocks - NUM, 1.0 - 0.5 * CHANCE))
-    )
+    return Steady(values, np.sqrt(variance), find_quantile(num_blocks - NUM))
+
+
+def find_quantile(freedom: int) -> float:
+    """Return how many standard deviations CHANCE allows, by the t distribution."""
+    from scipy.special import stdtrit  # a tenth of a second that no start waits for
+
+    return float(stdtrit(freedom, 1.0 - 0.5 * CHANCE))
 
 
 def _number(parts: list[Int64]) -> Int64:

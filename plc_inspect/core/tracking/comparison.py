@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from plc_inspect.core.hazards.conductor_hazards import SURE
 from plc_inspect.core.numerics.assignment import assign
@@ -201,6 +200,8 @@ def _find_near(
     """Return the pairs of lines, as `_mark` marks them, that may be within a distance in plan."""
     if not before or not after:
         return []
+    from scipy.spatial import cKDTree  # a moment that others need not wait for
+
     owners = [np.repeat(np.arange(len(own)), [len(line) for line in own])
               for own in (before, after)]
     trees = [cKDTree(np.concatenate(own)) for own in (before, after)]

@@ -58,10 +58,15 @@ import sys
 
 from plc_inspect.config import Settings
 from plc_inspect.core.live.warm_up import warm_up_pipeline
+import plc_inspect.ros.node.onboard
+import plc_inspect.ros.node.inspect_node
 
-for rare in (False, True):
-    warm_up_pipeline(Settings(), rare=rare)
-    print('scipy.optimize' in sys.modules)
+known = ('scipy.optimize', 'scipy.special', 'scipy.spatial')
+print(sorted(module for module in known if module in sys.modules))
+warm_up_pipeline(Settings(), rare=False)
+print(sorted(module for module in known if module in sys.modules))
+warm_up_pipeline(Settings(), rare=True)
+print(sorted(module for module in known[:2] if module in sys.modules))
 """
 
 
@@ -88,4 +93,4 @@ def test_a_flight_meets_nothing_new(tmp_path):
 
 
 def test_scipy_is_loaded_after_the_start_and_before_it_is_asked():
-    assert run(ASSIGNMENT) == ['False', 'True']
+    assert run(ASSIGNMENT) == ['[]', '[]', "['scipy.optimize', 'scipy.special']"]
