@@ -7,7 +7,6 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
-import os
 import time
 from typing import TypeVar
 
@@ -25,10 +24,7 @@ Source: numerical: time alone depends on it.
 @cache
 def _open_pool() -> ThreadPoolExecutor:
     """Return the threads that all calls share: to start some for each took a tenth of a run."""
-    return ThreadPoolExecutor(os.cpu_count(), thread_name_prefix='call_each')
-
-
-os.register_at_fork(after_in_child=_open_pool.cache_clear)  # a child has none of them
+    return ThreadPoolExecutor(thread_name_prefix='call_each')
 
 
 def call_each(function: Callable[[int], T], num: int) -> list[T]:

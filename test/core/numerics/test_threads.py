@@ -72,17 +72,6 @@ def test_a_helper_without_a_core_is_not_waited_for(threads):
         go_on.set()
 
 
-@pytest.mark.filterwarnings('ignore:.*fork:DeprecationWarning')  # that is the question
-@pytest.mark.skipif(not hasattr(os, 'fork'), reason='this system does not fork')
-def test_a_forked_child_starts_threads_of_its_own(threads):
-    call_each(lambda k: time.sleep(0.01), 20)
-    child = os.fork()
-    if child == 0:
-        names = call_each(lambda k: (time.sleep(0.01), threading.get_ident())[1], 20)
-        os._exit(0 if len(set(names)) == threads else 1)
-    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
-
-
 WAITING = """
 import plc_inspect
 from plc_inspect.core.numerics.arrays import put
