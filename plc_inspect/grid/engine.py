@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Runs tasks: in this process, on a local Dask cluster, or on one that exists.
+Run tasks in this process, on a local Dask cluster, or on an existing one.
 
-Tasks are plain functions of plain values and paths: no point passes through a scheduler.
+Tasks are functions of plain values and paths, so no points pass through the scheduler.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -21,11 +21,11 @@ from plc_inspect.interrupts import interruptible
 from plc_inspect.printable import make_one_line
 
 PENDING = 4
-"""Tasks given to the scheduler beyond what the workers are at, for each of them."""
+"""Tasks submitted ahead, per worker."""
 ALLOWED_FAILURES = 3
-"""Workers that may die at one task before it is given up."""
+"""Workers that may die on one task before it counts as failed."""
 KEEP_FREED = {'MALLOC_TRIM_THRESHOLD_': str(2**31 - 1), 'MALLOC_MMAP_THRESHOLD_': str(32 << 20)}
-"""Lets the C library of a worker keep freed memory for the next arrays [bytes]."""
+"""Environment of a worker: its C library keeps freed memory for the next arrays [bytes]."""
 CONNECT_TIMEOUT = 15.0
 """Seconds to wait for a scheduler."""
 
@@ -41,14 +41,14 @@ class Task:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """How a task ended."""
+    """The outcome of a task."""
 
     name: str
     answer: dict[str, Any] | None
-    """None where it failed."""
+    """None if the task failed."""
     error: str = ''
     is_defect: bool = False
-    """The error is none that a user can mend."""
+    """The error is a defect of the program, not of its input."""
     seconds: float = 0.0
     worker: str = ''
 
@@ -58,16 +58,16 @@ class Engine(Protocol):
 
     num_workers: int
     memory: float
-    """Of each worker [bytes]."""
+    """Memory of each worker [bytes]."""
     address: str
-    """Of the dashboard, '' where there is none."""
+    """Address of the dashboard, '' without one."""
 
     def run(self, tasks: Iterable[Task]) -> Iterator[Outcome]:
-        """Run tasks, and yield how each ended, in any order."""
+        """Run tasks and yield their outcomes in any order."""
 
 
 def call(task: Task) -> Outcome:
-    """Run one task here; its errors become part of the outcome."""
+    """Run one task in this process; an error becomes its outcome."""
     started = time.perf_counter()
     answer, error, is_defect = None, '', False
     try:
@@ -94,7 +94,7 @@ class OwnProcess:
     address = ''
 
     def __init__(self, memory: float) -> None:
-        """Take the memory that a task may use [bytes]."""
+        """Set the memory that a task may use [bytes]."""
         self.memory = memory
 
     def run(self, tasks: Iterable[Task]) -> Iterator[Outcome]:
@@ -106,7 +106,7 @@ class DaskEngine:
     """Runs tasks by a Dask client."""
 
     def __init__(self, client: Any, memory: float | None) -> None:
-        """Take a connected client; the memory is by default what the least worker has [bytes]."""
+        """Take a connected client; memory [bytes] defaults to that of the smallest worker."""
         self._client = client
         with suppress(TimeoutError):
             client.wait_for_workers(1, timeout=CONNECT_TIMEOUT)
@@ -120,7 +120,7 @@ class DaskEngine:
         self.address = str(client.dashboard_link or '')
 
     def run(self, tasks: Iterable[Task]) -> Iterator[Outcome]:
-        """Run tasks, a few more at a time than there are workers."""
+        """Run tasks, keeping PENDING for each worker submitted."""
         from distributed import as_completed
 
         waiting = iter(tasks)
@@ -160,7 +160,7 @@ def open_engine(
     timeout: float = CONNECT_TIMEOUT,
 ) -> Iterator[Engine]:
     """
-    Start what tasks run on, and stop it at the end.
+    Start the engine, and stop it at the end of the block.
 
     Parameters
     ----------
@@ -216,9 +216,9 @@ def open_engine(
 @contextmanager
 def _without_interrupts() -> Iterator[None]:
     """
-    Let threads and processes that are started never see Ctrl-C, which comes here after it.
+    Start threads and processes with Ctrl-C blocked; it reaches this process after the block.
 
-    A terminal sends it to workers as well: they would end each by itself, with a traceback.
+    A terminal sends Ctrl-C to the workers too, and each would end with a traceback.
     """
     resource_tracker.ensure_running()  # it lets interrupts in again where it starts
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -243,7 +243,7 @@ def _connect(
 
 
 def measure_available() -> float:
-    """Return the memory that is free, less a tenth [bytes]."""
+    """Return the free memory less a tenth [bytes]."""
     try:
         with open('/proc/meminfo', encoding='ascii') as file:
             values = dict(line.split(':', 1) for line in file)

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The page on top of many flights: totals, hazards from the worst on, all flights."""
+"""The index page of many flights: totals, hazards from the worst on, all flights."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -25,7 +25,7 @@ def write_flights(
     failures: Sequence[tuple[str, str]],
 ) -> dict[str, Any]:
     """
-    Write ``run.json`` and, the last, ``index.html``.
+    Write ``run.json``, then ``index.html``, which completes the folder.
 
     Parameters
     ----------
@@ -34,11 +34,11 @@ def write_flights(
     place : str
         Folder in it that holds a results folder for each flight.
     named : mapping
-        Recordings by the names of those.
+        Path of the recording of each flight, by name.
     answers : mapping
-        Of the flights that were replayed.
+        Answers of the replayed flights, by name.
     failures : sequence of tuple
-        Name and error of the others, and of those of which hazards are held back.
+        Name and error of failed flights, and of flights whose hazards are held back.
 
     Returns
     -------

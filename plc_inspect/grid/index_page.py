@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The page on top of a grid: totals, hazards from the worst on, a map, all tiles."""
+"""The index page of a grid: totals, hazards from the worst on, a map, all tiles."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -25,15 +25,15 @@ if TYPE_CHECKING:
     from plc_inspect.grid.results import GridSummary
 
 MOST_HAZARDS = 1000
-"""In the list; all are in the tables."""
+"""Hazards that are listed; the tables hold all."""
 MOST_CHANGES = 50
-"""Rows of changes that are listed; all are in changes.json."""
+"""Changes that are listed; changes.json holds all."""
 WORST = tuple(sorted(Severity, reverse=True))
 """Severities from the worst on."""
 WIDTH, HEIGHT = 1100, 700
-"""Of the map, at most [pixels]."""
+"""Greatest size of the map [px]."""
 POINTS = 'points.laz'
-"""What the link of a tile opens to which no span belongs; others have a report."""
+"""File linked for a tile without spans; the other tiles have a report."""
 
 
 def render_index(
@@ -42,7 +42,7 @@ def render_index(
     reports: dict[str, dict[str, Any]],
 ) -> str:
     """
-    Return the page on top of a grid.
+    Return the index page of a grid.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def render_index(
 
 
 def _describe_changes(summary: 'GridSummary') -> Record | None:
-    """Return how many things changed since an earlier survey, and the rows of what did most."""
+    """Return the counts of changes since an earlier survey, and the rows of the greatest ones."""
     if summary.changes is None:
         return None
     record = describe_changes(summary.changes, summary.units)
@@ -168,7 +168,7 @@ def _render_share(share: float) -> str:
 
 
 def _choose_page(name: str, reports: dict[str, dict[str, Any]]) -> str:
-    """Return what the link of a tile opens."""
+    """Return the file that the link of a tile opens."""
     return REPORT if name in reports else POINTS
 
 

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Joins what was found in all tiles: each span once, lines numbered over the whole grid.
+Join the results of all tiles: each span once, lines numbered over the whole grid.
 
-Spans that are one in the overlap of two tiles make their lines one, and so on from tile to tile.
+Where two tiles share a span, their lines are one line; this links lines from tile to tile.
 """
 
 from collections import deque
@@ -22,9 +22,12 @@ from plc_inspect.grid.tiles.plain_results import FoundTile, is_within, MARGIN
 from plc_inspect.results import Bool, Float64, Hazard, Span, SpanKey, Support
 
 SAME_SUPPORT = 0.5
-"""Supports of two tiles that are this near are one [m].  Source: judgement."""
+"""Supports of two tiles within this distance are one support [m].  Source: judgement."""
 MEETING = 15.0
-"""Ends of two spans of one line at one support are this near [m].  Source: judgement."""
+"""
+Greatest distance of the ends of two spans of one line at one support [m].
+Source: judgement.
+"""
 LAYER_GAP = 0.8
 """As core.spans.route [m].  Source: judgement."""
 
@@ -38,14 +41,16 @@ class JoinedGrid:
     supports: tuple[Support, ...]
     hazards: tuple[Hazard, ...]
     span_tiles: tuple[int, ...]
-    """Tile, by its number, that each span belongs to."""
+    """Number of the tile that each span belongs to."""
     hazard_tiles: tuple[int, ...]
     numbers: dict[int, dict[SpanKey, SpanKey]]
-    """For each tile, by its number: its own number of a span to that of the grid."""
+    """For each tile number: the tile's own span key to the key in the grid."""
     vegetation: dict[SpanKey, float | None]
-    """Distance of each span to the vegetation near it [m], None where there is none."""
+    """Distance of each span to its nearest vegetation [m], None if there is none near."""
     num_unmatched: int
-    """Spans near a tile that belong to none: cut off, or not there in their own tile."""
+    """
+    Spans found near a tile that no tile keeps: cut off, or not found in the tile they belong to.
+    """
 
 
 def join_tiles(tiles: Sequence[FoundTile]) -> JoinedGrid:
@@ -115,9 +120,9 @@ def _choose_winners(
     tiles: Sequence[FoundTile], places: Sequence[Place], same: np.ndarray
 ) -> dict[int, int]:
     """
-    Return the place that keeps each span: in the first tile that claims it.
+    Return which copy of each span is kept: that of the first tile that claims it.
 
-    Where its middle lies in no tile, as there are no points, it is the first that found it.
+    If its middle lies in no tile (no points there), the first tile that found it keeps it.
     """
     if not places:
         return {}
@@ -171,7 +176,7 @@ def _unite_numbers(
 def _order_groups(
     spans: Sequence[Span], lines: Sequence[int], groups: Sequence[int]
 ) -> tuple[list[int], dict[int, Float64]]:
-    """Order spans along their routes from the west, and say where each is entered."""
+    """Order spans along their routes from the west, and find the end at which each is entered."""
     members: dict[int, list[int]] = {}
     for k, own in enumerate(groups):
         members.setdefault(own, []).append(k)
@@ -237,7 +242,7 @@ def turn_span(span: Span) -> Span:
 def _number_lines(
     spans: Sequence[Span], turned: Sequence[bool], lines: Sequence[int], ranks: Sequence[int]
 ) -> dict[int, int]:
-    """Give lines numbers by their first span, layers from the top, and from left to right."""
+    """Give lines numbers by first span, then by layer from the top, then from left to right."""
     members: dict[int, list[int]] = {}
     for k, rank in enumerate(ranks):
         members.setdefault(rank, []).append(k)
@@ -259,7 +264,7 @@ def _number_lines(
 
 
 def _settle_twins(final: dict[int, Span]) -> dict[int, Span]:
-    """Give spans of one line and number, which none may have, to lines of their own."""
+    """Move spans that share line and number, which must be unique, to lines of their own."""
     taken: set[SpanKey] = set()
     next_line = 1 + max((span.line_id for span in final.values()), default=-1)
     result = {}

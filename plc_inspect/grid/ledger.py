@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The ledger of a grid: what was done of it, with what, and what failed; an SQLite file."""
+"""The ledger of a grid: finished tasks with what they depend on, and failures; an SQLite file."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -31,11 +31,11 @@ class Ledger:
     """
     The ledger of one grid; one process writes it.
 
-    A context manager.  What was entered is on disk when the call returns.
+    A context manager.  Each call returns when its entry is on disk.
     """
 
     def __init__(self, folder: Path, version: str) -> None:
-        """Open the ledger in a folder, which is there."""
+        """Open the ledger in an existing folder."""
         self._version = version
         self._file = folder / NAME
         try:
@@ -62,7 +62,7 @@ class Ledger:
 
     @contextmanager
     def at_once(self) -> Iterator[None]:
-        """Enter many things together, all or none."""
+        """Make all entries of the block in one transaction."""
         self._database.execute('BEGIN')
         try:
             yield
@@ -83,7 +83,7 @@ class Ledger:
         )
 
     def number_sources(self, paths: Sequence[str]) -> dict[str, int]:
-        """Return the numbers of inputs: those they had before, and new ones after these."""
+        """Return the numbers of inputs: known inputs keep theirs, new ones follow."""
         known = dict(self._database.execute('SELECT path, number FROM source'))
         following = 1 + max(known.values(), default=-1)
         with self.at_once():
@@ -99,7 +99,7 @@ class Ledger:
     def describe_source(
         self, path: str, num_points: int | None = None, sha256: str = '', error: str = ''
     ) -> None:
-        """Enter what is known of an input; what is not given stays."""
+        """Enter what is known of an input; arguments left out keep their old value."""
         self._database.execute(
             'UPDATE source SET num_points = COALESCE(?, num_points), '
             "sha256 = COALESCE(NULLIF(?, ''), sha256), error = ? WHERE path = ?",
@@ -107,7 +107,7 @@ class Ledger:
         )
 
     def find_task(self, stage: str, name: str) -> tuple[str, dict[str, Any]] | None:
-        """Return key and answer of a task that was done, None where it was not."""
+        """Return key and answer of a finished task, None if it is not finished."""
         row = self._database.execute(
             'SELECT key, answer FROM task WHERE stage = ? AND name = ? AND state = ?',
             (stage, name, DONE),
@@ -118,7 +118,7 @@ class Ledger:
         self, stage: str, name: str, key: str, answer: dict[str, Any] | None, error: str = '',
         *, seconds: float = 0.0, worker: str = '',
     ) -> None:
-        """Enter a task that was done, or that failed: then its answer is None."""
+        """Enter a finished task, or a failed one, whose answer is None."""
         self._database.execute(
             'INSERT OR REPLACE INTO task VALUES '
             "(?, ?, ?, ?, ?, strftime('%Y-%m-%dT%H:%M:%SZ', 'now'), ?, ?, ?, ?)",
@@ -144,7 +144,7 @@ class Ledger:
         return others
 
     def list_entries(self) -> list[dict[str, Any]]:
-        """Return all inputs, then all tasks, by the names of their columns."""
+        """Return all inputs, then all tasks, as mappings from column to value."""
         sources = self._read(
             "SELECT 'input' AS stage, path AS name, num_points, sha256, error, "
             f"CASE WHEN COALESCE(error, '') = '' THEN '{DONE}' ELSE '{FAILED}' END AS state "
@@ -165,6 +165,6 @@ class Ledger:
 
 
 def make_key(*parts: Any) -> str:
-    """Return a digest of plain values: it changes where one of them does."""
+    """Return a digest of plain values."""
     text = json.dumps(parts, sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()

@@ -15,11 +15,11 @@ from plc_inspect.whole_files import replace_file
 
 TABLE = 'ledger.parquet'
 NOT_WRITTEN = f'{TABLE} is not written without pyarrow: pip install plc_inspect[grid]'
-"""Said where it is so."""
+"""Note for the user."""
 FIGURES = (
     'num_points', 'num_read', 'num_spans', 'num_cut', 'looks', 'peak_memory', 'expected_memory',
 )
-"""Counts of an answer, and memory [bytes], that have a column of their own."""
+"""Counts, and memory [bytes], of an answer that get a column of their own."""
 
 
 def write_ledger_table(ledger: Ledger, folder: Path, settings: Settings) -> str:
@@ -38,7 +38,7 @@ def write_ledger_table(ledger: Ledger, folder: Path, settings: Settings) -> str:
     Returns
     -------
     str
-        Why it was not written, '' where it was.
+        Why the table was not written, '' if it was.
 
     """
     (folder / TABLE).unlink(missing_ok=True)

@@ -44,21 +44,21 @@ from plc_inspect.whole_files import replace_file
 TILE_FOLDER = 'tiles'
 LOCAL_CRS = 'LOCAL_CS["local, {name}",LOCAL_DATUM["none",0],UNIT["{name}",{metres!r}],' \
     'AXIS["east",EAST],AXIS["north",NORTH]]'
-"""Of coordinates whose system is unknown."""
+"""WKT for coordinates whose reference system is unknown."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GridSummary:
-    """What a grid came to."""
+    """Totals of a finished grid."""
 
     joined: JoinedGrid
     num_points: int
     num_tiles: int
     kilometres: float
-    """Of all span groups: the length of the line."""
+    """Length of the line: the sum over all span groups [km]."""
     units: Units
     failures: tuple[tuple[str, str, str], ...]
-    """Stage, name and error of what could not be done."""
+    """Stage, name and error of each failed task."""
     num_defects: int
     sight: dict[str, float]
     """
@@ -67,11 +67,11 @@ class GridSummary:
     share of their length that holds points, NaN where there is none.
     """
     notes: tuple[str, ...] = ()
-    """What was assumed of the inputs."""
+    """Assumptions about the inputs."""
     missing: str = ''
-    """Why a file is not among the results, '' where all are."""
+    """Why a file is missing from the results, '' if none is."""
     changes: Changes | None = None
-    """Since an earlier survey, None where there was none to compare."""
+    """Changes since an earlier survey, None without one."""
 
 
 def write_grid(
@@ -79,7 +79,7 @@ def write_grid(
     jobs: Sequence[TileJob], answers: dict[str, dict[str, Any]],
 ) -> GridSummary:
     """
-    Join the tiles that were inspected, and write the results.
+    Join the inspected tiles and write the results folder.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def write_grid(
     jobs : sequence of TileJob
         All tiles.
     answers : dict
-        Of the tiles that were inspected, by name.
+        Answers of the inspected tiles, by name.
 
     Returns
     -------

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The run over a grid: cut, know the whole, inspect tile by tile, join, write."""
+"""The run over a grid: cut inputs into cells, survey the whole, inspect tile by tile."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -59,17 +59,17 @@ from plc_inspect.grid.tiles.tile_run import inspect_tile
 from plc_inspect.offline.records.changes import Survey
 
 WORK = 'work'
-"""Folder of cells and of what was found in each tile; the results do not need it."""
+"""Folder of the cells and of the results of each tile; the final results do not need it."""
 MOST_STEP = 1000
 """
 Of the points of a grid every so many, at least, is one by which radii of the corridor are chosen.
 Source: derived: as in a single cloud of a hundred million points, more than memory holds.
 """
 HALO = 500.0
-"""Looked at around a tile at first [m].  Source: judgement: a span of 400 m and its neighbour."""
+"""Initial halo around a tile [m]. Source: judgement: a span of 400 m and its neighbour."""
 
 Tell = Callable[[str, int, int, int], None]
-"""Called with a step, how many of its tasks are done, how many there are, and how many failed."""
+"""Progress callback: step, number of its tasks done, in all, and failed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,18 +77,18 @@ class GridOptions:
     """How a grid is divided."""
 
     halo: float = HALO
-    """Looked at around a tile at first [m]."""
+    """Initial halo around a tile [m]."""
     edge: float | None = None
-    """Of the cells that points are cut into [m], None from their density."""
+    """Edge of the cells that points are cut into [m], None: derived from their density."""
     tile_edge: float = math.inf
-    """Of a tile, at most [m]."""
+    """Greatest edge of a tile [m]."""
     shift: tuple[float, float] = (0.0, 0.0)
-    """Of the borders of the cells [m]."""
+    """Shift of the cell borders in x and y [m]."""
 
 
 @dataclass(slots=True, kw_only=True)
 class GridRun:
-    """A grid on its way: what is known so far."""
+    """A run over a grid, with its ledger and engine."""
 
     folder: Path
     settings: Settings
@@ -98,18 +98,18 @@ class GridRun:
     ledger: Ledger
     tell: Tell
     baseline: Survey | None = None
-    """An earlier survey, to be compared."""
+    """An earlier survey to compare with."""
     failures: list[str] = field(default_factory=list)
     num_defects: int = 0
 
     @property
     def work(self) -> Path:
-        """The folder that tasks work in."""
+        """The working folder of the tasks."""
         return self.folder / WORK
 
     @property
     def allowed(self) -> int:
-        """Points of a tile with its halo."""
+        """Number of points that a tile with its halo may hold."""
         return count_allowed(self.engine.memory)
 
     def run(
@@ -117,7 +117,7 @@ class GridRun:
         renew: Callable[[str, dict[str, Any]], str] | None = None,
     ) -> dict[str, dict[str, Any]]:
         """
-        Run the tasks of a stage that were not done yet, and return all answers by name.
+        Run the unfinished tasks of a stage, and return the answers of all by name.
 
         Parameters
         ----------
@@ -126,9 +126,9 @@ class GridRun:
         tasks : sequence of Task
             All of the stage.
         keys : dict
-            For each task what its answer depends on; one done with the same key is not run.
+            Digest of what each task depends on; one finished with the same key is not run again.
         renew : callable or None
-            Gives the key to be kept from a name and its answer.
+            Returns the key to keep, from the name and answer of a task.
 
         """
         answers: dict[str, dict[str, Any]] = {}
@@ -175,7 +175,7 @@ class CutGrid:
     pieces: np.ndarray
     """(K, 3) cell, place of its part, points."""
     part_keys: tuple[str, ...]
-    """What each part depends on, by its place."""
+    """Digest of what each part depends on, in their order."""
     reference: np.ndarray
     moments: np.ndarray
     strays: tuple[StrayCells, ...]
@@ -184,7 +184,7 @@ class CutGrid:
 
 
 def cut_sources(run: GridRun, sources: Sequence[Source]) -> CutGrid:
-    """Cut all inputs into cells on disk; DataError where none of them can be read."""
+    """Cut all inputs into cells on disk; DataError if none can be read."""
     grid = _choose_cells(run, sources)
     low = np.array([source.low for source in sources]).min(axis=0)
     high = np.array([source.high for source in sources]).max(axis=0)
@@ -234,7 +234,7 @@ def cut_sources(run: GridRun, sources: Sequence[Source]) -> CutGrid:
 
 
 def _choose_cells(run: GridRun, sources: Sequence[Source]) -> CellGrid:
-    """Return the cells of an earlier run, where all inputs lie in them, or new ones."""
+    """Return the cells of an earlier run if all inputs lie in them, else new ones."""
     options = run.options
     wish = [options.edge, *options.shift]
     boxes = [(*source.low[:2], *source.high[:2]) for source in sources]
@@ -259,7 +259,7 @@ def _choose_cells(run: GridRun, sources: Sequence[Source]) -> CellGrid:
 def _find_strays(
     parts: Sequence[dict[str, Any]], plane: StrayGrid | None
 ) -> tuple[StrayCells, ...]:
-    """Return the cells of points that are alone and far away."""
+    """Return the cells of stray points, which are few and far from the rest."""
     if plane is None:
         return ()
     counts = np.zeros(int(np.prod(plane.shape)), dtype=np.int64)
@@ -271,7 +271,7 @@ def _find_strays(
 
 
 def plan_tiles(run: GridRun, cut: CutGrid) -> list[TileJob]:
-    """Divide the cells into tiles that memory allows."""
+    """Divide the cells into tiles that fit in memory."""
     tiles = lay_tiles(
         cut.grid, cut.counts, run.options.halo, run.allowed, run.options.tile_edge
     )
@@ -283,10 +283,10 @@ def plan_tiles(run: GridRun, cut: CutGrid) -> list[TileJob]:
 
 def know_whole(run: GridRun, cut: CutGrid, jobs: Sequence[TileJob]) -> Whole:
     """
-    Find what the result of each tile depends on of the whole grid.
+    Measure what the result of each tile depends on beyond its own points.
 
-    What an earlier run of the same settings found is kept, so that a changed input changes its
-    own tiles alone.
+    Values of an earlier run with the same settings are kept, so that a changed input changes only
+    its own tiles.
     """
     settings = run.settings
     stages = [asdict(item) for item in (
@@ -360,7 +360,7 @@ def _measure_whole(
 def inspect_tiles(
     run: GridRun, cut: CutGrid, jobs: Sequence[TileJob], whole: Whole
 ) -> dict[str, dict[str, Any]]:
-    """Inspect all tiles that are not inspected yet; return what is told of each."""
+    """Inspect all tiles not inspected yet; return the answer of each."""
     rules = None if run.rules is None else repr(run.rules)
     common = make_key(__version__, asdict(run.settings), rules, render_whole(whole))
     tiles = {job.tile.name: job.tile for job in jobs}
@@ -388,11 +388,11 @@ def inspect_tiles(
 
 
 def estimate_memory(jobs: Sequence[TileJob]) -> float:
-    """Return what the largest tile is expected to take [bytes]."""
+    """Return the memory expected for the largest tile [bytes]."""
     return BASE_BYTES + BYTES_PER_POINT * max((job.tile.num_near for job in jobs), default=0)
 
 
 def renumber(sources: Sequence[Source], numbers: dict[str, int]) -> list[Source]:
-    """Return the inputs with the numbers of the ledger, in their order."""
+    """Return the inputs with their numbers in the ledger, sorted by them."""
     own = [replace(source, number=numbers[source.path]) for source in sources]
     return sorted(own, key=lambda source: source.number)

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Finds which spans of different tiles are the same, in the overlap of their halos."""
+"""Match spans that two tiles both found in the overlap of their halos."""
 
 from collections.abc import Sequence
 import math
@@ -15,13 +15,16 @@ from plc_inspect.results import Int64, Span
 
 MOST_MISS = 0.15
 """
-Two curves of one conductor lie this near to each other, at most [m].
+Greatest distance between two curves of one conductor [m].
 Source: judgement: half the least distance of sub-conductors; the same points give 1e-9 m.
 """
 LEAST_COMMON = 0.5
-"""Share of the shorter span, at least, over which they do.  Source: judgement."""
+"""Least share of the shorter span that both must cover.  Source: judgement."""
 STATIONS = (0.1, 0.5, 0.9)
-"""Places of the common part at which they are compared.  Source: judgement."""
+"""
+Positions in the common part at which two curves are compared, as shares of it.
+Source: judgement.
+"""
 
 Place = tuple[int, int]
 """Tile, by its place in a list, and span of it."""
@@ -34,7 +37,7 @@ def list_places(tiles: Sequence[FoundTile]) -> list[Place]:
 
 def match_spans(tiles: Sequence[FoundTile], places: Sequence[Place]) -> Int64:
     """
-    Find the spans of different tiles that are the same.
+    Group the spans of different tiles that are one span.
 
     Parameters
     ----------
@@ -46,7 +49,7 @@ def match_spans(tiles: Sequence[FoundTile], places: Sequence[Place]) -> Int64:
     Returns
     -------
     (len(places),) int64
-        The same number for all that are one span.
+        Group of each span; spans that are one share a group.
 
     """
     if not places:
@@ -74,7 +77,7 @@ def match_spans(tiles: Sequence[FoundTile], places: Sequence[Place]) -> Int64:
 
 def measure_miss(first: Span, second: Span) -> float | None:
     """
-    Return how far two spans lie apart where both are, None where they are not the same.
+    Return the distance of two spans over their common part, None if they are not one.
 
     Parameters
     ----------

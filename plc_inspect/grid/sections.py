@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The sections of a grid: the spans of each tile, and their reports."""
+"""Sections of a grid: the spans that belong to one tile, and a report for each section."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -30,7 +30,10 @@ from plc_inspect.setting_names import to_mapping
 
 STAGE = 'report'
 NEAR_END = 30.0
-"""Supports this near to the end of a span are of its section [m].  Source: judgement."""
+"""
+Supports within this distance of the end of a span belong to its section [m].
+Source: judgement.
+"""
 
 
 def write_reports(
@@ -56,7 +59,7 @@ def write_reports(
     Returns
     -------
     dict
-        What is told of each report, by the name of its tile; see `write_section_report`.
+        Figures of each report by the name of its tile; see `write_section_report`.
 
     """
     sections = _lay_sections(run, jobs, joined, crs, units)

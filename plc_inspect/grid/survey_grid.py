@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A grid from its inputs to its results folder."""
+"""Survey a grid, from its inputs to its results folder."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -42,14 +42,14 @@ FILES = (
     'spans.json', 'spans.csv', 'supports.json', 'supports.csv', 'hazards.json', 'hazards.csv',
     'grid.gpkg', 'changes.json', 'index.html', WORK, TILE_FOLDER,
 )
-"""A results folder of a grid holds these and nothing else."""
+"""Files of a results folder of a grid."""
 LOG_PERIOD = 5.0
 """Seconds between two lines of the log."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GridInputs:
-    """What is asked for."""
+    """Inputs of the survey."""
 
     items: tuple[str, ...]
     """Files, folders, patterns, tile indices."""
@@ -58,14 +58,14 @@ class GridInputs:
     unit: float | None = None
     """Metres in one unit of inputs without a CRS."""
     baseline: Survey | None = None
-    """An earlier survey, to be compared."""
+    """An earlier survey to compare with."""
     force: bool = False
-    """Begin anew where the folder holds a grid."""
+    """Start over if the folder holds a grid."""
 
 
 def check_grid_folder(folder: Path, force: bool, files: Sequence[str] = FILES) -> None:
     """
-    Raise DataError unless a grid can be written, or taken up again, in a folder.
+    Raise DataError unless a grid can be written to, or resumed in, a folder.
 
     With ``force`` an earlier grid there is removed.  Its folder holds ``files`` and nothing else.
     """
@@ -77,8 +77,8 @@ def check_grid_folder(folder: Path, force: bool, files: Sequence[str] = FILES) -
     foreign = sorted(held - set(files))
     if held and (foreign or LEDGER not in held):
         raise DataError(
-            f'{folder} holds no grid that could be taken up again: {(foreign or sorted(held))[0]}'
-            ' is none of its files; name another folder'
+            f'{folder} holds no grid that can be resumed: {(foreign or sorted(held))[0]}'
+            ' is not one of its files; name another folder'
         )
     if force:
         for name in held:
@@ -91,12 +91,12 @@ def survey_grid(
     engine: Engine, tell: Tell,
 ) -> GridSummary:
     """
-    Inspect a grid; what was done of it before is not done again.
+    Survey a grid; tasks that an earlier run finished are not run again.
 
     Parameters
     ----------
     inputs : GridInputs
-        What is asked for.
+        Inputs of the survey.
     settings : Settings
         Of all stages.
     rules : RuleSet or None
@@ -106,7 +106,7 @@ def survey_grid(
     engine : Engine
         Runs the tasks.
     tell : callable
-        Told of progress.
+        Progress callback.
 
     Returns
     -------
@@ -115,7 +115,7 @@ def survey_grid(
     Raises
     ------
     DataError
-        No input can be used, the inputs do not go together, or memory is too small.
+        No input is usable, the inputs have different CRS, or memory is too small.
     ConfigError
         The CRS is not known.
 
@@ -148,12 +148,12 @@ def inspect_sources(
     run: GridRun, sources: Sequence[Source], refusals: Sequence[Refusal] = ()
 ) -> tuple[GridSummary, list[TileJob]]:
     """
-    Cut inputs, inspect their tiles, and join what was found in them.
+    Cut inputs into cells, inspect the tiles, and join their results.
 
     Parameters
     ----------
     run : GridRun
-        What is asked for.
+        Inputs of the survey.
     sources : sequence of Source
         With their numbers in the ledger.
     refusals : sequence of Refusal
@@ -182,7 +182,7 @@ def inspect_sources(
 
 
 def check_together(sources: Sequence[Source], refusals: Sequence[Refusal]) -> None:
-    """Raise DataError where inputs cannot be one grid."""
+    """Raise DataError if inputs cannot form one grid."""
     if not sources:
         raise DataError(f'no input can be used: {refusals[0].error}')
     held = [source for source in sources if source.num_points]
@@ -193,7 +193,7 @@ def check_together(sources: Sequence[Source], refusals: Sequence[Refusal]) -> No
         if other.crs != first.crs or other.units != first.units:
             raise DataError(
                 f'{first.path} and {other.path} have different coordinate reference systems '
-                f'({_name(first)}, {_name(other)}): bring them into one, or give --crs'
+                f'({_name(first)}, {_name(other)}): convert them to one, or give --crs'
             )
 
 
@@ -202,7 +202,7 @@ def _name(source: Source) -> str:
 
 
 def log_too(path: Path, tell: Tell) -> Tell:
-    """Return what tells of progress, and writes a line into the log now and then."""
+    """Return a progress callback that also writes a log line every LOG_PERIOD."""
     begun: dict[str, tuple[float, int]] = {}
     last = [0.0]
 

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Cuts inputs into cells on disk, in one pass each and with bounded memory."""
+"""Cut inputs into cells on disk, each in one pass and with bounded memory."""
 
 from collections.abc import Iterator, Sequence
 import hashlib
@@ -27,7 +27,7 @@ from plc_inspect.printable import make_one_line
 from plc_inspect.results import Float64
 
 CHUNK = 1_000_000
-"""Points that are read at once."""
+"""Points read at a time."""
 PART = 20_000_000
 """Points of an input that one task cuts; a larger file is cut by several."""
 ATTRIBUTES = np.dtype([
@@ -35,17 +35,17 @@ ATTRIBUTES = np.dtype([
     ('user_data', 'u1'), ('scan_angle', '<i2'), ('point_source_id', '<u2'), ('gps_time', '<f8'),
     ('red', '<u2'), ('green', '<u2'), ('blue', '<u2'),
 ])
-"""What is kept of a point besides its place: the fields of LAS point format 7."""
+"""Attributes kept with each point: the fields of LAS point format 7."""
 RETURN_BITS = 4
 _SCAN_ANGLE_STEP = 0.006
 """Degrees in one unit of ``scan_angle`` (LAS 1.4 R15, table 15)."""
 
 Stats = dict[str, Any]
-"""What one task tells of the points it cut, JSON-serialisable."""
+"""Statistics of the points that one task cut, JSON-serialisable."""
 
 
 def name_part(source: int, part: int) -> str:
-    """Return the name of a part of an input, in whose order points are."""
+    """Return the name of a part of an input; names sort in the order of the points."""
     return f's{source:06d}_{part:04d}'
 
 
@@ -58,7 +58,7 @@ def count_parts(source: Source) -> int:
 
 def find_miscounted(sources: Sequence[Source], answers: dict[str, Stats]) -> dict[str, str]:
     """
-    Find inputs whose parts, found by an index, do not hold what their header counts.
+    Find indexed inputs whose parts together do not hold the number of points in their header.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def find_miscounted(sources: Sequence[Source], answers: dict[str, Stats]) -> dic
     Returns
     -------
     dict
-        For each part of such an input what is wrong with it.
+        Error message for each part of such an input.
 
     """
     found: dict[str, str] = {}
@@ -101,7 +101,7 @@ def cut_part(
     Parameters
     ----------
     folder : str
-        Takes a folder of the part's name, which appears when all is written.
+        Receives a folder of the part's name, which appears once it is complete.
     source : Source
         The input.
     part : int
@@ -111,7 +111,7 @@ def cut_part(
     reference : tuple of float
         Near the points [m].
     strays : StrayGrid or None
-        In which points are counted.
+        Counts points per coarse cell, to find stray ones.
 
     Returns
     -------
@@ -138,7 +138,7 @@ def cut_part(
         if stats.num_outside:
             raise DataError(
                 f'{source.path}: {stats.num_outside} of {written} points lie outside the bounds '
-                'that its header tells, by more than 1 m: write it anew'
+                'in its header, by more than 1 m: rewrite the file'
             )
     except BaseException:
         shutil.rmtree(aside, ignore_errors=True)
@@ -156,7 +156,7 @@ def _hash(path: str) -> str:
 
 
 class _Stats:
-    """Collects what is told of the points of a part."""
+    """Collects the statistics of the points of a part."""
 
     def __init__(self, grid: CellGrid, reference: Float64, strays: StrayGrid | None) -> None:
         self.grid = grid
@@ -167,7 +167,7 @@ class _Stats:
         self.num_lost, self.num_outside = 0, 0
 
     def add(self, points: Float64, source: Source) -> None:
-        """Make metres of coordinates, and NaN of those nowhere on Earth; count all."""
+        """Convert coordinates to metres, set impossible ones to NaN, and count all."""
         not_finite, far, _ = convert_to_metres(points, *source.units)
         self.num_lost += not_finite + far
         self._moments += sum_moments(points, self._reference)
@@ -178,7 +178,7 @@ class _Stats:
         self.num_outside += int(outside.any(axis=1).sum())
 
     def add_cell(self, cell: int, points: Float64) -> None:
-        """Take in the points of one cell."""
+        """Add the points of one cell."""
         low, high = points.min(axis=0), points.max(axis=0)
         known = self._cells.setdefault(cell, [0, *[np.inf] * 3, *[-np.inf] * 3])
         known[0] += len(points)
@@ -224,7 +224,7 @@ def _write(
 
 def read_part(source: Source, part: int) -> Iterator[tuple[Float64, np.ndarray]]:
     """
-    Yield the points of a part of an input, some at a time.
+    Yield the points of a part of an input, chunk by chunk.
 
     Parameters
     ----------
@@ -312,4 +312,4 @@ FLAG_NAMES = (
     'synthetic', 'key_point', 'withheld', 'overlap', 'scan_direction_flag',
     'edge_of_flight_line',
 )
-"""Bits of ``flags``."""
+"""Names of the bits of ``flags``."""

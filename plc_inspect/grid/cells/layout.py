@@ -19,19 +19,25 @@ Source: judgement: a survey of 8 million points took 200 on bench/grid/throughpu
 """
 BASE_BYTES = 700_000_000
 """
-Memory of a worker besides that [bytes].
+Memory of a worker without points [bytes].
 Source: judgement: a worker with small tiles took 0.5 GB on bench/grid/throughput.py.
 """
 MOST_POINTS = 12_000_000
-"""Points of a tile, at most, however much memory there is.  Source: judgement; bounds a loss."""
+"""Greatest number of points of a tile, whatever the memory.  Source: judgement; bounds a loss."""
 LEAST_ALLOWED = 100_000
-"""Points of a tile that memory must allow.  Source: judgement; below, halos are most of it."""
+"""
+Least number of points of a tile for which memory must suffice.
+Source: judgement; below, halos are most of it.
+"""
 CELLS_IN_TILE = 16
-"""Cells of a tile, about, by which its edge is chosen.  Source: judgement; not measured."""
+"""
+Approximate number of cells in a tile; determines the edge of a cell.
+Source: judgement; not measured.
+"""
 LEAST_EDGE, MOST_EDGE = 20.0, 1000.0
-"""Edge of a cell [m].  Source: judgement; not measured."""
+"""Least and greatest edge of a cell [m]. Source: judgement; not measured."""
 MOST_CELLS = 4_000_000
-"""Cells over all inputs.  Source: numerical: their counts take 32 MB."""
+"""Greatest number of cells over all inputs.  Source: numerical: their counts take 32 MB."""
 MOST_REACH = 5600.0
 """
 Length and width together, at most, of what is read for a tile with its halos [m].
@@ -52,7 +58,7 @@ class CellGrid:
     rows: int
 
     def number(self, x: np.ndarray, y: np.ndarray) -> Int64:
-        """Return the cells (N,) of places x, y (N,) [m]; those beyond are in the nearest one."""
+        """Return the cells (N,) of positions x, y (N,) [m]; outside the grid, the nearest cell."""
         column = np.floor((x - self.origin[0]) / self.edge).astype(np.int64)
         row = np.floor((y - self.origin[1]) / self.edge).astype(np.int64)
         column, row = column.clip(0, self.columns - 1), row.clip(0, self.rows - 1)
@@ -62,7 +68,7 @@ class CellGrid:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tile:
-    """A square of cells that is inspected at once; its points are in its cells alone."""
+    """A square of cells that is inspected at once."""
 
     name: str
     number: int
@@ -71,9 +77,9 @@ class Tile:
     last: tuple[int, int]
     """Column and row of its last cell."""
     num_points: int
-    """In its cells."""
+    """Points in its cells."""
     num_near: int
-    """In its cells and its halo, at most."""
+    """Upper bound of the points in its cells and halo."""
 
     def rectangle(self, grid: CellGrid, halo: float = 0.0) -> tuple[float, float, float, float]:
         """Return least x, least y, greatest x and greatest y [m]."""
@@ -93,7 +99,7 @@ class Tile:
 
 def count_allowed(memory: float) -> int:
     """
-    Return the points of a tile, with its halo, that the memory of a worker allows.
+    Return how many points a tile with its halo may have in the memory of a worker.
 
     Parameters
     ----------
@@ -127,14 +133,14 @@ def lay_cells(
     shift: tuple[float, float] = (0.0, 0.0),
 ) -> CellGrid:
     """
-    Choose the cells from where the inputs lie.
+    Lay cells over the bounds of all inputs.
 
     Parameters
     ----------
     boxes : sequence of tuple
         Least x and y, greatest x and y of each input [m].
     num_points : int
-        Of all inputs.
+        Points of all inputs.
     allowed : int
         Points of a tile with its halo.
     edge : float or None
@@ -208,7 +214,7 @@ def lay_tiles(
         return int(total[r1, c1] - total[r0, c1] - total[r1, c0] + total[r0, c0])
 
     def reach(column: int, row: int, width: int) -> float:
-        """Return length and width together of the cells with points in a tile and its halo."""
+        """Return length plus width of the cells with points in a tile and its halo [m]."""
         held = table[
             max(row - more, 0) : row + width + more, max(column - more, 0) : column + width + more
         ]

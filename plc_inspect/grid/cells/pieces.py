@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Reads the points of a tile and its halo from the cells on disk, in the order of the inputs."""
+"""Read the points of a tile and its halo from the cells on disk, in the order of the inputs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ class Points:
     points: Float64
     """(N, 3) in the order of the inputs [m]."""
     number: Int64
-    """(N,) place of each among all points of the grid."""
+    """(N,) index of each among all points of the grid."""
     core: Bool
     """(N,) those of the tile itself."""
 
@@ -33,7 +33,7 @@ class Piece:
     cell: int
     part: str
     first: int
-    """Place of the first point of the part among all points of the grid."""
+    """Index of the first point of the part among all points of the grid."""
 
 
 def read_points(
@@ -61,7 +61,7 @@ def read_points(
     Raises
     ------
     DataError
-        A cell is not on disk as it was written.
+        A cell on disk is damaged.
 
     """
     own = set(core)

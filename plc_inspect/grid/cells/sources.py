@@ -35,18 +35,18 @@ from plc_inspect.results import Float64
 INDEX_SUFFIXES = ('.geojson', '.json', '.vpc', '.gpkg', '.shp')
 """A tile index: GeoJSON, a virtual point cloud, GeoPackage, shapefile."""
 TABLES = ('.csv',)
-"""Of a folder these are not taken: most are lists of something else."""
+"""Skipped when a folder is searched: most hold something else than points."""
 LOCATION_KEYS = ('location', 'path', 'file', 'filename', 'file_name', 'url', 'href')
 """Attributes of an index that hold the path of a tile, as PDAL, LAStools and lidR name it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Source:
-    """One input file, as its header tells of it."""
+    """One input file, as its header describes it."""
 
     path: str
     number: int
-    """Place among all inputs: points of a grid are in this order."""
+    """Number among all inputs; the points of a grid are in this order."""
     num_points: int
     low: tuple[float, float, float]
     """Least coordinates [m]."""
@@ -54,22 +54,22 @@ class Source:
     crs: str
     """WKT, '' where none is known."""
     units: tuple[float, float]
-    """Metres in a horizontal and in a vertical unit."""
+    """Metres in one horizontal and one vertical unit."""
     scales: tuple[float, float, float]
-    """Of the grid of its coordinates, in units of the file; 0 where it has none."""
+    """Resolution of its coordinates, in units of the file; 0 if it has none."""
     offsets: tuple[float, float, float]
     size: int
     """[bytes]"""
     changed: int
-    """When the file was changed last [ns]."""
+    """Modification time [ns]."""
     is_indexed: bool = False
-    """It is a COPC file, of which parts are found by its own index."""
+    """It is a COPC file, whose index finds its parts."""
     note: str = ''
-    """What was assumed of its coordinates, '' where they are known."""
+    """Assumptions about its coordinates, '' if none."""
 
     @property
     def state(self) -> str:
-        """What changes where the file does."""
+        """Path, size and modification time: differs when the file has changed."""
         return f'{self.path} {self.size} {self.changed}'
 
 
@@ -83,7 +83,7 @@ class Refusal:
 
 def expand_inputs(items: Sequence[str]) -> list[Path]:
     """
-    Find the files that arguments name.
+    Find the files that the arguments name.
 
     Parameters
     ----------
@@ -203,14 +203,14 @@ def read_sources(
     Returns
     -------
     sources : list of Source
-        Those that can be used; some may hold no point.
+        Usable inputs; some may hold no points.
     refusals : list of Refusal
-        The others, and why.
+        Unusable inputs, with the reason.
 
     Raises
     ------
     ConfigError
-        ``crs`` is not known, or ``unit`` is given where there is one.
+        ``crs`` is unknown, or ``unit`` is given for a file that has a CRS.
 
     """
     given = None
@@ -262,7 +262,7 @@ def _read_source(
 
 
 def _measure_plain(path: Path) -> tuple[int, Float64, Float64]:
-    """Return points, least and greatest coordinates of a file that has no header of them."""
+    """Return number of points and bounds of a file whose header holds neither."""
     num, low, high = 0, np.full(3, np.inf), np.full(3, -np.inf)
     for points in iterate_points(path):
         num += len(points)
@@ -282,7 +282,7 @@ def _find_plain_system(path: Path) -> tuple[str, tuple[float, float]]:
 
 
 def _question(source: Source, unit: float | None) -> Source:
-    """Return an input in the unit that was given, and ask whether its coordinates can be it."""
+    """Return an input in the given unit, with a note if its coordinates are implausible in it."""
     units = choose_units(Path(source.path), source.crs, source.units, unit)
     if source.crs or not source.num_points:
         return source
@@ -322,14 +322,14 @@ def _read_header(path: Path) -> laspy.LasHeader:
 
 
 def _find_bounds(path: Path, header: laspy.LasHeader, scale: Float64) -> tuple[Float64, Float64]:
-    """Return the bounds that a header tells [m]; DataError where they are none."""
+    """Return the bounds in a header [m]; DataError if they are invalid."""
     low, high = np.array(header.mins) * scale, np.array(header.maxs) * scale
     if header.point_count and not (
         (low <= high).all() and (np.abs([low, high]) < MOST_COORDINATE).all()
     ):
         raise DataError(
-            f'{path}: its header tells bounds from {_render(header.mins)} to '
-            f'{_render(header.maxs)}, which are none: write it anew'
+            f'{path}: its header holds bounds from {_render(header.mins)} to '
+            f'{_render(header.maxs)}, which are invalid: rewrite the file'
         )
     return low, high
 
@@ -339,7 +339,7 @@ def _render(values: Any) -> str:
 
 
 def _check_count(path: Path, header: laspy.LasHeader) -> None:
-    """Refuse a file that holds more or less points than its header counts, if that shows."""
+    """Refuse a file with more or fewer points than its header counts, as far as that shows."""
     if is_copc(header):
         try:
             indexed = count_indexed(path)

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What was found in a tile, as files: spans, supports and hazards as JSON, points as arrays."""
+"""Results of a tile as files: spans, supports and hazards as JSON, points as arrays."""
 
 from collections.abc import Mapping
 import dataclasses
@@ -24,18 +24,18 @@ from plc_inspect.results import (
 )
 
 MARGIN = 0.5
-"""Both tiles claim what lies this near to their border [m]; one of them keeps it."""
+"""Two tiles both claim spans within this distance of their border [m]; joining keeps one."""
 POINT_FIELDS = ('line_id', 'span_id', 'clearance', 'classification', 'decision')
-"""Of the points of a tile, what is written into its points.laz."""
+"""Fields of the points that go into points.laz."""
 MOST_HEIGHT = 1000.0
-"""Heights above ground are kept up to this [m].  Source: numerical: float16 holds 65504."""
+"""Heights above ground are clipped to this [m].  Source: numerical: float16 holds 65504."""
 
 Rectangle = tuple[float, float, float, float]
 
 
 def is_within(territory: Rectangle, places: Float64) -> Bool:
     """
-    Tell the places that a tile claims.
+    Return which positions a tile claims.
 
     Parameters
     ----------
@@ -57,18 +57,18 @@ def is_within(territory: Rectangle, places: Float64) -> Bool:
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FoundTile:
-    """What was found in one tile and near it; numbers of lines and spans are its own."""
+    """Results of one tile and its surroundings, with the tile's own numbers of lines and spans."""
 
     number: int
     name: str
     spans: tuple[Span, ...]
     middles: Float64
-    """(S, 2) middle of all conductors that hang beside each of the spans [m]."""
+    """(S, 2) middle, in plan, of all conductors with the number of each span [m]."""
     supports: tuple[Support, ...]
     hazards: tuple[Hazard, ...]
     """Of the spans."""
     vegetation: dict[SpanKey, float | None]
-    """Distance of each span to the vegetation near it [m]; None where there is none."""
+    """Distance of each span to its nearest vegetation [m], None if there is none near."""
     territory: Rectangle
     """Least x and y, greatest x and y of the tile [m]."""
 
@@ -78,18 +78,18 @@ def write_found(
     territory: Rectangle, vegetation: Mapping[SpanKey, float | None],
 ) -> None:
     """
-    Write what was found in a tile.
+    Write the results of a tile.
 
     Parameters
     ----------
     place : Path
-        The beginning of the names of its files.
+        Path prefix of its files.
     result : InspectionResult
         Of N points and S spans.
     core : (N,) bool
         Points of the tile.
     kept : (S,) bool
-        Spans that count in the tile and near it.
+        Spans to write.
     middles : (S, 2) float64
         See FoundTile.
     territory : tuple of float
@@ -129,7 +129,7 @@ def write_found(
 
 
 def read_found(place: Path, number: int) -> FoundTile:
-    """Read what `write_found` wrote for the tile of that number."""
+    """Read the results that `write_found` wrote for a tile."""
     value = json.loads(Path(f'{place}.json').read_text(encoding='utf-8'))
     return FoundTile(
         number=number,
@@ -161,7 +161,7 @@ def _make_span(item: dict[str, Any]) -> Span:
 
 
 def plain(item: Any) -> dict[str, Any]:
-    """Return a frozen result as plain values; floats keep all their bits."""
+    """Return a frozen result as plain values; floats stay exact."""
     return {
         field.name: _value(getattr(item, field.name)) for field in dataclasses.fields(item)
     }

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Writes the report of a section: the spans that belong to one tile, with all that is near them.
+Write the report of a section: the spans that belong to one tile, and their surroundings.
 
-Its points come from all tiles that they reach into, with the numbers of the whole grid.
+Points come from every tile that the spans reach into, with the numbers of the grid.
 """
 
 from collections.abc import Sequence
@@ -33,26 +33,26 @@ VIEWS = ('coverage.json', 'coverage.geojson', 'refly.geojson', 'refly.plan')
 """Files beside a report, of which the last three need a coordinate reference system."""
 REACH = 40.0
 """
-A report shows what lies this near to the outer conductors, in plan [m].
+A report shows points within this distance of the outer conductors, in plan [m].
 Source: derived: the corridor, and the strips of ground beside it whose coverage is told.
 """
 
 Numbers = tuple[tuple[int, int, int, int], ...]
-"""Line and span of a tile, and what these are in the grid."""
+"""Line and span in a tile, then in the grid."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Section:
-    """What is reported of one tile."""
+    """The spans that belong to one tile, and what its report needs."""
 
     source: str
     spans: tuple[Span, ...]
     """Those that belong to it, numbered over the grid."""
     supports: tuple[Support, ...]
-    """At which they end."""
+    """Supports at their ends."""
     hazards: tuple[Hazard, ...]
     vegetation: tuple[tuple[int, int, float | None], ...]
-    """Line, span and its distance to vegetation [m]."""
+    """Line, span, and distance of the span to vegetation [m]."""
     settings: Settings
     rules: RuleSet | None
     crs: str
@@ -61,7 +61,7 @@ class Section:
 
 def find_strips(spans: Sequence[Span]) -> list[tuple[Float64, Float64, Float64]]:
     """
-    Return what is near spans in plan: a rectangle about each, and all beside it.
+    Return a rectangle in plan about the conductors of each span, REACH wider on all sides.
 
     Returns
     -------
@@ -122,7 +122,7 @@ def write_section_report(
     Parameters
     ----------
     folder : str
-        Takes the report and what was seen of the section.
+        Receives the report and the coverage of the section.
     section : Section
         What is reported.
     tiles : sequence of tuple
@@ -131,7 +131,7 @@ def write_section_report(
     Returns
     -------
     dict
-        Sections of line, and those seen well enough to rule out a hazard; length of the gaps [m].
+        Number of sections, number seen well enough to rule out a hazard, length of the gaps [m].
 
     """
     strips = find_strips(section.spans)

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What is known of a whole grid, found tile by tile: the tasks, and how their answers add up."""
+"""Measure the whole grid tile by tile: the tasks, and how their answers are combined."""
 
 from collections.abc import Iterable, Sequence
 import math
@@ -27,16 +27,16 @@ from plc_inspect.results import Float64
 
 CONTEXT = 200.0
 """
-Looked at around a tile for the ground and for candidates [m].
+Halo around a tile for the ground and the candidates [m].
 Source: derived: gaps of the ground grid of up to 64 cells are filled from the block of 64 that
 they lie in and those about it; 130 m gave other heights.
 """
 CANDIDATES, BOXES = '.candidates.npy', 'candidates.npz'
-"""Ends the names of files of candidates; where they lie, of all tiles."""
+"""Suffix of the files of candidates, and file of their bounds in all tiles."""
 MOST_CANDIDATES = 2_000_000
 """
-Neighbours are looked for among so many, and somewhat more where they are dense.
-Source: numerical: 48 MB, and as much again for the tree; nearer ones are found before.
+Candidates among which neighbours are searched at once, somewhat more where they are dense.
+Source: numerical: 48 MB, and as much again for the tree.
 """
 
 Answer = dict[str, Any]
@@ -63,7 +63,7 @@ def measure_ground(
     job: TileJob, frame: CloudFrame, region: Float64, settings: HeightSettings
 ) -> Answer:
     """
-    Measure the heights of a tile's points, and keep them beside it.
+    Measure the heights of a tile's points and store them with the tile.
 
     Parameters
     ----------
@@ -72,9 +72,9 @@ def measure_ground(
     frame : CloudFrame
         Of the whole grid.
     region : (2, 2) float64
-        Least and greatest x and y of the whole in that frame [m]: by it lie the cells.
+        Least and greatest x and y of the grid in that frame [m]; fixes the ground cells.
     settings : HeightSettings
-        Of the ground.
+        Settings of the ground.
 
     Returns
     -------
@@ -94,7 +94,7 @@ def measure_ground(
 
 
 def count_tile(place: str, extremes: tuple[float, float], settings: HeightSettings) -> Answer:
-    """Return the histogram of the heights that were kept beside a tile."""
+    """Return the histogram of the heights stored with a tile."""
     edges = lay_edges(np.array(extremes, dtype=np.float32), settings)
     return {'counts': count_heights(np.load(f'{place}.heights.npy'), edges).tolist()}
 
@@ -110,7 +110,7 @@ def join_extremes(answers: Iterable[Answer]) -> tuple[float, float]:
 def find_peak(
     answers: Iterable[Answer], extremes: tuple[float, float], settings: HeightSettings
 ) -> float:
-    """Return where the histogram of all heights has its peak [m]."""
+    """Return the peak of the histogram of all heights [m]."""
     edges = lay_edges(np.array(extremes, dtype=np.float32), settings)
     counts = np.zeros(settings.num_bins, dtype=np.int64)
     for answer in answers:
@@ -122,7 +122,7 @@ def measure_candidates(
     job: TileJob, frame: CloudFrame, region: Float64, peak: float, settings: Settings
 ) -> Answer:
     """
-    Find the candidates of a tile, and keep them beside it.
+    Find the candidates of a tile and store them with the tile.
 
     Parameters
     ----------
@@ -131,9 +131,9 @@ def measure_candidates(
     frame : CloudFrame
         Of the whole grid.
     region : (2, 2) float64
-        Least and greatest x and y of the whole in that frame [m].
+        Least and greatest x and y of the grid in that frame [m].
     peak : float
-        Where the histogram of heights of the whole has its peak [m].
+        Peak of the height histogram of the whole grid [m].
     settings : Settings
         Of all stages.
 
@@ -165,7 +165,7 @@ def measure_candidates(
 
 
 def write_candidate_boxes(folder: Path, answers: Sequence[Answer]) -> None:
-    """Write where the candidates of all tiles that have some lie, for `measure_distances`."""
+    """Write the bounds of the candidates of each tile, for `measure_distances`."""
     held = [item for item in answers if item['num']]
     folder.mkdir(parents=True, exist_ok=True)
     np.savez(
@@ -177,7 +177,7 @@ def write_candidate_boxes(folder: Path, answers: Sequence[Answer]) -> None:
 
 def measure_distances(folder: str, name: str, num_neighbors: int) -> Answer:
     """
-    Measure how far the candidates of a tile are from their neighbours, in whichever tile.
+    Measure the distance of a tile's candidates to their neighbours in all tiles.
 
     Parameters
     ----------
@@ -186,7 +186,7 @@ def measure_distances(folder: str, name: str, num_neighbors: int) -> Answer:
     name : str
         Of the tile.
     num_neighbors : int
-        Candidates that a distance is the mean of.
+        Neighbours over which a distance is averaged.
 
     Returns
     -------
@@ -245,7 +245,7 @@ def join_spacing(
     lows : iterable of dict
         Of `measure_candidates`.
     num_neighbors : int
-        Candidates that a distance is the mean of.
+        Neighbours over which a distance is averaged.
 
     Returns
     -------

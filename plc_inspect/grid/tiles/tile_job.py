@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a task on one tile is given, and how it gets at its points."""
+"""The input of a task on one tile, and how it reads its points."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,17 +19,17 @@ from plc_inspect.grid.cells.pieces import Piece, Points, read_points
 from plc_inspect.results import Bool
 
 CELLS, TILES = 'cells', 'tiles'
-"""Folders of what was cut, and of what was found in each tile."""
+"""Folders of the cells, and of the results of each tile."""
 CATALOGUE = 'catalogue.npz'
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StrayCells:
-    """Cells whose points are strays of the whole."""
+    """Cells that hold stray points, which are dropped."""
 
     grid: StrayGrid
     marked: Bool
-    """One for each cell, in a row."""
+    """(rows * columns,) True for such cells."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -37,18 +37,18 @@ class TileJob:
     """One tile of one grid."""
 
     folder: str
-    """That all tasks work in."""
+    """Working folder of all tasks."""
     tile: Tile
     grid: CellGrid
     strays: tuple[StrayCells, ...] = ()
 
     @property
     def place(self) -> Path:
-        """The beginning of the names of the files of this tile."""
+        """Path prefix of the files of this tile."""
         return Path(self.folder) / TILES / self.tile.name
 
     def read(self, halo: float) -> Points:
-        """Read the points of the tile and its halo [m]; strays are NaN."""
+        """Read the points of the tile and its halo [m]; stray points are NaN."""
         cells = self.tile.cells(self.grid, halo)
         found = read_points(
             Path(self.folder) / CELLS, list_pieces(Path(self.folder), cells),
@@ -68,7 +68,7 @@ def write_catalogue(
     Parameters
     ----------
     folder : Path
-        That all tasks work in.
+        Working folder of all tasks.
     parts : sequence of str
         Their names, in the order of the inputs.
     num_points : sequence of int
@@ -98,7 +98,7 @@ def list_pieces(folder: Path, cells: Sequence[int]) -> list[Piece]:
 
 
 def render_whole(whole: Whole) -> dict[str, Any]:
-    """Return what is known of the whole as plain values."""
+    """Return a Whole as JSON."""
     return {
         'origin': whole.frame.origin.tolist(), 'azimuth': whole.frame.azimuth,
         'region': whole.region.tolist(), 'peak': whole.peak, 'anchor': whole.anchor.tolist(),
@@ -108,7 +108,7 @@ def render_whole(whole: Whole) -> dict[str, Any]:
 
 
 def parse_whole(text: str) -> Whole:
-    """Return what `render_whole` gave, from JSON."""
+    """Return the Whole that `render_whole` rendered."""
     value = json.loads(text)
     spacing = value['spacing']
     return Whole(

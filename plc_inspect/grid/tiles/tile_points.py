@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Writes the points of one tile with their classes, lines and spans of the whole grid."""
+"""Write the points of one tile with their classes, lines and spans numbered over the grid."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,11 +28,11 @@ from plc_inspect.whole_files import replace_file
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PointsFormat:
-    """How points are written; the same for all tiles of a grid."""
+    """Format of the points files; the same for all tiles of a grid."""
 
     crs: str
     units: tuple[float, float]
-    """Metres in a horizontal and in a vertical unit."""
+    """Metres in one horizontal and one vertical unit."""
     scales: tuple[float, float, float]
     offsets: tuple[float, float, float]
     colours: bool
@@ -53,12 +53,12 @@ def write_tile_points(
     form : PointsFormat
         How.
     numbers : sequence of tuple
-        Line and span of the tile, and what these are in the grid.
+        Line and span in the tile, then in the grid.
 
     Returns
     -------
     dict
-        Points, and how many have each class.
+        Number of points, in all and by class.
 
     """
     folder = Path(job.folder)
@@ -100,19 +100,19 @@ def renumber(
     line_id: np.ndarray, span_id: np.ndarray, numbers: Sequence[tuple[int, int, int, int]]
 ) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return lines and spans of points by their numbers in the grid.
+    Renumber lines and spans of points from a tile to the grid.
 
     Parameters
     ----------
     line_id, span_id : (N,) int32
         By the numbers of a tile, -1 none.
     numbers : sequence of tuple
-        Line and span of the tile, and what these are in the grid.
+        Line and span in the tile, then in the grid.
 
     Returns
     -------
     (N,), (N,) int32
-        -1 for what is none there.
+        Line and span in the grid, -1 none.
 
     """
     num_spans = 1 + max([int(span_id.max(initial=0)), *(item[1] for item in numbers)])

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Inspects one tile with its halo, as it is in the whole.
+Inspect one tile with its halo; the result is that of the whole grid.
 
-A span belongs to the tile in which the middle of its conductors lies.  The halo is wide enough
-where no span that is near the tile, and none beside or next to such a span, is cut off by it.
+A span belongs to the tile that holds the middle of its conductors.  A halo is wide enough if it
+cuts off no span near the tile, and none beside or next to such a span.
 """
 
 from collections.abc import Sequence
@@ -28,36 +28,39 @@ from plc_inspect.offline.records.inspection import measure_clearances
 from plc_inspect.results import Bool, Float64, InspectionResult, Span
 
 WIDEN = 1.5
-"""A halo that cuts off a span becomes this much wider.  Source: judgement; not measured."""
+"""Factor by which a halo that cuts off a span is widened.  Source: judgement; not measured."""
 MOST_HALO = 2000.0
-"""Widest halo [m].  Source: judgement: the longest spans but of fjords and rivers."""
+"""Widest halo [m].  Source: judgement: the longest spans except crossings of fjords and rivers."""
 NEAR_EDGE = 25.0
 """
-An end this near to the edge of what was read is cut off, or of a support that is [m].
+A span end, or its support, within this distance of the edge of the halo is cut off [m].
 Source: judgement: half the width of the largest towers, and their neighbours in the next metres.
 """
 NEAR_TILE = 60.0
-"""Spans this near to a tile decide what its points are [m].  Source: judgement: the corridor."""
+"""
+Spans within this distance of a tile affect the labels of its points [m].
+Source: judgement: the corridor.
+"""
 NEAR_SPAN = 30.0
-"""Spans this near to one another decide on each other [m].  Source: judgement."""
+"""Spans within this distance affect each other [m].  Source: judgement."""
 Rectangle = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Look:
-    """What one look at a tile found."""
+    """The result of one attempt at a tile."""
 
     result: InspectionResult
     core: Bool
     """(N,) points of the tile."""
     middles: Float64
-    """(S, 2) middle of all conductors of each span [m]."""
+    """(S, 2) middle, in plan, of all conductors with the number of each span [m]."""
     claimed: Bool
     """(S,) spans that belong to the tile."""
     near: Bool
-    """(S,) spans near the tile, and near those."""
+    """(S,) spans near the tile, or near such a span."""
     num_cut: int
-    """Of them, those that the edge cuts off."""
+    """Number of those spans that the edge of the halo cuts off."""
 
 
 def inspect_tile(
@@ -65,7 +68,7 @@ def inspect_tile(
     most_points: int,
 ) -> dict[str, Any]:
     """
-    Inspect one tile, and write what was found beside it.
+    Inspect one tile and write its results to its files.
 
     Parameters
     ----------
@@ -78,9 +81,9 @@ def inspect_tile(
     rules : RuleSet or None
         Clearance rules.
     halo : float
-        Looked at around the tile at first [m].
+        Initial halo [m].
     most_points : int
-        A wider halo may not hold more.
+        The halo is not widened beyond this number of points.
 
     Returns
     -------
@@ -145,7 +148,7 @@ def _judge(
 
 
 def _find_middles(spans: Sequence[Span]) -> Float64:
-    """Return the (S, 2) middle of all conductors that hang beside each [m]."""
+    """Return the (S, 2) plan middle of all conductors with the number of each span [m]."""
     middles: dict[int, list[Any]] = {}
     for span in spans:
         middles.setdefault(span.span_id, []).append((span.start[:2] + span.end[:2]) / 2)
@@ -154,7 +157,7 @@ def _find_middles(spans: Sequence[Span]) -> Float64:
 
 
 def _is_cut(span: Span, outer: Rectangle, bound: Rectangle) -> bool:
-    """Tell whether a span ends where nothing more was read, though the grid goes on."""
+    """Return whether a span ends at the edge of the halo although the grid goes on."""
     for end in (span.start, span.end):  # one on a support as well: it is half seen at the edge
         for side in range(4):
             edge, limit = outer[side], bound[side]

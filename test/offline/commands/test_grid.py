@@ -120,11 +120,11 @@ def test_bounds_that_lie_are_told(tmp_path, capsys):
     good = write_las(tmp_path / 'b.las', make_line(1))
     out = tmp_path / 'out'
     assert main([str(path), str(good), '-o', str(out), *OPTIONS]) == 2
-    assert 'points lie outside the bounds that its header tells' in capsys.readouterr().err
+    assert 'points lie outside the bounds in its header' in capsys.readouterr().err
     data[179:187] = struct.pack('<d', np.nan)
     path.write_bytes(bytes(data))
     line = refuse(capsys, path, '-o', tmp_path / 'none', '--halo', '60')
-    assert 'its header tells bounds from' in line
+    assert 'its header holds bounds from' in line
     assert not (tmp_path / 'none').exists()
 
 
@@ -247,8 +247,8 @@ def test_wrong_options_are_refused(folder, tmp_path, capsys):
     )
     out.mkdir()
     (out / 'mine.txt').touch()
-    assert 'mine.txt is none of its files' in refuse(capsys, cloud, '-o', out, '--halo', '60')
-    assert 'mine.txt is none of its files' in refuse(
+    assert 'mine.txt is not one of its files' in refuse(capsys, cloud, '-o', out, '--halo', '60')
+    assert 'mine.txt is not one of its files' in refuse(
         capsys, cloud, '-o', out, '--halo', '60', '--force'
     )
     assert (out / 'mine.txt').exists()
