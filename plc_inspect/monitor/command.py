@@ -26,7 +26,7 @@ NODE = '/plc_inspect'
 PERIOD, PAGE_PERIOD = 0.5, 0.25
 """Time between two pictures on the screen, and on the page [s]."""
 SETTLE = 0.3
-"""After the first keyframe, what the node kept may go on coming in for so long [s]."""
+"""Time after the first keyframe in which messages that the node kept may still arrive [s]."""
 
 AUTO = 'auto'
 VARIABLE, VIEW_VARIABLE = 'PLC_MONITOR_TOKEN', 'PLC_MONITOR_VIEW_TOKEN'
@@ -146,7 +146,7 @@ def _show_page(fleet: Any, arguments: argparse.Namespace) -> int:
 def _introduce(
     page: Any, arguments: argparse.Namespace, tokens: 'Tokens', tls: ssl.SSLContext | None
 ) -> None:
-    """Say where the page is, and how to get in."""
+    """Print the address of the page, and how to get in."""
     from plc_inspect.monitor.web.gate import is_loopback
 
     print(f'{NAME}: {page.address}', flush=True)
@@ -159,7 +159,7 @@ def _introduce(
 
 
 def _replay(arguments: argparse.Namespace) -> int:
-    """Show a flight that is over, until the command is ended."""
+    """Replay a recorded flight on the page until the command is interrupted."""
     from plc_inspect.monitor.replay.replay import Replay
     from plc_inspect.monitor.replay.tape import read_tape
     from plc_inspect.monitor.web.page import Page
@@ -185,7 +185,7 @@ def _replay(arguments: argparse.Namespace) -> int:
 
 
 def _choose_tokens(arguments: argparse.Namespace) -> 'Tokens':
-    """Return what browsers must show: from a file, the environment, made up, or nothing."""
+    """Return the tokens of the page: from a file, the environment, random, or none."""
     from plc_inspect.monitor.web.access import check_tokens, make_tokens, read_tokens, Role
 
     if arguments.token_file is not None:
@@ -222,9 +222,9 @@ def _choose_certificate() -> ssl.SSLContext | None:
 
 def _loop(station: Any, period: float, show: Callable[[Any], object]) -> None:
     """
-    Show what is known every period until the graph is left; of a station or a fleet.
+    Show a station or a fleet every ``period`` [s] until shutdown of ROS.
 
-    Where a fleet has a new alarm it is shown at once.
+    A new alarm of a fleet is shown at once.
     """
     due, raises = time.monotonic(), 0
     while station.spin(max(0.0, min(due - time.monotonic(), 0.2))):
@@ -245,7 +245,7 @@ def _positive(text: str) -> float:
 def _port(text: str) -> int:
     value = int(text)
     if not 0 <= value <= 65_535:
-        raise argparse.ArgumentTypeError(f'{text} is no port')
+        raise argparse.ArgumentTypeError(f'{text} is not a port')
     return value
 
 

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Several vehicles: a station for each, and those that come up later."""
+"""A fleet: one station for each vehicle, also for those that appear later."""
 
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -12,11 +12,11 @@ from plc_inspect.errors import ConfigError
 from plc_inspect.monitor.station import Station
 
 SEARCH_PERIOD = 2.0
-"""The graph is searched for more vehicles this often [s]."""
+"""Period of the search for more vehicles [s]."""
 MOST_VEHICLES = 12
-"""Each takes a place on the graph and a share of the link; more are not followed."""
+"""Most vehicles followed, as each takes a participant on the graph and a share of the link."""
 SHARE = 0.02
-"""With several vehicles each is listened to for so long before the next [s]."""
+"""Time for which each of several vehicles is served before the next [s]."""
 
 
 class Fleet:
@@ -28,9 +28,9 @@ class Fleet:
     join : callable
         Returns the station of a node by its name.
     names : sequence of str
-        Nodes that are followed from the start.
+        Nodes followed from the start.
     search : bool
-        Follow all others that come up too.
+        Also follow nodes that appear later.
 
     """
 
@@ -41,7 +41,7 @@ class Fleet:
         self._stack = ExitStack()
         self._searched = time.monotonic()
         self.stations: dict[str, Station] = {}
-        """By the names of nodes."""
+        """By node name."""
         try:
             for name in names:
                 self._follow(name)
@@ -61,7 +61,7 @@ class Fleet:
         self._stack.close()
 
     def spin(self, seconds: float) -> bool:
-        """Take up what comes in, for about so long; return False when ROS was shut down."""
+        """Process messages for about ``seconds``; return False after shutdown of ROS."""
         stations = list(self.stations.values())
         share = seconds if len(stations) == 1 else min(seconds, SHARE)
         alive = [station.spin(share) for station in stations]
@@ -74,7 +74,7 @@ class Fleet:
 
     @property
     def raises(self) -> int:
-        """How often alarms were raised, of all vehicles."""
+        """How often alarms were raised, over all vehicles."""
         return sum(station.monitor.alarms.raises for station in self.stations.values())
 
     def _follow(self, name: str) -> None:

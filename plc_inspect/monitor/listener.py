@@ -15,8 +15,8 @@ from plc_inspect.security.member_keys import find_keys
 KIND = 'std_msgs/msg/UInt8MultiArray'
 TOPICS = {'summary': 'summary', 'ahead': 'summary', 'cloud': 'thin_corridor'}
 """
-By what they are for: the summary comes in order, and beside that each message as it comes; both
-are one datagram on the link.
+Topics by use: the summary in order, and each of its messages as it arrives ('ahead'); both are one
+datagram on the link.
 """
 
 
@@ -29,14 +29,14 @@ class Listener:
     node_name : str
         Name of the node with its namespace, such as ``/plc_inspect``.
     take : mapping of str to callable
-        Gets the bytes of each message of what is there of TOPICS.
+        Receives the bytes of each message; keys are of TOPICS.
     arguments : list[str]
-        For ROS, such as remappings; without ``--ros-args``.
+        ROS arguments, such as remappings, without ``--ros-args``.
 
     Raises
     ------
     ConfigError
-        ROS does not take the arguments or the name.
+        ROS rejects the arguments or the name.
 
     """
 
@@ -68,7 +68,7 @@ class Listener:
             raise ConfigError(explain_start(error)) from error
 
     def subscribe(self, topic: str) -> None:
-        """Subscribe, anew if need be: then the node sends again what it has."""
+        """Subscribe to a topic, or subscribe anew, upon which the node sends its state again."""
         from std_msgs.msg import UInt8MultiArray
 
         from plc_inspect.ros.graph.qos import SUMMARY, SUMMARY_AHEAD, THIN_CORRIDOR
@@ -88,7 +88,7 @@ class Listener:
         )
 
     def find_nodes(self) -> list[str]:
-        """Return the names of nodes on the graph that publish such a stream."""
+        """Return the names of nodes on the graph that publish a stream."""
         tail = '/' + TOPICS['summary']
         return sorted(
             name.removesuffix(tail)
@@ -97,7 +97,7 @@ class Listener:
         )
 
     def spin(self, seconds: float) -> bool:
-        """Take up what comes in until something did or the time is over; False at the end."""
+        """Process messages for at most ``seconds``; return False after shutdown of ROS."""
         if not self._context.ok():
             return False
         try:
@@ -108,7 +108,7 @@ class Listener:
         return bool(self._context.ok())
 
     def close(self) -> None:
-        """Leave the graph; over TCP, where that may take for ever, the end of the process does."""
+        """Leave the graph; over TCP, where that may hang, it is left to the end of the process."""
         if find_keys() is not None:
             return
         self._executor.shutdown()

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Newest runs of vehicles that this machine has seen: what was recorded before is not shown."""
+"""The newest run seen of each vehicle: messages that repeat an earlier run are refused."""
 
 import json
 
@@ -12,12 +12,12 @@ from plc_inspect.whole_files import replace_file
 
 FILE = 'seen_runs.json'
 MOST_SIGNERS = 1000
-"""More vehicles no ground station sees; the file stays small."""
+"""Most vehicles in the file, which bounds its size."""
 
 
 class SeenRuns:
     """
-    The door of a monitor with the keys of this machine, and what it remembers between runs.
+    The admission of a monitor with the keys of this machine, and the runs that it remembers.
 
     Raises
     ------
@@ -29,7 +29,7 @@ class SeenRuns:
     def __init__(self) -> None:
         keys = find_keys()
         self.keys = keys is not None
-        """Whether this machine has keys, and the graph is reached over TCP."""
+        """Whether this machine has keys, so that the graph is reached over TCP."""
         self._path = None if keys is None else state_folder() / FILE
         self._saved = self._load()
         self.admission = Admission(
@@ -37,7 +37,7 @@ class SeenRuns:
         )
 
     def save(self) -> None:
-        """Write down runs that are new; where that fails the next monitor knows less."""
+        """Save new runs; if that fails, the next monitor does not know them."""
         runs = self.admission.runs
         if self._path is None or runs == self._saved:
             return

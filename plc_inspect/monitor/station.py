@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Listener and model together: one thread that takes up what comes in and knows what it means."""
+"""A station: listener and model of one node, in one thread."""
 
 from collections.abc import Iterable
 import time
@@ -23,11 +23,11 @@ anew, and each time that does not help twice as late [s].
 """
 MOST_LEFT = 16
 """
-Places on the graph that may be left as fast as that; each more, which costs threads and memory
-until the process ends, doubles the least wait: some thirty in a day of silence.
+Participants that may be abandoned at that rate.  Each costs threads and memory until the process
+ends, so every further one doubles the least wait: some thirty in a day of silence.
 """
 RECORD_PERIOD = 1.0
-"""Time between two pictures that are recorded [s]."""
+"""Period of recorded pictures [s]."""
 
 
 class Station:
@@ -43,12 +43,12 @@ class Station:
     cloud : bool
         Subscribe to the thinned corridor too.
     recorder : Recorder or None
-        Gets what comes in, and what is known from it.
+        Records the incoming messages and the pictures.
 
     Raises
     ------
     ConfigError
-        ROS does not take the arguments or the name, or the keys cannot be read.
+        ROS rejects the arguments or the name, or the keys cannot be read.
 
     """
 
@@ -81,7 +81,7 @@ class Station:
         self._listener.close()
 
     def spin(self, seconds: float) -> bool:
-        """Take up what comes in, for at most so long; return False when ROS was shut down."""
+        """Process messages for at most ``seconds``; return False after shutdown of ROS."""
         alive = self._listener.spin(seconds)
         for topic in self.monitor.take_wishes(time.monotonic()):
             self._listener.subscribe(topic)
@@ -98,18 +98,18 @@ class Station:
         return self._listener.find_nodes()
 
     def look(self) -> Picture:
-        """Return what is known now."""
+        """Return the current picture."""
         return self.monitor.look(time.monotonic())
 
     def acknowledge(self, numbers: Iterable[int], who: str) -> None:
-        """Note who has seen alarms, also in the record."""
+        """Acknowledge alarms, also in the record."""
         seen = self.monitor.acknowledge(numbers, who, time.monotonic())
         if self._recorder is not None:
             for item in seen:
                 self._recorder.note(item)
 
     def _rejoin(self, now: float) -> None:
-        """Join the graph anew where nothing comes; none is left, as that may take for ever."""
+        """Join the graph anew if nothing comes; abandon the old place, as closing may hang."""
         if not self._seen.keys or now - self._joined < self._patience:
             return
         if now - self._heard < REJOIN_AFTER:

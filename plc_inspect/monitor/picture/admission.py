@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Which messages are the node's: others are told apart by kind, and not used.
+Admission of messages: only those of the node are used; the others are counted by kind.
 
-With keys, only what the node has signed counts, and only once and in order.  Without, nobody
-can tell the node from who speaks in its name; then at least no single message silences it: another
-session is taken only when the one that was there is silent or was reset, and numbers cannot leap.
+With keys, each message must be signed by the node, and is used once and in order.  Without keys
+the sender cannot be verified; still, no single forged message can silence the node: a new session
+is accepted only when the present one is silent or was reset, and numbers cannot leap.
 """
 
 from collections import deque
@@ -20,32 +20,32 @@ from plc_inspect.stream.signature import Signature, Verifier
 SILENT = 2.5
 """Another session may take over after this silence [s]; the node speaks every second."""
 KEPT = 24
-"""Messages that the node keeps for who comes late: as many may come once more on request."""
+"""Messages that the node keeps for late subscribers; as many may be repeated on request."""
 LEAP, LEAP_RATE = 100, 50.0
 """
 Greatest gap of numbers without keys, and what each second of silence adds [1/s]: five times what a
-tick of 0.1 s sends, so that a long loss is followed and a forged number is not.
+tick of 0.1 s sends, so that numbers may go on after a long loss, but a forged one is refused.
 """
 REMEMBERED = 256
-"""Numbers of messages that are known to have been taken, to tell repeated from late."""
+"""Most numbers of used messages remembered, to distinguish repeated from late ones."""
 REFUSAL_PERIOD = 10.0
-"""Refused messages of one kind are told of at most this often [s]."""
+"""Least time between two reports of refused messages of one kind [s]."""
 
 
 class Verdict(enum.Enum):
-    """What is made of a message."""
+    """The verdict on a message."""
 
     TAKEN = 'taken'
     FORGED = 'forged'
-    """Without the node's signature, or with a number that cannot be."""
+    """Without the node's signature, or with an impossible number."""
     REPLAYED = 'replayed'
-    """The node's, but taken before or of an earlier run."""
+    """The node's, but received before or of an earlier run."""
     REORDERED = 'reordered'
-    """The node's, but older than what was taken."""
+    """The node's, but older than the newest one used."""
     KEPT = 'kept'
-    """The node's, of before a reset, sent again because it was asked to."""
+    """The node's, from before a reset, sent again on request."""
     FOREIGN = 'foreign'
-    """Of another node, while the one that was there speaks."""
+    """Of another node, while the present one is sending."""
 
 
 REFUSALS = {
@@ -54,12 +54,12 @@ REFUSALS = {
     'reordered': 'messages came after newer ones and are not used',
     'foreign': 'another node of this name speaks: it is shown once this one is silent',
 }
-"""What is told of verdicts, by their names."""
+"""Texts of verdicts, by name."""
 
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """A verdict, and what was missed."""
+    """A verdict, and the number of messages missed."""
 
     verdict: Verdict
     missing: int = 0
@@ -73,14 +73,14 @@ class Judgement:
 
 class Admission:
     """
-    The door of one monitor, for the summary and the corridor.
+    Admission of one monitor, for the summary and the corridor.
 
     Parameters
     ----------
     verifier : Verifier or None
-        Knows the keys of the fleet's vehicles; None: there are none.
+        Verifies signatures of the fleet's vehicles; None: without keys.
     runs : dict of str to int
-        Newest run that was seen of each signer; kept up to date.
+        Newest run seen of each signer; updated in place.
 
     """
 
@@ -90,7 +90,7 @@ class Admission:
         self._verifier = verifier
         self.runs: dict[str, int] = {} if runs is None else runs
         self.session: int | None = None
-        """Of the messages that are taken."""
+        """Session whose messages are accepted."""
         self._signer: str | None = None
         self._origin: int | None = None
         self._past: deque[int] = deque(maxlen=REMEMBERED)
@@ -98,7 +98,7 @@ class Admission:
         self._counters: dict[bytes, _Counter] = {}
 
     def is_signed(self, data: bytes) -> bool:
-        """Tell whether a vehicle of the fleet signed a message; without keys any may be."""
+        """Return whether a vehicle of the fleet signed a message; True without keys."""
         return self._verifier is None or self._verifier.check(data) is not None
 
     def judge(
@@ -110,13 +110,13 @@ class Admission:
         Parameters
         ----------
         frame : Frame
-            What the message says of itself.
+            Header of the message.
         data : bytes
             As it came in.
         now : float
             Steady time [s].
         resets : int or None
-            How often the node says it was reset, None where the message does not say.
+            Number of resets that the message states, None if it states none.
 
         Returns
         -------
@@ -148,9 +148,9 @@ class Admission:
 
     def is_ahead(self, frame: Frame, data: bytes) -> bool:
         """
-        Tell whether a message is the node's and newer than all that were taken.
+        Return whether a message is the node's and newer than all used ones.
 
-        It does not count as taken: it is looked at before those before it are in.
+        It is not counted as used: it may have overtaken earlier messages.
         """
         counter = self._counters.get(frame.kind)
         if counter is None or frame.session != self.session:
@@ -164,14 +164,14 @@ class Admission:
         return 0 < frame.sequence - counter.newest <= LEAP
 
     def reopen(self, kind: bytes) -> None:
-        """Take what the node keeps once more, as it was asked to send it again."""
+        """Accept the messages that the node keeps once more, as a resend was requested."""
         if kind in self._counters:
             self._counters[kind].reopen()
 
     def _refuse_session(
         self, session: int, signature: Signature | None, origin: int | None, now: float
     ) -> Verdict | None:
-        """Return why a session is not taken, None where it may be."""
+        """Return why a session is refused, None if it is accepted."""
         silent = now - self._heard > SILENT
         if signature is None:
             reset = (
@@ -207,14 +207,14 @@ class Admission:
 
 
 class _Counter:
-    """Numbers of the messages of one kind in one session."""
+    """Sequence numbers of the messages of one kind in one session."""
 
     def __init__(self) -> None:
         self.newest = -1
         """Of the messages that were taken."""
         self._floor = -1
         self.asked = True
-        """What the node keeps may come; before the first message nothing can be missing."""
+        """Kept messages may arrive; before the first message none can be missing."""
         self._heard = -math.inf
         self._taken: deque[int] = deque(maxlen=REMEMBERED)
 

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Alarms of messages that are ahead of what came in order.
+Alarms of messages that arrived before earlier ones.
 
-A reliable link holds back all that follows a lost message until that has come again, which over a
-slow link takes most of a second.  What tells of an alarm is taken as it comes, beside that: it
-raises alarms and clears none, and stands until its message, or a later one, comes in order.
+A reliable link holds back all that follows a lost message until it is resent, which over a slow
+link takes most of a second.  Messages are therefore also read as they arrive: these raise alarms
+and clear none, until the same message, or a later one, arrives in order.
 """
 
 from collections.abc import Mapping
@@ -15,26 +15,26 @@ from plc_inspect.monitor.picture.alarms import Cause
 
 
 class Ahead:
-    """What raises alarms by messages that are not in yet; for one thread."""
+    """Causes of alarms from messages that have not yet come in order; not thread-safe."""
 
     def __init__(self) -> None:
         self._told: dict[str, tuple[int, Cause]] = {}
 
     @property
     def causes(self) -> dict[str, Cause]:
-        """What raises alarms, by key."""
+        """Causes of alarms, by key."""
         return {key: cause for key, (_, cause) in self._told.items()}
 
     def take(self, sequence: int, causes: Mapping[str, Cause]) -> None:
-        """Take what a message raises; of what was told before, the newest counts."""
+        """Add the causes of a message; the newest of each key counts."""
         for key, cause in causes.items():
             if key not in self._told or self._told[key][0] < sequence:
                 self._told[key] = sequence, cause
 
     def reach(self, sequence: int) -> None:
-        """Forget what messages up to a number told: they are in, or are known to be lost."""
+        """Discard the causes of messages up to a number, which arrived in order or are lost."""
         self._told = {key: told for key, told in self._told.items() if told[0] > sequence}
 
     def clear(self) -> None:
-        """Forget all: the node began anew."""
+        """Discard all, as the node restarted."""
         self._told.clear()

@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Alarms: each stands until what raised it is gone and somebody has acknowledged it.
+Alarms: each stays open until its cause is gone and somebody has acknowledged it.
 
-Nothing ends one by itself: what cleared without being seen is still told, and what somebody has
-seen is told until it clears.
+A cleared alarm is shown until it is acknowledged, and an acknowledged one until it clears.
 """
 
 from collections import deque
@@ -17,27 +16,27 @@ Place = tuple[float, float, float]
 
 TELLING = 0.3
 """
-It was nearer before where that is more than this [m].
-Source: measured: bench/live/proximity.py: 95 of 100 distances are told within it.
+Difference from which an alarm also reports the earlier, nearer distance [m].
+Source: measured: bench/live/proximity.py: 95 of 100 distances are accurate to this.
 """
 MOST_PAST = 200
-"""Alarms that are over are remembered, the newest [count]."""
+"""Most closed alarms that are remembered, the newest [count]."""
 MOST_OPEN = 200
-"""More open ones are counted, not listed: those that cleared first go first [count]."""
+"""Most open alarms listed [count]; of more, those that cleared first are dropped from the list."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cause:
-    """What raises an alarm; of hazards and of the keep-out alike."""
+    """The cause of an alarm: a hazard or the keep-out."""
 
     text: str
-    """What is too near, in a line."""
+    """One line that says what is too near."""
     place: Place | None = None
-    """Where [m]."""
+    """Position [m]."""
     hazard_id: int = -1
-    """-1: of the keep-out."""
+    """-1 for the keep-out."""
     distance: float = math.nan
-    """How near it is [m]."""
+    """Distance [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,27 +44,27 @@ class Alarm:
     """One alarm; times are steady times of the monitor [s]."""
 
     number: int
-    """Of this monitor, 1 the first; none comes twice."""
+    """Number in this monitor, from 1; never used twice."""
     key: str
-    """What raised it, such as ``hazard 12`` or ``keep-out conductor``."""
+    """Key of its cause, such as ``hazard 12`` or ``keep-out conductor``."""
     cause: Cause
-    """As it was told last."""
+    """The newest one."""
     raised: float
     times: int = 1
-    """How often it was raised before somebody saw it."""
+    """How often it was raised before it was acknowledged."""
     cleared: float = math.nan
     """NaN while it stands."""
     reason: str = ''
-    """Why it is no more."""
+    """Why it cleared."""
     acknowledged: float = math.nan
-    """NaN while nobody has seen it."""
+    """NaN until acknowledged."""
     who: str = ''
     worst: Cause | None = None
     """The cause when it was nearest."""
 
     @property
     def text(self) -> str:
-        """What is told of it: how near it is, and once it has cleared how near it was."""
+        """Text of the alarm with its distance; once cleared, the least distance."""
         worst = self.cause if self.worst is None else self.worst
         if not self.stands:
             return worst.text
@@ -74,7 +73,7 @@ class Alarm:
 
     @property
     def stands(self) -> bool:
-        """Whether what raised it is still there."""
+        """Whether its cause is still present."""
         return math.isnan(self.cleared)
 
     @property
@@ -84,7 +83,7 @@ class Alarm:
 
     @property
     def state(self) -> str:
-        """``new``, ``acknowledged`` or ``cleared``, which nobody has seen yet."""
+        """``new``, ``acknowledged``, or ``cleared`` but not acknowledged."""
         if self.seen:
             return 'acknowledged'
         return 'new' if self.stands else 'cleared'
@@ -98,25 +97,25 @@ class AlarmBook:
         self._past: deque[Alarm] = deque(maxlen=MOST_PAST)
         self._count = 0
         self.raises = 0
-        """How often alarms were raised, also once more."""
+        """How often alarms were raised, repetitions included."""
 
     @property
     def open(self) -> tuple[Alarm, ...]:
-        """Those that stand or that nobody has seen: unseen first, then standing, then newest."""
+        """Open alarms: unacknowledged first, then those whose cause is present, then newest."""
         return tuple(sorted(
             self._open.values(), key=lambda item: (item.seen, not item.stands, -item.number)
         ))
 
     @property
     def past(self) -> tuple[Alarm, ...]:
-        """Those that are over, the newest first."""
+        """Closed alarms, newest first."""
         return tuple(reversed(self._past))
 
     def update(
         self, causes: Mapping[str, Cause], now: float, reason: str = 'no longer there'
     ) -> None:
         """
-        Take what is too near now; what is not among it has cleared.
+        Set the present causes; alarms whose cause is absent clear.
 
         Parameters
         ----------
@@ -125,7 +124,7 @@ class AlarmBook:
         now : float
             Steady time [s].
         reason : str
-            Why others are no more.
+            Why the other alarms clear.
 
         """
         for key, cause in causes.items():
@@ -153,12 +152,12 @@ class AlarmBook:
 
     def acknowledge(self, numbers: Iterable[int], who: str, now: float) -> tuple[Alarm, ...]:
         """
-        Note that somebody has seen alarms.
+        Acknowledge alarms.
 
         Parameters
         ----------
         numbers : iterable of int
-            Of alarms; those that are not open, or seen already, are left as they are.
+            Numbers of alarms; closed and acknowledged ones do not change.
         who : str
             Name; not empty.
         now : float
@@ -167,7 +166,7 @@ class AlarmBook:
         Returns
         -------
         tuple of Alarm
-            Those that were new.
+            Alarms acknowledged by this call.
 
         """
         wanted = set(numbers)
@@ -180,7 +179,7 @@ class AlarmBook:
         return tuple(result)
 
     def _put(self, item: Alarm) -> None:
-        """Keep an alarm, or lay it aside where it is over."""
+        """Store an alarm among the open or the closed ones."""
         if item.stands or not item.seen:
             self._open[item.key] = item
         else:
@@ -189,6 +188,6 @@ class AlarmBook:
 
 
 def _find_worse(old: Alarm, cause: Cause) -> Cause:
-    """Return the nearer one; where that is not known the newer."""
+    """Return the nearer cause, or the newer one if a distance is unknown."""
     farther = old.worst is not None and old.worst.distance < cause.distance
     return old.worst if farther and old.worst is not None else cause

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What raises alarms: critical hazards, and the keep-out; and how high the vehicle is."""
+"""Causes of alarms: critical hazards and the keep-out; and the height of the vehicle."""
 
 from collections.abc import Mapping, Sequence
 import math
@@ -19,7 +19,7 @@ from plc_inspect.stream.summary import Status
 
 GROUND_REACH = 8.0
 """
-Ground this near to the vehicle in plan tells how high it is [m].
+Ground cells within this distance of the vehicle in plan give its height [m].
 Source: judgement: half the height at which corridors are flown, as the lidar sees little of what
 is straight below it.
 """
@@ -27,18 +27,21 @@ is straight below it.
 
 FEET_REACH = 120.0
 """
-Feet of structures and ground below conductors this near tell about how high it is [m].
+Feet of structures and ground below conductors within this distance give an estimate of it [m].
 Source: judgement: half a span of high voltage.
 """
 LEAST_FEET, MOST_FEET = 3, 7
-"""So many of them are needed, and used.  Source: judgement: one that is wrong changes little."""
+"""
+Least number of them needed, and most used.
+Source: judgement: one that is wrong changes little.
+"""
 
 
 def list_causes(
     hazards: Sequence[HazardItem], spans: Sequence[SpanItem], supports: Sequence[SupportItem],
     status: Status,
 ) -> dict[str, Cause]:
-    """Return what raises alarms now, by key."""
+    """Return the present causes of alarms, by key."""
     stretches = name_stretches(spans, supports)
     held = '; held back, as told last' if status.held else ''
     causes = {
@@ -79,7 +82,7 @@ def describe_nearness(
 def _name_span(
     line_id: int, span_id: int, stretches: Mapping[tuple[int, int], str]
 ) -> str:
-    """Return span and conductor; numbers below 0 are of what is not confirmed yet."""
+    """Return span and conductor; numbers below 0 are not confirmed yet."""
     names = []
     if (line_id, span_id) in stretches or span_id >= 0:
         names.append(stretches.get((line_id, span_id), f'span {span_id}'))
@@ -96,12 +99,12 @@ def locate(near: Nearness, vehicle: Place | None) -> Place | None:
 
 
 def name_thing(thing: Thing) -> str:
-    """Return what a crew calls a thing."""
+    """Return the crew's word for a thing."""
     return {Thing.SUPPORT: 'structure'}.get(thing, thing.name.lower())
 
 
 def list_ground(span: SpanItem, supports: Sequence[SupportItem]) -> list[Place]:
-    """Return what is known of the ground below a span [m]: at its structures, and below it."""
+    """Return known points of the ground below a span [m]: at its structures, and below it."""
     places = [find_foot(end, supports) for end in (span.start, span.end)]
     x, y, z = span.lowest
     below = [] if math.isnan(span.ground_clearance) else [(x, y, z - span.ground_clearance)]
@@ -114,10 +117,10 @@ def find_height(
     supports: Sequence[SupportItem],
 ) -> float:
     """
-    Return how high the vehicle is above the ground [m], NaN where that is not known.
+    Return the height of the vehicle above the ground [m], NaN unknown.
 
-    Where the corridor holds no ground below it, it is told about: from the median of the nearest
-    feet of structures and places below conductors, as a foot may be hidden by what grows there.
+    If the corridor holds no ground below it, the height is estimated from the median of the
+    nearest feet of structures and ground points below conductors, as plants may hide a foot.
     """
     if vehicle is None:
         return math.nan

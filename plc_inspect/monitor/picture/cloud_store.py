@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a monitor has of the thinned corridor."""
+"""The thinned corridor as far as the monitor has received it."""
 
 import math
 
@@ -23,7 +23,7 @@ CellArrays = tuple[Float32, UInt8, Float32, Float32]
 
 
 class CloudStore:
-    """Blocks, and the overview where a block is not there yet."""
+    """Blocks, and the overview in place of blocks not received yet."""
 
     def __init__(self) -> None:
         self._blocks: dict[BlockKey, UInt64] = {}
@@ -40,7 +40,7 @@ class CloudStore:
 
     @property
     def num_cells(self) -> int:
-        """Cells of all blocks, the overview not counted."""
+        """Number of cells of all blocks, without the overview."""
         return sum(map(len, self._blocks.values()))
 
     def clear(self) -> None:
@@ -52,7 +52,7 @@ class CloudStore:
         self.total = 0
 
     def put(self, message: CloudMessage) -> None:
-        """Put in what a message says."""
+        """Store the content of a message."""
         self.total = message.total
         if message.overview:
             self._fine = message.voxel / COARSENESS
@@ -67,12 +67,12 @@ class CloudStore:
             self._changed.add(home)
 
     def take_changed(self) -> list[BlockKey]:
-        """Return the blocks of the overview in which something changed since the last call."""
+        """Return the blocks of the overview that changed since the last call."""
         changed, self._changed = sorted(self._changed), set()
         return changed
 
     def list_homes(self) -> list[BlockKey]:
-        """Return all blocks of the overview with something in them."""
+        """Return all blocks of the overview that are not empty."""
         return sorted(set(self._homes) | set(self._overview))
 
     def assemble(self, home: BlockKey) -> CellArrays:
@@ -128,7 +128,7 @@ class CloudStore:
 
     def find_ground(self, x: float, y: float, reach: float) -> float:
         """
-        Return the height of the ground about a place.
+        Return the height of the ground at a place.
 
         Parameters
         ----------
@@ -140,7 +140,7 @@ class CloudStore:
         Returns
         -------
         float
-            Of the nearest cell of ground [m], NaN where there is none.
+            Height of the nearest ground cell [m], NaN if there is none.
 
         """
         size = SIDE * self._fine

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The one line at the top: good only while scans and poses come in, the map is sharp, the link lives.
+The status line: good only while scans and poses come in, the map is sharp and the link is alive.
 
-What is worst is said first.
+The worst problem comes first.
 """
 
 from dataclasses import dataclass
@@ -14,20 +14,21 @@ from plc_inspect.monitor.picture.picture import format_age, Link, Picture, STALE
 from plc_inspect.stream.summary import STATUSES
 
 PAUSE = 2.0
-"""Scans or poses that pause longer have stopped, as the node has it [s]."""
+"""Pause after which scans or poses count as stopped, as in the node [s]."""
 LANDED_HEIGHT, LANDED_TIME = 3.0, 8.0
 """
-So low above the ground, and still for so long, the vehicle has landed [m], [s].
+Height above ground [m] below which, and time without motion [s] after which, the vehicle has
+landed.
 Source: judgement: a lidar under a vehicle stands about 0.5 m high; a hover at the start is higher.
 """
 FLOWN = 20.0
-"""It has flown when it came so far [m]; before that it has not taken off yet."""
+"""Length of track from which the vehicle counts as flown [m]; before, it has not taken off."""
 ERROR, WARNING = 2, 1
 
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """How it all is, in one line."""
+    """The overall condition, in one line."""
 
     tone: str
     """A severity of the table of colours: ok, notice, warning or critical."""
@@ -41,7 +42,7 @@ class Condition:
 
 def judge(picture: Picture, name: str = 'the node') -> Condition:
     """
-    Return how it all is.
+    Return the overall condition.
 
     Parameters
     ----------
@@ -120,7 +121,7 @@ def _judge_input(picture: Picture) -> Condition | None:
 
 
 def _find_hint(picture: Picture) -> str:
-    """Return why nothing comes in, as the node has it: without what the line says itself."""
+    """Return the node's reason why nothing comes in, without what the line says already."""
     text = picture.texts[0] if picture.texts else ''
     parts = [part.strip() for part in text.split(';')]
     left = '; '.join(part for part in parts[1:] if part)

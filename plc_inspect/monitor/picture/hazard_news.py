@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What became of hazards from one message to the next, in lines."""
+"""Changes of the hazards from one message to the next, as lines of text."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -15,16 +15,16 @@ def list_news(
     stretches: Mapping[tuple[int, int], str], *, was_held: bool, held: bool,
 ) -> Iterator[tuple[int, str]]:
     """
-    Yield what is new about hazards.
+    Yield the changes of the hazards.
 
     Parameters
     ----------
     before, hazards : sequence of HazardItem
-        Those that were shown, and those that are.
+        Hazards before and now.
     stretches : mapping
         Names of spans by line and span.
     was_held, held : bool
-        Whether the node held them back, and whether it does.
+        Whether the node held hazards back before, and does now.
 
     Yields
     ------

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The ground station's knowledge: bytes of the stream in, a picture out; no ROS, no clock of its own.
+The model of the ground station: messages of the stream in, a picture out; without ROS or clock.
 
-Whatever happens to the link or to the node, the next keyframe brings everything back.
+Whatever happens to the link or the node, the next keyframe restores the full state.
 """
 
 from collections import deque
@@ -60,14 +60,14 @@ TRACK_STEP = 1.0
 
 class Monitor:
     """
-    What is known of one node; for one thread.
+    The state of one node; not thread-safe.
 
     Parameters
     ----------
     cloud : bool
         The thinned corridor is subscribed to.
     admission : Admission or None
-        Tells the node's messages from others; None: without keys.
+        Decides which messages are the node's; None: without keys.
 
     """
 
@@ -111,7 +111,7 @@ class Monitor:
         Returns
         -------
         bool
-            Whether it was of use; what is damaged, old or of another node is counted.
+            Whether it was used; damaged, old and foreign messages are counted.
 
         """
         message = self._open(read_summary, data, now)
@@ -139,7 +139,7 @@ class Monitor:
         return True
 
     def take_ahead(self, data: bytes, now: float) -> None:
-        """Raise the alarms of a message of the summary that may still wait for those before it."""
+        """Raise the alarms of a summary message that may have overtaken earlier ones."""
         if not self._admission.is_signed(data):
             return  # what is refused is counted where it comes in order
         with suppress(DataError):
@@ -177,7 +177,7 @@ class Monitor:
 
     def take_wishes(self, now: float) -> set[str]:
         """
-        Return what is to be subscribed to anew, so that the node sends it again.
+        Return the topics to subscribe to anew, so that the node sends them again.
 
         Parameters
         ----------
@@ -198,18 +198,18 @@ class Monitor:
         return due
 
     def acknowledge(self, numbers: Iterable[int], who: str, now: float) -> tuple[Alarm, ...]:
-        """Note who has seen alarms, and return those that were new."""
+        """Acknowledge alarms, and return those that were not yet acknowledged."""
         seen = self.alarms.acknowledge(numbers, who, now)
         for item in seen:
             self._tell(now, 0, f'{who} acknowledged: {item.cause.text}')
         return seen
 
     def rejoin(self) -> None:
-        """Expect what the node keeps once more, as the graph was joined anew."""
+        """Expect the messages that the node keeps once more, as the graph was joined anew."""
         self._admission.reopen(SUMMARY)
 
     def look(self, now: float) -> Picture:
-        """Return what is known now."""
+        """Return the current picture."""
         self._watch(now)
         spans, supports, hazards = self._items
         status = self._status
@@ -239,7 +239,7 @@ class Monitor:
     def _open(
         self, read: Callable[[bytes], Message], data: bytes, now: float
     ) -> Message | None:
-        """Read a message, None and counted where it is not the node's or damaged."""
+        """Read a message; return None, and count it, if it is damaged or not the node's."""
         self._tally.note(len(data), now)
         if not self._admission.is_signed(data):  # of who has no key nothing is even unpacked
             self._refuse(Judgement(Verdict.FORGED), now)
@@ -251,7 +251,7 @@ class Monitor:
             return None
 
     def _begin(self, message: SummaryMessage, now: float) -> None:
-        """Forget the session before, and say so."""
+        """Discard the previous session, and report it."""
         session, resets = message.frame.session, message.status.resets
         taken_over = self._session is not None
         if self._session is None:
@@ -322,7 +322,7 @@ class Monitor:
         self.alarms.update(self._causes | self._ahead.causes, now)
 
     def _compare_cloud(self, now: float) -> None:
-        """Ask for the corridor anew where the node sent more than came, and nothing comes."""
+        """Request the corridor anew if blocks are missing and none arrive."""
         known = self._cloud_sequence + 1 if self._cloud_session == self._session else 0
         if not self._listens or self._status.cloud_sent <= known:
             self._behind = None
@@ -333,7 +333,7 @@ class Monitor:
             self._wish_cloud('the newest of the corridor was lost: asked for anew', now)
 
     def _wish_cloud(self, why: str, now: float, wait: float = 0.0) -> None:
-        """Ask for the corridor anew after a wait [s], not too often, and say so once."""
+        """Request the corridor anew after a wait [s], not too often, and report it once."""
         if self._wishes.want_cloud(now + wait):
             self._tell(now, 1, why)
 
@@ -370,7 +370,7 @@ class Monitor:
             self._tell(now, 1, f'the time of the data went back by {back:.1f} s')
 
     def _watch(self, now: float) -> None:
-        """Look at how long nothing came in."""
+        """Check how long the link has been silent."""
         if self._link is Link.WAITING:
             return
         silence = now - self._last
@@ -385,7 +385,7 @@ class Monitor:
         self._link = Link.LIVE
 
     def _refuse(self, judgement: Judgement, now: float) -> None:
-        """Count a message that is not used, and say so from time to time."""
+        """Count a refused message, and report it from time to time."""
         text = self._tally.refuse(judgement, now)
         if text:
             self._tell(now, 1, text)

@@ -16,26 +16,26 @@ Source: judgement: half the width of the crossarms of a large tower.
 
 
 def name_conductor(line_id: int) -> str:
-    """Return the name of a conductor; which phase it carries cannot be seen in points."""
+    """Return the name of a conductor; points do not show its phase."""
     return f'conductor {line_id + 1}'
 
 
 def name_stretch(span: SpanItem, supports: Sequence[SupportItem]) -> str:
     """
-    Return between which structures a span is.
+    Return the name of a span by its two structures.
 
     Parameters
     ----------
     span : SpanItem
         The span.
     supports : sequence of SupportItem
-        All that are known.
+        All known supports.
 
     Returns
     -------
     str
-        Such as ``structure 13 to 14``; a structure that is not known, or an end that is not
-        seen yet, is a question mark, and where both are, the span has its number.
+        Such as ``structure 13 to 14``; a question mark stands for an unknown structure or an end
+        not seen yet, and if both ends are unknown, the number of the span is used.
 
     """
     ends = [
@@ -50,12 +50,12 @@ def name_stretch(span: SpanItem, supports: Sequence[SupportItem]) -> str:
 def name_stretches(
     spans: Sequence[SpanItem], supports: Sequence[SupportItem]
 ) -> dict[tuple[int, int], str]:
-    """Return between which structures spans are, by line and span."""
+    """Return the names of spans by line and span."""
     return {item.key: name_stretch(item, supports) for item in spans}
 
 
 def find_foot(place: Place, supports: Sequence[SupportItem]) -> Place | None:
-    """Return the foot of the structure that a place of a conductor hangs at, None unknown."""
+    """Return the foot of the structure at a point of a conductor, None unknown."""
     found = _find(place, supports)
     return None if found is None else found.position
 

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a monitor knows at one moment, for the terminal, the page and scripts alike."""
+"""The picture: what a monitor knows at one moment, for terminal, page and scripts."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -30,17 +30,17 @@ Place = tuple[float, float, float]
 ERROR = 2
 """Level of diagnostics."""
 STALE = 5.0
-"""What is older is marked as old [s]."""
+"""Age from which a value is marked as stale [s]."""
 
 
 class Link(enum.Enum):
-    """How the link to the node is."""
+    """State of the link to the node."""
 
     WAITING = 'waiting'
-    """Nothing came in yet."""
+    """Nothing has been received yet."""
     LIVE = 'live'
     LATE = 'late'
-    """Something is overdue."""
+    """The next message is overdue."""
     LOST = 'lost'
 
 
@@ -141,21 +141,21 @@ class HazardItem:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Event:
-    """Something that happened, to be told."""
+    """An entry of the log of events."""
 
     time: float
     """Steady time of the monitor [s]."""
     level: int
-    """0 good to know, 1 warning, 2 alarm."""
+    """0 information, 1 warning, 2 alarm."""
     text: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ages:
-    """How old everything is [s], NaN where there is none."""
+    """Ages of the data [s], NaN where there is none."""
 
     link: float
-    """Since anything of the summary came in."""
+    """Since the last message of the summary."""
     data: float
     """Since the node made the tables."""
     vehicle: float
@@ -163,19 +163,19 @@ class Ages:
     """Since the node measured how near the vehicle is."""
     health: float
     cloud: float
-    """Since anything of the thinned corridor came in."""
+    """Since the last message of the thinned corridor."""
     delay: float
-    """How much later than the quickest message the last one came."""
+    """Delay of the last message over the quickest one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Counts:
-    """What came in, and what did not."""
+    """Counts of received, lost and refused messages."""
 
     messages: int = 0
     bytes: int = 0
     kbps: float = 0.0
-    """Over the last ten seconds, without what the network adds."""
+    """Rate over the last ten seconds, without network overhead."""
     lost_summary: int = 0
     """Messages that are missing."""
     lost_cloud: int = 0
@@ -183,16 +183,16 @@ class Counts:
     foreign: int = 0
     """Messages of another node of the same name, not taken."""
     forged: int = 0
-    """Messages that the node did not send: without its signature, or with a number that leaps."""
+    """Messages that the node did not send: without its signature, or with an impossible number."""
     replayed: int = 0
-    """Messages that were sent again: taken before, or of an earlier run of the node."""
+    """Repeated messages: received before, or of an earlier run of the node."""
     reordered: int = 0
     """Messages that came after newer ones."""
     restarts: int = 0
-    """Times the node came up anew, or was reset."""
+    """Times the node restarted or was reset."""
 
     def describe_refused(self) -> str:
-        """Return what was refused and why, '' where nothing was."""
+        """Return what was refused and why, '' if nothing."""
         names = ('forged', 'replayed', 'reordered', 'foreign')
         found = [f'{count} {name}' for name in names if (count := getattr(self, name))]
         return f'refused {", ".join(found)}' if found else ''
@@ -200,58 +200,58 @@ class Counts:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Picture:
-    """Everything that is known at one moment; it does not change afterwards."""
+    """Everything known at one moment; immutable."""
 
     time: float
     """Steady time of the monitor [s]."""
     link: Link
     session: int | None
     complete: bool
-    """Everything that the node tells of is there."""
+    """All rows that the node announced have arrived."""
     ages: Ages
     counts: Counts
     frame_id: str
     stamp_ns: int
-    """Stamp of the newest scan that is in [ns], 0 none."""
+    """Stamp of the newest scan in the map [ns], 0 none."""
     spans: tuple[SpanItem, ...]
     """Worst first, then by line and span."""
     supports: tuple[SupportItem, ...]
     hazards: tuple[HazardItem, ...]
-    """Worst first, nearest to the conductor first; as last told where they are held back."""
+    """Worst first, then nearest to the conductor; the last known ones while held back."""
     held: bool
     """The node holds hazards back."""
     vehicle: Place | None
     heading: float
     """Direction of the vehicle's x axis in plan, from x towards y [rad], NaN unknown."""
     height: float
-    """Of the vehicle above the ground below it [m], NaN unknown."""
+    """Height of the vehicle above the ground below it [m], NaN unknown."""
     flown: float
     """Length of the track [m]."""
     stood: float
-    """For how long the vehicle has not moved [s]."""
+    """Time since the vehicle last moved [s]."""
     near: tuple[Nearness, ...]
-    """How near the vehicle is to conductors, supports and all else."""
+    """Distances of the vehicle to conductors, supports and other points."""
     track: tuple[Place, ...]
-    """Where the vehicle was."""
+    """Past positions of the vehicle."""
     levels: tuple[int, ...]
-    """Of the node's diagnostics: 0 good, 1 warning, 2 error."""
+    """Levels of the node's diagnostics: 0 good, 1 warning, 2 error."""
     texts: tuple[str, ...]
     health: Mapping[str, float]
     cloud_blocks: int
-    """Blocks of the thinned corridor that are there."""
+    """Blocks of the thinned corridor received."""
     cloud_total: int
     """Blocks that the node has."""
     cloud_cells: int
     events: tuple[Event, ...]
     """Oldest first."""
     alarms: tuple[Alarm, ...]
-    """Those that stand or that nobody has seen, unseen first."""
+    """Open alarms, unacknowledged first."""
     past_alarms: tuple[Alarm, ...]
-    """Those that are over, the newest first."""
+    """Closed alarms, newest first."""
 
     @property
     def problem(self) -> str:
-        """Why the node finds nothing, or nothing to be relied on; '' where it is well."""
+        """Why the node finds nothing, or nothing reliable; '' if it is well."""
         return next(
             (text or 'the node is in error'
              for level, text in zip(self.levels, self.texts, strict=False) if level >= ERROR), '',
@@ -259,7 +259,7 @@ class Picture:
 
     @property
     def held_back(self) -> str:
-        """Why the node holds hazards back; '' where it does not."""
+        """Why the node holds hazards back; '' if it does not."""
         if not self.held:
             return ''
         place = STATUSES.index('map')
@@ -268,9 +268,9 @@ class Picture:
 
     def count_severities(self) -> dict[str, int]:
         """
-        Return how many hazards and things near the vehicle are critical, and warnings.
+        Return how many hazards and proximities are critical, and how many are warnings.
 
-        What is critical raises an alarm, which may be there before the tables tell of it.
+        A critical one raises an alarm, which may arrive before the tables hold it.
         """
         return {
             'critical': sum(item.stands for item in self.alarms),
@@ -280,7 +280,7 @@ class Picture:
 
 
 def format_age(seconds: float) -> str:
-    """Return an age in few characters, such as ``0.4 s`` or ``3 min``."""
+    """Return a short text of an age, such as ``0.4 s`` or ``3 min``."""
     if math.isnan(seconds):
         return 'none'
     if seconds < 10.0:

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What came in and what did not, counted."""
+"""Counters of received and refused messages, and the rate of the stream."""
 
 from collections import deque
 from dataclasses import replace
@@ -11,11 +11,11 @@ from plc_inspect.monitor.picture.admission import Judgement, REFUSAL_PERIOD, REF
 from plc_inspect.monitor.picture.picture import Counts
 
 RATE_WINDOW = 10.0
-"""Over which the rate of the stream is told [s]."""
+"""Window of the rate of the stream [s]."""
 
 
 class Tally:
-    """Counts of messages; for one thread.  All times are steady [s]."""
+    """Counts of messages; not thread-safe.  All times are steady [s]."""
 
     def __init__(self) -> None:
         self._counts = Counts()
@@ -31,17 +31,17 @@ class Tally:
         )
 
     def note(self, size: int, now: float) -> None:
-        """Count a message of so many bytes, whatever becomes of it."""
+        """Count a message of ``size`` bytes, used or refused."""
         self._traffic.append((now, size))
         self.add('messages')
         self.add('bytes', size)
 
     def add(self, name: str, count: int = 1) -> None:
-        """Count more of one of the Counts."""
+        """Add to one of the Counts."""
         self._counts = replace(self._counts, **{name: getattr(self._counts, name) + count})
 
     def refuse(self, judgement: Judgement, now: float) -> str:
-        """Count a message that is not used; return what is to be told of it, '' nothing now."""
+        """Count a refused message; return the text to report now, '' none."""
         if judgement.verdict is Verdict.KEPT:
             return ''
         name = judgement.verdict.value

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What the monitor saw, as an MCAP file for Foxglove, RViz and replays.
+Records what the monitor saw as an MCAP file for Foxglove, RViz and replays.
 
-The stream is recorded as it came in, and beside it what it says, on the topics that the node has:
-tables, markers, the corridor about the vehicle and diagnostics.
+The file holds the raw stream and, on the topics of the node, its content: tables, markers, the
+corridor about the vehicle and diagnostics.
 """
 
 from datetime import datetime, UTC
@@ -27,11 +27,11 @@ from plc_inspect.monitor.picture.picture import Link, Picture
 from plc_inspect.stream.summary import HEALTH, STATUSES
 
 FLUSH_PERIOD = 0.8
-"""What came in is safe after this [s]."""
+"""Period of flushing to the file [s]."""
 CORRIDOR_PERIOD = 5.0
-"""Time between two messages of the corridor [s]."""
+"""Period of messages of the corridor [s]."""
 REACH = 150.0
-"""Cells this near to the vehicle are in them [m]."""
+"""Cells within this distance of the vehicle are in them [m]."""
 _KINDS = {
     'summary': 'std_msgs/msg/UInt8MultiArray', 'thin_corridor': 'std_msgs/msg/UInt8MultiArray',
     'catenaries': 'sensor_msgs/msg/PointCloud2', 'hazards': 'sensor_msgs/msg/PointCloud2',
@@ -89,7 +89,7 @@ class Recorder:
         self.flush()
 
     def show(self, picture: Picture, cloud: CloudStore) -> None:
-        """Record what is known, where it is not what was known before."""
+        """Record the parts of the picture that changed."""
         if picture.link in (Link.LIVE, Link.LATE):
             self._write_picture(picture)
             now = time.monotonic()
@@ -99,7 +99,7 @@ class Recorder:
         self.flush()
 
     def note(self, alarm: Alarm) -> None:
-        """Record who has seen an alarm: JSON with what, who, and the time of day."""
+        """Record an acknowledgement as JSON: alarm, name, and time of day."""
         text = json.dumps({
             'alarm': alarm.number, 'what': alarm.key, 'text': alarm.cause.text, 'who': alarm.who,
             'time': datetime.now(UTC).isoformat(timespec='milliseconds'),
@@ -110,7 +110,7 @@ class Recorder:
         self._file.flush()
 
     def flush(self) -> None:
-        """Make what was taken safe, if it is time."""
+        """Flush the file if FLUSH_PERIOD has passed."""
         now = time.monotonic()
         if now - self._flushed >= FLUSH_PERIOD:
             self._flushed = now

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A flight once more: the same pictures, at any time of it."""
+"""Replay of a recorded flight: its pictures at any time."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ SPEEDS = (1.0, 4.0, 16.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mark:
-    """An alarm on the time line."""
+    """An alarm on the timeline."""
 
     time: float
     """When it was raised [s]."""
@@ -24,7 +24,7 @@ class Mark:
 
 class Replay:
     """
-    A tape, and where it stands.
+    A tape and the current position in it.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class Replay:
     def __init__(self, tape: Tape) -> None:
         self.tape = tape
         self.cloud = CloudStore()
-        """The same at all times, so that what changes is told."""
+        """One store for the whole replay, as it reports what changes."""
         self._begin()
         self._feed(tape.length)
         self.marks = tuple(
@@ -46,7 +46,7 @@ class Replay:
                 key=lambda item: item.raised,
             )
         )
-        """Alarms of the flight, the first first."""
+        """Alarms of the flight, in order of time."""
         self.speed = SPEEDS[0]
         self.playing = tape.length > 0.0
         if self.playing:
@@ -55,18 +55,18 @@ class Replay:
 
     @property
     def time(self) -> float:
-        """Where it stands [s]."""
+        """Current time of the replay [s]."""
         return self._time
 
     def seek(self, time: float) -> None:
-        """Go to a time of the flight [s]; before its start or after its end, there."""
+        """Go to a time of the flight [s], clipped to its start and end."""
         time = min(max(time, 0.0), self.tape.length)
         if time < self._time:
             self._begin()
         self._feed(time)
 
     def steer(self, time: float | None, playing: bool | None, speed: float | None) -> None:
-        """Go to a time, play or stand still, at a speed; None: as before."""
+        """Set time, playing and speed; None leaves a value unchanged."""
         if speed is not None:
             self.speed = min(max(speed, SPEEDS[0]), SPEEDS[-1])
         if time is not None:
@@ -77,13 +77,13 @@ class Replay:
             self.playing = playing
 
     def step(self, seconds: float) -> None:
-        """Play on for so long, and stop at the end [s]."""
+        """Advance by ``seconds`` of wall time, and stop at the end."""
         if self.playing:
             self.seek(self._time + seconds * self.speed)
             self.playing = self._time < self.tape.length
 
     def look(self) -> Picture:
-        """Return what was known at that time."""
+        """Return the picture at the current time."""
         return self._monitor.look(self._time)
 
     def _begin(self) -> None:

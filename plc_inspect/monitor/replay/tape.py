@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The stream of a flight that is over, from a record or from a results folder."""
+"""The stream of a recorded flight, from a record or from a results folder."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -33,11 +33,12 @@ from plc_inspect.stream.summary import make_tables, Status, SummaryWriter
 
 SUMMARY_TAIL, CLOUD_TAIL, SEEN_TAIL = '/summary', '/thin_corridor', '/acknowledged'
 VOXEL = 0.5
-"""Points of a results folder are thinned to cells of this edge [m], as the node does."""
+"""Edge of the cells to which points of a results folder are thinned, as the node does [m]."""
 BLOCKS_AT_ONCE = 200
 FARTHEST, ROUND = 2_000_000.0, 1000.0
 """
-The stream counts millimetres in 32 bits: coordinates beyond are counted from a round place [m].
+Limit of coordinates, as the stream holds millimetres in 32 bits, and the step of the origin that
+is used beyond it [m].
 """
 
 
@@ -46,11 +47,11 @@ class Entry:
     """One message."""
 
     time: float
-    """Since the first [s]."""
+    """Time since the first message [s]."""
     kind: str
     """'summary', 'cloud' or 'seen'."""
     data: bytes
-    """Of the stream; of 'seen' JSON."""
+    """Message of the stream; JSON for 'seen'."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,12 +59,12 @@ class Tape:
     """All messages of a flight."""
 
     name: str
-    """Of the node, or of the folder."""
+    """Name of the node or of the folder."""
     start: float
-    """Time of day of the first [s since 1970]; 0 where it is not known."""
+    """Time of day of the first message [s since 1970], 0 unknown."""
     entries: tuple[Entry, ...]
     note: str = ''
-    """What is to be known beside."""
+    """Note for the user."""
 
     @property
     def length(self) -> float:
@@ -111,7 +112,7 @@ def _read_record(path: Path) -> Tape:
         raise DataError(f'{path} cannot be read: {make_one_line(error)}') from error
     names = [topic.removesuffix(SUMMARY_TAIL) for _, kind, topic, _ in found if kind == 'summary']
     if not names:
-        raise DataError(f'{path} holds no {SUMMARY_TAIL[1:]}: it is no record of plc_monitor')
+        raise DataError(f'{path} holds no {SUMMARY_TAIL[1:]}: it is not a record of plc_monitor')
     found.sort(key=lambda item: item[0])
     first = found[0][0]
     return Tape(name=names[0], start=first * 1e-9, entries=tuple(
@@ -170,7 +171,7 @@ def _read_folder(folder: Path) -> Tape:
 
 
 def _find_shift(places: list[Float64]) -> Float64:
-    """Return what is taken from all places (3,) [m]: nothing where they are near enough."""
+    """Return the offset (3,) subtracted from all places [m], 0 if they are near enough."""
     if not places or np.abs(places).max() <= FARTHEST:
         return np.zeros(3)
     first = np.floor(np.min(places, axis=0) / ROUND) * ROUND
@@ -178,7 +179,7 @@ def _find_shift(places: list[Float64]) -> Float64:
 
 
 def _pack_points(points: Float64, kind: UInt8, clearance: Float32) -> Iterator[bytes]:
-    """Return the corridor: points with a clearance, as messages of the stream."""
+    """Return the points that have a clearance as corridor messages of the stream."""
     near = np.isfinite(clearance)
     cells = thin_points(points[near], kind[near], clearance[near], VOXEL)
     blocks: list[tuple[BlockKey, UInt64]] = [
@@ -194,7 +195,7 @@ def _pack_points(points: Float64, kind: UInt8, clearance: Float32) -> Iterator[b
 
 
 def read_seen(data: bytes) -> tuple[int, str] | None:
-    """Return number of an alarm and who has seen it, None where a note is not understood."""
+    """Return number of an alarm and who acknowledged it, None if the note is malformed."""
     try:
         note = json.loads(data)
         return int(note['alarm']), str(note['who'])

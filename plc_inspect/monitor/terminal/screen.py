@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The terminal that is drawn anew twice a second."""
+"""The terminal screen, redrawn twice a second."""
 
 import sys
 from types import TracebackType
@@ -18,7 +18,7 @@ NARROWEST, LOWEST = 60, 20
 
 class Screen:
     """
-    The whole terminal; it is as it was when this is closed.
+    The whole terminal; closing restores what it showed before.
 
     Parameters
     ----------
@@ -28,13 +28,13 @@ class Screen:
     Raises
     ------
     ConfigError
-        There is no terminal.
+        Standard output is not a terminal.
 
     """
 
     def __init__(self, name: str) -> None:
         if not sys.stdout.isatty():
-            raise ConfigError('standard output is no terminal: use --once or --json')
+            raise ConfigError('standard output is not a terminal: use --once or --json')
         self._name = name
         self._console = Console(highlight=False)
         self._live = Live(
@@ -43,7 +43,7 @@ class Screen:
         )
 
     def __enter__(self) -> 'Screen':
-        """Take the terminal over."""
+        """Switch to the full screen."""
         self._live.start()
         return self
 
@@ -51,11 +51,11 @@ class Screen:
         self, kind: type[BaseException] | None, error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Give the terminal back."""
+        """Restore the terminal."""
         self._live.stop()
 
     def show(self, picture: Picture) -> None:
-        """Draw a picture, as large as the terminal is now."""
+        """Draw a picture in the current size of the terminal."""
         width, height = self._console.size
         if width < NARROWEST or height < LOWEST:
             self._live.update(

@@ -25,7 +25,7 @@ def make_snapshot(picture: Picture) -> dict[str, Any]:
     Returns
     -------
     dict
-        Ages and lengths in seconds and metres; None where there is no number.
+        Ages and lengths in seconds and metres; None for NaN.
 
     """
     record = {
@@ -87,12 +87,12 @@ def format_snapshot(picture: Picture) -> str:
 
 
 def _ago(picture: Picture, time: float) -> float | None:
-    """Return how long ago a time was [s]."""
+    """Return the age of a time [s]."""
     return None if math.isnan(time) else round(picture.time - time, 3)
 
 
 def _clean(value: Any) -> Any:
-    """Return values that JSON knows, rounded to what the stream carries."""
+    """Return JSON values, rounded to the resolution of the stream."""
     if isinstance(value, dict):
         return {key: _clean(item) for key, item in value.items()}
     if isinstance(value, tuple | list):

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The picture on a terminal, from 80 x 24 characters up."""
+"""Render the picture on a terminal of at least 80 x 24 characters."""
 
 import math
 
@@ -28,7 +28,7 @@ from plc_inspect.monitor.picture.picture import (
 WIDE = 110
 """From this many columns on, spans and hazards stand side by side."""
 LIFT = 0.4
-"""Text on a dark terminal is lighter than the table of colours by this share of white."""
+"""Share of white mixed into colours for text on a dark terminal."""
 
 
 def _light(name: str) -> str:
@@ -40,7 +40,7 @@ def _light(name: str) -> str:
 
 COLORS = {name: _light(name) for name in LOOKS} | {'critical': f'bold {_light("critical")}'}
 FILLS = {name: f'{look.ink} on {look.color}' for name, look in LOOKS.items()}
-"""Styles of rich for text, and for a filled line, by severity."""
+"""Styles of rich, by severity: of text (COLORS), and of a filled line (FILLS)."""
 _LEVELS = ('', COLORS['warning'], COLORS['critical'])
 
 
@@ -89,7 +89,7 @@ def draw(picture: Picture, width: int, height: int, name: str) -> RenderableType
 
 
 def draw_once(picture: Picture, name: str) -> RenderableType:
-    """Return everything, as long as it takes, to be printed once."""
+    """Return the whole picture, of any height, to be printed once."""
     events = [Text(event.text, style=_LEVELS[event.level]) for event in picture.events[-10:]]
     return Group(
         _draw_head(picture, name, 200), _draw_alarm(picture), _draw_health(picture, 100),

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Who may see the page: tokens and their roles, cookies, and a penalty for guessing."""
+"""Access to the page: tokens and their roles, cookies, and a penalty for wrong tokens."""
 
 from collections import OrderedDict
 from collections.abc import Mapping
@@ -20,16 +20,16 @@ from plc_inspect.errors import ConfigError
 
 SHORTEST_TOKEN = 8
 MOST_TOKEN_FILE = 4096
-"""A file of tokens with more is none [bytes]."""
+"""Greatest size of a token file [bytes]."""
 PENALTY, MOST_PENALTY = 0.5, 5.0
 """
 After a wrong token its sender waits so long for the next try, twice as long each time [s]: eight
 random letters and digits (36**8 / 2 tries of 5 s) take one address two hundred thousand years.
 """
 MOST_PEERS = 1000
-"""Addresses that are remembered for their wrong tokens."""
+"""Most addresses with wrong tokens that are remembered."""
 NETWORK = 64
-"""Bits of an IPv6 address that whoever has it cannot choose (RFC 4291, 2.5.4)."""
+"""Prefix bits of an IPv6 address, which its host cannot choose (RFC 4291, 2.5.4)."""
 
 
 class Role(enum.Enum):
@@ -37,21 +37,21 @@ class Role(enum.Enum):
 
     VIEW = 'view'
     ACKNOWLEDGE = 'acknowledge'
-    """See all, and take note of alarms."""
+    """See all, and acknowledge alarms."""
 
 
 @dataclass(slots=True)
 class Visit:
-    """One request, from the door to its answer."""
+    """One request, from the gate to its answer."""
 
     nonce: str
-    """What its answer may run must show it."""
+    """Nonce that scripts and styles of the answer must carry (CSP)."""
     role: Role | None = None
-    """What its browser may do; None: nothing."""
+    """Role of its browser, None without access."""
 
 
 VISIT: ContextVar[Visit] = ContextVar('visit')
-"""That of the request being answered; set at the door."""
+"""Visit of the request being answered; set by the gate."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +61,7 @@ class Tokens:
     by_role: Mapping[Role, str]
 
     def find_role(self, shown: str) -> Role | None:
-        """Return the role of a token; all are compared, in constant time."""
+        """Return the role of a token; compares all tokens in constant time."""
         found = None
         for role, token in self.by_role.items():
             if hmac.compare_digest(shown.encode(), token.encode()):
@@ -73,13 +73,13 @@ NO_TOKENS = Tokens({})
 
 
 def make_tokens() -> Tokens:
-    """Return tokens that nobody guesses."""
+    """Return random tokens."""
     return Tokens({role: secrets.token_urlsafe(12) for role in Role})
 
 
 def check_tokens(tokens: Mapping[Role, str]) -> Tokens:
     """
-    Return tokens of some roles.
+    Return the checked tokens of some roles.
 
     Raises
     ------
@@ -138,20 +138,20 @@ def read_tokens(path: Path) -> Tokens:
 
 class Penalties:
     """
-    Wrong tokens by the address they came from: who guesses waits, and nobody else.
+    Wrong tokens by address: an address that guesses must wait, no other does.
 
-    Of IPv6 the network counts (/64), as whoever has one has all of its addresses.
+    An IPv6 address counts as its /64 network, as a host may use any address of it.
     """
 
     def __init__(self) -> None:
         self._peers: OrderedDict[str, tuple[int, float]] = OrderedDict()
 
     def wait_of(self, peer: str) -> float:
-        """Return how long an address still waits [s]."""
+        """Return the remaining wait of an address [s]."""
         return max(0.0, self._peers.get(_name_peer(peer), (0, 0.0))[1] - time.monotonic())
 
     def note_wrong(self, peer: str) -> None:
-        """Note a wrong token."""
+        """Note a wrong token of an address."""
         peer = _name_peer(peer)
         count = self._peers.pop(peer, (0, 0.0))[0]
         wait = min(PENALTY * 2.0 ** min(count, 10), MOST_PENALTY)
@@ -160,7 +160,7 @@ class Penalties:
             self._peers.popitem(last=False)
 
     def note_right(self, peer: str) -> None:
-        """Forgive an address."""
+        """Reset the penalty of an address."""
         self._peers.pop(_name_peer(peer), None)
 
 

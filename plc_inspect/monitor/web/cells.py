@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The corridor as browsers get it: points in centimetres, coloured by clearance."""
+"""The corridor in the format of the page: points in centimetres, coloured by clearance."""
 
 from dataclasses import dataclass
 import struct
@@ -14,18 +14,17 @@ from plc_inspect.results import Float32, PointClass, UInt8
 from plc_inspect.stream.blocks import BlockKey
 
 NEAR, FAR = 2.0, 15.0
-"""Clearances of the two ends of the colours [m]."""
+"""Clearances at the two ends of the colour ramp [m]."""
 RAMP = ('#c1121f', '#e69f00', '#cdb877', '#8fa3b5', '#74889b')
 """
 From near to far.
-Source: red, orange and blue-grey differ in lightness and in blue, which eyes without one kind of
-cone see; no green.
+Source: red, orange and blue-grey differ in lightness and in blue, which colour-blind eyes see.
 """
 GROUND, STRUCTURE = (128, 116, 104), (150, 155, 165)
 UNIT = 0.01
-"""Of coordinates [m]."""
+"""Resolution of coordinates [m]."""
 FARTHEST = 32_000
-"""No point is farther from the middle of its block than this many units."""
+"""Greatest distance of a point from the middle of its block, in units."""
 _HEAD = struct.Struct('<' + 'iidddfIIII')
 _PLACE = np.dtype(np.int16).newbyteorder('<')
 _RAMP = np.array([[int(item[k:k + 2], 16) for k in (1, 3, 5)] for item in RAMP], np.float64)
@@ -64,15 +63,15 @@ class BlockPoints:
     """
     The points of one block of the corridor, for browsers.
 
-    They are in a random order that is always the same, so that the first of them are all, thinned.
+    Points are in a fixed random order, so that any first part is a thinned copy of the block.
     """
 
     home: BlockKey
     """Number of the block."""
     middle: tuple[float, float, float]
-    """What their places are counted from [m]."""
+    """Origin of the places [m]."""
     edge: float
-    """Of a cell [m]."""
+    """Edge of a cell [m]."""
     places: NDArray[np.int16]
     """(M, 3) in UNIT from the middle."""
     colors: UInt8
@@ -90,12 +89,12 @@ class BlockPoints:
 
     def pack(self, version: int, first: int, count: int) -> bytes:
         """
-        Return the message of some of the points.
+        Pack a range of the points as one message.
 
         Parameters
         ----------
         version : int
-            Of the block; all messages of one version together are the block.
+            Version of the block; the messages of one version together hold the block.
         first, count : int
             Which points.
 

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The door of the page: who may come in, before anything of it is served.
+The gate of the page: checks each browser before anything is served.
 
-With tokens, only browsers that have shown one pass, and each answer says what a browser may do
-with it; without, only what is meant for this machine.
+With tokens, only browsers that have shown one pass; without, only requests meant for this machine.
+The headers of each answer limit what a browser may do with it.
 """
 
 import asyncio
@@ -37,7 +37,7 @@ COOKIE = 'plc_monitor'
 MOST_BODY = 4096
 MOST_CONNECTIONS = 200
 TIMEOUT = 15.0
-"""A browser must have said what it wants by then [s]."""
+"""Time within which a browser must send its request [s]."""
 HEADERS = {
     'X-Content-Type-Options': 'nosniff', 'X-Frame-Options': 'DENY',
     'Referrer-Policy': 'same-origin', 'Cross-Origin-Opener-Policy': 'same-origin',
@@ -75,14 +75,14 @@ class Gate:
     site : Site
         What is served.
     tokens : Tokens
-        What a browser must show.
+        Tokens that let browsers in.
     tls : SSLContext or None
         Certificate of the page; None: plain HTTP.
 
     Raises
     ------
     ConfigError
-        There is no token though others can reach the host, or the port cannot be had.
+        There is no token although others can reach the host, or the port cannot be opened.
 
     """
 
@@ -149,7 +149,7 @@ class Gate:
         return number
 
     def _make_protocol(self) -> web.RequestHandler:
-        """Return what serves a connection, and cut it off where it says nothing in time."""
+        """Return the protocol of a connection, which is cut off if no request comes in time."""
         server = self._runner.server
         if server is None:
             raise OSError('the page is closed')
@@ -169,7 +169,7 @@ class Gate:
 
     @web.middleware
     async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Let pass what may, and say on each answer what a browser may do with it."""
+        """Middleware: refuse what may not pass, and add security headers to each answer."""
         self._open[request.protocol] = True
         visit = Visit(nonce=secrets.token_urlsafe(16))
         VISIT.set(visit)
@@ -199,7 +199,7 @@ class Gate:
         return await handler(request)
 
     def _is_meant_for_us(self, request: web.Request) -> bool:
-        """Whether the browser was not sent here by a page from elsewhere."""
+        """Whether the request comes from this page, not from another site."""
         host = request.headers.get('Host', '')
         if self._local and not is_loopback(urlsplit(f'//{host}').hostname or ''):
             return False
@@ -210,7 +210,7 @@ class Gate:
         return not acts or origin is None or origin == f'{self._scheme}://{host}'
 
     def _find_role(self, request: web.Request) -> Role | None:
-        """Return what a browser may do, by its cookie or header; None: nothing."""
+        """Return the role of a browser from its cookie or header, None without access."""
         if not self._tokens.by_role:
             return Role.ACKNOWLEDGE
         own = request.cookies.get(COOKIE, '').encode()
@@ -221,7 +221,7 @@ class Gate:
         return self._try_token(request, shown) if word == 'Bearer' and shown else None
 
     def _try_token(self, request: web.Request, shown: str) -> Role | None:
-        """Return the role of a token; who showed a wrong one waits before the next."""
+        """Return the role of a token; after a wrong one, its address must wait."""
         peer = request.remote or ''
         if self._penalties.wait_of(peer):
             raise web.HTTPTooManyRequests(reason='wait a little before the next token')

@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What browsers are sent: each gets what it does not have yet, the newest only, words before points.
+Live updates: each browser is sent the newest state that it lacks, text before points.
 
-A browser on a slow link skips what was replaced meanwhile; nothing queues up for it.  State and
+A browser on a slow link skips states that were replaced meanwhile; nothing queues up.  State and
 alarms are sent at once; rows of tables and points of the corridor at the pace at which the browser
-answers, the nearest to the vehicle first, and of each block a thinned picture before the rest.
-Alarms have a connection of their own too: where a packet is lost, TCP holds back all that follows
-it, which over a slow link takes a second; what comes first by either is shown.
+answers, the nearest to the vehicle first, and of each block a thinned copy before the rest.
+Alarms are also sent over a second connection: after a lost packet, TCP holds back all that
+follows, for a second on a slow link; the browser shows whichever copy comes first.
 """
 
 import asyncio
@@ -27,29 +27,29 @@ from plc_inspect.stream.blocks import BlockKey
 
 GREETING, ALARMS = 'me', 'alarms'
 STAGES = (500, 4_000)
-"""So many points of all blocks are sent before more of any [count]."""
+"""Points of every block that are sent before more of any block [count]."""
 ROWS_BYTES = 3_000
-"""Rows are sent together up to about so many bytes."""
+"""Approximate size of a message of rows [bytes]."""
 LEAST_POINTS = 100
-"""Fewer points are not worth a message, unless they are the last."""
+"""Least points of a message, except the last of a block."""
 
 Rows = Mapping[str, Sequence[tuple[str, object]]]
 """Of tables, by name: key and value of each row, in the order in which they are shown."""
 
 
 class Visitor:
-    """What one browser has."""
+    """What one browser has received."""
 
     def __init__(self) -> None:
         self.parts: dict[str, int] = {}
         self.rows: dict[tuple[str, str], int] = {}
         self.blocks: dict[BlockKey, tuple[int, int]] = {}
-        """Version, and how many of its points."""
+        """Version of each block, and number of its points sent."""
         self.pace = Pace()
 
 
 class Hub:
-    """All that is shown of one vehicle, for any number of browsers; safe between threads."""
+    """All that is shown of one vehicle, for any number of browsers; thread-safe."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -66,7 +66,7 @@ class Hub:
         blocks: Iterable[BlockPoints] = (), vehicle: Sequence[float] | None = None,
     ) -> None:
         """
-        Take what is to be shown; what is as before is not sent again.
+        Replace what is shown; unchanged values are not sent again.
 
         Parameters
         ----------
@@ -107,7 +107,7 @@ class Hub:
         self, socket: web.WebSocketResponse, greeting: Mapping[str, object], *,
         alarms: bool = False,
     ) -> None:
-        """Send everything, or the alarms alone, to a browser until it leaves."""
+        """Serve a browser until it disconnects: everything, or alarms only."""
         event = asyncio.Event()
         own = asyncio.get_running_loop(), event
         visitor = Visitor()
@@ -132,7 +132,7 @@ class Hub:
     async def _send_parts(
         self, socket: web.WebSocketResponse, visitor: Visitor, names: Container[str] | None = None
     ) -> bool:
-        """Send the parts that a browser does not have; return whether there were any."""
+        """Send the parts that a browser lacks; return whether there were any."""
         with self._lock:
             parts = [(name, *item) for name, item in self._parts.items()
                      if visitor.parts.get(name) != item[0] and (names is None or name in names)]
@@ -142,7 +142,7 @@ class Hub:
         return bool(parts)
 
     async def _send_news(self, socket: web.WebSocketResponse, visitor: Visitor) -> bool:
-        """Send what is urgent and one message of the rest; return whether there was anything."""
+        """Send urgent parts and one other message; return whether anything was sent."""
         found = await self._send_parts(socket, visitor)
         if visitor.pace.room <= 0:
             return found
@@ -158,7 +158,7 @@ class Hub:
         return True
 
     def _choose_rows(self, visitor: Visitor) -> str | None:
-        """Return rows of one table that a browser does not have, and note that it has them."""
+        """Return rows of one table that a browser lacks, and mark them as sent."""
         for name, table in self._rows.items():
             chosen: list[str] = []
             size = 0
@@ -175,7 +175,7 @@ class Hub:
         return None
 
     def _choose_points(self, visitor: Visitor) -> bytes | None:
-        """Return points that a browser does not have, and note that it has them."""
+        """Return points that a browser lacks, and mark them as sent."""
         best = None
         for home, (version, block) in self._blocks.items():
             known, sent = visitor.blocks.get(home, (0, 0))
@@ -204,7 +204,7 @@ class Hub:
 
 
 async def _read(socket: web.WebSocketResponse, event: asyncio.Event, pace: Pace) -> None:
-    """Wait for the browser to leave; all that it says is that it has a message."""
+    """Read acknowledgements until the browser disconnects."""
     async for _ in socket:
         pace.answer(time.monotonic())
         event.set()

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-How much may be on its way to a browser, so that what is urgent never waits behind it for long.
+Congestion control of one browser: limits the data in flight, so that alarms never queue for long.
 
-The browser answers each message of many bytes, and so tells the rate at which link and browser
-take them.  As BBR does (Cardwell et al. 2016), as much is sent ahead as they take in the shortest
-time of an answer, and a little more: a link that is full, and a browser that is busy, show alike.
+The browser acknowledges each large message, which measures the rate of link and browser together.
+As in BBR (Cardwell et al. 2016), the data in flight are the greatest rate times the shortest round
+trip, and a little more.  A full link and a busy browser have the same effect.
 """
 
 from collections import deque
@@ -14,22 +14,25 @@ import math
 
 LEAST_WINDOW, MOST_WINDOW = 4_096, 1 << 20
 """
-Bytes on their way, unanswered.
+Least and greatest number of unacknowledged bytes.
 Source: derivation: the least is an eighth of a second at 256 kbit/s; the greatest keeps 100 Mbit/s
 busy over 80 ms.
 """
 AHEAD = 0.2
 """
-What is urgent waits so long for what was sent ahead of it [s].
+Longest wait of an urgent message behind data in flight [s].
 Source: derivation: an alarm has one second from the node's message to the screen, of which the
 link, its losses and the period of the page take up to 0.7 s.
 """
 RATE_FOR = 5.0
-"""The greatest rate of so long counts [s].  Source: judgement: ten answers of a slow link."""
+"""
+Window over which the greatest rate is taken [s].
+Source: judgement: ten answers of a slow link.
+"""
 
 
 class Pace:
-    """The pace at which one browser gets what is not urgent."""
+    """Limits what one browser is sent that is not urgent."""
 
     def __init__(self) -> None:
         self.window = LEAST_WINDOW
@@ -40,16 +43,16 @@ class Pace:
 
     @property
     def room(self) -> int:
-        """Bytes that may be sent now."""
+        """Number of bytes that may be sent now."""
         return self.window - self._on_way
 
     def send(self, size: int, now: float) -> None:
-        """Note that a message of so many bytes is sent."""
+        """Note that a message of ``size`` bytes is sent."""
         self._waiting.append((size, now, self._answered))
         self._on_way += size
 
     def answer(self, now: float) -> None:
-        """Note that the browser has the oldest message."""
+        """Note that the browser acknowledged the oldest message."""
         if not self._waiting:
             return  # it says more than it was told
         size, sent, before = self._waiting.popleft()

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The page: what is known of vehicles, live in browsers."""
+"""The page: the pictures of all vehicles, live in browsers."""
 
 from collections.abc import Mapping
 import dataclasses
@@ -33,7 +33,7 @@ from plc_inspect.monitor.web.values import (
 )
 
 TRACK_PERIOD = 10.0
-"""The way that was flown is sent so often; between, browsers draw it themselves [s]."""
+"""Period of sending the flown track [s]; between, browsers extend it themselves."""
 
 
 class Page:
@@ -47,16 +47,16 @@ class Page:
     port : int
         Port to listen on, 0 any.
     tokens : Tokens
-        What browsers must show.
+        Tokens that let browsers in.
     tls : SSLContext or None
         Certificate of the page; None: plain HTTP.
     replays : bool
-        It shows a flight that is over.
+        The page replays a recorded flight.
 
     Raises
     ------
     ConfigError
-        The host wants a token, or the port cannot be had.
+        The host needs a token, or the port cannot be opened.
 
     """
 
@@ -86,7 +86,7 @@ class Page:
 
     @property
     def address(self) -> str:
-        """Where the page is."""
+        """URL of the page."""
         host = f'[{self._host}]' if ':' in self._host else self._host
         return f'{self._scheme}://{host}:{self._gate.port}/'
 
@@ -95,7 +95,7 @@ class Page:
         replay: Replay | None = None,
     ) -> None:
         """
-        Show what is known of a vehicle in all browsers that look at it.
+        Show the picture of a vehicle in all browsers that follow it.
 
         Parameters
         ----------
@@ -106,7 +106,7 @@ class Page:
         cloud : CloudStore
             Its corridor.
         replay : Replay or None
-            Of a flight that is over.
+            State of the replay, None live.
 
         """
         with self._lock:
@@ -128,12 +128,12 @@ class Page:
         )
 
     def take_requests(self) -> list[Acknowledgement | Steering]:
-        """Return what browsers asked for since the last call."""
+        """Return the requests of browsers since the last call."""
         requests = self._site.requests
         return [requests.popleft() for _ in range(len(requests))]
 
     def _find_rows(self, vehicle: str, picture: Picture) -> Rows:
-        """Return the tables, made anew only where something in them changed."""
+        """Return the rows of the tables, rebuilt only if they changed."""
         known = picture.hazards, picture.supports, picture.spans
         before = self._rows.get(vehicle)
         if before is None or any(one is not other for one, other in zip(

@@ -15,9 +15,9 @@ from plc_inspect.monitor.picture.picture import HazardItem, SpanItem
 from plc_inspect.results import PointClass
 
 PROFILE_WIDTH = 6.0
-"""Cells this near to the conductor in plan are in the profile [m]."""
+"""Cells within this distance of the conductor in plan are in the profile [m]."""
 MOST_CELLS = 600
-"""More cells of a class are thinned."""
+"""Most cells of a class; more are thinned."""
 CLASS_COLORS = {
     PointClass.GROUND: '#a1887f', PointClass.VEGETATION: '#4caf50', PointClass.TOWER: '#546e7a',
     PointClass.OTHER: '#9e9e9e',
@@ -27,7 +27,7 @@ CLASS_COLORS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
-    """The size of the drawing, and the edges of what lies within its axes; y grows downwards."""
+    """Size of the drawing and edges of its plot area; y grows downwards."""
 
     width: int = 360
     height: int = 200
@@ -39,7 +39,7 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """A number beside an axis."""
+    """A tick of an axis."""
 
     place: float
     value: float
@@ -98,14 +98,14 @@ class _Scale:
 
 def lay_out_profile(span: SpanItem, hazards: Sequence[HazardItem], cells: CellArrays) -> Profile:
     """
-    Place the curve of a span, what stands below it, and its hazards.
+    Lay out the side view of a span: its curve, the cells below it and its hazards.
 
     Parameters
     ----------
     span : SpanItem
         The span.
     hazards : sequence of HazardItem
-        All of them; those of the span are drawn.
+        All hazards; those of the span are drawn.
     cells : CellArrays
         Of the thinned corridor beside the span.
 

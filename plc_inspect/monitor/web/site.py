@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What browsers may ask for, once the gate has let them in."""
+"""The routes of the page, for browsers that the gate has let in."""
 
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -20,20 +20,20 @@ from plc_inspect.monitor.web.template import list_files, render
 from plc_inspect.printable import make_printable
 
 LONGEST_NAME = 40
-"""Of who acknowledges [characters]."""
+"""Greatest length of the name of who acknowledges [characters]."""
 MOST_NUMBERS = 1000
 MOST_REQUESTS = 100
-"""Requests that the monitor has not come to yet; more are refused."""
+"""Most pending requests; more are refused."""
 HEARTBEAT = 10.0
-"""A browser that does not answer within half of it is gone [s]."""
+"""Period of pings [s]; a browser that does not answer within half of it is disconnected."""
 
 FindProfile = Callable[[str, tuple[int, int]], Mapping[str, Any] | None]
-"""Gets vehicle, line_id and span_id; returns the profile of the span."""
+"""Returns the profile of a span, from vehicle and (line_id, span_id)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Acknowledgement:
-    """Somebody has seen alarms."""
+    """A request to acknowledge alarms."""
 
     vehicle: str
     numbers: tuple[int, ...]
@@ -42,24 +42,24 @@ class Acknowledgement:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Steering:
-    """Somebody steers a replay; None: as before."""
+    """A request to steer a replay; None leaves a value unchanged."""
 
     time: float | None
-    """Where to go [s]."""
+    """Time to seek to [s]."""
     playing: bool | None
     speed: float | None
 
 
 class Site:
     """
-    The page and all that it asks for.
+    The handlers of the page and of all that it requests.
 
     Parameters
     ----------
     find_profile : callable
         Returns the side view of a span.
     replays : bool
-        It is of a flight that is over: its time is steered, and nothing is acknowledged.
+        The site replays a recorded flight: browsers steer its time and cannot acknowledge.
 
     """
 
@@ -67,16 +67,16 @@ class Site:
         self._find_profile, self._replays = find_profile, replays
         self._hubs: dict[str, Hub] = {}
         self.first = ''
-        """The vehicle of who asks for none."""
+        """The vehicle shown by default."""
         self.requests: deque[Acknowledgement | Steering] = deque()
-        """What browsers want, the oldest first; for any thread."""
+        """Requests of browsers, oldest first; thread-safe."""
 
     def find_hub(self, vehicle: str) -> Hub:
-        """Return what is shown of a vehicle; there is one for each name."""
+        """Return the hub of a vehicle; it is made on the first call."""
         return self._hubs.setdefault(vehicle, Hub())
 
     def add_routes(self, router: web.UrlDispatcher) -> None:
-        """Say what is served."""
+        """Register the routes."""
         router.add_get('/', self._show_page)
         router.add_get('/live', self._go_live)
         router.add_get('/profile', self._show_profile)

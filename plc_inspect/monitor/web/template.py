@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The files of the page: two templates, and what is served as it is."""
+"""The files of the page: templates, and static files."""
 
 from collections.abc import Mapping
 from functools import cache
@@ -12,7 +12,7 @@ from plc_inspect.templates import open_templates
 
 FOLDER = Path(__file__).parents[1] / 'page'
 KINDS = {'.js': 'text/javascript', '.css': 'text/css', '': 'text/plain'}
-"""Types of files that are served, by the ends of their names."""
+"""Content types of static files, by suffix."""
 
 
 def render(name: str, **values: Any) -> str:

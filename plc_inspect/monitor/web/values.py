@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What is known, as the parts that the page is made of: plain values, named as the page names."""
+"""The picture as the parts of the page: plain values under the names that the page uses."""
 
 from collections.abc import Mapping, Sequence
 import math
@@ -26,14 +26,14 @@ from plc_inspect.monitor.picture.picture import (
 from plc_inspect.monitor.replay.replay import Replay
 
 MOST_EVENTS, MOST_PAST, MOST_TRACK = 40, 30, 300
-"""More are not on the page."""
+"""Most events, past alarms and track places on the page."""
 Rows = dict[str, list[tuple[str, object]]]
 """Rows of tables by their names: key and value, worst first."""
 TONES = {
     Level.UNKNOWN: 'notice', Level.CLEAR: 'ok', Level.WARNING: 'warning',
     Level.CRITICAL: 'critical',
 }
-"""Severities that levels of the keep-out are drawn as."""
+"""Severity with which each proximity level is drawn."""
 HEALTH = {
     'scan rate': ('scan_rate', '{:.1f} Hz'), 'scans': ('scans', '{:.0f}'),
     'scans lost': ('scans_lost', '{:.0f}'), 'scans dropped': ('scans_dropped', '{:.0f}'),
@@ -45,7 +45,7 @@ HEALTH = {
     'memory': ('memory_mb', '{:.0f} MB'), 'callbacks, 99 of 100 within': ('callback_ms',
                                                                          '{:.1f} ms'),
 }
-"""Names on the page, by name in the summary and form."""
+"""Health figures: name on the page to name in the summary and format."""
 
 
 def make_parts(picture: Picture, name: str, wall: float) -> dict[str, Any]:
@@ -102,7 +102,7 @@ def make_rows(picture: Picture) -> Rows:
 
 
 def make_fleet_row(name: str, picture: Picture) -> dict[str, Any]:
-    """Return how a vehicle is, in a line of the list of all vehicles."""
+    """Return the row of a vehicle in the list of all vehicles."""
     condition = judge(picture, name)
     return {
         'name': name, 'heard': picture.link is not Link.WAITING,
@@ -113,7 +113,7 @@ def make_fleet_row(name: str, picture: Picture) -> dict[str, Any]:
 
 
 def make_replay(state: Mapping[str, Any], replay: Replay) -> dict[str, Any]:
-    """Return the parts that a replay has beside; its state is never that of a live flight."""
+    """Return the additional parts of a replay; its state differs from every live one."""
     now = time.monotonic()  # the page is not frozen when the flight stands still
     tape = replay.tape
     if not tape.start:

@@ -216,11 +216,11 @@ def test_once_prints_a_snapshot(domain, radio):
     (['--web', '--host', '0.0.0.0'], 'others can reach 0.0.0.0: give tokens'),
     (['--web', '--token', 'secret word'], '--token TEXT would show it to all users'),
     (['--web', '--token-file', '/nowhere'], '/nowhere cannot be read'),
-    (['--web', '--port', '99999'], '99999 is no port'),
+    (['--web', '--port', '99999'], '99999 is not a port'),
     (['--record', '/nowhere/x.mcap', '--json'], '/nowhere/x.mcap: No such file'),
     (['--period', '0', '--json'], '0 is not a positive number'),
     (['--node', 'bad name', '--json'], 'bad name'),
-    ([], 'standard output is no terminal: use --once or --json'),
+    ([], 'standard output is not a terminal: use --once or --json'),
     (['--ros-args', '--nonsense'], '--nonsense'),
 ])
 def test_bad_usage_is_one_line(domain, arguments, text):
