@@ -122,7 +122,7 @@ def label(lines: FoundLines, corridor: CorridorResult, nearby: Nearby, foliage: 
     """
     height, cloud, candidates, spans = lines.height, lines.cloud, lines.candidates, lines.spans
     outliers, alignment, near = lines.outliers, lines.alignment, nearby.index
-    in_beads = lines.clustering.beads.points
+    in_segments = lines.clustering.segments.points
     state = np.full(len(candidates.position), Decision.OUTLIER, dtype=np.uint8)
     state[np.flatnonzero(outliers.keep)] = np.where(
         alignment.voted, Decision.NO_CLUSTER, Decision.NO_SECTION
@@ -140,7 +140,7 @@ def label(lines: FoundLines, corridor: CorridorResult, nearby: Nearby, foliage: 
         origin, table, keys, values, decision,
     )
     _put_foliage(near, foliage, classification)
-    _settle_beads(cloud.place[in_beads], spans.line_id, spans.support, decision)
+    _settle_segments(cloud.place[in_segments], spans.line_id, spans.support, decision)
     clearance, span_id = np.empty(num, dtype=np.float32), np.empty(num, dtype=np.int32)
     corridor_line_id, corridor_span_id = np.empty((2, len(corridor.points)), dtype=np.int32)
     _spread(
@@ -256,8 +256,8 @@ def _settle_high(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _settle_beads(in_beads, line_id, support, decision):  # type: ignore[no-untyped-def]
-    for i in in_beads:
+def _settle_segments(in_segments, line_id, support, decision):  # type: ignore[no-untyped-def]
+    for i in in_segments:
         if line_id[i] < 0 and not support[i]:
             decision[i] = NO_CATENARY
 

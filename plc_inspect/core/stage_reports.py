@@ -93,7 +93,7 @@ def report_alignment(alignment: AlignmentResult, settings: Settings) -> Outcome:
 
 def report_clustering(clustering: ClusteringResult) -> Outcome:
     """Count the pieces that are one conductor each."""
-    num, num_kept = clustering.num_clusters, len(clustering.beads)
+    num, num_kept = clustering.num_clusters, len(clustering.segments)
     return Outcome(
         num_in=num,
         num_kept=num_kept,

@@ -28,7 +28,7 @@ def describe(lines):
          for item in dataclasses.fields(model.span)]
         for model in lines.spans.models
     ]
-    points = lines.spans.line_id.tolist(), lines.clustering.beads.points.tolist()
+    points = lines.spans.line_id.tolist(), lines.clustering.segments.points.tolist()
     return repr(spans), points, lines.height.threshold
 
 

@@ -48,7 +48,7 @@ def fit_tracks(
     points : (N, 3) float64
         Coordinates [m].
     clustering : ClusteringResult
-        Beads and tracks.
+        Segments and tracks.
     settings : CatenarySettings
         Settings of this stage.
     rng : numpy.random.Generator
@@ -59,14 +59,14 @@ def fit_tracks(
     tuple of Curve, longest first
 
     """
-    beads, num = clustering.beads, clustering.num_tracks
+    segments, num = clustering.segments, clustering.num_tracks
     order = np.argsort(clustering.track, kind='stable')
     bounds = np.searchsorted(clustering.track[order], np.arange(num + 1))
     draws = draw_triples(num * settings.num_trials, rng).reshape(num, settings.num_trials, 3)
-    rms = np.ascontiguousarray(beads.rms)
+    rms = np.ascontiguousarray(segments.rms)
     found = call_each(
         lambda track: _fit(
-            points, beads.points, beads.point_start, rms,
+            points, segments.points, segments.point_start, rms,
             order[bounds[track] : bounds[track + 1]], settings.tolerance, draws[track],
         ),
         num,
@@ -118,22 +118,22 @@ def split_at_supports(points, chosen):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model='numpy')
 def _fit(  # type: ignore[no-untyped-def]
-    points, bead_points, bead_start, rms, beads, tolerance, draws
+    points, segment_points, segment_start, rms, segments, tolerance, draws
 ):
     """
-    Fit the parts of one track; a tolerance of 0 is derived from its beads.
+    Fit the parts of one track; a tolerance of 0 is derived from its segments.
 
     Returned are the rows, the points of all of them, where those of each begin and the last end,
     and how many points each of these stands for.
     """
     total = 0
-    for bead in beads:
-        total += bead_start[bead + 1] - bead_start[bead]
+    for segment in segments:
+        total += segment_start[segment + 1] - segment_start[segment]
     chosen = np.empty(total, dtype=np.int64)
     total = 0
-    for bead in beads:
-        for k in range(bead_start[bead], bead_start[bead + 1]):
-            chosen[total] = bead_points[k]
+    for segment in segments:
+        for k in range(segment_start[segment], segment_start[segment + 1]):
+            chosen[total] = segment_points[k]
             total += 1
     chosen = chosen[argsort_spread(chosen)]
     fresh = np.ones(total, dtype=np.bool_)
@@ -141,7 +141,7 @@ def _fit(  # type: ignore[no-untyped-def]
         fresh[k] = chosen[k] > chosen[k - 1]
     chosen = chosen[fresh]
     if tolerance == 0.0:
-        tolerance = derive_tolerance(np.median(rms[beads]))
+        tolerance = derive_tolerance(np.median(rms[segments]))
     parts = split_at_supports(points, chosen)
     rows = np.empty((len(parts), ROW))
     own = np.empty(len(chosen), dtype=np.int64)
@@ -153,7 +153,7 @@ def _fit(  # type: ignore[no-untyped-def]
             points, part, MAX_POINTS, tolerance, tolerance, math.nan, draws
         )
         if is_curve(row):
-            # a track of one conductor may have beads that lie over two of them
+            # a track of one conductor may have segments that lie over two of them
             tight = derive_tolerance(math.hypot(row[RMSE], row[LATERAL_RMSE]))
             row[TOLERANCE] = min(tight, tolerance)
             put(row, rows[num])

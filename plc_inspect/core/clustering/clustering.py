@@ -9,7 +9,7 @@ from numba import njit
 import numpy as np
 
 from plc_inspect.config import ClusteringSettings
-from plc_inspect.core.clustering.segments import Beads, find_beads
+from plc_inspect.core.clustering.segments import find_segments, Segments
 from plc_inspect.core.extraction.alignment import AlignmentResult
 from plc_inspect.core.numerics.disjoint_sets import find_root
 from plc_inspect.core.numerics.near_pairs import find_pairs
@@ -18,52 +18,53 @@ from plc_inspect.results import Float64, Int32
 
 SLACK_RATE = 0.004
 """
-What the tolerance grows by with each metre between two beads.
+Growth of the tolerance per metre between two segments.
 Source: judgement; holds from 0.002 to 0.0056 on bench/constants.py.
 """
 MAX_TURN = 0.04
 """
-Sine of the angle in plan between two beads of one track, at most.
+Greatest sine of the angle in plan between two segments of one track.
 Source: judgement; worse at 0.7 and 1.4 of it on bench/constants.py.
 """
 MAX_BEND = 0.04
 """
-Difference of the rises of two beads of one track, at most, where they touch.
+Greatest difference of the slopes of two touching segments of one track.
 Source: judgement; holds up to 0.08, not down to 0.7 of it, on bench/constants.py.
 """
 LEAST_CONSTANT = 200.0
 """
-Catenary constant, at least, by which the rise may change between two beads [m].
+Least catenary constant, which limits the change of slope between two segments [m].
 Source: judgement; holds down to 100, not up to 1.4 of it, on bench/constants.py.
 """
 MAX_SLANT, SLANT_ROOM = 1.05, 0.3
 """
-Distance of two beads, at most: this many times that along the line, or this much more [m].
+Greatest distance of two segments: MAX_SLANT times that along the line, or SLANT_ROOM more than
+it, whichever is greater [m].
 Source: judgement; MAX_SLANT holds from 0.525 to 2.1, SLANT_ROOM holds from 0.15 to 0.6 on
 bench/constants.py.
 """
 LENGTH_COST = 0.02
 """
-A metre between two beads weighs as much as this miss [m].
+Cost of a metre between two segments, as an equivalent miss [m].
 Source: judgement; holds from 0.01 to 0.04 on bench/constants.py.
 """
 COST_DECIMALS = 6
 """
 Decimals of the costs by which links are ordered.
-Source: numerical: costs that differ by rounding are ordered by their beads.
+Source: numerical: costs that differ by rounding are ordered by their segments.
 """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ClusteringResult:
-    """Beads, and the tracks that they join to."""
+    """Segments, and the tracks that they join to."""
 
-    beads: Beads
+    segments: Segments
     track: Int32
-    """(B,) track of each bead, -1 none; numbered by first bead."""
+    """(B,) track of each segment, -1 none; numbered by first segment."""
     num_tracks: int
     num_clusters: int
-    """Clusters of the first stage, before the tests of a bead."""
+    """Clusters of the first stage, before the tests of a segment."""
     eps: float
     min_points: int
 
@@ -82,7 +83,7 @@ def cluster(
     the line is taken out, so every conductor is a dot in the orthogonal plane, and DBSCAN with
     ``eps`` and ``min_points`` finds the dots.  ``min_points`` holds where a window is well
     sampled and is lowered with the sampling.  A cluster too thick for one conductor is divided
-    with a smaller eps.  Second stage: beads of different windows are joined where each, extended
+    with a smaller eps.  Second stage: segments of different windows are joined if each, extended
     to half way, meets the other; the sag cancels there because both deviate by the same amount.
 
     Parameters
@@ -103,10 +104,10 @@ def cluster(
     ClusteringResult
 
     """
-    beads, num_clusters = find_beads(points, index, seeds, alignment, settings)
-    track = _join(beads, settings)
+    segments, num_clusters = find_segments(points, index, seeds, alignment, settings)
+    track = _join(segments, settings)
     return ClusteringResult(
-        beads=beads,
+        segments=segments,
         track=track,
         num_tracks=int(track.max(initial=-1)) + 1,
         num_clusters=num_clusters,
@@ -115,14 +116,14 @@ def cluster(
     )
 
 
-def _join(beads: Beads, settings: ClusteringSettings) -> Int32:
-    """Second stage: tracks of beads that continue one another."""
-    num = len(beads)
+def _join(segments: Segments, settings: ClusteringSettings) -> Int32:
+    """Second stage: tracks of segments that continue one another."""
+    num = len(segments)
     if num == 0:
         return np.zeros(0, dtype=np.int32)
-    i, j = find_pairs(beads.center, settings.max_gap).T
-    apart = beads.center[j] - beads.center[i]
-    ui, uj = beads.direction[i], beads.direction[j].copy()
+    i, j = find_pairs(segments.center, settings.max_gap).T
+    apart = segments.center[j] - segments.center[i]
+    ui, uj = segments.direction[i], segments.direction[j].copy()
     flip = np.einsum('ij,ij->i', ui, uj) < 0
     uj[flip] *= -1
     along_i = np.einsum('ij,ij->i', apart, ui)
@@ -143,20 +144,20 @@ def _join(beads: Beads, settings: ClusteringSettings) -> Int32:
     good &= np.linalg.norm(apart, axis=1) <= np.maximum(
         length * MAX_SLANT, length + SLANT_ROOM
     )
-    good &= beads.window[i] != beads.window[j]
+    good &= segments.window[i] != segments.window[j]
     i, j, miss = i[good], j[good], miss[good]
     # mutual best between any two windows
-    best = _mutual_best(i, j, miss, beads.window)
+    best = _mutual_best(i, j, miss, segments.window)
     i, j = i[best], j[best]
     cost = miss[best] + LENGTH_COST * length[good][best]
     order = np.lexsort((j, i, np.round(cost, COST_DECIMALS)))
-    label = _link(i[order], j[order], beads.window)
+    label = _link(i[order], j[order], segments.window)
     _, first, track = np.unique(label, return_index=True, return_inverse=True)
     return np.argsort(np.argsort(first))[track].astype(np.int32)
 
 
 def _mutual_best(i: Int32, j: Int32, miss: Float64, window: Int32) -> np.ndarray:
-    """Pairs in which each bead is the other's nearest among those of its window."""
+    """Pairs in which each segment is the other's nearest among those of its window."""
     keep = np.ones(len(i), dtype=bool)
     for own, other in ((i, j), (j, i)):
         order = np.lexsort((miss, window[other], own))
@@ -172,9 +173,9 @@ def _mutual_best(i: Int32, j: Int32, miss: Float64, window: Int32) -> np.ndarray
 @njit(cache=True, nogil=True)
 def _link(first, second, window):  # type: ignore[no-untyped-def]
     """
-    Join beads along the links, best first, but never two of one window.
+    Join segments along the links, best first, but never two of one window.
 
-    Two beads of one window are two conductors, however well a third seems to continue both.
+    Two segments of one window are two conductors, however well a third seems to continue both.
     """
     num = len(window)
     parent = np.arange(num)

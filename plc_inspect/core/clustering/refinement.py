@@ -40,7 +40,7 @@ class Attempt:
     label: Int64
     """(m,) their clusters, -1 noise."""
     limit: float
-    """Greatest rms of a bead [m]."""
+    """Greatest rms of a segment [m]."""
 
 
 @njit(cache=True, nogil=True)
@@ -51,7 +51,7 @@ def open_window(num):  # type: ignore[no-untyped-def]
     Returns
     -------
     owner, first_label : (n,) int64
-        Bead of each point and its cluster of the first attempt, -1 none.
+        Segment of each point and its cluster of the first attempt, -1 none.
     too_thick : (n,) bool
         Points that the next attempt clusters.
     fits : (n // 4 + 1, 8) float64
@@ -90,7 +90,7 @@ def choose_points(  # type: ignore[no-untyped-def]
     label : int64
         (m,) clusters in the last attempt; before it (0,), they are to be found.
     limit : float
-        Greatest rms of a bead in this attempt [m].
+        Greatest rms of a segment in this attempt [m].
 
     """
     if attempt < NUM_EPS:

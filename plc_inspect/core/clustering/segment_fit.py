@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Bead or no bead: the tests of one cluster in the cross-section of a window."""
+"""Tests of a cluster in the cross-section of a window: whether it is a line segment."""
 
 import math
 
@@ -21,12 +21,12 @@ A place is crowded where the shell holds more than this share of the points with
 Source: judgement; half of the 0.6 of a plane, see `measure_crowding`.
 """
 LEAST_POINTS = 4
-"""Fewer points are no bead.  Source: judgement; not measured."""
+"""Least number of points of a segment.  Source: judgement; not measured."""
 MIN_FILLING = 0.4
-"""Share of its metres in which a bead holds points.  Source: judgement; not measured."""
+"""Least share of its metres in which a segment holds points.  Source: judgement; not measured."""
 MIN_REACH = 0.5
 """
-Length of a bead, at least, in halves of its window.
+Least length of a segment, in halves of its window.
 Source: judgement; holds down to 0.35, not up to 1.4 of it, on bench/constants.py.
 """
 MOST_BESIDE = 12
@@ -41,9 +41,15 @@ Points beyond this many rms, and this [m], of the first line are left out of the
 Source: judgement; not measured.
 """
 CORE_SIGMAS, LEAST_CORE = 2.5, 0.1
-"""Radius of a conductor in rms of its bead, and at least [m].  Source: judgement; not measured."""
+"""
+Radius of a conductor in rms of its segment, and at least [m].
+Source: judgement; not measured.
+"""
 CROWD_PART = 3.0
-"""Length of the parts of a bead that are crowded or not [m].  Source: judgement; not measured."""
+"""
+Length of the parts of a segment that are tested for crowding [m].
+Source: judgement; not measured.
+"""
 SHELL_CHANCE = 1.0
 """Points that the shell may hold by chance.  Source: judgement; not measured."""
 LEAST_SPREAD = 1e-9
@@ -54,7 +60,7 @@ Source: numerical: avoids a division by 0.
 
 
 @njit(cache=True, nogil=True)
-def _fit_bead(x, y, w, member):  # type: ignore[no-untyped-def]
+def _fit_segment(x, y, w, member):  # type: ignore[no-untyped-def]
     """Straight line through the chosen points: means, slopes in y and w, rms, extent."""
     n = 0.0
     sx = sy = sw = sxx = sxy = sxw = 0.0
@@ -89,7 +95,7 @@ def fit_trimmed(x, y, w, member):  # type: ignore[no-untyped-def]
     for attempt in range(2):
         if member.sum() < LEAST_POINTS:
             return fit
-        fit = _fit_bead(x, y, w, member)
+        fit = _fit_segment(x, y, w, member)
         if attempt == 0:
             mx, my, mw, ky, kw, rms, _, _ = fit
             limit = max(TRIM_SIGMAS * rms, LEAST_TRIM)
@@ -118,7 +124,7 @@ def measure_crowding(  # type: ignore[no-untyped-def]
     x, y, w, mx, my, mw, ky, kw, rms, low, high, apart
 ):
     """
-    Share of the bead's parts that have points close about the axis, not only on it.
+    Share of the segment's parts that have points close about the axis, not only on it.
 
     Air surrounds a wire.  A plane that goes on beside the axis, such as a roof, has 0.6 times
     as many points between 1 and 1.6 radii as within one radius; a crown has 1.6 times as many.
@@ -204,14 +210,14 @@ def find_pieces(x, y, w, chosen, label, limit, half):  # type: ignore[no-untyped
 @njit(cache=True, nogil=True)
 def find_apart(num, piece, owner):  # type: ignore[no-untyped-def]
     """
-    Tell the points that crowd no piece: of beads, and of pieces where they are few.
+    Tell the points that crowd no piece: of segments, and of pieces where they are few.
 
     Parameters
     ----------
     num : int
         Pieces.
     piece, owner : (n,) int64
-        Piece and bead of each point, -1 none.
+        Piece and segment of each point, -1 none.
 
     Returns
     -------
@@ -229,7 +235,7 @@ def judge_clusters(  # type: ignore[no-untyped-def]
     x, y, w, chosen, label, limit, half, max_crowding, owner, too_thick, fits, found
 ):
     """
-    Test the clusters of one attempt and keep the beads among them.
+    Test the clusters of one attempt and keep the segments among them.
 
     Parameters
     ----------
@@ -238,39 +244,39 @@ def judge_clusters(  # type: ignore[no-untyped-def]
     chosen, label : (m,) int64
         Points that were clustered, and their clusters, -1 noise.
     limit : float
-        Greatest rms of a bead in this attempt [m].
+        Greatest rms of a segment in this attempt [m].
     half : float
         Half the length of the window [m].
     max_crowding : float
-        Greatest share of its parts of 3 m in which a bead may be crowded.
+        Greatest share of its parts of 3 m in which a segment may be crowded.
     owner : (n,) int64
-        Bead of each point; those of new beads are set.
+        Segment of each point; those of new segments are set.
     too_thick : (n,) bool
         Replaced by the points of clusters that are too thick for one conductor.
     fits : (B, 8) float64
         As the rows of `find_pieces`; new rows are set.
     found : int
-        Beads so far.
+        Segments so far.
 
     Returns
     -------
     int
-        Beads now.
+        Segments now.
 
     """
     rows, piece, thick = find_pieces(x, y, w, chosen, label, limit, half)
     put(thick, too_thick)
     # pieces have air about them, or each other
     apart = find_apart(len(rows), piece, owner)
-    bead = np.full(len(rows) + 1, -1, dtype=np.int64)  # the last one for what is no piece
+    segment = np.full(len(rows) + 1, -1, dtype=np.int64)  # the last one for what is no piece
     for c in range(len(rows)):
         mx, my, mw, ky, kw, rms, low, high = rows[c]
         crowding = measure_crowding(x, y, w, mx, my, mw, ky, kw, rms, low, high, apart)
         if crowding <= max_crowding and found < len(fits):
             put(rows[c], fits[found])
-            bead[c] = found
+            segment[c] = found
             found += 1
     for k in range(len(x)):
-        if bead[piece[k]] >= 0:
-            owner[k] = bead[piece[k]]
+        if segment[piece[k]] >= 0:
+            owner[k] = segment[piece[k]]
     return found

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Beads: the first stage of clustering, across the line, window by window."""
+"""Line segments: the first stage of clustering, across the line, window by window."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -39,8 +39,8 @@ Source: numerical: time alone depends on it.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Beads:
-    """B short straight pieces of conductor, each one cluster across the line in a window."""
+class Segments:
+    """B line segments: short straight pieces of conductor, each one cluster of one window."""
 
     window: Int32
     """(B,) window that each was found in."""
@@ -53,29 +53,29 @@ class Beads:
     rms: Float64
     """(B,) root mean square distance of the points to the axis [m]."""
     point_start: Int64
-    """(B + 1,) first entry of each bead in ``points``."""
+    """(B + 1,) first entry of each segment in ``points``."""
     points: Int32
-    """Point indices, bead by bead."""
+    """Point indices, segment by segment."""
 
     def __len__(self) -> int:
-        """Return the number of beads."""
+        """Return the number of segments."""
         return len(self.center)
 
 
-def find_beads(
+def find_segments(
     points: Float64,
     index: PlanIndex,
     seeds: Float64,
     alignment: AlignmentResult,
     settings: ClusteringSettings,
-) -> tuple[Beads, int]:
+) -> tuple[Segments, int]:
     """
-    Return the beads of all windows, and how many clusters the first attempts gave.
+    Return the segments of all windows, and how many clusters the first attempts gave.
 
     Parameters are those of `cluster`.
     """
     num_windows = len(alignment.azimuth)
-    rows, members, sizes, num_beads = [], [], [], []
+    rows, members, sizes, num_segments = [], [], [], []
     num_clusters = 0
     found = []
     if settings.method not in KERNELS:
@@ -107,15 +107,15 @@ def find_beads(
         found = [item for part in parts for item in part]
     for of_window, count, own, num in found:
         num_clusters += num
-        num_beads.append(len(of_window))
+        num_segments.append(len(of_window))
         if len(of_window):
             rows.append(of_window)
             members.append(own)
             sizes.append(count)
     table = np.concatenate(rows) if rows else np.zeros((0, 8))
     counts = np.concatenate(sizes) if sizes else np.zeros(0, dtype=np.int64)
-    beads = Beads(
-        window=np.repeat(np.arange(num_windows, dtype=np.int32), num_beads),
+    segments = Segments(
+        window=np.repeat(np.arange(num_windows, dtype=np.int32), num_segments),
         center=table[:, 0:3],
         direction=table[:, 3:6],
         half_length=table[:, 6],
@@ -123,7 +123,7 @@ def find_beads(
         point_start=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
         points=np.concatenate(members) if members else np.zeros(0, dtype=np.int32),
     )
-    return beads, num_clusters
+    return segments, num_clusters
 
 
 @njit(cache=True, nogil=True)
@@ -131,7 +131,7 @@ def cluster_window(  # type: ignore[no-untyped-def]
     x, y, w, method, eps, min_points, half, max_thickness, max_crowding
 ):
     """
-    Find the beads among the points of one window.
+    Find the segments among the points of one window.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def cluster_window(  # type: ignore[no-untyped-def]
     fits : (B, 8) float64
         As of `judge_clusters`.
     owner : (n,) int64
-        Bead of each point, -1 none.
+        Segment of each point, -1 none.
     num_clusters : int
         Clusters of the first attempt.
 
@@ -174,20 +174,20 @@ def cluster_window(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _lift(fits, center, azimuth, rise):  # type: ignore[no-untyped-def]
-    """Return the rows of Beads, centre, direction, half length and rms, of a window's fits."""
+    """Return the rows of Segments, centre, direction, half length and rms, of a window's fits."""
     ca, sa = math.cos(azimuth), math.sin(azimuth)
-    beads = np.empty((len(fits), 8))
+    segments = np.empty((len(fits), 8))
     for b in range(len(fits)):
         mx, my, mw, ky, kw = fits[b, 0], fits[b, 1], fits[b, 2], fits[b, 3], fits[b, 4]
-        beads[b, 0] = center[0] + ca * mx - sa * my
-        beads[b, 1] = center[1] + sa * mx + ca * my
-        beads[b, 2] = center[2] + rise * mx + mw
+        segments[b, 0] = center[0] + ca * mx - sa * my
+        segments[b, 1] = center[1] + sa * mx + ca * my
+        segments[b, 2] = center[2] + rise * mx + mw
         ux, uy, uz = ca - sa * ky, sa + ca * ky, rise + kw
         norm = math.sqrt(ux * ux + uy * uy + uz * uz)
-        beads[b, 3], beads[b, 4], beads[b, 5] = ux / norm, uy / norm, uz / norm
-        beads[b, 6] = (fits[b, 7] - fits[b, 6]) / 2.0
-        beads[b, 7] = fits[b, 5]
-    return beads
+        segments[b, 3], segments[b, 4], segments[b, 5] = ux / norm, uy / norm, uz / norm
+        segments[b, 6] = (fits[b, 7] - fits[b, 6]) / 2.0
+        segments[b, 7] = fits[b, 5]
+    return segments
 
 
 @njit(cache=True, nogil=True)
@@ -220,18 +220,18 @@ def _cluster_windows(  # type: ignore[no-untyped-def]
         fits, owner, num_clusters = cluster_window(
             x, y, w, method, eps, needed, half, max_thickness, max_crowding
         )
-        beads = _lift(fits, center[window], azimuth[window], slope[window])
-        results[k] = (beads, *_collect(owner, chosen, len(beads)), num_clusters)
+        segments = _lift(fits, center[window], azimuth[window], slope[window])
+        results[k] = (segments, *_collect(owner, chosen, len(segments)), num_clusters)
     return results
 
 
 @njit(cache=True, nogil=True)
 def _collect(owner, chosen, num):  # type: ignore[no-untyped-def]
-    """How many points each of the beads of a window has, and these points bead by bead."""
+    """Return the number of points of each segment of a window, and the points by segment."""
     count = np.zeros(num, dtype=np.int64)
-    for bead in owner:
-        if bead >= 0:
-            count[bead] += 1
+    for segment in owner:
+        if segment >= 0:
+            count[segment] += 1
     place = np.cumsum(count) - count
     own = np.empty(count.sum(), dtype=np.int32)
     for k in range(len(owner)):
@@ -251,8 +251,8 @@ def _cluster_window_by_tree(
     needed = int(count_needed(y, w, settings.eps, settings.min_points))
     deque(attempt_window((x, y, w), state, needed, alignment.half_length, settings), maxlen=0)
     owner, first_label, _, fits = state
-    beads = _lift(
+    segments = _lift(
         fits[: owner.max(initial=-1) + 1], alignment.center[window], alignment.azimuth[window],
         alignment.slope[window],
     )
-    return beads, *_collect(owner, near, len(beads)), int(first_label.max(initial=-1)) + 1
+    return segments, *_collect(owner, near, len(segments)), int(first_label.max(initial=-1)) + 1

@@ -90,7 +90,7 @@ def model_conductors(
     index : PlanIndex
         Of the points off the ground.
     clustering : ClusteringResult
-        Beads and tracks.
+        Segments and tracks.
     sight : Sight
         Ground that was seen.
     settings : CatenarySettings

@@ -28,7 +28,7 @@ from plc_inspect.core.clustering.segment_fit import (
     measure_filling,
     MIN_FILLING,
 )
-from plc_inspect.core.clustering.segments import find_beads
+from plc_inspect.core.clustering.segments import find_segments
 from plc_inspect.core.explain.extraction_view import Place
 from plc_inspect.core.explain.proposals import apply, Finding, Proposal, propose, rank
 from plc_inspect.core.extraction.alignment import AlignmentResult
@@ -65,7 +65,7 @@ class ClusterView:
 
     window: int
     outcome: str
-    """'bead', or why it is not one."""
+    """'segment', or why it is not one."""
     neighbors: int
     """Points within eps across the line, the point included; with RNN-DBSCAN its reverse ones."""
     needed: int
@@ -92,8 +92,8 @@ class Windows:
         self.cloud, self.alignment = trace.lines.cloud, trace.lines.alignment
         self.index = self.cloud.index_high()
         self.seeds = trace.lines.inliers.position
-        self.beads = _beads_of(trace.lines.clustering.beads.points, place.slot)
-        """Entries of the point in the points of beads."""
+        self.segments = _segments_of(trace.lines.clustering.segments.points, place.slot)
+        """Entries of the point in the points of segments."""
         near = self._list_near()
         self.numbers = near[: MOST_WINDOWS]
         """Windows that reach over the point, the nearest first."""
@@ -102,12 +102,14 @@ class Windows:
 
     def tell(self) -> Finding:
         """Return what became of the clusters of the point."""
-        if not self.num_near and not len(self.beads):
+        if not self.num_near and not len(self.segments):
             return Finding(stage='clustering', outcome='not asked', notes=(
                 f'no window within {self.alignment.half_length:g} m along a line',))
         limits = self.settings.clustering
         checks: list[Check] = []
-        notes = [f'{self.num_near} windows reach over it, {len(self.beads)} beads hold it']
+        notes = [
+            f'{self.num_near} windows reach over it, {len(self.segments)} line segments hold it',
+        ]
         for view in self.views:
             name = f'window {view.window}, eps {view.eps:g} m'
             if limits.method != 'dbscan':
@@ -137,19 +139,19 @@ class Windows:
                 ]
             notes.append(f'{name}: {view.outcome}')
         checks = [item for item in checks if not math.isnan(item.value)]
-        outcome = 'kept' if len(self.beads) else 'dropped'
+        outcome = 'kept' if len(self.segments) else 'dropped'
         return Finding(
             stage='clustering', outcome=outcome, checks=tuple(checks), notes=tuple(notes)
         )
 
     def join(self) -> Iterator[Proposal]:
-        """Yield settings that would have put the point into a bead, tried on its windows."""
+        """Yield settings that would have put the point into a segment, tried on its windows."""
         found: list[Proposal] = []
         for view in self.views:
             if view.is_own:
                 found += self._propose(view)
         for item in rank(found)[:MOST_TRIALS]:
-            if self._is_in_bead(apply([item], self.settings).clustering):
+            if self._is_in_segment(apply([item], self.settings).clustering):
                 yield item
 
     def _propose(self, view: ClusterView) -> Iterator[Proposal]:
@@ -259,15 +261,15 @@ class Windows:
             crowding = float(measure_crowding(
                 x, y, w, mx, my, mw, ky, kw, rms, low, high, apart
             ))
-            outcome = 'crowded' if crowding > limits.max_crowding else 'bead'
-        if outcome == 'bead' and not member[own]:
-            outcome = 'trimmed off a bead'
+            outcome = 'crowded' if crowding > limits.max_crowding else 'segment'
+        if outcome == 'segment' and not member[own]:
+            outcome = 'trimmed off a segment'
         return replace(
             view, outcome=outcome, size=size, length=length, filling=filling, rms=float(rms),
             limit=limit, crowding=crowding,
         )
 
-    def _is_in_bead(self, limits: ClusteringSettings) -> bool:
+    def _is_in_segment(self, limits: ClusteringSettings) -> bool:
         for window in self.numbers:
             start = self.alignment.seed_start
             one: AlignmentResult = replace(
@@ -278,12 +280,12 @@ class Windows:
                 seed_start=(start[window : window + 2] - start[window]).astype(np.int32),
                 seeds=self.alignment.seeds[start[window] : start[window + 1]],
             )
-            beads, _ = find_beads(self.cloud.points, self.index, self.seeds, one, limits)
-            if (beads.points == self.place.slot).any():
+            segments, _ = find_segments(self.cloud.points, self.index, self.seeds, one, limits)
+            if (segments.points == self.place.slot).any():
                 return True
         return False
 
 
-def _beads_of(points: np.ndarray, slot: int) -> Int64:
+def _segments_of(points: np.ndarray, slot: int) -> Int64:
     result: Int64 = np.flatnonzero(points == slot) if slot >= 0 else np.zeros(0, dtype=np.int64)
     return result

@@ -20,7 +20,7 @@ from plc_inspect.core.trace import Trace
 from plc_inspect.errors import DataError
 from plc_inspect.results import Bool, Float64
 
-STAGES = ('points', 'high', 'candidates', 'inliers', 'in line', 'in beads', 'wire')
+STAGES = ('points', 'high', 'candidates', 'inliers', 'in line', 'in segments', 'wire')
 PART = 10.0
 """Length of the parts of a stretch, about [m].  Source: judgement; not measured."""
 MOST_PARTS = 16
@@ -176,7 +176,7 @@ def explain_stretch(
         'candidates': trace.lines.candidates.position,
         'inliers': trace.lines.candidates.position[kept],
         'in line': trace.lines.inliers.position[trace.lines.alignment.voted],
-        'in beads': cloud.points[np.unique(trace.lines.clustering.beads.points)],
+        'in segments': cloud.points[np.unique(trace.lines.clustering.segments.points)],
         'wire': points[inside & (result.line_id >= 0)],
     }
     counts = {name: _count(course, positions, edges) for name, positions in seen.items()}

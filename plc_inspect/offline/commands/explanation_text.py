@@ -31,7 +31,7 @@ MEANINGS = {
 }
 _NAMES = dict(zip(STAGES, (
     'points', 'high points', 'candidates', 'candidates that are no outliers',
-    'candidates in line with others', 'points in beads', 'wire points',
+    'candidates in line with others', 'points in line segments', 'wire points',
 ), strict=True))
 NO_SETTING = {
     Decision.NOT_FINITE: 'nothing: it has no place',

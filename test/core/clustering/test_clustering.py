@@ -11,7 +11,7 @@ from toys import find_tracks, make_tree, make_wire, turn
 from plc_inspect.config import ClusteringSettings
 from plc_inspect.core.clustering.clustering import _join
 from plc_inspect.core.clustering.dbscan import dbscan_plane
-from plc_inspect.core.clustering.segments import Beads
+from plc_inspect.core.clustering.segments import Segments
 from plc_inspect.errors import ConfigError
 
 SETTINGS = ClusteringSettings()
@@ -84,10 +84,10 @@ def test_dbscan_of_few_points(num):
 
 
 def get_members(result, track):
-    beads = result.beads
+    segments = result.segments
     return np.unique(np.concatenate([
-        beads.points[beads.point_start[bead]:beads.point_start[bead + 1]]
-        for bead in np.flatnonzero(result.track == track)
+        segments.points[segments.point_start[segment]:segments.point_start[segment + 1]]
+        for segment in np.flatnonzero(result.track == track)
     ]))
 
 
@@ -110,13 +110,13 @@ def test_one_wire_is_one_track():
     wire = make_wire((0.0, 0.0, 20.0), (100.0, 40.0, 21.0))
     result = find_tracks(wire)
     check_tracks(result, [wire])
-    beads = result.beads
-    assert len(beads) == len(beads.window) == len(beads.rms) == len(result.track)
-    assert beads.point_start[-1] == len(beads.points)
-    np.testing.assert_allclose(np.linalg.norm(beads.direction, axis=1), 1.0)
-    assert np.median(beads.rms) == pytest.approx(0.02 * np.sqrt(2), rel=0.3)
+    segments = result.segments
+    assert len(segments) == len(segments.window) == len(segments.rms) == len(result.track)
+    assert segments.point_start[-1] == len(segments.points)
+    np.testing.assert_allclose(np.linalg.norm(segments.direction, axis=1), 1.0)
+    assert np.median(segments.rms) == pytest.approx(0.02 * np.sqrt(2), rel=0.3)
     axis = np.array([100.0, 40.0]) / np.hypot(100, 40)
-    assert np.abs(beads.center[:, :2] @ [-axis[1], axis[0]]).max() < 0.1
+    assert np.abs(segments.center[:, :2] @ [-axis[1], axis[0]]).max() < 0.1
 
 
 @pytest.mark.parametrize('offsets', [
@@ -181,10 +181,10 @@ def test_crowns_have_few_points_on_tracks():
     assert on_tracks < 0.03 * len(crowns)
 
 
-def make_beads(centers, windows):
+def make_segments(centers, windows):
     centers = np.array(centers, float)
     num = len(centers)
-    return Beads(
+    return Segments(
         window=np.array(windows, dtype=np.int32), center=centers,
         direction=np.tile([1.0, 0.0, 0.0], (num, 1)), half_length=np.full(num, 3.0),
         rms=np.full(num, 0.02), point_start=np.arange(num + 1) * 4,
@@ -192,27 +192,27 @@ def make_beads(centers, windows):
     )
 
 
-def test_two_beads_of_one_window_are_never_one_track():
-    # the windows before and after each see one bead only, half way between two conductors
-    beads = make_beads(
+def test_two_segments_of_one_window_are_never_one_track():
+    # the windows before and after each see one segment only, half way between two conductors
+    segments = make_segments(
         [[0, 0.0, 10], [0, 0.16, 10], [8, 0.05, 10], [-8, 0.11, 10], [14, 0.08, 10]],
         [0, 0, 1, 2, 3],
     )
-    track = _join(beads, SETTINGS)
+    track = _join(segments, SETTINGS)
     assert track[0] != track[1]
     assert len(set(track.tolist())) == 2
     # without the rule, the same links join them through the others
-    apart = make_beads(beads.center, [0, 5, 1, 2, 3])
+    apart = make_segments(segments.center, [0, 5, 1, 2, 3])
     assert len(set(_join(apart, SETTINGS).tolist())) == 1
 
 
 @pytest.mark.parametrize('num', [0, 1])
 def test_few_points(num):
     result = find_tracks(np.ones((num, 3)))
-    assert len(result.beads) == result.num_tracks == 0
+    assert len(result.segments) == result.num_tracks == 0
     assert result.track.shape == (0,)
-    assert result.beads.center.shape == (0, 3)
-    assert result.beads.point_start.tolist() == [0]
+    assert result.segments.center.shape == (0, 3)
+    assert result.segments.point_start.tolist() == [0]
 
 
 def test_duplicates_and_input():

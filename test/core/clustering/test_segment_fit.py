@@ -18,7 +18,7 @@ def members(x):
     return np.ones(len(x), dtype=bool)
 
 
-def make_bead(low=-HALF, high=HALF, num=81, y=0.0, w=0.0):
+def make_segment(low=-HALF, high=HALF, num=81, y=0.0, w=0.0):
     """Make the points of a straight conductor in a window."""
     x = np.linspace(low, high, num)
     return np.column_stack([x, np.full(num, y), np.full(num, w)])
@@ -88,17 +88,17 @@ def test_the_filling_is_the_share_of_metres_that_hold_members():
 
 
 def test_a_wire_in_the_air_is_not_crowded_but_a_strip_of_a_sheet_is():
-    assert crowd(make_bead(-6.0, 6.0)) == 0.0
+    assert crowd(make_segment(-6.0, 6.0)) == 0.0
     assert crowd(make_sheet()) == 1.0
 
 
 def test_the_crowding_is_counted_by_parts_of_three_metres():
-    assert crowd(np.vstack([make_bead(-6.0, 6.0), make_sheet(-6.0, -3.0)])) == 0.25
+    assert crowd(np.vstack([make_segment(-6.0, 6.0), make_sheet(-6.0, -3.0)])) == 0.25
 
 
-def test_each_line_is_a_bead_of_its_own():
+def test_each_line_is_a_segment_of_its_own():
     found, owner, too_thick, fits = judge(
-        make_bead(y=-3.0), make_bead(y=3.0, w=1.0), noise=[make_bead(y=6.0)]
+        make_segment(y=-3.0), make_segment(y=3.0, w=1.0), noise=[make_segment(y=6.0)]
     )
     assert found == 2
     assert [np.unique(part).tolist() for part in owner] == [[0], [1], [-1]]
@@ -108,33 +108,33 @@ def test_each_line_is_a_bead_of_its_own():
 
 
 def test_lines_side_by_side_do_not_crowd_each_other_but_other_things_do():
-    wire = make_bead() + np.random.default_rng(5).normal(0.0, 0.03, (81, 3)) * (0.0, 1.0, 1.0)
-    beside = make_bead(y=0.13)
+    wire = make_segment() + np.random.default_rng(5).normal(0.0, 0.03, (81, 3)) * (0.0, 1.0, 1.0)
+    beside = make_segment(y=0.13)
     assert judge(wire, beside)[0] == 2
     assert judge(wire, noise=[beside])[0] == 0
 
 
-def test_a_thick_cluster_is_no_bead_and_is_told_to_be_too_thick():
-    thick = make_bead()
+def test_a_thick_cluster_is_no_segment_and_is_told_to_be_too_thick():
+    thick = make_segment()
     thick[::2, 1] += 0.4
-    found, owner, too_thick, _ = judge(make_bead(y=3.0), thick)
+    found, owner, too_thick, _ = judge(make_segment(y=3.0), thick)
     assert found == 1
     assert [np.unique(part).tolist() for part in owner[:2]] == [[0], [-1]]
     assert [part.all() for part in too_thick[:2]] == [False, True]
-    assert judge(make_bead(y=3.0), thick, limit=0.3)[0] == 2
+    assert judge(make_segment(y=3.0), thick, limit=0.3)[0] == 2
 
 
 @pytest.mark.parametrize('cluster', [
-    make_bead(0.0, 4.5), np.vstack([make_bead(-HALF, -8.0), make_bead(8.0, HALF)]),
+    make_segment(0.0, 4.5), np.vstack([make_segment(-HALF, -8.0), make_segment(8.0, HALF)]),
 ], ids=['too short', 'two ends without a middle'])
-def test_what_is_not_seen_along_the_window_is_no_bead(cluster):
+def test_what_is_not_seen_along_the_window_is_no_segment(cluster):
     found, owner, too_thick, _ = judge(cluster)
     assert found == 0
     assert (owner[0] == -1).all()
     assert not too_thick[0].any()
 
 
-def test_a_strip_of_a_sheet_is_no_bead():
+def test_a_strip_of_a_sheet_is_no_segment():
     sheet = make_sheet(-HALF, HALF)
     axis = np.abs(sheet[:, 1]) < 0.03
     assert judge(sheet[axis])[0] == 1
@@ -144,6 +144,6 @@ def test_a_strip_of_a_sheet_is_no_bead():
 
 def test_no_clusters_and_no_room():
     assert judge()[0] == 0
-    found, owner, _, _ = judge(make_bead(), room=0)
+    found, owner, _, _ = judge(make_segment(), room=0)
     assert found == 0
     assert (owner[0] == -1).all()

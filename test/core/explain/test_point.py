@@ -192,9 +192,9 @@ def test_windows_are_seen_as_the_stage_saw_them(cloud, trace):
     num_compared = 0
     for slot in np.flatnonzero(inside)[::90].tolist():
         windows = Windows(Place(trace, SETTINGS, held.points[slot], int(held.place[slot])))
-        beads = sum(view.outcome == 'bead' and view.is_own for view in windows.views)
+        segments = sum(view.outcome == 'segment' and view.is_own for view in windows.views)
         if windows.num_near <= len(windows.numbers):
-            assert beads == len(windows.beads)
+            assert segments == len(windows.segments)
             num_compared += 1
     assert num_compared > 3
 
