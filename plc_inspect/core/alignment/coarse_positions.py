@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Positions that went through single precision far from the origin, and come in steps."""
+"""Detect positions rounded to single precision far from the origin, which move in steps."""
 
 import numpy as np
 
@@ -9,29 +9,29 @@ from plc_inspect.core.numerics.arrays import MOST_COORDINATE
 from plc_inspect.results import Float64
 
 COARSE = 0.05
-"""Steps from which nothing is told of the map [m].  Source: derived: the noise of a point."""
+"""Step size from which no results are reported [m].  Source: derived: the noise of a point."""
 LEAST_VALUES = 4
 """
-Values of a coordinate that single precision holds exactly, one after the other, and none else.
+Successive distinct values of a coordinate that must all be exact in single precision.
 Source: derived: one in 2^29 of all values is so; round ones that are made by hand are few.
 """
 
 
 class CoarsePositions:
-    """Tells positions of single precision; owned by one thread."""
+    """Detects positions of single precision; not thread-safe."""
 
     def __init__(self) -> None:
         self.clear()
 
     def clear(self) -> None:
-        """Expect nothing of the next position."""
+        """Reset."""
         self._values: Float64 = np.full(3, np.nan)
         self._counts = np.zeros(3, dtype=np.int64)
         self.doubt = ''
-        """Why nothing may be told of the map, '' if nothing."""
+        """Why no results may be reported, '' if they may."""
 
     def see(self, position: Float64) -> None:
-        """Look at a position (3,) [m]."""
+        """Examine a position (3,) [m]."""
         if np.abs(position).max() >= MOST_COORDINATE:
             return
         single = position.astype(np.float32)

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""How far the odometry is off, and how fast that grows: a Kalman filter over fits."""
+"""Error of the odometry and its rate, estimated by a Kalman filter over registrations."""
 
 import numpy as np
 
@@ -13,28 +13,27 @@ SHIFT, TURN, RATE = 0.02, 0.002, 0.05
 """Standard deviations at the start [m], [rad], [m/s].  Source: judgement."""
 SHIFT_WALK, TURN_WALK, RATE_WALK = 0.01, 0.0003, 0.02
 """
-How far the odometry's error wanders in a second [m], [rad], and its rate [m/s].
+Random walk of the odometry's error per second [m], [rad], and of its rate [m/s].
 Source: judgement: twice the slip of a good odometry, 0.2 % of the way at 5 m/s.
 """
 SCALE, SCALE_WALK = 0.03, 0.0005
 """
-Standard deviation of the share by which the positions are too short at the start, and how far it
-wanders in a second.
-Source: judgement: a camera alone, an air pressure or a wheel tells ways to a hundredth.
+Standard deviation of the scale error of positions at the start, and its random walk per second.
+Source: judgement: a monocular camera, a barometer or a wheel measures distance to 1 %.
 """
 MOST_RATE = 0.5
-"""Drifts are no faster [m/s].  Source: judgement."""
+"""Greatest drift [m/s].  Source: judgement."""
 _SIZE = 8
-"""Figures of the state.  Source: numerical: shift, turn, rate, share of the way."""
+"""Size of the state.  Source: numerical: shift, turn, rate, share of the way."""
 SLOWEST = 1.0
-"""Slower vehicles do not tell a share of the way from a drift [m/s].  Source: judgement."""
+"""Speed below which scale error and drift cannot be separated [m/s].  Source: judgement."""
 
 
 class DriftFilter:
     """
-    Shift, turn, rate of the shift, share of the way; the shift is of the vehicle's place.
+    Filter of shift (at the vehicle), turn, rate of the shift, and scale error of positions.
 
-    A drift goes on with time whatever the vehicle does; what is a share of the way turns with it.
+    Drift grows with time whatever the vehicle does; a scale error grows along its path.
     """
 
     def __init__(self, move: RigidMove, stamp_ns: int, covariance: Float64 | None = None) -> None:
@@ -49,7 +48,7 @@ class DriftFilter:
 
     @property
     def move(self) -> RigidMove:
-        """What brings points of now into the map frame."""
+        """Move of present points into the map frame."""
         return RigidMove(self._mean[:3].copy(), float(self._mean[3]), self._centre)
 
     @property
@@ -67,10 +66,10 @@ class DriftFilter:
 
     def measure_share(self) -> tuple[float, float]:
         """
-        Return by what share of the way along it the odometry is off, and its standard deviation.
+        Return the scale error of the odometry along the path, and its standard deviation.
 
-        Positive where positions are too short.  It holds for the way flown now: without a turn a
-        drift cannot be told from positions that are too long.  0 and infinity at a standstill.
+        Positive if positions are too short.  Valid for the present course: without a turn, drift
+        and scale error cannot be separated.  0 and infinity at a standstill.
         """
         square = float(self._velocity @ self._velocity)
         if square < SLOWEST**2:
@@ -80,7 +79,7 @@ class DriftFilter:
         return float(along @ self._mean), float(np.sqrt(along @ self._spread @ along))
 
     def measure_aside(self) -> tuple[float, float]:
-        """Return how fast the odometry drifts aside [m/s], and its standard deviation."""
+        """Return the drift across the path [m/s], and its standard deviation."""
         aside = self._mean[4:7] + self._mean[7] * self._velocity
         if self.speed > SLOWEST:
             way = self._velocity / self.speed
@@ -92,9 +91,9 @@ class DriftFilter:
 
     def begin_anew(self, shift: Float64, share: float, sigma: float) -> None:
         """
-        Begin with another shift (3,) [m], a share of the way and an empty map.
+        Restart with a shift (3,) [m], a scale error and an empty map.
 
-        What drifts with time is then a part of the share.
+        Drift with time is then part of the scale error.
         """
         self._mean[:3], self._mean[7] = shift, share
         self._mean[4:7] = 0.0
@@ -103,20 +102,20 @@ class DriftFilter:
         self._spread[own, own] = np.array([SHIFT, SHIFT, SHIFT, sigma]) ** 2
 
     def carry(self, other: 'DriftFilter') -> None:
-        """Take the share of the way that another filter found."""
+        """Take over the scale error of another filter."""
         self._mean[7], self._spread[7, 7] = other._mean[7], other._spread[7, 7]
         self._velocity = other._velocity
 
     @property
     def speed(self) -> float:
-        """Of the vehicle [m/s]."""
+        """Speed of the vehicle [m/s]."""
         return float(np.linalg.norm(self._velocity))
 
     def predict(self, stamp_ns: int, place: Float64) -> float:
         """
-        Go on to a time [ns] and the vehicle's place (3,) [m] in the odometry's frame.
+        Predict to a time [ns] and the vehicle's position (3,) [m] in the odometry's frame.
 
-        Return the way between [m].
+        Return the distance flown since the last one [m].
         """
         seconds = max(0.0, (stamp_ns - self._stamp) * 1e-9)
         self._stamp = stamp_ns
@@ -135,7 +134,7 @@ class DriftFilter:
         return float(np.linalg.norm(away))
 
     def update(self, fit: Fit) -> None:
-        """Take a fit that began at ``move`` and ``covariance``."""
+        """Update by a registration that started from ``move`` and ``covariance``."""
         before = self._spread[:4, :4]
         gain = self._spread[:, :4] @ np.linalg.inv(before)
         off = np.append(fit.move.shift, fit.move.yaw) - self._mean[:4]

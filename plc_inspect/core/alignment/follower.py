@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Keeps the map whole when the odometry is not: steps, poses that stand still, drift.
+Keeps the map consistent when the odometry is not: steps, frozen poses, drift.
 
-What was seen first is the landmark.  As long as new scans lie on it nothing is moved.  After a
-step the scans wait until they are fitted to it; the vehicle's motion tells where to look.  Where
-they cannot be fitted the map begins anew, rather than showing every wire twice.
+The first points seen are the reference.  As long as new scans fit it, nothing is moved.  After a
+step, scans wait until they are registered to it, with the vehicle's motion as prior.  If they
+cannot be registered, the map starts anew, as otherwise every wire would show twice.
 """
 
 from collections.abc import Iterator
@@ -26,71 +26,76 @@ from plc_inspect.results import Float64
 
 REACH = 40.0
 """
-Points farther from the lidar are not compared [m].
+Greatest distance from the lidar of points that are compared [m].
 Source: derived: 0.05 degrees of attitude move them by 0.035 m.
 """
 WIDE = 60.0
 """
-The same after a break, before which the vehicle may have been far away [m].
+The same after a break, as the vehicle may have moved far meanwhile [m].
 Source: derived: 5 s without poses at 7 m/s.
 """
 BATCH_NS = 500_000_000
-"""Scans of this long are compared together [ns].  Source: judgement: 2.5 m at 5 m/s."""
+"""Duration of a batch of scans that is compared [ns].  Source: judgement: 2.5 m at 5 m/s."""
 WAIT_NS, MOST_WAIT_NS = 400_000_000, 1_000_000_000
 """
-Scans of this long are fitted after a step; they wait no longer than the second [ns].
-Source: judgement: four scans at 10 Hz; what is wrong is to be said within 2 s.
+Duration of scans that are registered after a step, and their longest wait [ns].
+Source: judgement: four scans at 10 Hz; an error must be reported within 2 s.
 """
 LEAST_MATCHED = 150
-"""Points that must have been seen before, or nothing is said.  Source: judgement."""
+"""Least number of points in known cells for a judgement.  Source: judgement."""
 LEAST_SHARE = 0.5
-"""Share of them that must fit.  Source: measured: bench/studies/odometry_faults.py."""
+"""Least share of them that must fit.  Source: measured: bench/studies/odometry_faults.py."""
 CLEARLY = 0.1
-"""By so much more of them fit where a less likely place is taken.  Source: judgement."""
+"""Least gain in that share for a less likely position to be accepted.  Source: judgement."""
 MOST_SIGMA = 0.15
 """Greatest standard deviation of a part's place [m].  Source: derived: 0.2 m must hold."""
 LITTLE = 2.0
 """
-Steps up to this are bridged by the motion alone where nothing is seen twice [m].
+Steps up to this are bridged by the motion alone if nothing is seen twice [m].
 Source: judgement: a correction; what is greater may be another frame.
 """
 SAME = 0.05
-"""Steps that come back to less are none [m].  Source: derived: the noise of a point."""
+"""Steps that return to within this count as none [m].  Source: derived: the noise of a point."""
 ENGAGE, ENGAGE_AGAIN = 0.15, 0.12
 """
-Drift from which scans are moved, within a pass and where the vehicle has come back [m].
+Drift from which scans are corrected, within a pass and after the vehicle has come back [m].
 Source: measured: bench/studies/odometry_faults.py and the demo flight: good odometry stays below.
 """
 AGAIN = 10.0
 """
-What was seen first so long ago on average was left meanwhile; within a pass the correction sets in
-over the age of what was seen, sooner where much is off, as a step in the map would stay in it [s].
+Mean age of cells from which the vehicle counts as having come back [s].  Within a pass the
+correction sets in over the age of the cells, sooner for a large one, as a step would stay in the
+map.
 Source: measured: bench/studies/odometry_faults.py: 7 s within a pass at 6 m/s.
 """
 SURELY = 4.0
 """
-Drift is believed that is so many standard deviations.
+Drift counts from this many standard deviations.
 Source: measured: bench/studies/odometry_faults.py: with 5 it was seen 0.05 m later.
 """
 TWICE = 2
-"""Batches in a row that must say so.  Source: judgement."""
+"""Consecutive batches that must agree.  Source: judgement."""
 UNSURE, STEADY = 0.5, 0.01
 """
-Standard deviations of the place after a break in which the motion is not known [m], and of the
-heading after any [rad].  Source: judgement; not measured.
+Standard deviation of the position after a break with unknown motion [m], and of the heading after
+any break [rad].
+Source: judgement; not measured.
 """
 SEEDED = 150.0
-"""What of a resumed map is this near is a landmark again [m].  Source: numerical: 0.2 s."""
+"""
+Points of a resumed map within this distance of the vehicle become the reference [m].
+Source: numerical: 0.2 s.
+"""
 LOST_AFTER = 4
-"""Batches in a row that do not fit, after which a part begins.  Source: derived: 2 s."""
+"""Consecutive batches that do not fit before a new part begins.  Source: derived: 2 s."""
 
 
 class Follower:
-    """Brings scans from the odometry's frame into that of the map; owned by one thread."""
+    """Moves scans from the odometry's frame into the map frame; not thread-safe."""
 
     def __init__(self) -> None:
         self.parts: list[Part] = []
-        """All but the first."""
+        """All parts but the first."""
         self.watch, self.steady = PoseWatch(), SteadyErrors()
         self._cells = NormalCells()
         self._filter: DriftFilter | None = None
@@ -99,14 +104,14 @@ class Follower:
         self.clear()
 
     def clear(self) -> None:
-        """Begin anew, with the odometry as it is."""
+        """Reset, with the odometry uncorrected."""
         self._cells.clear()
         self._following = False
         self._held = RigidMove()
         self.forget_times()
 
     def forget_times(self) -> None:
-        """Expect nothing of the next pose, as after time went back; the map stays."""
+        """Reset the pose history, as after time went back; the map stays."""
         self.watch.clear()
         self._held = self.move
         self._filter, self._following = None, False
@@ -122,18 +127,19 @@ class Follower:
         parts: list[Part],
     ) -> None:
         """
-        Go on with what another process knew.
+        Resume the state of another process.
 
         Parameters
         ----------
         move : RigidMove
-            That held then.
+            The last move.
         points : Float64
             (N, 3) of the map [m].
         stamp_ns : int
             Of the newest scan [ns].
         place : Float64 or None
-            (3,) where the vehicle was in the map [m]; what is far from it is no landmark.
+            (3,) last position of the vehicle in the map [m]; only points near it become the
+            reference.
         parts : list of Part
             Up to then.
 
@@ -146,11 +152,11 @@ class Follower:
 
     @property
     def move(self) -> RigidMove:
-        """From the frame of the odometry as it is now into that of the map."""
+        """Move from the present frame of the odometry into the map frame."""
         return self._move_at(self._stamp)
 
     def _move_at(self, stamp_ns: int) -> RigidMove:
-        """Return the same at a time near the last [ns]; while it sets in, a part of it."""
+        """Return the move at a time near the last [ns]; a part of it while it sets in."""
         if not self._following or self._filter is None:
             return self._held
         move = self._filter.move_at(stamp_ns)
@@ -164,12 +170,12 @@ class Follower:
 
     @property
     def waits(self) -> bool:
-        """Whether a break is looked at still."""
+        """Whether a break is under examination."""
         return self._pending is not None
 
     @property
     def likely_move(self) -> RigidMove | None:
-        """The same of the newest pose while a break is looked at; None where nobody knows."""
+        """The likely move of the newest pose during an examination; None if unknown."""
         if self.watch.frozen:
             return None
         if self._pending is None:
@@ -179,22 +185,22 @@ class Follower:
 
     @property
     def following(self) -> bool:
-        """Whether scans are moved bit by bit, as the odometry drifts."""
+        """Whether scans are corrected gradually, as the odometry drifts."""
         return self._following
 
     @property
     def doubt(self) -> str:
-        """Why nothing may be told of the map, '' if nothing."""
+        """Why no results may be reported, '' if they may."""
         return self.steady.doubt
 
     @property
     def num_waiting(self) -> int:
-        """Scans that wait until they are fitted."""
+        """Number of scans waiting for registration."""
         return len(self._waiting)
 
     def see_pose(self, stamp_ns: int, position: Float64, quaternion: Float64) -> Break | None:
         """
-        Look at a pose that was accepted.
+        Examine an accepted pose.
 
         Parameters
         ----------
@@ -208,7 +214,7 @@ class Follower:
         Returns
         -------
         Break or None
-            What is wrong with it; nothing may be interpolated over a break.
+            The break before it, if any; poses must not be interpolated over a break.
 
         """
         self._place, self._stamp = np.array(position, dtype=np.float64), stamp_ns
@@ -227,7 +233,7 @@ class Follower:
 
     def take(self, scan: Seen) -> Iterator[Seen | Part]:
         """
-        Take a scan, and yield what may go into the map.
+        Take a scan, and yield what can go into the map.
 
         Parameters
         ----------
@@ -237,7 +243,7 @@ class Follower:
         Yields
         ------
         Seen or Part
-            Scans in the map's frame; a part that is not aligned: the map begins anew with it.
+            Scans in the map frame, or a part that is not aligned, with which the map starts anew.
 
         """
         if self._pending is None or int(scan.stamps.max(initial=scan.stamp_ns)) < (
@@ -249,7 +255,7 @@ class Follower:
         yield from self.settle(self._stamp)
 
     def settle(self, now_ns: int, *, at_once: bool = False) -> Iterator[Seen | Part]:
-        """Yield what waited for a break to be understood, if it is or must be by now [ns]."""
+        """Yield scans that waited for a break, once it is resolved or the wait has ended."""
         if self._pending is None or not self._waiting:
             return
         begin = self._pending.begin_ns
@@ -263,7 +269,7 @@ class Follower:
             yield from self._release(scan)
 
     def _release(self, scan: Seen) -> Iterator[Seen | Part]:
-        """Yield a scan in the map's frame, and learn from it."""
+        """Yield a scan in the map frame, and compare it with the reference."""
         self._batch.append(scan)
         yield replace(scan, points=self._move_at(scan.stamp_ns).apply(scan.points))
         if scan.stamp_ns - self._batch[0].stamp_ns >= BATCH_NS:
@@ -271,14 +277,14 @@ class Follower:
             yield from self._note(self._learn(batch))
 
     def _note(self, part: Part | None) -> Iterator[Part]:
-        """Remember a part, and yield it where the map begins anew with it."""
+        """Store a part, and yield it if the map starts anew with it."""
         if part is not None:
             self.parts.append(part)
             if not part.aligned:
                 yield part
 
     def _learn(self, batch: list[Seen]) -> Part | None:
-        """Compare a batch with what was seen first, and add it to that."""
+        """Compare a batch with the reference, and add it."""
         points = gather_points(batch, REACH)
         stamp = batch[len(batch) // 2].stamp_ns
         if self._filter is None:
@@ -305,7 +311,7 @@ class Follower:
         return part
 
     def _judge(self, fit: Fit, stamp: int) -> Part | None:
-        """Begin to move scans where they surely lie beside the map."""
+        """Start to correct scans if they certainly lie beside the map."""
         if self._following:
             if self.parts:
                 self.parts[-1] = replace(
@@ -330,7 +336,7 @@ class Follower:
         )
 
     def _mend(self, tracked: DriftFilter, way: float, stamp: int) -> Part | None:
-        """Begin anew where the odometry has a steady error, with that corrected."""
+        """Restart with a corrected odometry if it has a steady error."""
         cause = self.steady.judge_way(tracked, way, self._place)
         if not cause:
             return None
@@ -341,7 +347,7 @@ class Follower:
         )
 
     def _resolve(self, pending: PendingBreak, scans: list[Seen]) -> Part | None:
-        """Find where the scans after a break belong."""
+        """Register the scans after a break."""
         points = sample_points(gather_points(scans, WIDE))
         stamp = scans[-1].stamp_ns
         before = self.move
@@ -385,7 +391,7 @@ class Follower:
         )
 
     def _give_up(self, cause: str, stamp: int) -> Part:
-        """Begin anew with the odometry as it is."""
+        """Restart with the odometry uncorrected."""
         self._cells.clear()
         self._held, self._filter, self._following = RigidMove(), None, False
         self._doubts = self._strays = 0

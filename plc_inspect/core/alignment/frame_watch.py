@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Which frames poses are in: those of the first one, until all are in others for a while."""
+"""Frames of the poses: those of the first pose, until for a while all poses have others."""
 
 from dataclasses import dataclass
 
@@ -9,13 +9,13 @@ from plc_inspect.results import Float64
 
 FOLLOW_NS = 500_000_000
 """
-Poses of other frames alone for this long are followed [ns].
+Time after which poses that all have other frames are accepted [ns].
 Source: judgement: half of what scans wait for poses by default (input.max_wait).
 """
 FOLLOW_POSES = 4
-"""So many of them, at least.  Source: judgement: two odometries on a topic take turns."""
+"""Least number of such poses.  Source: judgement: two odometries on a topic take turns."""
 MOST_POSES = 1000
-"""Poses that are kept meanwhile.  Source: numerical: half a second at 1 kHz."""
+"""Most poses kept meanwhile.  Source: numerical: half a second at 1 kHz."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,7 +32,7 @@ class FramedPose:
 
 
 class FrameWatch:
-    """Lets poses through that are in the frames of those before."""
+    """Passes on poses whose frames are those of the poses before."""
 
     def __init__(self) -> None:
         self.frames: tuple[str, str] | None = None
@@ -40,12 +40,12 @@ class FrameWatch:
         self._others: list[FramedPose] = []
 
     def clear(self) -> None:
-        """Take the frames of the next pose."""
+        """Reset; the next pose sets the frames."""
         self.frames = None
         self._others.clear()
 
     def judge(self, pose: FramedPose) -> list[FramedPose]:
-        """Return the poses that are to be taken now, in order; those of ``frames`` at once."""
+        """Return the poses to use now, in order; a pose in ``frames`` is returned at once."""
         if self.frames is None or pose.frames == self.frames:
             self._others.clear()
             return [pose]

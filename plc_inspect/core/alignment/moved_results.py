@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Results in another frame: those of the map, told in that of the odometry as it is now."""
+"""Transform results from the map frame to the present frame of the odometry."""
 
 from dataclasses import replace
 import itertools
@@ -14,7 +14,7 @@ from plc_inspect.results import Float64, Hazard, InspectionResult, Span, Support
 
 
 def move_span(span: Span, move: RigidMove) -> Span:
-    """Return a span elsewhere."""
+    """Return the moved span."""
     start, end, lowest = (move.apply(place) for place in (span.start, span.end, span.lowest))
     up = float(move.shift[2])
     a2, a1, a0 = span.quadratic
@@ -25,12 +25,12 @@ def move_span(span: Span, move: RigidMove) -> Span:
 
 
 def move_support(support: Support, move: RigidMove) -> Support:
-    """Return a support elsewhere."""
+    """Return the moved support."""
     return replace(support, position=move.apply(support.position))
 
 
 def move_hazard(hazard: Hazard, move: RigidMove) -> Hazard:
-    """Return a hazard elsewhere; its box is about the turned one."""
+    """Return the moved hazard; its box encloses the rotated one."""
     return replace(
         hazard, position=move.apply(hazard.position), extent=move_box(hazard.extent, move),
     )
@@ -43,7 +43,7 @@ def move_box(box: Float64, move: RigidMove) -> Float64:
 
 
 def move_result(result: InspectionResult, move: RigidMove) -> InspectionResult:
-    """Return all that was found elsewhere; the same where nothing moves."""
+    """Return the moved result; the same object if the move is trivial."""
     if move.trivial:
         return result
     return replace(

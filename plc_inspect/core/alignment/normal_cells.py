@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The landmark by which poses are checked: cells with the normal distribution of what was seen first.
+The reference map that checks poses: cells with the normal distribution of the first points seen.
 
-Biber and Strasser 2003, The normal distributions transform.  A cell takes points for a few seconds
-and is closed then, so that what is seen later is compared with what was seen first, and a slow
-drift does not carry its own landmark along.
+Source: Biber and Strasser 2003, The normal distributions transform.  A cell collects points for a
+few seconds and is then closed, so later points are compared with the first ones, and a slow drift
+does not shift its own reference.
 """
 
 from numba import njit
@@ -30,40 +30,44 @@ seconds later, and doubled wires; 1 cm/s of drift makes 0.02 m of it.
 """
 LEAST_LOOKS = 3
 """
-Batches that a cell was seen in before it counts: arcs of one scan on the ground look like wires.
+Least number of batches that saw a cell before it counts: arcs of one scan on the ground look like
+wires.
 Source: derived: three arcs fill a plane.
 """
 LEAST_POINTS = 8
-"""Points that a cell needs before it counts.  Source: judgement; not measured."""
+"""Least number of points before a cell counts.  Source: judgement; not measured."""
 NOISE = 0.05
 """
-Standard deviation of a point beside that of its cell [m].
+Standard deviation of a point, in addition to that of its cell [m].
 Source: derived: 0.03 m of range, and 0.05 degrees of attitude at 40 m.
 """
 THIN = 0.1
 """
-Standard deviation of a cell's points across its plane or line up to which it is one [m].
+Greatest standard deviation of a cell's points across its plane or line [m]; above it the cell is
+thick.
 Source: measured: bench/studies/odometry_faults.py: ground, walls, poles and conductors give 0.03
 to 0.08 m.
 """
 THICK_WEIGHT = 0.05
 """
-Weight of points of thicker cells: of crowns that part is seen which faces the vehicle, and it goes
-along with it.
+Weight of points in thick cells: the visible part of a crown moves with the vehicle.
 Source: measured: bench/studies/odometry_faults.py: with weight 1 good odometry was moved by 0.2 m
 in 6 s; so many points together tell the place of a cell to about its thickness.
 """
 MOST_CELLS = 1_000_000
-"""Cells at most; beyond, the far half is forgotten.  Source: numerical: 112 MB."""
+"""Most cells; beyond, the farther half is dropped.  Source: numerical: 112 MB."""
 ROBUST = 9.0
-"""Squared distance over its variance at which a point counts a quarter.  Source: judgement."""
+"""
+Squared Mahalanobis distance at which a point has a quarter of its weight.
+Source: judgement.
+"""
 NEAR_ENOUGH = 11.3
 """
-Squared distance over its variance up to which a point fits.
+Greatest squared Mahalanobis distance at which a point fits.
 Source: derived: chi squared of three degrees of freedom, 99 %.
 """
 _BITS = 21
-"""Of a key for each axis.  Source: numerical: three in 64."""
+"""Bits of a key per axis.  Source: numerical: three in 64."""
 _HALF = 1 << (_BITS - 1)
 """Cells on each side of the first point.  Source: numerical: half of what _BITS hold."""
 _NONE = 1e300
@@ -71,7 +75,7 @@ _NONE = 1e300
 
 
 class NormalCells:
-    """Cells of what was seen first, in the map frame; owned by one thread."""
+    """Cells of the first points seen, in the map frame; not thread-safe."""
 
     def __init__(self) -> None:
         self.clear()
@@ -81,7 +85,7 @@ class NormalCells:
         return self._num
 
     def clear(self) -> None:
-        """Forget all cells."""
+        """Remove all cells."""
         self._origin: Float64 | None = None
         self._num = 0
         self._make_room(1 << 12)
@@ -95,7 +99,7 @@ class NormalCells:
 
     def add(self, points: Float64, stamp_ns: int) -> None:
         """
-        Take a batch of points.
+        Add a batch of points.
 
         Parameters
         ----------
@@ -147,11 +151,11 @@ class NormalCells:
         points : Float64
             (N, 3) frame of the odometry [m].
         move : RigidMove
-            Brings them into the map frame; turns about its centre.
+            Moves them into the map frame.
         stamp_ns : int
-            Of the points [ns]; cells that are open still do not count.
+            Time of the points [ns]; open cells do not count.
         reach : int
-            Cells beside that of a point that are looked at.
+            Number of neighbouring cells searched on each side.
         noise : float
             Standard deviation of a point beside that of its cell [m].
 
@@ -160,11 +164,11 @@ class NormalCells:
         matrix : Float64
             (4, 4) normal matrix of a small shift along x, y and z [1/m2] and turn [1/rad2].
         slope : Float64
-            (4,) its right side.
+            (4,) right-hand side.
         matched, fitting : int
-            Points with a cell, and those that fit it.
+            Number of points with a cell, and of those that fit it.
         age : float
-            Mean time since the cells of the latter were first seen [s].
+            Mean age of the cells of the fitting points [s].
 
         """
         if self._origin is None:

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Parts of a flight, between which the odometry is not one piece, and the scans of them."""
+"""Parts of a flight, separated by breaks of the odometry, and their scans."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,12 +15,12 @@ from plc_inspect.results import Float64, Int64
 
 MOST_POINTS = 30_000
 """
-Points of a batch that are kept.
+Most points of a batch that are kept.
 Source: measured: bench/studies/odometry_faults.py: of 6,000 only crowns filled their cells.
 """
 
 BY_RATE = 'a steady rate'
-"""What corrects a steady error; the map begins anew with it.  Source: its name."""
+"""Name of the correction of a steady error, with which the map starts anew.  Source: its name."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,7 +39,7 @@ class Seen:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Part:
-    """A part of the flight in which the odometry is off by another move than before."""
+    """A part of the flight with one move from odometry to map."""
 
     begin_ns: int
     """First pose of it [ns]."""
@@ -50,7 +50,7 @@ class Part:
     sigma: float
     """Greatest standard deviation of its place [m]."""
     aligned: bool
-    """It lies where the part before does; otherwise the map began anew with it."""
+    """It is aligned with the part before; otherwise the map started anew with it."""
     by: str = ''
     """What aligned it: 'what was seen twice', 'the motion' or BY_RATE."""
 

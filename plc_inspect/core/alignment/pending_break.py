@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A break of the odometry that is being looked at, and those that come meanwhile."""
+"""A break of the odometry under examination, with breaks that follow meanwhile."""
 
 from dataclasses import dataclass
 
@@ -14,12 +14,12 @@ from plc_inspect.results import Float64
 
 @dataclass(slots=True, eq=False)
 class PendingBreak:
-    """A break that is being looked at."""
+    """A break under examination."""
 
     cause: str
     begin_ns: int
     quick: bool
-    """The odometry stepped from one pose to the next: the motion tells where the vehicle is."""
+    """The odometry stepped between two poses, so the motion predicts where the vehicle is."""
     size: float
     sigma: float
     total: RigidMove
@@ -27,14 +27,14 @@ class PendingBreak:
 
     @classmethod
     def begin(cls, found: Break) -> 'PendingBreak':
-        """Return that of one break."""
+        """Return a pending break that holds one break."""
         return cls(
             found.describe(), found.after_ns, found.oddity is Oddity.STEP, found.size,
             found.sigma, found.move,
         )
 
     def add(self, found: Break, place: Float64) -> None:
-        """Take one more break, after which the vehicle is at a place (3,) [m]."""
+        """Add a break, after which the vehicle is at a position (3,) [m]."""
         self.total = self.total.after(found.move)
         self.sigma = float(np.hypot(self.sigma, found.sigma))
         self.quick = self.quick and found.oddity is Oddity.STEP

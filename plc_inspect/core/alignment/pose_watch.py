@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Poses that cannot be: steps that no vehicle flies, and poses that stand still in flight."""
+"""Detects impossible poses: steps that no vehicle flies, and poses that freeze in flight."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -15,37 +15,44 @@ from plc_inspect.results import Float64
 
 WINDOW = 0.15
 """
-Poses of this long, two at least, give the velocity before a step [s].
+Duration of the poses, two at least, that give the velocity before a step [s].
 Source: judgement: long against the noise of an odometry, short against a turn.
 """
 ACCELERATION = 12.0
-"""Greatest believable acceleration [m/s2].  Source: judgement: 1.2 g, in a gust."""
+"""Greatest plausible acceleration [m/s2].  Source: judgement: 1.2 g, in a gust."""
 MOST_CHANGE = 15.0
 """
-Greatest believable difference of the velocities before and after a break [m/s].
-Source: judgement: what is taken for a step may have been a collision, or a turn on the spot.
+Greatest plausible difference of the velocities before and after a break [m/s].
+Source: judgement: an apparent step may have been a collision, or a turn on the spot.
 """
 TURNING = 8.0
-"""Greatest believable angular acceleration about the vertical [rad/s2].  Source: judgement."""
+"""Greatest plausible angular acceleration about the vertical [rad/s2].  Source: judgement."""
 LEAST_STEP, LEAST_TURN = 0.06, 0.009
-"""Steps below are not told from noise [m], [rad].  Source: judgement; 0.5 degrees."""
+"""
+Smallest step that can be distinguished from noise [m], [rad].
+Source: judgement; 0.5 degrees.
+"""
 TIMES_NOISE = 6.0
-"""A step is greater than this many times what poses usually are beside.  Source: judgement."""
+"""Least ratio of a step to the usual prediction error of poses.  Source: judgement."""
 SMOOTHING = 0.02
-"""Weight of a pose in that mean.  Source: judgement: half a second at 100 Hz."""
+"""Weight of a pose in the mean of that error.  Source: judgement: half a second at 100 Hz."""
 MOVING = 0.5
-"""Slower vehicles may stand still a moment later [m/s].  Source: derived: ACCELERATION."""
+"""
+Speed from which equal poses count as frozen: slower vehicles may stop at once [m/s].
+Source: derived: ACCELERATION.
+"""
 FROZEN = 0.15
-"""Poses that are equal for longer, four at least, stand still [s].  Source: judgement."""
+"""Time after which equal poses count as frozen [s].  Source: judgement."""
 FROZEN_POSES = 4
-"""Equal poses, at least.  Source: judgement: some odometry tells each pose twice."""
+"""Least number of equal poses. Source: judgement: some odometry publishes each pose twice."""
 FIRST = 0.3
 """
-A first change of place so soon after the first pose is no step: where positions are repeated, the
-vehicle may have been flying before [s].  Source: derived: positions at 5 Hz.
+A first change of position this soon after the first pose is no step: with repeated positions, the
+vehicle may already have been flying [s].
+Source: derived: positions at 5 Hz.
 """
 LONG_GAP = 5.0
-"""After a longer time without poses nothing is expected of the next [s].  Source: judgement."""
+"""Longest gap of poses over which the next one is predicted [s].  Source: judgement."""
 
 
 class Oddity(enum.Enum):
@@ -58,21 +65,21 @@ class Oddity(enum.Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Break:
-    """Poses before and after do not belong together."""
+    """A break: poses before and after it do not fit together."""
 
     oddity: Oddity
     before_ns: int
-    """Last pose that can be [ns]."""
+    """Last plausible pose [ns]."""
     after_ns: int
     """First pose after [ns]."""
     size: float
-    """Distance between where the vehicle should be and where it is said to be [m]."""
+    """Distance between predicted and reported position [m]."""
     turn: float
-    """The same of the heading [rad]."""
+    """Difference between predicted and reported heading [rad]."""
     move: RigidMove
-    """Brings what is after to where the vehicle should be."""
+    """Moves poses after the break to the prediction."""
     sigma: float
-    """Standard deviation of where it should be, each axis [m]."""
+    """Standard deviation of the predicted position, per axis [m]."""
 
     def describe(self) -> str:
         """Return it in one line."""
@@ -97,13 +104,13 @@ class _Pose:
 
 
 class PoseWatch:
-    """Looks at each pose that was accepted; owned by one thread."""
+    """Examines each accepted pose; not thread-safe."""
 
     def __init__(self) -> None:
         self.clear()
 
     def clear(self) -> None:
-        """Expect nothing of the next pose."""
+        """Reset; the next pose is not compared."""
         self._window: deque[_Pose] = deque()
         self._velocity: tuple[float, float, float, float] | None = None
         self._usual = 0.0
@@ -112,21 +119,21 @@ class PoseWatch:
         self._since: _Pose | None = None
         self._doubts = False
         self._first_stamp: int | None = None
-        """Of the first pose, until the place changes."""
+        """Stamp of the first pose, until the position changes."""
 
     @property
     def frozen(self) -> bool:
-        """Whether the poses stand still while the vehicle moves."""
+        """Whether the poses are frozen while the vehicle moves."""
         return self._frozen is not None
 
     @property
     def believed_ns(self) -> int | None:
-        """Stamp of the pose before those that may be standing still [ns], None: there are none."""
+        """Stamp of the last pose before possibly frozen ones [ns], None if there are none."""
         return self._since.stamp if self._doubts and self._since is not None else None
 
     def see(self, stamp_ns: int, position: Float64, quaternion: Float64) -> Break | None:
         """
-        Look at a pose, and tell what is wrong with it.
+        Examine a pose, and return the break before it, if any.
 
         Parameters
         ----------
@@ -181,7 +188,7 @@ class PoseWatch:
         return None
 
     def _begin(self, pose: _Pose) -> None:
-        """Go on with the velocity of before, until there are poses for another."""
+        """Keep the velocity before the break until there are poses for a new one."""
         self._window.clear()
         self._window.append(pose)
 
@@ -190,7 +197,7 @@ class PoseWatch:
         return max((self._window[-1].stamp - self._window[0].stamp) * 1e-9, WINDOW)
 
     def _measure(self) -> None:
-        """Take the velocity of the window, if it is long enough."""
+        """Measure the velocity over the window, if it is long enough."""
         first, last = self._window[0], self._window[-1]
         seconds = (last.stamp - first.stamp) * 1e-9
         if len(self._window) < 3 or seconds <= 0.0:
@@ -201,7 +208,7 @@ class PoseWatch:
         )
 
     def _stand(self, pose: _Pose, last: _Pose) -> Break | None:
-        """Look at a pose that equals the last."""
+        """Examine a pose that equals the last one."""
         if self._frozen is not None:
             return None
         self._measure()

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Fits points to the cells of what was seen first, by shift and turn about the vertical."""
+"""Register points to the reference cells by a shift and a rotation about the vertical."""
 
 from dataclasses import dataclass
 import math
@@ -14,38 +14,38 @@ from plc_inspect.core.alignment.rigid_move import RigidMove
 from plc_inspect.results import Float64, Int64
 
 MOST_STEPS = 12
-"""Steps of Gauss and Newton.  Source: numerical: 4 to 6 lead to less than 1 mm."""
+"""Most Gauss-Newton steps.  Source: numerical: 4 to 6 lead to less than 1 mm."""
 SMALL = 1e-3
-"""A step this short ends the search [m].  Source: numerical."""
+"""Step length that ends the iteration [m].  Source: numerical."""
 SHARED = 6.0
 """
-Points that tell as much as one: those of one cell err alike.
+Points that count as one independent measurement, as the errors within a cell are correlated.
 Source: judgement; the sampling takes up to three a cell.
 """
 SAMPLES = 3
-"""Points of a batch that are taken from a cell.  Source: judgement."""
+"""Most points of a batch taken from one cell.  Source: judgement."""
 MOST_SAMPLES = 1500
-"""Points of a batch that are compared.  Source: numerical: a comparison takes 0.3 ms."""
+"""Most points of a batch that are compared.  Source: numerical: a comparison takes 0.3 ms."""
 COARSE_NOISE = 0.5
 """
-Standard deviation of a point while its place is searched for [m].
+Standard deviation of a point in the coarse search [m].
 Source: derived: half a cell.
 """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fit:
-    """How points lie on what was seen first."""
+    """The result of a registration."""
 
     move: RigidMove
     covariance: Float64
-    """(4, 4) of shift and turn [m2, rad2], what was known before included."""
+    """(4, 4) of shift and turn [m2, rad2], prior included."""
     matched: int
     """Points that have a cell."""
     fitting: int
-    """Points that lie on what was seen first."""
+    """Points that fit their cell."""
     age: float
-    """Mean time since that was seen first [s]."""
+    """Mean age of those cells [s]."""
 
     @property
     def share(self) -> float:
@@ -58,22 +58,22 @@ def fit_points(
     *, coarse: bool = False,
 ) -> Fit:
     """
-    Return the most likely move of points, by what was known before and by the cells.
+    Return the most likely move of points, given the prior and the cells.
 
     Parameters
     ----------
     cells : NormalCells
-        What was seen first.
+        The reference.
     points : Float64
         (N, 3) frame of the odometry [m].
     start : RigidMove
-        Most likely before, about the vehicle.
+        Prior, with the vehicle as its centre.
     before : Float64
         (4, 4) covariance of its shift and turn [m2, rad2].
     stamp_ns : int
         Of the points [ns].
     coarse : bool
-        Look into neighbouring cells first.
+        Search neighbouring cells first.
 
     Returns
     -------

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Positions that are told again until the next is known, as of GNSS at 10 Hz in poses at 50 Hz.
+Positions repeated until the next one is known, such as GNSS at 10 Hz in poses at 50 Hz.
 
-They are no standstill with a step after it: the poses between two changes wait for the second,
-and get positions between the two.  Their orientation stays their own.
+They must not look like a standstill followed by a step: poses between two changes wait for the
+second one, and their positions are interpolated.  Orientations are kept.
 """
 
 from collections import deque
@@ -18,19 +18,22 @@ from plc_inspect.config import InputSettings
 from plc_inspect.core.alignment.frame_watch import FramedPose
 
 REMEMBERED = 20
-"""Changes of position by which repetition is told.  Source: judgement: 2 s at 10 Hz."""
+"""Position changes over which repetition is judged.  Source: judgement: 2 s at 10 Hz."""
 LEAST_CHANGES = 8
-"""Changes that are needed to tell it.  Source: derived: 2 s at 5 Hz."""
+"""Least number of changes to judge it.  Source: derived: 2 s at 5 Hz."""
 LEAST_SHARE = 0.5
-"""Share of them after repetitions from which it is told.  Source: judgement."""
+"""
+Least share of changes after repetitions for positions to count as repeated.
+Source: judgement.
+"""
 
 
 class RepeatedPositions:
     """
-    Lets poses through, those with a repeated position once the next one is known.
+    Passes on poses; those with a repeated position wait until the next position is known.
 
-    A position that stays for longer than ``max_pose_gap``, or after which the vehicle is farther
-    than ``max_speed`` lets it fly, is let through as it is.
+    A position that lasts longer than ``max_pose_gap``, or is followed by a jump faster than
+    ``max_speed``, is passed on unchanged.
 
     Parameters
     ----------
@@ -44,21 +47,21 @@ class RepeatedPositions:
         self.clear()
 
     def configure(self, settings: InputSettings) -> None:
-        """Use another gap and speed from now on."""
+        """Set gap and speed."""
         self._most_ns = round(settings.max_pose_gap * 1e9)
         self._max_speed = settings.max_speed
 
     def clear(self) -> None:
-        """Expect nothing of the next pose."""
+        """Reset."""
         self._last: FramedPose | None = None
-        """First pose of the position that holds."""
+        """First pose with the present position."""
         self._held: list[FramedPose] = []
         self._stands = True  # as before take-off, until it moves
         self._runs: deque[tuple[int, float]] = deque(maxlen=REMEMBERED)
         """Repetitions before each change, and time since the change before [s]."""
 
     def judge(self, pose: FramedPose) -> list[FramedPose]:
-        """Return the poses that are to be taken now, in order."""
+        """Return the poses to use now, in order."""
         last = self._last
         if last is not None and pose.stamp_ns <= last.stamp_ns:
             return [pose]  # out of order, or time went back: whoever takes it judges that
@@ -85,12 +88,12 @@ class RepeatedPositions:
         return [*self.release(), pose]
 
     def release(self) -> list[FramedPose]:
-        """Return the poses that wait, as they are."""
+        """Return the waiting poses unchanged."""
         held, self._held = self._held, []
         return held
 
     def describe(self) -> str:
-        """Say that positions are repeated, '' where they are not."""
+        """Return a text if positions are repeated, '' otherwise."""
         repeated = [run for run in self._runs if run[0]]
         if len(repeated) < max(LEAST_CHANGES, LEAST_SHARE * len(self._runs)):
             return ''

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Shifts with a turn about the vertical: what can be wrong between two parts of a flight."""
+"""Rigid moves with a rotation about the vertical: the offset between two parts of a flight."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -48,7 +48,7 @@ class RigidMove:
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any] | None) -> 'RigidMove':
-        """Return that of ``record``; None: nothing moves.  DataError where it is none."""
+        """Return the move in ``record``, the identity for None; DataError if it is malformed."""
         if record is None:
             return cls()
         shift, centre = (np.array(record[name], dtype=np.float64) for name in ('shift', 'centre'))
@@ -74,12 +74,12 @@ class RigidMove:
         return RigidMove(-self.shift, -self.yaw, self.centre + self.shift)
 
     def after(self, first: 'RigidMove') -> 'RigidMove':
-        """Return the move that does another one first, and then this."""
+        """Return the composition: ``first``, then this move."""
         at = first.centre
         return RigidMove(self.apply(first.apply(at)) - at, self.yaw + first.yaw, at)
 
 
 def find_heading(quaternion: Float64) -> float:
-    """Return the direction in plan of the x axis that a quaternion x y z w turns [rad]."""
+    """Return the heading of a quaternion x y z w: the plan direction of its x axis [rad]."""
     x, y, z, w = (float(value) for value in quaternion)
     return math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)

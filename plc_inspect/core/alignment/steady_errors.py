@@ -4,9 +4,9 @@
 """
 Steady errors of the odometry: positions that are too long or too short, a heading that turns.
 
-They show within seconds of flight, and what was mapped until then is smeared too far to be a
-landmark.  For positions the map begins anew, as if they had been right from the beginning.  Where
-the heading turns nothing is told of the map: it bends, and nobody knows how far.
+They show within seconds of flight, and the map made until then is too blurred to be a reference.
+For a scale error of positions the map starts anew with corrected positions.  For a heading that
+turns no results are reported, as the map bends by an unknown amount.
 """
 
 from dataclasses import dataclass
@@ -19,36 +19,38 @@ from plc_inspect.results import Bool, Float64
 
 SHARE = 0.02
 """
-Share of the way by which positions are off, from which they are taken for wrong.
+Scale error of positions from which they are corrected.
 Source: measured: bench/studies/odometry_faults.py: good odometry shows 0.01 at most.
 """
 TURNED = 0.01
 """
-Turn of the heading against the positions, within a pass, from which nothing is told [rad].
+Turn of the heading against the positions, within a pass, from which no results are reported [rad].
 Source: derived: 0.3 m at 30 m; measured: bench/studies/odometry_faults.py: good odometry shows
 0.002 at most.
 """
 TURNING = 0.005
 """
-Turn of the heading against the positions, by planes, from which nothing is told [rad/s].
+Turn rate of the heading against the positions, by planes, from which no results are reported
+[rad/s].
 Source: derived: 0.3 m at 30 m within their two seconds; measured: bench/studies/input_faults.py:
 good odometry shows less.
 """
 ASIDE = 0.2
 """
-Drift aside from which nothing is told [m/s].
+Drift across the path from which no results are reported [m/s].
 Source: judgement: twice what is mended; measured: bench/studies/odometry_faults.py: a heading that
 drifts bends the map, and what is corrected then grows without end.
 """
 SMEAR = 0.1
 """
-Speed at which the map slides away, from which it is no landmark [m/s].
+Drift from which the map is no longer a reference [m/s].
 Source: derived: 0.2 m while a cell is open.
 """
 EARLY = 100.0
 """
-Way since the beginning up to which the map begins anew; later too much would be lost, and the
-drift is followed [m].  Source: judgement: it shows after 20 to 40 m.
+Distance flown up to which the map may start anew; later too much would be lost, and the drift is
+followed [m].
+Source: judgement: it shows after 20 to 40 m.
 """
 LATE = 0.05
 """
@@ -56,75 +58,75 @@ Change of the share from which results are held back then.
 Source: derived: a drift of 0.1 m/s along the way that turns at 6 m/s is 0.033.
 """
 SURELY = 4.0
-"""So many standard deviations are sure.  Source: as SURELY of follower."""
+"""Number of standard deviations that counts as certain.  Source: as SURELY of follower."""
 TWICE = 2
-"""Batches in a row that must say so.  Source: judgement."""
+"""Consecutive batches that must agree.  Source: judgement."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Steady:
-    """What makes planes lie together: to be added to the stamps, the positions, the heading."""
+    """Corrections of stamps, positions and heading that bring planes together."""
 
     values: Float64
-    """(3,) time [s], share of the way, turn of the heading [rad/s]."""
+    """(3,) time [s], scale error of positions, turn rate of the heading [rad/s]."""
     sigma: Float64
     """(3,) their standard deviations."""
     least: float
-    """So many of them are sure."""
+    """Number of standard deviations that counts as certain."""
 
     @property
     def sure(self) -> Bool:
-        """Whether each (3,) is surely not 0."""
+        """(3,) whether each is certainly not 0."""
         return np.abs(self.values) > self.least * self.sigma
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Start:
-    """Where the map began."""
+    """State at the start of the map."""
 
     place: Float64
     """(3,) of the vehicle [m]."""
     shift: Float64
-    """(3,) by which its place was moved then [m]."""
+    """(3,) shift of its position then [m]."""
 
 
 class SteadyErrors:
-    """Tells a steady error from the drift of a good odometry; owned by one thread."""
+    """Distinguishes steady errors from the drift of a good odometry; not thread-safe."""
 
     def __init__(self) -> None:
         self.clear()
 
     def clear(self) -> None:
-        """Begin anew, with the odometry as it is."""
+        """Reset, with the odometry uncorrected."""
         self._flown = 0.0
         self._share = 0.0
-        """Which the map was begun with."""
+        """Scale error with which the map was started."""
         self.doubt = ''
-        """Why nothing may be told of the map, '' if nothing."""
+        """Why no results may be reported, '' if they may."""
         self._doubts = [0, 0, 0]
         self._planes: Steady | None = None
         self.step()
 
     def hear(self, planes: Steady | None) -> None:
-        """Take what planes tell, None: nothing; where the heading turns they tell no scale."""
+        """Take the estimate by planes, or None; its scale is unusable if the heading turns."""
         turning = planes is not None and bool(planes.sure[2]) and abs(planes.values[2]) > TURNING
         self._planes = None if turning else planes
         if planes is not None and turning:
             self._doubt_heading(f'{abs(np.degrees(planes.values[2])):.1f} degrees/s')
 
     def step(self) -> None:
-        """Take the place of the vehicle and its heading anew, as after a step."""
+        """Take position and heading of the vehicle anew, as after a step."""
         self._start: _Start | None = None
         self._yaw: float | None = None
 
     def begin(self, tracked: DriftFilter, place: Float64) -> None:
-        """Take where the vehicle (3,) is, and how it is moved, at the beginning."""
+        """Store position (3,) and correction of the vehicle at the start of the map."""
         move = tracked.move.about(place)
         if self._start is None:
             self._start = _Start(np.array(place), move.shift)
 
     def judge_heading(self, fit: Fit, again: bool) -> None:
-        """Look at a fit, whether of what was left meanwhile: there drift shows, and is mended."""
+        """Judge the heading by a fit; ``again``: to cells left meanwhile, which shows drift."""
         if self._yaw is None or again:
             self._yaw = fit.move.yaw
         turned = abs(fit.move.yaw - self._yaw)
@@ -141,21 +143,21 @@ class SteadyErrors:
 
     def judge_way(self, tracked: DriftFilter, way: float, place: Float64) -> str:
         """
-        Correct the filter where positions are surely too long or too short.
+        Correct the filter if positions are certainly too long or too short.
 
         Parameters
         ----------
         tracked : DriftFilter
-            Is set to what it had found with positions right from the beginning.
+            Set to its state with positions correct from the start.
         way : float
-            Flown since the last call [m].
+            Distance flown since the last call [m].
         place : Float64
             (3,) of the vehicle in the odometry's frame [m].
 
         Returns
         -------
         str
-            What is wrong, '' where the map may stay as it is.
+            The error, '' if the map can stay.
 
         """
         self._flown += way
@@ -187,7 +189,7 @@ class SteadyErrors:
         return _tell_share(share)
 
     def _measure_share(self, tracked: DriftFilter) -> tuple[float, float, float]:
-        """Return the share, its standard deviation, and what is sure, by whoever knows best."""
+        """Return scale error, standard deviation and certainty limit of the better estimate."""
         share, sigma = tracked.measure_share()
         planes = self._planes
         if planes is None or planes.sigma[1] >= sigma:
@@ -198,7 +200,7 @@ class SteadyErrors:
 
 
 def _tell_share(share: float) -> str:
-    """Say how much too long or short positions are; ``share`` of the way is added."""
+    """Return a text of the scale error; ``share`` is the correction."""
     off = 100.0 * (1.0 / (1.0 + share) - 1.0)
     which = 'long' if off > 0 else 'short'
     return f'the positions of the odometry are about {abs(off):.0f} % too {which}'

@@ -35,7 +35,8 @@ REMEMBERED = 10
 REACHES = 30.0, 60.0
 """
 Points farther from the lidar are not looked at, the second where little is nearer than the first
-[m].  Source: as LONG and FAR of sharpness.
+[m].
+Source: as LONG and FAR of sharpness.
 """
 SAMPLES = 1000
 """Points of a scan that are looked at.  Source: numerical: five a cell and scan within 30 m."""
