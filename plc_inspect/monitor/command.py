@@ -6,7 +6,6 @@
 import argparse
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-import math
 import os
 from pathlib import Path
 import ssl
@@ -15,7 +14,13 @@ import time
 from typing import Any, TYPE_CHECKING
 
 from plc_inspect.errors import ConfigError, DataError
-from plc_inspect.offline.commands.command_line import DONE, parse_with_ros, Parser, run_command
+from plc_inspect.offline.commands.command_line import (
+    DONE,
+    parse_with_ros,
+    Parser,
+    positive,
+    run_command,
+)
 from plc_inspect.security.member_keys import VARIABLE as KEYS
 
 if TYPE_CHECKING:
@@ -235,14 +240,8 @@ def _loop(station: Any, period: float, show: Callable[[Any], object]) -> None:
             due = max(due + period, time.monotonic())
 
 
-def _positive(text: str) -> float:
-    value = float(text)
-    if not 0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f'{text} is not a positive number')
-    return value
-
-
-def _port(text: str) -> int:
+def port(text: str) -> int:
+    """Read a port, 0 any, as the type of an argument."""
     value = int(text)
     if not 0 <= value <= 65_535:
         raise argparse.ArgumentTypeError(f'{text} is not a port')
@@ -260,7 +259,7 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument('--host', default='127.0.0.1', metavar='ADDRESS',
                         help='where --web listens; for others than this machine it needs --token '
                         '(default: %(default)s)')
-    parser.add_argument('--port', type=_port, default=8080, metavar='N',
+    parser.add_argument('--port', type=port, default=8080, metavar='N',
                         help='port of --web, 0 any (default: %(default)s)')
     parser.add_argument('--token', default='', metavar='auto',
                         help='make up what browsers must show, to view and to acknowledge alarms; '
@@ -269,9 +268,9 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
                         help='lines "view TOKEN" and "acknowledge TOKEN", for its owner alone')
     parser.add_argument('--once', action='store_true', help='print a snapshot and end')
     parser.add_argument('--json', action='store_true', help='print a JSON object a line')
-    parser.add_argument('--period', type=_positive, default=1.0, metavar='S',
+    parser.add_argument('--period', type=positive, default=1.0, metavar='S',
                         help='time between two lines of --json (default: %(default)s)')
-    parser.add_argument('--wait', type=_positive, default=10.0, metavar='S',
+    parser.add_argument('--wait', type=positive, default=10.0, metavar='S',
                         help='longest wait of --once for the node (default: %(default)s)')
     parser.add_argument('--node', dest='nodes', action='append', metavar='NAME',
                         help=f'node with its namespace (default: {NODE}); with --web it may be '

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from plc_inspect.errors import explain_missing, PlcInspectError
+from plc_inspect.offline.commands.command_line import positive
 from plc_inspect.sim.random_scenes.scenes import KINDS
 from plc_inspect.sim.random_scenes.truth import make_random
 from plc_inspect.sim.scenes.catalogue import make_scene, SCENES
@@ -50,16 +51,16 @@ def build_parser() -> argparse.ArgumentParser:
         '--kind', choices=KINDS, default='any', help='of a random scene (default: %(default)s)',
     )
     parser.add_argument('-o', '--output', metavar='DIR', type=Path, required=True)
-    parser.add_argument('--seed', type=_natural, default=0, help='of everything random')
+    parser.add_argument('--seed', type=natural, default=0, help='of everything random')
     parser.add_argument('--force', action='store_true', help='replace DIR if it exists')
     _add_flight_options(parser.add_argument_group('flight'))
     survey = parser.add_argument_group('airborne map')
     survey.add_argument('--map', action='store_true', help='write map.laz instead of a flight')
     survey.add_argument(
-        '--density', type=_positive, default=20.0, metavar='D', help='pulses per square metre',
+        '--density', type=positive, default=20.0, metavar='D', help='pulses per square metre',
     )
     survey.add_argument(
-        '--num-points', type=_natural, metavar='N', help='exactly this number of points',
+        '--num-points', type=natural, metavar='N', help='exactly this number of points',
     )
     survey.add_argument(
         '--origin', type=float, nargs=3, default=(0.0, 0.0, 0.0), metavar=('X', 'Y', 'Z'),
@@ -70,13 +71,13 @@ def build_parser() -> argparse.ArgumentParser:
 
 def _add_flight_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
-        '--duration', type=_positive, metavar='S', help='end after this time; once along the '
+        '--duration', type=positive, metavar='S', help='end after this time; once along the '
         'line by default',
     )
     group.add_argument(
         '--shuttle', action='store_true', help='fly back and forth until the duration is over',
     )
-    group.add_argument('--speed', type=_positive, metavar='M/S')
+    group.add_argument('--speed', type=positive, metavar='M/S')
     group.add_argument('--lateral', type=float, metavar='M', help='offset to the left of the line')
     group.add_argument(
         '--height', type=float, metavar='M', help='above the phases, or the ground without a line',
@@ -86,9 +87,9 @@ def _add_flight_options(group: argparse._ArgumentGroup) -> None:
         help='slip of the odometry per distance (default: %(default)s)',
     )
     group.add_argument(
-        '--odometry-rate', type=_positive, default=100.0, metavar='HZ', help='at most 200',
+        '--odometry-rate', type=positive, default=100.0, metavar='HZ', help='at most 200',
     )
-    group.add_argument('--scan-rate', type=_positive, default=10.0, metavar='HZ', help='1 to 20')
+    group.add_argument('--scan-rate', type=positive, default=10.0, metavar='HZ', help='1 to 20')
     group.add_argument('--dual', action='store_true', help='two returns a beam')
     group.add_argument(
         '--organized', action='store_true', help='firings x 16 points, NaN where nothing returned',
@@ -97,7 +98,7 @@ def _add_flight_options(group: argparse._ArgumentGroup) -> None:
         '--stamp-first', action='store_true',
         help='stamp the first packet (times >= 0), not the last (times <= 0)',
     )
-    group.add_argument('--max-range', type=_positive, default=100.0, metavar='M')
+    group.add_argument('--max-range', type=positive, default=100.0, metavar='M')
     group.add_argument(
         '--view', type=float, nargs=2, default=(0.0, 360.0), metavar=('DIRECTION', 'WIDTH'),
         help='sector that the driver passes on [deg], counter-clockwise from ahead',
@@ -112,17 +113,11 @@ def _add_flight_options(group: argparse._ArgumentGroup) -> None:
     )
 
 
-def _natural(text: str) -> int:
+def natural(text: str) -> int:
+    """Read a whole number from 0, as the type of an argument."""
     value = int(text)
     if value < 0:
         raise argparse.ArgumentTypeError(f'{value} is negative')
-    return value
-
-
-def _positive(text: str) -> float:
-    value = float(text)
-    if not 0 < value < float('inf'):
-        raise argparse.ArgumentTypeError(f'{text} is not a positive number')
     return value
 
 

@@ -8,6 +8,7 @@ import atexit
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 import gc
+import math
 import os
 from pathlib import Path
 import signal
@@ -36,6 +37,14 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Print one line and exit with 2."""
         self.exit(BAD_INPUT, f'{self.prog}: {message} (see {self.prog} --help)\n')
+
+
+def positive(text: str) -> float:
+    """Read a number above 0, as the type of an argument."""
+    value = float(text)
+    if not 0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f'{text} is not a positive number')
+    return value
 
 
 def parse_with_ros(
