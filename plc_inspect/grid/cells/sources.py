@@ -282,7 +282,7 @@ def _find_plain_system(path: Path) -> tuple[str, tuple[float, float]]:
 
 
 def _question(source: Source, unit: float | None) -> Source:
-    """Return an input in the given unit, with a note if its coordinates are implausible in it."""
+    """Return an input in the given unit; DataError if its coordinates are impossible in it."""
     units = choose_units(Path(source.path), source.crs, source.units, unit)
     if source.crs or not source.num_points:
         return source
