@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What is known, in a record: what changed of it, and what that adds up to."""
+"""The books of spans, supports and hazards in a record: changes, and books rebuilt from them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -22,7 +22,7 @@ _NO_POINTS = np.empty((0, 3)), np.empty(0, dtype=np.float32)
 
 
 class BookWriter:
-    """Finds what changed of the books since they were last written; what is kept is frozen."""
+    """Finds the changes of the books since they were last written; kept values are immutable."""
 
     def __init__(self) -> None:
         self._first = True
@@ -45,7 +45,7 @@ class BookWriter:
         dict
             For JSON.
         dict or None
-            Wire points of spans whose points changed, None if of none.
+            Wire points of spans whose points changed, None if none did.
 
         """
         spans = {item.key: item for item in kept.spans.spans}
@@ -85,7 +85,7 @@ def _find_new(before: Mapping[Any, Any], now: Mapping[Any, Any]) -> list[Any]:
 
 
 def _find_later(before: Sequence[Spread], now: Sequence[Spread]) -> Sequence[Spread]:
-    """Return what was added since; old ones go in the order in which they came."""
+    """Return the entries added since; old entries are dropped in order of arrival."""
     known = {id(item) for item in before}
     return [item for item in now if id(item) not in known]
 
@@ -98,7 +98,7 @@ def _describe_span(item: TrackedSpan) -> dict[str, Any]:
 
 
 def _gather_wires(spans: Sequence[TrackedSpan]) -> dict[str, NDArray[Any]]:
-    """Return wire points as float32 from the start of their span on: to 0.02 mm."""
+    """Return wire points relative to the start of their span, as float32: exact to 0.02 mm."""
     return {
         'spans': np.array([item.key for item in spans], dtype=np.int32),
         'starts': np.array([item.span.start for item in spans]),
@@ -112,7 +112,7 @@ def _gather_wires(spans: Sequence[TrackedSpan]) -> dict[str, NDArray[Any]]:
 
 @dataclass(slots=True)
 class BookReader:
-    """Puts what changed together to the books."""
+    """Rebuilds the books from their changes."""
 
     _spans: dict[tuple[int, int], dict[str, Any]] = field(default_factory=dict)
     _wires: dict[tuple[int, int], tuple[Any, Any]] = field(default_factory=dict)
@@ -122,7 +122,7 @@ class BookReader:
     _last: dict[str, Any] = field(default_factory=dict)
 
     def put(self, news: Mapping[str, Any]) -> None:
-        """Take what changed, as from ``BookWriter``; DataError where it makes no sense."""
+        """Apply changes from ``BookWriter``; DataError if they are inconsistent."""
         try:
             for key in news['no_spans']:
                 self._spans.pop(tuple(key), None)
@@ -147,7 +147,7 @@ class BookReader:
             raise DataError(f'these are no books: {type(error).__name__}: {error}') from error
 
     def put_wires(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Take the wire points of some spans; DataError where they make no sense."""
+        """Set the wire points of some spans; DataError if they are inconsistent."""
         try:
             ends = np.cumsum(arrays['num_points'])
             points = np.split(arrays['points'].astype(np.float64), ends[:-1])
@@ -160,7 +160,7 @@ class BookReader:
             raise DataError(f'these are no points: {type(error).__name__}: {error}') from error
 
     def build(self) -> Kept:
-        """Return the books; DataError where they make no sense."""
+        """Return the books; DataError if they are inconsistent."""
         if not self._last:
             return Kept()
         spans = tuple(self._build_span(key) for key in sorted(self._spans))

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What a flight record holds; see docs/record.md.
+The layout of a flight record; see docs/record.md.
 
-A record is a folder of segments, MCAP files that are read one after the other.  What is in one
-chunk belongs together.
+A record is a folder of segments, which are MCAP files read one after the other.  The messages of
+one chunk belong together.
 """
 
 from dataclasses import dataclass
@@ -22,16 +22,16 @@ from plc_inspect.errors import DataError
 
 PROFILE = 'plc_inspect'
 VERSION = 1
-"""Of the layout; a reader takes no other."""
+"""Version of the layout; a reader accepts no other."""
 SUFFIX = '.record'
-"""A record is named after its results folder, and this."""
+"""Suffix of a record, after the name of its results folder."""
 
 HEADER, STATE, BOOKS, VOXELS, CELLS, WIRES = (
     'header', 'state', 'books', 'voxels', 'cells', 'wires'
 )
-"""Ends of topics: the first three hold JSON, the others arrays."""
+"""Suffixes of topics: the first three hold JSON, the others arrays."""
 TOPIC = '/plc_inspect/record/'
-"""Their beginning."""
+"""Prefix of topics."""
 _DESCRIPTIONS = {
     HEADER: 'what the node was started with',
     STATE: 'what came in so far, and what the map is; closes each chunk',
@@ -43,7 +43,7 @@ _ARRAYS = '', 'npz'
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """How a topic is announced."""
+    """Schema of a topic."""
 
     name: str
     definition: str
@@ -51,7 +51,7 @@ class Kind:
 
 
 def describe_topic(topic: str) -> Kind:
-    """Return how a topic is announced in a file."""
+    """Return the schema of a topic."""
     name = f'plc_inspect.record.{topic}'
     if topic not in _DESCRIPTIONS:
         return Kind(name, '', _ARRAYS)
@@ -65,7 +65,7 @@ def pack_json(value: Any) -> bytes:
 
 
 def unpack_json(data: bytes) -> dict[str, Any]:
-    """Return what ``pack_json`` packed; DataError where it is no object."""
+    """Return the value that ``pack_json`` packed; DataError if it is not an object."""
     try:
         value = json.loads(data)
     except (ValueError, RecursionError) as error:
@@ -76,14 +76,14 @@ def unpack_json(data: bytes) -> dict[str, Any]:
 
 
 def pack_arrays(**arrays: NDArray[Any]) -> bytes:
-    """Return arrays as the NPZ format of numpy has them, not compressed."""
+    """Return arrays in numpy's NPZ format, uncompressed."""
     buffer = io.BytesIO()
     np.savez(buffer, **arrays)  # type: ignore[arg-type]
     return buffer.getvalue()
 
 
 def unpack_arrays(data: bytes) -> dict[str, NDArray[Any]]:
-    """Return what ``pack_arrays`` packed; DataError where it is something else."""
+    """Return the arrays that ``pack_arrays`` packed; DataError on other data."""
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as held:
             return {name: held[name] for name in held.files}
@@ -92,7 +92,7 @@ def unpack_arrays(data: bytes) -> dict[str, NDArray[Any]]:
 
 
 def split_bytes(values: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return the first bytes of all values, then the second ones, and so on: they pack better."""
+    """Return all first bytes of the values, then all second ones: they compress better."""
     flat = np.ascontiguousarray(values).reshape(-1)
     return np.ascontiguousarray(flat.view(np.uint8).reshape(len(flat), flat.dtype.itemsize).T)
 

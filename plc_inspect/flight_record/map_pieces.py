@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The map in a record: what changed of voxels and cells, and the map that this adds up to."""
+"""The map in a record: packed changes of voxels and cells, and the map rebuilt from them."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -17,8 +17,8 @@ from plc_inspect.results import Float32, Int32, Int64
 
 LEAST_ROOM = 1 << 23
 """
-Slots that room is made for at first; the system gives memory where something is written.
-Source: numerical: the default of map.max_voxels; the room doubles when it is full.
+Slots allocated at first; the system commits memory only where it is written.
+Source: numerical: the default of map.max_voxels; the arrays double when full.
 """
 
 
@@ -29,12 +29,12 @@ def pack_voxels(parts: Sequence[VoxelChanges]) -> bytes:
     Parameters
     ----------
     parts : sequence of VoxelChanges
-        No slot is in two of them.
+        Disjoint sets of slots.
 
     Returns
     -------
     bytes
-        Of voxels that were made all, of others the slot and what changed.
+        All fields of new voxels; slot and changed fields of the others.
 
     """
     slots = np.concatenate([part.slots for part in parts])
@@ -76,7 +76,7 @@ def find_changed_cells(
     Parameters
     ----------
     before, now : tuple of arrays
-        As from ``CellIndex.copy_state``; None: no cells were there.
+        As from ``CellIndex.copy_state``; None for an empty map.
 
     Returns
     -------
@@ -94,7 +94,7 @@ def find_changed_cells(
 
 
 class MapBuilder:
-    """Puts what changed together to a map."""
+    """Rebuilds a map from packed changes."""
 
     def __init__(self) -> None:
         self._room = LEAST_ROOM
@@ -109,7 +109,7 @@ class MapBuilder:
         self._cell_state: Int32 = np.empty((0, 5), dtype=np.int32)
 
     def put_voxels(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Take what ``pack_voxels`` packed; DataError where it does not fit together."""
+        """Apply the output of ``pack_voxels``; DataError if it is inconsistent."""
         try:
             made, grown = _unpack_slots(arrays['made']), _unpack_slots(arrays['grown'])
             labelled = _unpack_slots(arrays['labelled'])
@@ -130,7 +130,7 @@ class MapBuilder:
             raise DataError(f'these are no voxels: {type(error).__name__}: {error}') from error
 
     def put_cells(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Take what ``find_changed_cells`` found; DataError where it does not fit together."""
+        """Apply the output of ``find_changed_cells``; DataError if it is inconsistent."""
         try:
             cells = arrays['cells']
             size = max(len(self._cell_keys), int(cells.max(initial=-1)) + 1)
@@ -161,7 +161,7 @@ class MapBuilder:
         Parameters
         ----------
         num_slots : int
-            Slots that were ever in use; those that were not told of are free.
+            Slots ever in use; those never packed are free.
         origin : sequence of int or None
             (3,) of the keys.
         sequence : int

@@ -1,22 +1,22 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Takes what changes in the map, a little at a time, so that its owner is never kept waiting."""
+"""Collects the changes of the map in small steps, so that its owner never waits."""
 
 from plc_inspect.core.voxel_buffer.voxel_changes import VoxelChanges
 from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
 
 STEPS = 5
-"""Steps in which all of the map is looked at."""
+"""Steps of a round over the whole map."""
 MOST_CHANGES = 20_000
-"""Voxels that are taken in one step at most: half a millisecond."""
+"""Most voxels collected in one step: half a millisecond."""
 MOST_SWEPT = 30_000
-"""Voxels that are told of once more in one round, while a new segment begins."""
+"""Most voxels repeated in one round while a new segment begins."""
 
 
 class MapTap:
     """
-    Takes what changes in a map; for the thread that owns the map.
+    Collects the changes of a map; for the thread that owns the map.
 
     Parameters
     ----------
@@ -33,37 +33,37 @@ class MapTap:
 
     def _begin_round(self) -> None:
         self.changes: list[VoxelChanges] = []
-        """What was taken in this round."""
+        """Changes collected in this round."""
         self.swept: list[VoxelChanges] = []
-        """What was told of once more in this round."""
+        """Voxels repeated in this round."""
         self.whole = self._voxels.sequence
-        """Insertion up to which this round will have taken everything."""
+        """Insertion up to which this round is complete."""
         self._at, self._step = 0, 0
         self._stop = self._voxels.num_slots
         self._generation = self._voxels.generation
 
     @property
     def sweeping(self) -> bool:
-        """Whether all of the map is being told of once more."""
+        """Whether the whole map is being repeated."""
         return self._swept is not None
 
     @property
     def over(self) -> bool:
-        """Whether this round has looked at all of the map."""
+        """Whether this round has covered the map."""
         return self._step == STEPS and self._at >= self._stop
 
     def sweep(self) -> None:
-        """Tell of all of the map once more from now on."""
+        """Repeat the whole map from now on."""
         self._swept, self._sweep_stop = 0, self._voxels.num_slots
 
     def step(self) -> bool:
         """
-        Take a little.
+        Collect the changes of one step.
 
         Returns
         -------
         bool
-            Whether the round is over: what it took is to be fetched by ``finish``.
+            Whether the round is over; fetch its changes by ``finish``.
 
         """
         self._follow()
@@ -79,23 +79,23 @@ class MapTap:
         return self.over
 
     def _follow(self) -> None:
-        """Forget what was taken of a map that is forgotten."""
+        """Discard changes of a map that was cleared."""
         if self._generation != self._voxels.generation:
             self._swept = None
             self._begin_round()
 
     def finish(self) -> tuple[tuple[VoxelChanges, ...], tuple[VoxelChanges, ...], bool]:
         """
-        Return what the round took so far, and begin another one.
+        Return the changes of the round, and begin another one.
 
         Returns
         -------
         tuple of VoxelChanges
             What changed.
         tuple of VoxelChanges
-            What was told of once more.
+            Repeated voxels.
         bool
-            Whether with it all of the map was told of once more.
+            Whether the repetition of the whole map is now complete.
 
         """
         self._follow()

@@ -19,10 +19,10 @@ Kind = TypeVar('Kind')
 
 def to_plain(value: Any) -> Any:
     """
-    Return a value as JSON can hold it; numbers keep all bits.
+    Return a value as plain JSON types; numbers stay exact.
 
-    Dataclasses become objects, arrays and tuples lists, members of enumerations their values, and
-    what is not finite becomes null.
+    Dataclasses become objects, arrays and tuples lists, enum members their values, and non-finite
+    numbers null.
     """
     if dataclasses.is_dataclass(value):
         return {

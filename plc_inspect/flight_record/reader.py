@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Reads a flight record up to where it is whole.
+Reads a flight record up to its last valid chunk.
 
-A record may end anywhere, as the process or the power did: what stands before the first byte that
-is wrong counts, chunk by chunk.
+A record may end anywhere, as the process or the power failed: all chunks before the first damaged
+byte are used.
 """
 
 from collections import deque
@@ -42,34 +42,34 @@ from plc_inspect.flight_record.layout import (
 from plc_inspect.flight_record.map_pieces import MapBuilder
 
 MOST_CHUNK = 1 << 30
-"""A chunk that says it is longer is not believed [bytes]."""
+"""Greatest plausible size of a chunk [bytes]."""
 AHEAD = 4
-"""Chunks that are unpacked ahead, in threads of their own."""
+"""Chunks unpacked ahead, in threads of their own."""
 BROKEN = (
     McapError, struct.error, zstandard.ZstdError, ValueError, KeyError, EOFError, OverflowError,
     MemoryError,
 )
-"""What the readers of MCAP raise of bytes that are wrong."""
+"""Exceptions that MCAP readers raise on damaged bytes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Flight:
-    """What a record adds up to."""
+    """The content of a record."""
 
     header: Mapping[str, Any]
-    """What the node was started with last."""
+    """Header of the last start of the node."""
     state: Mapping[str, Any]
-    """What came in, of the last chunk."""
+    """State of the input at the last chunk."""
     map: StoredMap
     kept: Kept
     num_chunks: int
     notes: tuple[str, ...] = ()
-    """What of the record could not be used, one line each."""
+    """Unusable parts of the record, one line each."""
 
 
 @dataclass(slots=True)
 class _Builder:
-    """What the segments so far add up to."""
+    """The content of the segments read so far."""
 
     header: Mapping[str, Any] = field(default_factory=dict)
     state: Mapping[str, Any] = field(default_factory=dict)
@@ -119,7 +119,7 @@ def read_flight(record: Path) -> Flight:
     Raises
     ------
     DataError
-        It is no record, or nothing of it is whole.
+        It is not a record, or holds no valid chunk.
 
     """
     if not record.exists():
@@ -147,12 +147,12 @@ def read_flight(record: Path) -> Flight:
 
 def find_end(record: Path) -> str:
     """
-    Return what became of the results of a record that was ended in order.
+    Return where the results of a properly closed record are.
 
     Returns
     -------
     str
-        Where they are; '' where the record was not ended, or the results were not saved.
+        Path of the results; '' if the record was not closed, or the results were not saved.
 
     """
     segments = list_segments(record)
@@ -171,7 +171,7 @@ def find_end(record: Path) -> str:
 
 
 def _read_segment(path: Path, builder: _Builder) -> str:
-    """Take a segment up to where it is whole; return what is wrong behind it, '' nothing."""
+    """Read a segment up to its last valid chunk; return the error after it, '' none."""
     position = 0
     try:
         with path.open('rb') as stream, ThreadPoolExecutor(2) as pool:

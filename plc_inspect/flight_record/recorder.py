@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Writes a flight record in a thread of its own, and never keeps anybody waiting.
+Writes a flight record in a thread of its own, without blocking its callers.
 
-A disk that is slow or full costs record only: what cannot be written is written later, and as long
-as it waits nothing more is taken; what changes meanwhile is taken together afterwards.
+A slow or full disk delays only the record: batches wait and are retried, no more are taken until
+then, and the changes made meanwhile are merged into the next batch.
 """
 
 from collections import deque
@@ -23,11 +23,11 @@ from plc_inspect.flight_record.layout import list_segments, name_segment
 from plc_inspect.flight_record.segment import Batch, Segment
 
 MOST_WAITING = 3
-"""Batches that wait to be written at most; each holds a fifth of a second."""
+"""Most batches waiting to be written; each covers a fifth of a second."""
 RETRY = 1.0
-"""Time from one attempt to write to the next [s]."""
+"""Time between two attempts to write [s]."""
 LEAST_GROWTH = 128 << 20
-"""A new segment with all of the map begins after so many bytes at the earliest."""
+"""Least size of a segment before a new one with the whole map begins [bytes]."""
 
 
 class Recorder:
@@ -37,16 +37,16 @@ class Recorder:
     Parameters
     ----------
     folder : Path
-        The record; it is made if it is not there, and goes on after what is in it.
+        The record; created if missing, else continued.
     header : mapping
         What the node was started with, JSON-serialisable.
     fresh : bool
-        What is in it does not count any more.
+        Its old content is obsolete.
 
     Raises
     ------
     DataError
-        The folder cannot be made, or another process writes to it.
+        The folder cannot be created, or another process writes to it.
 
     """
 
@@ -72,47 +72,47 @@ class Recorder:
 
     @property
     def has_room(self) -> bool:
-        """Whether more can be taken now."""
+        """Whether another batch can be taken now."""
         with self._condition:
             return not self._problem and len(self._queue) < MOST_WAITING
 
     @property
     def busy(self) -> bool:
-        """Whether something of what was put in is not on the disk yet."""
+        """Whether batches are not on disk yet."""
         with self._condition:
             return bool(self._queue) or self._writing
 
     @property
     def problem(self) -> str:
-        """Why nothing can be written, '' while it can."""
+        """Why writing fails, '' if it works."""
         return self._problem
 
     @property
     def age(self) -> float:
-        """Time since something was put on the disk last [s]."""
+        """Time since the last sync to disk [s]."""
         return time.monotonic() - self._saved_at
 
     @property
     def size(self) -> int:
-        """What was written in this process [bytes]."""
+        """Bytes written by this process."""
         segment = self._segment
         return self._past + (segment.size if segment is not None else 0)
 
     @property
     def wants_all(self) -> bool:
-        """Whether all of the map is to be told of once more, so that what is old can go."""
+        """Whether the whole map is to be repeated, so that old segments can be removed."""
         segment = self._segment
         return segment is not None and segment.size > max(LEAST_GROWTH, self._base)
 
     def put(self, batch: Batch) -> None:
-        """Have a batch written."""
+        """Queue a batch for writing."""
         with self._condition:
             self._queue.append(batch)
             self._condition.notify_all()
 
     def close(self, timeout: float) -> bool:
         """
-        Write what waits, end the file, and let go of the record.
+        Write pending batches, close the file, and release the record.
 
         Parameters
         ----------
@@ -158,7 +158,7 @@ class Recorder:
             self._problem = f'{self.folder}: {error.strerror or type(error).__name__}'
 
     def _try_to_write(self, batches: list[Batch]) -> list[Batch]:
-        """Write batches; return those that could not even be prepared."""
+        """Write batches; return those that could not be prepared."""
         rest = list(batches)
         try:
             while rest:
@@ -179,7 +179,7 @@ class Recorder:
         return rest
 
     def _put_on_disk(self, segments: Sequence[Path]) -> None:
-        """Have the system put on the disk what another process wrote: it is gone on from there."""
+        """Sync to disk what another process wrote, as this record continues it."""
         with suppress(OSError):
             for path in (*segments, self.folder.parent):
                 number = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
@@ -220,7 +220,7 @@ class Recorder:
         return segment
 
     def _drop_old(self) -> None:
-        """Remove the segments before this one, in which all is told of once more."""
+        """Remove the segments before this one, which holds the whole map."""
         self._may_drop = False
         newest = name_segment(self.folder, self._number)
         self._base = newest.stat().st_size
@@ -231,17 +231,17 @@ class Recorder:
 
 def lock_folder(folder: Path) -> int:
     """
-    Make a folder if it is not there, and hold it as long as this process lives.
+    Create a folder if it is missing, and lock it for the life of this process.
 
     Returns
     -------
     int
-        To be closed in the end.
+        File descriptor of the lock; close it to release.
 
     Raises
     ------
     DataError
-        It cannot be made, or another process holds it.
+        It cannot be created, or another process holds it.
 
     """
     try:
@@ -258,7 +258,7 @@ def lock_folder(folder: Path) -> int:
 
 
 def is_held(folder: Path) -> bool:
-    """Tell whether another process writes to a record that is there."""
+    """Return whether another process writes to an existing record."""
     try:
         os.close(lock_folder(folder))
     except DataError:

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The record of a running flight: what the map's owner hands over, and what is said of it."""
+"""The record of a running flight: takes changes from the map's owner, and reports its state."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -18,18 +18,18 @@ from plc_inspect.flight_record.recorder import Recorder
 from plc_inspect.flight_record.segment import Batch
 
 PERIOD = 0.04
-"""Time between two looks at the map [s]; five of them are all of it."""
+"""Time between two steps over the map [s]; five steps cover it."""
 LATE = 1.0
-"""A record whose end is older is behind, so more than that may be lost [s]."""
+"""Age of the end of a record from which it counts as behind [s]: that much may be lost."""
 END_TIMEOUT = 10.0
 """Longest wait for the disk at the end [s]."""
 MOST_NAMES = 1000
-"""Records of one results folder that are kept aside."""
+"""Most records of one results folder that are set aside."""
 
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """What is to be said of a record."""
+    """The condition of a record."""
 
     problem: str
     """'' if all is well."""
@@ -38,7 +38,7 @@ class Condition:
 
 class Recording:
     """
-    Writes the record of a flight, or none; for the thread that owns the map.
+    Writes the record of a flight, if there is one; for the thread that owns the map.
 
     Parameters
     ----------
@@ -67,12 +67,12 @@ class Recording:
 
     @property
     def folder(self) -> Path | None:
-        """Where the record is, None where there is none."""
+        """Folder of the record, None without one."""
         return self._recorder.folder if self._recorder is not None else None
 
     def begin(self, folder: Path, header: Mapping[str, Any], *, fresh: bool) -> None:
         """
-        Begin to write a record; where that is not possible, this is said.
+        Begin to write a record; a failure is reported.
 
         Parameters
         ----------
@@ -81,7 +81,7 @@ class Recording:
         header : mapping
             What the node was started with, JSON-serialisable.
         fresh : bool
-            What is in it does not count any more.
+            Its old content is obsolete.
 
         """
         try:
@@ -91,15 +91,15 @@ class Recording:
             self._complain(self._problem)
 
     def keep(self, kept: Kept) -> None:
-        """Take what the session keeps now; it is written once the map is that it was found in."""
+        """Take the state of the session; it is written once the map of that state is recorded."""
         self._next = kept
 
     def forget(self) -> None:
-        """Take that the session keeps nothing any more."""
+        """Note that the session no longer keeps anything."""
         self._due, self._next = Kept(), None
 
     def step(self) -> None:
-        """Take a little of what changed in the map; what took all of it is written."""
+        """Take a part of the changes in the map; a complete round is written."""
         recorder = self._recorder
         if recorder is None:
             return
@@ -133,7 +133,7 @@ class Recording:
             self._begins = True
 
     def flush(self, closed: str = '') -> None:
-        """Hand all over that changed and was not handed over yet."""
+        """Hand over all remaining changes."""
         if self._recorder is not None:
             self._hand_over(self._recorder, '')
             while not self._tap.step():
@@ -147,7 +147,7 @@ class Recording:
         Parameters
         ----------
         closed : str
-            Where the results are, '' where they were not saved: then the flight may go on.
+            Path of the results, '' if they were not saved, so that the flight may be resumed.
 
         """
         recorder = self._recorder
@@ -163,7 +163,7 @@ class Recording:
         self._recorder = None
 
     def describe(self) -> Condition:
-        """Return what is to be said of the record."""
+        """Return the condition of the record."""
         recorder = self._recorder
         if recorder is None:
             return Condition(self._problem, {'record': 'none'})
@@ -181,7 +181,7 @@ class Recording:
 
 def set_aside(folder: Path) -> Path:
     """
-    Rename a record whose flight was not saved, so that another one can take its place.
+    Rename a record whose flight was not saved, to make room for a new one.
 
     Raises
     ------

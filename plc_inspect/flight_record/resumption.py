@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Whether a node that was started again goes on with the record it finds, and why not."""
+"""Decides whether a restarted node resumes the record that it finds, and if not, why."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -22,47 +22,50 @@ from plc_inspect.setting_names import to_mapping
 
 MOST_AWAY = 600.0
 """
-A flight that was interrupted for longer is over [s].
+Longest interruption of a flight that is resumed [s].
 Source: judgement: batteries are changed in less; not measured.
 """
 MOST_SPEED = 25.0
 """
-Speed at which a vehicle may have gone on meanwhile [m/s].
+Greatest speed of the vehicle during the interruption [m/s].
 Source: judgement: above that of multirotors; not measured.
 """
 ROOM = 20.0
-"""Distance that is believed besides [m].  Source: judgement; not measured."""
+"""Distance allowed in addition [m].  Source: judgement; not measured."""
 ORIGIN = 3.0
 """
-Odometry that began anew is this near to its origin [m].
+Distance from its origin within which odometry counts as restarted [m].
 Source: judgement: what a vehicle moves until the node hears of it; not measured.
 """
 FAR = 5 * ORIGIN
-"""A vehicle is not at the origin by chance that was this far from it [m].  Source: judgement."""
+"""
+A vehicle last seen farther than this from the origin is not there by chance [m].
+Source: judgement.
+"""
 
 WHAT_MATTERS = (
     ('input', 'scan_topic'), ('input', 'odometry_topic'), ('input', 'odometry_type'),
     ('input', 'use_tf'), ('input', 'map_frame'), ('input', 'base_frame'), ('input', 'lidar_xyz'),
     ('input', 'lidar_rpy_deg'), ('map', 'voxel_size'), ('map', 'max_voxels'),
 )
-"""Settings that the map was made with; all others may be other ones."""
+"""Settings that must equal those of the map; all others may differ."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Found:
-    """A record that was there at the start."""
+    """A record found at the start."""
 
     folder: Path
     flight: Flight | None
-    """What it holds, if the node may go on with it."""
+    """Its content, if the node may resume it."""
     reason: str = ''
-    """Why not."""
+    """Why the node may not resume it."""
     over: bool = False
-    """Its flight was saved, or nothing came in: nothing is lost with it."""
+    """Its flight was saved or received nothing, so nothing is lost."""
 
 
 def name_record(results: Path) -> Path:
-    """Return the record of a results folder: beside it, named after it."""
+    """Return the path of the record of a results folder, which lies beside it."""
     return results.with_name(results.name + SUFFIX)
 
 
@@ -80,14 +83,14 @@ def find_newest(home: Path) -> Path | None:
 
 def look_at(folder: Path, settings: Settings) -> Found:
     """
-    Look whether the flight of a record goes on with this start of the node.
+    Examine whether this start of the node resumes the flight of a record.
 
     Parameters
     ----------
     folder : Path
         A record.
     settings : Settings
-        Of the node now.
+        Present settings of the node.
 
     Returns
     -------
@@ -124,7 +127,7 @@ def _find_difference(flight: Flight, settings: Settings) -> str:
 
 def read_mount(state: Mapping[str, Any]) -> Mount | None:
     """
-    Return how the lidar was mounted for the scans in the map of a record.
+    Return the mount of the lidar for the scans in the map of a record.
 
     Parameters
     ----------
@@ -134,12 +137,12 @@ def read_mount(state: Mapping[str, Any]) -> Mount | None:
     Returns
     -------
     Mount or None
-        None where no scan was in the map.
+        None if the map held no scan.
 
     Raises
     ------
     DataError
-        What is there is no transform.
+        The stored mount is not a transform.
 
     """
     rows = state.get('mount')
@@ -155,14 +158,14 @@ def judge_pose(
     state: Mapping[str, Any], frames: tuple[str, str], stamp_ns: int, position: Float64
 ) -> str:
     """
-    Return why odometry cannot be that of a record, '' where it may be.
+    Return why odometry cannot continue that of a record, '' if it can.
 
     Parameters
     ----------
     state : mapping
         Of the record.
     frames : tuple of str
-        Of the odometry and of the base.
+        Frame of the odometry, and of the base.
     stamp_ns : int
         Time of the first pose [ns].
     position : Float64

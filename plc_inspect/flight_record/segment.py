@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""One segment of a record: batches of what changed become chunks of an MCAP file."""
+"""One segment of a record: batches of changes become chunks of an MCAP file."""
 
 from collections.abc import Mapping
 from contextlib import suppress
@@ -36,24 +36,24 @@ from plc_inspect.results import Int32, Int64
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Batch:
-    """What changed in a fraction of a second; nothing in it changes afterwards."""
+    """The changes of a fraction of a second; immutable."""
 
     generation: int
-    """Times that the map was forgotten before."""
+    """How often the map was cleared before."""
     changes: tuple[VoxelChanges, ...]
-    """Voxels that changed; no slot is in two of them."""
+    """Changed voxels, as disjoint sets of slots."""
     sweep: tuple[VoxelChanges, ...]
-    """Voxels that were told of once more before, changed or not; no slot is in two of them."""
+    """Repeated voxels, changed or not, as disjoint sets of slots."""
     cells: tuple[Int64, Int32]
     """All cells of the map, as from ``CellIndex.copy_state``."""
     kept: Kept | None
-    """What the session keeps, None: as before."""
+    """State of the session, None: unchanged."""
     state: Mapping[str, Any]
-    """What came in so far, JSON-serialisable."""
+    """State of the input, JSON-serialisable."""
     begins: bool = False
-    """A new segment begins, in which all of the map is told of once more."""
+    """A new segment begins, in which the whole map is repeated."""
     complete: bool = False
-    """All of the map was told of in this segment."""
+    """This segment now holds the whole map."""
 
 
 class Segment:
@@ -63,16 +63,16 @@ class Segment:
     Parameters
     ----------
     path : Path
-        Its file, which is not there yet.
+        Its file, which must not exist.
     header : mapping
         What the node was started with, JSON-serialisable.
     fresh : bool
-        Nothing of the segments before it counts any more.
+        All earlier segments are obsolete.
 
     Raises
     ------
     ConfigError
-        The file cannot be made.
+        The file cannot be created.
 
     """
 
@@ -90,7 +90,7 @@ class Segment:
         return self._file.size
 
     def put(self, batch: Batch) -> None:
-        """Put a batch into the chunk that is written next."""
+        """Add a batch to the next chunk."""
         for parts in (batch.sweep, batch.changes):
             if any(len(part.slots) for part in parts):
                 self._write(VOXELS, pack_voxels(parts))
@@ -107,7 +107,7 @@ class Segment:
 
     def flush(self) -> None:
         """
-        Write what was put in, and have the system put it on the disk.
+        Write the pending batches and sync them to disk.
 
         Raises
         ------
@@ -121,11 +121,11 @@ class Segment:
             raise FileNotFoundError(errno.ENOENT, 'the record was removed')
 
     def close(self) -> None:
-        """End the file with its summary; OSError where it cannot be written."""
+        """Close the file with its summary; OSError if it cannot be written."""
         self._file.close()
 
     def remove(self) -> None:
-        """End the file, and remove it."""
+        """Close and remove the file."""
         with suppress(OSError):
             self._file.close()
         self.path.unlink(missing_ok=True)
