@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Markers for RViz and Foxglove: catenaries, supports and hazards, each under a lasting number.
+Markers for RViz and Foxglove: catenaries, supports and hazards, each with a stable id.
 
-Nothing of ROS is imported here; node, playback and recorder make messages of the same marks.
+ROS is not imported here; node, playback and recorder all make their messages from these marks.
 """
 
 from collections.abc import Sequence
@@ -36,26 +36,26 @@ if TYPE_CHECKING:
     from plc_inspect.core.live.proximity import Proximity
 
 SPANS_PER_LINE = 100_000
-"""The number of a catenary is line_id times this, plus span_id."""
+"""The id of a catenary is line_id times this, plus span_id."""
 MOST_SEGMENTS, SEGMENT = 16, 5.0
-"""A catenary is drawn by so many pieces at most, and by none shorter than this [m]."""
+"""Most pieces of a drawn catenary, and least length of a piece [m]."""
 WIRE_WIDTH = 0.12
-"""Of a catenary [m]."""
+"""Line width of a catenary [m]."""
 TOWER_WIDTH, POLE_WIDTH = 1.2, 0.35
-"""Of supports [m]."""
+"""Widths of supports [m]."""
 LEAST_HEIGHT = 0.1
-"""RViz does not draw a support that is flat [m]."""
+"""Least height of a drawn support, as RViz draws no flat ones [m]."""
 HAZARD_SIZE, TEXT_LIFT = 1.2, 1.5
-"""Diameter of a hazard's sphere, and how far above its middle the text is [m]."""
+"""Diameter of a hazard's sphere, and height of its text above the centre [m]."""
 SUPPORT_ALPHA, HAZARD_ALPHA, CRITICAL_ALPHA = 0.9, 0.8, 0.9
-"""What is behind shows through."""
+"""Opacities; objects behind show through."""
 _HAZARD_COLORS = {
     int(Severity[name.upper()]): color for name, color in SEVERITY_COLORS.items()
 }
 
 
 class MarkKind(enum.IntEnum):
-    """What is drawn; the codes of visualization_msgs/Marker."""
+    """Kind of a mark; codes of visualization_msgs/Marker."""
 
     SPHERE = 2
     CYLINDER = 3
@@ -69,16 +69,16 @@ class Mark:
 
     namespace: str
     number: int
-    """Lasts as long as what is drawn."""
+    """Id, stable as long as the object is drawn."""
     kind: MarkKind
     position: Place
-    """(3,) middle, of a text its foot [m]."""
+    """(3,) centre, or the foot of a text [m]."""
     scale: Place
     """(3,) extent [m]; of a line strip x is the width, of a text z the height."""
     color: str
     """As ``#rrggbb``."""
     alpha: float = 1.0
-    """From 0, which cannot be seen, to 1."""
+    """Opacity from 0, invisible, to 1."""
     points: Float64 = field(default_factory=lambda: np.empty((0, 3)))
     """(N, 3) of a line strip [m]."""
     text: str = ''
@@ -95,19 +95,19 @@ def list_marks(
     origin: Place = ORIGIN,
 ) -> list[Mark]:
     """
-    List what is drawn of results.
+    List the marks of results.
 
     Parameters
     ----------
     spans, supports, hazards : sequence
-        Results, or what a monitor knows.
+        Results, or items of a monitor.
     origin : (3,) float
-        Of the coordinates of the marks [m].
+        Origin of the coordinates of the marks [m].
 
     Returns
     -------
     list of Mark
-        None with the same namespace and number.
+        Unique by namespace and number.
 
     """
     marks = [_mark_span(span, origin) for span in spans]
@@ -119,19 +119,19 @@ def list_marks(
 
 def mark_proximity(found: 'Sequence[Proximity]', vehicle: Place) -> list[Mark]:
     """
-    List what is drawn of what is near: a line to what is too near, and how far it is.
+    List the marks of near objects: a line to each one that is too near, and its distance.
 
     Parameters
     ----------
     found : sequence of Proximity
         As from ``measure_proximity``.
     vehicle : (3,) float
-        Where the vehicle is, map frame [m].
+        Position of the vehicle in the map frame [m].
 
     Returns
     -------
     list of Mark
-        None for what is clear or unknown.
+        Without objects that are clear or unknown.
 
     """
     marks = []

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Messages with poses to arrays, by attribute only: messages of rclpy and of rosbags serve alike.
+Convert poses to arrays, by attribute only, so messages of rclpy and rosbags both work.
 
 Nothing of ROS is imported here.
 """
@@ -24,7 +24,7 @@ POSE_TYPES = {
     'PoseStamped': 'geometry_msgs/msg/PoseStamped',
     'PoseWithCovarianceStamped': 'geometry_msgs/msg/PoseWithCovarianceStamped',
 }
-"""Values of input.odometry_type to the types of messages, the first that is there counts."""
+"""Values of input.odometry_type to message types; the first type found is used."""
 AUTO, TF = 'auto', 'tf'
 TF_TYPES = ('tf2_msgs/msg/TFMessage', 'tf/msg/tfMessage')
 TF_TOPIC, STATIC_TOPIC = '/tf', '/tf_static'
@@ -32,14 +32,14 @@ TF_TOPIC, STATIC_TOPIC = '/tf', '/tf_static'
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StampedPose:
-    """One pose of the vehicle; its values are not checked yet."""
+    """One pose of the vehicle, with unchecked values."""
 
     stamp_ns: int
     """Header stamp [ns]."""
     frame_id: str
     """Frame of the position and orientation."""
     child_frame_id: str
-    """Frame of the vehicle's base, '' where the message does not tell."""
+    """Frame of the vehicle's base, '' if the message has none."""
     position: Float64
     """(3,) [m]."""
     quaternion: Float64
@@ -63,7 +63,7 @@ def pose_from_message(message: Any) -> StampedPose:
     Raises
     ------
     DataError
-        The stamp is no time.
+        The stamp is invalid.
 
     """
     pose = getattr(message.pose, 'pose', message.pose)
@@ -85,7 +85,7 @@ def transforms_from_message(message: Any, *, fixed: bool = False) -> list[Stampe
     message : tf2_msgs/TFMessage
         Of rclpy or rosbags.
     fixed : bool
-        Of /tf_static, where stamps mean nothing.
+        The message is of /tf_static, where stamps have no meaning.
 
     Returns
     -------
@@ -94,7 +94,7 @@ def transforms_from_message(message: Any, *, fixed: bool = False) -> list[Stampe
     Raises
     ------
     DataError
-        A stamp is no time.
+        A stamp is invalid.
 
     """
     return [
@@ -120,14 +120,14 @@ def poses_from_transforms(
     message : tf2_msgs/TFMessage
         Of /tf.
     moving : MovingFrames
-        Takes the transforms.
+        Receives the transforms.
     source : InputSettings
         ``map_frame`` and ``base_frame``.
 
     Raises
     ------
     DataError
-        A transform is none, or more than one moves between map and base.
+        A transform is invalid, or more than one between map and base moves.
 
     """
     for item in transforms_from_message(message):

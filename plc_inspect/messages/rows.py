@@ -112,9 +112,9 @@ def make_catenaries(spans: Sequence[SpanLike], origin: Place = ORIGIN) -> NDArra
     Parameters
     ----------
     spans : sequence of SpanLike
-        Results, or what a monitor knows.
+        Results, or items of a monitor.
     origin : (3,) float
-        Of the coordinates of the rows [m].
+        Origin of the coordinates of the rows [m].
 
     Returns
     -------
@@ -141,9 +141,9 @@ def make_hazards(hazards: Sequence[HazardLike], origin: Place = ORIGIN) -> NDArr
     Parameters
     ----------
     hazards : sequence of HazardLike
-        Results, or what a monitor knows.
+        Results, or items of a monitor.
     origin : (3,) float
-        Of the coordinates of the rows [m].
+        Origin of the coordinates of the rows [m].
 
     Returns
     -------
@@ -162,14 +162,14 @@ def make_hazards(hazards: Sequence[HazardLike], origin: Place = ORIGIN) -> NDArr
 
 def make_proximity(found: 'Sequence[Proximity]', vehicle: Place) -> NDArray[Any]:
     """
-    Return one row for each kind of thing.
+    Return one row for each kind of object near the vehicle.
 
     Parameters
     ----------
     found : sequence of Proximity
         As from ``measure_proximity``.
     vehicle : (3,) float
-        Where the vehicle is, map frame [m].
+        Position of the vehicle in the map frame [m].
 
     Returns
     -------
@@ -187,7 +187,7 @@ def make_proximity(found: 'Sequence[Proximity]', vehicle: Place) -> NDArray[Any]
 
 
 def list_fields(layout: np.dtype[Any]) -> list[tuple[str, int, int]]:
-    """Return name, offset and code of the type of each field of rows, as a PointField has them."""
+    """Return name, offset and datatype code of each field, as in PointField."""
     fields: Any = layout.fields or {}
     return [
         (name, offset, DATATYPES[kind.str[1:]]) for name, (kind, offset, *_) in fields.items()
@@ -196,7 +196,7 @@ def list_fields(layout: np.dtype[Any]) -> list[tuple[str, int, int]]:
 
 def read_rows(message: Any) -> NDArray[Any]:
     """
-    Unpack the rows of a cloud that is packed and little-endian, as all of ours are.
+    View the rows of a packed little-endian cloud, as this package publishes.
 
     Parameters
     ----------

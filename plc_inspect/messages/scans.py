@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-ROS messages to arrays, by attribute only: messages of rclpy and of rosbags serve alike.
+Convert scans to arrays, by attribute only, so messages of rclpy and rosbags both work.
 
 Nothing of ROS is imported here.
 """
@@ -24,7 +24,7 @@ _KINDS = {code: kind for kind, code in DATATYPES.items()}
 """Codes of sensor_msgs/PointField to numpy."""
 
 _TIME_FIELDS = ('time', 't', 'timestamp', 'offset_time', 'time_stamp')
-"""Names that drivers give to the time of a point, the first that is there counts."""
+"""Names that drivers give to the time of a point; the first one found is used."""
 
 _WANTED = {'x', 'y', 'z', 'ring', *_TIME_FIELDS}
 """Fields that are read."""
@@ -32,29 +32,29 @@ _WANTED = {'x', 'y', 'z', 'ring', *_TIME_FIELDS}
 _UNITS = (1.0, 1e-3, 1e-6, 1e-9)
 """Units in which drivers give times [s]."""
 LONGEST_SCAN = 1.5
-"""No scan lasts longer [s]; the slowest sensors turn at 1 Hz."""
+"""Longest plausible scan [s]; the slowest sensors turn at 1 Hz."""
 MOST_POINTS = 3e7
-"""No sensor gives more points a second; 25 million are the most of those on the market."""
+"""Greatest plausible point rate [1/s]; sensors on the market give up to 25 million."""
 LEAST_DATE_NS = 32_000_000_000_000_000
 """
-Stamps before this are no dates but time since a start; times of points are relative to them [ns].
+Stamps before this are times since a start, not dates; times of points are relative to them [ns].
 Source: a year; no computer runs longer without a pause, and no date of use is of 1970.
 """
 EPOCH_REACH = 3600.0
-"""Times since an epoch are this near to the stamp, else they are of another clock [s]."""
+"""Greatest difference of epoch times to the stamp [s]; beyond, they are of another clock."""
 FARTHEST = 1e6
-"""Coordinates beyond cannot be of a lidar: they are other bytes than floats [m]."""
+"""Greatest plausible coordinate [m]; beyond, the bytes are not floats."""
 TINIEST = 1e-20
-"""Coordinates nearer to 0, and not 0, are other bytes than floats, too [m]."""
+"""Least plausible coordinate other than 0 [m]; below, the bytes are not floats."""
 SAMPLE = 256
-"""Points of which the coordinates are looked at."""
+"""Points whose coordinates are checked."""
 MOST_ODD = 0.05
-"""Share of such coordinates from which a scan is refused; few are noise."""
+"""Share of implausible coordinates from which a scan is refused; a few are noise."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ScanArrays:
-    """One scan; points that are not finite are gone from all arrays together."""
+    """One scan; points that are not finite are removed from all arrays."""
 
     stamp_ns: int
     """Header stamp [ns]."""
@@ -66,7 +66,7 @@ class ScanArrays:
     ring: NDArray[np.uint16] | None
     """(N,) beam of each point, None if the message has none."""
     num_not_finite: int
-    """Points of the message that were not finite."""
+    """Number of points of the message that were not finite."""
     layout: str
     """Coordinates in the order of their bytes; drivers do not change it."""
 
@@ -78,7 +78,7 @@ def stamp_from_header(header: Any) -> int:
     Raises
     ------
     DataError
-        It is not set, before 1970, or has more than a second of nanoseconds.
+        It is not set, before 1970, or its nanoseconds exceed a second.
 
     """
     seconds, nanoseconds = int(header.stamp.sec), int(header.stamp.nanosec)
@@ -109,9 +109,8 @@ def scan_from_message(message: Any) -> ScanArrays:
     Raises
     ------
     DataError
-        The message is malformed: a field is missing, there twice, of a wrong type or outside the
-        point, the sizes contradict one another, or the stamp or the coordinates
-        cannot be.
+        The message is malformed: a field is missing, duplicated, of a wrong type or outside the
+        point; the sizes are inconsistent; or the stamp or the coordinates are impossible.
 
     """
     stamp_ns = stamp_from_header(message.header)
@@ -175,7 +174,7 @@ def _read_layout(message: Any) -> str:
 
 
 def _check_reach(xyz: Float32) -> None:
-    """Refuse coordinates that are no floats of this byte order, judged by some of the points."""
+    """Refuse coordinates that are not floats of this byte order, judged by a sample."""
     some = np.abs(xyz[:: 1 + len(xyz) // SAMPLE])
     tiny, far = (some > 0.0) & (some < TINIEST), (some > FARTHEST) & (some < np.inf)
     odd = int(np.count_nonzero(tiny | far))
@@ -213,7 +212,7 @@ def _view_cells(message: Any) -> NDArray[np.uint8] | None:
 
 
 def _view_columns(message: Any, cells: NDArray[np.uint8]) -> dict[str, NDArray[Any]]:
-    """Return the fields that matter as views, after checking that they lie in the point."""
+    """Return the needed fields as views, after checking that they lie in the point."""
     order = '>' if message.is_bigendian else '<'
     columns: dict[str, NDArray[Any]] = {}
     for field in message.fields:
