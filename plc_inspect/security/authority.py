@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Keys and certificates: an authority, what it issues, and what it takes back."""
+"""Keys and certificates: a certificate authority, issuing, and revocation."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 from plc_inspect.errors import ConfigError
 
 SLACK = timedelta(minutes=10)
-"""Certificates hold from so long before they are made: clocks of a fleet differ a little."""
+"""Certificates are valid from this long before they are made, as the clocks of a fleet differ."""
 MOST_DAYS = 3650
 
 
@@ -39,7 +39,7 @@ class Credential:
 
     @property
     def key_pem(self) -> bytes:
-        """The private key as PEM, not encrypted: a vehicle starts with nobody at a keyboard."""
+        """The private key as unencrypted PEM, as a vehicle starts unattended."""
         return self.key.private_bytes(
             Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()
         )
@@ -52,14 +52,14 @@ class Credential:
 
 def make_authority(name: str, days: int, now: datetime | None = None) -> Credential:
     """
-    Make an authority that signs itself.
+    Make a self-signed authority.
 
     Parameters
     ----------
     name : str
         Common name.
     days : int
-        How long it holds [d].
+        Validity [d].
     now : datetime or None
         With its time zone; None for the present.
 
@@ -70,7 +70,7 @@ def make_authority(name: str, days: int, now: datetime | None = None) -> Credent
     Raises
     ------
     ConfigError
-        The days are not from 1 to 3650.
+        ``days`` is outside 1 to 3650.
 
     """
     key = ec.generate_private_key(ec.SECP256R1())
@@ -99,7 +99,7 @@ def issue(
     name : str
         Common name; of an SROS2 enclave its path.
     hosts : sequence of str
-        Names and addresses of a server, empty for one that browsers never see.
+        Names and addresses of a server, empty for a certificate that browsers never see.
     days, now
         As for ``make_authority``, with the same error.
 
@@ -134,16 +134,16 @@ def make_revocation_list(
     authority: Credential, serials: Iterable[int], days: int, now: datetime | None = None
 ) -> bytes:
     """
-    Make the list of what an authority has taken back.
+    Make the certificate revocation list (CRL) of an authority.
 
     Parameters
     ----------
     authority : Credential
         Who signs.
     serials : iterable of int
-        Serial numbers of the certificates.
+        Serial numbers of the revoked certificates.
     days : int
-        How long the list holds [d].
+        Validity of the list [d].
     now : datetime or None
         With its time zone; None for the present.
 
@@ -170,7 +170,7 @@ def make_revocation_list(
 
 
 def sign_document(authority: Credential, text: str) -> bytes:
-    """Return a text as signed S/MIME, detached, as DDS Security reads its documents."""
+    """Return a text as S/MIME with a detached signature, as DDS Security requires."""
     builder = PKCS7SignatureBuilder().set_data(text.encode())
     builder = builder.add_signer(authority.certificate, authority.key, hashes.SHA256())
     return builder.sign(Encoding.SMIME, [PKCS7Options.Text, PKCS7Options.DetachedSignature])
@@ -183,7 +183,7 @@ def load_credential(key_pem: bytes, pem: bytes) -> Credential:
     Raises
     ------
     ConfigError
-        They are no PEM, of another kind of key, or do not belong together.
+        They are not PEM, the key is of another kind, or they do not belong together.
 
     """
     try:
@@ -200,12 +200,12 @@ def load_credential(key_pem: bytes, pem: bytes) -> Credential:
 
 def read_end(pem: bytes) -> datetime:
     """
-    Return until when a certificate holds, in UTC.
+    Return the end of validity of a certificate, in UTC.
 
     Raises
     ------
     ConfigError
-        It is no certificate.
+        It is not a certificate.
 
     """
     try:

@@ -21,7 +21,7 @@ from plc_inspect.whole_files import replace_file
 NAME = 'plc_keys'
 POLICY = 'security/policy.xml'
 DAYS = 365
-"""How long certificates hold [d]: a season, and to be renewed before the next."""
+"""Validity of certificates [d]: one season; renew them before the next."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Which doors of this process are open to the network: seen from its sockets, not its settings.
+Network exposure of this process, measured on its sockets instead of its settings.
 
-A listening TCP port is tried without a certificate, as a stranger would: it counts as closed only
-where the TLS handshake asks for one and the connection is then refused.
+Each listening TCP port is probed without a certificate.  It counts as closed only if the TLS
+handshake requests one and then refuses the connection.
 """
 
 from collections.abc import Iterator, Mapping
@@ -21,43 +21,45 @@ from plc_inspect.errors import ConfigError
 from plc_inspect.security.member_keys import find_keys
 
 PATIENCE = 2.0
-"""Longest wait for what a port says to a stranger [s]."""
+"""Longest wait for the answer of a port to the probe [s]."""
 LISTENING = '0A'
 """State of a listening socket in /proc/net/tcp."""
 WARN_DAYS = 14
-"""Certificates that end sooner are told of [d]: time to fetch new ones before the next flight."""
+"""
+Certificates that expire sooner are reported [d]: time to get new ones before the next flight.
+"""
 ADVICE = 'docs/security.md'
 Address = tuple[str, int]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exposure:
-    """What is open, and who may come in."""
+    """Open sockets, and who may connect."""
 
     udp: tuple[Address, ...]
-    """UDP sockets that other machines reach."""
+    """UDP sockets that other machines can reach."""
     plain: tuple[Address, ...]
-    """Listening TCP ports that let in who has no certificate."""
+    """Listening TCP ports that accept peers without a certificate."""
     closed: tuple[Address, ...]
-    """Listening TCP ports that ask for a certificate."""
+    """Listening TCP ports that require a certificate."""
     sros2: bool
-    """DDS Security is on, and enforced."""
+    """DDS Security is enabled and enforced."""
     own_profile: bool
-    """Fast DDS was given the profile of the member's keys."""
+    """Fast DDS uses the profile of the member's keys."""
 
     @property
     def open_doors(self) -> tuple[str, ...]:
-        """What a stranger may use, as ``UDP 0.0.0.0:7400``."""
+        """Sockets open to anybody, as ``UDP 0.0.0.0:7400``."""
         udp = (f'UDP {host}:{port}' for host, port in self.udp)
         return (*udp, *(f'TCP {host}:{port}' for host, port in self.plain))
 
     @property
     def is_tls(self) -> bool:
-        """Whether there is no way in but by the tunnel, which asks for a certificate."""
+        """Whether the only access is the tunnel, which requires a certificate."""
         return not self.open_doors and self.own_profile
 
     def describe(self) -> str:
-        """Return it in one line."""
+        """Return a summary in one line."""
         if self.sros2:
             return 'DDS Security is enforced'
         doors = self.open_doors
@@ -70,7 +72,7 @@ class Exposure:
 
     def demand(self, require: str) -> None:
         """
-        Refuse to go on where less is given than is required.
+        Raise an error if the protection is less than required.
 
         Parameters
         ----------
@@ -80,7 +82,7 @@ class Exposure:
         Raises
         ------
         ConfigError
-            It is less.
+            The protection is less.
 
         """
         if require == 'sros2' and not self.sros2:
@@ -97,7 +99,7 @@ class Exposure:
 
 def look_at_exposure() -> Exposure:
     """
-    Look at the sockets of this process; takes some milliseconds, with a port that is silent 2 s.
+    Examine the sockets of this process; takes milliseconds, or 2 s with a silent port.
 
     Returns
     -------
@@ -106,7 +108,7 @@ def look_at_exposure() -> Exposure:
     Raises
     ------
     ConfigError
-        PLC_KEYS names no keys.
+        PLC_KEYS does not name keys.
 
     """
     own = set(_own_sockets())
@@ -131,7 +133,7 @@ def look_at_exposure() -> Exposure:
 
 
 def is_sros2_enforced(environment: Mapping[str, str]) -> bool:
-    """Return whether ROS was told to start with DDS Security or not at all."""
+    """Return whether ROS is set to start only with DDS Security."""
     return (
         environment.get('ROS_SECURITY_ENABLE') == 'true'
         and environment.get('ROS_SECURITY_STRATEGY') == 'Enforce'
@@ -139,7 +141,7 @@ def is_sros2_enforced(environment: Mapping[str, str]) -> bool:
 
 
 def refuses_strangers(address: Address) -> bool:
-    """Return whether a listening port turns away who shows no certificate."""
+    """Return whether a listening port refuses peers without a certificate."""
     host = address[0]
     if ipaddress.ip_address(host).is_unspecified:
         host = '::1' if ':' in host else '127.0.0.1'

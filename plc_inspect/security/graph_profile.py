@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Fast DDS profiles whose every socket is on loopback.
+Fast DDS profiles that keep all sockets on loopback.
 
-Between machines the tunnel carries their TCP (tunnel.py); aboard, programs find the node over
-loopback and send large messages through shared memory.  The multicast of the built-in transports
-is off, so that nobody on the network sees a participant with one of these profiles.
+Between machines the tunnel carries their TCP (tunnel.py); on board, programs find the node over
+loopback and send large messages through shared memory.  The built-in transports with their
+multicast are off, so a participant with such a profile is invisible on the network.
 """
 
 from dataclasses import dataclass
@@ -20,10 +20,10 @@ NAMESPACE = 'http://www.eprosima.com'
 LOOPBACK = '127.0.0.1'
 LOGICAL_PORT = 7410
 """
-Where participants meet within a TCP connection; both ends must name the same number.
+Logical port of discovery within a TCP connection; the same at both ends.
 """
 BUFFER = 4_194_304
-"""Of a socket [bytes]: six scans of 660 kB."""
+"""Buffer of a socket [bytes]: six scans of 660 kB."""
 SEGMENT, MESSAGE = 16_777_216, 2_097_152
 """Shared memory and the largest message in it [bytes], as in config/fastdds.xml."""
 
@@ -43,7 +43,7 @@ def read_place(text: str) -> Place:
     Raises
     ------
     ConfigError
-        It is no IPv4 address of one machine with a port.
+        It is not an IPv4 unicast address with a port.
 
     """
     address, colon, port = text.rpartition(':')
@@ -63,7 +63,7 @@ def read_port(text: str) -> int:
     Raises
     ------
     ConfigError
-        It is none from 1024 to 65535.
+        It is not a port from 1024 to 65535.
 
     """
     if not (text.isascii() and text.isdigit() and 1024 <= int(text) <= 65_535):
@@ -80,11 +80,11 @@ def make_profile(
     Parameters
     ----------
     listen : int or None
-        TCP port on loopback where it waits for the tunnel: of the node.
+        For the node: TCP port on loopback that accepts the tunnel.
     connect : int or None
-        TCP port on loopback of the tunnel's entrance: of programs on other machines.
+        For programs on other machines: TCP port on loopback of the tunnel's entrance.
     aboard : int or None
-        UDP port on loopback of the node, for programs on its own machine.
+        For programs on the node's machine: UDP port of the node on loopback.
 
     Returns
     -------
@@ -142,7 +142,7 @@ def _add_tcp_transport(transports: ElementTree.Element, listen: int | None) -> N
 def _add_meetings(
     builtin: ElementTree.Element, listen: int | None, connect: int | None, aboard: int | None
 ) -> None:
-    """Say where the participant is found, and where it looks for others."""
+    """Add the locators at which the participant listens, and its initial peers."""
     node_aboard = aboard is not None and listen is not None
     if listen is not None or aboard is not None:
         own = ElementTree.SubElement(builtin, 'metatrafficUnicastLocatorList')

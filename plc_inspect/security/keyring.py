@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The keyring: an authority, a register, and a folder of keys for each member of a fleet.
+The keyring of a fleet: an authority, a register, and a folder of keys for each member.
 
-One certificate serves a member for the tunnel, as identity under SROS2 and, on the ground, for
-the page.  What is taken back is on the revocation list, which tunnel and SROS2 read.
+The certificate of a member serves for the tunnel, as identity under SROS2 and, on the ground, for
+the page.  Revoked ones are on the revocation list, which tunnel and SROS2 read.
 """
 
 from collections.abc import Mapping, Sequence
@@ -50,42 +50,42 @@ SECRET, PUBLIC = 0o600, 0o644
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Member:
-    """One holder of keys."""
+    """One member of the fleet."""
 
     name: str
     role: str
     serial: int
-    """Of its certificate by the root."""
+    """Serial of its certificate by the root."""
     until: str
     """When its certificates end, ISO 8601 in UTC."""
     revoked: bool = False
     older: tuple[int, ...] = ()
-    """Serials of its certificates before that one, which hold until their end too."""
+    """Serials of its earlier certificates, which stay valid until they expire."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Register:
-    """What was issued."""
+    """The register of issued certificates."""
 
     domain: int
     days: int
     hosts: tuple[str, ...] = ()
-    """Names and addresses of the page, besides this machine's."""
+    """Names and addresses of the page, in addition to this machine's."""
     members: Mapping[str, Member]
     old_serials: tuple[int, ...] = ()
-    """Certificates by the root that were replaced because they were taken back."""
+    """Serials of revoked certificates by the root that were replaced."""
 
 
 class Keyring:
     """
-    A folder with the keys of a fleet; it belongs on a machine that is on no network.
+    A folder with the keys of a fleet; keep it on an offline machine.
 
     Parameters
     ----------
     folder : Path
         The folder.
     policy : mapping of str to Rights
-        By enclave, as from ``read_policy``; a member has the rights of its role.
+        Rights by enclave, as from ``read_policy``; a member has the rights of its role.
 
     """
 
@@ -97,12 +97,12 @@ class Keyring:
         self, *, domain: int, days: int, hosts: Sequence[str], now: datetime | None = None
     ) -> Register:
         """
-        Make the authority and a member of each role.
+        Create the authority and one member of each role.
 
         Raises
         ------
         ConfigError
-            The folder holds something, or a number is out of range.
+            The folder is not empty, or a number is out of range.
 
         """
         if self.folder.exists() and any(self.folder.iterdir()):
@@ -125,7 +125,7 @@ class Keyring:
         Raises
         ------
         ConfigError
-            The name is taken or no name, or the role is none.
+            The name is taken or invalid, or the role is unknown.
 
         """
         register = self.load()
@@ -141,7 +141,7 @@ class Keyring:
         return self._finish(self._issue(register, name, role, now), now)
 
     def renew(self, now: datetime | None = None) -> Register:
-        """Issue the certificates of all members anew, by the authority that is there."""
+        """Reissue the certificates of all members by the present authority."""
         register = self.load()
         for member in register.members.values():
             if not member.revoked:
@@ -150,12 +150,12 @@ class Keyring:
 
     def revoke(self, name: str, now: datetime | None = None) -> Register:
         """
-        Take the keys of a member back; all others get the new revocation list.
+        Revoke the keys of a member, and give all others the new revocation list.
 
         Raises
         ------
         ConfigError
-            There is no such member, or it was revoked before.
+            There is no such member, or it is revoked already.
 
         """
         register = self.load()
@@ -249,7 +249,7 @@ class Keyring:
         return replace(register, members={**register.members, name: member})
 
     def _finish(self, register: Register, now: datetime | None) -> Register:
-        """Write to all members whom to trust no more, and whom to believe; and the register."""
+        """Write revocation list and public keys of vehicles to all members, and the register."""
         serials = [
             serial for item in register.members.values() if item.revoked
             for serial in _list(item)
@@ -301,7 +301,7 @@ def _put_enclave(
 
 
 def _put(path: Path, data: bytes, mode: int) -> None:
-    """Write a file that has its mode from its first byte on, and replaces what was there."""
+    """Write a file with its mode set from the start, replacing an old one atomically."""
     path.parent.mkdir(parents=True, exist_ok=True)
     aside = path.with_name(f'.{path.name}.new')
     aside.unlink(missing_ok=True)
@@ -316,5 +316,5 @@ def _list(member: Member) -> tuple[int, ...]:
 
 
 def _longest(days: int) -> int:
-    """Return how long an authority holds, whose members hold for so many days [d]."""
+    """Return the validity of an authority whose members are valid for ``days`` [d]."""
     return min(MOST_DAYS, 2 * days)

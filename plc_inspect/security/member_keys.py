@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The keys that a program on this machine uses: the member's folder that PLC_KEYS names."""
+"""The keys of programs on this machine: the member folder that PLC_KEYS names."""
 
 import contextlib
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ PROFILE = 'fastdds.xml'
 
 
 def state_folder() -> Path:
-    """Return the folder for what outlives a run, below ROS_HOME (~/.ros); it is made."""
+    """Return, and create, the folder of state kept between runs, below ROS_HOME (~/.ros)."""
     folder = find_home()
     folder.mkdir(parents=True, exist_ok=True)
     return folder
@@ -35,13 +35,13 @@ class MemberKeys:
 
     @property
     def profile(self) -> Path | None:
-        """Its Fast DDS profile, None where SROS2 does what it would."""
+        """Its Fast DDS profile, None if SROS2 takes its place."""
         path = self.folder / PROFILE
         return path if path.is_file() else None
 
     def days_left(self) -> int:
         """
-        Return for how many days its certificates hold, negative where they ended.
+        Return for how many days its certificates are still valid, negative if expired.
 
         Raises
         ------
@@ -54,7 +54,7 @@ class MemberKeys:
 
     def make_signer(self) -> Signer | None:
         """
-        Return what signs the stream of a vehicle, in a run newer than all before.
+        Return the signer of a vehicle's stream, with a run number above all before.
 
         Raises
         ------
@@ -68,7 +68,7 @@ class MemberKeys:
 
     def make_verifier(self) -> Verifier:
         """
-        Return what checks the stream.
+        Return the verifier of the stream.
 
         Raises
         ------
@@ -89,12 +89,12 @@ class MemberKeys:
 
 def find_keys() -> MemberKeys | None:
     """
-    Return the keys that PLC_KEYS names, None where it names none.
+    Return the keys that PLC_KEYS names, None if it is not set.
 
     Raises
     ------
     ConfigError
-        It names no folder that ``plc_keys`` made.
+        It does not name a folder that ``plc_keys`` made.
 
     """
     text = os.environ.get(VARIABLE, '')
@@ -102,12 +102,12 @@ def find_keys() -> MemberKeys | None:
         return None
     folder = Path(text).expanduser().absolute()
     if not (folder / 'member.crt').is_file():
-        raise ConfigError(f'{VARIABLE}: {folder} is no folder of a member (docs/security.md)')
+        raise ConfigError(f'{VARIABLE}: {folder} is not a folder of a member (docs/security.md)')
     return MemberKeys(folder)
 
 
 def _next_run() -> int:
-    """Return a number above that of all runs before: the time, or one more if that went back."""
+    """Return a run number above all before: the time, or the last one plus 1."""
     now = int(time.time())
     with contextlib.suppress(OSError, DataError):  # a full disk keeps nobody from flying
         path = state_folder() / 'run_number'

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Who may do what: the policy of SROS2, and the documents that DDS Security wants of it.
+Access control: the SROS2 policy, and the documents that DDS Security needs.
 
-``config/security/policy.xml`` is in the format of ``ros2 security create_permission``; what it
-names is turned into names of DDS as rmw does: ``rt`` of topics, ``rq`` and ``rr`` of services.
+``config/security/policy.xml`` is in the format of ``ros2 security create_permission``.  Its names
+are converted to DDS names as rmw does: prefix ``rt`` for topics, ``rq`` and ``rr`` for services.
 """
 
 from collections.abc import Mapping
@@ -20,9 +20,9 @@ from plc_inspect.security.xml_document import add_text, write
 SCHEMA = 'http://www.omg.org/spec/DDS-SECURITY/20170901/omg_shared_ca_{}.xsd'
 SCHEMA_INSTANCE = 'http://www.w3.org/2001/XMLSchema-instance'
 DISCOVERY = 'ros_discovery_info'
-"""Topic by which participants of ROS tell each other of their nodes; all need it."""
+"""Topic by which ROS participants announce their nodes; all need it."""
 LARGEST_POLICY = 1_000_000
-"""A policy file with more is refused [bytes]."""
+"""Greatest size of a policy file [bytes]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,12 +45,12 @@ def read_policy(path: Path) -> dict[str, Rights]:
     Returns
     -------
     dict of str to Rights
-        By path of the enclave.
+        Rights by path of the enclave.
 
     Raises
     ------
     ConfigError
-        It cannot be read, or holds what is not understood: a right is not guessed.
+        It cannot be read, or holds unknown elements: rights are never guessed.
 
     """
     try:
@@ -69,7 +69,7 @@ def read_policy(path: Path) -> dict[str, Rights]:
 def make_permissions(
     enclave: str, rights: Rights, domain: int, begin: datetime, end: datetime
 ) -> str:
-    """Return the permissions of an enclave for a domain, as XML; what is not named is denied."""
+    """Return the permissions of an enclave for a domain, as XML; the default is deny."""
     root = _document('permissions')
     grant = ElementTree.SubElement(
         ElementTree.SubElement(root, 'permissions'), 'grant', name=enclave
@@ -89,7 +89,7 @@ def make_permissions(
 
 
 def make_governance(domain: int) -> str:
-    """Return the governance of a domain, as XML: who is not known is refused, all is encrypted."""
+    """Return the governance of a domain, as XML: no unknown participants, all is encrypted."""
     root = _document('governance')
     rule = ElementTree.SubElement(
         ElementTree.SubElement(root, 'domain_access_rules'), 'domain_rule'

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A tunnel of mutual TLS between machines, for DDS over TCP that never leaves loopback itself.
+A mutual TLS tunnel between machines, for DDS over TCP whose own sockets stay on loopback.
 
-Fast DDS has TLS of its own, but its listening side asks nobody for a certificate: it sets what it
-wants to verify only after the handshake.  So the graph's TCP stays on 127.0.0.1, and this
-carries it: both ends must show a certificate of the fleet that holds and is not revoked.
+Fast DDS has TLS of its own, but its server asks no client for a certificate, as it sets its verify
+mode only after the handshake.  So the TCP of the graph stays on 127.0.0.1 and goes through this
+tunnel: both ends must present a certificate of the fleet that is valid and not revoked.
 """
 
 import asyncio
@@ -22,35 +22,35 @@ from plc_inspect.errors import ConfigError
 from plc_inspect.security.graph_profile import LOOPBACK, Place
 
 HANDSHAKE = 10.0
-"""Longest handshake [s]; who is slower is cut off."""
+"""Longest handshake [s]; slower peers are disconnected."""
 MOST_CONNECTIONS = 128
-"""Connections at once, handshakes included: others wait in the queue of the system."""
+"""Most simultaneous connections, handshakes included; others wait in the system's backlog."""
 PIECE = 65_536
 MOST_REASONS = 50
-"""Reasons of refusals that are told apart."""
+"""Most reasons of refusals counted separately."""
 FILES = ('root_ca.crt', 'crl.pem', 'member.crt', 'member.key')
 
 
 @dataclass(slots=True)
 class Counts:
-    """What came of connections."""
+    """Counts of connections."""
 
     accepted: int = 0
     refused: int = 0
-    """Connections without a certificate that counts."""
+    """Connections without a valid certificate."""
     reasons: dict[str, int] = field(default_factory=dict)
 
 
 def make_context(folder: Path, *, server: bool) -> ssl.SSLContext:
     """
-    Return what each end demands: TLS 1.3, a certificate of the fleet, not on the revocation list.
+    Return the TLS context: TLS 1.3, and a certificate of the fleet that is not revoked.
 
     Parameters
     ----------
     folder : Path
-        Of the member, as ``plc_keys`` made it.
+        Folder of the member, as ``plc_keys`` made it.
     server : bool
-        This end waits for the other.
+        This end accepts connections.
 
     Returns
     -------
@@ -72,7 +72,7 @@ def make_context(folder: Path, *, server: bool) -> ssl.SSLContext:
         context.load_verify_locations(folder / 'crl.pem')
         context.load_cert_chain(folder / 'member.crt', folder / 'member.key')
     except OSError as error:  # of ssl too
-        raise ConfigError(f'{folder} is no folder of a member: {error}') from error
+        raise ConfigError(f'{folder} is not a folder of a member: {error}') from error
     return context
 
 
@@ -83,17 +83,17 @@ class Tunnel:
     Parameters
     ----------
     folder : Path
-        Keys of the member; they are read anew when they change, so that a new revocation list
-        holds for the next connection.
+        Keys of the member; they are reread when they change, so a new revocation list applies to
+        the next connection.
     place : Place
-        Of the vehicle's end, on the link.
+        Address of the vehicle's end on the link.
     port : int
-        Of Fast DDS on loopback: of the node there, of the entrance here.
+        Loopback port of Fast DDS: of the node on the vehicle, of the entrance elsewhere.
     peer : str
-        Member that is expected at the other end, '' any of the fleet.
+        Member expected at the other end, '' for any of the fleet.
     tell : callable or None
-        Gets the reason of a refusal and how often it was the reason, the first time and whenever
-        that has doubled.
+        Receives the reason of a refusal and its count, at the first one and whenever the count has
+        doubled.
 
     """
 
@@ -109,19 +109,19 @@ class Tunnel:
 
     async def listen(self) -> None:
         """
-        Be the vehicle's end until cancelled.
+        Run the vehicle's end until cancelled.
 
         Raises
         ------
         ConfigError
-            The keys cannot be read, or the port cannot be had.
+            The keys cannot be read, or the port cannot be opened.
 
         """
         self._context(server=True)
         await self._serve(self._place, self._let_in)
 
     async def connect(self) -> None:
-        """Be the other end until cancelled; as ``listen``."""
+        """Run the other end until cancelled; errors as for ``listen``."""
         self._context(server=False)
         await self._serve(Place(LOOPBACK, self._port), self._lead_out)
 
@@ -214,10 +214,10 @@ Ends = tuple[asyncio.StreamReader, asyncio.StreamWriter]
 
 async def _take(link: socket.socket, context: ssl.SSLContext | None) -> Ends:
     """
-    Return both ends of an accepted connection; TLS is spoken from its first byte on.
+    Return both streams of an accepted connection, with TLS from the first byte.
 
-    The loop owns the connection from here on, and closes it when it no longer listens to it: a
-    number closed before would be given to the next connection, which then hears nothing.
+    The loop then owns the socket, and closes it once it no longer watches it: a descriptor closed
+    before that would be reused by the next connection, which would receive nothing.
     """
     loop = asyncio.get_running_loop()
     owned = socket.socket(fileno=link.detach())
@@ -232,7 +232,7 @@ async def _take(link: socket.socket, context: ssl.SSLContext | None) -> Ends:
 
 
 async def _join(one: Ends, other: Ends) -> None:
-    """Carry what either end says to the other, until one is done."""
+    """Forward data both ways until one end closes."""
     async def pump(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         with contextlib.suppress(OSError):
             while data := await reader.read(PIECE):
