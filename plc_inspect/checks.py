@@ -12,20 +12,20 @@ class Check:
     """One figure of a point or curve, and the limit it was compared with."""
 
     name: str = ''
-    """Empty where nobody is told of it: the setting says what it is."""
+    """Name for the user; empty if the setting names it."""
     value: float
     limit: float = math.nan
-    """NaN: reported, and compared with nothing."""
+    """NaN if the value is only reported."""
     is_least: bool = True
-    """The value must not be less than the limit, else not greater."""
+    """The limit is a least value, else a greatest value."""
     setting: str = ''
     """Dotted name of the setting that is the limit; empty for a constant."""
     scale: float = 1.0
     """The limit is the setting times this."""
     unit: str = ''
-    """Of the setting."""
+    """Unit of the setting."""
     objection: str = ''
-    """What is said where the limit is not kept."""
+    """Text for the user if the limit is not kept."""
 
     @property
     def kept(self) -> bool:

@@ -4,9 +4,8 @@
 """
 Colours, shapes and words of severities, lines and supports: one table for all that is drawn.
 
-Monitor, report, markers, KML and DXF take them from here.  No two severities look alike to
-eyes that miss one kind of cone (``test/monitor/web/test_colors.py``), and none is told by its
-colour alone.
+Monitor, report, markers, KML and DXF take them from here.  Severities differ for colour-blind eyes
+as well (``test/monitor/web/test_colors.py``), and are never shown by colour alone.
 """
 
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from dataclasses import dataclass
 LINE_COLORS = (
     '#0072b2', '#d55e00', '#8e44ad', '#c2185b', '#00838f', '#e69f00', '#5d4037', '#3f51b5',
 )
-"""Of conductors, by line_id; after the last the first comes again."""
+"""Colours of conductors by line_id, repeated cyclically."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,10 +23,10 @@ class Look:
     name: str
     color: str
     ink: str
-    """Of text upon the colour."""
+    """Colour of text on it."""
     shape: str
     corners: int
-    """Of the shape; 0 a circle."""
+    """Corners of the shape; 0 for a circle."""
     word: str
 
 
@@ -38,13 +37,13 @@ LOOKS = {look.name: look for look in (
     Look('ok', '#7fd1b9', '#000000', 'circle', 0, 'OK'),
 )}
 """
-By name, the worst first.
+Looks by name, the worst first.
 Source: of 700 combinations of reds, oranges, blues and greens the one whose least distance, as
 seen with normal, deuteranopic, protanopic and tritanopic eyes, is the greatest: 28 in CAM02-UCS,
 where the colours before had 9.
 """
 SEVERITY_COLORS = {name: look.color for name, look in LOOKS.items() if name != 'ok'}
-"""Of hazards, the worst first."""
+"""Colours of hazards, the worst first."""
 OK_COLOR = LOOKS['ok'].color
 SUPPORT_COLOR = '#9999a6'
 TEXT_COLOR = '#ffffff'
@@ -56,7 +55,7 @@ def line_color(line_id: int) -> str:
 
 
 def severity_color(name: str) -> str:
-    """Return the colour of a severity by its name in small letters; of ``ok`` too."""
+    """Return the colour of a severity, or of ``ok``, by its lower-case name."""
     return LOOKS[name].color
 
 

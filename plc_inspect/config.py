@@ -20,12 +20,12 @@ from plc_inspect.node_config import (
 from plc_inspect.setting import Checked, setting
 
 MOST_VOXELS = 200_000_000
-"""Voxels of a map at most, some 45 bytes each, taken as they are needed.  Source: judgement."""
+"""Greatest size of a map in voxels of some 45 bytes, allocated as needed.  Source: judgement."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InputSettings(Checked):
-    """Where scans and poses come from, and which are believed."""
+    """Sources of scans and poses, and limits of plausible ones."""
 
     scan_topic: str = setting(
         'velodyne_points', 'PointCloud2 topic, relative or absolute', structural=True

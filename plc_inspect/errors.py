@@ -21,7 +21,7 @@ class FitError(PlcInspectError):
 
 
 def explain_missing(error: ModuleNotFoundError) -> str:
-    """Return in one line which Python package is missing, and how to get it."""
+    """Return one line that names the missing Python package and how to install it."""
     package = (error.name or str(error)).partition('.')[0]
     return f'the Python package {package} is missing: install it as docs/install.md says'
 

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Raise KeyboardInterrupt where a kernel was interrupted, which fails with SystemError."""
+    """Raise KeyboardInterrupt in place of the SystemError of an interrupted kernel."""
     try:
         yield
     except SystemError as error:

@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-An MCAP file that is whole at every moment, whenever its writer is killed.
+Writes an MCAP file that is valid at every moment, even if the writer is killed.
 
-Behind the last chunk stand an end of data, a footer without a summary and the magic, which make
-the file complete.  The next chunk is written behind them, and its beginning over them at last, so
-whoever reads from the beginning finds a whole file at every moment.  An orderly end adds the
-summary, with which readers can jump.
+After the last chunk the file has an end of data, a footer without a summary and the magic bytes,
+so it is complete.  The next chunk is first written behind them, and its beginning over them last,
+so a sequential reader finds a complete file at every moment.  An orderly end adds the summary,
+which lets readers seek.
 """
 
 from collections import Counter
@@ -40,21 +40,21 @@ from plc_inspect.errors import ConfigError
 
 class McapFile:
     """
-    Writes messages; what was written is safe after each ``flush``.
+    Writes messages; they are in the file after each ``flush``.
 
     Parameters
     ----------
     path : Path
         File to write.
     force : bool
-        Replace a file that is there.
+        Replace an existing file.
     profile : str
-        What the messages are for, as the MCAP specification lists it.
+        Profile of the MCAP specification.
 
     Raises
     ------
     ConfigError
-        There is a file already, or it cannot be written.
+        The file exists, or cannot be written.
 
     """
 
@@ -95,17 +95,17 @@ class McapFile:
         self, kind: type[BaseException] | None, error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """End the file in order."""
+        """Close the file with its summary."""
         self.close()
 
     @property
     def size(self) -> int:
-        """What was written so far [bytes]."""
+        """Size written so far [bytes]."""
         return self._end
 
     @property
     def fileno(self) -> int:
-        """Number of the open file."""
+        """File descriptor."""
         return self._file
 
     def add_channel(
@@ -113,7 +113,7 @@ class McapFile:
         encoding: tuple[str, str] = ('ros2msg', 'cdr'),
     ) -> int:
         """
-        Announce a topic.
+        Add a channel for a topic.
 
         Parameters
         ----------
@@ -122,9 +122,9 @@ class McapFile:
         kind : str
             Its type, such as ``std_msgs/msg/String``.
         definition : str
-            The type as ROS 2 writes it, with the types it uses.
+            Definition of the type in ROS 2 syntax, with the types it uses.
         encoding : tuple of str
-            Of the definition and of the messages.
+            Encodings of the definition and of the messages.
 
         Returns
         -------
@@ -147,7 +147,7 @@ class McapFile:
         return channel.id
 
     def write(self, channel: int, time_ns: int, data: bytes) -> None:
-        """Put a message, serialised, into the chunk that is being filled."""
+        """Add a serialised message to the open chunk."""
         index = self._indexes.setdefault(channel, MessageIndex(channel_id=channel, records=[]))
         index.records.append((time_ns, self._chunk.count))
         Message(channel_id=channel, log_time=time_ns, publish_time=time_ns, data=data,
@@ -157,7 +157,7 @@ class McapFile:
 
     def flush(self) -> None:
         """
-        Write what was put in since the last time; the file is whole before and after.
+        Write the messages added since the last flush; the file is valid before and after.
 
         Raises
         ------
@@ -171,11 +171,11 @@ class McapFile:
             self._packed = b''
 
     def sync(self) -> None:
-        """Have the system put on the disk what was written; OSError where it cannot."""
+        """Sync the file to disk; OSError if that fails."""
         os.fsync(self._file)
 
     def _pack(self) -> None:
-        """Make a chunk of what was put in, to be written next."""
+        """Pack the added messages into a chunk, to be written next."""
         if not self._times:
             return
         start = self._end + len(self._packed)
@@ -202,7 +202,7 @@ class McapFile:
         self._packed += out.end()
 
     def close(self) -> None:
-        """Write the rest and the summary, and have the system put all on the disk."""
+        """Write the rest and the summary, and sync the file to disk."""
         if self._file < 0:
             return
         try:
@@ -215,10 +215,10 @@ class McapFile:
 
     def _put(self, records: bytes, tail: bytes = b'') -> None:
         """
-        Write records over the old tail, and a tail behind them.
+        Write records over the old tail, followed by a new tail.
 
-        What reaches beyond the old tail comes first: until the last, short write the old end of
-        data and footer stand where they were.
+        The part beyond the old tail is written first, so the old end of data and footer stay in
+        place until the last, short write.
         """
         data = records + (tail or _make_tail(0, 0, b''))
         for low, high in ((self._tail, len(data)), (0, min(self._tail, len(data)))):

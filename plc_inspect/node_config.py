@@ -10,7 +10,7 @@ from plc_inspect.setting import Checked, setting
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProximitySettings(Checked):
-    """How near the vehicle may come to conductors, supports and whatever else stands there."""
+    """Least distances of the vehicle to conductors, supports and other objects."""
 
     warning: float = setting(
         15.0, 'nearer than this is a warning', unit='m', low=0.5, high=60.0
@@ -22,7 +22,7 @@ class ProximitySettings(Checked):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OutputSettings(Checked):
-    """Where the node writes; the commands are told by their arguments."""
+    """Output of the node; the commands take theirs as arguments."""
 
     directory: str = setting(
         '',
@@ -38,7 +38,7 @@ class OutputSettings(Checked):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StreamSettings(Checked):
-    """What the node streams to ground stations over a thin link."""
+    """The stream from the node to ground stations over a thin link."""
 
     max_kbps: float = setting(
         192.0,
@@ -54,7 +54,7 @@ class StreamSettings(Checked):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SecuritySettings(Checked):
-    """Who may come in; docs/security.md."""
+    """Access over the network; see docs/security.md."""
 
     require: str = setting(
         'off', 'the node starts on nothing less: TLS or DDS Security; off: it warns',

@@ -41,7 +41,7 @@ class PointClass(enum.IntEnum):
 
 
 class Decision(enum.IntEnum):
-    """The stage that decided what a point is; in ``points.laz`` as ``decision``."""
+    """The stage that decided a point's class; in ``points.laz`` as ``decision``."""
 
     NOT_FINITE = 0
     GROUND = 1
@@ -56,7 +56,7 @@ class Decision(enum.IntEnum):
 
 
 class HazardKind(enum.IntEnum):
-    """What a hazard is about; ``kind`` in files and messages."""
+    """Kind of a hazard; ``kind`` in files and messages."""
 
     VEGETATION = 1
     GROUND = 2
@@ -68,7 +68,7 @@ class HazardKind(enum.IntEnum):
 
 
 class Severity(enum.IntEnum):
-    """How bad a hazard is; ``severity`` in files and messages."""
+    """Severity of a hazard; ``severity`` in files and messages."""
 
     NOTICE = 1
     WARNING = 2
@@ -142,8 +142,8 @@ class Span:
     """Horizontal distance from the start to where that is [m], NaN unknown."""
     evidence: float = math.nan
     """
-    Metres of evidence that it is a conductor, NaN unknown; ``catenary.min_evidence`` are asked of
-    one that continues nothing.
+    Evidence that it is a conductor [m], NaN unknown; a span that continues no other needs
+    ``catenary.min_evidence``.
     """
 
     @property
@@ -197,7 +197,7 @@ class Support:
     height: float
     """Height of the highest point of the support or attachment above the foot [m]."""
     kind: str
-    """'tower', 'pole', or 'unseen' where only the conductors tell of it."""
+    """'tower', 'pole', or 'unseen' if only its conductors were seen."""
     line_ids: tuple[int, ...]
 
 
@@ -243,14 +243,14 @@ class Hazard:
     years: float = math.nan
     """Years until growth breaks the most severe tier of the rule, NaN unknown."""
     note: str = ''
-    """What was assumed."""
+    """Assumptions."""
     confidence: float = 1.0
-    """How sure it is that the limit is broken, 0 to 1."""
+    """Probability that the limit is broken, 0 to 1."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageReport:
-    """What one stage kept and dropped, and why."""
+    """Counts and values of one stage: what it kept and dropped, and why."""
 
     name: str
     num_in: int
@@ -293,7 +293,7 @@ class InspectionResult:
     stages: tuple[StageReport, ...]
 
     def __post_init__(self) -> None:
-        """Check that no two spans have the same numbers; DataError says which."""
+        """Raise DataError if two spans have the same line_id and span_id."""
         keys = sorted((span.line_id, span.span_id) for span in self.spans)
         for first, second in pairwise(keys):
             if first == second:

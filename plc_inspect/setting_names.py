@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Settings by their dotted names, as ROS parameters, files and command lines give them."""
+"""Settings by their dotted names, as used in ROS parameters, files and command lines."""
 
 from collections.abc import Iterator, Mapping
 import dataclasses
@@ -37,9 +37,9 @@ def to_mapping(settings: Settings) -> dict[str, dict[str, Any]]:
 
 def update(settings: Settings, mapping: Mapping[str, Any]) -> Settings:
     """
-    Return ``settings`` with the values of a nested or dotted mapping put in.
+    Return ``settings`` updated by a nested or dotted mapping.
 
-    Integers are taken where a float is meant and lists where a tuple is meant.
+    Integers are accepted for floats and lists for tuples.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Where the files of ``config/`` are, and where those lie that outlive a run."""
+"""Paths of the files of ``config/``, and of files kept between runs."""
 
 import os
 from pathlib import Path
@@ -21,5 +21,5 @@ def find_shared(name: str) -> Path | None:
 
 
 def find_home() -> Path:
-    """Return the folder below ROS_HOME (~/.ros) for what has no place of its own."""
+    """Return the default folder for files of the package, below ROS_HOME (~/.ros)."""
     return Path(os.environ.get('ROS_HOME') or Path.home() / '.ros') / 'plc_inspect'

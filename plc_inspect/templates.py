@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""How templates of HTML are read, for the report and for the page of the monitor."""
+"""HTML templates of the report and of the page of the monitor."""
 
 import jinja2
 
@@ -10,7 +10,7 @@ def open_templates(folder: str) -> jinja2.Environment:
     """
     Return the environment of a folder of templates.
 
-    Texts are escaped, and a name that a template does not get is an error.
+    Texts are escaped, and an undefined name is an error.
 
     Parameters
     ----------

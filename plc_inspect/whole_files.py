@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Folders and files that are there whole or not at all.
+Write folders and files atomically: completely or not at all.
 
-They are written beside their place and renamed, so they are never seen half-written; what was
-there before is removed only when the new one is complete.
+They are written beside their target and renamed, so they are never seen half-written; an old one
+is removed only when the new one is complete.
 """
 
 from collections.abc import Iterator
@@ -20,11 +20,11 @@ import tempfile
 from plc_inspect.errors import DataError
 
 PARTIAL = '.partial'
-"""Ends the names of folders that hold what is being written."""
+"""Suffix of folders that are being written."""
 
 
 def check_folder(folder: Path, force: bool) -> None:
-    """Raise DataError where a folder cannot take a place: a file is there, or a folder stays."""
+    """Raise DataError if a file is in the way, or a folder without ``force``."""
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
         raise DataError(f'{folder} exists and is not a folder')
     if folder.exists() and not force:
@@ -55,7 +55,7 @@ def replace_folder(folder: Path) -> Iterator[Path]:
     Yields
     ------
     Path
-        An empty folder, which takes the place at the end of the block if all goes well.
+        An empty folder, which is renamed to ``folder`` at the end of the block, unless it raised.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def replace_folder(folder: Path) -> Iterator[Path]:
 @contextmanager
 def replace_file(path: Path) -> Iterator[Path]:
     """
-    Write a file into a folder that is there.
+    Write a file into an existing folder.
 
     Parameters
     ----------
@@ -93,8 +93,8 @@ def replace_file(path: Path) -> Iterator[Path]:
     Yields
     ------
     Path
-        A file of the same name to write, which takes the place at the end of the block if all
-        goes well.
+        Path of a temporary file, which is renamed to ``path`` at the end of the block, unless it
+        raised.
 
     Raises
     ------
@@ -111,7 +111,7 @@ def replace_file(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def _make_room(place: Path) -> Iterator[Path]:
-    """Yield an empty folder beside a place, on the same file system; it is held meanwhile."""
+    """Yield an empty folder beside a target, on the same file system, locked meanwhile."""
     with tempfile.TemporaryDirectory(
         prefix=f'.{place.name}.', suffix=PARTIAL, dir=place.parent
     ) as room:
@@ -126,19 +126,19 @@ def _make_room(place: Path) -> Iterator[Path]:
 
 def sweep_partial(folder: Path, name: str = '') -> list[Path]:
     """
-    Remove what runs that were killed left half-written, and put back what they had moved away.
+    Remove half-written leftovers of killed runs, and restore what they had moved away.
 
     Parameters
     ----------
     folder : Path
-        Where to look; missing is empty.
+        Folder to search; a missing one counts as empty.
     name : str
-        Of the file or folder that was being written, '' any.
+        Name of the file or folder that was being written, '' any.
 
     Returns
     -------
     list[Path]
-        What was removed; what another process holds, or nobody may remove, stays.
+        Removed paths; those that another process holds, or that cannot be removed, stay.
 
     """
     removed = []
@@ -160,7 +160,7 @@ def sweep_partial(folder: Path, name: str = '') -> list[Path]:
 
 @contextmanager
 def _name_errors(path: Path) -> Iterator[None]:
-    """Say of errors of the system what could not be written."""
+    """Raise system errors as DataError that names the path."""
     try:
         yield
     except OSError as error:
