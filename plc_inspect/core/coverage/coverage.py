@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-How well each span, the ground below it and the corridor beside it were seen.
+Coverage: how well each span, the ground below it and the corridor beside it were seen.
 
-A section is what hangs between the same two supports.  What was not seen is listed, stretch by
-stretch: no hazard was found there, and none can be ruled out.
+A section is the conductors between the same two supports.  Unseen stretches are listed as gaps: no
+hazard was found there, and none can be ruled out.
 """
 
 from collections.abc import Sequence
@@ -21,30 +21,30 @@ from plc_inspect.results import Bool, Float64, InspectionResult, PointClass, Spa
 
 STEP = 5.0
 """
-Length of a stretch of ground that is judged as one [m].
+Length of the stretches in which ground is judged [m].
 Source: judgement: the crown of a tree.
 """
 SIDE = 10.0
 """
-The corridor goes on to either side of the outer conductors for so far [m].
+Width of the corridor on either side of the outer conductors [m].
 Source: judgement: twice the 4 m that are a warning by default, with blow-out.
 """
 LEAST_SHARE = 0.5
 """
-Share of the cells of a stretch that must have been seen.
+Least share of the cells of a stretch that must have been seen.
 Source: judgement: two in four across and along leave no room for a tree.
 """
 MOST_GAP = 10.0
 """
-Longest distance along a conductor without a point that is not listed [m].
+Longest distance along a conductor without a point that is no gap [m].
 Source: derived: where a tree could hide, two of STEP.
 """
 PASS = 80.0
-"""A pass farther away shows nothing of a section [m].  Source: derived: range of a Puck Lite."""
+"""Greatest distance of a pass that shows a section [m].  Source: derived: range of a Puck Lite."""
 
 
 class Part(enum.IntEnum):
-    """What of a section; ``part`` in files."""
+    """Part of a section; ``part`` in files."""
 
     CONDUCTOR = 0
     BELOW = 1
@@ -56,59 +56,59 @@ class Part(enum.IntEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Gap:
-    """A stretch that was not seen well enough to rule out a hazard."""
+    """A stretch not seen well enough to rule out a hazard."""
 
     part: Part
     section: int
     """Number of the section."""
     span_id: int
     line_id: int = -1
-    """Of a conductor, -1 otherwise."""
+    """Line of a conductor, -1 for other parts."""
     low: float
-    """Along the axis of the section [m]."""
+    """Start along the axis of the section [m]."""
     high: float
     is_beyond: bool = False
-    """Beyond an open end of the conductor: nobody knows how far it goes on."""
+    """Beyond an open end of the conductor, whose further course is unknown."""
     places: Float64
-    """(K, 3) a line along it, on the conductor or below the section's conductors [m]."""
+    """(K, 3) polyline along it, on the conductor or below the section's conductors [m]."""
 
     @property
     def length(self) -> float:
-        """[m]."""
+        """Length [m]."""
         return self.high - self.low
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConductorSight:
-    """How well one conductor was seen."""
+    """Coverage of one conductor."""
 
     line_id: int
     length: float
     """[m]"""
     density: float
-    """Points a metre."""
+    """Points per metre."""
     share: float
-    """Of the length that lies in no gap, what is beyond open ends included, 0 to 1."""
+    """Share of the length outside gaps, 0 to 1; the length includes what lies beyond open ends."""
     longest_gap: float
-    """Without a point [m]."""
+    """Longest distance without a point [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StripSight:
-    """How well the ground below or beside the conductors was seen."""
+    """Coverage of the ground below or beside the conductors."""
 
     part: Part
     share: float
-    """Of its length, 0 to 1."""
+    """Seen share of its length, 0 to 1."""
     longest_gap: float
     """[m]"""
     is_flown: bool | None = None
-    """The vehicle passed on this side; None where its way is unknown, and below."""
+    """The vehicle passed on this side; None if its path is unknown, and for BELOW."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SectionSight:
-    """How well one section was seen."""
+    """Coverage of one section."""
 
     section: Section
     conductors: tuple[ConductorSight, ...]
@@ -116,9 +116,11 @@ class SectionSight:
     """BELOW, LEFT and RIGHT."""
     gaps: tuple[Gap, ...]
     distance: float = math.nan
-    """Of the nearest pass from the axis at the conductors' height [m], NaN unknown."""
+    """
+    Distance of the nearest pass from the axis, at the height of the conductors [m], NaN unknown.
+    """
     angle: float = math.nan
-    """From the horizontal at which that pass looked at the conductors [rad], NaN unknown."""
+    """Elevation of that pass as seen from the conductors [rad], NaN unknown."""
     age: float = math.nan
     """Time since the last pass within PASS [s], NaN unknown."""
 
@@ -130,18 +132,18 @@ class SectionSight:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Coverage:
-    """How well everything was seen."""
+    """Coverage of all sections."""
 
     sections: tuple[SectionSight, ...] = ()
 
     @property
     def gaps(self) -> tuple[Gap, ...]:
-        """What was not seen, section by section."""
+        """Gaps of all sections, in their order."""
         return tuple(gap for item in self.sections for gap in item.gaps)
 
     @property
     def num_poor(self) -> int:
-        """Sections where a hazard cannot be ruled out."""
+        """Number of sections where a hazard cannot be ruled out."""
         return sum(not item.is_enough for item in self.sections)
 
 
@@ -149,7 +151,7 @@ def measure_coverage(
     result: InspectionResult, points: Float64, ground: SeenGround, way: Float64 | None = None,
 ) -> Coverage:
     """
-    Measure how well the spans of a result were seen.
+    Measure the coverage of the spans of a result.
 
     Parameters
     ----------
@@ -160,7 +162,7 @@ def measure_coverage(
     ground : SeenGround
         Of the same points.
     way : (K, 4) float64 or None
-        Time [s] and place [m] of the vehicle along its way.
+        Time [s] and position [m] of the vehicle along its path.
 
     Returns
     -------
@@ -187,7 +189,7 @@ def look_at_section(
     section: Section, wires: Sequence[Float64], ground: SeenGround, way: Float64 | None,
 ) -> SectionSight:
     """
-    Measure how well one section was seen.
+    Measure the coverage of one section.
 
     Parameters
     ----------
@@ -196,7 +198,7 @@ def look_at_section(
     wires : sequence of (M, 3) float64
         Points of each of its spans [m].
     ground : SeenGround
-        What else was seen.
+        Points other than wires.
     way : (K, 4) float64 or None
         As for ``measure_coverage``.
 
@@ -281,7 +283,7 @@ def _look_at_strip(
 
 
 def _look_at_passes(sight: SectionSight, way: Float64) -> SectionSight:
-    """Add from where the vehicle looked at a section."""
+    """Add the viewpoints of the vehicle to the coverage of a section."""
     section = sight.section
     place = section.enter(way[:, 1:3])
     beside = (place[:, 0] >= 0.0) & (place[:, 0] <= section.high) & (np.abs(place[:, 1]) <= PASS)

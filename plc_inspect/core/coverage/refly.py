@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The way along which what was not seen is seen, at a safe distance and in the order to fly.
+Plans a flight that shows all gaps, at a safe distance and in order of flight.
 
-A run passes one stretch on one side.  Between runs the vehicle climbs above all that was seen.
-What was not seen may stand higher: the way is a proposal to a pilot, who looks out.
+A run passes one stretch on one side.  Between runs the vehicle climbs above everything seen.
+Unseen objects may stand higher, so the path is a proposal to a pilot, who must look out.
 """
 
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 SAFE = 18.0
 """
-Distance from all conductors, known or carried on beyond open ends, at least [m].
+Least distance from all conductors, extrapolated beyond open ends [m].
 Source: derived: the default warning distance of 15 m, and 3 m of wind and odometry.
 """
 ABOVE = 4.0
@@ -36,42 +36,45 @@ Source: judgement: as the flights of the simulator; bench/studies/coverage.py fl
 """
 LEAD = 40.0
 """
-A run begins and ends so far from its stretch [m].
+Distance before and after a stretch at which its run begins and ends [m].
 Source: derived: 15 degrees below the horizon the ground 10 m below is met after 37 m.
 """
 OBSTACLES, NEAR = 8.0, 10.0
 """
-Height above what stands within a distance in plan of the way [m].
+Least height above objects, and distance in plan from the path within which they count [m].
 Source: derived: the default critical distance; sway and odometry.
 """
 MOST_STEP = 25.0
-"""Between two waypoints of a run [m].  Source: judgement: over hills the height changes."""
+"""
+Greatest distance between two waypoints of a run [m].
+Source: judgement: over hills the height changes.
+"""
 LIFT = 2.0
-"""Steps by which a way is lifted until it is safe [m].  Source: numerical."""
+"""Step by which a path is lifted until it is safe [m].  Source: numerical."""
 MOST_LIFT = 200.0
-"""A way that is not safe so far up is no way [m].  Source: judgement: higher than any line."""
+"""Greatest lift of a path [m].  Source: judgement: higher than any line."""
 SAMPLE = 2.0
-"""Places on conductors and ways that are compared [m].  Source: numerical: SAFE is nine."""
+"""Spacing of compared positions on conductors and paths [m].  Source: numerical: SAFE is nine."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Around:
-    """What the way must keep away from."""
+    """Obstacles of the path."""
 
     wires: Float64
-    """(N, 3) places along all conductors [m]."""
+    """(N, 3) positions along all conductors [m]."""
     ground: SeenGround
     safe: float
 
     @cached_property
     def tree(self) -> 'cKDTree':
-        """The places."""
+        """Kd-tree of these positions."""
         from scipy.spatial import cKDTree  # a moment that others need not wait for
 
         return cKDTree(self.wires)
 
     def is_safe(self, places: Float64) -> Bool:
-        """Tell which places (N, 3) are far enough from conductors and above all else."""
+        """Return which positions (N, 3) are far enough from conductors and above all else."""
         good: Bool = places[:, 2] >= self.ground.find_top(places, CELL) + OBSTACLES - LIFT
         if len(self.wires):
             good &= self.tree.query(places)[0] >= self.safe - LIFT / 2
@@ -79,7 +82,7 @@ class _Around:
 
 
 class Kind(enum.IntEnum):
-    """What a waypoint is for."""
+    """Purpose of a waypoint."""
 
     RUN = 0
     TRANSIT = 1
@@ -95,25 +98,25 @@ class Run:
     places: Float64
     """(K, 3) waypoints in order [m]."""
     gaps: tuple[int, ...]
-    """Numbers of what it shows in the list of gaps."""
+    """Indices of the gaps that it shows."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Refly:
-    """What is to be flown again."""
+    """The flight that shows all gaps."""
 
     runs: tuple[Run, ...]
-    """In the order to fly."""
+    """Runs in order of flight."""
     places: Float64
-    """(W, 3) all waypoints in the order to fly, transits included [m]."""
+    """(W, 3) all waypoints in order of flight, transits included [m]."""
     kinds: tuple[Kind, ...]
-    """Of each."""
+    """Kind of each waypoint."""
     run: tuple[int, ...]
-    """Run of each; of a transit the one that follows."""
+    """Run of each waypoint; for a transit, the following one."""
 
     @property
     def length(self) -> float:
-        """Of the way [m]."""
+        """Length of the path [m]."""
         return float(np.linalg.norm(np.diff(self.places, axis=0), axis=1).sum())
 
 
@@ -121,23 +124,23 @@ def plan_refly(
     coverage: Coverage, ground: SeenGround, start: Float64 | None = None, safe: float = SAFE
 ) -> Refly:
     """
-    Plan the way along which all gaps are seen.
+    Plan a path that shows all gaps.
 
     Parameters
     ----------
     coverage : Coverage
-        What was seen, and what was not.
+        Coverage with its gaps.
     ground : SeenGround
-        How high what was seen stands.
+        Heights of everything seen.
     start : (3,) float64 or None
-        From where the vehicle comes [m]; None: from the first gap.
+        Start of the vehicle [m]; None: at the first gap.
     safe : float
-        Distance from conductors [m].
+        Least distance from conductors [m].
 
     Returns
     -------
     Refly
-        Without waypoints where there are no gaps.
+        Without waypoints if there are no gaps.
 
     """
     wires = sample_wires([item.section for item in coverage.sections])
@@ -165,7 +168,7 @@ def plan_refly(
 
 
 def sample_wires(sections: Sequence[Section]) -> Float64:
-    """Return places (N, 3) along all conductors, carried on beyond open ends [m]."""
+    """Return positions (N, 3) along all conductors, extrapolated beyond open ends [m]."""
     parts = [np.empty((0, 3))]
     for section in sections:
         for span in section.spans:
@@ -175,13 +178,13 @@ def sample_wires(sections: Sequence[Section]) -> Float64:
 
 
 def _extend(section: Section, span: Span) -> tuple[float, float]:
-    """Return least and greatest x of a span with what lies beyond its open ends [m]."""
+    """Return least and greatest x of a span, beyond its open ends included [m]."""
     reach = LEAD + section.high - span.length
     return -reach if span.open_start else 0.0, span.length + (reach if span.open_end else 0.0)
 
 
 def _merge(gaps: Sequence[tuple[int, Gap]]) -> list[tuple[float, float, tuple[int, ...]]]:
-    """Return stretches that hold numbered gaps; those near each other are one."""
+    """Return stretches of numbered gaps, merging near ones."""
     merged: list[tuple[float, float, tuple[int, ...]]] = []
     for number, gap in sorted(gaps, key=lambda item: item[1].low):
         if merged and gap.low - merged[-1][1] <= 2.0 * LEAD:
@@ -205,7 +208,7 @@ def _lay_run(
 
 
 def _lift(places: Float64, around: _Around) -> Float64:
-    """Return a way with its waypoints as high as is safe on the way from each to the next."""
+    """Return a path lifted so that each leg is safe."""
     places = places.copy()
     places[:, 2] = np.maximum(places[:, 2], around.ground.find_top(places, NEAR) + OBSTACLES)
     lifted = 0.0
@@ -221,7 +224,7 @@ def _lift(places: Float64, around: _Around) -> Float64:
 
 
 def _sample(places: Float64) -> tuple[Float64, Int64]:
-    """Return places (N, 3) along a way and the number of the leg of each."""
+    """Return positions (N, 3) along a path, and the number of the leg of each."""
     parts, owner = [places[:1]], [0]
     for number in range(len(places) - 1):
         apart = float(np.linalg.norm(places[number + 1] - places[number]))

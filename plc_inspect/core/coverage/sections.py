@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Sections: what hangs between the same two supports, with the axis in its middle."""
+"""Sections: the conductors between the same two supports, with an axis in their middle."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,16 +13,19 @@ from plc_inspect.results import Float64, Span
 
 BEYOND = 25.0
 """
-A conductor whose end was not seen goes on for at least so far [m].
-Source: judgement: a look at it shows whether a support follows.
+Assumed length of a conductor beyond an end that was not seen [m].
+Source: judgement: seeing that much shows whether a support follows.
 """
 MOST_BRIDGED, NEAR_LINE = 300.0, 5.0
 """
-Open ends that face each other, at most so far apart along and across, are of one conductor [m].
+Greatest distance along and across of facing open ends of one conductor [m].
 Source: judgement: half of a long span was hidden; conductors of a line are farther apart in wind.
 """
 MOST_ACROSS = 40.0
-"""Conductors farther apart are no section [m].  Source: judgement: twice a wide crossarm."""
+"""
+Greatest distance across between conductors of one section [m].
+Source: judgement: twice a wide crossarm.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -31,28 +34,28 @@ class Section:
 
     spans: tuple[Span, ...]
     origin: Float64
-    """(2,) where x is 0 [m]."""
+    """(2,) plan position of x = 0 [m]."""
     unit: Float64
     """(2,) direction of x; y is to the left of it."""
     high: float
-    """Greatest x, open ends with what lies beyond; the least is 0 [m]."""
+    """Greatest x, beyond open ends included; the least is 0 [m]."""
     right: float
     """Least and greatest y of conductors [m]."""
     left: float
 
     @property
     def span_id(self) -> int:
-        """Of all its spans."""
+        """span_id of all its spans."""
         return self.spans[0].span_id
 
     def enter(self, places: Float64) -> Float64:
-        """Return x and y (N, 2) of places (N, 2+) [m]."""
+        """Return x and y (N, 2) of positions (N, 2+) [m]."""
         apart = places[:, :2] - self.origin
         x, y = apart @ self.unit, apart @ np.array([-self.unit[1], self.unit[0]])
         return np.column_stack([x, y])
 
     def leave(self, x: Float64, y: float | Float64) -> Float64:
-        """Return the places in plan (N, 2) of x and y (N,) [m]."""
+        """Return the plan positions (N, 2) of x and y (N,) [m]."""
         across = np.array([-self.unit[1], self.unit[0]])
         y = np.broadcast_to(np.asarray(y, dtype=np.float64), x.shape)
         places: Float64 = self.origin + x[:, None] * self.unit + y[:, None] * across
@@ -60,7 +63,7 @@ class Section:
 
 
 def find_sections(spans: Sequence[Span]) -> list[Section]:
-    """Return the sections of spans: those of one number that hang side by side."""
+    """Group spans into sections: spans of one span_id that hang side by side."""
     groups: list[list[Span]] = []
     for span in spans:
         for group in groups:
@@ -101,9 +104,9 @@ def _lay_section(group: Sequence[Span], spans: Sequence[Span]) -> Section:
 
 def find_reach(span: Span, spans: Sequence[Span]) -> tuple[float, float]:
     """
-    Return how far a conductor goes on unseen beyond its start and its end [m].
+    Return the unseen length of a conductor beyond its start and its end [m].
 
-    Where another open end faces it, each has half of the way between; 0 beyond a support.
+    Facing open ends get half of the distance between them each; at a support it is 0.
     """
     found = []
     for is_open, end, other in (
@@ -128,7 +131,7 @@ def find_reach(span: Span, spans: Sequence[Span]) -> tuple[float, float]:
 
 
 def find_reach_of(section: Section, span: Span) -> tuple[float, float]:
-    """Return how far a span of a section goes on within it beyond its open ends [m]."""
+    """Return the unseen length of a span beyond its open ends, within its section [m]."""
     ends = section.enter(np.array([span.start, span.end]))[:, 0]
     turned = ends[0] > ends[1]
     first, last = max(float(ends.min()), 0.0), max(section.high - float(ends.max()), 0.0)

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Where in plan anything was seen, and how high it stands."""
+"""Plan cells in which anything was seen, and its height."""
 
 from dataclasses import dataclass
 
@@ -16,11 +16,14 @@ Source: derived: half of STEP of ``coverage``; a tree that could reach a conduct
 """
 LEAST_POINTS = 2
 """
-Points from which a cell was seen.
-Source: judgement: one may be a stray.
+Least number of points of a seen cell.
+Source: judgement: a single point may be a stray.
 """
 _SHIFT = 1 << 31
-"""Between row and column in one number.  Source: derived: half of the bits of int64."""
+"""
+Factor that packs row and column into one number.
+Source: derived: half of the bits of int64.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -28,7 +31,7 @@ class SeenGround:
     """The M cells that hold points; parallel, ascending by key."""
 
     keys: Int64
-    """(M,) row and column in one number."""
+    """(M,) packed row and column."""
     num_points: Int64
     """(M,) points that are not of conductors."""
     top: Float64
@@ -36,7 +39,7 @@ class SeenGround:
 
     def is_seen(self, places: Float64) -> Bool:
         """
-        Tell at which places in plan the ground, or what stands on it, was seen.
+        Return at which plan positions the ground, or an object on it, was seen.
 
         Parameters
         ----------
@@ -55,19 +58,19 @@ class SeenGround:
 
     def find_top(self, places: Float64, reach: float) -> Float64:
         """
-        Return how high whatever was seen near places stands.
+        Return the greatest height of points near positions.
 
         Parameters
         ----------
         places : (N, 2+) float64
             Map frame [m].
         reach : float
-            In plan; cells are taken whole [m].
+            Distance in plan, rounded up to whole cells [m].
 
         Returns
         -------
         (N,) float64
-            [m], -inf where nothing was seen.
+            Height [m], -inf where nothing was seen.
 
         """
         top = np.full(len(places), -np.inf)
@@ -81,7 +84,7 @@ class SeenGround:
         return top
 
     def _find(self, places: Float64) -> tuple[Int64, Bool]:
-        """Return the row of each place's cell, and whether it is there."""
+        """Return the row of each position's cell, and whether that cell exists."""
         if not len(self.keys):
             return np.zeros(len(places), dtype=np.int64), np.zeros(len(places), dtype=np.bool_)
         keys = _pack(places)
@@ -92,14 +95,14 @@ class SeenGround:
 
 def see_ground(points: Float64, is_wire: Bool) -> SeenGround:
     """
-    Return where points are.
+    Build the seen cells of a cloud.
 
     Parameters
     ----------
     points : (N, 3) float64
         Map frame [m]; rows that are not finite are left out.
     is_wire : (N,) bool
-        Points of conductors, which say nothing of the ground below.
+        Points of conductors, which do not show the ground below.
 
     Returns
     -------
