@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What was seen and what is to be flown again: GeoJSON, and a plan for QGroundControl."""
+"""Coverage and the planned flight as GeoJSON, and a plan for QGroundControl."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from plc_inspect.offline.records.georeference import find_horizontal
 from plc_inspect.offline.records.inspection import Inspection, Record
 
 SPEED = 6.0
-"""At which the way is to be flown [m/s].  Source: judgement: bench/studies/coverage.py does."""
+"""Speed of the planned flight [m/s].  Source: judgement: bench/studies/coverage.py does."""
 MAV_CMD_NAV_WAYPOINT, MAV_FRAME_GLOBAL, ABSOLUTE = 16, 0, 2
 """Of MAVLink, common.xml: a waypoint, its altitude above mean sea level; so in QGroundControl."""
 
@@ -31,7 +31,7 @@ def write_coverage_views(folder: Path, inspection: Inspection, sight: Sight) -> 
     inspection : Inspection
         The run.
     sight : Sight
-        What it has seen.
+        Its coverage.
 
     Returns
     -------
@@ -41,7 +41,7 @@ def write_coverage_views(folder: Path, inspection: Inspection, sight: Sight) -> 
     Raises
     ------
     DataError
-        The coordinates are no places of the CRS.
+        The coordinates are outside the CRS.
 
     """
     system = find_horizontal(inspection)

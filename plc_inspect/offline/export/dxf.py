@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""DXF of the catenaries, for tools that design lines."""
+"""DXF of the catenaries, for line design tools."""
 
 from collections import OrderedDict
 from pathlib import Path

@@ -71,7 +71,7 @@ OTHER_UNITS = {'azimuth': 'rad', 'a2': '1/{unit}', 'years': 'a'}
 
 
 def write_files(folder: Path, inspection: Inspection) -> None:
-    """Write all files of one run into an empty folder; OSError where one cannot be written."""
+    """Write all files of one run into an empty folder; OSError if one cannot be written."""
     tables, sight = write_records(folder, inspection), look_again(inspection)
     _write_coverage(folder, inspection, sight)
     with ThreadPoolExecutor(1) as beside:  # points are compressed outside of Python
@@ -85,7 +85,7 @@ def write_files(folder: Path, inspection: Inspection) -> None:
 
 
 def write_tables(folder: Path, inspection: Inspection) -> None:
-    """Write JSON and CSV of one run alone; OSError where one cannot be written."""
+    """Write only JSON and CSV of one run; OSError if one cannot be written."""
     write_records(folder, inspection)
     _write_coverage(folder, inspection, look_again(inspection))
     write_json(folder / 'run.json', describe_run(inspection, 0))
@@ -125,7 +125,7 @@ def write_records(
 
 
 def describe_frame(inspection: Inspection) -> Record:
-    """Return what each file of records says of its coordinates."""
+    """Return the head of each file of records: its frame and units."""
     units = inspection.units
     return {
         'frame_id': inspection.frame_id,
@@ -156,7 +156,7 @@ def _write_views(
 
 def describe_run(inspection: Inspection, num_written: int) -> Record:
     """
-    Return what ``run.json`` holds.
+    Return the content of ``run.json``.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ from plc_inspect.offline.records.span_curve import trace_span
 STEP = 2.0
 """Catenaries are drawn with points this far apart [m]."""
 FILE_DATE = '2000-01-01T00:00:00.000Z'
-"""Written for the time of the file, so that the same results give the same bytes."""
+"""Fixed file time, so that the same results give the same bytes."""
 
 LINES = 'spans', 'coverage'
 """Layers of lines; the others are of points."""
@@ -57,7 +57,7 @@ def write_geo(folder: Path, inspection: Inspection, records: dict[str, list[Reco
     Raises
     ------
     DataError
-        The coordinates are no places of the CRS.
+        The coordinates are outside the CRS.
 
     """
     system = find_horizontal(inspection)
@@ -98,7 +98,7 @@ def write_geojson(
     Raises
     ------
     DataError
-        The coordinates are no places of the CRS.
+        The coordinates are outside the CRS.
 
     """
     try:
@@ -186,7 +186,7 @@ def _columns(rows: Sequence[Record]) -> dict[str, NDArray[Any]]:
 
 
 def _write_kml(path: Path, world: dict[str, list[Any]], layers: Layers) -> None:
-    """Write all layers into one, as KML knows no attributes but a name and a description."""
+    """Write all layers into one, as KML has no attributes other than name and description."""
     shapes, names, texts = [], [], []
     for layer, (_, rows) in layers.items():
         for shape, row in zip(world[layer], rows, strict=True):
@@ -205,7 +205,7 @@ def _write_kml(path: Path, world: dict[str, list[Any]], layers: Layers) -> None:
 
 
 def _color_kml(path: Path, severities: Sequence[str]) -> None:
-    """Give the hazards, which come last, the colours of their severities; GDAL knows none."""
+    """Colour the hazards, which come last, by severity; GDAL writes no colours."""
     space = '{http://www.opengis.net/kml/2.2}'
     ElementTree.register_namespace('', space[1:-1])
     tree = ElementTree.parse(path)  # nosec B314 (written just now)

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``results.mcap``: a run as the node's topics, to be played back in Foxglove or RViz."""
+"""``results.mcap``: a run on the node's topics, for playback in Foxglove or RViz."""
 
 from pathlib import Path
 import tempfile
@@ -21,10 +21,10 @@ from plc_inspect.results import Float64
 FILE = 'results.mcap'
 NODE = '/plc_inspect'
 LOCAL_FRAME = 'plc_local'
-"""Frame of the messages where the coordinates are too large for float32."""
+"""Frame of the messages if the coordinates are too large for float32."""
 LARGEST = 1e4
 MOST_POINTS = 1_000_000
-"""A corridor of more points is thinned out."""
+"""Most points of the corridor; more are thinned."""
 
 
 def write_playback(path: Path, inspection: Inspection) -> None:
@@ -104,7 +104,7 @@ class _Sink:
         self.write(topic, 'sensor_msgs/msg/PointCloud2', self.maker.cloud(self.header, rows))
 
     def place(self, parent: str, origin: Float64) -> None:
-        """Say where the local frame is."""
+        """Write the transform of the local frame."""
         make = self.maker.make
         transform = make(
             'geometry_msgs/msg/Transform', translation=self.maker.vector('Vector3', origin),

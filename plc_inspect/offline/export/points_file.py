@@ -23,9 +23,9 @@ EXTRA_DIMENSIONS = (
     ('decision', np.uint8, 'stage that decided'),
 )
 ORIGINAL = 'original_classification'
-"""Extra dimension: the class that a point had before it was inspected first."""
+"""Extra dimension: the class of a point before its first inspection."""
 _MODERN_FORMAT = {0: 6, 1: 6, 2: 7, 3: 7, 4: 9, 5: 10}
-"""Point formats of LAS 1.4 that hold what the old ones hold."""
+"""Point formats of LAS 1.4 that replace old ones without loss."""
 _SCAN_ANGLE_STEP = 0.006
 """Degrees in one unit of ``scan_angle`` (LAS 1.4 R15, table 15)."""
 _LARGEST = 2**31 - 1
@@ -35,7 +35,7 @@ _COPC = 'copc'
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Head:
-    """Fields that lie alike at the beginning of two kinds of record."""
+    """Leading fields with the same layout in two record types."""
 
     names: frozenset[str]
     size: int
@@ -47,9 +47,9 @@ def write_points(path: Path, inspection: Inspection) -> int:
     Write the points of one run as LAZ 1.4, point format 6 or later.
 
     Points that came from a LAS file are all written, in their order, with all their attributes;
-    the class is replaced, and so are extra dimensions named as ours.  The class that they had is
-    kept beside it, unless the input tells of an earlier one.  Their coordinates stay on the grid
-    of the input, so not a bit is lost.  Other points are written where they are finite.
+    the class is replaced, and so are extra dimensions named as ours.  Their old class is kept
+    beside it, unless the input already holds an original one.  Their coordinates stay on the grid
+    of the input, so they are exact.  Of other points the finite ones are written.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def _write_coordinates(path: Path, inspection: Inspection) -> int:
 
 
 def _choose_grid(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the offsets and the scales of a grid that keeps a tenth of a millimetre, or 1 mm."""
+    """Return offsets and scales of a grid of 0.1 mm, or 1 mm for large extents."""
     if not len(points):
         return np.zeros(3), np.full(3, 1e-3)
     low = np.floor(points.min(axis=0))
@@ -173,7 +173,7 @@ def _choose_grid(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDAr
 
 
 def _modernise(las: laspy.LasData) -> laspy.LasData:
-    """Return the points in the LAS 1.4 format that holds all they hold."""
+    """Return the points in the LAS 1.4 format that keeps all their fields."""
     modern = laspy.convert(las, point_format_id=_MODERN_FORMAT[las.point_format.id])
     degrees = np.asarray(las['scan_angle_rank'], np.float64)
     modern['scan_angle'] = np.rint(degrees / _SCAN_ANGLE_STEP).astype(np.int16)
@@ -217,7 +217,7 @@ def _make_record(header: laspy.LasHeader, size: int) -> laspy.ScaleAwarePointRec
 
 
 def _find_common_head(first: np.dtype[np.void], second: np.dtype[np.void]) -> _Head:
-    """Return the fields with which the records of two types begin alike."""
+    """Return the leading fields that two record types share."""
     names, size = [], 0
     for name in first.names or ():
         if second.fields is None or first.fields is None:

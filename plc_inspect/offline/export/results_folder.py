@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Writes a results folder: whole or not at all."""
+"""Writes a results folder atomically."""
 
 import os
 from pathlib import Path
@@ -24,7 +24,7 @@ FILES = (
     'catenaries.dxf',
     'results.mcap',
 )
-"""Every whole results folder holds these."""
+"""Files of every complete results folder."""
 OPTIONAL_FILES = (
     'whatif.json',
     'changes.json',
@@ -38,7 +38,7 @@ OPTIONAL_FILES = (
     'refly.plan',
     'results.gpkg',
 )
-"""And these where they were asked for or are possible."""
+"""Further files, if requested or possible."""
 
 
 def check_results(folder: Path, force: bool = False) -> None:

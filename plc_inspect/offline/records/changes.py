@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""An earlier results folder read back, and what changed since."""
+"""Compares a run with an earlier results folder."""
 
 from dataclasses import dataclass
 import math
@@ -34,7 +34,7 @@ CANOPY_CELL = 1.0
 """Edge of the plan cells whose highest vegetation is compared [m]."""
 TILES, POINTS = 'tiles', 'points.laz'
 MIN_CELLS = 5
-"""Growth is told from at least this many cells."""
+"""Least number of cells from which growth is reported."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -48,7 +48,7 @@ class Survey:
     spans: tuple[Span, ...]
     hazards: tuple[Hazard, ...]
     vegetation: dict[tuple[int, int], float]
-    """Distance of each span to the nearest vegetation [m], where there is any."""
+    """Distance of each span to the nearest vegetation [m]; spans without any are absent."""
     canopy: Float64
     """(N, 3) vegetation [m]."""
     canopy_span: Int32
@@ -57,7 +57,7 @@ class Survey:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Growth:
-    """How much the canopy beside one span rose, where both surveys saw it."""
+    """Rise of the canopy beside one span, where both surveys saw it."""
 
     span_id: int
     """Of the second survey."""
@@ -119,7 +119,7 @@ def read_survey(folder: Path) -> Survey:
 
 
 def _read_canopy(folder: Path, units: Units) -> tuple[Float64, Int32]:
-    """Return vegetation [m] and its spans; of the tiles of a grid only what is highest."""
+    """Return vegetation [m] and its spans; for a grid only the highest points of its tiles."""
     tiles = sorted((folder / TILES).glob(f'*/{POINTS}')) if (folder / TILES).is_dir() else []
     parts = []
     for path in tiles or [folder / POINTS]:
@@ -160,7 +160,7 @@ def find_changes(before: Survey, after: Survey, sag_deviation: float) -> Changes
     before, after : Survey
         In one frame: the same CRS, or flights with the same origin.
     sag_deviation : float
-        Change of sag that is tolerated, as a share.
+        Tolerated change of sag, as a share.
 
     Returns
     -------
@@ -194,7 +194,7 @@ def find_changes(before: Survey, after: Survey, sag_deviation: float) -> Changes
 
 
 def check_systems(before: Survey, name: str, crs: str) -> None:
-    """Raise DataError where a survey is not in the reference system of another, by its name."""
+    """Raise DataError if two surveys have different reference systems."""
     if not _is_same(before.crs, crs):
         raise DataError(
             f'{before.name} is in {_name_crs(before.crs)} and {name} in {_name_crs(crs)}: surveys'
@@ -203,7 +203,7 @@ def check_systems(before: Survey, name: str, crs: str) -> None:
 
 
 def describe_changes(changes: Changes, units: Units) -> Record:
-    """Return what ``changes.json`` holds; lengths in the unit of the input."""
+    """Return the content of ``changes.json``; lengths in the unit of the input."""
     scale, comparison = units.horizontal, changes.comparison
     return {
         'before': changes.before,

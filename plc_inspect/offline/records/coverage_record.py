@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a run has seen well enough, and what is to be flown again, as plain records."""
+"""Coverage of a run, and the flight that shows its gaps, as plain records."""
 
 from dataclasses import dataclass
 import math
@@ -26,14 +26,14 @@ NOTE = (
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sight:
-    """What was seen and what is to be flown again."""
+    """Coverage, and the flight that shows its gaps."""
 
     coverage: Coverage
     refly: Refly
 
 
 def look_again(inspection: Inspection) -> Sight:
-    """Return what a run has seen, in metres in the frame of its points."""
+    """Measure the coverage of a run and plan the flight, in metres in the frame of its points."""
     result, points = inspection.result, inspection.points
     ground = see_ground(points, result.classification == PointClass.WIRE)
     way = inspection.way
@@ -44,7 +44,7 @@ def look_again(inspection: Inspection) -> Sight:
 
 def describe_coverage(sight: Sight, units: Units) -> Record:
     """
-    Return what ``coverage.json`` holds beside frame and units.
+    Return the content of ``coverage.json`` without frame and units.
 
     Lengths and coordinates are in ``units``, angles in radians, times in seconds.
     """
@@ -104,7 +104,7 @@ def _describe_gap(number: int, gap: Gap, units: Units) -> Record:
 
 
 def describe_waypoints(refly: Refly, units: Units) -> list[Record]:
-    """Return the waypoints in the order to fly, as ``coverage.json`` holds them."""
+    """Return the waypoints in order of flight, as in ``coverage.json``."""
     return [
         {
             'number': number,

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""From the map of a flight to what its results folder holds, live and from its record."""
+"""From the map of a flight to its results, live and from its record."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -28,41 +28,41 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Flight:
-    """What results tell of a flight beside what was found."""
+    """Facts about a flight that its results hold besides the findings."""
 
     settings: Settings
     rules: RuleSet
     frame_id: str
     first_stamp_ns: int
-    """Stamp of the first scan [ns], 0 before it."""
+    """Stamp of the first scan [ns], 0 without one."""
     counts: Mapping[str, Any]
-    """What came in so far."""
+    """Counts of the input so far."""
     move: RigidMove = field(default_factory=RigidMove)
-    """From the frame of the map into that of the odometry as it is now."""
+    """Move from the map frame into the present frame of the odometry."""
     way: Float64 | None = None
-    """(K, 4) time [s] and place in the map [m] of the vehicle, None where it is unknown."""
+    """(K, 4) time [s] and position in the map [m] of the vehicle, None unknown."""
     command: str = 'plc_node'
     """Name of the executable."""
 
     @property
     def places(self) -> Float64 | None:
-        """(K, 3) place of the vehicle in the map [m], None where it is unknown."""
+        """(K, 3) position of the vehicle in the map [m], None unknown."""
         return None if self.way is None else self.way[:, 1:]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Snapshot:
-    """What is known of a flight at one moment; nothing in it changes afterwards."""
+    """State of a flight at one moment; immutable."""
 
     window: Window
     flight: Flight
     stamp_ns: int
-    """Newest scan that is in [ns]."""
+    """Stamp of the newest scan in the map [ns]."""
     vehicle: Float64 | None
     complete: bool
     """Nothing was evicted from the map."""
     looks: Sequence[LookWindow] = ()
-    """What tells how sharp the map is, since the last job."""
+    """Looks by which sharpness is measured, since the last job."""
 
 
 def copy_everything(voxels: VoxelMap) -> Window:
@@ -90,13 +90,13 @@ def conclude(
 
 
 def describe_sharpness(state: LiveState) -> dict[str, Any]:
-    """Return how sharp the map is, JSON-serialisable, and why hazards are held back."""
+    """Return the sharpness of the map, JSON-serialisable, and why hazards are held back."""
     held = state.sharpness.describe() if state.sharpness.poor else ''
     return {'sharpness': state.sharpness.record(), 'held_back': held}
 
 
 def describe_last_tick(flight: Flight, state: LiveState) -> 'Inspection':
-    """Return the results of the last tick alone, without points."""
+    """Return the results of the last tick, without points."""
     empty = np.empty((0, 3))
     state = move_state(state, flight.move)
     result = replace(
@@ -113,7 +113,7 @@ def describe_last_tick(flight: Flight, state: LiveState) -> 'Inspection':
 def describe_run(
     flight: Flight, result: InspectionResult, points: Float64, seconds: float = 0.0
 ) -> 'Inspection':
-    """Return a result with all that its folder tells of the flight."""
+    """Return the inspection of a flight from its result."""
     from plc_inspect.offline.records.inspection import Inspection
 
     way = flight.way

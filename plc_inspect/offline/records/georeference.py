@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The coordinate reference system of a run: where its coordinates are on the earth."""
+"""The coordinate reference system of a run."""
 
 import pyproj
 from pyproj.exceptions import CRSError
@@ -28,7 +28,7 @@ def make_origin_crs(latitude: float, longitude: float) -> str:
     Raises
     ------
     ConfigError
-        There is no such place.
+        Latitude or longitude is out of range.
 
     """
     if not (-84.0 <= latitude <= 84.0 and -180.0 <= longitude <= 180.0):
@@ -57,7 +57,7 @@ def find_horizontal(inspection: Inspection) -> pyproj.CRS | None:
 
 
 def find_whole(inspection: Inspection) -> str:
-    """Return the WKT of a CRS that has a vertical part as well, '' for one that has none."""
+    """Return the WKT of a CRS with a vertical part, '' for one without."""
     wkt = inspection.crs or inspection.georeference
     try:
         system = pyproj.CRS.from_wkt(wkt) if wkt else None

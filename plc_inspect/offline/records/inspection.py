@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""One finished run and how it is written down: plain records in the units of the input."""
+"""One finished run, and its plain records in units of the input."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -72,7 +72,7 @@ def _name_unit(metres: float) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Inspection:
-    """What was read, how it was processed and what was found: all that a results folder needs."""
+    """Input, processing and result of a run: all that a results folder needs."""
 
     result: InspectionResult
     points: Float64
@@ -90,21 +90,21 @@ class Inspection:
     las: laspy.LasData | None = None
     """The points as they were read, in the same order; None where they are no LAS points."""
     georeference: str = ''
-    """WKT of the frame of a flight whose origin is known; not needed where there is a CRS."""
+    """WKT of the frame of a flight with a known origin; unused if ``crs`` is given."""
     altitude: float = 0.0
     """Height of the frame's z = 0 above sea level [m], for a flight whose origin is known."""
     rules: RuleSet | None = None
     """The clearance rules, None for the plain ones of the settings."""
     what_if: WhatIf | None = None
-    """All spans in other cases of weather and load, None if none was asked for."""
+    """All spans in other load cases, None if none was requested."""
     changes: 'Changes | None' = None
-    """What changed since an earlier survey, None if none was given."""
+    """Changes since an earlier survey, None without one."""
     checksum: str = ''
-    """SHA-256 of the input, hexadecimal; empty where it is no file."""
+    """SHA-256 of the input, hexadecimal; empty if it is not a file."""
     way: Float64 | None = None
-    """(K, 4) time [s] and place [m] of the vehicle along its way; None where it is unknown."""
+    """(K, 4) time [s] and position [m] of the vehicle along its path, None unknown."""
     counts: Mapping[str, Any] = field(default_factory=dict)
-    """What the reader read and dropped, JSON-serialisable."""
+    """Counts of the reader: read and dropped, JSON-serialisable."""
     seconds: Mapping[str, float] = field(default_factory=dict)
     """Wall time of the steps around the pipeline."""
 
@@ -161,7 +161,7 @@ def describe_hazard(hazard: Hazard, units: Units) -> Record:
     Return one hazard as ``hazards.json`` holds it.
 
     ``kind`` and ``severity`` are the lower-case names of ``HazardKind`` and ``Severity``; ``text``
-    says it all in one sentence.
+    is a sentence with all of it.
     """
     scale = units.horizontal
     record: Record = {
@@ -252,7 +252,7 @@ def _spread(name: str, values: list[float]) -> Record:
 
 
 def _number(value: float) -> float | None:
-    """Return a float, or None for what JSON has no word for."""
+    """Return a float, or None for NaN and infinity, which JSON lacks."""
     return float(value) if math.isfinite(value) else None
 
 

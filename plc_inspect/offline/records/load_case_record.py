@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The what-if of a run as plain records."""
+"""Load cases (what-if) of a run as plain records."""
 
 import math
 
@@ -18,7 +18,7 @@ ASSUMPTIONS = (
 
 def describe_what_if(what_if: WhatIf, units: Units) -> Record:
     """
-    Return what ``whatif.json`` holds.
+    Return the content of ``whatif.json``.
 
     Parameters
     ----------

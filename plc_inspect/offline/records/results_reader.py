@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The files of a results folder read back; the folder is as `write_results` wrote it."""
+"""Read back the files of a results folder that `write_results` wrote."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -46,8 +46,7 @@ def read_table(folder: Path, name: str) -> Record:
     Returns
     -------
     dict
-        What the file holds: its head, and by ``name`` a list of records in the units of the
-        input.
+        The file: its head, and under ``name`` a list of records in units of the input.
 
     Raises
     ------
@@ -72,7 +71,7 @@ def read_points(folder: Path, *needed: str) -> tuple[laspy.LasData, Float64]:
     folder : Path
         The results folder.
     *needed : str
-        Dimensions of ours that must be there.
+        Extra dimensions that must exist.
 
     Returns
     -------
@@ -140,7 +139,7 @@ def parse_hazard(row: Record, units: Units) -> Hazard:
 
 @contextmanager
 def understanding(path: Path) -> Iterator[None]:
-    """Raise DataError where a file has not the keys and values that are read from it."""
+    """Raise DataError if a file lacks the keys and values that the block reads."""
     try:
         yield
     except (KeyError, TypeError, ValueError, AttributeError) as error:
@@ -150,7 +149,7 @@ def understanding(path: Path) -> Iterator[None]:
 
 
 def _find(folder: Path, name: str) -> Path:
-    """Return a file of a folder that is there."""
+    """Return the path of an existing file of a folder."""
     path = folder / name
     if not path.is_file():
         raise DataError(f'{folder}: no such results folder' if not folder.is_dir() else

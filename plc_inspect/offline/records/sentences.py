@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""One sentence about each hazard, for people."""
+"""Describes each hazard in one sentence."""
 
 from typing import Any
 

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A headless Chromium, where one is installed, prints the report."""
+"""Prints the report with a headless Chromium, if one is installed."""
 
 import os
 from pathlib import Path
@@ -15,7 +15,7 @@ from plc_inspect.errors import ConfigError, DataError
 
 BROWSERS = ('chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stable')
 TIMEOUT = 120.0
-"""Longer than this no page takes to print [s]."""
+"""Longest time to print a page [s]."""
 FLAGS = (
     '--headless', '--disable-gpu', '--use-angle=swiftshader',
     '--enable-unsafe-swiftshader', '--disable-background-networking', '--hide-scrollbars',
@@ -24,7 +24,7 @@ FLAGS = (
 
 NO_SANDBOX = '--no-sandbox'
 NOBODY = 'nobody'
-"""User without rights, for a browser that root starts."""
+"""Unprivileged user that runs the browser if root starts it."""
 
 
 def find_browser() -> str:
@@ -47,7 +47,7 @@ def find_browser() -> str:
 
 def take_screenshot(page: Path, path: Path, width: int = 1200, height: int = 2400) -> None:
     """
-    Take a picture of the top of a page, when all of it is drawn.
+    Take a screenshot of the top of a page once it is fully drawn.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def take_screenshot(page: Path, path: Path, width: int = 1200, height: int = 240
     ConfigError
         No Chromium is installed.
     DataError
-        It did not show the page.
+        The browser did not show the page.
 
     """
     _run(page, path, f'--window-size={width},{height}', '--virtual-time-budget=8000',
@@ -86,7 +86,7 @@ def print_pdf(page: Path, path: Path) -> None:
     ConfigError
         No Chromium is installed.
     DataError
-        It did not print the page.
+        The browser did not print the page.
 
     """
     _run(page, path, '--no-pdf-header-footer', '--virtual-time-budget=20000',
@@ -95,10 +95,10 @@ def print_pdf(page: Path, path: Path) -> None:
 
 def _run(page: Path, path: Path, *arguments: str) -> None:
     """
-    Run the browser on a page, in a profile of its own and with as few rights as there can be.
+    Run the browser on a page, with a profile of its own and minimal rights.
 
-    It is in its sandbox, but for root, whom it refuses that: then it runs as a user without
-    rights, on a copy of the page, as it may not read what is root's.
+    It runs in its sandbox.  Chromium refuses that to root: then it runs as an unprivileged user on
+    a copy of the page, as that user cannot read root's files.
     """
     as_root = os.geteuid() == 0
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as room:
@@ -126,7 +126,7 @@ def _run(page: Path, path: Path, *arguments: str) -> None:
 
 
 def _hand_over(room: Path, page: Path, path: Path) -> tuple[Path, Path, dict[str, Any]]:
-    """Copy a page into a room that belongs to nobody; return it, the drawing, and how to run."""
+    """Copy a page into a folder of NOBODY; return page, output file, and how to run."""
     try:
         user = pwd.getpwnam(NOBODY)
     except KeyError as error:

@@ -18,7 +18,7 @@ from plc_inspect.results import catenary_heights, Float64, UInt8
 
 PROFILE_SIZE = (1060, 330)
 _LABEL_ROOM, _NUMBER_ROOM = 60.0, 22.0
-"""Labels of spans nearer to each other are numbers only, and left out [px]."""
+"""Distance between span labels below which they become numbers, and are omitted [px]."""
 _SECTION_SIZE = (430, 330)
 _MAP_WIDTH = 1060
 _MAP_HEIGHTS = (300, 820)
@@ -309,9 +309,9 @@ def add_badge(plot: Plot, x: float, y: float, hazard: Record) -> None:
 
 def rank(hazard: Record) -> tuple[int, bool, bool, float]:
     """
-    Order hazards from the worst: severity, sure ones, what reaches the conductor, share kept.
+    Sort key of hazards, worst first: severity, certainty, reach to the conductor, share kept.
 
-    The excess of a sag is no distance that is kept: the greater, the worse.
+    The excess of a sag is not a kept distance: the greater, the worse.
     """
     doubtful = bool(find_doubts(hazard.get('note', '')))
     order = list(SEVERITY_COLORS).index(hazard['severity']), doubtful

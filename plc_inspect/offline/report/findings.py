@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the report says in words: the worst places, the what-if and the changes as tables."""
+"""Texts and tables of the report: worst hazards, load cases and changes."""
 
 from typing import Any
 
@@ -84,7 +84,7 @@ def list_what_if(inspection: Inspection) -> Record | None:
 
 
 def _pick(outcomes: list[Record], kind: str, case: str | None) -> Record | None:
-    """Return what is nearest in one case, with its name."""
+    """Return the nearest outcome in one case, with its name."""
     return next((item[kind] | {'case': case} for item in outcomes if item['case'] == case), None)
 
 

@@ -22,21 +22,21 @@ _SIZE, _VIEW_SIZE = (1060, 320), (1060, 430)
 _MARGINS = (10, 12, 40, 56)
 _VIEW_MARGINS = (4, 4, 4, 4)
 _LEAST_HALF = 7.0
-"""Half of the height that figures show, at least [m]."""
+"""Least half height of the figures [m]."""
 _MOST_BELOW = 30.0
-"""Of a hazard so much is shown below its nearest point, at most [m]."""
+"""Greatest height shown of a hazard below its nearest point [m]."""
 _ROOM = 3.0
-"""Above the conductor and below the object [m]."""
+"""Margin above the conductor and below the object [m]."""
 VIEW_TILT_DEG = 22.0
-"""From how far above the horizontal the picture in 3D is taken."""
+"""Elevation of the camera of the 3D picture [deg]."""
 _TURN, _TILT = math.radians(50.0), math.radians(VIEW_TILT_DEG)
-"""From where it is taken: from the line, and above the horizontal."""
+"""Direction of the camera: from the line, and above the horizontal [rad]."""
 _CURVE_POINTS = 401
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Place:
-    """A hazard and what is about it: along the span, across, up; units of the input."""
+    """A hazard and its surroundings, along the span, across and up; units of the input."""
 
     hazard: Record
     rows: Int64
@@ -47,11 +47,11 @@ class _Place:
     spot: Float64
     """(3,) the nearest point of the hazard."""
     wire: Float64
-    """(3,) the place of the conductor that it is near."""
+    """(3,) the point of the conductor nearest to it."""
     center: Float64
     """(3,) of the figures."""
     half: float
-    """Half of the height that they show."""
+    """Half of their height."""
 
 
 def list_sheets(scene: Scene) -> list[Record]:
@@ -116,7 +116,7 @@ def _find_place(scene: Scene, hazard: Record) -> _Place:
 
 
 def _draw_flat(scene: Scene, place: _Place, axis: int) -> str:
-    """Draw what is about a hazard over the way along the span: z (2) or across (1)."""
+    """Draw the surroundings of a hazard over the distance along the span: z (2) or across (1)."""
     inner = (_SIZE[0] - _MARGINS[1] - _MARGINS[3], _SIZE[1] - _MARGINS[0] - _MARGINS[2])
     wide = place.half * inner[0] / inner[1]
     name = {2: 'profile', 1: 'plan'}[axis]
@@ -143,7 +143,7 @@ def _draw_flat(scene: Scene, place: _Place, axis: int) -> str:
 
 
 def _draw_view(scene: Scene, place: _Place) -> str:
-    """Draw what is about a hazard from beside and above, without perspective."""
+    """Draw the surroundings of a hazard from beside and above, in parallel projection."""
     half = 1.5 * place.half
     wide = half * _VIEW_SIZE[0] / _VIEW_SIZE[1]
     right = np.array([math.sin(_TURN), -math.cos(_TURN), 0.0])

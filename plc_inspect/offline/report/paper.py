@@ -15,17 +15,17 @@ from plc_inspect.offline.report.browser import find_browser, print_pdf
 SIZES = ('A4', 'Letter')
 """Of paper, as style sheets name them."""
 PACKAGE = 'pypdf'
-"""Reads on which pages the parts of the report are."""
+"""Package that finds the pages of the parts of the report."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Paper:
-    """On what the report is printed."""
+    """Paper of a printed report."""
 
     size: str
     """One of SIZES."""
     pages: Mapping[str, int] = field(default_factory=dict)
-    """On which page each part begins, by its anchor; empty where that is not known yet."""
+    """First page of each part, by its anchor; empty if not known yet."""
 
 
 def check_printing(size: str) -> None:
@@ -50,12 +50,12 @@ def list_contents(
     sheets : sequence of dict
         Of the hazards, as they are printed.
     worst, coverage, what_if, changes : bool
-        Whether there are such parts.
+        Whether these parts exist.
 
     Returns
     -------
     list of tuple
-        Anchor, title, and whether it is a part of the one before.
+        Anchor, title, and whether it is a subsection of the one before.
 
     """
     parts = [
@@ -81,7 +81,7 @@ def quote_css(text: str) -> str:
 
 def print_report(render: Callable[[Paper], str], size: str, path: Path) -> None:
     """
-    Print a report with contents: once to find the pages of its parts, and once with them.
+    Print a report with contents, in two passes: the first finds the pages of its parts.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def print_report(render: Callable[[Paper], str], size: str, path: Path) -> None:
 
 
 def find_pages(path: Path) -> dict[str, int]:
-    """Return on which page of a PDF, from 1, each place is that links lead to."""
+    """Return the page of a PDF, from 1, of each link target."""
     import pypdf
 
     with path.open('rb') as file:

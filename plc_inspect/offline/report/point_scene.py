@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the figures of the report show: thinned out points with colours, and records."""
+"""Content of the report's figures: thinned points with colours, and records."""
 
 from dataclasses import dataclass
 
@@ -20,7 +20,7 @@ from plc_inspect.offline.report.drawing import blend
 from plc_inspect.results import Float32, Float64, Int32, Int64, PointClass, UInt8
 
 MOST_POINTS = 1_000_000
-"""More points than this are thinned out for the figures, those of the corridor last."""
+"""Most points in the figures; more are thinned, those of the corridor last."""
 _SHADES = 24
 _GROUND, FIRST_TREE, _OTHER, FIRST_STRUCTURE = 1, 1 + _SHADES, 1 + 2 * _SHADES, 2 + 2 * _SHADES
 _WIRE = 3 + 2 * _SHADES
@@ -36,7 +36,7 @@ PALETTE = (
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scene:
-    """What the figures show, all in the horizontal unit of the input."""
+    """Content of the figures, in the horizontal unit of the input."""
 
     points: Float64
     """(M, 3) thinned out points, the lowest first, x and y relative to ``origin``."""

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Renders ``report.html``: one page that needs nothing but itself."""
+"""Renders ``report.html``, one self-contained page."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -47,7 +47,7 @@ STAGES = {
     'hazards': 'Compares distances, spacing and sag with the clearance rules.',
 }
 _LONG_LIST = 8
-"""Longer lists of numbers are drawn as bars."""
+"""Longest list of numbers shown as text; longer ones are drawn as bars."""
 
 
 def render_report(
@@ -65,12 +65,12 @@ def render_report(
     inspection : Inspection
         The run.
     sight : Sight or None
-        What it has seen; by default found in its points.
+        Coverage; by default measured from its points.
     paper : Paper or None
-        For a report that is to be printed: it has contents, and a sheet for each hazard.
+        For a printed report, with contents and a sheet for each hazard.
     clearances : mapping or None
-        Those of `measure_clearances` [m], by default found in the points; given for a section of
-        a grid, which has its tables in common with others.
+        Distances of `measure_clearances` [m], by default measured; given for a section of a grid,
+        whose tables are shared.
 
     Returns
     -------
@@ -126,7 +126,7 @@ def render_report(
 
 
 def format_number(value: float | None, decimals: int = 2) -> str:
-    """Return a number for people; an en dash where there is none."""
+    """Return a formatted number; an en dash for None."""
     if value is None or not math.isfinite(value):
         return '\u2013'
     text = f'{round(value, decimals) + 0.0:,.{decimals}f}'  # no minus before nothing

@@ -14,7 +14,7 @@ from plc_inspect.results import Float64, Int64
 MARGIN_SHARE = 0.04
 """Room beyond the ends of a span, as a share of its length."""
 LEAST_MARGIN = 4.0
-"""And at least [m]."""
+"""Least such room [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

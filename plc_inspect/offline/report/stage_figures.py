@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Figures of the report that show what a stage decided by: histograms and residuals."""
+"""Figures of the report for stages: histograms and residuals."""
 
 from collections.abc import Callable, Sequence
 import math
@@ -19,12 +19,12 @@ _STAGE_SIZE = (520, 190)
 _RESIDUAL_SIZE = (PROFILE_SIZE[0], 190)
 _COLOR = '#4f8fb8'
 _MOST_POINTS = 20_000
-"""Residuals of more points than this are thinned."""
+"""Most points whose residuals are drawn; more are thinned."""
 
 
 def draw_stage(stage: StageReport) -> tuple[str, str]:
     """
-    Return what a stage decided by as SVG, and what it shows.
+    Return the figure of a stage as SVG, and its caption.
 
     Parameters
     ----------
