@@ -64,8 +64,7 @@ Source: measured: bench/studies/odometry_faults.py and the demo flight: good odo
 AGAIN = 10.0
 """
 Mean age of cells from which the vehicle counts as having come back [s].  Within a pass the
-correction sets in over the age of the cells, sooner for a large one, as a step would stay in the
-map.
+correction sets in over the age of the cells, sooner for a large one.
 Source: measured: bench/studies/odometry_faults.py: 7 s within a pass at 6 m/s.
 """
 SURELY = 4.0
@@ -77,15 +76,11 @@ TWICE = 2
 """Consecutive batches that must agree.  Source: judgement."""
 UNSURE, STEADY = 0.5, 0.01
 """
-Standard deviation of the position after a break with unknown motion [m], and of the heading after
-any break [rad].
+Sigma of position after a break with unknown motion [m], of heading after any break [rad].
 Source: judgement; not measured.
 """
 SEEDED = 150.0
-"""
-Points of a resumed map within this distance of the vehicle become the reference [m].
-Source: numerical: 0.2 s.
-"""
+"""Radius about the vehicle of the reference in a resumed map [m].  Source: numerical: 0.2 s."""
 LOST_AFTER = 4
 """Consecutive batches that do not fit before a new part begins.  Source: derived: 2 s."""
 
