@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What catenary, supports and corridor found at one point: nearby curves, their evidence."""
+"""Explains catenary, supports and corridor at one point: nearby curves and their evidence."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -23,7 +23,7 @@ Distance from a point within which curves are described [m].
 Source: judgement; not measured.
 """
 MOST_CURVES = 2
-"""Curves near a point that are described.  Source: judgement; not measured."""
+"""Most curves near a point that are described.  Source: judgement; not measured."""
 REACH = 2.0
 """
 Distance from a point, in tolerances of a curve, within which the curve may become its conductor.
@@ -45,18 +45,18 @@ FIGURES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CurveView:
-    """A curve, its evidence and what became of it."""
+    """A curve, its evidence and its outcome."""
 
     curve: Curve
     evidence: tuple[Check, ...]
     objection: str
-    """Of all curves judged together, empty for a conductor."""
+    """Objection when all curves are judged together, '' for a conductor."""
     believed: bool
     """It is a conductor of the result."""
 
     @property
     def fate(self) -> str:
-        """What became of it."""
+        """Outcome of the curve."""
         against = [item.objection for item in self.evidence if not item.kept]
         if self.believed:
             return 'conductor'
@@ -87,7 +87,7 @@ class Curves:
         self.views = tuple(views)
 
     def find_near(self, position: Float64) -> list[tuple[float, CurveView]]:
-        """Return distance [m] and curve of those within NEAR of a point, the nearest first."""
+        """Return distance [m] and curve within NEAR of a point, nearest first."""
         result = []
         for view in self.views:
             distance = measure_distance(view.curve, position)
@@ -185,7 +185,7 @@ def tell_span(trace: Trace, index: int, decision: Decision) -> Finding:
 
 
 def tell_corridor(trace: Trace, index: int) -> Finding:
-    """Return how far the nearest conductor is from a point, against the search radius."""
+    """Return the distance of the nearest conductor to a point, against the search radius."""
     corridor = trace.corridor
     at = int(np.searchsorted(corridor.near, index))
     if at >= len(corridor.near) or int(corridor.near[at]) != index:

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the windows of the clustering found at one point."""
+"""Explains clustering at one point: its clusters in the windows that hold it."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -35,26 +35,29 @@ from plc_inspect.core.extraction.alignment import AlignmentResult
 from plc_inspect.results import Bool, Float64, Int32, Int64
 
 MOST_WINDOWS = 4
-"""Windows that are described.  Source: judgement; not measured."""
+"""Most windows described.  Source: judgement; not measured."""
 MOST_TRIALS = 12
-"""Proposals that are tried on them.  Source: numerical: bounds the time."""
+"""Most proposals tried on them.  Source: numerical: bounds the time."""
 MOST_DISTANCE = 60.0
 """
-Distance to the middle of a window that may hold a point, at most [m].
+Greatest distance of a point to the middle of a described window [m].
 Source: judgement; not measured.
 """
 LEAST_PROPOSED = 4
-"""Points of a neighbourhood that may be proposed.  Source: derived: the least in use."""
+"""
+Least number of points of a neighbourhood that is proposed.
+Source: derived: the least in use.
+"""
 LEAST_SHARE = 0.5
 """
-Share of half_length that a cluster must be long.
+Least length of a cluster, as a share of half_length.
 Source: derived: as `segment_fit` judges it.
 """
 EPS_STEPS = (1.25, 1.5, 2.0, 3.0)
 """Factors on eps that are tried.  Source: judgement; not measured."""
 THICKNESS_STEPS = (0.5, 1.0)
 """
-Shares of a cluster's thickness that are tried as limits.
+Factors on a cluster's thickness that are tried as limits.
 Source: derived: what is not divided may be twice as thick.
 """
 
@@ -69,21 +72,21 @@ class ClusterView:
     neighbors: int
     """Points within eps across the line, the point included; with RNN-DBSCAN its reverse ones."""
     needed: int
-    """Points of a core neighbourhood in this window; 0: the clusterer knows none."""
+    """Points of a core neighbourhood in this window; 0 for clusterers without one."""
     eps: float
     size: int = 0
     length: float = math.nan
     filling: float = math.nan
     rms: float = math.nan
     limit: float = math.nan
-    """Of the rms in this attempt."""
+    """Limit of the rms in this attempt [m]."""
     crowding: float = math.nan
     is_own: bool = True
-    """It is that of the point, else of the nearest one that was not thinned out."""
+    """The cluster is the point's own; else that of the nearest point that was not thinned out."""
 
 
 class Windows:
-    """The windows that hold one point, and what became of its clusters in them."""
+    """The windows that hold one point, and its clusters in them."""
 
     def __init__(self, place: Place) -> None:
         """Find the windows that reach over a point."""
@@ -101,7 +104,7 @@ class Windows:
         self.views = [view for window in self.numbers for view in self._look(window)]
 
     def tell(self) -> Finding:
-        """Return what became of the clusters of the point."""
+        """Return the outcome of the point's clusters."""
         if not self.num_near and not len(self.segments):
             return Finding(stage='clustering', outcome='not asked', notes=(
                 f'no window within {self.alignment.half_length:g} m along a line',))

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What height, linearity, outliers and alignment found at one point and its place."""
+"""Explains height, linearity, outliers and alignment at one point."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -31,7 +31,7 @@ from plc_inspect.core.trace import Trace
 from plc_inspect.results import Bool, Decision, Float64
 
 MOST_TRIALS = 8
-"""Proposals for linearity that are tried on the cloud.  Source: numerical: bounds the time."""
+"""Most proposals for linearity tried on the cloud.  Source: numerical: bounds the time."""
 ALL_CELLS = 27
 """Cells of a metre around a point, its own included.  Source: derived: 3 x 3 x 3."""
 _FIGURES = {
@@ -52,11 +52,11 @@ class Neighborhood:
     planar: float
     spherical: float
     inclination_deg: float
-    """Of its first eigenvector against the horizontal."""
+    """Angle of its first eigenvector to the horizontal [deg]."""
     is_here: bool
-    """Its centroid lies in the point's cell, so a candidate here is that of the point."""
+    """Its centroid lies in the point's cell, so the point shares its candidate."""
     is_candidate: bool
-    """Linear, and no finer one is."""
+    """It is linear, and no finer block in it is."""
 
 
 class Place:
@@ -72,7 +72,7 @@ class Place:
     position : (3,) float64
         The point [m].
     index : int
-        Its number in the cloud.
+        Its index in the cloud.
 
     """
 
@@ -85,7 +85,7 @@ class Place:
         high = trace.lines.cloud.high
         at = int(np.searchsorted(high, self.slot))
         self.searched = self.slot >= 0 and at < len(high) and int(high[at]) == self.slot
-        """The point was among those that wires are looked for in."""
+        """The point was among those searched for wires."""
         self.here = self.holds(trace.lines.candidates.position)
         """(M,) candidates of its cell."""
 

@@ -32,7 +32,7 @@ DECIDED_BY = {
     Decision.SUPPORT: 'supports',
 }
 MOST_RUNS = 4
-"""Proposals that the pipeline is run with at most.  Source: numerical: bounds the time."""
+"""Most proposals with which the pipeline is run.  Source: numerical: bounds the time."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,11 +56,11 @@ class Explanation:
     stage: str
     """The stage that decided."""
     findings: tuple[Finding, ...]
-    """Stage by stage."""
+    """Findings of the stages, in order."""
     proposals: tuple[Proposal, ...]
     """Settings with which that stage would decide otherwise, the smallest move first."""
     trials: tuple[Trial, ...] = ()
-    """Those that were run, up to the first that holds."""
+    """Proposals that were run, up to the first that holds."""
 
     @property
     def change(self) -> Trial | None:

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What stages found at a point, and the settings with which they would decide otherwise."""
+"""Findings of stages at a point, and settings with which a stage would decide otherwise."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +16,10 @@ DIGITS = 3
 DECIMALS = 12
 """Decimals of a proposed value.  Source: numerical: removes the rounding of a step."""
 LEAST_VALUE = 1e-3
-"""Smaller values of settings cost no more to move.  Source: numerical: bounds a logarithm."""
+"""
+Value of a setting below which moving it costs no more.
+Source: numerical: bounds a logarithm.
+"""
 SLACK = 1e-9
 """Share by which a proposed value passes the figure.  Source: numerical: some rounding."""
 
@@ -43,13 +46,13 @@ class Proposal:
     figure: str
     """The figure that crosses its limit."""
     value: float
-    """Of that figure."""
+    """Value of that figure."""
     also: 'Proposal | None' = None
-    """What must change as well, where one setting is not enough."""
+    """Further change, if one setting is not enough."""
 
     @property
     def cost(self) -> float:
-        """How far settings are moved: the sum of logarithms of ratios."""
+        """Cost of the moves: the sum of the logarithms of ratios."""
         own = abs(math.log(max(self.after, LEAST_VALUE) / max(self.before, LEAST_VALUE)))
         return own + (self.also.cost if self.also else 0.0)
 
@@ -98,7 +101,7 @@ def propose(
 
 
 def chain(moves: Sequence[Proposal]) -> Proposal:
-    """Return one proposal of one or more moves that are needed together."""
+    """Return one proposal that combines moves needed together."""
     result = moves[-1]
     for item in reversed(moves[:-1]):
         result = replace(item, also=result)
@@ -106,7 +109,7 @@ def chain(moves: Sequence[Proposal]) -> Proposal:
 
 
 def rank(proposals: Iterable[Proposal]) -> list[Proposal]:
-    """Return proposals, each once, the smallest move first."""
+    """Return unique proposals, smallest move first."""
     unique = {tuple(sorted(item.moves.items())): item for item in proposals}
     return sorted(unique.values(), key=lambda item: (item.cost, item.setting))
 

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What each stage found along a stretch: a span that was found, or one that was missed."""
+"""Explains a stretch, a found or a missed span: what each stage found along it."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -22,21 +22,22 @@ from plc_inspect.results import Bool, Float64
 
 STAGES = ('points', 'high', 'candidates', 'inliers', 'in line', 'in segments', 'wire')
 PART = 10.0
-"""Length of the parts of a stretch, about [m].  Source: judgement; not measured."""
+"""Approximate length of the parts of a stretch [m].  Source: judgement; not measured."""
 MOST_PARTS = 16
-"""Parts of a stretch at most.  Source: judgement; not measured."""
+"""Most parts of a stretch.  Source: judgement; not measured."""
 SHARES = (0.5, 0.25, 0.75)
 """
-Places of the examples along a stretch, as shares of its length.
+Positions of the examples along a stretch, as shares of its length.
 Source: judgement; not measured.
 """
 LEAST_LENGTH = 1.0
-"""Length of a stretch in plan at least [m].  Source: judgement; not measured."""
+"""Least length of a stretch in plan [m].  Source: judgement; not measured."""
 NUM_STATIONS = 41
-"""Places at which a curve is compared with a course.  Source: judgement; not measured."""
+"""Positions at which a curve is compared with a course.  Source: judgement; not measured."""
 MOST_OF = 0.5
 """
-Share of a curve along a course, or of wire points that remain, which decides.
+Least share of a curve along a course for it to count; share of wire points below which a span is
+gone.
 Source: judgement; not measured.
 """
 
@@ -75,16 +76,16 @@ class Stretch:
     edges: Float64
     """(P + 1,) ends of its parts, from the start [m]."""
     counts: dict[str, list[int]]
-    """Number in each part, for each of STAGES."""
+    """Counts in each part, for each of STAGES."""
     lost: str
-    """The first of STAGES that finds less than a conductor needs, '' none."""
+    """The first of STAGES that covers less than a conductor needs, '' none."""
     curves: tuple[CurveView, ...]
     """Curves along it, the nearest to its middle line first."""
     examples: tuple[int, ...]
     """High points of it, not wire, with the most common decision of these."""
     proposals: tuple[Proposal, ...]
     found: bool
-    """A span lies along it, and proposals remove it; else they add one."""
+    """A span was found along it, and proposals remove it; otherwise they add one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -147,7 +148,7 @@ def explain_stretch(
     trace: Trace, points: Float64, settings: Settings, course: Course
 ) -> Stretch:
     """
-    Tell what each stage found along a course.
+    Return what each stage found along a course.
 
     Parameters
     ----------
@@ -205,8 +206,8 @@ def confirm_stretch(
     """
     Run the pipeline with each proposal until one holds.
 
-    It holds where less than half of the wire points remain or, where there was no span, where one
-    comes that is seen in enough parts.
+    For a found span a proposal holds if fewer than half of the wire points remain; for a missed
+    one, if a span appears that covers enough parts.
     """
     trials: list[StretchTrial] = []
     before = sum(stretch.counts['wire'])
@@ -242,7 +243,7 @@ def _count(course: Course, positions: Float64, edges: Float64) -> list[int]:
 
 
 def _is_along(course: Course, view: CurveView) -> bool:
-    """Tell whether half of a curve or more lies in the course."""
+    """Return whether half of a curve or more lies in the course."""
     curve = view.curve
     at = curve.position(np.linspace(curve.low, curve.high, NUM_STATIONS))
     _, inside = course.locate(at)

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the C library does with memory that arrays no longer need."""
+"""Settings of the C library's memory allocator."""
 
 import ctypes
 
@@ -13,10 +13,10 @@ def keep_freed_memory() -> None:
     """
     Let this process keep the memory of freed arrays for the next ones.
 
-    By default glibc gives the memory of large arrays back, and the system clears its pages for the
-    next ones.  Arrays of more than 32 MB, the most that glibc allows, are mapped anew still.  For
-    processes that work once and end; the node gives memory back instead.  Other C libraries have
-    no such call and are left alone.
+    By default glibc returns the memory of large arrays, and the system must clear pages for the
+    next ones. Arrays of more than 32 MB, the limit of glibc, are still mapped anew.  For processes
+    that work once and end; the node gives memory back instead.  Other C libraries have no such
+    call and are left alone.
     """
     set_option = getattr(ctypes.CDLL(None), 'mallopt', None)
     if set_option is not None:

@@ -24,7 +24,7 @@ from plc_inspect.printable import make_one_line
 DONE, DEFECT, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 COLLECT_AFTER = 100_000
-"""New objects after which garbage is looked for: to load a command makes many, and all stay."""
+"""New objects between garbage collections: loading a command makes many, and all stay."""
 atexit.register(gc.freeze)  # a process that ends looks through all its objects otherwise
 
 Progress = Callable[[str, float], None]

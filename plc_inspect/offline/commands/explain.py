@@ -43,7 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def read_folder(folder: Path) -> Folder:
     """
-    Read what is needed to run the pipeline again.
+    Read points and settings of a results folder, to run the pipeline again.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def read_folder(folder: Path) -> Folder:
     DataError
         The folder or one of its files is missing or malformed.
     ConfigError
-        Its settings are not ours.
+        Its settings are unknown.
 
     """
     import numpy as np

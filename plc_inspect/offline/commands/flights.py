@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What ``plc_replay`` does with many recordings: each flight by itself, and a page on top."""
+"""``plc_replay`` over many recordings: each flight by itself, and an index page."""
 
 import argparse
 from collections.abc import Iterable, Iterator, Sequence
@@ -29,7 +29,7 @@ GIGABYTE = 1e9
 
 
 def are_many(arguments: argparse.Namespace) -> bool:
-    """Tell whether many recordings are named: more than one, a pattern, a folder of them."""
+    """Return whether many recordings are named: more than one, a pattern, or a folder of them."""
     items = arguments.bags
     options = arguments.workers, arguments.scheduler, arguments.memory
     if len(items) > 1 or any(option is not None for option in options):
@@ -79,7 +79,7 @@ def expand_flights(items: Sequence[str]) -> list[Path]:
 
 
 def name_flights(paths: Iterable[Path]) -> dict[str, Path]:
-    """Return recordings by the names of their results folders: their own, told apart."""
+    """Return recordings by the names of their results folders, made unique."""
     named: dict[str, Path] = {}
     for path in paths:
         name, number = path.stem if path.is_file() else path.name, 1
@@ -92,7 +92,7 @@ def name_flights(paths: Iterable[Path]) -> dict[str, Path]:
 
 
 def check_flights(arguments: argparse.Namespace) -> None:
-    """Raise ConfigError where options do not go with many recordings."""
+    """Raise ConfigError if options conflict with many recordings."""
     for name, option in (('baseline', '--baseline'), ('origin', '--origin')):
         if getattr(arguments, name):
             raise ConfigError(f'{option} is for a single flight, not for many')
@@ -109,7 +109,7 @@ def replay_flight(
     Returns
     -------
     dict
-        Figures for the ledger and the page on top.
+        Figures for the ledger and the index page.
 
     """
     from plc_inspect.offline.commands.replay import describe_losses, replay
@@ -139,12 +139,12 @@ def run_flights(
     arguments: argparse.Namespace, settings: 'Settings', request: 'Request'
 ) -> int:
     """
-    Replay many recordings; what was replayed before is not replayed again.
+    Replay many recordings, without those already replayed.
 
     Returns
     -------
     int
-        0 done, 2 where a flight could not be replayed, 1 where one failed by a defect.
+        0 done, 2 if a flight could not be replayed, 1 if one failed by a defect.
 
     Raises
     ------
@@ -221,7 +221,7 @@ def _make_tasks(
 
 
 def _make_key(path: Path, settings: 'Settings', request: 'Request') -> str:
-    """Return what changes where a flight is to be replayed again."""
+    """Return a digest of everything that requires replaying a flight again."""
     from plc_inspect.grid.ledger import make_key
 
     files = sorted(path.rglob('*')) if path.is_dir() else [path]

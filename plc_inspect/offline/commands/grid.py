@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What ``plc_survey`` does with many inputs, or with one that is to be divided: a grid."""
+"""The grid of ``plc_survey``: many inputs, or one that is divided."""
 
 import argparse
 import glob
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 GIGABYTE = 1e9
 MOST_LISTED = 20
-"""Hazards that are printed."""
+"""Most hazards printed."""
 
 
 def add_grid_arguments(parser: argparse.ArgumentParser) -> None:
@@ -48,7 +48,7 @@ def add_grid_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def is_grid(arguments: argparse.Namespace) -> bool:
-    """Tell whether a grid is asked for."""
+    """Return whether a grid is requested."""
     options = (
         arguments.workers, arguments.scheduler, arguments.memory, arguments.tile, arguments.halo,
     )
@@ -63,7 +63,7 @@ def is_grid(arguments: argparse.Namespace) -> bool:
 
 
 def check_grid_arguments(arguments: argparse.Namespace) -> None:
-    """Raise ConfigError where options do not go together, DataError where OUT is in the way."""
+    """Raise ConfigError if options conflict, DataError if OUT cannot be used."""
     from plc_inspect.errors import ConfigError
     from plc_inspect.grid.survey_grid import check_grid_folder
 
@@ -88,7 +88,7 @@ def run_grid(
     Returns
     -------
     int
-        0 done, 2 where an input could not be read, 1 where a tile failed by a defect.
+        0 done, 2 if an input could not be read, 1 if a tile failed by a defect.
 
     Raises
     ------

@@ -20,11 +20,11 @@ NAME = 'plc_recover'
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Recovered:
-    """What came of a record."""
+    """Results recovered from a record."""
 
     inspection: 'Inspection'
     notes: tuple[str, ...]
-    """What of the record could not be used, one line each."""
+    """Unusable parts of the record, one line each."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -50,7 +50,7 @@ def recover(record: Path) -> Recovered:
     Raises
     ------
     DataError
-        It is no record, or nothing in it is whole.
+        It is not a record, or holds no valid chunk.
 
     """
     from plc_inspect.flight_record.reader import read_flight

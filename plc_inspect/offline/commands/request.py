@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a command is asked for besides the results themselves: rules, what-if, comparison."""
+"""Requests of a command besides the results: rules, load cases, comparison."""
 
 import argparse
 import dataclasses
@@ -29,25 +29,25 @@ from plc_inspect.setting_names import update
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Request:
-    """Everything that can be wrong is found before the pipeline runs."""
+    """A validated request; all errors are found before the pipeline runs."""
 
     rules: RuleSet
     cases: tuple[Case, ...] = ()
     conductor: Conductor | None = None
     temperature: float = 0.0
-    """Of the conductor when surveyed [degrees Celsius]; used with cases only."""
+    """Temperature of the conductor when surveyed [degrees Celsius]; used with cases only."""
     baseline: Survey | None = None
     geo: bool = False
-    """Files for geographic information systems are a must."""
+    """Files for geographic information systems are required."""
     paper: str = ''
-    """Size of the paper on which the report is printed as well, '' not."""
+    """Paper size of the printed report, '' for none."""
 
 
 def read_request(
     arguments: argparse.Namespace, settings: Settings
 ) -> tuple[Request, Settings]:
     """
-    Read what the arguments of `make_parser` ask for.
+    Read the request from the arguments of `make_parser`.
 
     Parameters
     ----------
@@ -96,14 +96,14 @@ def read_request(
 
 def complete(inspection: Inspection, request: Request) -> Inspection:
     """
-    Add what was asked for to a run.
+    Add the requested parts to a run.
 
     Parameters
     ----------
     inspection : Inspection
         The run.
     request : Request
-        What was asked for.
+        The request.
 
     Returns
     -------
@@ -112,7 +112,7 @@ def complete(inspection: Inspection, request: Request) -> Inspection:
     Raises
     ------
     ConfigError
-        Files for geographic information systems are a must and the CRS is unknown.
+        Files for geographic information systems are required and the CRS is unknown.
     DataError
         A case has no state, or the surveys do not overlap.
 
@@ -144,14 +144,14 @@ def deliver(
     inspection: Inspection, request: Request, arguments: argparse.Namespace, progress: Progress
 ) -> Inspection:
     """
-    Add what was asked for to a run, and write its results folder.
+    Add the requested parts to a run, and write its results folder.
 
     Parameters
     ----------
     inspection : Inspection
         The run.
     request : Request
-        What was asked for.
+        The request.
     arguments : Namespace
         Of the command; ``output`` and ``force`` are read.
     progress : callable
@@ -160,7 +160,7 @@ def deliver(
     Returns
     -------
     Inspection
-        As it was written.
+        The run as written.
 
     Raises
     ------
@@ -193,7 +193,7 @@ def locate_flight(text: str | None) -> dict[str, Any]:
     Raises
     ------
     ConfigError
-        Something else was given, or there is no such place.
+        The text is malformed, or out of range.
 
     """
     if text is None:

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a change of each setting by a fifth changes in the result."""
+"""Sensitivity: the effect of changing each setting by a fifth."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,12 +22,12 @@ CHANGE = 0.2
 SECTIONS = (
     'height', 'linearity', 'outliers', 'alignment', 'clustering', 'catenary', 'supports',
 )
-"""Those that decide what a line is."""
+"""Sections of settings that decide what a line is."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Effect:
-    """One setting changed, and what came of it."""
+    """The effect of changing one setting."""
 
     name: str
     value: float
@@ -38,7 +38,7 @@ class Effect:
     base: Score
     """The score of the settings as given."""
     changed: float
-    """Wire points that are new or lost, as a share of all that were or are wire."""
+    """New and lost wire points, as a share of all wire points before or after."""
 
 
 def measure_sensitivity(
@@ -61,7 +61,7 @@ def measure_sensitivity(
     points : (N, 3) float64
         Map frame [m].
     settings : Settings
-        About which.
+        Base settings.
     seed : int
         Chooses the half of the points for stability.
     truth : tuple of two (N,) bool or None

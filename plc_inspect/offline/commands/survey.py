@@ -38,9 +38,9 @@ if TYPE_CHECKING:
 
 NAME = 'plc_survey'
 LARGE = 10_000_000
-"""A file of more bytes takes longer than what is loaded beside it."""
+"""Size of a file from which reading takes longer than loading the modules [bytes]."""
 LARGEST_UNASKED = 100_000_000
-"""A file of fewer bytes fits into memory."""
+"""Size of a file that always fits in memory [bytes]."""
 BASE_BYTES, BYTES_PER_POINT = 400_000_000, 150
 """
 Memory of one run, and for each point [bytes].
@@ -139,7 +139,7 @@ def begin_reading(
     path: Path, crs: str | None = None, unit: float | None = None
 ) -> 'Future[Cloud]':
     """
-    Begin to read a cloud in a thread of its own.
+    Start reading a cloud in a thread of its own.
 
     Parameters
     ----------
@@ -172,9 +172,9 @@ def begin_reading(
 
 def check_memory(path: Path) -> None:
     """
-    Raise DataError where a large LAS or LAZ file is more than memory holds in one run.
+    Raise DataError if a large LAS or LAZ file does not fit in memory in one run.
 
-    Its header alone is read; what is wrong with the file is told where it is read.
+    Only its header is read; errors in the file are reported when it is read.
     """
     if path.suffix.lower() not in ('.las', '.laz') or not path.is_file():
         return

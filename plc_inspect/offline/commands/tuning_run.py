@@ -43,10 +43,12 @@ from plc_inspect.results import Bool, Float64
 from plc_inspect.setting_names import update
 
 MOST_POINTS = 1_000_000
-"""Of a larger cloud the search sees only the part with most that looks like a conductor."""
+"""Most points searched; of a larger cloud, the part with most candidates of conductors."""
 WORTH_CHANGING = 0.05
-"""Settings that find a line are left only for a gain in score, without labels, above this: the
-choice of the half alone moves the score of a sparse cloud by 0.02."""
+"""
+Least gain in score, without labels, for settings that find a line to be changed: the choice of the
+half alone moves the score of a sparse cloud by 0.02.
+"""
 METHODS = {'grid': GRID_BUDGET, 'evolution': EVOLUTION_BUDGET}
 
 
@@ -57,9 +59,9 @@ class SearchPlan:
     method: str = 'evolution'
     """One of METHODS."""
     budget: int | None = None
-    """Most evaluations, by default that of the method."""
+    """Most evaluations, by default those of the method."""
     seed: int = 0
-    """Of all random choices."""
+    """Seed of all random choices."""
     num_workers: int | None = None
     """Processes, by default as many as pay."""
 
@@ -71,7 +73,7 @@ class SearchPlan:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tuned:
-    """What a search found, and what it was worth before and after."""
+    """The result of a search, with scores before and after."""
 
     settings: Settings
     given: Settings

@@ -21,7 +21,7 @@ from plc_inspect.core.tuning.objective import Objective, Score
 from plc_inspect.results import Bool, Float64, Int64
 
 LEAST_POINTS = 200_000
-"""Smaller clouds are done before a worker has started."""
+"""Points of a cloud below which starting workers does not pay."""
 NUM_WORKERS = 2
 
 _objective: Objective | None = None
@@ -74,7 +74,7 @@ class Workers:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Stop the workers; what they are at is lost."""
+        """Stop the workers; running evaluations are lost."""
         if self._pool is not None:
             running = list((self._pool._processes or {}).values())
             self._pool.shutdown(wait=False, cancel_futures=True)
