@@ -39,7 +39,7 @@ def check_file(path: Path, force: bool) -> None:
         raise DataError(f'{path} exists; --force replaces it')
     parent = path.absolute().parent
     if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
-        raise DataError(f'{path} cannot be written: {parent} is no folder that can be written to')
+        raise DataError(f'{path} cannot be written: {parent} is not a writable folder')
 
 
 @contextmanager

@@ -136,7 +136,7 @@ def test_what_is_there_needs_force(tmp_path):
         check_folder(tmp_path / 'link', force=True)
     with pytest.raises(DataError, match='is a folder'):
         check_file(folder, force=True)
-    with pytest.raises(DataError, match='nowhere is no folder that can be written to'):
+    with pytest.raises(DataError, match='nowhere is not a writable folder'):
         check_file(tmp_path / 'nowhere' / 'file', force=True)
 
 

@@ -144,7 +144,7 @@ class BookReader:
                 ('span_numbers', 'hazard_numbers', 'support_numbers', 'misses')
             }
         except (KeyError, TypeError, ValueError) as error:
-            raise DataError(f'these are no books: {type(error).__name__}: {error}') from error
+            raise DataError(f'these are not books: {type(error).__name__}: {error}') from error
 
     def put_wires(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Set the wire points of some spans; DataError if they are inconsistent."""
@@ -157,7 +157,7 @@ class BookReader:
             ):
                 self._wires[tuple(key)] = own + start, residual
         except (KeyError, TypeError, ValueError, IndexError) as error:
-            raise DataError(f'these are no points: {type(error).__name__}: {error}') from error
+            raise DataError(f'these are not points: {type(error).__name__}: {error}') from error
 
     def build(self) -> Kept:
         """Return the books; DataError if they are inconsistent."""

@@ -69,7 +69,7 @@ def unpack_json(data: bytes) -> dict[str, Any]:
     try:
         value = json.loads(data)
     except (ValueError, RecursionError) as error:
-        raise DataError(f'this is no JSON: {error}') from error
+        raise DataError(f'this is not JSON: {error}') from error
     if not isinstance(value, dict):
         raise DataError(f'this holds a {type(value).__name__}, not an object')
     return value
@@ -88,7 +88,7 @@ def unpack_arrays(data: bytes) -> dict[str, NDArray[Any]]:
         with np.load(io.BytesIO(data), allow_pickle=False) as held:
             return {name: held[name] for name in held.files}
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise DataError(f'these are no arrays: {error}') from error
+        raise DataError(f'these are not arrays: {error}') from error
 
 
 def split_bytes(values: NDArray[Any]) -> NDArray[np.uint8]:

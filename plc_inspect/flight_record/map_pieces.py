@@ -63,7 +63,7 @@ def _pack_slots(slots: Int32) -> NDArray[np.uint8]:
 def _unpack_slots(packed: NDArray[np.uint8]) -> Int64:
     slots = np.cumsum(join_bytes(packed, np.int32), dtype=np.int64)
     if len(slots) and not 0 <= slots.min() <= slots.max() < MOST_VOXELS:
-        raise DataError(f'slots from {slots.min()} to {slots.max()} are no slots of a map')
+        raise DataError(f'slots from {slots.min()} to {slots.max()} are not slots of a map')
     return slots
 
 
@@ -127,7 +127,7 @@ class MapBuilder:
             own['means'][grown] = _join_means(arrays['grown_means'])
             own['labels'][labelled] = arrays['labels']
         except (KeyError, ValueError, IndexError, TypeError) as error:
-            raise DataError(f'these are no voxels: {type(error).__name__}: {error}') from error
+            raise DataError(f'these are not voxels: {type(error).__name__}: {error}') from error
 
     def put_cells(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Apply the output of ``find_changed_cells``; DataError if it is inconsistent."""
@@ -142,7 +142,7 @@ class MapBuilder:
             self._cell_keys[cells] = arrays['keys']
             self._cell_state[cells] = arrays['state']
         except (KeyError, ValueError, IndexError, TypeError) as error:
-            raise DataError(f'these are no cells: {type(error).__name__}: {error}') from error
+            raise DataError(f'these are not cells: {type(error).__name__}: {error}') from error
 
     def _make_room(self, last: int) -> None:
         if last < self._room:
@@ -173,7 +173,7 @@ class MapBuilder:
 
         """
         if not 0 <= num_slots < MOST_VOXELS:
-            raise DataError(f'{num_slots} slots are no map')
+            raise DataError(f'{num_slots} slots are not a map')
         self._make_room(num_slots)
         own = {name: column[:num_slots] for name, column in self._columns.items()}
         return StoredMap(

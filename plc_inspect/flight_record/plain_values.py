@@ -83,7 +83,7 @@ def _read(kind: Any, value: Any) -> Any:
         return {name: _read(parts[1], item) for name, item in value.items()}
     if origin is np.ndarray:
         if not isinstance(value, list):
-            raise TypeError(f'{value!r} is no list')
+            raise TypeError(f'{value!r} is not a list')
         return np.array(value, dtype=get_args(parts[1])[0])
     if kind is float:
         return math.nan if value is None else float(value)

@@ -150,7 +150,7 @@ def read_mount(state: Mapping[str, Any]) -> Mount | None:
         return None
     transform = np.array(rows, dtype=np.float64)
     if transform.shape != (4, 4) or not np.isfinite(transform).all():
-        raise DataError(f'the mount of the record is no transform: {rows}')
+        raise DataError(f'the mount of the record is not a transform: {rows}')
     return Mount(transform, 'the flight record')
 
 

@@ -83,7 +83,7 @@ def stamp_from_header(header: Any) -> int:
     """
     seconds, nanoseconds = int(header.stamp.sec), int(header.stamp.nanosec)
     if seconds < 0 or nanoseconds >= 1_000_000_000 or not (seconds or nanoseconds):
-        raise DataError(f'stamp of {seconds} s and {nanoseconds} ns is no time')
+        raise DataError(f'stamp of {seconds} s and {nanoseconds} ns is not a valid time')
     return seconds * 1_000_000_000 + nanoseconds
 
 

@@ -75,7 +75,7 @@ def _write_profile(arguments: argparse.Namespace) -> int:
     text = make_profile(**ports)
     folder: Path = arguments.folder
     if not folder.is_dir():
-        raise ConfigError(f'{folder} is no folder')
+        raise ConfigError(f'{folder} is not a folder')
     with replace_file(folder / PROFILE) as aside:
         aside.write_text(text, encoding='utf-8')
     print(f'export PLC_KEYS={folder.absolute()}')

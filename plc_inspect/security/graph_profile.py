@@ -52,7 +52,9 @@ def read_place(text: str) -> Place:
     except ValueError:
         good = False
     if not good:
-        raise ConfigError(f'{text!r} is no ADDRESS:PORT of one interface, such as 10.0.0.1:7411')
+        raise ConfigError(
+            f'{text!r} is not an ADDRESS:PORT of one interface, such as 10.0.0.1:7411'
+        )
     return Place(address, read_port(port))
 
 
@@ -67,7 +69,7 @@ def read_port(text: str) -> int:
 
     """
     if not (text.isascii() and text.isdigit() and 1024 <= int(text) <= 65_535):
-        raise ConfigError(f'{text!r} is no port from 1024 to 65535')
+        raise ConfigError(f'{text!r} is not a port from 1024 to 65535')
     return int(text)
 
 

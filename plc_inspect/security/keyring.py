@@ -130,9 +130,9 @@ class Keyring:
         """
         register = self.load()
         if not NAME.fullmatch(name) or name == 'authority':
-            raise ConfigError(f'{name!r} is no name: small letters, digits and _, at most 31')
+            raise ConfigError(f'{name!r} is not a name: small letters, digits and _, at most 31')
         if role not in ROLES:
-            raise ConfigError(f'{role!r} is no role: one of {", ".join(ROLES)}')
+            raise ConfigError(f'{role!r} is not a role: one of {", ".join(ROLES)}')
         before = register.members.get(name)
         if before is not None and not before.revoked:
             raise ConfigError(f'{name} is there already: plc_keys renew gives it new keys')
@@ -162,7 +162,7 @@ class Keyring:
         member = register.members.get(name)
         if member is None or member.revoked:
             known = ', '.join(key for key, item in register.members.items() if not item.revoked)
-            raise ConfigError(f'{name!r} is no member with keys; those are {known}')
+            raise ConfigError(f'{name!r} is not a member with keys; those are {known}')
         shutil.rmtree(self.folder / name, ignore_errors=True)
         members = {**register.members, name: replace(member, revoked=True)}
         return self._finish(replace(register, members=members), now)

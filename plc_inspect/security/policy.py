@@ -61,7 +61,7 @@ def read_policy(path: Path) -> dict[str, Rights]:
     except (OSError, ElementTree.ParseError) as error:
         raise ConfigError(f'{path} cannot be read: {error}') from error
     if root.tag != 'policy' or root.get('version') != '0.2.0':
-        raise ConfigError(f'{path} is no SROS2 policy of version 0.2.0')
+        raise ConfigError(f'{path} is not an SROS2 policy of version 0.2.0')
     enclaves = root.findall('enclaves/enclave')
     return {enclave.get('path', ''): _read_rights(enclave, path) for enclave in enclaves}
 
@@ -117,7 +117,7 @@ def _read_rights(enclave: ElementTree.Element, path: Path) -> Rights:
         for group in profile:
             names = [_resolve((item.text or '').strip(), space, node) for item in group]
             if not all(names) or set(group.attrib.values()) != {'ALLOW'}:
-                raise ConfigError(f'{path}: {group.tag} of {node} names nothing or is no ALLOW')
+                raise ConfigError(f'{path}: {group.tag} of {node} names nothing or is not ALLOW')
             for kind in group.attrib:
                 if (group.tag, kind) in (('topics', 'publish'), ('topics', 'subscribe')):
                     own = publish if kind == 'publish' else subscribe

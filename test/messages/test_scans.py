@@ -247,9 +247,9 @@ def test_nothing_of_ros_is_imported():
 def test_stamp_that_is_no_time_is_refused(sec, nanosec):
     message = make_cloud(make_points(4))
     message.header.stamp = SimpleNamespace(sec=sec, nanosec=nanosec)
-    with pytest.raises(DataError, match=f'stamp of {sec} s and {nanosec} ns is no time'):
+    with pytest.raises(DataError, match=f'stamp of {sec} s and {nanosec} ns is not a valid time'):
         scan_from_message(message)
-    with pytest.raises(DataError, match='is no time'):
+    with pytest.raises(DataError, match='is not a valid time'):
         pose_from_message(SimpleNamespace(header=message.header, pose=SimpleNamespace(
             pose=SimpleNamespace(position=None, orientation=None))))
 

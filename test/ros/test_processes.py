@@ -130,11 +130,11 @@ def test_results_that_cannot_be_written_where_they_should(start, robot, tmp_path
         (tmp_path / 'plc_inspect').write_text('in the way')
     assert node.end(signal.SIGTERM) == (0 if elsewhere else 1), node.text()
     assert 'Traceback' not in node.text()
-    assert 'files that are no results' in node.text()
+    assert 'files that are not results' in node.text()
     assert [item.name for item in out.iterdir()] == ['mine.txt']
     found = list(tmp_path.glob('plc_inspect/flight_*/points.laz'))
     assert len(found) == elsewhere
-    told = [line for line in node.text().splitlines() if 'files that are no results' in line]
+    told = [line for line in node.text().splitlines() if 'files that are not results' in line]
     assert len(told) == 1
     assert (f'saved to {found[0].parent}' if elsewhere else 'not saved') in told[0]
 

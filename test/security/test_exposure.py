@@ -73,7 +73,7 @@ def test_it_refuses_what_is_open(keys, environment):
     }
     assert 'graph is open to the network: UDP ' in run_node(trap, *require)
     assert 'ROS_SECURITY_ENABLE' in run_node(environment, '-p', 'security.require:=sros2')
-    assert 'no folder of a member' in run_node(environment | {'PLC_KEYS': '/nowhere'})
+    assert 'not a folder of a member' in run_node(environment | {'PLC_KEYS': '/nowhere'})
 
 
 def test_without_plugins_one_line_says_what_to_do(keys, environment):

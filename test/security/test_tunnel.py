@@ -272,7 +272,7 @@ def test_the_loop_alone_closes_what_it_listens_to():
 
 
 def test_keys_that_are_none_are_told(fleet, tmp_path):
-    with pytest.raises(ConfigError, match='no folder of a member'):
+    with pytest.raises(ConfigError, match='not a folder of a member'):
         make_context(tmp_path, server=True)
     with pytest.raises(ConfigError, match='cannot be read'):
         run(Tunnel(tmp_path, Place('127.0.0.1', find_port()), 1).listen())

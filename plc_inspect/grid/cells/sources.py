@@ -153,7 +153,7 @@ def _read_index(path: Path) -> list[str]:
                 for item in features
             ]
         except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise DataError(f'{path} is no tile index: no GeoJSON features') from error
+            raise DataError(f'{path} is not a tile index: no GeoJSON features') from error
     else:
         rows = _read_table(path)
     names = []
@@ -181,7 +181,7 @@ def _read_table(path: Path) -> list[dict[str, Any]]:
     try:
         head, _, _, columns = pyogrio.raw.read(path, read_geometry=False)
     except pyogrio.errors.DataSourceError as error:
-        raise DataError(f'{path} is no tile index: {make_one_line(error)}') from error
+        raise DataError(f'{path} is not a tile index: {make_one_line(error)}') from error
     return [dict(zip(head['fields'], row, strict=True)) for row in zip(*columns, strict=True)]
 
 

@@ -104,7 +104,7 @@ def write_geojson(
     try:
         world = to_world(layers, system, inspection)
     except ProjError as error:
-        raise DataError(f'coordinates are no places of {system.name}: {error}') from error
+        raise DataError(f'coordinates are outside {system.name}: {error}') from error
     for name, (_, rows) in layers.items():
         write_layer(folder / f'{name}.geojson', 'GeoJSON', name, world[name], rows, 'EPSG:4326',
                     RFC7946='YES', COORDINATE_PRECISION='9')

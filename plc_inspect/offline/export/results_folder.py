@@ -53,7 +53,7 @@ def check_results(folder: Path, force: bool = False) -> None:
         foreign = sorted({item.name for item in folder.iterdir()} - {*FILES, *OPTIONAL_FILES})
         if foreign:
             raise DataError(
-                f'{folder} is not replaced: it holds {len(foreign)} files that are no results,'
+                f'{folder} is not replaced: it holds {len(foreign)} files that are not results,'
                 f' such as {foreign[0]}'
             )
     ancestor = folder.absolute().parent

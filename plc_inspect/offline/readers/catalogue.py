@@ -127,7 +127,7 @@ def parse_case(text: str) -> Case:
         try:
             values[key] = float(value)
         except ValueError:
-            raise ConfigError(f'case {text!r}: {value.strip()!r} is no number') from None
+            raise ConfigError(f'case {text!r}: {value.strip()!r} is not a number') from None
     if 'temperature' not in values:
         raise ConfigError(f'case {text!r} has no temperature')
     title = f'{values["temperature"]:g} C'
@@ -149,7 +149,7 @@ def _to_float(value: Any) -> Any:
 
 def _read_conductor(row: Any, where: str) -> Conductor:
     if not isinstance(row, dict):
-        raise ConfigError(f'{where} is no mapping')
+        raise ConfigError(f'{where} is not a mapping')
     wrong = sorted(set(map(str, row)) ^ set(_COLUMNS))
     if wrong:
         state = 'is unknown' if wrong[0] in row else 'is missing'

@@ -103,7 +103,7 @@ def read_cloud(
     if path.suffix.lower() not in SUFFIXES:
         raise DataError(f'{path} is not a cloud: its name must end in {", ".join(SUFFIXES)}')
     if not path.is_file():
-        kind = 'is a folder' if path.is_dir() else 'is no regular file'
+        kind = 'is a folder' if path.is_dir() else 'is not a regular file'
         raise DataError(f'{path} {kind if path.exists() else "does not exist"}')
     given = None if crs is None else parse_crs(crs)
     if is_plain(path):

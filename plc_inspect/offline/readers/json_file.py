@@ -25,7 +25,7 @@ def read_json(path: Path) -> dict[str, Any]:
     try:
         value = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise DataError(f'{path} is no JSON: {error}') from error
+        raise DataError(f'{path} is not JSON: {error}') from error
     if not isinstance(value, dict):
         raise DataError(f'{path} holds a {type(value).__name__}, not an object')
     return value

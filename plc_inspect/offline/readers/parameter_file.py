@@ -71,7 +71,7 @@ def read_settings(path: Path | None, assignments: Sequence[str] = ()) -> Setting
         try:
             value = parse_yaml(text)
         except yaml.YAMLError as error:
-            raise ConfigError(f'--set {assignment[:80]}: {text[:60]!r} is no value') from error
+            raise ConfigError(f'--set {assignment[:80]}: {text[:60]!r} is not a value') from error
         settings = update(settings, _convert({name.strip(): value}))
     return settings
 
@@ -179,7 +179,7 @@ def _read_mapping(path: Path) -> Mapping[str, Any]:
     for key in _NODE_KEYS:
         parameters = nodes.get(key)
         if parameters is not None and not isinstance(parameters, Mapping):
-            raise ConfigError(f'{path}: ros__parameters of {key} are no mapping')
+            raise ConfigError(f'{path}: ros__parameters of {key} are not a mapping')
         merged.update(_flatten(parameters or {}))
     return {
         name: value for name, value in merged.items() if name.partition('.')[0] not in _NODE_ONLY

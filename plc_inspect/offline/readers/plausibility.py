@@ -93,7 +93,7 @@ def question_place(
                 ' the origin, as geocentric coordinates do: project the cloud first'
             )
         raise DataError(
-            f'{name}: z from {low[2]:.6g} to {high[2]:.6g} is no height on Earth in '
+            f'{name}: z from {low[2]:.6g} to {high[2]:.6g} is not a height on Earth in '
             f'{"metres" if scale == 1.0 else "that unit"}: give --units or --crs, or correct z'
         )
     if unit is not None:

@@ -79,7 +79,7 @@ def _read(path: Path) -> Any:
         ) from error
     except (ValueError, TypeError, KeyError, AttributeError, IndexError, OverflowError) as error:
         text = make_one_line(error) or type(error).__name__
-        raise DataError(f'{path} is no readable PLY file: {text}') from error
+        raise DataError(f'{path} is not a readable PLY file: {text}') from error
 
 
 def _check_end(path: Path, data: Any) -> None:

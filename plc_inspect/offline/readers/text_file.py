@@ -64,7 +64,7 @@ def read_text(path: Path, most: int) -> str:
     try:
         status = path.stat()
         if not stat.S_ISREG(status.st_mode):
-            raise DataError(f'{path} is no regular file')
+            raise DataError(f'{path} is not a regular file')
         if status.st_size > most:
             raise DataError(f'{path} has {status.st_size} bytes, at most {most} are read')
         return path.read_text(encoding='utf-8')
@@ -87,7 +87,7 @@ def read_yaml(path: Path) -> Any:
         return parse_yaml(read_text(path, MOST_YAML))
     except yaml.YAMLError as error:
         text = make_one_line(error)[:160]
-        raise ConfigError(f'{path} is no YAML file: {text}') from error
+        raise ConfigError(f'{path} is not a YAML file: {text}') from error
     except DataError as error:
         raise ConfigError(str(error)) from error
 

@@ -112,7 +112,7 @@ def _parse(
 ) -> Float64:
     longest = max(map(len, lines))
     if longest > _MOST_LINE:
-        raise DataError(f'{path} is no text of points: a row has {longest} characters')
+        raise DataError(f'{path} is not a text file of points: a row has {longest} characters')
     if not any(line.strip() and not line.lstrip().startswith(_COMMENTS) for line in lines):
         return np.zeros((0, 3))
     marks = _COMMENTS if any('#' in line or '//' in line for line in lines) else None
@@ -146,5 +146,5 @@ def _find_fault(
                     f' truncated? {shown}')
         for column in columns:
             if not _is_number(parts[column]):
-                return f'row {number}: {make_one_line(parts[column])!r} is no number: {shown}'
+                return f'row {number}: {make_one_line(parts[column])!r} is not a number: {shown}'
     return f'rows {before + 1} to {before + len(lines)}: {make_one_line(error)}'

@@ -153,7 +153,7 @@ def _find(folder: Path, name: str) -> Path:
     path = folder / name
     if not path.is_file():
         raise DataError(f'{folder}: no such results folder' if not folder.is_dir() else
-                        f'{folder} is no results folder: it has no {name}')
+                        f'{folder} is not a results folder: it has no {name}')
     return path
 
 

@@ -164,7 +164,7 @@ def test_what_is_no_record_is_told(tmp_path, capsys):
     other.write_text('no record')
     with pytest.raises(DataError, match=r'text\.mcap cannot be read'):
         read_tape(other)
-    with pytest.raises(DataError, match='no results folder'):
+    with pytest.raises(DataError, match='not a results folder'):
         read_tape(tmp_path)
     assert command.main(['--open', str(tmp_path / 'nothing')]) == 2
     assert command.main(['--open', str(other), '--once']) == 2

@@ -101,7 +101,7 @@ def test_the_document_says_how_it_is_used(folders, tmp_path, monkeypatch, capsys
 
 @pytest.mark.parametrize(('other', 'message'), [
     ('elsewhere', 'do not overlap'), ('other_frame', "frame 'odom'"), ('missing', 'no such'),
-    ('crs', 'no reference system'), ('torn', 'cannot be read'), ('no_json', 'is no JSON'),
+    ('crs', 'no reference system'), ('torn', 'cannot be read'), ('no_json', 'is not JSON'),
     ('holes', 'not understood'),
 ])
 def test_bad_surveys_are_one_line_and_exit_2(folders, tmp_path, capsys, other, message):

@@ -122,7 +122,7 @@ def test_a_span_that_was_missed(room, capsys, places):
     (['good', '--point', '1', '--reach', '0'], '--reach must lie'),
     (['missing', '--point', '1'], 'no such results folder'),
     (['', '--point', '1'], 'no run.json'),
-    (['no_json', '--point', '1'], 'is no JSON'),
+    (['no_json', '--point', '1'], 'is not JSON'),
     (['alien', '--point', '1'], 'unknown setting'),
     (['torn', '--point', '1'], 'cannot be read'),
     (['no_points', '--point', '1'], 'no points.laz'),

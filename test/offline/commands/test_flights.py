@@ -69,7 +69,7 @@ def test_what_is_no_recording_is_refused(bags, tmp_path, capfd):
         ([bags / 'monday/flight', tmp_path / 'none'], 'does not exist'),
         ([tmp_path / 'parts'], 'has no metadata.yaml and 2 files bag_N: parts of one recording?'),
         ([bags, '--origin', '59,18,20'], '--origin is for a single flight'),
-        ([bags, '--baseline', bags], 'no results folder'),
+        ([bags, '--baseline', bags], 'not a results folder'),
         ([bags, '--workers', '0'], '--workers must be 1 or more'),
     ):
         assert run(*arguments, '-o', out) == 2

@@ -152,7 +152,7 @@ def test_inputs_that_are_none_are_refused(folder, tmp_path, capsys):
     index.write_text('{"features": [{"properties": {"location": "x.las"}}]}')
     assert 'names x.las, which does not exist' in refuse(capsys, index, '-o', out)
     index.write_text('[]')
-    assert 'is no tile index' in refuse(capsys, index, '-o', out)
+    assert 'is not a tile index' in refuse(capsys, index, '-o', out)
     assert not out.exists()
 
 
@@ -242,7 +242,7 @@ def test_wrong_options_are_refused(folder, tmp_path, capsys):
     assert '--workers must be 1 or more' in refuse(capsys, cloud, '-o', out, '--workers', '0')
     assert 'are too few' in refuse(capsys, cloud, '-o', out, '--memory', '0.5')
     assert 'for a single cloud' in refuse(capsys, cloud, '-o', out, '--halo', '60', '--pdf')
-    assert 'no results folder' in refuse(
+    assert 'not a results folder' in refuse(
         capsys, cloud, '-o', out, '--halo', '60', '--baseline', folder
     )
     out.mkdir()

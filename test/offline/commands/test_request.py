@@ -69,7 +69,7 @@ def test_another_table(tmp_path):
 
 
 @pytest.mark.parametrize(('content', 'message'), [
-    ('{', 'is no YAML'), ('[]', 'list of conductors'), ('[1]', 'row 1 is no mapping'),
+    ('{', 'is not a YAML'), ('[]', 'list of conductors'), ('[1]', 'row 1 is not a mapping'),
     (json.dumps([{**ROW, 'mass': -1}]), 'mass must be a positive number, got -1'),
     (json.dumps([{**ROW, 'colour': 'red'}]), 'colour is unknown'),
     (json.dumps([{key: ROW[key] for key in ROW if key != 'source'}]), 'source is missing'),
@@ -92,7 +92,7 @@ def test_cases():
 
 @pytest.mark.parametrize(('text', 'message'), [
     ('', 'expected temperature'), ('ice=0.1', 'has no temperature'), ('hot', 'expected'),
-    ('temperature=warm', "'warm' is no number"), ('temperature=20,temperature=30', 'expected'),
+    ('temperature=warm', "'warm' is not a number"), ('temperature=20,temperature=30', 'expected'),
     ('temperature=20,ice=10', r'ice must lie in \[0, 0.5\] m, got 10'), ('temperature=nan', 'lie'),
 ])
 def test_bad_cases(text, message):

@@ -181,7 +181,7 @@ def test_existing_folder_needs_force(tmp_path, inspection):
 def test_force_never_removes_what_is_not_ours(tmp_path, inspection):
     (tmp_path / 'out').mkdir()
     (tmp_path / 'out/thesis.tex').write_text('dear', encoding='utf-8')
-    with pytest.raises(DataError, match=r'1 files that are no results, such as thesis\.tex'):
+    with pytest.raises(DataError, match=r'1 files that are not results, such as thesis\.tex'):
         write_results(tmp_path / 'out', inspection, force=True)
     assert names(tmp_path / 'out') == ['thesis.tex']
 

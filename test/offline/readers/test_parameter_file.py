@@ -76,7 +76,7 @@ def test_assignments_win_and_the_last_one_counts(tmp_path):
     ('height.gamma=5', "unknown setting 'height.gamma'"),
     ('height=5', "unknown setting 'height'"),
     ('height.num_bins=10.5', 'int'),
-    ('height.beta=[', 'no value'),
+    ('height.beta=[', 'not a value'),
     ('input.lidar_xyz=[1, 2]', '3 numbers'),
     ('corridor.environment=lush', 'auto, complex, open'),
 ])
@@ -88,10 +88,10 @@ def test_bad_assignments(assignment, words):
 
 @pytest.mark.parametrize(('text', 'words'), [
     ('- 1\n- 2\n', 'list'),
-    ('a: [', 'no YAML file'),
+    ('a: [', 'not a YAML file'),
     ('height: {beta: 5}\nhigh: {beta: 5}\n', "unknown setting 'high.beta'"),
     ('/velodyne:\n  ros__parameters: {rpm: 600}\n', '/velodyne only'),
-    ('/**:\n  ros__parameters: 5\n', 'no mapping'),
+    ('/**:\n  ros__parameters: 5\n', 'not a mapping'),
     ('height: {beta: 500}\n', 'beta'),
 ])
 def test_bad_files(tmp_path, text, words):

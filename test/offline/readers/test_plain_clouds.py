@@ -90,8 +90,8 @@ def test_the_reference_system_of_e57_is_read(tmp_path):
 @pytest.mark.parametrize(('rows', 'message'), [
     ('1 2\n', 'row 1: 2 columns, 3 are needed'),
     ('1 2 3\n4 5 6\n7 8\n', 'row 3: 2 columns, 3 are needed; is it truncated? 7 8'),
-    ('1 2 3\n4 five 6\n', "row 2: 'five' is no number: 4 five 6"),
-    ('1,5 2,5 3,5 4\n', 'is no number'),
+    ('1 2 3\n4 five 6\n', "row 2: 'five' is not a number: 4 five 6"),
+    ('1,5 2,5 3,5 4\n', 'is not a number'),
     ('a,b,c\n1,2,3\n', "has no column 'x' in its first row: a, b, c"),
     ('x,y,x,z\n1,2,3,4\n', "has 2 columns 'x' in its first row"),
     ('1.00 2.00 3.00\n4.00 5.00 6.0', 'row 2, the last, has fewer decimals than others'),

@@ -12,8 +12,8 @@ from plc_inspect.offline.readers.plausibility import parse_unit, question_place
 @pytest.mark.parametrize(('low', 'high', 'unit', 'text'), [
     ((5.01, 52.1, 3.0), (5.02, 52.107, 41.0), None, 'y 52.1 to 52.107 are degrees'),
     ((3.9e6, 3.0e5, 5.0e6), (3.901e6, 3.01e5, 5.001e6), None, 'as geocentric coordinates do'),
-    ((5e5, 5e6, 9_500.0), (5.01e5, 5.001e6, 9_600.0), None, 'z from 9500 to 9600 is no height'),
-    ((5e5, 5e6, -4e4), (5.01e5, 5.001e6, -3e4), 1.0, 'is no height on Earth in metres'),
+    ((5e5, 5e6, 9_500.0), (5.01e5, 5.001e6, 9_600.0), None, 'z from 9500 to 9600 is not a height'),
+    ((5e5, 5e6, -4e4), (5.01e5, 5.001e6, -3e4), 1.0, 'is not a height on Earth in metres'),
 ])
 def test_what_cannot_be_is_refused(low, high, unit, text):
     with pytest.raises(DataError, match=text):

@@ -34,10 +34,10 @@ BAD = {
     'map in map': ('{a: ' * 3000 + '1' + '}' * 3000, 'more than 20 levels'),
     'aliases that expand': (LAUGHS, 'or 100000 values'),
     'alias of itself': ('height: &a {beta: *a}', 'a holds itself'),
-    'key that is a list': ('? [1, 2]\n: 3', 'is no YAML file'),
+    'key that is a list': ('? [1, 2]\n: 3', 'is not a YAML file'),
     'many bytes': ('# ' + 'x' * (1 << 18), 'at most 262144 are read'),
     'no text': (b'\xff\xfe\x00', 'not text'),
-    'tag': ('height: !!python/object/apply:os.getpid []', 'is no YAML file'),
+    'tag': ('height: !!python/object/apply:os.getpid []', 'is not a YAML file'),
 }
 
 
@@ -123,7 +123,7 @@ def test_pipes_are_not_waited_for(tmp_path):
 @pytest.mark.parametrize('content', ['[' * 100_000, '9' * 5000, '{"a": ' * 50_000])
 def test_bad_json_is_an_error_of_ours(tmp_path, content):
     (tmp_path / 'a.json').write_text(content)
-    with pytest.raises(DataError, match='is no JSON'):
+    with pytest.raises(DataError, match='is not JSON'):
         read_json(tmp_path / 'a.json')
 
 

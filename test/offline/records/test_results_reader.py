@@ -105,14 +105,14 @@ READERS = {
 def test_what_is_missing_is_named(folders, tmp_path, name):
     with pytest.raises(DataError, match='nothing: no such results folder'):
         READERS[name](tmp_path / 'nothing')
-    with pytest.raises(DataError, match=f'is no results folder: it has no {name}'):
+    with pytest.raises(DataError, match=f'is not a results folder: it has no {name}'):
         READERS[name](tmp_path)
     shutil.copy(folders / 'metres' / name, tmp_path)
     READERS[name](tmp_path)
 
 
 @pytest.mark.parametrize(('data', 'message'), [
-    (b'{', 'spans.json is no JSON'), (b'[]', 'spans.json holds a list, not an object'),
+    (b'{', 'spans.json is not JSON'), (b'[]', 'spans.json holds a list, not an object'),
     (b'{}', 'spans.json holds no spans'), (b'{"spans": [1]}', 'spans.json holds no spans'),
     (b'\xff{}', 'spans.json cannot be read: not text'),
 ])

@@ -88,7 +88,7 @@ def unset_stamp(message):
 @pytest.mark.parametrize(('change', 'text'), [
     (shrink_row, 'all scans are malformed: cloud of 1 rows'),
     (swap_bytes, 'all scans are malformed'),
-    (unset_stamp, 'all scans are malformed: stamp of 0 s and 0 ns is no time'),
+    (unset_stamp, 'all scans are malformed: stamp of 0 s and 0 ns is not a valid time'),
 ])
 def test_all_scans_are_malformed(rig, fly, change, text):
     assert text in fly(lambda: send_damaged(rig, change))
