@@ -158,7 +158,7 @@ def test_the_chords_of_a_truss_are_not_even_doubtful():
     chords = [make(y=y, length=60.0, c=500.0, per_metre=30.0, seed=k)
               for k, y in enumerate((0.0, 1.5))]
     rng = np.random.default_rng(3)
-    x = rng.uniform(0.0, 60.0, 2400)
+    x = rng.uniform(0.0, 60.0, 480)
     bracing = np.column_stack([
         x, 1.5 * np.abs(2.0 * (x % 1.0) - 1.0), hang(x, 60.0, 20.0, 20.0, 500.0)
     ])

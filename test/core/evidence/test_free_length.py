@@ -43,6 +43,24 @@ def test_a_line_in_a_sheet_is_cluttered_all_along():
     assert free.wide < -0.8 * curve.length
 
 
+@pytest.mark.parametrize(('share', 'free_share'), [(0.04, 1.0), (0.25, -1.0)])
+def test_a_fifth_of_the_points_about_a_dense_curve_holds_it(share, free_share):
+    rng = np.random.default_rng(0)
+    wire = make(per_metre=150.0)
+    rods = wire[rng.random(len(wire)) < share / (1.0 - share)]
+    azimuth, radius = rng.uniform(0.0, np.pi, len(rods)), rng.uniform(0.4, 0.9, len(rods))
+    rods = rods + np.stack([0.0 * radius, radius * np.cos(azimuth), radius * np.sin(azimuth)], 1)
+    curve, free = measure(wire, [rods])
+    assert free.wide == pytest.approx(free_share * curve.length, rel=0.2)
+
+
+def test_a_stray_point_in_the_ring_of_a_sparse_wire_holds_nothing():
+    wire = make(per_metre=5.0)
+    stray = wire[::20] + np.array([0.0, 0.5, 0.5])
+    curve, free = measure(wire, [stray])
+    assert free.wide > 0.8 * curve.length
+
+
 def test_a_crown_counts_along_its_own_length_alone():
     crown = make_tree(30.0, 0.0, 13.5, 9.5, radius=5.0, num=6000)
     curve, free = measure(make(), [crown])
