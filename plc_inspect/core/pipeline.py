@@ -155,7 +155,7 @@ class Pipeline:
             lambda result: report_hazards(result[0], len(nearby.index), self.rules),
         )
         result = InspectionResult(
-            spans=add_ground_clearance(spans.models, spans.ground_below),
+            spans=add_ground_clearance(spans.models, found.ground_below),
             supports=spans.supports,
             hazards=found.hazards,
             line_id=spans.line_id,

@@ -24,7 +24,7 @@ Source: chosen on bench/hazards.py and bench/studies/planted_hazards.py; it is n
 ACROSS = 0.3
 """
 How far beside a blurred conductor they are [m].
-Source: derived: as line_parts.TUBE; what blurs a conductor is mostly its height.
+Source: derived: as wires.TUBE; what blurs a conductor is mostly its height.
 """
 
 

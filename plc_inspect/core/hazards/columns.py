@@ -28,7 +28,7 @@ LAYER = 0.5
 BARE = 0.25
 """
 Points about a column at most, in the ring of cells around it, as a share of its own in a layer.
-Source: judgement; as line_parts.CLUTTER.
+Source: judgement; as wires.CLUTTER.
 """
 LEAST_EXTENT = 3.0
 """

@@ -20,9 +20,9 @@ from plc_inspect.core.hazards.conductor_hazards import (
 from plc_inspect.core.hazards.encroachments import find_encroachments, Nearby, Surroundings
 from plc_inspect.core.hazards.falling_trees import Fallible, find_fallible, find_falling_trees
 from plc_inspect.core.hazards.line_parts import find_line_parts
-from plc_inspect.core.hazards.low_conductors import find_low_conductors
+from plc_inspect.core.hazards.low_conductors import find_low_conductors, measure_ground
 from plc_inspect.core.hazards.strands import find_strands, measure_distances
-from plc_inspect.core.hazards.surfaces import is_surface
+from plc_inspect.core.hazards.surfaces import is_surface, tell_shapes
 from plc_inspect.core.numerics.arrays import take_rows
 from plc_inspect.core.spans.span_model import SpanModel
 from plc_inspect.core.spans.spans import SpanResult
@@ -42,6 +42,8 @@ class HazardResult:
     """(K,) neither of surfaces, such as roofs and walls, nor of lines and what holds them."""
     num_unmodelled: int
     """Wires near conductors that were not modelled."""
+    ground_below: tuple[Float64, ...]
+    """For each span (S, 3): as `low_conductors.measure_ground` returns."""
 
 
 def choose_rules(settings: HazardSettings, rules: RuleSet | None = None) -> RuleSet:
@@ -122,12 +124,15 @@ def find_hazards(
         wide = find_fallible(points, height, spans)
         wide = np.setdiff1d(wide, nearby.index[parts.own | parts.unmodelled], assume_unique=True)
         trees = take_rows(points, wide)
+        flat, slender = tell_shapes(trees)
         fallible = Fallible(
             points=trees, height=np.asarray(height[wide], dtype=np.float64),
-            surface=is_surface(trees),
+            surface=flat, slender=slender,
         )
         found += find_falling_trees(fallible, models, supports, rules, settings, found)
-    found += find_low_conductors(models, spans.ground_below, supports, rules)
+    lowest = max((limit.reach for limit in rules.find('ground')), default=0.0)
+    ground_below = measure_ground(points, height, models, spans.ground_below, lowest)
+    found += find_low_conductors(models, ground_below, supports, rules)
     found += find_crossings(models, supports, rules)
     found += find_interference(models, supports, rules, settings)
     found += find_abnormal_sag(models, supports, rules, settings)
@@ -143,6 +148,7 @@ def find_hazards(
         offending=offending,
         foliage=free & ~surface,
         num_unmodelled=parts.num_wires,
+        ground_below=ground_below,
     )
 
 
@@ -156,7 +162,7 @@ def add_ground_clearance(
     ----------
     models : sequence of SpanModel
         Spans with their curves.
-    ground_below : sequence of (K, 2) float64
+    ground_below : sequence of (K, 2+) float64
         For each, distance from its start and height above ground [m].
 
     Returns
@@ -168,7 +174,7 @@ def add_ground_clearance(
     for model, stations in zip(models, ground_below, strict=True):
         span = model.span
         if len(stations):
-            along, clearance = stations[int(np.argmin(stations[:, 1]))].tolist()
+            along, clearance = stations[int(np.argmin(stations[:, 1])), :2].tolist()
             span = dataclasses.replace(span, ground_clearance=clearance, ground_along=along)
         result.append(span)
     return tuple(result)

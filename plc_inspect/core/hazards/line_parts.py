@@ -12,7 +12,6 @@ wire beside it is a dot that stays in its place from slab to slab; foliage is no
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from numba import njit
 import numpy as np
 
 from plc_inspect.core.catenary.curve import Curve
@@ -20,64 +19,25 @@ from plc_inspect.core.catenary.nearest_span import find_near, span_table
 from plc_inspect.core.hazards.blur import find_blur
 from plc_inspect.core.hazards.columns import find_columns
 from plc_inspect.core.hazards.grouping import group_cells
-from plc_inspect.core.hazards.straight import are_straight
-from plc_inspect.core.numerics.disjoint_sets import unite
-from plc_inspect.core.numerics.near_pairs import find_pairs
+from plc_inspect.core.hazards.wires import (
+    are_straight,
+    find_wires,
+    GONE_ON,
+    measure_groups,
+    THIN,
+    TUBE,
+)
 from plc_inspect.core.spans.point_claims import FREE_RADIUS
 from plc_inspect.core.spans.span_model import SpanModel
 from plc_inspect.results import Bool, Float64, Int64
 
-TUBE = 0.3
-"""
-Distance from a wire that was not modelled within which points are of it [m].
-Source: derived: three standard deviations of a point of a wire, up to 0.1 m (bench/hazards.py).
-"""
 WIDEST_TUBE = 0.8
 """
 The same at most, where a curve goes on beyond its points [m].
 Source: judgement; as evidence.conductors.MAX_MISS.
 """
-GONE_ON = 10.0
-"""
-Length by which a curve goes on beyond its end, where that is known or the curve is doubtful [m].
-Source: judgement; not measured.
-"""
-SLAB = 2.0
-"""Length of the slabs whose cross-sections are looked at [m].  Source: judgement; not measured."""
-CELL = 0.2
-"""
-Edge of the cells of a cross-section; what lies in cells that touch is one thing [m].
-Source: derived: a wire scatters over two or three, with a cell left free about it.
-"""
-WIDEST = 1.0
-"""Extent of a dot at most, across or vertically [m].  Source: judgement; a slope of 0.3."""
-THIN = 0.12
-"""
-Standard deviation of the points of a dot about a line at most, across and vertically [m].
-Source: chosen on bench/hazards.py.
-"""
-LINK_LENGTH = 6.0
-"""Distance along the line up to which dots are of one wire [m].  Source: judgement."""
-LINK = 0.3
-"""Distance in the cross-section up to which dots are of one wire [m].  Source: judgement."""
 APART = 1e5
 """Distance that parts the frames of spans [m].  Source: numerical: far beyond any span."""
-FREE_LENGTH = 4.0
-"""
-Metres over which a wire must hang free of all else.
-Source: chosen on bench/hazards.py.
-"""
-FREE_SHARE = 0.5
-"""Share of its metres over which a wire must hang free.  Source: judgement; not measured."""
-CLEARING = 0.8
-"""Distance about a free place that is empty [m].  Source: chosen on bench/hazards.py."""
-CLUTTER = 0.25
-"""
-Points about a free place at most, as a share of those on the wire.
-Source: judgement; not measured.
-"""
-ROUNDS = 3
-"""Rounds of fitting a wire to its dots.  Source: numerical: few change after the second."""
 MARGIN = 1.0
 """
 Distance beyond the reach of the rules from which points are looked at [m].
@@ -179,7 +139,7 @@ def find_line_parts(
     if not len(near):
         return LineParts(own=own, unmodelled=unmodelled, column=column, num_wires=num_wires)
     places, ends = _lay_out(points[near], owner[near], models)
-    for wire in _find_wires(places):
+    for wire in find_wires(places):
         unmodelled[near[wire]] = True
         num_wires += 1
     rest = np.flatnonzero(~unmodelled[near])
@@ -259,7 +219,7 @@ def _find_scraps(
     if not len(places):
         return np.zeros(0, dtype=bool), np.zeros(0, dtype=bool)
     thing = group_cells(places, np.array(GAP))
-    mean, low, high, slope, spread = _measure_groups(places, thing)
+    mean, low, high, slope, spread = measure_groups(places, thing)
     farthest = np.zeros(len(mean))
     np.maximum.at(farthest, thing, distance)
     extent = high - low
@@ -270,34 +230,6 @@ def _find_scraps(
     pole = (from_end <= POLE_ROOM) & (extent[:, :2] <= POLE_WIDTH).all(axis=1)
     reach = np.where(from_end <= JUMPER_ROOM, JUMPER_REACH, FREE_RADIUS)
     return ((farthest <= reach) | pole)[thing], piece[thing]
-
-
-def _find_wires(places: Float64) -> list[Int64]:
-    """
-    Find wires that run along a span.
-
-    Parameters
-    ----------
-    places : (K, 3) float64
-        Along the span, across it and above its sag [m].
-
-    Returns
-    -------
-    list of (J,) int64
-        The points of each wire.
-
-    """
-    dots = _find_dots(places)
-    if len(dots) < 2:
-        return []
-    track = unite(find_pairs(dots * np.array([LINK / LINK_LENGTH, 1.0, 1.0]), LINK), len(dots))
-    result = []
-    _, low, high, _, _ = _measure_groups(dots, track)
-    for number in np.flatnonzero(high[:, 0] - low[:, 0] >= FREE_LENGTH - SLAB).tolist():
-        wire = _follow(places, dots[track == number])
-        if wire is not None:
-            result.append(wire)
-    return result
 
 
 def _find_on(
@@ -317,82 +249,3 @@ def _find_on(
     return found, which.astype(np.int64)
 
 
-def _find_dots(places: Float64) -> Float64:
-    """Return the (D, 3) middles of what is thin in the cross-section of a slab."""
-    own = group_cells(places, np.array([SLAB, CELL, CELL]), across=True)
-    mean, low, high, _, spread = _measure_groups(places, own)
-    thin = (high - low <= WIDEST)[:, 1:].all(axis=1) & (spread <= THIN).all(axis=1)
-    result: Float64 = mean[thin]
-    return result
-
-
-@njit(cache=True, nogil=True)
-def _measure_groups(places, group):  # type: ignore[no-untyped-def]
-    """
-    Measure G groups of places.
-
-    Returned are (G, 3) means, lower and upper corners, and (G, 2) slopes along the first axis and
-    standard deviations about them, across and vertically.
-    """
-    num = group.max() + 1
-    count, mean = np.zeros(num), np.zeros((num, 3))
-    low, high = np.full((num, 3), np.inf), np.full((num, 3), -np.inf)
-    for i in range(len(places)):
-        k = group[i]
-        count[k] += 1.0
-        for axis in range(3):
-            mean[k, axis] += places[i, axis]
-            low[k, axis] = min(low[k, axis], places[i, axis])
-            high[k, axis] = max(high[k, axis], places[i, axis])
-    for k in range(num):
-        mean[k] /= count[k]
-    square, slope, spread = np.zeros(num), np.zeros((num, 2)), np.zeros((num, 2))
-    for i in range(len(places)):
-        k = group[i]
-        along = places[i, 0] - mean[k, 0]
-        square[k] += along * along
-        for axis in range(2):
-            slope[k, axis] += along * (places[i, axis + 1] - mean[k, axis + 1])
-    for k in range(num):
-        slope[k] /= max(square[k], CELL * CELL)
-    for i in range(len(places)):
-        k = group[i]
-        for axis in range(2):
-            off = places[i, axis + 1] - mean[k, axis + 1]
-            off -= slope[k, axis] * (places[i, 0] - mean[k, 0])
-            spread[k, axis] += off * off
-    for k in range(num):
-        spread[k] = np.sqrt(spread[k] / count[k])
-    return mean, low, high, slope, spread
-
-
-def _follow(places: Float64, dots: Float64) -> Int64 | None:
-    """Return the points of a wire through dots, None if there is none."""
-    kept = dots
-    for _ in range(ROUNDS):
-        if len(kept) < 2 or np.ptp(kept[:, 0]) < FREE_LENGTH - SLAB:
-            return None
-        middle, degree = kept[:, 0].mean(), 2 if np.ptp(kept[:, 0]) > LINK_LENGTH else 1
-        curve = [np.polynomial.polynomial.polyfit(kept[:, 0] - middle, axis, degree)
-                 for axis in kept[:, 1:].T]
-        kept = dots[_measure(dots, curve, middle) <= TUBE]
-    low, high = kept[:, 0].min() - SLAB / 2, kept[:, 0].max() + SLAB / 2
-    about = np.flatnonzero((places[:, 0] >= low) & (places[:, 0] <= high))
-    away = _measure(places[about], curve, middle)
-    metre = (places[about, 0] - low).astype(np.int64)
-    num = int(high - low) + 1
-    on = np.bincount(metre[away <= TUBE], minlength=num)
-    beside = np.bincount(metre[(away > TUBE) & (away <= CLEARING)], minlength=num)
-    free = (on > 0) & (beside <= CLUTTER * on)
-    if free.sum() < FREE_LENGTH or free.sum() < FREE_SHARE * (on > 0).sum():
-        return None
-    beyond = min(GONE_ON, high - low)
-    about = np.flatnonzero((places[:, 0] >= low - beyond) & (places[:, 0] <= high + beyond))
-    return about[_measure(places[about], curve, middle) <= TUBE]
-
-
-def _measure(places: Float64, curve: Sequence[Float64], middle: float) -> Float64:
-    x = places[:, 0] - middle
-    y, w = (np.polynomial.polynomial.polyval(x, axis) for axis in curve)
-    result: Float64 = np.hypot(places[:, 1] - y, places[:, 2] - w)
-    return result

@@ -7,12 +7,14 @@ from collections.abc import Sequence
 import math
 from typing import Any
 
+from numba import njit, prange
 import numpy as np
 
 from plc_inspect.core.hazards.clearance_rules import Limit, RuleSet
 from plc_inspect.core.hazards.encroachments import describe_hazard
+from plc_inspect.core.numerics.plan_index import build_plan_index
 from plc_inspect.core.spans.span_model import SpanModel
-from plc_inspect.results import Float64, HazardKind, Severity, Support
+from plc_inspect.results import Bool, Float32, Float64, HazardKind, Severity, Support
 
 LEAST_GROUND = 0.5
 """
@@ -29,8 +31,43 @@ STEP = 1.0
 """Step of the ground along a span that may be steeper [m].  Source: judgement."""
 GROUND_SIGMA = 0.05
 """
-Standard deviation of the height of the ground below a conductor [m].
+Standard deviation of the height of the ground below a conductor, beside that of its fit [m].
 Source: judgement; not measured.
+"""
+ROUGH_SIGMA = 0.3
+"""
+The same where too few points lie about a place for a plane [m].
+Source: derived: the lowest point of a cell of 1 m lies that far below its middle on a slope of
+31 degrees.
+"""
+ABOVE_LOWEST = 0.5
+"""
+Height above the lowest points about it up to which a point may be of the ground [m].
+Source: derived: as labels.GROUND_BAND.
+"""
+REACHES = (1.5, 3.0)
+"""
+Distance in plan within which points lie on the plane of the ground, the first that has enough [m].
+Source: judgement; more than a cell of the ground surface, and less than its bends.
+"""
+LEAST_POINTS = 8
+"""Points that a plane of the ground rests on at least.  Source: judgement; not measured."""
+ROUNDS = 4
+"""Fits of a plane at most.  Source: numerical: few change after the third."""
+ABOVE_PLANE = 2.5
+"""
+Standard deviations above the plane from which a point is of what grows on the ground.
+Source: derived: 0.6 % of normal errors lie above.
+"""
+LEAST_SPREAD = 0.3
+"""
+Standard deviation in plan, along its narrower axis, of the points that fix a plane at least [m].
+Source: judgement; one scan line shows no slope across it.
+"""
+DEEPER = 1.0
+"""
+Places that are this much higher above ground than the lowest of their span are not measured [m].
+Source: derived: more than a plane differs from the lowest points about it.
 """
 
 Records = list[dict[str, Any]]
@@ -50,7 +87,7 @@ def find_low_conductors(
     models : sequence of SpanModel
         Spans with their curves.
     ground_below : sequence
-        For each model (S, 2): distance from its start and height above ground [m].
+        For each model (S, 3): as `measure_ground` returns.
     supports : sequence of Support
         Towers and poles.
     rules : RuleSet
@@ -84,6 +121,67 @@ def find_low_conductors(
     return list(worst.values())
 
 
+def measure_ground(
+    points: Float64,
+    height: Float32 | None,
+    models: Sequence[SpanModel],
+    ground_below: Sequence[Float64],
+    reach: float,
+) -> tuple[Float64, ...]:
+    """
+    Measure anew how high conductors hang above the ground, where that matters.
+
+    The ground surface is of the lowest points of cells, which lie below their middles on slopes
+    and by noise.  Here it is the plane through the points about the foot of each place, without
+    what stands out of it upwards.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Positions [m].
+    height : (N,) float32 or None
+        Above the ground surface [m].
+    models : sequence of SpanModel
+        Spans with their curves.
+    ground_below : sequence
+        For each model (S, 2): distance from its start and height above the ground surface [m].
+    reach : float
+        Height above ground up to which places matter, beside the lowest of each span [m].
+
+    Returns
+    -------
+    tuple of (S, 3) float64
+        For each model the same with better heights, and the standard deviation of the ground [m].
+
+    """
+    result = [
+        np.column_stack([own, np.full(len(own), ROUGH_SIGMA)]) for own in ground_below
+    ]
+    wanted = [
+        own[:, 1] <= max(float(own[:, 1].min()) + DEEPER, reach) if len(own)
+        else np.zeros(0, dtype=bool) for own in ground_below
+    ]
+    if height is None or not any(own.any() for own in wanted):
+        return tuple(result)
+    places = np.vstack([
+        model.curve.position(model.at(own[chosen, 0])) - np.column_stack(
+            [np.zeros((int(chosen.sum()), 2)), own[chosen, 1]])
+        for model, own, chosen in zip(models, ground_below, wanted, strict=True)
+    ])
+    low = _choose_low(points, height, _mark_cells(places))
+    index = build_plan_index(points, np.flatnonzero(low), REACHES[0])
+    ground, sigma = _fit_planes(points, places, *index.grid, np.array(REACHES))
+    known = np.isfinite(ground)
+    rise, at = np.where(known, ground - places[:, 2], 0.0), 0
+    sigma = np.where(known, np.hypot(sigma, GROUND_SIGMA), ROUGH_SIGMA)
+    for own, chosen in zip(result, wanted, strict=True):
+        num = int(chosen.sum())
+        own[chosen, 1] -= rise[at : at + num]
+        own[chosen, 2] = sigma[at : at + num]
+        at += num
+    return tuple(result)
+
+
 def keep_seen(model: SpanModel, stations: Float64) -> Float64:
     """
     Leave out the places of a span whose ground is not the ground.
@@ -95,12 +193,12 @@ def keep_seen(model: SpanModel, stations: Float64) -> Float64:
     ----------
     model : SpanModel
         The span.
-    stations : (S, 2) float64
+    stations : (S, 2+) float64
         Distance from its start, ascending, and height above ground [m].
 
     Returns
     -------
-    (T, 2) float64
+    (T, 2+) float64
 
     """
     stations = stations[stations[:, 1] + model.lowest_strand >= LEAST_GROUND]
@@ -119,7 +217,7 @@ def _describe_low(
     model: SpanModel, stations: Float64, severity: Severity, limit: Limit,
     supports: Sequence[Support], rules: RuleSet,
 ) -> dict[str, Any]:
-    along, height = stations[int(np.argmin(stations[:, 1]))].tolist()
+    along, height, ground_sigma = stations[int(np.argmin(stations[:, 1]))].tolist()
     clearance = height + model.lowest_strand
     x = float(model.at(np.array(along)))
     below = stations[:, 1] + model.lowest_strand < limit.reach
@@ -133,7 +231,107 @@ def _describe_low(
         clearance=clearance,
         horizontal=0.0,
         vertical=clearance,
-        sigma=math.hypot(model.sigma(x), GROUND_SIGMA),
+        sigma=math.hypot(model.sigma(x), ground_sigma),
         num_points=int(below.sum()),
         offending=run,
     )
+
+
+def _mark_cells(places: Float64) -> tuple[Bool, float, float, float]:
+    """Return the plan cells within reach of places, their lower corner and their edge [m]."""
+    edge = REACHES[-1]
+    x, y = (np.floor(places[:, :2].min(axis=0) / edge) * edge - edge).tolist()
+    column, row = ((places[:, :2] - (x, y)) / edge).astype(np.int64).T
+    marked = np.zeros((int(row.max()) + 2, int(column.max()) + 2), dtype=bool)
+    for up in (-1, 0, 1):
+        for right in (-1, 0, 1):
+            marked[row + up, column + right] = True
+    return marked, x, y, edge
+
+
+def _choose_low(
+    points: Float64, height: Float32, cells: tuple[Bool, float, float, float]
+) -> Bool:
+    """Tell the points in marked cells that may be of the ground."""
+    result: Bool = _are_low(points.ravel(), height, *cells)
+    return result
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _are_low(flat, height, marked, x0, y0, edge):  # type: ignore[no-untyped-def]
+    result = np.zeros(len(height), dtype=np.bool_)
+    rows, columns = marked.shape
+    for i in prange(len(height)):
+        if height[i] <= ABOVE_LOWEST and math.isfinite(flat[3 * i + 2]):
+            column, row = (flat[3 * i] - x0) / edge, (flat[3 * i + 1] - y0) / edge
+            if 0.0 <= column < columns and 0.0 <= row < rows:
+                result[i] = marked[int(row), int(column)]
+    return result
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _fit_planes(  # type: ignore[no-untyped-def]
+    points, places, start, order, origin, edge, rows, columns, reaches
+):
+    """Return the (P,) heights of the ground at places, NaN where unknown, and their sigma [m]."""
+    ground, sigma = np.full(len(places), np.nan), np.full(len(places), np.nan)
+    for k in prange(len(places)):
+        for reach in reaches:
+            # the points about the foot, in its own frame
+            first_row = max(math.floor((places[k, 1] - reach - origin[1]) / edge), 0)
+            last_row = min(math.floor((places[k, 1] + reach - origin[1]) / edge), rows - 1)
+            first = max(math.floor((places[k, 0] - reach - origin[0]) / edge), 0)
+            last = min(math.floor((places[k, 0] + reach - origin[0]) / edge), columns - 1)
+            most = 0
+            for row in range(first_row, last_row + 1):
+                if first <= last:
+                    most += start[row * columns + last + 1] - start[row * columns + first]
+            own, num = np.empty((most, 3)), 0
+            for row in range(first_row, last_row + 1):
+                if first > last:
+                    break
+                for m in range(start[row * columns + first], start[row * columns + last + 1]):
+                    i = order[m]
+                    dx, dy = points[i, 0] - places[k, 0], points[i, 1] - places[k, 1]
+                    if dx * dx + dy * dy <= reach * reach:
+                        own[num, 0], own[num, 1] = dx, dy
+                        own[num, 2] = points[i, 2] - places[k, 2]
+                        num += 1
+            rise, error = _fit_plane(own[:num])
+            if math.isfinite(rise):
+                ground[k], sigma[k] = places[k, 2] + rise, error
+                break
+    return ground, sigma
+
+
+@njit(cache=True, nogil=True)
+def _fit_plane(own):  # type: ignore[no-untyped-def]
+    """Return the height at the origin of the plane through points, and its sigma; NaN if none."""
+    most = np.inf
+    a, b, c, rise, error = 0.0, 0.0, 0.0, np.nan, np.nan
+    for _ in range(ROUNDS):
+        num, mx, my, mz = 0, 0.0, 0.0, 0.0
+        for i in range(len(own)):
+            if own[i, 2] - (a + b * own[i, 0] + c * own[i, 1]) <= most:
+                num += 1
+                mx, my, mz = mx + own[i, 0], my + own[i, 1], mz + own[i, 2]
+        if num < LEAST_POINTS:
+            return np.nan, np.nan
+        mx, my, mz = mx / num, my / num, mz / num
+        xx, xy, yy, xz, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for i in range(len(own)):
+            if own[i, 2] - (a + b * own[i, 0] + c * own[i, 1]) <= most:
+                x, y, z = own[i, 0] - mx, own[i, 1] - my, own[i, 2] - mz
+                xx, xy, yy = xx + x * x, xy + x * y, yy + y * y
+                xz, yz, zz = xz + x * z, yz + y * z, zz + z * z
+        narrow = 0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy)
+        if narrow <= LEAST_SPREAD * LEAST_SPREAD * num:
+            return np.nan, np.nan
+        det = xx * yy - xy * xy
+        b, c = (xz * yy - yz * xy) / det, (yz * xx - xz * xy) / det
+        a = mz - b * mx - c * my
+        spread = math.sqrt(max(zz - b * xz - c * yz, 0.0) / (num - 3))
+        leverage = 1.0 / num + (mx * mx * yy - 2.0 * mx * my * xy + my * my * xx) / det
+        rise, error = a, spread * math.sqrt(leverage)
+        most = ABOVE_PLANE * spread
+    return rise, error

@@ -6,7 +6,7 @@
 import numpy as np
 import pytest
 
-from plc_inspect.core.hazards.straight import are_straight
+from plc_inspect.core.hazards.wires import are_straight
 
 
 def make_piece(direction, length=3.0, noise=0.03, num=40):

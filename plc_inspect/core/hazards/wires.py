@@ -1,0 +1,259 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Wires told by their shape alone: those along a span, and what is thin and straight by itself.
+
+In the frame of a span (x along it, y across, w above its sag) each wire beside it is a dot that
+stays in its place from slab to slab, and wires too close to be told apart are a row; foliage is
+neither.
+"""
+
+from collections.abc import Sequence
+
+from numba import njit
+import numpy as np
+
+from plc_inspect.core.hazards.grouping import group_cells
+from plc_inspect.core.numerics.disjoint_sets import unite
+from plc_inspect.core.numerics.near_pairs import find_pairs
+from plc_inspect.results import Bool, Float64, Int64
+
+TUBE = 0.3
+"""
+Distance from a wire that was not modelled within which points are of it [m].
+Source: derived: three standard deviations of a point of a wire, up to 0.1 m (bench/hazards.py).
+"""
+GONE_ON = 10.0
+"""
+Length by which a curve goes on beyond its end, where that is known or the curve is doubtful [m].
+Source: judgement; not measured.
+"""
+SLAB = 2.0
+"""Length of the slabs whose cross-sections are looked at [m].  Source: judgement; not measured."""
+CELL = 0.2
+"""
+Edge of the cells of a cross-section; what lies in cells that touch is one thing [m].
+Source: derived: a wire scatters over two or three, with a cell left free about it.
+"""
+WIDEST = 1.0
+"""Extent of a dot at most, across or vertically [m].  Source: judgement; a slope of 0.3."""
+THIN = 0.12
+"""
+Standard deviation of the points of a dot about a line at most, across and vertically [m].
+Source: chosen on bench/hazards.py.
+"""
+LINK_LENGTH = 6.0
+"""Distance along the line up to which dots are of one wire [m].  Source: judgement."""
+LINK = 0.3
+"""Distance in the cross-section up to which dots are of one wire [m].  Source: judgement."""
+FREE_LENGTH = 4.0
+"""
+Metres over which a wire must hang free of all else.
+Source: chosen on bench/hazards.py.
+"""
+FREE_SHARE = 0.5
+"""Share of its metres over which a wire must hang free.  Source: judgement; not measured."""
+CLEARING = 0.8
+"""Distance about a free place that is empty [m].  Source: chosen on bench/hazards.py."""
+CLUTTER = 0.25
+"""
+Points about a free place at most, as a share of those on the wire.
+Source: judgement; not measured.
+"""
+ROW = 1.5
+"""
+Extent of a row of wires at most, across or vertically [m].
+Source: derived: four wires of a low-voltage line, 0.4 to 0.5 m apart.
+"""
+ROW_LENGTH = 10.0
+"""
+Metres over which a row must hang free of all else.
+Source: judgement; a strip of a roof or wall is seldom as narrow over as much.
+"""
+LEVEL = 0.15
+"""
+Distance above and below a wire, or to either side, within which others hang level or plumb [m].
+Source: derived: three standard deviations of a point of a wire, up to 0.05 m.
+"""
+ROUNDS = 3
+"""Rounds of fitting a wire to its dots.  Source: numerical: few change after the second."""
+STRAIGHT_LENGTH = 1.5
+"""
+Length of what is straight at least, by the scatter of the points along it [m].
+Source: judgement; twigs that reach out of a crown are of the crown.
+"""
+LEAST_POINTS = 10
+"""Points of what is straight at least.  Source: judgement; a few may lie in line by chance."""
+STEEPEST = 0.7
+"""
+Vertical part of its direction at most.
+Source: derived: 45 degrees; what stands steeper is told by columns.
+"""
+LENGTH_OF_SIGMA = 3.46
+"""
+Length of what is even, in standard deviations of its places.
+Source: derived: the square root of 12.
+"""
+
+
+def find_wires(places: Float64) -> list[Int64]:
+    """
+    Find wires that run along a span, and rows of wires too close to be told apart.
+
+    Parameters
+    ----------
+    places : (K, 3) float64
+        Along the span, across it and above its sag [m].
+
+    Returns
+    -------
+    list of (J,) int64
+        The points of each wire or row.
+
+    """
+    result = []
+    for dots, half, length in _find_dots(places):
+        if len(dots) < 2:
+            continue
+        scale = np.array([LINK / LINK_LENGTH, 1.0, 1.0])
+        track = unite(find_pairs(dots * scale, LINK), len(dots))
+        _, low, high, _, _ = measure_groups(dots, track)
+        for number in np.flatnonzero(high[:, 0] - low[:, 0] >= length - SLAB).tolist():
+            own = track == number
+            wire = _follow(places, dots[own], np.median(half[own], axis=0), length)
+            if wire is not None:
+                result.append(wire)
+    return result
+
+
+def are_straight(points: Float64, thing: Int64) -> Bool:
+    """
+    Tell the things that are thin and straight.
+
+    Parameters
+    ----------
+    points : (K, 3) float64
+        Coordinates [m].
+    thing : (K,) int64
+        Which of T things each point is of, from 0.
+
+    Returns
+    -------
+    (T,) bool
+
+    """
+    size = np.bincount(thing)
+    mean = np.column_stack([np.bincount(thing, weights=axis) for axis in points.T]) / size[:, None]
+    away = points - mean[thing]
+    spread = np.empty((len(size), 3, 3))
+    for row in range(3):
+        for column in range(3):
+            product = away[:, row] * away[:, column]
+            spread[:, row, column] = np.bincount(thing, weights=product) / size
+    variance, axes = np.linalg.eigh(spread)
+    variance = np.maximum(variance, 0.0)
+    result: Bool = (
+        (size >= LEAST_POINTS) & (np.sqrt(variance[:, 1]) <= THIN)
+        & (LENGTH_OF_SIGMA * np.sqrt(variance[:, 2]) >= STRAIGHT_LENGTH)
+        & (np.abs(axes[:, 2, 2]) <= STEEPEST)
+    )
+    return result
+
+
+@njit(cache=True, nogil=True)
+def measure_groups(places, group):  # type: ignore[no-untyped-def]
+    """
+    Measure G groups of places.
+
+    Returned are (G, 3) means, lower and upper corners, and (G, 2) slopes along the first axis and
+    standard deviations about them, across and vertically.
+    """
+    num = group.max() + 1
+    count, mean = np.zeros(num), np.zeros((num, 3))
+    low, high = np.full((num, 3), np.inf), np.full((num, 3), -np.inf)
+    for i in range(len(places)):
+        k = group[i]
+        count[k] += 1.0
+        for axis in range(3):
+            mean[k, axis] += places[i, axis]
+            low[k, axis] = min(low[k, axis], places[i, axis])
+            high[k, axis] = max(high[k, axis], places[i, axis])
+    for k in range(num):
+        mean[k] /= count[k]
+    square, slope, spread = np.zeros(num), np.zeros((num, 2)), np.zeros((num, 2))
+    for i in range(len(places)):
+        k = group[i]
+        along = places[i, 0] - mean[k, 0]
+        square[k] += along * along
+        for axis in range(2):
+            slope[k, axis] += along * (places[i, axis + 1] - mean[k, axis + 1])
+    for k in range(num):
+        slope[k] /= max(square[k], CELL * CELL)
+    for i in range(len(places)):
+        k = group[i]
+        for axis in range(2):
+            off = places[i, axis + 1] - mean[k, axis + 1]
+            off -= slope[k, axis] * (places[i, 0] - mean[k, 0])
+            spread[k, axis] += off * off
+    for k in range(num):
+        spread[k] = np.sqrt(spread[k] / count[k])
+    return mean, low, high, slope, spread
+
+
+def _find_dots(places: Float64) -> list[tuple[Float64, Float64, float]]:
+    """
+    Find what is small in the cross-section of a slab: dots, and rows that are thin one way.
+
+    Returned are (D, 3) middles, (D, 2) half widths that are more than those of a wire, and the
+    length over which such must hang free.
+    """
+    own = group_cells(places, np.array([SLAB, CELL, CELL]), across=True)
+    mean, low, high, _, spread = measure_groups(places, own)
+    extent = (high - low)[:, 1:]
+    thin = (extent <= WIDEST).all(axis=1) & (spread <= THIN).all(axis=1)
+    row = ~thin & (extent <= ROW).all(axis=1) & (spread <= THIN).any(axis=1)
+    middle = np.column_stack([mean[:, 0], 0.5 * (low + high)[:, 1:]])
+    half = np.where(spread > THIN, 0.5 * extent, 0.0)
+    return [(mean[thin], np.zeros((int(thin.sum()), 2)), FREE_LENGTH),
+            (middle[row], half[row], ROW_LENGTH)]
+
+
+def _follow(places: Float64, dots: Float64, half: Float64, length: float) -> Int64 | None:
+    """Return the points of a wire, or a row of some half widths, through dots, None if none."""
+    kept = dots
+    for _ in range(ROUNDS):
+        if len(kept) < 2 or np.ptp(kept[:, 0]) < length - SLAB:
+            return None
+        middle, degree = kept[:, 0].mean(), 2 if np.ptp(kept[:, 0]) > LINK_LENGTH else 1
+        curve = [np.polynomial.polynomial.polyfit(kept[:, 0] - middle, axis, degree)
+                 for axis in kept[:, 1:].T]
+        kept = dots[np.hypot(*_measure(dots, curve, middle).T) <= TUBE]
+    low, high = kept[:, 0].min() - SLAB / 2, kept[:, 0].max() + SLAB / 2
+    about = np.flatnonzero((places[:, 0] >= low) & (places[:, 0] <= high))
+    off = np.maximum(_measure(places[about], curve, middle) - half, 0.0)
+    away = np.hypot(*off.T)
+    metre = (places[about, 0] - low).astype(np.int64)
+    num = int(high - low) + 1
+    on = np.bincount(metre[away <= TUBE], minlength=num)
+    clutter = (away > TUBE) & (away <= CLEARING)
+    # other wires hang level with one, or plumb above and below it; foliage is all around
+    beside = np.min([
+        np.bincount(metre[clutter & (axis > LEVEL)], minlength=num) for axis in off.T
+    ], axis=0)
+    free = (on > 0) & (beside <= CLUTTER * on)
+    if free.sum() < length or free.sum() < FREE_SHARE * (on > 0).sum():
+        return None
+    beyond = min(GONE_ON, high - low)
+    about = np.flatnonzero((places[:, 0] >= low - beyond) & (places[:, 0] <= high + beyond))
+    off = np.maximum(_measure(places[about], curve, middle) - half, 0.0)
+    return about[np.hypot(*off.T) <= TUBE]
+
+
+def _measure(places: Float64, curve: Sequence[Float64], middle: float) -> Float64:
+    """Return (K, 2) how far places lie from a curve, across and vertically [m]."""
+    x = places[:, 0] - middle
+    result: Float64 = np.abs(places[:, 1:] - np.column_stack([
+        np.polynomial.polynomial.polyval(x, axis) for axis in curve
+    ]))
+    return result
