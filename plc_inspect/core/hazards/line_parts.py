@@ -20,10 +20,13 @@ from plc_inspect.core.hazards.blur import find_blur
 from plc_inspect.core.hazards.columns import find_columns
 from plc_inspect.core.hazards.grouping import group_cells
 from plc_inspect.core.hazards.wires import (
-    are_straight,
+    CLEARING,
+    find_free,
     find_wires,
+    FREE_SHARE,
     GONE_ON,
     measure_groups,
+    tell_thin,
     THIN,
     TUBE,
 )
@@ -47,6 +50,11 @@ GAP = (2.0, 0.4, 0.4)
 """
 Edges of the cells along, across and above a span; what lies in cells that touch is one thing [m].
 Source: judgement; foliage has a point in each, sparse wires a point a metre.
+"""
+BODY = 0.8
+"""
+Edge of the cells that touch within what goes on away from a conductor [m].
+Source: chosen on bench/studies/planted_hazards.py: foliage has a point in each at 5 points/m2.
 """
 PIECE_LENGTH = 1.0
 """Length of a piece of wire at least [m].  Source: judgement; not measured."""
@@ -183,13 +191,11 @@ def _find_continued(points: Float64, models: Sequence[SpanModel]) -> Int64:
             is_open = is_open[::-1]
         beyond = [model.span.length if side else GONE_ON for side in is_open]
         ends.append((model.low - beyond[0], model.high + beyond[1]))
-    found, which = _find_on(points, [model.curve for model in models], ends)
-    outside = np.zeros(len(found), dtype=bool)
-    for number in np.unique(which).tolist():
-        mine = np.flatnonzero(which == number)
-        x, _ = models[number].curve.local(points[found[mine]])
-        outside[mine] = (x < models[number].low) | (x > models[number].high)
-    return found[outside]
+    found, _ = _find_on(
+        points, [model.curve for model in models], ends,
+        [(model.low, model.high) for model in models],
+    )
+    return found
 
 
 def _find_scraps(
@@ -220,22 +226,36 @@ def _find_scraps(
         return np.zeros(0, dtype=bool), np.zeros(0, dtype=bool)
     thing = group_cells(places, np.array(GAP))
     mean, low, high, slope, spread = measure_groups(places, thing)
-    farthest = np.zeros(len(mean))
+    farthest, nearest = np.zeros(len(mean)), np.full(len(mean), np.inf)
     np.maximum.at(farthest, thing, distance)
+    np.minimum.at(nearest, thing, distance)
     extent = high - low
     piece = (spread <= THIN).all(axis=1) & (np.abs(slope) <= PARALLEL).all(axis=1)
     piece &= extent[:, 0] >= PIECE_LENGTH
     from_end = np.abs(mean[:, 0, None] - ends).min(axis=1)
-    piece |= are_straight(places, thing) & (from_end <= JUMPER_ROOM)  # service drops, stays
+    thin, straight = tell_thin(places, thing)
+    piece |= straight & (from_end <= JUMPER_ROOM)  # service drops, stays
     pole = (from_end <= POLE_ROOM) & (extent[:, :2] <= POLE_WIDTH).all(axis=1)
+    pole &= thin | (nearest <= JUMPER_REACH)
+    # what stands about a thing goes on where it does
+    body = group_cells(places, np.full(3, BODY))
+    goes_on = np.zeros(int(body.max()) + 1)
+    np.maximum.at(goes_on, body, np.where((pole | piece)[thing], 0.0, distance))
     reach = np.where(from_end <= JUMPER_ROOM, JUMPER_REACH, FREE_RADIUS)
-    return ((farthest <= reach) | pole)[thing], piece[thing]
+    apart = (farthest <= reach)[thing] & (goes_on[body] <= reach[thing])
+    return apart | pole[thing], piece[thing]
 
 
 def _find_on(
-    points: Float64, curves: Sequence[Curve], ends: Sequence[tuple[float, float]]
+    points: Float64, curves: Sequence[Curve], ends: Sequence[tuple[float, float]],
+    left_out: Sequence[tuple[float, float]] = (),
 ) -> tuple[Int64, Int64]:
-    """Return the points on curves between other ends than theirs, and which curve that is."""
+    """
+    Return the points on curves between other ends than theirs, and which curve that is.
+
+    Stretches of them may be left out.  Where there is as much about a curve as on it, its points
+    are of that, unless it hangs free over most of its length.
+    """
     if not curves:
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
     low, high = np.array(ends).T
@@ -243,9 +263,24 @@ def _find_on(
         float(curve.prediction_sigma(np.array(end)).max())
         for curve, end in zip(curves, ends, strict=True)
     ])
-    found, _, which = find_near(
-        points, span_table(curves, low, high), np.clip(3.0 * farthest, TUBE, WIDEST_TUBE)
-    )
-    return found, which.astype(np.int64)
+    tube = np.clip(3.0 * farthest, TUBE, WIDEST_TUBE)
+    table = span_table(curves, low, high)
+    found, _, which = find_near(points, table, tube)
+    wide, _, beside = find_near(points, table, tube + CLEARING - TUBE)
+    kept = np.zeros(len(found), dtype=bool)
+    for number in np.unique(which).tolist():
+        mine, curve = np.flatnonzero(which == number), curves[number]
+        about = np.union1d(found[mine], wide[beside == number])
+        x, across = curve.local(points[about])
+        off = np.abs(np.column_stack([across, points[about, 2] - curve.fit.height(x)]))
+        inside = np.ones(len(about), dtype=bool)
+        if left_out:
+            inside = (x < left_out[number][0]) | (x > left_out[number][1])
+        metre = np.maximum(x - low[number] + 1.0, 0.0).astype(np.int64)  # ends are round
+        free, share = find_free(metre[inside], off[inside], tube[number])
+        hangs = np.zeros(len(about), dtype=bool)
+        hangs[inside] = free[metre[inside]] | (share >= FREE_SHARE)
+        kept[mine] = hangs[np.searchsorted(about, found[mine])]
+    return found[kept], which[kept].astype(np.int64)
 
 

@@ -127,9 +127,9 @@ def find_wires(places: Float64) -> list[Int64]:
     return result
 
 
-def are_straight(points: Float64, thing: Int64) -> Bool:
+def tell_thin(points: Float64, thing: Int64) -> tuple[Bool, Bool]:
     """
-    Tell the things that are thin and straight.
+    Tell the things that are thin, and those that are long and straight beside.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def are_straight(points: Float64, thing: Int64) -> Bool:
 
     Returns
     -------
-    (T,) bool
+    thin, straight : (T,) bool
 
     """
     size = np.bincount(thing)
@@ -153,12 +153,10 @@ def are_straight(points: Float64, thing: Int64) -> Bool:
             spread[:, row, column] = np.bincount(thing, weights=product) / size
     variance, axes = np.linalg.eigh(spread)
     variance = np.maximum(variance, 0.0)
-    result: Bool = (
-        (size >= LEAST_POINTS) & (np.sqrt(variance[:, 1]) <= THIN)
-        & (LENGTH_OF_SIGMA * np.sqrt(variance[:, 2]) >= STRAIGHT_LENGTH)
-        & (np.abs(axes[:, 2, 2]) <= STEEPEST)
-    )
-    return result
+    thin = np.sqrt(variance[:, 1]) <= THIN
+    straight = thin & (size >= LEAST_POINTS) & (np.abs(axes[:, 2, 2]) <= STEEPEST)
+    straight &= LENGTH_OF_SIGMA * np.sqrt(variance[:, 2]) >= STRAIGHT_LENGTH
+    return thin, straight
 
 
 @njit(cache=True, nogil=True)
@@ -232,22 +230,47 @@ def _follow(places: Float64, dots: Float64, half: Float64, length: float) -> Int
     low, high = kept[:, 0].min() - SLAB / 2, kept[:, 0].max() + SLAB / 2
     about = np.flatnonzero((places[:, 0] >= low) & (places[:, 0] <= high))
     off = np.maximum(_measure(places[about], curve, middle) - half, 0.0)
-    away = np.hypot(*off.T)
     metre = (places[about, 0] - low).astype(np.int64)
-    num = int(high - low) + 1
-    on = np.bincount(metre[away <= TUBE], minlength=num)
-    clutter = (away > TUBE) & (away <= CLEARING)
-    # other wires hang level with one, or plumb above and below it; foliage is all around
-    beside = np.min([
-        np.bincount(metre[clutter & (axis > LEVEL)], minlength=num) for axis in off.T
-    ], axis=0)
-    free = (on > 0) & (beside <= CLUTTER * on)
-    if free.sum() < length or free.sum() < FREE_SHARE * (on > 0).sum():
+    free, share = find_free(metre, off, TUBE)
+    if free.sum() < length or share < FREE_SHARE:
         return None
     beyond = min(GONE_ON, high - low)
     about = np.flatnonzero((places[:, 0] >= low - beyond) & (places[:, 0] <= high + beyond))
     off = np.maximum(_measure(places[about], curve, middle) - half, 0.0)
     return about[np.hypot(*off.T) <= TUBE]
+
+
+def find_free(metre: Int64, off: Float64, tube: float) -> tuple[Bool, float]:
+    """
+    Find the metres over which a wire hangs free of all else.
+
+    Parameters
+    ----------
+    metre : (K,) int64
+        Where along the wire points are, from 0 [m].
+    off : (K, 2) float64
+        How far from it, across and vertically [m].
+    tube : float
+        Distance up to which points are on the wire [m].
+
+    Returns
+    -------
+    free : (M,) bool
+        Metres that hold points of the wire and hardly any beside.
+    share : float
+        Of the metres that hold points of the wire, 0 where none do.
+
+    """
+    away, num = np.hypot(*off.T), int(metre.max(initial=-1)) + 1
+    on = np.bincount(metre[away <= tube], minlength=num)
+    clutter = (away > tube) & (away <= tube + CLEARING - TUBE)
+    # other wires hang level with one, or plumb above and below it; foliage is all around
+    beside = np.min([
+        np.bincount(metre[clutter & (axis > tube + LEVEL - TUBE)], minlength=num)
+        for axis in off.T
+    ], axis=0)
+    free = (on > 0) & (beside <= CLUTTER * on)
+    return free, float(free.sum() / max((on > 0).sum(), 1))
 
 
 def _measure(places: Float64, curve: Sequence[Float64], middle: float) -> Float64:
