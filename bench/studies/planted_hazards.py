@@ -180,7 +180,7 @@ def is_of_object(hazard: Hazard, planted: PlantedScene) -> bool:
     low, high = hazard.extent
     own = cloud.exact[
         ((cloud.points >= low) & (cloud.points <= high)).all(axis=1)
-        & np.isin(cloud.label, (Label.VEGETATION, Label.BUILDING))
+        & ~np.isin(cloud.label, (Label.GROUND, Label.WIRE, Label.TOWER, UNJUDGED))
     ]
     if not len(own):
         return False

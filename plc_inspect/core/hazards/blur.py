@@ -26,6 +26,16 @@ ACROSS = 0.3
 How far beside a blurred conductor they are [m].
 Source: derived: as wires.TUBE; what blurs a conductor is mostly its height.
 """
+CLOSE = 0.3
+"""
+Distance from a conductor within which its points may stray [m].
+Source: derived: as wires.TUBE.
+"""
+FEW = 5
+"""
+Points fewer than which, so close to a conductor, may be its own.
+Source: judgement; as hazards.min_points.
+"""
 
 
 def is_blurred(model: SpanModel) -> bool:
@@ -78,6 +88,8 @@ def choose_worst(
     """
     Choose the point that a hazard rests on: the worst that cannot be a conductor's own.
 
+    Nor is it one of a few close to a conductor: what is there has more points.
+
     Parameters
     ----------
     share : (K,) float64
@@ -97,4 +109,7 @@ def choose_worst(
     """
     reach = np.array([measure_reach(model) for model in models])
     beyond = distance > reach[owner]
+    close = beyond & (distance <= CLOSE)
+    if close.sum() < FEW and (beyond & ~close).any():
+        beyond &= ~close
     return int(np.argmin(np.where(beyond, share, np.inf) if beyond.any() else share))

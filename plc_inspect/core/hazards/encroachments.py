@@ -340,7 +340,9 @@ def _describe(
     if kind == HazardKind.VEGETATION and settings.growth > 0:
         years = max(value[limit.measure] - limit.tiers[0][1], 0.0) / settings.growth
     sigma = model.sigma(x)
-    if clearance <= measure_reach(model) + SURE * sigma:  # what is nearer is taken for the wire
+    nearer = limit.measure == 'distance' and float(near.distance.min()) < clearance - SURE * sigma
+    if nearer or clearance <= measure_reach(model) + SURE * sigma:
+        # what is nearer is taken for the wire
         sigma = math.hypot(sigma, clearance / SPREAD_OF_ZERO)
     return describe_hazard(
         model, x, supports, rules, limit,
