@@ -28,7 +28,7 @@ Source: derived: as wires.TUBE; what blurs a conductor is mostly its height.
 """
 CLOSE = 0.3
 """
-Distance from a conductor within which its points may stray [m].
+Distance from a conductor within which its points may stray, and the gap behind them [m].
 Source: derived: as wires.TUBE.
 """
 FEW = 5
@@ -88,7 +88,7 @@ def choose_worst(
     """
     Choose the point that a hazard rests on: the worst that cannot be a conductor's own.
 
-    Nor is it one of a few close to a conductor: what is there has more points.
+    Nor is it one of a few close to a conductor, with a gap behind them.
 
     Parameters
     ----------
@@ -110,6 +110,7 @@ def choose_worst(
     reach = np.array([measure_reach(model) for model in models])
     beyond = distance > reach[owner]
     close = beyond & (distance <= CLOSE)
-    if close.sum() < FEW and (beyond & ~close).any():
+    farther = np.where(beyond & ~close, distance, np.inf).min()
+    if 0 < close.sum() < FEW and CLOSE < farther - distance[close].max() < np.inf:
         beyond &= ~close
     return int(np.argmin(np.where(beyond, share, np.inf) if beyond.any() else share))

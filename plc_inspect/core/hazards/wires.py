@@ -61,6 +61,11 @@ CLUTTER = 0.25
 Points about a free place at most, as a share of those on the wire.
 Source: judgement; not measured.
 """
+FILLED = 0.5
+"""
+Share of the metres of a wire with others beside it that hold points of it and hang free, at least.
+Source: chosen on uniform foliage of 0.3 to 8 points/m3, which fills a third.
+"""
 ROW = 1.5
 """
 Extent of a row of wires at most, across or vertically [m].
@@ -231,8 +236,13 @@ def _follow(places: Float64, dots: Float64, half: Float64, length: float) -> Int
     about = np.flatnonzero((places[:, 0] >= low) & (places[:, 0] <= high))
     off = np.maximum(_measure(places[about], curve, middle) - half, 0.0)
     metre = (places[about, 0] - low).astype(np.int64)
-    free, share = find_free(metre, off, TUBE)
-    if free.sum() < length or share < FREE_SHARE:
+    for beside in (False, True):
+        free, share = find_free(metre, off, TUBE, beside=beside)
+        if free.sum() >= length and share >= FREE_SHARE:
+            break
+    else:
+        return None
+    if beside and free.sum() < FILLED * (high - low):
         return None
     beyond = min(GONE_ON, high - low)
     about = np.flatnonzero((places[:, 0] >= low - beyond) & (places[:, 0] <= high + beyond))
@@ -240,7 +250,9 @@ def _follow(places: Float64, dots: Float64, half: Float64, length: float) -> Int
     return about[np.hypot(*off.T) <= TUBE]
 
 
-def find_free(metre: Int64, off: Float64, tube: float) -> tuple[Bool, float]:
+def find_free(
+    metre: Int64, off: Float64, tube: float, *, most: float = CLUTTER, beside: bool = False
+) -> tuple[Bool, float]:
     """
     Find the metres over which a wire hangs free of all else.
 
@@ -252,6 +264,10 @@ def find_free(metre: Int64, off: Float64, tube: float) -> tuple[Bool, float]:
         How far from it, across and vertically [m].
     tube : float
         Distance up to which points are on the wire [m].
+    most : float
+        Points about it at most, as a share of those on it.
+    beside : bool
+        Others may hang level with it, or plumb above and below it; foliage is all around.
 
     Returns
     -------
@@ -264,12 +280,11 @@ def find_free(metre: Int64, off: Float64, tube: float) -> tuple[Bool, float]:
     away, num = np.hypot(*off.T), int(metre.max(initial=-1)) + 1
     on = np.bincount(metre[away <= tube], minlength=num)
     clutter = (away > tube) & (away <= tube + CLEARING - TUBE)
-    # other wires hang level with one, or plumb above and below it; foliage is all around
-    beside = np.min([
-        np.bincount(metre[clutter & (axis > tube + LEVEL - TUBE)], minlength=num)
-        for axis in off.T
+    level = tube + LEVEL - TUBE if beside else -1.0
+    about = np.min([
+        np.bincount(metre[clutter & (axis > level)], minlength=num) for axis in off.T
     ], axis=0)
-    free = (on > 0) & (beside <= CLUTTER * on)
+    free = (on > 0) & (about <= most * on)
     return free, float(free.sum() / max((on > 0).sum(), 1))
 
 

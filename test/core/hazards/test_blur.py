@@ -67,3 +67,14 @@ def test_bundles_are_as_near_as_their_tolerance():
     bundle = dataclasses.replace(model, strands=np.array([[0.2, 0.0], [-0.2, 0.0]]))
     assert measure_reach(bundle) == 0.35
     assert not find_blur(place(model, 0.1, 0.2), np.zeros(50, np.int64), [bundle]).any()
+
+
+@pytest.mark.parametrize(('num', 'first'), [(1, False), (4, False), (5, True), (20, True)])
+def test_a_few_points_close_to_a_conductor_may_be_its_own(num, first):
+    model = make_model(START, END, points=make_wire(START, END, 800.0, noise=0.02))
+    assert measure_reach(model) < 0.2
+    distance = np.concatenate([np.full(num, 0.25), [0.7, 0.9]])
+    worst = choose_worst(distance / 4.0, distance, np.zeros(len(distance), np.int64), [model])
+    assert distance[worst] == (0.25 if first else 0.7)
+    alone = np.full(num, 0.25)
+    assert choose_worst(alone, alone, np.zeros(num, np.int64), [model]) == 0

@@ -126,12 +126,37 @@ def test_nothing_near_gives_nothing():
     assert explained.shape == (0,)
 
 
+def make_fallible(points, slender=False):
+    return Fallible(
+        points=points, height=points[:, 2].copy(), surface=np.zeros(len(points), dtype=bool),
+        slender=np.full(len(points), slender),
+    )
+
+
+@pytest.mark.parametrize(('x', 'y', 'slender', 'falls'), [
+    (3.0, 4.0, True, False), (97.0, -8.0, True, False),  # towers whose support is not known
+    (3.0, 4.0, False, True), (50.0, 4.0, True, True), (3.0, 14.0, True, True),
+])
+def test_a_tower_at_an_end_does_not_fall(x, y, slender, falls):
+    points = make_column(x, y=y, top=20.0)
+    records = find_falling_trees(
+        make_fallible(points, slender), [make_model(*ENDS)], (), RULES, SETTINGS, []
+    )
+    assert [record['kind'] for record in records] == [HazardKind.FALL_IN] * falls
+
+
+def test_one_point_high_above_a_few_is_not_of_their_tree():
+    low = np.column_stack([50.0 + 0.2 * np.arange(6), np.full(6, 6.0), 1.0 + 0.5 * np.arange(6)])
+    stray = np.array([[50.4, 6.0, 12.0]])
+    assert not find_falling_trees(
+        make_fallible(np.vstack([low, stray])), [make_model(*ENDS)], (), RULES, SETTINGS, []
+    )
+
+
 @pytest.mark.parametrize(('x', 'falls'), [(0.0, False), (50.0, True)])
 def test_what_holds_a_conductor_does_not_fall_on_it(x, falls):
     points = make_column(x, y=3.0, top=20.0)
-    fallible = Fallible(
-        points=points, height=points[:, 2].copy(), surface=np.zeros(len(points), dtype=bool)
-    )
+    fallible = make_fallible(points)
     records = find_falling_trees(
         fallible, [make_model(*ENDS)], make_supports('tower'), RULES, SETTINGS, []
     )
@@ -147,9 +172,7 @@ def test_wires_that_were_not_found_do_not_fall(num, falls):
     points += rng.normal(0.0, 0.03, points.shape)
     if num == 0:
         points = make_tree(50.0, 6.0, 11.0, bottom=3.0)
-    fallible = Fallible(
-        points=points, height=points[:, 2].copy(), surface=np.zeros(len(points), dtype=bool)
-    )
+    fallible = make_fallible(points)
     records = find_falling_trees(
         fallible, [make_model(*ENDS)], make_supports('pole'), RULES, SETTINGS, []
     )
@@ -160,8 +183,7 @@ def test_pieces_of_wires_high_up_do_not_fall_with_the_tree_below():
     tree = make_tree(50.0, 6.0, 11.0, bottom=3.0)
     piece = np.array([[50.0, 6.0, 30.0], [50.5, 6.2, 30.1], [51.0, 6.4, 30.0]])
     for points, num in ((tree, 1), (piece, 0), (np.vstack([tree, piece]), 1)):
-        fallible = Fallible(points=points, height=points[:, 2].copy(),
-                            surface=np.zeros(len(points), dtype=bool))
+        fallible = make_fallible(points)
         records = find_falling_trees(
             fallible, [make_model(*ENDS)], make_supports('pole'), RULES, SETTINGS, []
         )

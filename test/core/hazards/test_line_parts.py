@@ -136,3 +136,34 @@ def test_what_hangs_above_a_tree_is_not_of_it():
     (alone,), (hazard,) = raise_hazards(tree), raise_hazards(np.vstack([tree, above]))
     assert hazard.height == alone.height
     assert hazard.num_points == alone.num_points
+
+
+@pytest.mark.parametrize(('y', 'own'), [(1.5, True), (4.0, False)])
+def test_a_narrow_tree_far_beside_the_end_is_no_pole(y, own):
+    rng = np.random.default_rng(5)
+    tree = np.column_stack([rng.uniform(2.5, 3.6, 40), rng.uniform(y - 0.5, y + 0.5, 40),
+                            rng.uniform(8.0, 12.0, 40)])
+    assert find(tree)[0].all() == own
+    assert bool(raise_hazards(shift(tree, 0.0, 0.0))) != own
+
+
+def test_sparse_foliage_near_an_end_goes_on_though_thinly():
+    rng = np.random.default_rng(6)
+    crown = rng.uniform([2.0, 0.8, 6.0], [7.0, 6.0, 11.5], (150, 3))  # a point in a cubic metre
+    own, unmodelled, _ = find(crown)
+    near = find_nearby(crown, [fit_model()], REACH)
+    assert len(near.index) > 20
+    assert (own | unmodelled)[near.index].mean() < 0.1
+    (hazard,) = raise_hazards(crown)
+    assert hazard.clearance == pytest.approx(near.distance.min(), abs=0.3)
+
+
+def test_a_roof_beyond_the_end_is_not_the_conductor():
+    model = fit_model()
+    x = np.linspace(101.0, 108.0, 71)
+    at = model.curve.position(model.at(x))
+    wire, across = at[:, None], np.linspace(-2.0, 2.0, 41)
+    roof = (wire + np.stack([0.0 * across, across, 0.0 * across], axis=1)).reshape(-1, 3)
+    own = find(roof, model)[0]
+    assert own.mean() < 0.02
+    assert find(at, model)[0].all()

@@ -11,7 +11,13 @@ import pytest
 
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.hazards.clearance_rules import plain_rules
-from plc_inspect.core.hazards.low_conductors import find_low_conductors, keep_seen
+from plc_inspect.core.hazards.low_conductors import (
+    find_low_conductors,
+    GROUND_SIGMA,
+    keep_seen,
+    measure_ground,
+    ROUGH_SIGMA,
+)
 
 RULES = plain_rules(HazardSettings())
 ENDS = ((0.0, 0.0, 12.0), (100.0, 0.0, 12.0))
@@ -23,7 +29,7 @@ def measure(model, ground):
     along = np.linspace(0.0, 100.0, 101)
     direction = 1.0 if model.end_x > model.start_x else -1.0
     height = model.curve.fit.height(model.start_x + direction * along)
-    return np.column_stack([along, height - ground(along)])
+    return np.column_stack([along, height - ground(along), np.full(101, GROUND_SIGMA)])
 
 
 def find(model, ground):
@@ -64,3 +70,70 @@ def test_no_ground_and_a_bundle():
     (own,), (lower,) = (find(item, lambda along: 7.0 + 0.0 * along) for item in (model, quad))
     assert lower['clearance'] == pytest.approx(own['clearance'] - 0.2)
     np.testing.assert_allclose(lower['position'][2], 7.0, atol=0.01)
+
+
+def make_ground(slope, density=20.0, noise=0.03, seed=0):
+    """Return points about a span on a slope, and their heights above the lowest of cells."""
+    rng = np.random.default_rng(seed)
+    num = int(density * 110.0 * 12.0)
+    points = np.column_stack([rng.uniform(-5.0, 105.0, num), rng.uniform(-6.0, 6.0, num),
+                              np.zeros(num)])
+    true = slope[0] * points[:, 0] + slope[1] * points[:, 1]
+    points[:, 2] = true + rng.normal(0.0, noise, num)
+    below = 0.4 * (abs(slope[0]) + abs(slope[1])) + 0.05
+    return points, (points[:, 2] - true + below).astype(np.float32), below
+
+
+@pytest.mark.parametrize('slope', [(0.0, 0.0), (0.1, -0.2), (0.3, 0.3), (-0.5, 0.2)])
+def test_ground_is_measured_and_not_its_lowest_points(slope):
+    model = make_model((0.0, 0.0, 70.0), (100.0, 0.0, 70.0), c=CONSTANT)
+    points, height, below = make_ground(slope)
+    kept = points.copy(), height.copy()
+    true = measure(model, lambda along: slope[0] * along)[:, :2]
+    raw = true + np.array([0.0, below])
+    (found,) = measure_ground(points, height, [model], [raw], 200.0)
+    assert found.shape == (101, 3)
+    error = found[:, 1] - true[:, 1]
+    assert abs(np.median(error)) < 0.02
+    assert np.abs(error).max() < 0.08
+    assert (np.abs(error) < 2.0 * found[:, 2]).mean() > 0.95
+    assert (found[:, 2] >= GROUND_SIGMA).all()
+    np.testing.assert_array_equal(points, kept[0])
+    np.testing.assert_array_equal(height, kept[1])
+
+
+def test_grass_is_left_out():
+    model = make_model(*ENDS, c=CONSTANT)
+    points, height, below = make_ground((0.0, 0.0))
+    rng = np.random.default_rng(1)
+    grass = rng.random(len(points)) < 0.2
+    rise = np.where(grass, rng.uniform(0.15, 0.4, len(points)), 0.0)
+    points[:, 2] += rise
+    true = measure(model, lambda along: 0.0 * along)[:, :2]
+    (found,) = measure_ground(
+        points, height + rise.astype(np.float32), [model], [true + np.array([0.0, below])], 100.0)
+    assert abs(np.median(found[:, 1] - true[:, 1])) < 0.03
+
+
+def test_where_hardly_anything_is_seen_the_lowest_count_and_are_rough():
+    model = make_model(*ENDS, c=CONSTANT)
+    raw = measure(model, lambda along: 0.0 * along)[:, :2]
+    points = np.column_stack([np.linspace(0.0, 100.0, 400), np.zeros((400, 2))])  # one scan line
+    for cloud, height in ((points, np.zeros(400, np.float32)), (points, None),
+                          (np.zeros((0, 3)), np.zeros(0, np.float32)),
+                          (points, np.full(400, np.nan, np.float32))):
+        (found,) = measure_ground(cloud, height, [model], [raw], 100.0)
+        np.testing.assert_array_equal(found[:, :2], raw)
+        assert (found[:, 2] == ROUGH_SIGMA).all()
+    (none,) = measure_ground(points, np.zeros(400, np.float32), [model], [np.zeros((0, 2))], 9.0)
+    assert none.shape == (0, 3)
+
+
+def test_the_ground_far_below_is_not_measured_anew():
+    model = make_model((0.0, 0.0, 30.0), (100.0, 0.0, 10.0), c=CONSTANT)
+    points, height, below = make_ground((0.0, 0.0))
+    raw = measure(model, lambda along: 0.0 * along)[:, :2] + np.array([0.0, below])
+    (found,) = measure_ground(points, height, [model], [raw], 5.0)
+    changed = found[:, 1] != raw[:, 1]
+    assert changed[np.argmin(raw[:, 1])]
+    assert not changed[raw[:, 1] > raw[:, 1].min() + 1.0].any()
