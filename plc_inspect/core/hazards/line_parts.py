@@ -56,10 +56,11 @@ ABOUT = 1.0
 Points about a curve at most, as a share of those on it, where these are of a wire.
 Source: derived: evenly spread, foliage has 6 times as many there, a roof 1.7 times.
 """
-BODY = 0.8
+BODY = 0.5
 """
 Edge of the cells that touch within what goes on away from a conductor [m].
-Source: chosen on bench/studies/planted_hazards.py: foliage has a point in each at 5 points/m2.
+Source: chosen on bench/hazards.py and bench/studies/planted_hazards.py: beyond 0.5 what hangs at a
+pole goes on as the pole, and below 0.5 foliage seen thinly ends.
 """
 PIECE_LENGTH = 1.0
 """Length of a piece of wire at least [m].  Source: judgement; not measured."""
@@ -82,6 +83,11 @@ POLE_WIDTH = 1.2
 """
 Extent in plan, along each axis, of a pole or a piece of one at most [m].
 Source: chosen on bench/hazards.py.
+"""
+POLE_REACH = 3.3
+"""
+Distance from a conductor at which its pole stands at most, unless it is thin [m].
+Source: chosen on bench/hazards.py: parts of poles at 2.9 m, a poplar at 3.8.
 """
 POLE_ROOM = 5.0
 """
@@ -241,14 +247,21 @@ def _find_scraps(
     thin, straight = tell_thin(places, thing)
     piece |= straight & (from_end <= JUMPER_ROOM)  # service drops, stays
     pole = (from_end <= POLE_ROOM) & (extent[:, :2] <= POLE_WIDTH).all(axis=1)
-    pole &= thin | (nearest <= JUMPER_REACH)
-    # what stands about a thing goes on where it does
-    body = group_cells(places, np.full(3, BODY))
-    goes_on = np.zeros(int(body.max()) + 1)
-    np.maximum.at(goes_on, body, np.where((pole | piece)[thing], 0.0, distance))
+    pole &= thin | (nearest <= POLE_REACH)
     reach = np.where(from_end <= JUMPER_ROOM, JUMPER_REACH, FREE_RADIUS)
-    apart = (farthest <= reach)[thing] & (goes_on[body] <= reach[thing])
+    apart = (farthest <= reach)[thing] & ~_go_on(places, thing, distance, (pole | piece), reach)
     return apart | pole[thing], piece[thing]
+
+
+def _go_on(
+    places: Float64, thing: Int64, distance: Float64, left_out: Bool, reach: Float64
+) -> Bool:
+    """Tell the points of things about which others go on beyond their reach."""
+    body = group_cells(places, np.full(3, BODY))
+    farthest = np.zeros(int(body.max()) + 1)
+    np.maximum.at(farthest, body, np.where(left_out[thing], 0.0, distance))
+    result: Bool = farthest[body] > reach[thing]
+    return result
 
 
 def _find_on(
