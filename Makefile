@@ -9,8 +9,8 @@ AUDIT := build/audit
 # Where it is set, hundreds of processes would each compile what they import.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help install demo test tests axe lint settings picture bench performance accuracy faults fuzz \
-	lock sbom audit clean
+.PHONY: help install demo test tests kernels axe lint settings picture bench performance accuracy \
+	faults soak fuzz lock sbom audit clean
 
 help:
 	@echo 'make install   make .venv with plc_inspect in it'
@@ -22,6 +22,7 @@ help:
 	@echo 'make performance  run all benches of the pipeline, write docs/performance.md'
 	@echo 'make accuracy  run all scenes and real clouds, write docs/accuracy.md (half an hour)'
 	@echo 'make faults    do all faults to the node, write docs/faults.md (half an hour)'
+	@echo 'make soak      fly for an hour with faults at random, figures against limits; MINUTES=12'
 	@echo 'make fuzz      damage what the readers read, a minute each (atheris)'
 	@echo 'make lock      write requirements.lock anew, with hashes'
 	@echo 'make sbom      write build/sbom.json, what .venv holds, as CycloneDX'
@@ -45,8 +46,13 @@ axe:
 		|| npm ci --prefix test/npm --no-audit --no-fund --loglevel error \
 		|| echo 'axe: npm cannot get axe-core: the page is not tested for accessibility'
 
-tests: install axe
-	$(BIN)/pytest -n 3 --dist loadfile
+# Once, before the workers of the tests: each would compile for itself what all need.
+kernels: install
+	@$(BIN)/python tools/compile_kernels.py
+
+# More workers than cores: some tests wait for real time to pass.
+tests: install axe kernels
+	$(BIN)/pytest -n 4 --dist loadfile
 
 # Beside each other: mypy alone keeps one core of two.
 test: install axe
@@ -73,6 +79,9 @@ accuracy: install
 
 faults: install
 	$(BIN)/python bench/faults.py --write
+
+soak: install
+	$(BIN)/python bench/soak.py $(if $(MINUTES),--minutes $(MINUTES))
 
 fuzz: install
 	$(BIN)/python -c 'import atheris' 2>/dev/null || $(BIN)/pip install --quiet 'atheris>=3.0,<4'

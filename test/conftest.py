@@ -14,32 +14,19 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 HERE = Path(__file__).parent
 FIRST = (
-    'core/live/test_warm_up.py',
-    'test_architecture.py', 'sim/random_scenes', 'sim/scenes', 'core/numerics', 'core/catenary',
-    'core/spans', 'core/hazards', 'core/test_corridor.py', 'sim', 'core/mapping',
-    'offline/readers', 'messages', 'stream', 'test_constants.py', 'test_package.py', 'tools',
-    'core/loads', 'core/setup', 'core/tracking', 'core/alignment', 'core/voxel_buffer',
-    'offline/records', 'offline/report', 'offline/export', 'core/extraction', 'core/clustering',
-    'flight_record', 'test_scenes.py', 'bench',
-)
-WHOLE = (
-    'core/catenary/test_conductors.py', 'core/spans/test_crowding.py',
-    'core/spans/test_service_drops.py', 'core/hazards/test_surfaces.py',
-    'core/alignment/test_rigid_move.py', 'offline/report/test_stage_figures.py',
-    'sim/evaluation',
-)
-LAST = ('ros/test_processes.py', 'monitor/web/test_flights.py', 'monitor/web/test_page.py',
-    'ros', 'monitor',
+    'ros/test_processes.py', 'monitor/web/test_flights.py', 'grid/test_survey_grid.py',
+    'bench/test_bench.py', 'security/test_strangers.py', 'core/live/test_warm_up.py',
+    'offline/report/test_browser.py', 'offline/commands/test_tune.py', 'monitor/web/test_page.py',
+    'test_scenes.py', 'grid/test_interrupts.py', 'core/setup/test_steady_fit.py',
+    'security/test_exposure.py', 'ros/node', 'core/explain/test_point.py',
+    'sim/random_scenes', 'offline/export', 'grid', 'ros', 'bench', 'test_architecture.py',
 )
 """
-Files and folders in the order in which they are begun, those not named between both; WHOLE are
-those of FIRST that run the whole pipeline, and wait with those not named.
+Files and folders in the order in which they are begun, those not named after them.
 
-Where nothing is compiled yet, one process compiles the kernels of the pipeline in the first file,
-stage by stage.  The other begins with what needs none of them, then tests the last stages, so that
-these are compiled when the first process comes to them; what needs all stages comes after that, so
-that nothing is compiled twice.  Nodes in processes of their own come when all is compiled, and the
-longest of them first, so that both end together.
+The longest come first, so that all workers end together; those that wait, for real time to pass
+or for processes of their own, and those that compute by turns.  The kernels are compiled before
+(``make tests``), or each worker would compile what the others do.
 """
 
 OVER_DDS = ('ros', 'monitor', 'security')
@@ -63,15 +50,10 @@ def pytest_collection_modifyitems(items):
 
 
 def find_rank(path):
-    """Return the place of a file: by FIRST, 0 where none names it or WHOLE does, by LAST."""
+    """Return the place of a file in FIRST, that behind all where it is not named."""
     parts = [path, *path.parents]
-    if any(HERE / name in parts for name in WHOLE):
-        return 0
-    for names, start in ((FIRST, -len(FIRST)), (LAST, 1)):
-        for k, name in enumerate(names):
-            if HERE / name in parts:
-                return start + k
-    return 0
+    ranks = [rank for rank, name in enumerate(FIRST) if HERE / name in parts]
+    return min(ranks, default=len(FIRST))
 
 
 @pytest.fixture(scope='session', autouse=True)

@@ -106,7 +106,8 @@ def test_every_state_of_a_flight_is_told(flight, browse):
     player.kill()
     player.wait()
     for topic, told in (('odometry', 'poses'), ('velodyne_points', 'scans')):
-        lame = flight.play('--start', '20', ros=('-r', f'{topic}:=nowhere'))
+        # nobody listens to one of the topics: it is not waited for
+        lame = flight.play('--start', '20', '--wait', '1', ros=('-r', f'{topic}:=nowhere'))
         chrome.wait(f"{STATE}.startsWith('{told} stopped ')")
         assert chrome.run(TONE) == 'critical'
         lame.kill()
