@@ -113,14 +113,14 @@ class Feeder:
         return 'accepted' if answer.successful else f'refused: {answer.reason}'
 
 
-def read_flight(seconds: float) -> list[Event]:
-    """Return the first part of the demo flight."""
+def read_flight(seconds: float, bag: Path = ROOT / 'bags/demo') -> list[Event]:
+    """Return the first part of a flight, the demo flight by default."""
     from nav_msgs.msg import Odometry
     from rclpy.serialization import deserialize_message
     from sensor_msgs.msg import PointCloud2
 
     events = []
-    with Recording(ROOT / 'bags/demo', 'velodyne_points', 'odometry') as recording:
+    with Recording(bag, 'velodyne_points', 'odometry') as recording:
         first = None
         for item in recording.raw_messages():
             first = item.log_stamp_ns if first is None else first

@@ -35,9 +35,8 @@ def step(*move: float) -> Callable[..., Any]:
     return move_poses(lambda time: (move[0], move[1], move[2]) if time > HALF else None)
 
 
-def drift_back(events: list[Event], *, rate: float = 0.0) -> list[Event]:
-    """Fly the first half, and the same mirrored in time; the odometry rises by a rate [m/s]."""
-    middle = events[-1].time / 2.0
+def turn_back(events: list[Event], middle: float) -> list[Event]:
+    """Fly up to a time [s], and the same mirrored in time."""
     half = [event for event in events if event.time < middle]
     begin = half[0].message.header.stamp
     zero = begin.sec * 10**9 + begin.nanosec - round(half[0].time * 1e9)
@@ -53,7 +52,12 @@ def drift_back(events: list[Event], *, rate: float = 0.0) -> list[Event]:
             rows[:, place.offset + 3] ^= 0x80  # the sign of a little-endian float32
             message.data = array('B', rows.tobytes())
         back.append(Event(2.0 * middle - event.time, event.kind, message))
-    flight = sorted(half + back, key=lambda event: event.time)
+    return sorted(half + back, key=lambda event: event.time)
+
+
+def drift_back(events: list[Event], *, rate: float = 0.0) -> list[Event]:
+    """Fly the first half, and the same mirrored in time; the odometry rises by a rate [m/s]."""
+    flight = turn_back(events, events[-1].time / 2.0)
     return move_poses(lambda time: (0.0, 0.0, rate * time))(flight)
 
 

@@ -5,7 +5,8 @@
 Puts flights together with wrong mounts and clocks, and prints how sharp the map is said to be.
 
 Flights are the demo and simulated ones.  With --seed 11 the limits were chosen; others check them.
-Ends with 1 where a right set-up is held back, or sharpness does not fall as an error grows.
+``--write`` writes the table of the demo flight into docs/ingest.md.  Ends with 1 where a right
+set-up is held back, or sharpness does not fall as an error grows.
 """
 
 import argparse
@@ -19,6 +20,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from common.setups import DEMO, Flight, read_flight
+from common.tables import render_table, replace_section
 
 from plc_inspect.config import Settings
 from plc_inspect.core.mapping.accumulator import Accumulator
@@ -36,6 +38,8 @@ SERIES = {
     'both': [((0.0, 2.0, 0.0), 0.05), ((0.0, 5.0, 0.0), 0.2), ((0.0, 10.0, 0.0), 1.0)],
 }
 """Growing errors: roll, pitch and yaw of the mount [degrees], and lead of the scans' clock [s]."""
+PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'ingest.md'
+COLUMNS = 'flight', 'error', 'sharpness', '', 'apart [m]', 'found'
 SCENES = ('low_voltage', 'street', 'bundles', 'crossing', 'valley', 'angle')
 
 
@@ -85,6 +89,33 @@ def read_scene(name: str, seed: int, cache: Path) -> Flight:
     return read_flight(folder)
 
 
+def study(name: str, flight: Flight, results: bool) -> tuple[list[list[str]], int]:
+    """Return the rows of a flight, and how many are not as they should be."""
+    rows, wrong = [], 0
+    accumulator, right = build(flight, (0.0, 0.0, 0.0), 0.0)
+    wrong += right.poor
+
+    def add(error: str, accumulator: Accumulator, found: Sharpness, *, falls: bool = True) -> None:
+        text = describe(accumulator, found) if results else ''
+        figure = f'{found.figure:.3f}' if found.known else 'unknown'
+        rows.append([name, error, figure, 'held back' if found.poor else '',
+                     f'{found.distance:.3f}', text if falls else f'{text} RISES'])
+        print('|', ' | '.join(rows[-1]), '|', flush=True)
+
+    add('none', accumulator, right)
+    for series, errors in SERIES.items():
+        before = right
+        for turn, lead in errors:
+            accumulator, found = build(flight, turn, lead)
+            falls = found.figure < before.figure
+            wrong += not falls
+            size = f'{max(turn):g} degrees' if any(turn) else ''
+            error = ' '.join([series, size, f'{lead:g} s' if lead else '']).strip()
+            add(' '.join(error.split()), accumulator, found, falls=falls)
+            before = found
+    return rows, wrong
+
+
 def main() -> int:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -92,36 +123,21 @@ def main() -> int:
     parser.add_argument('--seed', type=int, default=11)
     parser.add_argument('--cache', type=Path, default=Path('build/sharpness'))
     parser.add_argument('--results', action='store_true', help='run the pipeline as well')
+    parser.add_argument('--write', action='store_true',
+                        help='write the table of the demo flight, with results')
     arguments = parser.parse_args()
     wrong = 0
-    print('| flight | error | sharpness | apart [m] | |\n| --- | --- | --- | --- | --- |')
+    print('|', ' | '.join(COLUMNS), '|')
     for name in arguments.scenes or ('demo', *SCENES):
         flight = (
             read_flight(DEMO) if name == 'demo'
             else read_scene(name, arguments.seed, arguments.cache)
         )
-        accumulator, right = build(flight, (0.0, 0.0, 0.0), 0.0)
-        wrong += right.poor
-        show(name, 'none', right, describe(accumulator, right) if arguments.results else '')
-        for series, errors in SERIES.items():
-            before = right
-            for turn, lead in errors:
-                accumulator, found = build(flight, turn, lead)
-                falls = found.figure < before.figure
-                wrong += not falls
-                text = describe(accumulator, found) if arguments.results else ''
-                size = f'{max(turn):g} degrees' if any(turn) else ''
-                error = ' '.join([series, size, f'{lead:g} s' if lead else '']).strip()
-                show(name, error, found, text if falls else f'{text} RISES')
-                before = found
+        rows, bad = study(name, flight, arguments.results or arguments.write)
+        wrong += bad
+        if name == 'demo' and arguments.write:
+            replace_section(PAGE, 'sharpness', render_table(COLUMNS[1:], [r[1:] for r in rows]))
     return min(wrong, 1)
-
-
-def show(name: str, error: str, found: Sharpness, text: str) -> None:
-    """Print a row."""
-    figure = f'{found.figure:.3f}' if found.known else 'unknown'
-    held = ' held back' if found.poor else ''
-    print(f'| {name} | {error} | {figure}{held} | {found.distance:.3f} | {text} |', flush=True)
 
 
 if __name__ == '__main__':
