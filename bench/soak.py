@@ -90,7 +90,8 @@ def repeat(events: list[Event]) -> Iterator[tuple[Event, float]]:
     later = 0.0
     while True:
         for event in events:
-            yield Event(event.time + later, event.kind, event.message), later
+            if event.time < 2 * LEG:  # what ends a round begins the next
+                yield Event(event.time + later, event.kind, event.message), later
         later += 2 * LEG
 
 
