@@ -54,9 +54,9 @@ kernels: install
 tests: install axe kernels
 	$(BIN)/pytest -n 4 --dist loadfile
 
-# Beside each other: mypy alone keeps one core of two.
-test: install axe
-	@$(MAKE) --no-print-directory --jobs 2 lint tests
+# Beside each other: mypy and the kernels keep a core each, npm waits for the network.
+test: install
+	@$(MAKE) --no-print-directory --jobs 3 lint tests
 
 settings: install
 	$(BIN)/python -m plc_inspect.offline.readers.parameter_file

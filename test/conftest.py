@@ -14,19 +14,19 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 HERE = Path(__file__).parent
 FIRST = (
-    'ros/test_processes.py', 'monitor/web/test_flights.py', 'grid/test_survey_grid.py',
-    'bench/test_bench.py', 'security/test_strangers.py', 'core/live/test_warm_up.py',
-    'offline/report/test_browser.py', 'offline/commands/test_tune.py', 'monitor/web/test_page.py',
-    'test_scenes.py', 'grid/test_interrupts.py', 'core/setup/test_steady_fit.py',
-    'security/test_exposure.py', 'ros/node', 'core/explain/test_point.py',
-    'sim/random_scenes', 'offline/export', 'grid', 'ros', 'bench', 'test_architecture.py',
+    'ros/test_processes.py', 'monitor/web/test_flights.py',
+    'grid/test_survey_grid.py', 'bench/test_bench.py', 'offline/commands/test_tune.py',
+    'core/live/test_warm_up.py', 'test_scenes.py', 'core/setup/test_steady_fit.py',
+    'core/explain/test_point.py', 'sim/random_scenes',
+    'security', 'monitor/web/test_page.py', 'offline/report/test_browser.py',
+    'ros/node/test_faults.py', 'grid/test_interrupts.py', 'ros', 'grid', 'bench',
 )
 """
 Files and folders in the order in which they are begun, those not named after them.
 
-The longest come first, so that all workers end together; those that wait, for real time to pass
-or for processes of their own, and those that compute by turns.  The kernels are compiled before
-(``make tests``), or each worker would compile what the others do.
+The longest come first, so that all workers end together: while nodes in processes of their own
+wait for real time to pass, the other workers compute, and nodes of more tests come after that.
+The kernels are compiled before (``make tests``), or each worker would compile what others do.
 """
 
 OVER_DDS = ('ros', 'monitor', 'security')
