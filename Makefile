@@ -50,9 +50,9 @@ axe:
 kernels: install
 	@$(BIN)/python tools/compile_kernels.py
 
-# More workers than cores: some tests wait for real time to pass.
+# One worker more than cores: some tests wait for real time to pass.
 tests: install axe kernels
-	$(BIN)/pytest -n 4 --dist loadfile
+	$(BIN)/pytest -n 3 --dist loadfile
 
 # Beside each other: mypy and the kernels keep a core each, npm waits for the network.
 test: install
