@@ -94,8 +94,8 @@ class Node:
 @contextmanager
 def running(node: Node) -> Iterator[Node]:
     """Start a node and see to it that it is gone in the end."""
-    node.start()
     try:
+        node.start()
         yield node
     finally:
         node.process.kill()
