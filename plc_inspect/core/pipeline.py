@@ -9,7 +9,7 @@ import numpy as np
 from plc_inspect.config import Settings
 from plc_inspect.core.cloud_frame import CloudFrame, find_cloud_frame
 from plc_inspect.core.corridor import CorridorResult, extract_corridor
-from plc_inspect.core.extraction.dust import find_dust
+from plc_inspect.core.extraction.dust import find_dust, find_lone
 from plc_inspect.core.extraction.stray_points import leave_out_strays
 from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.hazards.encroachments import Nearby
@@ -45,7 +45,7 @@ class Pipeline:
 
         Without rules they are the plain ones of the settings; ConfigError is raised where the
         settings name others.  The way is (W, 3), in the frame of the points, where the lidar was;
-        about it returns of dust, rain and insects are left out of hazards [m].
+        about it returns of dust, rain and insects are left out of lines and hazards [m].
         """
         self._way = np.zeros((0, 3)) if way is None else way
         self.settings = settings or Settings()
@@ -129,6 +129,11 @@ class Pipeline:
         self, points: Float64, log: StageLog, east: Float64, whole: Whole | None = None,
         probes: Int64 | None = None,
     ) -> Trace:
+        # Returns of dusty air, about the way alone: they blur the lines that lie in them.
+        is_lone = find_lone(points, self._way)
+        lone = points[is_lone]
+        if len(lone):
+            points = np.where(is_lone[:, None], np.nan, points)
         lines = find_lines(points, self.settings, log, east, whole)
         height, spans = lines.height.height, lines.spans
 
@@ -148,7 +153,7 @@ class Pipeline:
         # Hazards, and with them what the points about the conductors are.
         nearby = choose_surroundings(height, spans, corridor)
         if len(self._way):
-            nearby = nearby.take(~find_dust(take_rows(points, nearby.index), self._way))
+            nearby = nearby.take(~find_dust(take_rows(points, nearby.index), self._way, lone))
         found, labels = log.run(
             None,
             lambda: self._judge(points, lines, corridor, nearby),

@@ -44,6 +44,13 @@ Lone returns in a cubic metre up to which the air is clear [1/m3].
 Source: derived: of so many, three are linked by chance (hazards.group_distance) at one place in a
 million cubic metres; measured: bench/faults.py dust: clear air about a crown shows none.
 """
+DUSTY = 0.1
+"""
+Lone returns in a cubic metre from which they are no part of a line [1/m3].
+Source: derived: ten wires of 2.5 returns a metre, the worst, leave less alone in ten metres of
+air; measured: bench/studies/input_faults.py dust, seed 6000: in clear air none is left out, and of
+that a tenth of which is dust 90 % and 20 % of the wires' own.
+"""
 CHANCE = 1e-5
 """
 Probability from which others are believed to lie about a return of the air by chance.
@@ -53,7 +60,42 @@ MOST = 30
 """Others that are counted at most.  Source: numerical: CHANCE at 190 returns in a cubic metre."""
 
 
-def find_dust(points: Float64, way: Float64) -> Bool:
+def find_lone(points: Float64, way: Float64) -> Bool:
+    """
+    Tell the returns in dusty air that have no other within REACH.
+
+    Nearly all of the air's are such, and few of a wire's: without them a line is one again.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        The cloud; rows that are not finite are none of them [m].
+    way : (W, 3) float64
+        Where the lidar was, 10 m apart or nearer [m].
+
+    Returns
+    -------
+    (N,) bool
+        Costs O(N).
+
+    """
+    result = np.zeros(len(points), dtype=bool)
+    if not len(way):
+        return result
+    low, high = way.min(axis=0) - RANGE, way.max(axis=0) + RANGE
+    inside = np.flatnonzero(((points >= low) & (points <= high)).all(axis=1))
+    if not len(inside):
+        return result
+    near = inside[_count_near(points[inside], way, RANGE, 1) > 0]
+    if not len(near):
+        return result
+    own = points[near]
+    alone = _count_near(own, own, REACH, 2) < 2
+    result[near] = alone & (_measure_air(own, alone) > DUSTY)
+    return result
+
+
+def find_dust(points: Float64, way: Float64, lone: Float64 | None = None) -> Bool:
     """
     Tell the returns that are no more than the air puts there by chance.
 
@@ -63,13 +105,17 @@ def find_dust(points: Float64, way: Float64) -> Bool:
         All near the conductors that are neither ground, wire nor support [m].
     way : (W, 3) float64
         Where the lidar was, 10 m apart or nearer [m].
+    lone : (L, 3) float64 or None
+        Returns of the air that were left out before, which tell of it as well [m].
 
     Returns
     -------
     (K,) bool
-        Costs O(K).
+        Costs O(K + L).
 
     """
+    if lone is not None and len(lone):
+        return find_dust(np.concatenate((points, lone)), way)[: len(points)]
     result = np.zeros(len(points), dtype=bool)
     if len(points) <= FEW or not len(way):
         return result

@@ -6,7 +6,14 @@ import pytest
 from scipy.spatial import cKDTree
 
 from plc_inspect.config import Settings
-from plc_inspect.core.extraction.dust import _count_near, _find_least, CHANCE, find_dust, REACH
+from plc_inspect.core.extraction.dust import (
+    _count_near,
+    _find_least,
+    CHANCE,
+    find_dust,
+    find_lone,
+    REACH,
+)
 from plc_inspect.core.live.warm_up import make_sample
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.results import HazardKind
@@ -127,3 +134,54 @@ def test_dust_raises_no_hazard_and_hides_none():
     dusty = np.concatenate((sample, twig, air))
     assert count(dusty)[0] > num + 3  # without knowing where the lidar was
     assert count(dusty, way) == (num + 1, 1)
+
+
+def make_strung(num_per_metre, seed=9):
+    """Return a wire that hangs in the air about the way."""
+    rng = np.random.default_rng(seed)
+    along = np.sort(rng.uniform(LOW[0], HIGH[0], int(num_per_metre * (HIGH - LOW)[0])))
+    return np.column_stack((along, np.full(len(along), 2.0), 8.0 + (along - 20.0) ** 2 / 900.0))
+
+
+@pytest.mark.parametrize('density', [0.3, 1.0, 4.0])
+def test_a_wire_in_the_air_is_kept_and_the_air_is_not(density):
+    wire, air = make_strung(6.0), make_air(density)
+    lone = find_lone(np.concatenate((wire, air)), WAY)
+    assert lone[: len(wire)].mean() < 0.2
+    # as many as have nothing within 0.2 m, but for those at the edge of the air
+    assert lone[len(wire) :].mean() > 0.85 * np.exp(-0.0335 * density)
+
+
+@pytest.mark.parametrize('num_per_metre', [1.0, 2.5, 6.0])
+def test_wires_in_clear_air_are_kept_whole(num_per_metre):
+    wires = [make_strung(num_per_metre, n) + np.array([0.0, 0.7 * n - 5.0, 0.0]) for n in range(8)]
+    assert not find_lone(np.concatenate(wires), WAY).any()
+
+
+def test_nothing_is_lone_far_from_the_lidar_or_where_nobody_knows_its_way():
+    air = np.concatenate((make_air(1.0), np.full((3, 3), np.nan)))
+    assert not find_lone(air, np.zeros((0, 3))).any()
+    assert not find_lone(air, WAY + np.array([0.0, 40.0, 0.0])).any()
+    assert find_lone(np.zeros((0, 3)), WAY).shape == (0,)
+    before = air.copy()
+    assert not find_lone(air, WAY)[-3:].any()
+    np.testing.assert_array_equal(air, before)
+
+
+def test_lines_are_found_in_dust():
+    sample = make_sample()
+    clean = Pipeline(Settings()).run(sample)
+    way = np.column_stack((np.linspace(0.0, 120.0, 60), np.full(60, 4.0), np.full(60, 13.0)))
+    rng = np.random.default_rng(10)
+    air = np.repeat(way, 600, axis=0)
+    reach = rng.uniform(1.0, 10.0, (len(air), 1))
+    turn = rng.normal(size=air.shape)
+    air = air + reach * turn / np.linalg.norm(turn, axis=1, keepdims=True)
+    dusty = np.concatenate((sample, air[air[:, 2] > 0.5]))
+    assert len(Pipeline(Settings()).run(dusty).spans) < len(clean.spans)
+    result = Pipeline(Settings(), None, way).run(dusty)
+    assert len(result.spans) == len(clean.spans) == 6
+    for span in result.spans:
+        middle = span.positions(np.array([span.length / 2.0]))[0]
+        known = [item.positions(np.array([item.length / 2.0]))[0] for item in clean.spans]
+        assert min(np.linalg.norm(item - middle) for item in known) < 0.1
