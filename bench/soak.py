@@ -16,12 +16,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager, ExitStack, redirect_stdout
 import copy
 import io
+import math
 import os
 from pathlib import Path
 import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 
 from common.fault_kinds import FAULTS
@@ -48,18 +50,21 @@ MOST_LOST, MOST_MEMORY, MOST_TICK = 0, 0.02, 0.1
 """What is to hold: scans lost unseen, growth of memory in the second half, and of ticks."""
 FAULT_NAMES = (
     '200 calls of ~/segment', 'hazards.rules unknown in flight', 'node stopped for 3 s',
-    'two drivers, the second 2 m lower', 'every scan twice', 'all scans malformed from half on',
-    'other byte order from half on', 'odometry steps by 0.5 m', 'odometry steps by 5 m',
+    'two drivers, the second 2 m lower', 'every scan twice', 'odometry steps by 0.5 m',
+    'odometry steps by 5 m',
     'odometry stands still for 5 s', 'odometry silent for 5 s', 'odometry 1.5 s late',
     'one pose 1,000 km away', 'poses of 1e300 m for 0.3 s', 'poses of NaN for 1 s',
     'quaternions of the other sign', 'quaternions of NaN for 0.5 s', 'scans out of order',
-    'poses out of order', 'one scan in ten cut', 'one scan in ten not finite',
+    'poses out of order', 'one scan in ten not finite',
     'one scan in ten empty', 'scans without times', 'driver away for 3 s',
     'one point in a thousand is dust', 'one point in a hundred is dust',
     'one point in ten is dust', 'heading drifts by 1 degree/s',
     'positions at 10 Hz, told at 50 Hz',
 )
-"""Faults after which a flight goes on as before, and whose scans can be counted."""
+"""
+Faults after which a flight goes on as before, and each scan of which is counted once: one that is
+malformed leaves a gap in the stamps as well.
+"""
 
 
 def read_there_and_back(folder: Path) -> list[Event]:
@@ -159,8 +164,7 @@ class Flight:
 
     def _send(self, event: Event, later: float) -> None:
         """Publish a message at its time, with the stamp of its round of the flight."""
-        while (left := self.began + event.time - time.monotonic()) > 0.0:
-            self.probe.executor.spin_once(timeout_sec=left)
+        time.sleep(max(0.0, self.began + event.time - time.monotonic()))
         if time.monotonic() >= self._due:
             self.probe.sample()
             self._due = time.monotonic() + 1.0
@@ -181,7 +185,8 @@ def judge(flight: Flight, probe: Probe, warm_up: float, seconds: float) -> list[
         'scans', 'scans inserted', 'scans dropped', 'scans lost', 'messages malformed', 'ticks',
         'ticks postponed', 'ticks failed', 'map restarts',
     )}
-    known = values['scans'] + values['messages malformed'] + values['scans lost']
+    values |= {name: int(count) for name, count in probe.values.items() if 'dropped: ' in name}
+    known = values['scans'] + values['scans lost']
     print(f'{flight.sent} scans sent, {flight.withheld} withheld by faults; the node tells: '
           + ', '.join(f'{name} {value}' for name, value in values.items()))
     usage, ticks = np.array(probe.usage), np.array(probe.ticks)
@@ -194,7 +199,7 @@ def judge(flight: Flight, probe: Probe, warm_up: float, seconds: float) -> list[
           f'most; means of {PARTS} parts of the second half: '
           f'{", ".join(f"{mean:.1f}" for mean in means)} MB')
     part = seconds / PARTS
-    p95 = [float(np.percentile(own[:, 1], 95)) for own in (
+    p95 = [float(np.percentile(own[:, 1], 95)) if len(own) else math.inf for own in (
         ticks[(ticks[:, 0] >= begin) & (ticks[:, 0] < begin + part)]
         for begin in np.arange(warm_up, seconds - part + 1.0, part)
     )]
@@ -207,8 +212,8 @@ def judge(flight: Flight, probe: Probe, warm_up: float, seconds: float) -> list[
               limit=MOST_LOST, is_least=False),
         Check(name='growth of memory in the second half', value=max(means) / min(means) - 1.0,
               limit=MOST_MEMORY, is_least=False),
-        Check(name='growth of p95 of ticks', value=p95[-1] / p95[0] - 1.0, limit=MOST_TICK,
-              is_least=False),
+        Check(name='growth of p95 of ticks', value=p95[-1] / p95[0] - 1.0 if p95[0] < math.inf else
+              math.inf, limit=MOST_TICK, is_least=False),
         Check(name='ticks failed', value=values['ticks failed'], limit=0, is_least=False),
     ]
 
@@ -242,10 +247,11 @@ def main() -> int:
             feeder.process = node.process.pid
             probe = Probe(node.process.pid, RATE)
             flight = Flight(feeder, probe)
+            threading.Thread(target=probe.executor.spin, daemon=True).start()
             flight.fly(events, faults, seconds)
-            end = time.monotonic() + 4.0
-            while time.monotonic() < end:
-                probe.executor.spin_once(timeout_sec=0.2)
+            late = time.monotonic() - flight.began - seconds
+            time.sleep(4.0)
+            print(f'the last message was sent {late:.1f} s late')
             checks = judge(flight, probe, warm_up, seconds)
             probe.close()
             code = node.end(signal.SIGINT)

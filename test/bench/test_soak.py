@@ -57,11 +57,12 @@ class Clock:
                 (kind, message.header.stamp.sec - BASE + 1e-9 * message.header.stamp.nanosec)
             )) for kind in ('scan', 'second', 'odometry')
         }
-        self.executor = SimpleNamespace(spin_once=self._wait)
-        monkeypatch.setattr(soak, 'time', SimpleNamespace(monotonic=lambda: self.now))
+        monkeypatch.setattr(soak, 'time', SimpleNamespace(
+            monotonic=lambda: self.now, sleep=self._wait,
+        ))
 
-    def _wait(self, timeout_sec):
-        self.now += timeout_sec + 1e-6
+    def _wait(self, seconds):
+        self.now += seconds
 
     def sample(self):
         self.samples += 1
