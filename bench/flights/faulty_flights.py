@@ -148,7 +148,7 @@ def put_together(flight: Recorded, fault: Fault, *, bare: bool = False) -> Found
     track: list[np.ndarray] = []
     at: list[float] = []
     waiting: list[np.ndarray] = []
-    doubtful: list[Pose] = []
+    last: np.ndarray | None = None
     said: dict[str, float] = {}
     way = FlownWay()
     for event in (changed for given in flight.events for changed in fault(given)):
@@ -157,14 +157,10 @@ def put_together(flight: Recorded, fault: Fault, *, bare: bool = False) -> Found
             accumulator.add_pose(
                 stamp, event.position, event.quaternion, frame_id='odom', now=event.time
             )
-            watch = accumulator.follower.watch
-            doubtful.append(event)  # what stands still may stand for a while, and nothing is there
-            if watch.frozen:
-                doubtful.clear()
-            elif watch.believed_ns is None:
-                waiting += [item.position for item in doubtful]
-                at += [item.time for item in doubtful]
-                doubtful.clear()
+            if last is None or not np.array_equal(event.position, last):
+                waiting.append(event.position)
+                at.append(event.time)
+            last = event.position  # where it is told again the vehicle may be elsewhere
             if not accumulator.follower.waits:
                 track += [accumulator.follower.move.apply(item) for item in waiting]
                 waiting.clear()
