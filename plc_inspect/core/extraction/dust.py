@@ -91,6 +91,8 @@ def find_lone(points: Float64, way: Float64) -> Bool:
         return result
     own = points[near]
     alone = _count_near(own, own, REACH, 2) < 2
+    if alone.sum() < LEAST_AIR * CELL**3 * DUSTY:  # too few to make any air dusty
+        return result
     result[near] = alone & (_measure_air(own, alone) > DUSTY)
     return result
 
