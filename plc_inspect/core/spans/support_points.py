@@ -9,7 +9,7 @@ from numba import njit
 import numpy as np
 
 from plc_inspect.core.numerics.plan_index import PlanIndex
-from plc_inspect.results import Bool, Float64
+from plc_inspect.results import Bool, Float64, Int64
 
 POLE_SLICE, TOWER_SLICE = (0.8, 0.8), (2.0, 2.0)
 """
@@ -29,17 +29,16 @@ bench/constants.py.
 """
 
 
-def mark_structure(
+def list_structure(
     points: Float64,
     index: PlanIndex,
     place: Float64,
     azimuth: float,
     attachments: Float64,
     is_pole: bool,
-    mask: Bool,
-) -> None:
+) -> Int64:
     """
-    Mark the points of a structure: a slice across the line as wide as the attachments.
+    List the points of a structure: a slice across the line as wide as the attachments.
 
     The slice is thin, so that a tree beside a support reaches out of it and stays a hazard.
 
@@ -57,8 +56,11 @@ def mark_structure(
         Where conductors end at it [m].
     is_pole : bool
         Poles have thinner slices than towers.
-    mask : (N,) bool
-        Points of supports; those found are set.
+
+    Returns
+    -------
+    (J,) int64
+        With the points of conductors in it.
 
     """
     along_arm, beside = POLE_SLICE if is_pole else TOWER_SLICE
@@ -68,7 +70,9 @@ def mark_structure(
     reach = math.hypot(half, along_arm)
     found = index.strip(place, place, reach)
     apart = points[found, :2] - place
-    mask[found[(np.abs(apart @ unit) <= along_arm) & (np.abs(apart @ left) <= half)]] = True
+    inside = (np.abs(apart @ unit) <= along_arm) & (np.abs(apart @ left) <= half)
+    result: Int64 = found[inside]
+    return result
 
 
 def mark_stub(
@@ -79,12 +83,14 @@ def mark_stub(
 
     Parameters
     ----------
-    points, index, mask
-        As of `mark_structure`.
+    points, index
+        As of `list_structure`.
     end : (3,) float64
         End of the conductor [m].
     outward : (2,) float64
         Unit vector in plan that leads away from it.
+    mask : (N,) bool
+        Points of supports; those found are set.
 
     """
     tip = end[:2] + STUB_LENGTH * outward

@@ -26,7 +26,7 @@ from plc_inspect.core.spans.structures import (
 from plc_inspect.core.spans.support_points import (
     count_around,
     HOLD_RADIUS,
-    mark_structure,
+    list_structure,
     mark_stub,
 )
 from plc_inspect.results import Bool, Float64, Support
@@ -191,7 +191,7 @@ def place_supports(
         else:
             own = [end for end, mine in zip(item.ends, is_open, strict=True) if mine]
             closed |= _reach_support(own, finals)
-        placed.append(_place(cloud, item, route, mask))
+        placed.append(_place(cloud, wire, item, route, mask))
     placed.sort(key=lambda support: support.order)
     supports = tuple(
         Support(support_id=number, position=support.position, height=support.height,
@@ -210,7 +210,7 @@ def _is_held_up(cloud: OffGround, wire: Bool, item: Standing) -> bool:
     return len(item.ends) > 1 and (is_tower or _are_held(cloud, wire, item.ends))
 
 
-def _place(cloud: OffGround, item: Standing, route: Route, mask: Bool) -> _Placed:
+def _place(cloud: OffGround, wire: Bool, item: Standing, route: Route, mask: Bool) -> _Placed:
     """Describe one support, and mark its points in the mask."""
     azimuth, structure = _mean_azimuth(item.ends), item.structure
     attachments = np.array([end.place for end in item.ends])
@@ -220,7 +220,11 @@ def _place(cloud: OffGround, item: Standing, route: Route, mask: Bool) -> _Place
     is_pole = len(item.ends) < POLE_ENDS
     if structure is not None:
         top, is_pole = max(top, structure.top), structure.kind == 'pole'
-    mark_structure(cloud.points, cloud.index, place, azimuth, attachments, is_pole, mask)
+    own = list_structure(cloud.points, cloud.index, place, azimuth, attachments, is_pole)
+    reached = cloud.points[own[~wire[own]], 2].max(initial=-math.inf)
+    # a tree or a house below the ends holds nothing
+    if structure is not None or reached >= float(attachments[:, 2].min()) - MAX_BELOW:
+        mask[own] = True
     for end in item.ends:
         mark_stub(cloud.points, cloud.index, end.place, end.outward, mask)
     if not math.isfinite(foot):

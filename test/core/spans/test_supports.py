@@ -104,9 +104,18 @@ def test_ends_that_are_seen_short_of_their_pole_go_on_to_it():
 
 def test_a_tree_below_the_conductors_does_not_hold_them():
     points, label = make_line(poles=False, more=[make_tree(100.0, 0.0, 11.0)])
-    supports, _, _ = place(points, label)
+    supports, _, mask = place(points, label)
     assert [support.kind for support in supports] == ['unseen']
     assert supports[0].height == pytest.approx(15.0, abs=0.1)
+    assert not mask[points[:, 2] < 11.5].any()  # and is a hazard to them
+
+
+def test_a_tower_seen_in_a_few_points_is_of_the_line():
+    few = np.column_stack([np.full(4, 100.0), np.zeros(4), [3.0, 8.0, 12.0, 14.8]])
+    points, label = make_line(poles=False, more=[few])
+    supports, _, mask = place(points, label)
+    assert [support.kind for support in supports] == ['unseen']
+    assert mask[np.flatnonzero(np.isin(points, few).all(axis=1))].all()
 
 
 def test_only_what_stands_in_the_slice_of_a_support_is_its_own():
