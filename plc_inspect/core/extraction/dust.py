@@ -83,7 +83,7 @@ def find_lone(points: Float64, way: Float64) -> Bool:
     if not len(way):
         return result
     low, high = way.min(axis=0) - RANGE, way.max(axis=0) + RANGE
-    inside = np.flatnonzero(((points >= low) & (points <= high)).all(axis=1))
+    inside = np.flatnonzero(_lie_between(points, low, high))
     if not len(inside):
         return result
     near = inside[_count_near(points[inside], way, RANGE, 1) > 0]
@@ -135,10 +135,9 @@ def find_dust(points: Float64, way: Float64, lone: Float64 | None = None) -> Boo
 
 def _count_near(points: Float64, others: Float64, reach: float, most: int) -> Int64:
     """Return the (K,) number of others within reach of each point, ``most`` at most."""
-    low = np.minimum(points.min(axis=0), others.min(axis=0))
-    inside = (others <= points.max(axis=0) + 2.0 * reach).all(axis=1)
-    inside &= (others >= points.min(axis=0) - 2.0 * reach).all(axis=1)
-    others = others[inside]
+    lowest, highest = _find_bounds(points)
+    low = np.minimum(lowest, _find_bounds(others)[0])
+    others = others[_lie_between(others, lowest - 2.0 * reach, highest + 2.0 * reach)]
     if not len(others):
         return np.zeros(len(points), dtype=np.int64)
     own = np.floor((points - low) / reach).astype(np.int64) + 1
@@ -154,6 +153,21 @@ def _count_near(points: Float64, others: Float64, reach: float, most: int) -> In
     )
 
 
+def _find_bounds(points: Float64) -> tuple[Float64, Float64]:
+    """Return the (3,) least and greatest coordinates of (K, 3) points [m]."""
+    # axis by axis: numpy takes six times as long over the rows
+    return (np.array([axis.min() for axis in points.T]),
+            np.array([axis.max() for axis in points.T]))
+
+
+def _lie_between(points: Float64, low: Float64, high: Float64) -> Bool:
+    """Tell which (K, 3) points lie in the box from low (3,) to high (3,) [m]."""
+    inside = np.ones(len(points), dtype=bool)
+    for axis, least, most in zip(points.T, low.tolist(), high.tolist(), strict=True):
+        inside &= (axis >= least) & (axis <= most)
+    return inside
+
+
 @njit(cache=True, nogil=True)
 def _count(points, key, others, keys, start, table, sizes):  # type: ignore[no-untyped-def]
     """Count the others, which are sorted by cell, in the cells about each point."""
@@ -161,7 +175,8 @@ def _count(points, key, others, keys, start, table, sizes):  # type: ignore[no-u
     found = np.zeros(len(points), dtype=np.int64)
     for i in range(len(points)):
         count = 0
-        for step in range(27):
+        for turn in range(27):
+            step = (turn + 13) % 27  # from its own cell on, which holds the most
             x, y, z = step // 9 - 1, step // 3 % 3 - 1, step % 3 - 1
             slot = find_slot(key[i] + (x * rows + y) * layers + z, table, keys)
             if slot < 0:
