@@ -15,7 +15,7 @@ from typing import Any
 
 from plc_inspect.errors import ConfigError, DataError, explain_missing, PlcInspectError
 from plc_inspect.messages.poses import STATIC_TOPIC, TF_TYPES
-from plc_inspect.offline.commands.command_line import parse_with_ros, Parser
+from plc_inspect.offline.commands.command_line import parse_with_ros, Parser, positive
 from plc_inspect.offline.readers.bags import Recording
 from plc_inspect.printable import make_one_line
 from plc_inspect.ros.graph.ending import was_cut_short
@@ -244,13 +244,6 @@ def _schedule(recording: Recording, start: float) -> Iterator[Due]:
             yield Due(offset, message.log_stamp_ns, message.topic, message.raw)
 
 
-def _positive(text: str) -> float:
-    value = float(text)
-    if not 0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f'{text} is not a positive number')
-    return value
-
-
 def _not_negative(text: str) -> float:
     value = float(text)
     if not 0 <= value < math.inf:
@@ -265,7 +258,7 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         'bag', type=Path, metavar='BAG', help='a rosbag2 folder, .mcap, .db3 or ROS 1 .bag file'
     )
-    parser.add_argument('--rate', type=_positive, default=1.0, metavar='R',
+    parser.add_argument('--rate', type=positive, default=1.0, metavar='R',
                         help='speed, 1 as recorded')
     parser.add_argument('--loop', action='store_true', help='begin anew at the end, for ever')
     parser.add_argument('--start', type=_not_negative, default=0.0, metavar='S',
