@@ -15,7 +15,7 @@ import math
 from numba import njit
 import numpy as np
 
-from plc_inspect.core.numerics.hash_table import find_slot, index_keys
+from plc_inspect.core.numerics.plan_index import build_plan_index
 from plc_inspect.results import Bool, Float64, Int64
 
 RANGE = 12.0
@@ -82,11 +82,7 @@ def find_lone(points: Float64, way: Float64) -> Bool:
     result = np.zeros(len(points), dtype=bool)
     if not len(way):
         return result
-    low, high = way.min(axis=0) - RANGE, way.max(axis=0) + RANGE
-    inside = np.flatnonzero(_lie_between(points, low, high))
-    if not len(inside):
-        return result
-    near = inside[_count_near(points[inside], way, RANGE, 1) > 0]
+    near = np.flatnonzero(_count_near(points, way, RANGE, 1))
     if not len(near):
         return result
     own = points[near]
@@ -121,7 +117,7 @@ def find_dust(points: Float64, way: Float64, lone: Float64 | None = None) -> Boo
     result = np.zeros(len(points), dtype=bool)
     if len(points) <= FEW or not len(way):
         return result
-    near = np.flatnonzero(_count_near(points, way, RANGE, 1) > 0)
+    near = np.flatnonzero(_count_near(points, way, RANGE, 1))
     own = points[near]
     if len(near) <= FEW:
         return result
@@ -135,60 +131,36 @@ def find_dust(points: Float64, way: Float64, lone: Float64 | None = None) -> Boo
 
 def _count_near(points: Float64, others: Float64, reach: float, most: int) -> Int64:
     """Return the (K,) number of others within reach of each point, ``most`` at most."""
-    lowest, highest = _find_bounds(points)
-    low = np.minimum(lowest, _find_bounds(others)[0])
-    others = others[_lie_between(others, lowest - 2.0 * reach, highest + 2.0 * reach)]
-    if not len(others):
-        return np.zeros(len(points), dtype=np.int64)
-    own = np.floor((points - low) / reach).astype(np.int64) + 1
-    cell = np.floor((others - low) / reach).astype(np.int64) + 1
-    _, rows, layers = np.maximum(own.max(axis=0), cell.max(axis=0)) + 2
-    key = (cell[:, 0] * rows + cell[:, 1]) * layers + cell[:, 2]
-    order = np.argsort(key, kind='stable')
-    keys, start = np.unique(key[order], return_index=True)
-    return _count(
-        points, (own[:, 0] * rows + own[:, 1]) * layers + own[:, 2], others[order], keys,
-        np.append(start, len(others)), index_keys(keys, len(keys)),
-        (int(rows), int(layers), reach * reach, most),
-    )
-
-
-def _find_bounds(points: Float64) -> tuple[Float64, Float64]:
-    """Return the (3,) least and greatest coordinates of (K, 3) points [m]."""
-    # axis by axis: numpy takes six times as long over the rows
-    return (np.array([axis.min() for axis in points.T]),
-            np.array([axis.max() for axis in points.T]))
-
-
-def _lie_between(points: Float64, low: Float64, high: Float64) -> Bool:
-    """Tell which (K, 3) points lie in the box from low (3,) to high (3,) [m]."""
-    inside = np.ones(len(points), dtype=bool)
-    for axis, least, most in zip(points.T, low.tolist(), high.tolist(), strict=True):
-        inside &= (axis >= least) & (axis <= most)
-    return inside
+    index = build_plan_index(others, np.arange(len(others)), reach)
+    result: Int64 = _count(points, others[index.order], index.grid, reach * reach, most)
+    return result
 
 
 @njit(cache=True, nogil=True)
-def _count(points, key, others, keys, start, table, sizes):  # type: ignore[no-untyped-def]
-    """Count the others, which are sorted by cell, in the cells about each point."""
-    rows, layers, square, most = sizes
+def _count(points, others, grid, square, most):  # type: ignore[no-untyped-def]
+    """Count the others, which are sorted by plan cell, in the cells about each point."""
+    start, _, origin, cell, rows, columns = grid
     found = np.zeros(len(points), dtype=np.int64)
     for i in range(len(points)):
+        along, across = (points[i, 0] - origin[0]) / cell, (points[i, 1] - origin[1]) / cell
+        if not (-1.0 <= along < columns + 1 and -1.0 <= across < rows + 1):  # nor is NaN
+            continue
+        column, row = math.floor(along), math.floor(across)
+        left, right = max(column - 1, 0), min(column + 1, columns - 1)
         count = 0
-        for turn in range(27):
-            step = (turn + 13) % 27  # from its own cell on, which holds the most
-            x, y, z = step // 9 - 1, step // 3 % 3 - 1, step % 3 - 1
-            slot = find_slot(key[i] + (x * rows + y) * layers + z, table, keys)
-            if slot < 0:
-                continue
-            for k in range(start[slot], start[slot + 1]):
+        for line in range(max(row - 1, 0), min(row + 1, rows - 1) + 1):
+            if count >= most:
+                break
+            # the cells of a row are contiguous, and so are their points
+            for k in range(start[line * columns + left], start[line * columns + right + 1]):
                 a = others[k, 0] - points[i, 0]
                 b = others[k, 1] - points[i, 1]
                 c = others[k, 2] - points[i, 2]
-                count += a * a + b * b + c * c <= square
-            if count >= most:
-                break
-        found[i] = min(count, most)
+                if a * a + b * b + c * c <= square:
+                    count += 1
+                    if count >= most:
+                        break
+        found[i] = count
     return found
 
 
