@@ -89,7 +89,7 @@ def find_lone(points: Float64, way: Float64) -> Bool:
     alone = _count_near(own, own, REACH, 2) < 2
     if alone.sum() < LEAST_AIR * CELL**3 * DUSTY:  # too few to make any air dusty
         return result
-    result[near] = alone & (_measure_air(own, alone) > DUSTY)
+    result[near[alone]] = _measure_air(own, alone, alone) > DUSTY
     return result
 
 
@@ -122,7 +122,7 @@ def find_dust(points: Float64, way: Float64, lone: Float64 | None = None) -> Boo
     if len(near) <= FEW:
         return result
     together = _count_near(own, own, REACH, MOST + 1) - 1
-    density = _measure_air(own, together < FEW)
+    density = _measure_air(own, together < FEW, np.ones(len(own), dtype=bool))
     dusty = np.flatnonzero(density > CLEAR)
     mean = density[dusty] * 4.0 / 3.0 * math.pi * REACH**3
     result[near[dusty]] = together[dusty] < _find_least(mean)
@@ -164,9 +164,9 @@ def _count(points, others, grid, square, most):  # type: ignore[no-untyped-def]
     return found
 
 
-def _measure_air(points: Float64, alone: Bool) -> Float64:
+def _measure_air(points: Float64, alone: Bool, wanted: Bool) -> Float64:
     """
-    Return the (K,) density of lone returns in the air about each point [1/m3].
+    Return the density of lone returns in the air about each point that is wanted [1/m3].
 
     Cells where most returns lie together hold an object, whose edge sheds lone ones: they and
     those beside them are no air.
@@ -182,15 +182,17 @@ def _measure_air(points: Float64, alone: Bool) -> Float64:
     solid = keys[np.bincount(which, minlength=len(keys)) > 2 * count]
     solid = np.unique(solid[:, None] + _list_steps(1, rows, layers))
     count[np.isin(keys, solid)] = 0
-    total, air = np.zeros(len(keys)), np.full(len(keys), (2.0 * WIDE + 1.0) ** 3)
+    about, which = np.unique(which[wanted], return_inverse=True)
+    about = keys[about]
+    total, air = np.zeros(len(about)), np.full(len(about), (2.0 * WIDE + 1.0) ** 3)
     for step in _list_steps(WIDE, rows, layers).tolist():
-        slot = np.minimum(np.searchsorted(keys, keys + step), len(keys) - 1)
-        total += np.where(keys[slot] == keys + step, count[slot], 0)
+        slot = np.minimum(np.searchsorted(keys, about + step), len(keys) - 1)
+        total += np.where(keys[slot] == about + step, count[slot], 0)
         if len(solid):
-            slot = np.minimum(np.searchsorted(solid, keys + step), len(solid) - 1)
-            air -= solid[slot] == keys + step
+            slot = np.minimum(np.searchsorted(solid, about + step), len(solid) - 1)
+            air -= solid[slot] == about + step
     density = total / (np.maximum(air, 1.0) * CELL**3)
-    result: Float64 = np.where(air >= LEAST_AIR, density, 0.0)[which]
+    result: Float64 = np.where(air >= LEAST_AIR, density, 0.0)[which.reshape(-1)]
     return result
 
 
