@@ -165,10 +165,12 @@ def add_up(
     Add up the evidence that a curve is a conductor [m].
 
     Those metres count that are free, and a bonus for a curvature that the points prove, in
-    proportion, or for a conductor beside; a thick curve costs more, the thicker it is, and so does
-    one that is surely straight, the wider it is.
+    proportion, or for a conductor beside; so far one line beside counts nothing against it.  A
+    thick curve costs more, the thicker it is, and so does one that is surely straight, the wider
+    it is.
     """
     proof = prove_sag(curve, settings)
+    free = free.spare(max(proof, float(beside)))
     if is_thick(curve):
         cost = THICK_COST * (measure_thickness(curve) / THICK - 1.0)
         return min(free.close, free.wide) + BONUS * proof - cost
@@ -221,6 +223,7 @@ def list_evidence(
         yield weigh('max_crowding', profile.crowding, UNTIDY, UNTIDY_RATIO)
     lacking = CROWDED if proof == 1.0 else UNPROVEN
     yield weigh('min_evidence', add_up(curve, free, settings, beside=beside), lacking)
+    free = free.spare(max(proof, float(beside)))
     if proof == 1.0 or beside:
         yield weigh('max_clutter', -free.wide, CROWDED, curve.length)
     else:

@@ -48,14 +48,18 @@ def make_rarities() -> Float64:
     """
     Return (N, 3) points of what few lines have [m].
 
-    A service drop from the second pole of the sample, and two conductors that end in the air, one
-    of them with a gap.
+    A service drop from the second pole of the sample, two conductors that end in the air, one of
+    them with a gap, and a piece too short to prove its curvature.
     """
     along = np.arange(20.0, 118.0, 0.15)
     parts = [
         np.column_stack((x, np.full(len(x), side), 8.0 + (x - 69.0) ** 2 / 900.0))
         for side, x in ((-13.0, along), (-14.0, along[np.abs(along - 67.5) > 7.5]))
     ]
+    short = np.arange(40.0, 54.0, 0.15)
+    parts.append(np.column_stack((
+        short, np.full(len(short), 12.0), 8.0 + (short - 47.0) ** 2 / 5000.0
+    )) + np.random.default_rng(1).normal(0.0, 0.03, (len(short), 3)))
     tap = np.arange(0.3, 7.0, 0.1)
     parts.append(np.column_stack((60.0 + 0.3 * tap, tap, 9.6 - 0.12 * tap + 0.001 * tap**2)))
     points: Float64 = np.concatenate(parts)
@@ -101,7 +105,7 @@ def warm_up_pipeline(settings: Settings, *, rare: bool = False) -> int:
     Returns
     -------
     int
-        Spans found: six with the default settings, eleven with ``rare``.
+        Spans found: six with the default settings, twelve with ``rare``.
 
     """
     settings = replace(settings, hazards=replace(settings.hazards, rules=PLAIN))

@@ -80,6 +80,23 @@ def test_other_wires_do_not_count_once_they_are_known():
     assert free.wide == pytest.approx(curve.length, rel=0.1)
 
 
+def test_one_line_beside_that_nobody_knows_is_told_from_other_clutter():
+    rng = np.random.default_rng(0)
+    cables = make(per_metre=40.0)
+    cables = cables + rng.normal(0.0, 0.08, cables.shape) * [0.0, 1.0, 1.0] - [0.0, 0.2, 0.7]
+    curve, free = measure(make(), [cables])
+    assert free.cluttered > 0.7 * curve.length
+    assert free.company > 0.9 * free.cluttered
+
+
+def test_the_edge_of_a_sheet_is_cluttered_all_along():
+    sheet = make(per_metre=100.0)
+    sheet[:, 1] = np.random.default_rng(0).uniform(0.0, 2.0, len(sheet))
+    curve, free = measure(make(), [sheet])
+    assert free.wide < -0.8 * curve.length
+    assert free.company < 0.1 * free.cluttered
+
+
 def test_no_points_are_no_evidence():
     wire = make()
     curve = make_curve(wire)

@@ -69,6 +69,21 @@ def test_free_metres_curvature_and_a_conductor_beside_add_up(length, c, beside, 
     assert judge(make(length, c=c), beside=beside) == objection
 
 
+@pytest.mark.parametrize(('c', 'beside', 'objection'), [
+    (150.0, False, ''), (150.0, True, ''), (2000.0, True, ''), (1e5, False, UNPROVEN),
+])
+def test_one_line_beside_is_no_clutter_of_what_sags_or_runs_beside_a_conductor(
+    c, beside, objection
+):
+    cables = make(30.0, c=c, per_metre=60.0)
+    cables = cables + np.random.default_rng(0).normal(0.0, 0.08, cables.shape) * [0.0, 1.0, 1.0]
+    aside = np.array([0.0, 0.2, 0.7])
+    assert judge(make(30.0, c=c), [cables - aside], beside=beside) == objection
+    # two are a surface
+    both = [cables - aside, cables + aside]
+    assert judge(make(30.0, c=c), both, beside=beside) in (CROWDED, UNPROVEN)
+
+
 def test_what_is_straight_and_alone_must_be_free_in_both_rings():
     wire = make(30.0, c=1e5)
     assert judge(wire) == ''
