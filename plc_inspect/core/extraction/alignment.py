@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Regularisation: finds the direction of the line, place by place."""
+"""Regularisation: finds the local direction of the lines, window by window."""
 
 from dataclasses import dataclass
 import math
@@ -18,39 +18,39 @@ from plc_inspect.results import Bool, Float64, Int32, Int64
 
 VOTE_CELL = 2.0
 """
-Edge of the plan cells that candidates are looked up by [m].
+Edge of the plan cells of the index of candidates [m].
 Source: numerical: no candidate depends on it, only time and the order of sums.
 """
 NUM_BINS = 16
 """
-Bins along a candidate's axis in which others in line with it are counted, at most 32.
+Bins along a candidate's axis in which aligned candidates are counted, at most 32.
 Source: judgement; not measured.
 """
 MIN_SHARE = 0.1
 """
-A window with fewer candidates than this share of its tile's fullest window is dropped.
+Least number of candidates of a window, as a share of the fullest window of its tile.
 Source: judgement; not measured.
 """
 LINE_RADIUS = 0.3
 """
-Distance from a candidate's axis up to which others are in line with it, at the candidate [m].
+Greatest distance of aligned candidates from the axis of a candidate, near it [m].
 Source: judgement; not measured.
 """
 LINE_SPREAD = 0.08
-"""How much LINE_RADIUS grows along the axis [m/m].  Source: judgement; not measured."""
+"""Growth of LINE_RADIUS along the axis [m/m].  Source: judgement; not measured."""
 LEAST_SUPPORT = 3
 """
-Filled bins from which the others in line give the axis, not the candidate alone.
+Occupied bins from which aligned candidates give the axis, not the candidate alone.
 Source: judgement; not measured.
 """
 ACROSS_ROWS = 1e-3
 """
 Sine of the angle to the rows of cells below which an axis counts as parallel to them.
-Source: numerical: more cells are searched than need be, with the same result.
+Source: numerical: searches more cells than needed, with the same result.
 """
 LEAST_RUN = 1e-9
 """
-Horizontal part of a unit vector, at least, in a divisor.
+Least horizontal part of a unit vector in a divisor.
 Source: numerical: avoids a division by 0.
 """
 
@@ -60,7 +60,7 @@ class AlignmentResult:
     """Windows of the cloud in which lines run straight and in one direction."""
 
     voted: Bool
-    """(M,) candidates with enough others in line with them."""
+    """(M,) candidates with enough votes."""
     votes: Int64
     """(M,) occupied bins along the axis of each candidate, at most NUM_BINS."""
     center: Float64
@@ -81,11 +81,11 @@ def align(candidates: LinearityResult, settings: AlignmentSettings) -> Alignment
     """
     Turn oriented candidates into windows that each have one azimuth.
 
-    A wire is long: drops candidates with fewer than ``min_votes`` bins that hold others in line
-    with them, within ``reach``.  The azimuth of the rest is that of the positions in line with
-    them, far steadier than that of one neighbourhood; it is the angle of the paper's rotation
-    R_z.  Each plan tile gets one window for each azimuth found in it, so that lines may bend at
-    supports and cross.
+    A wire is long: the bins along a candidate's axis, within ``reach``, that hold aligned
+    candidates are its votes, and candidates with fewer than ``min_votes`` are dropped.  The
+    aligned positions also give the azimuth, far steadier than one neighbourhood does; it is the
+    angle of the paper's rotation R_z.  Each plan tile gets one window for each azimuth found in
+    it, so that lines may cross, and bend at supports.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def align(candidates: LinearityResult, settings: AlignmentSettings) -> Alignment
 
 @njit(cache=True, nogil=True)
 def _average(start, order, votes, position, azimuth, slope):  # type: ignore[no-untyped-def]
-    """Means of each window's places, azimuths and slopes, by votes; azimuths are of axes."""
+    """Return each window's mean position, azimuth (of an axis) and slope, weighted by votes."""
     num = len(start) - 1
     center, mean_azimuth, mean_slope = np.zeros((num, 3)), np.empty(num), np.zeros(num)
     for window in range(num):
@@ -222,7 +222,7 @@ def _close_numbers(number: Int64) -> Int64:
 
 
 def _is_sure(tile: Int64, window: Int64) -> Bool:
-    """Tell the items of windows that hold more than a few strays beside a tile's main one."""
+    """Tell the items of windows that hold MIN_SHARE of their tile's fullest one or more."""
     count = np.bincount(window)
     any_of = np.empty(len(count), dtype=np.int64)
     any_of[window] = np.arange(len(window))
@@ -238,9 +238,9 @@ def _vote(  # type: ignore[no-untyped-def]
     position, direction, places, ways, start, origin, cell, rows, columns, reach
 ):
     """
-    Count filled bins along each candidate's axis, and find the axis of what lies in line with it.
+    Count the occupied bins along each candidate's axis, and fit the axis to what is aligned.
 
-    ``places`` and ``ways`` are x, y and z of position and direction, in order of plan cells.
+    ``places`` and ``ways`` are (3, M) positions and directions, sorted by plan cell.
     """
     num = len(position)
     votes = np.zeros(num, dtype=np.int64)
@@ -251,7 +251,7 @@ def _vote(  # type: ignore[no-untyped-def]
         occupied = np.uint32(0)
         total = np.zeros(NUM_MOMENTS)
         ux, uy = direction[i, 0], direction[i, 1]
-        # rows of cells that the strip along the axis touches
+        # find the rows of cells that the strip along the axis touches
         slack = LINE_RADIUS + LINE_SPREAD * reach + HALF_DIAGONAL * cell
         plan = math.sqrt(ux * ux + uy * uy) * reach
         ex, ey = 1.0, 0.0
@@ -263,14 +263,14 @@ def _vote(  # type: ignore[no-untyped-def]
         for row in range(first_row, last_row + 1):
             off_row = (row + 0.5) * cell - py
             t0, t1 = -plan, plan
-            # the part of the axis near this row
+            # clip the axis to the part near this row
             if abs(ey) > ACROSS_ROWS:
                 ta, tb = (off_row - slack) / ey, (off_row + slack) / ey
                 t0, t1 = max(t0, min(ta, tb)), min(t1, max(ta, tb))
                 if t0 > t1:
                     t0 = min(max(off_row / ey, -plan), plan)
                     t1 = t0
-            # the cells of a row are contiguous, and so are their candidates
+            # visit the candidates of the cells about it: they are contiguous within a row
             left = int((px + min(t0 * ex, t1 * ex) - slack) / cell)
             right = int((px + max(t0 * ex, t1 * ex) + slack) / cell)
             first = start[row * columns + min(max(left, 0), columns)]
@@ -280,6 +280,7 @@ def _vote(  # type: ignore[no-untyped-def]
                 wx[first:last], wy[first:last], wz[first:last],
                 position[i], direction[i], reach, total,
             )
+        # count the bits, and fit the axis where they suffice
         for place in range(NUM_BINS):
             votes[i] += (occupied >> np.uint32(place)) & np.uint32(1)
         if votes[i] >= LEAST_SUPPORT:
@@ -291,9 +292,9 @@ def _vote(  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True, fastmath={'reassoc', 'nsz'})
 def _add_in_line(x, y, z, wx, wy, wz, position, way, reach, total):  # type: ignore[no-untyped-def]
     """
-    Add the moments of places in line with a candidate to ``total``; return their bins as bits.
+    Add the moments of aligned candidates to ``total``; return their bins as bits.
 
-    Without branches, and with sums in any order, so that the compiler makes vector instructions.
+    Has no branches, and sums in any order, so that the compiler makes vector instructions.
     """
     px, py, pz, ux, uy, uz = position[0], position[1], position[2], way[0], way[1], way[2]
     per_bin, last_bin, occupied = NUM_BINS / (2.0 * reach), np.int32(NUM_BINS - 1), np.uint32(0)

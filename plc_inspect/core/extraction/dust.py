@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Returns of the air: dust, rain and insects, which lie anywhere about the lidar.
+Finds returns of the air: dust, rain and insects, which lie anywhere about the lidar.
 
-What is there is hit again, in the next beam or by the next scan: its returns lie together.  Those
-of the air lie alone, as many here as there.  Where many lie alone, only returns are believed of
-which far more lie together than so thin an air puts there by chance; where none do, all are.  Far
-from the lidar all are, too: objects are seen sparsely there, and the air is not.
+An object is hit again, by the next beam or the next scan: its returns lie together.  Returns of
+the air lie alone, evenly spread.  Where many returns lie alone, only those are kept that have far
+more neighbours than air of that density gives by chance; where none do, all are kept.  Far from
+the lidar all are kept, too: objects are seen sparsely there, and the air is not seen at all.
 """
 
 import math
@@ -20,8 +20,8 @@ from plc_inspect.results import Bool, Float64, Int64
 
 RANGE = 12.0
 """
-Distance from the lidar up to which the air is seen [m].
-Source: judgement: returns of drops and grains fade with one more square of the range than others.
+Greatest distance from the lidar at which the air is seen [m].
+Source: judgement: returns of drops and grains fade faster with range than others, by its square.
 """
 REACH = 0.2
 """
@@ -33,43 +33,43 @@ FEW = 2
 """Others within REACH below which a return lies alone.  Source: derived: hazards.min_points."""
 CELL, WIDE = 2.0, 2
 """
-Edge of the cells by which lone returns are counted [m], and cells that tell of a place beside it.
+Edge of the cells in which lone returns are counted [m], and cells counted on each side of one.
 Source: judgement: dust is seen up to 10 m away, and thins out over that.
 """
 LEAST_AIR = 20
-"""Cells of air that tell a density.  Source: judgement: a sixth of those about a place."""
+"""Least cells of air for a density.  Source: judgement: a sixth of those about a place."""
 CLEAR = 0.01
 """
-Lone returns in a cubic metre up to which the air is clear [1/m3].
-Source: derived: of so many, three are linked by chance (hazards.group_distance) at one place in a
+Greatest density of lone returns in clear air [1/m3].
+Source: derived: at it, three are linked by chance (hazards.group_distance) at one place in a
 million cubic metres; measured: bench/faults.py dust: clear air about a crown shows none.
 """
 DUSTY = 0.1
 """
-Lone returns in a cubic metre from which they are no part of a line [1/m3].
+Density of lone returns from which they are left out of lines [1/m3].
 Source: derived: ten wires of 2.5 returns a metre, the worst, leave less alone in ten metres of
-air; measured: bench/studies/input_faults.py dust, seed 6000: in clear air none is left out, and of
-that a tenth of which is dust 90 % and 20 % of the wires' own.
+air; measured: bench/studies/input_faults.py dust, seed 6000: in clear air none is left out; where
+a tenth of the returns is dust, 90 % of it, and 20 % of those of the wires.
 """
 CHANCE = 1e-5
 """
-Probability from which others are believed to lie about a return of the air by chance.
+Least probability at which neighbours of a return of the air are put down to chance.
 Source: derived: one in ten flights of 10,000 returns near conductors, and three must.
 """
 MOST = 30
-"""Others that are counted at most.  Source: numerical: CHANCE at 190 returns in a cubic metre."""
+"""Limit of the count of neighbours.  Source: numerical: CHANCE at 190 returns in a cubic metre."""
 
 
 def find_lone(points: Float64, way: Float64) -> Bool:
     """
-    Tell the returns in dusty air that have no other within REACH.
+    Tell the returns in dusty air that have no neighbour within REACH.
 
-    Nearly all of the air's are such, and few of a wire's: without them a line is one again.
+    Nearly all returns of the air have none, and few of a wire: lines are found without them.
 
     Parameters
     ----------
     points : (N, 3) float64
-        The cloud; rows that are not finite are none of them [m].
+        The cloud; rows that are not finite give False [m].
     way : (W, 3) float64
         Where the lidar was, 10 m apart or nearer [m].
 
@@ -95,16 +95,16 @@ def find_lone(points: Float64, way: Float64) -> Bool:
 
 def find_dust(points: Float64, way: Float64, lone: Float64 | None = None) -> Bool:
     """
-    Tell the returns that are no more than the air puts there by chance.
+    Tell the returns that lie no closer together than the air's do by chance.
 
     Parameters
     ----------
     points : (K, 3) float64
-        All near the conductors that are neither ground, wire nor support [m].
+        Points near the conductors that are neither ground, wire nor support [m].
     way : (W, 3) float64
         Where the lidar was, 10 m apart or nearer [m].
     lone : (L, 3) float64 or None
-        Returns of the air that were left out before, which tell of it as well [m].
+        Returns of the air that were left out before; they count for its density [m].
 
     Returns
     -------
@@ -130,7 +130,7 @@ def find_dust(points: Float64, way: Float64, lone: Float64 | None = None) -> Boo
 
 
 def _count_near(points: Float64, others: Float64, reach: float, most: int) -> Int64:
-    """Return the (K,) number of others within reach of each point, ``most`` at most."""
+    """Return the (K,) number of others within reach of each point, up to ``most``."""
     index = build_plan_index(others, np.arange(len(others)), reach)
     result: Int64 = _count(points, others[index.order], index.grid, reach * reach, most)
     return result
@@ -138,7 +138,7 @@ def _count_near(points: Float64, others: Float64, reach: float, most: int) -> In
 
 @njit(cache=True, nogil=True)
 def _count(points, others, grid, square, most):  # type: ignore[no-untyped-def]
-    """Count the others, which are sorted by plan cell, in the cells about each point."""
+    """Count the others, sorted by plan cell, within reach of each point."""
     start, _, origin, cell, rows, columns = grid
     found = np.zeros(len(points), dtype=np.int64)
     for i in range(len(points)):
@@ -166,10 +166,10 @@ def _count(points, others, grid, square, most):  # type: ignore[no-untyped-def]
 
 def _measure_air(points: Float64, alone: Bool, wanted: Bool) -> Float64:
     """
-    Return the density of lone returns in the air about each point that is wanted [1/m3].
+    Return the density of lone returns about each point that is wanted [1/m3].
 
-    Cells where most returns lie together hold an object, whose edge sheds lone ones: they and
-    those beside them are no air.
+    A cell where most returns lie together holds an object, whose edges give lone returns too: it
+    and its neighbours do not count as air.
     """
     cell = np.floor(points / CELL).astype(np.int64)
     cell -= cell.min(axis=0) - WIDE
@@ -178,6 +178,7 @@ def _measure_air(points: Float64, alone: Bool, wanted: Bool) -> Float64:
         (cell[:, 0] * rows + cell[:, 1]) * layers + cell[:, 2], return_inverse=True
     )
     which = which.reshape(-1)
+    # count the lone returns of each cell, none in and beside solid ones
     count = np.bincount(which[alone], minlength=len(keys))
     solid = keys[np.bincount(which, minlength=len(keys)) > 2 * count]
     solid = np.unique(solid[:, None] + _list_steps(1, rows, layers))
@@ -205,8 +206,9 @@ def _list_steps(reach: int, rows: int, layers: int) -> Int64:
 
 
 def _find_least(mean: Float64) -> Int64:
-    """Return how many others must lie about a return so that chance is below CHANCE."""
+    """Return the least number of neighbours that the air gives with a chance below CHANCE."""
     least = np.full(len(mean), FEW, dtype=np.int64)
+    # neighbours in the air follow a Poisson distribution
     term = np.exp(-mean)
     below = term.copy()  # probability of fewer than the count
     for count in range(1, MOST):

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Estimates the ground surface under a cloud from the lowest points of a grid."""
+"""Estimates the ground below a cloud from the lowest point of each grid cell."""
 
 from numba import njit, prange
 import numpy as np
@@ -10,59 +10,59 @@ from plc_inspect.results import Bool, Float32
 
 AREAL_REACH = 7
 """
-Cells from the middle to the edge of the square in which a ground cell needs others.
+Cells from the middle to the edge of the square about a cell in which others must show ground.
 Source: judgement; not measured.
 """
 AREAL_SHARE = 0.2
-"""Share of that square's cells in which ground must be seen.  Source: judgement; not measured."""
+"""Least share of ground cells in that square.  Source: judgement; not measured."""
 SURE_SHARE, LEAST_RAISED = 0.35, 4.0
 """
-Below this share what lies so far above the ground about it is none [m].
+Share below which cells are no ground where they lie this far above the ground about them [m].
 Source: derived: a row of wires is up to four cells wide, 0.27 of the square; the least height of
 conductors.
 """
 AREAL_LEAST = 0.5
 """
-Share of that square's cells that counts as available at least, at the edge of the grid.
+Share of that square that is taken to be available at least, at the edge of the grid.
 Source: judgement; not measured.
 """
 SEEN_BAND = 0.3
 """
-Greatest height of a cell's lowest point above the envelope where it is ground [m].
+Greatest height above the envelope of a lowest point that is ground [m].
 Source: judgement; not measured.
 """
 SEEN_SLOPE = 0.5
 """
-Share of a cell over which the steepest slope adds to SEEN_BAND.
+Part of a cell's edge over which the steepest slope is added to SEEN_BAND.
 Source: judgement; not measured.
 """
 STRAY_REACH = 8.0
 """
-Distance within which a low point is compared with others [m].
+Distance within which a lowest point is compared with others [m].
 Source: judgement; not measured.
 """
 LEAST_STRAY_REACH = 2
-"""Cells that STRAY_REACH spans at least.  Source: judgement; not measured."""
+"""Least value of STRAY_REACH in cells.  Source: judgement; not measured."""
 STRAY_DEPTH = 1.0
-"""Depth of a stray low point below the others, at least [m].  Source: judgement; not measured."""
+"""Least depth of a stray low point below others [m].  Source: judgement; not measured."""
 STRAY_SLOPE = 0.5
 """
-Share of the steepest slope that is added to STRAY_DEPTH with the distance.
+Growth of STRAY_DEPTH with distance, as a share of the steepest slope.
 Source: judgement; not measured.
 """
 LEAST_COMPANY = 4
 """
-Other cells nearly as low that show a low point to be no stray.
+Least number of cells nearly as low that show a low point to be no stray.
 Source: judgement; not measured.
 """
 LEAST_OTHERS = 20
 """
-Other cells with points that are needed to call a low one a stray.
+Least number of cells with points nearby for a low point to be called a stray.
 Source: judgement; not measured.
 """
 NUM_SWEEPS = 2
 """
-Passes over the grid, forth and back, that make the envelope.
+Passes over the grid, forth and back, that compute the envelope.
 Source: judgement; not measured.
 """
 
@@ -97,14 +97,14 @@ def estimate_ground(
     )
     seen, sure = _is_areal(seen, AREAL_SHARE) & seen, _is_areal(seen, SURE_SHARE) & seen
     if sure.any() and (seen & ~sure).any():
-        # thin and far above what is surely ground: a row of wires with nothing seen below it
+        # drop what is thin and far above sure ground: a row of wires with nothing seen below it
         above = surface - _fill(np.where(sure, surface, np.float32(np.nan)))
         seen &= sure | (above < LEAST_RAISED)
     return _fill(np.where(seen, surface, np.float32(np.nan))), seen
 
 
 def _fill(values: Float32) -> Float32:
-    """Fill NaN cells from a pyramid of means; all NaN stays NaN."""
+    """Fill NaN cells from a pyramid of means; a grid of NaN stays one."""
     if max(values.shape) == 1 or not np.isnan(values).any():
         return values
     result: Float32 = _fill_from(values, _fill(_shrink(values)))
@@ -114,11 +114,12 @@ def _fill(values: Float32) -> Float32:
 @njit(cache=True, parallel=True, nogil=True)
 def _is_areal(seen, share):  # type: ignore[no-untyped-def]
     """
-    Tell cells with seen cells on all sides from those in thin lines.
+    Tell the cells that have seen cells on all sides from those in thin lines.
 
-    A cloud of wires alone has lowest points too, but they are not ground.
+    The lowest points of wires with nothing seen below them are not ground.
     """
     rows, columns = seen.shape
+    # count seen cells along each row, by a moving window
     along = np.empty((rows, columns), dtype=np.int32)
     for row in prange(rows):
         count = 0
@@ -129,6 +130,7 @@ def _is_areal(seen, share):  # type: ignore[no-untyped-def]
                 count -= seen[row, column - AREAL_REACH - 1]
             if column >= 0:
                 along[row, column] = count
+    # add the rows of the square up, and compare with the cells that the grid has there
     result = np.empty((rows, columns), dtype=np.bool_)
     least = np.float32((2 * AREAL_REACH + 1) ** 2 * AREAL_LEAST)
     for row in prange(rows):
@@ -147,7 +149,7 @@ def _is_areal(seen, share):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, parallel=True, nogil=True)
 def _shrink(values):  # type: ignore[no-untyped-def]
-    """Return the mean of the known ones of each four cells, NaN where none is known."""
+    """Return the mean of the known cells of each 2 x 2, NaN where none is known."""
     rows, columns = values.shape
     result = np.empty(((rows + 1) // 2, (columns + 1) // 2), dtype=np.float32)
     for row in prange(result.shape[0]):
@@ -164,7 +166,7 @@ def _shrink(values):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, parallel=True, nogil=True)
 def _fill_from(values, coarse):  # type: ignore[no-untyped-def]
-    """Fill cells that are not finite, bilinearly, from a grid of cells twice as wide."""
+    """Fill cells that are not finite, bilinearly, from a grid of twice the cell size."""
     rows, columns = values.shape
     last_row, last_column = coarse.shape[0] - 1, coarse.shape[1] - 1
     one = np.float32(1.0)
@@ -189,7 +191,7 @@ def _fill_from(values, coarse):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, parallel=True, nogil=True)
 def _drop_stray_lows(lowest, cell, max_slope):  # type: ignore[no-untyped-def]
-    """Clear cells that lie far below nearly all within STRAY_REACH: multiple returns, noise."""
+    """Clear cells far below nearly all within STRAY_REACH: multipath returns and noise."""
     reach = max(LEAST_STRAY_REACH, int(np.ceil(STRAY_REACH / cell)))
     rows, columns = lowest.shape
     result = lowest.copy()
@@ -198,6 +200,7 @@ def _drop_stray_lows(lowest, cell, max_slope):  # type: ignore[no-untyped-def]
             z = lowest[row, column]
             if np.isnan(z):
                 continue
+            # count cells with points, and those that are about as low
             supported = 0
             others = 0
             for dr in range(-reach, reach + 1):
@@ -226,12 +229,13 @@ def _drop_stray_lows(lowest, cell, max_slope):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _lower_envelope(surface, cell, max_slope):  # type: ignore[no-untyped-def]
-    """Return the greatest surface below the given one that is nowhere steeper than max_slope."""
+    """Return the highest surface below the given one that is nowhere steeper than max_slope."""
     rows, columns = surface.shape
     result = np.where(np.isnan(surface), np.float32(np.inf), surface)
     straight = np.float32(max_slope * cell)
     diagonal = np.float32(max_slope * cell * np.sqrt(2.0))
     for _ in range(NUM_SWEEPS):
+        # forth: from the neighbours before each cell
         for row in range(rows):
             for column in range(columns):
                 value = result[row, column]
@@ -244,6 +248,7 @@ def _lower_envelope(surface, cell, max_slope):  # type: ignore[no-untyped-def]
                     if column < columns - 1:
                         value = min(value, result[row - 1, column + 1] + diagonal)
                 result[row, column] = value
+        # back: from the neighbours behind it
         for row in range(rows - 1, -1, -1):
             for column in range(columns - 1, -1, -1):
                 value = result[row, column]

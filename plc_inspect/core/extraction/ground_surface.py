@@ -16,32 +16,32 @@ from plc_inspect.results import Bool, Float32, Float64
 
 MAX_CELLS = 16_000_000
 """
-Cells of the ground grid at most; a wider area gets larger cells.
+Greatest number of cells of the ground grid; a larger area gets larger cells.
 Source: numerical: the grid, float32, takes 64 MB.
 """
 MOST_PART_CELLS = 80_000_000
 """
-The same for a part of a cloud, whose cells must be those of the whole.
-Source: derived: a tile of 1800 m with halos of 2000 m, turned by any angle; few are as wide.
+Greatest number of cells of the grid of a part of a cloud, whose cells must be those of the whole.
+Source: derived: a tile of 1800 m with halos of 2000 m, turned by any angle; few are as large.
 """
 STRETCH = 2048
 """
-Points whose heights are worked out together.
+Points whose heights are computed together.
 Source: numerical: what they need stays in the cache; time alone depends on it.
 """
 EDGE = 20.0
 """
-Room about the points of a part of a cloud, unless the whole ends there [m].
-Source: derived: AREAL_REACH cells and more, as the edge of the grid counts for the ground.
+Margin of the grid about a part of a cloud, unless the whole ends there [m].
+Source: derived: more than AREAL_REACH cells, as the edge of the grid influences the ground.
 """
 BLOCK_CELLS = 64
 """
-Cells of the ground of a part are numbered from a multiple of this in the whole.
+The grid of a part begins at a multiple of this many cells of the whole.
 Source: derived: a power of two, so that gaps of 64 cells are filled from the same means.
 """
 LANES = 16
 """
-Extremes kept side by side, so that none waits for the one before.
+Extremes that are kept side by side, so that no comparison waits for the one before.
 Source: numerical: time alone depends on it.
 """
 
@@ -90,6 +90,7 @@ def measure_surface(
     Surface
 
     """
+    # without a finite point there is no ground
     low, high, num_finite = bounds(points)
     if num_finite == 0:
         return Surface(
@@ -101,6 +102,7 @@ def measure_surface(
             origin=np.zeros(2),
             cell_size=settings.cell_size,
         )
+    # lay the cells
     if region is None:
         low[:2] = np.floor(low[:2] / settings.cell_size) * settings.cell_size
     else:
@@ -108,8 +110,9 @@ def measure_surface(
     extent = high[:2] - low[:2]
     most = MAX_CELLS if region is None else MOST_PART_CELLS
     cell = max(settings.cell_size, math.sqrt(float(extent[0] * extent[1]) / most))
-    per_cell = 1.0 / cell  # multiplied by as in the kernel, or a place could lie beyond the grid
+    per_cell = 1.0 / cell  # as the kernel multiplies by it, no point lies beyond the grid
     shape = (int(extent[1] * per_cell) + 1, int(extent[0] * per_cell) + 1)
+    # estimate the ground from the lowest points, and measure heights above it
     solid = points if airborne is None else points[~airborne]
     lowest = _lowest_points(solid, low, per_cell, shape[0], shape[1])
     ground, seen = estimate_ground(lowest, cell, math.tan(math.radians(settings.max_slope_deg)))
@@ -127,7 +130,7 @@ def measure_surface(
 
 
 def _lay_out(low: Float64, high: Float64, region: Float64, cell: float) -> None:
-    """Widen the bounds of a part so that its cells, and blocks of them, are those of the whole."""
+    """Widen the bounds of a part so that its cells and blocks coincide with those of the whole."""
     first = np.floor(region[0] / cell) * cell
     blocks = np.floor((low[:2] - EDGE - first) / (BLOCK_CELLS * cell))
     low[:2] = first + np.maximum(blocks, 0.0) * BLOCK_CELLS * cell
@@ -182,11 +185,11 @@ def bounds(points):  # type: ignore[no-untyped-def]
     return low[0].copy(), high[0].copy(), count.sum()
 
 
-# The compiler turns loops into vector instructions where they have no branches, no more arrays
-# than it is ready to tell apart, and a step from point to point that it knows, hence ``ravel``.
+# The compiler turns loops into vector instructions if they have no branches, few enough arrays to
+# check for overlap, and a known stride from point to point, hence ``ravel``.
 @njit(cache=True, nogil=True)
 def _find_cells(points, low, per_cell, rows, columns, at, z):  # type: ignore[no-untyped-def]
-    """Set the cell of each point, and its height above ``low``, NaN if it is not finite."""
+    """Set the cell of each point, and its z above ``low``, NaN if it is not finite."""
     flat, x0, y0, z0 = points.ravel(), low[0], low[1], low[2]
     most_x, most_y, wide = columns - 1.0, rows - 1.0, np.uint32(columns)
     for k in range(len(points)):
@@ -226,14 +229,15 @@ def _heights(points, ground, low, cell, height):  # type: ignore[no-untyped-def]
     """
     Set the height of each point above the ground; return the least and the greatest.
 
-    The ground is bilinear between the middles of four cells.
+    The ground is bilinear between cell centres.
     """
     num_parts = 8
     num = len(points)
     least = np.full((num_parts, LANES), np.inf, dtype=np.float32)
     most = np.full((num_parts, LANES), -np.inf, dtype=np.float32)
     rows, columns = ground.shape
-    padded = np.empty((rows + 1, columns + 1), dtype=ground.dtype)  # so that all have neighbours
+    # repeat the last row and column, so that all cells have neighbours
+    padded = np.empty((rows + 1, columns + 1), dtype=ground.dtype)
     padded[:rows, :columns] = ground
     padded[rows, :columns] = ground[rows - 1]
     padded[:, columns] = padded[:, columns - 1]
@@ -259,9 +263,9 @@ def _heights(points, ground, low, cell, height):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True)
 def _locate(points, low, cell, rows, columns, at, right, up):  # type: ignore[no-untyped-def]
     """
-    Set the cell of a padded grid left below each point, and how far the point lies beyond it.
+    Set the cell centre to the lower left of each point, and the distance of the point from it.
 
-    Distances are shares of the way to the next middles, NaN where the point is not finite.
+    Distances are in cells, NaN where the point is not finite; cells are those of the padded grid.
     """
     flat, per_cell, wide = points.ravel(), 1.0 / cell, np.uint32(columns + 1)
     x0, y0, most_x, most_y = low[0], low[1], columns - 1.0, rows - 1.0
@@ -277,7 +281,7 @@ def _locate(points, low, cell, rows, columns, at, right, up):  # type: ignore[no
 
 @njit(cache=True, nogil=True)
 def _pick_corners(points, padded, at, z, g00, g01, g10, g11):  # type: ignore[no-untyped-def]
-    """Set z of each point and the ground at the middles of the four cells about it."""
+    """Set z of each point, and the ground at the four cell centres about it."""
     flat, one, wide = padded.ravel(), np.uint32(1), np.uint32(padded.shape[1])
     for k in range(len(points)):
         here = at[k]
@@ -297,7 +301,7 @@ def _interpolate(right, up, z, g00, g01, g10, g11, height):  # type: ignore[no-u
 
 @njit(cache=True, nogil=True)
 def _widen(values, least, most):  # type: ignore[no-untyped-def]
-    """Update the LANES least and greatest values; NaN does not count."""
+    """Update the least and greatest values of each lane; NaN does not count."""
     for first in range(0, len(values) - LANES + 1, LANES):
         for lane in range(LANES):
             value = values[first + lane]

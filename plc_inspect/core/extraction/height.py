@@ -16,11 +16,11 @@ from plc_inspect.results import Bool, Float32, Float64, Int64
 
 MAX_PEAK = 1.0
 """
-Distance of the histogram's peak from the ground surface at most; shrubs are higher [m].
+Greatest distance of the histogram's peak from the ground; shrubs are higher [m].
 Source: judgement; not measured.
 """
 PEAK_SHARE = 0.5
-"""The same as a share of beta.  Source: judgement; not measured."""
+"""The same distance as a share of beta.  Source: judgement; not measured."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -30,7 +30,7 @@ class HeightResult:
     height: Float32
     """(N,) height above local ground [m]; NaN where no ground is known or not finite."""
     high: Bool
-    """(N,) True for points to be searched for wires."""
+    """(N,) True for points that are searched for wires."""
     num_not_finite: int
     threshold: float
     """Least height of a high point [m]."""
@@ -41,12 +41,12 @@ class HeightResult:
     ground: Float32
     """(rows, columns) ground height at cell centres, y by x [m]; NaN where none is known."""
     ground_seen: Bool
-    """(rows, columns) whether ground was seen in the cell, not filled in."""
+    """(rows, columns) whether ground was measured in the cell, not interpolated."""
     origin: Float64
     """(2,) x, y of the lower corner of the grid [m]."""
     cell_size: float
     airborne: Bool | None = None
-    """(N,) points that were known not to be ground, None where none were."""
+    """(N,) points known not to be ground, None where none are."""
 
 
 def extract_high(
@@ -74,9 +74,9 @@ def extract_high(
     airborne : (N,) bool or None
         Points that cannot be ground.
     surface : Surface or None
-        That of these points, without those, where it is known already.
+        Surface of these points, where it is known already.
     peak : float or None
-        Where the histogram has its peak [m], if these points are a part of a cloud.
+        Peak of the histogram of the whole cloud [m], if these points are a part of one.
 
     Returns
     -------
@@ -112,14 +112,14 @@ def extract_high(
 
 
 def lay_edges(extremes: Float32 | Float64, settings: HeightSettings) -> Float64:
-    """Return the (num_bins + 1,) edges of the histogram for least and greatest height [m]."""
+    """Return the (num_bins + 1,) edges of the histogram from least and greatest height [m]."""
     top = max(float(extremes[1]), settings.beta)
     bottom = max(float(extremes[0]), -top)
     return np.linspace(bottom, top, settings.num_bins + 1)
 
 
 def count_heights(height: Float32, edges: Float64) -> Int64:
-    """Return the histogram of heights [m]; that of parts of a cloud adds up."""
+    """Return the histogram of heights [m]; those of the parts of a cloud add up."""
     counts: Int64 = _histogram(height, float(edges[0]), float(edges[-1]), len(edges) - 1)
     return counts.sum(axis=0)
 
@@ -135,9 +135,9 @@ def ground_at(
     result : HeightResult
         Of the cloud.
     positions : (K, 2) float64
-        Plan positions [m]; outside the cloud the nearest place in it counts.
+        Plan positions [m]; outside the grid, its nearest cell counts.
     max_gap : float
-        Farther than this from where ground was seen it is unknown [m].
+        Greatest distance from a cell in which ground was measured [m].
 
     Returns
     -------
@@ -162,6 +162,7 @@ def _ground_at(ground, seen, origin, size, positions, max_gap):  # type: ignore[
         if not (math.isfinite(x) and math.isfinite(y)):
             continue
         x, y = clamp(x, float(last_column)), clamp(y, float(last_row))
+        # interpolate between the four cell centres about the position, if ground was seen near it
         if not _is_seen_near(seen, int(np.rint(y)), int(np.rint(x)), max_gap / size):
             continue
         left, lower = min(int(x), max(last_column - 1, 0)), min(int(y), max(last_row - 1, 0))
@@ -175,7 +176,7 @@ def _ground_at(ground, seen, origin, size, positions, max_gap):  # type: ignore[
 
 @njit(cache=True, nogil=True)
 def _is_seen_near(seen, row, column, reach):  # type: ignore[no-untyped-def]
-    """Tell whether ground was seen within ``reach`` cells of one."""
+    """Tell whether ground was measured within ``reach`` cells of a cell."""
     if seen[row, column] or reach == math.inf:
         return True
     num = int(reach)
@@ -204,7 +205,7 @@ def _without_ground(
 
 
 def find_ground_peak(histogram: Int64, edges: Float64, beta: float) -> float:
-    """Return the height of the fullest bin near the ground surface, 0 where there is none."""
+    """Return the middle of the fullest bin near the ground, 0 where all are empty."""
     centers = (edges[:-1] + edges[1:]) / 2
     near = np.abs(centers) < min(MAX_PEAK, PEAK_SHARE * beta)
     if not near.any() or histogram[near].max() == 0:

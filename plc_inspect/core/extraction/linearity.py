@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Measures likeness features of voxel neighbourhoods, and finds the linear ones."""
+"""Linearity of voxel neighbourhoods (paper Eqs. 1 to 3): likeness features and candidates."""
 
 from dataclasses import dataclass, replace
 import math
@@ -26,19 +26,19 @@ from plc_inspect.results import Bool, Float64, Int64
 
 SAME_WAY = 0.97
 """
-Least cosine between directions that count as the same, 14 degrees apart.
+Least cosine between directions that count as the same: 14 degrees.
 Source: judgement; not measured.
 """
 NUM_BINS = 20
 """
 Bins of the histogram of linear likeness.
-Source: numerical: for the report; decides nothing.
+Source: numerical: shown in the report; decides nothing.
 """
 NUM_FEATURES = 6
-"""Features of a block.  Source: derived: three likenesses and three coordinates of a direction."""
+"""Features of a block.  Source: derived: three likenesses, three components of a direction."""
 BLOCK = 256
 """
-Voxels whose features are derived together.
+Voxels whose features are computed together.
 Source: numerical: what they need stays in the cache; time alone depends on it.
 """
 
@@ -74,16 +74,16 @@ class LinearityResult:
     count: Int64
     """(M,) points of the neighbourhood."""
     sizes: tuple[float, ...]
-    """Edges of all neighbourhoods that were examined [m]."""
+    """Edges of the neighbourhoods of all scales [m]."""
     num_voxels: tuple[int, ...]
-    """Occupied voxels at each of them."""
+    """Occupied voxels of each scale."""
     num_bulk: int = 0
     """Points dropped first, inside bulky things."""
     histogram: tuple[int, ...] = ()
-    """Neighbourhoods with enough points, by linear likeness in equal bins from 0 to 1."""
+    """Histogram of the linear likeness of neighbourhoods with enough points, from 0 to 1."""
 
     def select(self, keep: Bool) -> 'LinearityResult':
-        """Return some of the candidates, (M,) True for those that stay."""
+        """Return the candidates for which (M,) ``keep`` is True."""
         return replace(
             self,
             position=self.position[keep],
@@ -99,7 +99,7 @@ class Scales:
     """The neighbourhoods of the high points, before any threshold."""
 
     levels: tuple[tuple[Voxels, Likeness], ...]
-    """Voxels and the features of the block about each, from fine to coarse."""
+    """Voxels, and the features of the block about each, from fine to coarse."""
     num_bulk: int
     """Points dropped first, inside bulky things."""
 
@@ -145,13 +145,13 @@ def find_candidates(
     scales: Scales | None = None,
 ) -> LinearityResult:
     """
-    Find voxels whose neighbourhood is linear and near horizontal, at several scales.
+    Find voxels whose neighbourhood is linear and nearly horizontal, at several scales.
 
     A voxel is a candidate where the block about it holds ``min_neighbors`` points or more, has a
     linear likeness of ``threshold`` or more and a first eigenvector within
-    ``max_inclination_deg`` of the horizontal.  Moments of coarse scales are sums of fine ones, so
-    every point is visited once.  A coarse voxel with a part that is linear in the same direction
-    is left out, as the finer one is a candidate already.
+    ``max_inclination_deg`` of the horizontal.  Moments of coarse voxels are sums of those of fine
+    ones, so every point is visited once.  A coarse voxel is left out if one of its eight parts is
+    a candidate in the same direction.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def find_candidates(
     settings : LinearitySettings
         Settings of this stage.
     scales : Scales or None
-        Those of these points, where they are known already.
+        Scales of these points, where they are known already.
 
     Returns
     -------
@@ -180,6 +180,7 @@ def find_candidates(
     linear = np.zeros(0, dtype=bool)
     finer, before = None, None
     for voxels, likeness in scales.levels:
+        # voxels with enough points, a linear block and a direction near the horizontal
         enough = likeness.count >= settings.min_neighbors
         histogram += np.bincount(
             (likeness.linear[enough] * NUM_BINS).astype(np.int64), minlength=NUM_BINS + 1
@@ -189,6 +190,7 @@ def find_candidates(
             & (likeness.linear >= settings.threshold)
             & (np.abs(likeness.direction[:, 2]) <= limit)
         )
+        # unless the scale before has a part of it
         good = np.flatnonzero(linear)
         if finer is not None and before is not None:
             good = good[
@@ -243,9 +245,9 @@ def measure_likeness(voxels: Voxels) -> Likeness:
     """
     Return the likeness features of the block of 27 voxels about each voxel.
 
-    The covariance of a block is exact: the moments of its voxels are added, no point is
-    visited.  Voxels are taken in the order of their keys, so that the nine columns of the block
-    are found by pointers that only move on.  O(M).
+    The covariance of a block is exact: it is computed from the moments of its voxels, without
+    their points.  As voxels are visited in the order of their keys, the pointers to the nine
+    columns of the block only move forwards.  O(M).
 
     """
     count, linear, planar, spherical, direction = _measure(
@@ -264,7 +266,7 @@ def measure_likeness(voxels: Voxels) -> Likeness:
 def _has_finer(  # type: ignore[no-untyped-def]
     index, direction, finer_key, table, linear, finer_direction
 ):
-    """Tell which voxels have one of eight parts that is linear in the same direction."""
+    """Tell which voxels have a part, of eight, that is linear in the same direction."""
     result = np.zeros(len(index), dtype=np.bool_)
     for k in range(len(index)):
         for part in range(8):
@@ -307,6 +309,7 @@ def _measure(keys, moments, size):  # type: ignore[no-untyped-def]
         first, last = part * num // num_parts, (part + 1) * num // num_parts
         if first == last:
             continue
+        # offsets of the keys of the nine columns of a block, and pointers to them
         step = np.empty(9, dtype=np.int64)
         at = np.empty(9, dtype=np.int64)
         for column in range(9):
@@ -315,6 +318,7 @@ def _measure(keys, moments, size):  # type: ignore[no-untyped-def]
             at[column] = np.searchsorted(keys, keys[first] + step[column])
         sheet = np.ones((NUM_MOMENTS + NUM_FEATURES, BLOCK))
         total = np.empty(NUM_MOMENTS)
+        # add up the moments of BLOCK voxels, derive their features together, and store them
         for start in range(first, last, BLOCK):
             stop = min(start + BLOCK, last)
             for i in range(start, stop):
@@ -333,7 +337,7 @@ def _measure(keys, moments, size):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _add_block(keys, moments, size, i, step, at, total):  # type: ignore[no-untyped-def]
-    """Add up the moments of the block about a voxel; pointers lead into its nine columns."""
+    """Add up the moments of the block about a voxel; ``at`` points into its nine columns."""
     total[:] = 0.0
     for column in range(9):
         low = keys[i] + step[column]
@@ -352,7 +356,7 @@ def _add_block(keys, moments, size, i, step, at, total):  # type: ignore[no-unty
 @njit(cache=True, nogil=True, error_model='numpy')
 def _derive_features(flat):  # type: ignore[no-untyped-def]
     """
-    Fill the rows of features of a sheet from those of sums, by vectors.
+    Compute the feature rows of a sheet from its rows of moments, by vector instructions.
 
     ``flat`` is the sheet as ((NUM_MOMENTS + NUM_FEATURES) * BLOCK,) float64: count, sums [m]
     and products [m2] of points, then linear, planar and spherical likeness, and direction.

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Drops points inside bulky things, most of them vegetation, by how full the space is."""
+"""Drops points inside bulky objects, mostly vegetation, by the occupancy of the space."""
 
 from numba import njit, prange
 import numpy as np
@@ -13,17 +13,17 @@ from plc_inspect.results import Float64, Int64
 
 BULK_CELL = 1.0
 """
-Edge of the cells whose occupied neighbours reveal bulky things [m].
+Edge of the cells whose occupied neighbours reveal bulky objects [m].
 Source: judgement; not measured.
 """
 NUM_LAST = 8
 """
-Edge of the square of columns that are kept at hand; a power of two.
+Edge of the square of columns whose slots are cached; a power of two.
 Source: numerical: time alone depends on it.
 """
 INITIAL_COLUMNS = 1 << 11
 """
-Columns that a run of points has room for at first.
+Initial capacity of a run of points, in columns.
 Source: numerical: the room doubles whenever it is full.
 """
 
@@ -32,11 +32,11 @@ def drop_bulk(
     points: Float64, chosen: Int64, origin: Float64, max_occupied: int
 ) -> Int64:
     """
-    Drop the points inside bulky things, most of them vegetation, before the costly steps.
+    Drop the points inside bulky objects, mostly vegetation, before the costly steps.
 
-    A point stays where at most ``max_occupied`` of the 27 cells of a metre about it hold points: a
-    line fills 3 to 9, a row of conductors up to 14, a crown most of them.  A conductor inside a
-    crown is found again from the model.
+    A point stays if at most ``max_occupied`` of the 27 cells (BULK_CELL) about it hold points: a
+    line fills 3 to 9, a row of conductors up to 14, a crown most of them.  Points of conductors
+    inside crowns are assigned later, by the fitted curves.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def drop_bulk(
 @njit(cache=True, parallel=True, nogil=True)
 def _fill_columns(points, chosen, origin, size):  # type: ignore[no-untyped-def]
     """
-    Mark occupied cells as bits of columns 64 cells tall.
+    Mark occupied cells as bits of columns of 64 cells.
 
     Returned are the column of each point and its level in it, the key and bits of each column,
     and the table that finds a column by its key.
@@ -76,13 +76,13 @@ def _fill_columns(points, chosen, origin, size):  # type: ignore[no-untyped-def]
     level = np.empty(num, dtype=np.uint8)
     keys = [np.empty(0, dtype=np.int64) for _ in range(NUM_PARTS)]
     bits = [np.empty(0, dtype=np.uint64) for _ in range(NUM_PARTS)]
-    # each run of points fills columns of its own
+    # fill columns run by run
     for part in prange(NUM_PARTS):
         first, last = part * num // NUM_PARTS, (part + 1) * num // NUM_PARTS
         keys[part], bits[part] = _fill_part(
             points, chosen[first:last], origin, size, column_of[first:last], level[first:last]
         )
-    # unite the columns that several runs have points in: number them by key, join their bits
+    # merge the columns of all runs: number them by key, join their bits
     total = 0
     for part in range(NUM_PARTS):
         total += len(keys[part])
@@ -103,7 +103,7 @@ def _fill_columns(points, chosen, origin, size):  # type: ignore[no-untyped-def]
                 used += 1
             filled[slot] |= bits[part][k]
             slots[start[part] + k] = slot
-    # from the numbers of a run to those of all
+    # renumber the columns of the points
     for part in prange(NUM_PARTS):
         for k in range(part * num // NUM_PARTS, (part + 1) * num // NUM_PARTS):
             column_of[k] = slots[start[part] + column_of[k]]
@@ -112,12 +112,12 @@ def _fill_columns(points, chosen, origin, size):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _fill_part(points, chosen, origin, size, column_of, level):  # type: ignore[no-untyped-def]
-    """Return key and bits of the columns of some points; their columns and levels are set."""
+    """Return key and bits of the columns of some points; set column and level of each."""
     key = np.empty(INITIAL_COLUMNS, dtype=np.int64)
     filled = np.zeros(INITIAL_COLUMNS, dtype=np.uint64)
     table = make_table(len(key))
     used = 0
-    # neighbours follow one another: most columns are among the last ones nearby
+    # points near each other come one after another: cache the last columns
     last_key = np.full(NUM_LAST * NUM_LAST, -1, dtype=np.int64)
     last_slot = np.empty(NUM_LAST * NUM_LAST, dtype=np.int32)
     for k in range(len(chosen)):
@@ -148,19 +148,20 @@ def _fill_part(points, chosen, origin, size, column_of, level):  # type: ignore[
 
 @njit(cache=True, nogil=True, inline='always')
 def _look(here, table, key, filled):  # type: ignore[no-untyped-def]
-    """Bits of the column with a key, none where there is no such column."""
+    """Return the bits of the column with a key, 0 where there is none."""
     slot = find_slot(here, table, key)
     return filled[slot] if slot >= 0 else np.uint64(0)
 
 
 @njit(cache=True, parallel=True, nogil=True)
 def _find_sparse(key, filled, table, max_occupied):  # type: ignore[no-untyped-def]
-    """Bits of the cells with at most ``max_occupied`` occupied ones among the 27 about them."""
+    """Return the bits of cells with at most ``max_occupied`` occupied of the 27 about them."""
     result = np.zeros(len(key), dtype=np.uint64)
     one, top, mask = np.uint64(1), np.uint64(63), (1 << AXIS_BITS) - 1
     for i in prange(len(key)):
         count = np.zeros(64, dtype=np.uint64)
         x, y, block = key[i] >> 2 * AXIS_BITS, (key[i] >> AXIS_BITS) & mask, key[i] & mask
+        # add up, level by level, the nine columns: the cell itself, below and above
         for column in range(9):
             u, v = x + column // 3 - 1, y + column % 3 - 1
             if u < 0 or v < 0:
@@ -176,6 +177,7 @@ def _find_sparse(key, filled, table, max_occupied):  # type: ignore[no-untyped-d
                 if (filled[i] >> shift) & one:
                     count[high] += ((here >> shift) & one) + ((below >> shift) & one)
                     count[high] += (above >> shift) & one
+        # keep the sparse ones
         for high in range(64):
             shift = np.uint64(high)
             if (filled[i] >> shift) & one and count[high] <= max_occupied:

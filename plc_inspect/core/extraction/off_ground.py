@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The points off the ground in order of plan cells: the cloud that is searched for wires."""
+"""The points off the ground, sorted by plan cell: the cloud that is searched for wires."""
 
 from dataclasses import dataclass, replace
 
@@ -32,20 +32,20 @@ class OffGround:
     points: Float64
     """(K, 3) [m]"""
     place: Int32
-    """(K,) which points of the cloud these are."""
+    """(K,) their indices in the cloud."""
     num_total: int
-    """N."""
+    """N, number of points of the cloud."""
     least: float
-    """Points lower above the ground than this are not among them [m]."""
+    """Least height above the ground, unless high [m]."""
     high: Int64
-    """Those to be searched for wires, ascending."""
+    """Indices, ascending, of the high points among these, which are searched for wires."""
     height: HeightResult
-    """With ``height`` and ``high`` of these points."""
+    """The result of the height stage, with ``height`` and ``high`` of these points."""
     index: PlanIndex
-    """Of these points."""
+    """Index of these points by plan cell."""
 
     def index_high(self) -> PlanIndex:
-        """Return the index of the high points alone, by the same cells."""
+        """Return the index of the high points alone, with the same cells."""
         return replace(
             self.index,
             start=_count_before(self.high, self.index.start),
@@ -54,11 +54,11 @@ class OffGround:
 
     def scatter(self, values: np.ndarray, elsewhere: float) -> np.ndarray:
         """
-        Return a figure of all points from (K,) figures of these.
+        Return values for the whole cloud from (K,) values of these points.
 
         Returns
         -------
-        (N,) array of the same dtype, ``elsewhere`` for points on the ground
+        (N,) array of the same dtype, ``elsewhere`` for all other points
 
         """
         result = np.empty(self.num_total, dtype=values.dtype)
@@ -79,9 +79,9 @@ def gather_off_ground(
     height : HeightResult
         Of these points.
     least : float
-        Points this high above the ground are off it, and all that are high [m].
+        Height from which points are off the ground; high points always are [m].
     anchor : (2,) float64 or None
-        A corner of the plan cells, where these points are a part of a cloud [m].
+        A corner of the plan cells, if these points are a part of a cloud [m].
 
     Returns
     -------
@@ -105,8 +105,8 @@ def gather_off_ground(
 def _take(
     points: Float64, height: Float32, high: Bool, chosen: Int32
 ) -> tuple[Float64, Float32, Bool]:
-    """Return some of the points, in the given order, with their heights [m]."""
-    # made here and not in the kernel, as numpy asks for large pages of memory
+    """Return the chosen points, in the given order, with their heights [m]."""
+    # allocated here, not in the kernel: numpy asks for large pages of memory
     num = len(chosen)
     rows = np.empty((num, 3)), np.empty(num, dtype=np.float32), np.empty(num, dtype=np.bool_)
     _copy(points, height, high, chosen, *rows)

@@ -15,21 +15,21 @@ from plc_inspect.results import Bool, Float64
 
 CELL = 1.0
 """
-Edge of the plan cells that neighbours are looked up by [m].
+Edge of the plan cells of the index of positions [m].
 Source: numerical: the search is exact; time alone depends on it.
 """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class OutlierResult:
-    """Which of M positions have neighbours at the usual distance."""
+    """Which of M positions have neighbours as near as usual."""
 
     keep: Bool
     """(M,) True for inliers."""
     mean: float
     """Mean over all positions of the mean distance to the neighbours [m]."""
     sigma: float
-    """Standard deviation of it [m]."""
+    """Standard deviation of these mean distances [m]."""
     threshold: float
     """Greatest mean distance of an inlier [m]."""
 
@@ -38,12 +38,12 @@ def remove_outliers(
     positions: Float64, settings: OutlierSettings, usual: tuple[float, float] | None = None
 ) -> OutlierResult:
     """
-    Drop positions whose mean distance to their neighbours is unusually great.
+    Remove positions whose mean distance to their neighbours is unusually great.
 
     The mean distance to the ``num_neighbors`` nearest others is compared with mean + ``sigma``
-    standard deviations over the whole set (Shi et al. 2018, cited by the paper).  A set too
-    small to have that many neighbours is kept whole; in a part of one those that are missing lie
-    beyond its edge, too far away.  O(M) where places are spread over the plan.
+    standard deviations over the whole set (Shi et al. 2018, cited by the paper).  A set with too
+    few positions is kept whole, unless it is a part of a larger one: neighbours that it lacks
+    then count as too far away.  O(M) for positions spread over the plan.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def remove_outliers(
     settings : OutlierSettings
         Settings of this stage.
     usual : tuple of float or None
-        Mean and standard deviation of all, where these positions are a part of them [m].
+        Mean and standard deviation of the whole set, if these positions are a part of one [m].
 
     Returns
     -------
@@ -83,7 +83,7 @@ def measure_spacing(positions: Float64, num: int) -> Float64:
 @njit(cache=True, parallel=True, nogil=True, error_model='numpy')
 def _measure_averages(places, start, origin, cell, rows, columns, num):  # type: ignore[no-untyped-def]
     """
-    Mean distance of each place to its ``num`` nearest others; (3, M) places sorted by plan cell.
+    Return the mean distance of (3, M) places, sorted by plan cell, to their nearest others.
 
     Each searches a square of cells about its own, and doubles it while neighbours may lie beyond
     its edge.  The cells of a row are next to each other.
@@ -114,7 +114,7 @@ def _measure_averages(places, start, origin, cell, rows, columns, num):  # type:
 
 @njit(cache=True, nogil=True)
 def _keep_nearest(x, y, z, x0, y0, z0, nearest):  # type: ignore[no-untyped-def]
-    """Insert the least squared distances into ``nearest``, which ascends."""
+    """Insert squared distances into ``nearest``, the least so far, ascending."""
     for m in range(len(x)):
         value = (x[m] - x0) ** 2 + (y[m] - y0) ** 2 + (z[m] - z0) ** 2
         if value < nearest[-1]:

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Leaves out isolated points far from all others, before any grid is sized.
+Leaves out isolated points far from all others, before grids are laid over the cloud.
 
-A single point 100 km away would make the cells of the ground so large that the ground below the
-conductors comes out too low.
+A single point 100 km away would enlarge the cells of the ground grid so much that the ground below
+the conductors would come out too low.
 """
 
 from dataclasses import dataclass
@@ -18,26 +18,26 @@ from plc_inspect.results import Bool, Float64, Int64
 
 STRAY_GAP = 500.0
 """
-Cells without points of this size, or larger ones, lie around strays [m].
+Least edge of the cells that are empty all around strays [m].
 Source: judgement: longer than the gaps between flight lines; not measured.
 """
 MOST_CELLS = 64
-"""Cells along the longest axis at most.  Source: numerical: bounds memory to 1 MB."""
+"""Greatest number of cells along an axis.  Source: numerical: bounds memory to 1 MB."""
 MOST_STRAYS = 100
 """
-Points of an isolated group that are strays at most.
+Greatest number of points of a group of strays.
 Source: judgement: a conductor of 12 m has more in any survey; not measured.
 """
 STRAY_SHARE = 0.01
-"""The same as a share of the largest group.  Source: judgement; not measured."""
+"""The same limit as a share of the largest group.  Source: judgement; not measured."""
 
 
 def leave_out_strays(points: Float64) -> tuple[Float64, int]:
     """
-    Make NaN of points that are alone and far away.
+    Set points that are alone and far away to NaN.
 
-    Points are strays where their group, of cells that touch, is small and at least STRAY_GAP from
-    all others.  Cost O(N), and nothing where the cloud is no longer than STRAY_GAP.
+    Occupied cells that touch form groups.  Points are strays if their group is small and at least
+    STRAY_GAP from all others.  O(N); O(1) for clouds no longer than STRAY_GAP.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def leave_out_strays(points: Float64) -> tuple[Float64, int]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StrayGrid:
-    """The cells in which isolated points are looked for."""
+    """The grid in which isolated points are searched for."""
 
     low: Float64
     """(3,) lower corner [m]."""
@@ -77,21 +77,21 @@ class StrayGrid:
     """(3,) numbers of cells."""
 
     def count(self, points: Float64) -> Int64:
-        """Return the points in each cell, in one row; those of parts of a cloud add up."""
+        """Return the number of points in each cell, flat; those of the parts of a cloud add up."""
         counts: Int64 = _count(points, self.low, self.cell, self.shape)
         return counts
 
     def find_strays(self, counts: Int64) -> Bool:
-        """Tell the cells, in one row, that hold strays, from the points in each."""
+        """Tell the cells that hold strays, from the number of points in each; both flat."""
         return _find_groups(counts.reshape(self.shape)).ravel()
 
     def erase(self, points: Float64, stray: Bool) -> int:
-        """Make NaN of the points in some cells, and return how many they were."""
+        """Set the points in stray cells to NaN, and return their number."""
         return int(_erase(points, self.low, self.cell, self.shape, stray))
 
 
 def lay_stray_grid(low: Float64, high: Float64) -> StrayGrid | None:
-    """Return the cells over a cloud from its bounds [m], None where it is too small for strays."""
+    """Return the grid over the bounds of a cloud [m], None if it is too small for strays."""
     extent = high - low
     if extent.max() <= STRAY_GAP:
         return None
@@ -102,7 +102,7 @@ def lay_stray_grid(low: Float64, high: Float64) -> StrayGrid | None:
 
 def _find_groups(counts: Int64) -> Bool:
     """Tell the cells that belong to a group of strays."""
-    from scipy.ndimage import label  # few clouds are long enough to need it
+    from scipy.ndimage import label  # imported here: few clouds are large enough to need it
 
     groups, _ = label(counts > 0, structure=np.ones((3, 3, 3)))
     size = np.bincount(groups.ravel(), weights=counts.ravel())
@@ -136,7 +136,7 @@ def _count(points, low, cell, shape):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _erase(points, low, cell, shape, stray):  # type: ignore[no-untyped-def]
-    """Make NaN of the points in marked cells, and return how many they were."""
+    """Set the points in stray cells to NaN, and return their number."""
     count = 0
     for k in range(len(points)):
         at = _find_cell(points, k, low, cell, shape)
