@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A span that wind swings out of the vertical."""
+"""A span blown out of its vertical plane by wind."""
 
 import math
 
@@ -12,21 +12,21 @@ from plc_inspect.results import Float64, Span
 
 NUM_STEPS = 4
 """
-Steps of Newton's method to the nearest place on a curve.
-Source: numerical: each squares the error.
+Newton steps to the nearest point of a curve.
+Source: numerical: each step squares the error.
 """
 LEAST_BEND = -0.5
 """
-Least curvature term of such a step, so that it does not run away above a curve.
+Least curvature term of such a step, so that it converges for points above the curve.
 Source: numerical: keeps the second derivative above 1/2.
 """
 
 
 class SwungSpan:
     """
-    A span in the plane that its load pulls it into.
+    A span in the plane of its load.
 
-    x runs along it from the start, y out of the plane, z against the load.
+    x runs along the span from its start, y out of the plane, z against the load.
     """
 
     def __init__(self, span: Span, state: State, side: float = 1.0) -> None:
@@ -40,7 +40,7 @@ class SwungSpan:
         state : State
             Gives swing and constant.
         side : float
-            1 where the wind blows to the left of the span, -1 where it blows to the right.
+            1 if the wind blows to the left of the span, -1 if to the right.
 
         """
         chord = span.end - span.start
@@ -54,7 +54,7 @@ class SwungSpan:
         self.start, self.state = span.start, state
 
     def measure(self, points: Float64) -> tuple[Float64, Float64]:
-        """Return (N,) distances of (N, 3) points to the curve [m], and x of the nearest places."""
+        """Return (N,) distances of (N, 3) points to the curve, and x of its nearest points [m]."""
         state, moved = self.state, points - self.start
         x0, y, z = moved @ self.along, moved @ self.out, moved @ self.up
         b = solve_vertex(state.length, state.rise, state.c)

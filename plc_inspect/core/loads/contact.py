@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Contact: the temperature at which a conductor sags onto something below it."""
+"""Contact: the temperature at which a conductor sags onto an object below it."""
 
 from collections.abc import Sequence
 import math
@@ -22,12 +22,12 @@ from plc_inspect.results import (
 
 HOTTEST = 120.0
 """
-Greatest temperature of a conductor that is tried [degrees Celsius].
+Greatest temperature of a conductor for which contact is computed [degrees Celsius].
 Source: judgement; not measured.
 """
 ASIDE = 0.25
 """
-A point within this distance of a conductor's vertical plane is below it [m].
+Greatest distance from a conductor's vertical plane of points below it [m].
 Source: judgement; not measured.
 """
 TOLERANCE = 0.01
@@ -41,10 +41,10 @@ def find_contacts(
     points: Float64, result: InspectionResult, conductor: Conductor, temperature: float
 ) -> dict[int, float]:
     """
-    Find the temperatures at which conductors touch what stands below them.
+    Find the temperatures at which conductors touch the objects below them.
 
-    In calm air, without ice; sections share their tension as in `evaluate_cases`.  Only what is
-    below a conductor as surveyed can be touched.
+    In calm air, without ice; the spans of a section share their tension, as in `evaluate_cases`.
+    A conductor touches only points that were below it when surveyed.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def find_contacts(
     conductor : Conductor
         Of all spans.
     temperature : float
-        Of the conductor when it was surveyed [degrees Celsius].
+        Temperature of the conductors when surveyed [degrees Celsius].
 
     Returns
     -------
@@ -91,7 +91,7 @@ def _heat(
     points: Float64, span: Span, section: Sequence[Span], conductor: Conductor,
     temperature: float,
 ) -> float:
-    """Return the temperature at which a span touches the first of some points, inf if never."""
+    """Return the temperature at which a span touches the first of the points, inf if never."""
     unit = (span.end - span.start)[:2] / span.length
     moved = points - span.start
     x, y = moved[:, :2] @ unit, moved[:, :2] @ np.array([-unit[1], unit[0]])
@@ -99,7 +99,7 @@ def _heat(
     x, z = x[under], moved[under, 2]
 
     def sink(degrees: float) -> Float64:
-        """Return the height of the conductor above the points [m]."""
+        """Return the heights of the conductor above the points [m]."""
         case = Case(name='contact', temperature=degrees)
         state = change_span(span, section, temperature, conductor, case)
         return height_at(x, state.length, state.rise, state.c) - z
@@ -111,10 +111,10 @@ def _heat(
     try:
         if not len(x) or float(sink(HOTTEST).min()) > 0.0:
             return math.inf
-        from scipy.optimize import brentq  # half a second that others need not wait for
+        from scipy.optimize import brentq  # imported here, as it takes half a second
 
         return float(brentq(
             lambda degrees: sink(degrees).min(), temperature, HOTTEST, xtol=TOLERANCE
         ))
-    except DataError:  # it hangs too deep to be solved for before it is that hot
+    except DataError:  # at some temperature the span hangs too deep to be solved for
         return math.inf

@@ -40,20 +40,20 @@ from plc_inspect.results import (
 
 SURVEYED = 'as surveyed'
 OFF_GROUND = 0.5
-"""Points up to this height are ground [m].  Source: judgement; not measured."""
+"""Greatest height of ground points [m].  Source: judgement; not measured."""
 GROUND_REACH = 3.0
-"""Distance in plan to points that give the ground [m].  Source: judgement; not measured."""
+"""Greatest distance in plan to the ground point used [m].  Source: judgement; not measured."""
 CELL = 4.0
 """
-Edge of the plan cells that points are looked up by [m].
+Edge of the plan cells of the index of points [m].
 Source: numerical: the search is exact; time alone depends on it.
 """
 BLOCK = 3.0
-"""Edge of blocks that are structure or vegetation [m].  Source: judgement; not measured."""
+"""Edge of the blocks told as structure or vegetation [m].  Source: judgement; not measured."""
 MOST_GROUND = 200_000
-"""Points that give the ground below a span, at most about.  Source: numerical: bounds the time."""
+"""Greatest number of ground points below a span, about.  Source: numerical: bounds the time."""
 MARGIN = 2.0
-"""Clearances are reported this far beyond the rules [m].  Source: judgement; not measured."""
+"""Clearances are measured this far beyond the limits [m].  Source: judgement; not measured."""
 SLACK = 1e-6
 """
 Margin of the box of a hazard's points [m].
@@ -63,14 +63,14 @@ Source: numerical: rounding of coordinates in files.
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reach:
-    """The nearest thing of one kind."""
+    """Clearance to the nearest object of one kind."""
 
     clearance: float
-    """[m], NaN where nothing of this kind is near."""
+    """[m], NaN if no object of this kind is near."""
     along: float
-    """Horizontal distance from the start of the span [m], NaN unknown."""
+    """Horizontal distance from the start of the span [m], NaN if unknown."""
     severity: Severity | None
-    """By the rules, None where they are kept or have no limit."""
+    """Severity by the rules, None if they are kept or have no limit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,7 +97,7 @@ class SpanOutcomes:
     line_id: int
     span_id: int
     ruling_span: float
-    """Ruling span of its section [m]; its own length where it is taken alone."""
+    """Ruling span of its section [m]; its own length if it is alone."""
     outcomes: tuple[Outcome, ...]
 
 
@@ -107,14 +107,14 @@ class WhatIf:
 
     conductor: Conductor
     temperature: float
-    """Of the conductor when it was surveyed, as stated [degrees Celsius]."""
+    """Temperature of the conductors when surveyed, as stated by the user [degrees Celsius]."""
     cases: tuple[Case, ...]
     spans: tuple[SpanOutcomes, ...]
     hazards: dict[int, tuple[float, ...]]
     """Clearance [m] of the object of each vegetation and structure hazard, as surveyed and in
     each case, by hazard_id."""
     contacts: dict[int, float] = field(default_factory=dict)
-    """Temperature at which a conductor touches it, by hazard_id, where one does."""
+    """Temperature of contact by hazard_id, for hazards that are touched [degrees Celsius]."""
 
 
 def evaluate_cases(
@@ -129,9 +129,9 @@ def evaluate_cases(
     """
     Compute the sag of every span in each case, and measure its clearances.
 
-    Spans in line with nearly the same constant are one section and share the tension of their
-    ruling span; others are taken alone.  Ends stay in place: insulators do not swing, supports do
-    not bend.  Wind is tried from both sides.
+    Consecutive spans in line with nearly the same constant form a section and share the tension
+    of its ruling span.  Ends stay in place: insulators do not swing, supports do not bend.  Wind
+    blows from either side; the lesser clearance counts.
 
     Parameters
     ----------
@@ -157,12 +157,13 @@ def evaluate_cases(
     Raises
     ------
     DataError
-        A case has no state, or two cases have one name.
+        A case has no state, or two cases have the same name.
 
     """
     names = [SURVEYED, *(case.name for case in cases)]
     if len(set(names)) != len(names):
         raise DataError(f'cases need names of their own, got {", ".join(names[1:])}')
+    # points of objects, and of the ground
     height = result.ground_height
     finite = np.isfinite(points).all(axis=1)
     solid = finite & (height > OFF_GROUND) & ~np.isin(
@@ -180,11 +181,13 @@ def evaluate_cases(
         ruling = ruling_span([result.spans[i].length for i in section])
         for i in section:
             span = result.spans[i]
+            # the span as surveyed and in each case
             states = [_surveyed(span, conductor)] + [
                 change_span(span, [result.spans[k] for k in section], temperature, conductor,
                             case)
                 for case in cases
             ]
+            # what is near it: objects, other than arms and insulators, and ground
             reach = rules.reach('vegetation', 'building') + MARGIN
             reach += max(item.sag * math.sin(item.swing) for item in states)
             near = _gather(objects, span, reach)
@@ -195,6 +198,7 @@ def evaluate_cases(
             floor = floor[:: 1 + len(floor) // MOST_GROUND]
             below = points[floor].copy()
             below[:, 2] -= height[floor]
+            # clearances in each case, and those of the objects of its hazards
             own = [item for item in result.hazards if item.hazard_id in moved and
                    item.span_id == span.span_id]
             outcomes = []
@@ -250,7 +254,7 @@ def _gather(index: PlanIndex, span: Span, reach: float) -> Int32:
 
 
 def _is_held(points: Float64, span: Span, result: InspectionResult) -> Bool:
-    """Tell the points that may be arms and insulators of a support."""
+    """Tell the points that may be arms or insulators of a support."""
     held = np.zeros(len(points), dtype=bool)
     unit = (span.end - span.start)[:2] / max(span.length, LEAST_LENGTH)
     along = (points[:, :2] - span.start[:2]) @ unit
@@ -260,7 +264,7 @@ def _is_held(points: Float64, span: Span, result: InspectionResult) -> Bool:
 
 
 def _smooth(points: Float64, surface: Bool) -> Bool:
-    """Decide block by block, by the majority: crowns have flat patches."""
+    """Decide by the majority in each block, as crowns have flat patches."""
     if not len(points):
         return surface
     _, block = np.unique(
@@ -273,7 +277,7 @@ def _smooth(points: Float64, surface: Bool) -> Bool:
 
 
 def _nearest(frames: Sequence[SwungSpan], points: Float64) -> tuple[Float64, Float64]:
-    """Return distance and x of each point on the nearest curve, of winds from both sides."""
+    """Return the distance of each point to the nearest curve, and x there [m]."""
     distance, x = frames[0].measure(points)
     for frame in frames[1:]:
         other, at = frame.measure(points)
@@ -284,7 +288,7 @@ def _nearest(frames: Sequence[SwungSpan], points: Float64) -> tuple[Float64, Flo
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Nearest:
-    """Where the conductor of one load case is nearest to each of K points."""
+    """Distances of K points to the conductor in one load case."""
 
     distance: Float64
     """(K,) [m]"""
@@ -327,11 +331,11 @@ def _reach(
 def _over_ground(
     frames: Sequence[SwungSpan], below: Float64, limits: Sequence[Limit]
 ) -> Reach:
-    """Return the least height above the ground, unknown where no ground was seen nearby."""
+    """Return the least height above the ground, NaN where no ground was seen nearby."""
     best = Reach(clearance=math.nan, along=math.nan, severity=None)
     if not len(below):
         return best
-    from scipy.spatial import cKDTree  # a moment that others need not wait for
+    from scipy.spatial import cKDTree  # imported here, as it takes a moment
 
     tree = cKDTree(below[:, :2])
     for frame in frames:

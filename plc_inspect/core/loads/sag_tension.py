@@ -28,48 +28,48 @@ ICE_WEIGHT = 6000.0
 """Weight of ice per volume, as used for overhead lines [N/m3].  Source: docs/physics.md."""
 REFERENCE_TEMPERATURE = 15.0
 """
-Temperature at which a conductor has the length that strain refers to [degrees Celsius].
-Source: derived: any does, as it cancels (docs/physics.md).
+Temperature of the length to which strain refers [degrees Celsius].
+Source: derived: any value will do, as it cancels (docs/physics.md).
 """
 COLDEST = -100.0
-"""Temperature of a conductor at least [degrees Celsius].  Source: judgement; not measured."""
+"""Least temperature of a conductor [degrees Celsius].  Source: judgement; not measured."""
 HOTTEST_CASE = 400.0
-"""Temperature of a conductor at most [degrees Celsius].  Source: judgement; not measured."""
+"""Greatest temperature of a conductor [degrees Celsius].  Source: judgement; not measured."""
 MOST_ICE = 0.5
-"""Thickness of a coat of ice at most [m].  Source: judgement; not measured."""
+"""Greatest thickness of ice [m].  Source: judgement; not measured."""
 MOST_WIND = 100.0
-"""Speed of the wind at most [m/s].  Source: judgement; not measured."""
+"""Greatest wind speed [m/s].  Source: judgement; not measured."""
 CONSTANT_TOLERANCE = 1e-12, 1e-13
 """
 Absolute and relative tolerance of the logarithm of the catenary constant.
-Source: numerical: some rounding.
+Source: numerical: a little above rounding.
 """
 DEEPEST = 4.0
 """
-Length of a span by the least catenary constant that is solved for.
+Greatest ratio of the length of a span to its catenary constant that is solved for.
 Source: judgement; not measured.
 """
 FLATTEST = 1e3
 """
-Greatest catenary constant that is solved for, by the one surveyed or the length of the span.
-Source: numerical: the end of a bracket.
+Greatest ratio of the constant solved for to the surveyed one, or to the length of the span.
+Source: numerical: upper end of the bracket.
 """
 LEAST_LENGTH = 1e-9
 """
-Length of a span in plan at least, where it is divided by [m].
+Least length of a span in plan, as a divisor [m].
 Source: numerical: avoids a division by 0.
 """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conductor:
-    """What the change of state needs to know of a conductor."""
+    """Mechanical data of a conductor."""
 
     name: str
     diameter: float
     """[m]."""
     weight: float
-    """Per length [N/m]."""
+    """Weight per length [N/m]."""
     stiffness: float
     """Modulus of elasticity times cross-section, EA [N]."""
     expansion: float
@@ -90,14 +90,14 @@ class Case:
 
     name: str
     temperature: float
-    """Of the conductor [degrees Celsius]."""
+    """Temperature of the conductor [degrees Celsius]."""
     ice: float = 0.0
-    """Thickness of the coat of ice [m]."""
+    """Radial thickness of ice [m]."""
     wind: float = 0.0
-    """Speed across the line [m/s]."""
+    """Wind speed across the line [m/s]."""
 
     def __post_init__(self) -> None:
-        """Raise DataError for values that no line meets."""
+        """Raise DataError for values outside the limits."""
         for name, low, high, unit in (
             ('temperature', COLDEST, HOTTEST_CASE, 'C'),
             ('ice', 0.0, MOST_ICE, 'm'),
@@ -113,18 +113,18 @@ class Case:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class State:
-    """A span after a change of state, in the plane that its load pulls it into."""
+    """A span after a change of state, in the plane of its load."""
 
     c: float
     """Horizontal tension over resultant load [m]."""
     tension: float
     """Horizontal tension [N]."""
     load: float
-    """Resultant of weight, ice and wind per length [N/m]."""
+    """Resultant load per length, of weight, ice and wind [N/m]."""
     swing: float
-    """Angle of the load from the vertical, the blow-out [rad]."""
+    """Blow-out: angle of the load from the vertical [rad]."""
     length: float
-    """Distance between the ends across the load, in the swung plane [m]."""
+    """Distance between the ends across the load, in its plane [m]."""
     rise: float
     """Height of the second end above the first, against the load [m]."""
 
@@ -135,12 +135,12 @@ class State:
 
 
 def solve_vertex(length: float, rise: float, c: float) -> float:
-    """Return b, the place of the vertex, of the catenary through (0, 0) and (length, rise)."""
+    """Return b, the x of the vertex of the catenary through (0, 0) and (length, rise) [m]."""
     return length / 2 - c * math.asinh(rise / (2 * c * math.sinh(length / (2 * c))))
 
 
 def height_at(x: Float64, length: float, rise: float, c: float) -> Float64:
-    """Return the height over the first end of a catenary through (0, 0) and (length, rise)."""
+    """Return the heights at x of the catenary through (0, 0) and (length, rise) [m]."""
     b = solve_vertex(length, rise, c)
     result: Float64 = c * (np.cosh((np.asarray(x, np.float64) - b) / c) - math.cosh(b / c))
     return result
@@ -167,19 +167,19 @@ def measure_tension(length: float, rise: float, c: float, load: float) -> float:
 
 
 def ruling_span(lengths: Sequence[float]) -> float:
-    """Return the span that stands for a section between two tension supports [m]."""
+    """Return the ruling span, equivalent to a section between two tension supports [m]."""
     if not lengths or min(lengths) <= 0:
         raise DataError(f'a ruling span needs positive lengths, got {list(lengths)}')
     return math.sqrt(sum(value**3 for value in lengths) / sum(lengths))
 
 
 def ice_load(thickness: float, diameter: float) -> float:
-    """Return the weight of a coat of ice per length [N/m]."""
+    """Return the weight of ice per length [N/m]."""
     return ICE_WEIGHT * math.pi * thickness * (thickness + diameter)
 
 
 def wind_load(speed: float, diameter: float, ice: float = 0.0) -> float:
-    """Return the force of wind across a conductor per length [N/m]."""
+    """Return the force per length of wind across a conductor [N/m]."""
     return 0.5 * AIR_DENSITY * DRAG * speed**2 * (diameter + 2 * ice)
 
 
@@ -189,18 +189,17 @@ def change_state(
     """
     Return the state of a surveyed span at the temperature and load of a case.
 
-    The length of the catenary follows temperature and mean tension (elastic, without creep); its
-    ends stay where they are.  Wind blows across the line and pulls the curve into the plane of
-    its load.
+    The length of the conductor follows temperature and mean tension (elastic, without creep); its
+    ends stay in place.  Wind blows across the line and swings the curve into its load's plane.
 
     Parameters
     ----------
     length, rise : float
         Horizontal distance of the ends, and height of the second above the first [m].
     c : float
-        Catenary constant as surveyed, bare and in calm air [m].
+        Catenary constant as surveyed, without ice or wind [m].
     temperature : float
-        Of the conductor when surveyed [degrees Celsius].
+        Temperature of the conductor when surveyed [degrees Celsius].
     conductor : Conductor
         Of the span.
     case : Case
@@ -213,11 +212,12 @@ def change_state(
     Raises
     ------
     DataError
-        Length or constant is not positive and finite, or the span would hang too deep to solve.
+        Length or constant is not positive and finite, or the span sags too deep to solve.
 
     """
     if not (length > 0 and c > 0 and math.isfinite(length) and math.isfinite(c)):
         raise DataError(f'a span of {length:g} m with c = {c:g} m has no state')
+    # load, and the plane that it swings the span into
     stiffness, expansion = conductor.stiffness, conductor.expansion
     weight = conductor.weight + ice_load(case.ice, conductor.diameter)
     wind = wind_load(case.wind, conductor.diameter, case.ice)
@@ -228,6 +228,7 @@ def change_state(
     def strain(degrees: float, tension: float) -> float:
         return 1.0 + expansion * (degrees - REFERENCE_TEMPERATURE) + tension / stiffness
 
+    # unstressed length at the reference temperature, from the survey
     free = measure_length(length, rise, c) / strain(
         temperature, measure_tension(length, rise, c, conductor.weight)
     )
@@ -237,13 +238,14 @@ def change_state(
         tension = measure_tension(swung, lifted, value, load)
         return measure_length(swung, lifted, value) - free * strain(case.temperature, tension)
 
+    # the constant at which the curve is as long as the strained conductor
     low, high = math.log(swung / DEEPEST), math.log(max(c, swung) * FLATTEST)
     if excess(low) < 0 or excess(high) > 0:
         raise DataError(
             f'case {case.name}: a span of {length:.1f} m with c = {c:.0f} m has no state with'
             f' conductor {conductor.name}'
         )
-    from scipy.optimize import brentq  # half a second that others need not wait for
+    from scipy.optimize import brentq  # imported here, as it takes half a second
 
     absolute, relative = CONSTANT_TOLERANCE
     new = math.exp(float(brentq(excess, low, high, xtol=absolute, rtol=relative)))

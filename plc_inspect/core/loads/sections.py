@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Tension sections: the spans that pull on each other."""
+"""Tension sections: groups of spans that share their tension."""
 
 from collections.abc import Sequence
 import math
@@ -10,13 +10,13 @@ from plc_inspect.core.hazards.conductor_hazards import SURE
 from plc_inspect.results import Span
 
 JOINT = 5.0
-"""Distance of span ends that hang on one support [m].  Source: judgement; not measured."""
+"""Greatest distance of span ends on one support [m].  Source: judgement; not measured."""
 MAX_TURN_DEG = 3.0
-"""Turn of a line up to which spans share tension [degrees].  Source: judgement; not measured."""
+"""Greatest turn between spans of a section [degrees].  Source: judgement; not measured."""
 SAME_TENSION = 0.05
-"""Relative difference of c up to which spans share tension.  Source: judgement; not measured."""
+"""Greatest relative difference of c in a section.  Source: judgement; not measured."""
 MOST_APART = 0.15
-"""The same where the constants are unsure, at most.  Source: judgement; not measured."""
+"""The same if c is uncertain.  Source: judgement; not measured."""
 
 
 def group_sections(spans: Sequence[Span]) -> list[list[int]]:
