@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Puts scans into the map by the poses of the vehicle, for the node and for replays alike.
+Inserts scans into the map by the poses of the vehicle, for the node and for replays.
 
-A scan waits, bounded, until the odometry brackets all its points; then it is deskewed and inserted
-whole, or dropped whole and counted with the reason.
+A scan waits, for a bounded time, until the odometry brackets all its points.  Then it is deskewed
+and inserted as a whole, or dropped as a whole and counted with the reason.
 """
 
 from collections import Counter, deque
@@ -36,32 +36,32 @@ from plc_inspect.results import Float32
 
 QUEUE_SIZE = 64
 """
-Scans that wait for odometry at most.
+Greatest number of scans that wait for odometry.
 Source: numerical: 3.2 s at 20 Hz, the fastest turn of the Puck Lite.
 """
 RESERVED_VOXELS = 8_000_000
 """
-Voxels that room is made for at the start, so that no scan pays for growing.
+Voxels allocated at the start, so that no scan pays for growing.
 Source: derived: the default of map.max_voxels.
 """
 LEADS = 16
-"""Scans of which the median lead over the odometry is taken.  Source: judgement; not measured."""
+"""Scans over which the median lead is taken.  Source: judgement; not measured."""
 
 
 class Accumulator:
     """
-    Builds the map from poses and scans in the order in which they come.
+    Builds the map from poses and scans in order of arrival; owned by one thread.
 
-    Owned by one thread.  The frame of the first pose is the map frame; where poses are in another
-    one, step or drift, ``follower`` brings scans to where the map is.  Scans of another frame than
-    the first are rejected.  Those in the odometry's own frame are taken as they are.
+    The frame of the first pose is the map frame.  Where poses come in another frame, step or
+    drift, ``follower`` moves scans to fit the map.  Scans in another frame than the first one are
+    rejected.  Scans in the frame of the odometry are inserted without deskewing.
 
     Parameters
     ----------
     settings : Settings
         ``input`` and ``map`` are used.
     recorded : bool
-        Times of arrival are those of a recording.
+        Arrival times are those of a recording.
 
     """
 
@@ -69,9 +69,9 @@ class Accumulator:
         self.poses = PoseBuffer(settings.input)
         self.entry = MapEntry(settings.map)
         self.placer = Placer(settings.input)
-        """Frames of the vehicle, and the mount of the lidar."""
+        """Frames of the vehicle and mount of the lidar."""
         self.follower = Follower()
-        """Keeps the map whole when the odometry is not."""
+        """Corrects scans for steps and drift of the odometry."""
         self.pose_gate = PoseGate(settings.input)
         self.configure(settings)
         self.map.reserve(RESERVED_VOXELS)
@@ -80,7 +80,7 @@ class Accumulator:
         self._counts: Counter[str] = Counter()
         self._dropped: Counter[DropReason] = Counter()
         self._lidar_frame = ''
-        self.mount: Mount | None = None  # of the scans in the map
+        self.mount: Mount | None = None  # for the scans in the map
         self._gate = ScanGate()
         self.timing = ScanTiming()
         self._leads: deque[float] = deque(maxlen=LEADS)
@@ -91,12 +91,12 @@ class Accumulator:
         self, frames: tuple[str, str] | None, before: Counters | None, last_inserted: int | None,
         mount: Mount | None = None,
     ) -> None:
-        """Go on with what is there, of these frames, counts, last stamp [ns] and mount."""
+        """Continue a flight with its frames, counts, last inserted stamp [ns] and mount."""
         self.pose_gate.frames, self._before = frames, before
         self._last_inserted, self.mount = last_inserted, mount
 
     def configure(self, settings: Settings) -> None:
-        """Use other settings from now on, except for the structural ones."""
+        """Use other settings from now on, other than structural ones."""
         source = settings.input
         self._min_range = source.min_range
         self._max_range = source.max_range
@@ -108,27 +108,27 @@ class Accumulator:
 
     @property
     def map(self) -> VoxelMap:
-        """All points that came in."""
+        """All points inserted."""
         return self.entry.map
 
     @property
     def meter(self) -> SharpnessMeter:
-        """Gathers what tells whether the map is sharp."""
+        """Measures how sharp the map is."""
         return self.entry.meter
 
     @property
     def doubt(self) -> str:
-        """What is wrong with the odometry, so that nothing may be told of the map."""
+        """Why the odometry cannot be trusted, so that no result may be reported; '' if it can."""
         return self.pose_gate.doubt or self.follower.doubt
 
     @property
     def last_inserted(self) -> int | None:
-        """Stamp of the scan that went into the map last [ns], None before the first."""
+        """Stamp of the scan inserted last [ns], None before the first."""
         return self._last_inserted
 
     @property
     def frames(self) -> tuple[str, str] | None:
-        """Frame of the odometry, and of the base; None before the first pose."""
+        """Frames of the odometry and of the base; None before the first pose."""
         return self.pose_gate.frames
 
     @property
@@ -147,7 +147,7 @@ class Accumulator:
         now: float | None = None,
     ) -> bool:
         """
-        Take one pose of the vehicle, and insert the scans that it completes.
+        Add one pose of the vehicle, and insert the scans that it brackets.
 
         Parameters
         ----------
@@ -165,7 +165,7 @@ class Accumulator:
         Returns
         -------
         bool
-            Whether the pose was accepted, or waits for the next; if not, the counters say why.
+            Whether the pose was accepted or waits for the next one; if not, the counters say why.
 
         """
         given = FramedPose(
@@ -204,7 +204,7 @@ class Accumulator:
         now: float | None = None,
     ) -> None:
         """
-        Take one scan; it goes into the map once the odometry brackets its points.
+        Add one scan; it is inserted once the odometry brackets its points.
 
         Parameters
         ----------
@@ -219,9 +219,9 @@ class Accumulator:
         frame_id : str
             Frame of the scan.
         num_not_finite : int
-            Points that were not finite and are not in ``xyz`` any more, to be counted.
+            Points that were not finite and were removed from ``xyz``, to be counted.
         layout : str
-            Order of the coordinates in the message; that of the first scan holds.
+            Order of the coordinates in the message; scans must keep to that of the first.
         now : float or None
             Time of arrival by a steady clock or the recording's clock [s]; without it a scan
             waits until the queue is full.
@@ -229,10 +229,10 @@ class Accumulator:
         Raises
         ------
         DataError
-            The arrays do not belong together, or a time cannot be right; the scan is not
-            counted.
+            The shapes do not match, or a time is implausible; the scan is not counted.
 
         """
+        # keep finite points within range; those in the map frame are judged later
         points, times = check_points(xyz, time)
         placed = bool(frame_id) and frame_id == self.frame_id
         low, high = (0.0, math.inf) if placed else (self._min_range, self._max_range)
@@ -249,6 +249,7 @@ class Accumulator:
         if reason is not None:
             self._dropped[reason] += 1
             return
+        # count, and queue the scan in place of the oldest where the queue is full
         if self.poses.last_stamp is not None:
             self._leads.append((last - self.poses.last_stamp) * 1e-9)
         self._lidar_frame = frame_id
@@ -267,7 +268,7 @@ class Accumulator:
         self.expire(now)
 
     def refuse(self, reason: DropReason) -> None:
-        """Count a scan that was not taken at all."""
+        """Count a scan that was refused before it was read."""
         self._counts['scans'] += 1
         self._dropped[reason] += 1
 
@@ -278,7 +279,7 @@ class Accumulator:
         Parameters
         ----------
         now : float or None
-            By the clock of arrival [s]; None: nothing is dropped.
+            Time by the clock of arrival [s]; None: nothing is dropped.
 
         """
         if now is None:
@@ -291,7 +292,7 @@ class Accumulator:
                 self._dropped[DropReason.WAITED_TOO_LONG] += 1
 
     def finish(self) -> None:
-        """End a recording: drop the scans that wait, which no pose will bracket any more."""
+        """End a recording: drop the waiting scans, which no pose will bracket any more."""
         for pose in self.pose_gate.release():
             self._take_pose(pose)
         for _ in self._take_waiting():
@@ -300,7 +301,7 @@ class Accumulator:
 
     def reset(self, *, keep_map: bool = False) -> None:
         """
-        Forget poses and waiting scans, as after a backward jump of time; counters go on.
+        Forget poses and waiting scans, as after a backward jump of time; keep the counters.
 
         Parameters
         ----------
@@ -327,7 +328,7 @@ class Accumulator:
             self.timing.clear()
 
     def _take_waiting(self) -> Iterator[WaitingScan]:
-        """Yield the scans that wait now, each taken out of the queue."""
+        """Yield the scans that wait now, and take each out of the queue."""
         return (self._queue.popleft() for _ in range(len(self._queue)))
 
     def _drain(self) -> None:
@@ -360,7 +361,7 @@ class Accumulator:
         self._enter(self.follower.take(seen))
 
     def _enter(self, ready: Iterable[Seen | Part]) -> None:
-        """Put scans into the map, which begins anew with a part that lies nowhere in it."""
+        """Insert scans into the map; begin it anew at a part that does not fit into it."""
         for item in ready:
             if isinstance(item, Part):
                 self.entry.begin_anew(item.describe())
@@ -381,7 +382,7 @@ class Accumulator:
             self._counts['map full'] += insertion.num_refused
 
     def _follow_mount(self) -> None:
-        """Begin the map anew where the lidar is mounted otherwise than for the scans in it."""
+        """Begin the map anew if the mount of the lidar differs from that of the scans in it."""
         self.placer.set_frames(self.frames, self._lidar_frame)
         mount, before = self.placer.mount, self.mount
         self.mount = mount
@@ -390,7 +391,7 @@ class Accumulator:
             self.entry.begin_anew(f'the mount of the lidar is another one: {mount.describe()}')
 
     def counters(self) -> Counters:
-        """Return the counts so far."""
+        """Return the counts since the start."""
         now = gather_counters(
             self._counts, self._dropped, self.poses, self._clock, self._leads,
             len(self._queue) + self.follower.num_waiting, self.entry.num_restarts,

@@ -27,7 +27,7 @@ class DeskewedScan:
     points: Float64
     """(N, 3) map frame [m], NaN where ``bracket`` is not OK."""
     bracket: UInt8
-    """(N,) ``pose_buffer.Bracket``, why a point has a pose or has none."""
+    """(N,) ``pose_buffer.Bracket``, why each point has a pose or none."""
 
     @property
     def complete(self) -> bool:
@@ -41,7 +41,7 @@ def deskew(
     """
     Transform points into the map frame, each with the pose at its own stamp.
 
-    Cost O(N) for stamps that are nearly in order, about 1 ms for 30,000 points.
+    O(N) for stamps that are nearly in order, about 1 ms for 30,000 points.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def deskew(
     Returns
     -------
     DeskewedScan
-        N points and what bracketed each; a point without pose is NaN, never guessed.
+        N points and the bracket of each; a point without pose is NaN, never guessed.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def _transform(
         if bracket[i] != 0:
             result[i, :] = np.nan
             continue
-        # what all points between the same two poses share
+        # rotation and turn are the same for all points between two poses
         k = upper[i]
         if k != current:
             current = k
@@ -113,7 +113,7 @@ def _transform(
         bx = mount[0, 0] * x + mount[0, 1] * y + mount[0, 2] * z + mount[0, 3]
         by = mount[1, 0] * x + mount[1, 1] * y + mount[1, 2] * z + mount[1, 3]
         bz = mount[2, 0] * x + mount[2, 1] * y + mount[2, 2] * z + mount[2, 3]
-        # Rodrigues: turn by share * angle about the axis of the relative rotation
+        # turn by share * angle about the axis of the relative rotation (Rodrigues)
         sine, versine = math.sin(share * angle), 1.0 - math.cos(share * angle)
         cx = axis[1] * bz - axis[2] * by
         cy = axis[2] * bx - axis[0] * bz

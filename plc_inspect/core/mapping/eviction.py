@@ -16,7 +16,7 @@ STOP = 0.85
 """Share of the map's cap at which eviction ends.  Source: judgement; not measured."""
 BATCH = 30_000
 """
-Voxels evicted in one step, as many as a scan may bring.
+Voxels evicted in one step, as many as a scan can add.
 Source: Velodyne Puck Lite data sheet: 300,000 points/s, at 10 turns/s.
 """
 
@@ -29,10 +29,10 @@ NOTHING: Bool = np.zeros(256, dtype=np.bool_)
 
 class Evictor:
     """
-    Removes voxels in steps, those farthest from the vehicle first.
+    Removes voxels in steps, the farthest from the vehicle first.
 
-    Ground, vegetation and all else that is neither wire nor support goes first; wires and supports
-    follow only if that is not enough.  The registry still knows their spans.
+    Voxels that are neither wire nor support are removed first; wires and supports follow only if
+    that is not enough.  The registry keeps their spans.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class Evictor:
         self.clear()
 
     def clear(self) -> None:
-        """Start over, after the map was cleared."""
+        """Start over, as after the map was cleared."""
         self.nearest = math.inf
         """Least distance from the vehicle at which voxels were removed [m]."""
         self._order: Int64 = np.empty(0, dtype=np.int64)
@@ -57,7 +57,7 @@ class Evictor:
         self._rest: Int64 = np.empty(0, dtype=np.int64)
 
     def resume(self, num_evicted: int, nearest: float) -> None:
-        """Go on with the counts of another process."""
+        """Continue with the counts of an earlier process."""
         self.num_evicted, self.nearest = num_evicted, nearest
 
     def step(self, vehicle: Float64 | None) -> int:
@@ -67,7 +67,7 @@ class Evictor:
         Parameters
         ----------
         vehicle : Float64 or None
-            (2+,) where the vehicle is [m].
+            (2+,) position of the vehicle [m]; None: cells are taken in any order.
 
         Returns
         -------
@@ -102,7 +102,7 @@ class Evictor:
         return removed
 
     def _begin(self, vehicle: Float64 | None, kept: Bool) -> None:
-        """List the cells with something to evict, the farthest first."""
+        """List the cells with voxels to evict, the farthest first."""
         cells = self._voxels.cells
         rest = np.zeros(len(cells), dtype=np.int64)
         rest[: len(self._rest)] = self._rest

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Where the vehicle has been, thinned and bounded."""
+"""The path of the vehicle, thinned and bounded."""
 
 import math
 
@@ -10,16 +10,16 @@ import numpy as np
 from plc_inspect.results import Float64
 
 STEP = 2.0
-"""Distance between two places that are kept [m].  Source: judgement: less than a stretch."""
+"""Least distance between two positions kept [m].  Source: judgement: less than a stretch."""
 MOST_PLACES = 100_000
 """
-Places that are kept; of more, every other one goes.
+Greatest number of positions kept; beyond, every other one is dropped.
 Source: numerical: 200 km, 3 MB.
 """
 
 
 class FlownWay:
-    """The way of the vehicle in the frame of the map."""
+    """The path of the vehicle in the map frame."""
 
     def __init__(self) -> None:
         self._places: list[tuple[float, float, float, float]] = []
@@ -27,12 +27,12 @@ class FlownWay:
 
     def add(self, stamp_ns: int, position: Float64) -> None:
         """
-        Take a place.
+        Add a position; those nearer than the step to the last one are left out.
 
         Parameters
         ----------
         stamp_ns : int
-            Of the pose [ns].
+            Stamp of the pose [ns].
         position : (3,) float64
             Map frame [m].
 
@@ -47,7 +47,7 @@ class FlownWay:
 
     @property
     def places(self) -> Float64:
-        """(K, 4) time [s] and place in the map frame [m], in the order in which they came."""
+        """(K, 4) time [s] and position in the map frame [m], in order of arrival."""
         return np.array(self._places, dtype=np.float64).reshape(-1, 4)
 
     def clear(self) -> None:

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Puts placed scans into the map, which begins anew where it has to."""
+"""Inserts placed scans into the map, and begins the map anew where it has to."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from plc_inspect.errors import DataError
 
 RESTART_AFTER_NS = 3_000_000_000
 """
-Time during which all scans lie beyond the map's reach after which it begins anew there [ns].
+Time for which all scans lie out of the map's reach before it begins anew there [ns].
 Source: judgement; not measured.
 """
 
@@ -25,15 +25,15 @@ class MapEntry:
     def __init__(self, settings: MapSettings) -> None:
         self.map = VoxelMap(settings)
         self.meter = SharpnessMeter()
-        """Gathers what tells whether the map is sharp."""
+        """Measures how sharp the map is."""
         self.num_restarts = 0
         """Times the map began anew."""
         self.cause = ''
-        """Why it did so last."""
+        """Why it last began anew."""
         self._beyond_since: int | None = None
 
     def forget_times(self) -> None:
-        """Forget since when scans are out of reach."""
+        """Forget how long scans have been out of reach."""
         self._beyond_since = None
 
     def clear(self) -> None:
@@ -49,7 +49,7 @@ class MapEntry:
         self.cause = cause
 
     def enter(self, scan: Seen) -> Insertion | None:
-        """Insert a scan in the map frame; return None where it lies out of reach."""
+        """Insert a scan in the map frame; return None if it lies out of reach."""
         try:
             found = self.map.insert(scan.points)
         except DataError:
@@ -59,7 +59,7 @@ class MapEntry:
         return found
 
     def is_away(self, scan: Seen) -> bool:
-        """Tell whether scans were out of reach for so long that the map is to begin anew."""
+        """Tell whether scans have been out of reach long enough to begin the map anew."""
         if self._beyond_since is None or scan.stamp_ns < self._beyond_since:
             self._beyond_since = scan.stamp_ns
         reached = np.abs(scan.points).max(initial=0.0) < MOST_COORDINATE

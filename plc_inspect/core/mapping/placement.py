@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Puts the points of a scan to their places in the map frame, or says why that cannot be."""
+"""Transforms the points of a scan into the map frame, or says why that is impossible."""
 
 from dataclasses import dataclass
 
@@ -30,15 +30,15 @@ class WaitingScan:
 
     stamp_ns: int
     xyz: Float32
-    """(N, 3) in the lidar's frame, or in that of the odometry [m]."""
+    """(N, 3) in the frame of the lidar, or of the odometry if ``placed`` [m]."""
     stamps: Int64
     """(N,) [ns]."""
     first: int
     last: int
-    """Least and greatest of them [ns]."""
+    """Least and greatest of the stamps [ns]."""
     arrival: float | None
     placed: bool
-    """The points are in the frame of the odometry already."""
+    """Whether the points are in the frame of the odometry already."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,24 +52,24 @@ class PlacedScan:
     apart: Float64
     """(M,) distance from the lidar [m]."""
     num_near: int = 0
-    """Points left out as too near, or too far, in a scan that came in the map frame."""
+    """Points left out as too near or too far, of a scan that came in the map frame."""
     num_far: int = 0
 
 
 class Placer:
     """
-    Puts scans into the map frame by poses and mount.
+    Transforms scans into the map frame by poses and mount.
 
     Parameters
     ----------
     settings : InputSettings
-        Mount, ranges, ``use_tf`` and ``base_frame``.
+        Mount, ranges, ``use_tf`` and ``base_frame`` are used.
 
     """
 
     def __init__(self, settings: InputSettings) -> None:
         self.frames = FrameTree()
-        """Of /tf_static."""
+        """Transforms of /tf_static."""
         self._base = self._lidar = ''
         self.configure(settings)
 
@@ -80,29 +80,29 @@ class Placer:
 
     def add_frame(self, item: StampedTransform) -> None:
         """
-        Take a transform of /tf_static.
+        Add a transform of /tf_static.
 
         Raises
         ------
         DataError
-            Its values are not those of a transform.
+            Its values do not form a transform.
 
         """
         self.frames.add(item)
         self._mount = None
 
     def set_frames(self, odometry: tuple[str, str] | None, lidar: str) -> None:
-        """Take the frames of the odometry and its child, None: unknown, and of the scans."""
+        """Set the frames of the odometry and the base, None if unknown, and of the scans."""
         frame, base = odometry or ('', '')
         if lidar == frame:
-            lidar = ''  # the scans are placed already, by whatever mount
+            lidar = ''  # the scans are in the map frame already
         if (base, lidar) != (self._base, self._lidar):
             self._base, self._lidar = base, lidar
             self._mount = None
 
     @property
     def mount(self) -> Mount:
-        """The mount that holds now."""
+        """The mount in use."""
         if self._mount is None:
             self._mount = choose_mount(self._settings, self.frames, self._base, self._lidar)
         return self._mount
@@ -111,8 +111,8 @@ class Placer:
         """
         Return the points of a scan in the map frame, each by the pose of its own time.
 
-        The points of a scan that came in the map frame stay where they are; those not within
-        range of the lidar's place at their time are left out.
+        Points of a scan that came in the map frame are not moved; those out of range of the
+        lidar's position at their time are left out.
         """
         seen = np.zeros_like(scan.xyz) if scan.placed else scan.xyz
         result = deskew(seen, scan.stamps, poses, self.mount.transform)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A bounded buffer of the vehicle's poses, and interpolation between them.
+A bounded buffer of the vehicle's poses, for interpolation between them.
 
 Frames: a pose is ``T_map_base``, the base of the vehicle in the frame of the odometry.  Stamps
 are int64 nanoseconds, quaternions x y z w of unit length.
@@ -28,18 +28,18 @@ Source: numerical: 80 s at 100 Hz, 8 s at 1 kHz; scans wait for 1 s (input.max_w
 """
 MAX_TURN_RATE = 35.0
 """
-Fastest believable turn between two poses [rad/s].
+Greatest plausible turn rate between two poses [rad/s].
 Source: derived: 2000 degrees/s, as far as gyroscopes measure.
 """
 QUATERNION_TOLERANCE = 0.01
-"""Largest difference of a quaternion's length from 1.  Source: judgement; not measured."""
+"""Greatest difference of a quaternion's length from 1.  Source: judgement; not measured."""
 RESTART_AFTER = 10
 """
-Poses in a row, ascending in time but earlier than the newest, that restart the buffer.
+Consecutive poses, ascending in time but earlier than the newest, that restart the buffer.
 Source: judgement; not measured.
 """
 PERIODS = 16
-"""Times between poses of which the median is taken.  Source: judgement; not measured."""
+"""Intervals between poses over which the median is taken.  Source: judgement; not measured."""
 
 
 class PoseStatus(enum.Enum):
@@ -58,7 +58,7 @@ class PoseStatus(enum.Enum):
 
 
 class Bracket(enum.IntEnum):
-    """Whether a stamp lies between two poses that may be interpolated."""
+    """Whether a stamp lies between two poses that can be interpolated."""
 
     OK = 0
     BEFORE = 1
@@ -89,12 +89,12 @@ class PoseArrays:
 
 class PoseBuffer:
     """
-    Bounded buffer of poses in order of time; the oldest make room.
+    Bounded buffer of poses in order of time; the oldest are dropped first.
 
-    Poses that are not finite, whose quaternion is not of unit length or whose stamp is not later
-    than the newest are rejected and counted.  When RESTART_AFTER poses in a row are rejected for
-    their stamps although their own stamps ascend, the odometry has gone back in time: the buffer
-    is emptied and starts again with the last of them.
+    Rejects and counts poses that are not finite, whose quaternion is not of unit length or whose
+    stamp is not later than the newest.  When it has rejected RESTART_AFTER poses in a row for
+    their stamps although these ascend, the odometry has gone back in time: the buffer is cleared
+    and starts again with the last of them.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ class PoseBuffer:
 
     @property
     def counts(self) -> dict[PoseStatus, int]:
-        """How often each status was given since the buffer was made."""
+        """Number of poses by status since the buffer was made."""
         return dict(self._counts)
 
     @property
@@ -155,7 +155,7 @@ class PoseBuffer:
 
     @property
     def num_jumps(self) -> int:
-        """Intervals that no vehicle flies since the buffer was made."""
+        """Intervals that no vehicle can fly since the buffer was made."""
         return self._interval_counts[Bracket.JUMP]
 
     def clear(self) -> None:
@@ -197,14 +197,14 @@ class PoseBuffer:
 
     def break_last(self, bracket: Bracket, after_ns: int | None = None) -> None:
         """
-        Let nothing be interpolated over the interval that ends at the newest pose.
+        Forbid interpolation over the interval that ends at the newest pose.
 
         Parameters
         ----------
         bracket : Bracket
-            Why.
+            The reason.
         after_ns : int or None
-            Intervals that end after this are broken too [ns].
+            Intervals that end later than this are broken too [ns].
 
         """
         for last in range(self._end - 1, self._start, -1):
@@ -251,7 +251,7 @@ class PoseBuffer:
         self._start = max(self._start, self._end - self._capacity)
 
     def _judge(self, stamp_ns: int, pose: Float64) -> Bracket:
-        """Say whether the interval from the newest pose to this one may be interpolated."""
+        """Tell whether the interval from the newest pose to this one can be interpolated."""
         last = self._poses[self._end - 1]
         gap_ns = stamp_ns - int(self._stamps[self._end - 1])
         seconds = gap_ns * 1e-9
@@ -292,13 +292,13 @@ def bracket_stamps(
     Returns
     -------
     tuple[Int64, UInt8]
-        (N,) index of the later pose, and (N,) Bracket; the index means nothing unless OK.
+        (N,) index of the later pose, and (N,) Bracket; the index is valid only if OK.
 
     """
     num_poses = len(pose_stamps)
     upper = np.zeros(len(stamps), dtype=np.int64)
     bracket = np.zeros(len(stamps), dtype=np.uint8)
-    k = 1  # the last interval found: stamps that are nearly ordered lie in it or in the next
+    k = 1  # the last interval found: nearly ordered stamps lie in it or in the next
     for i in range(len(stamps)):
         stamp = stamps[i]
         # nothing is extrapolated

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Which poses are taken, and how: their frames, repeated positions, positions in steps."""
+"""Checks poses before they are used: frames, repeated positions, coarse positions."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from plc_inspect.core.numerics.arrays import MOST_COORDINATE
 
 class PoseGate:
     """
-    Lets poses through, in order; owned by one thread.
+    Passes usable poses on, in order; owned by one thread.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class PoseGate:
 
     @property
     def frames(self) -> tuple[str, str] | None:
-        """Frame of the odometry, and of the base; None before the first pose."""
+        """Frames of the odometry and of the base; None before the first pose."""
         return self._frames.frames
 
     @frames.setter
@@ -45,37 +45,37 @@ class PoseGate:
 
     @property
     def doubt(self) -> str:
-        """Why nothing may be told of the map, '' if nothing."""
+        """Why no result may be reported, '' if one may."""
         return self._coarse.doubt
 
     def describe(self) -> str:
-        """Say what is odd about the poses that are taken, '' if nothing."""
+        """Describe what is odd about the poses, '' if nothing."""
         return self._repeats.describe()
 
     def forget_times(self) -> None:
-        """Expect nothing of the next pose, as after time went back; the frames stay."""
+        """Forget the poses seen, as after time went back; keep the frames."""
         self._repeats.clear()
         self._coarse.clear()
 
     def clear(self) -> None:
-        """Take whatever pose comes next."""
+        """Forget poses and frames: accept any next pose."""
         self.forget_times()
         self._frames.clear()
 
     def judge(self, pose: FramedPose) -> list[FramedPose] | None:
-        """Return the poses that are to be taken now, in order; None where it is refused."""
+        """Return the poses to use now, in order; None if this one is refused."""
         known = self._frames.judge(pose)
         for item in known:
             self._coarse.see(item.position)
         return [item for own in known for item in self._repeats.judge(own)] if known else None
 
     def release(self) -> list[FramedPose]:
-        """Return the poses that wait still."""
+        """Return the poses that are still held back."""
         return self._repeats.release()
 
 
 def break_odd(poses: PoseBuffer, follower: Follower) -> None:
-    """Let nothing be interpolated over the newest of the poses, if it cannot be."""
+    """Forbid interpolation up to the newest pose if it jumped or the odometry froze."""
     known = poses.arrays()
     position = known.positions[-1]
     if np.abs(position).max() >= MOST_COORDINATE:

@@ -1,35 +1,35 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The period of the scans' stamps, how many are missing, and how long they have waited."""
+"""Period of the scan stamps, missing scans, and the time that scans have waited."""
 
 from collections import deque
 from statistics import median
 
 WINDOW = 31
-"""Periods of which the median is taken.  Source: judgement; not measured."""
+"""Periods over which the median is taken.  Source: judgement; not measured."""
 MIN_PERIODS = 5
-"""Periods needed before a gap is judged.  Source: judgement; not measured."""
+"""Least number of periods to judge a gap by.  Source: judgement; not measured."""
 MAX_LOST_TIME = 5.0
 """
-Longest gap that counts as lost scans; longer ones are interruptions, or wrong stamps [s].
+Longest gap that counts as lost scans; longer ones are interruptions or wrong stamps [s].
 Source: judgement; not measured.
 """
 GAP = 1.5
 """
-Steps of more median periods than this are gaps.
-Source: derived: half way between one period and two.
+Longest step between scans that is no gap, in median periods.
+Source: derived: halfway between one period and two.
 """
 MOST_ASLEEP = 0.5
 """
-Share of the longest wait that may go by unheard; what is longer is not counted.
-Source: derived: two calls, and what came in between them, before a scan is dropped.
+Longest time between two calls that counts in full, as a share of the longest wait.
+Source: derived: at least two calls, with all that came in between them, before a scan is dropped.
 """
 
 
 class WaitClock:
     """
-    Counts the time in which somebody listened.
+    Counts the time during which the process listened.
 
     While the process itself stands still, in a compiler or for want of a core, poses lie unread
     in the middleware; a scan must not be dropped for that.
@@ -37,24 +37,24 @@ class WaitClock:
     Parameters
     ----------
     recorded : bool
-        The other clock is a recording's: all of its time counts, as nobody was asleep.
+        The clock is a recording's: all of its time counts.
 
     """
 
     def __init__(self, *, recorded: bool = False) -> None:
         self._recorded = recorded
         self.now = 0.0
-        """Time in which somebody listened [s]."""
+        """Time during which the process listened [s]."""
         self._heard: float | None = None
 
     def hear(self, now: float, longest: float) -> float:
         """
-        Take the time by another clock [s], and return that of this one [s].
+        Advance to a time by a steady clock; return the time listened so far [s].
 
         Parameters
         ----------
         now : float
-            A time before that of the last call counts as that.
+            Time by the other clock; one before that of the last call counts as equal [s].
         longest : float
             Longest wait of a scan [s].
 
@@ -90,7 +90,7 @@ class ScanClock:
         return median(self._periods) if len(self._periods) >= MIN_PERIODS else None
 
     def restarted(self) -> 'ScanClock':
-        """Return a clock that has seen no stamp and continues the counts."""
+        """Return a clock without stamps that continues the counts."""
         clock = ScanClock()
         clock.num_lost = self.num_lost
         clock.num_interruptions = self.num_interruptions
@@ -98,7 +98,7 @@ class ScanClock:
 
     def add(self, stamp_ns: int) -> int:
         """
-        Take the stamp of the next scan.
+        Add the stamp of the next scan.
 
         Parameters
         ----------

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Counts of what came in, and of what was dropped, by reason."""
+"""Counters of scans, points and poses that came in or were dropped, by reason."""
 
 from collections import Counter, deque
 from collections.abc import Mapping
@@ -44,18 +44,18 @@ class Counters:
     scans_dropped: dict[str, int]
     """DropReason value to count."""
     num_scans_lost: int
-    """Scans missing between header stamps, judged by the median period."""
+    """Scans missing between header stamps, by the median period."""
     num_interruptions: int
     """Pauses between scans that are too long to be lost scans."""
     num_scans_without_time: int
-    """Scans whose points have no times: deskewed between scans, not within."""
+    """Scans without point times: all their points are placed at the stamp."""
     scan_period: float | None
     """Median time between scans [s], None while unknown."""
     num_points: int
     """Points received, those that are not finite included."""
     num_points_inserted: int
     points_dropped: dict[str, int]
-    """'not finite', 'too near', 'too far', 'map full' to count, without those of dropped scans."""
+    """'not finite', 'too near', 'too far', 'map full' to count, other than of dropped scans."""
     num_poses: int
     poses_rejected: dict[str, int]
     """PoseStatus value, or 'another frame', to count."""
@@ -65,12 +65,12 @@ class Counters:
     num_map_restarts: int
     """Times the map began anew: out of its reach, or with another mount of the lidar."""
     stamp_lead: float | None
-    """Median time by which scans are ahead of the newest pose on arrival [s], None unknown."""
+    """Median lead of scans over the newest pose on arrival [s], None while unknown."""
     pose_period: float | None
     """Median time between poses [s], None while unknown."""
 
     def add(self, before: 'Counters') -> 'Counters':
-        """Return the counts of both; what is no count, and what waits, is of this one."""
+        """Return the sums of both; periods, lead and waiting scans are those of this one."""
         own: dict[str, Any] = {}
         for item in fields(self):
             value, other = getattr(self, item.name), getattr(before, item.name)
@@ -87,7 +87,7 @@ def gather_counters(
     counts: Counter[str], dropped: Mapping[DropReason, int], poses: PoseBuffer, clock: ScanClock,
     leads: deque[float], num_waiting: int, num_map_restarts: int,
 ) -> Counters:
-    """Return the counts so far of what puts scans into the map."""
+    """Return the counters since the start, from the parts of an accumulator."""
     of_poses = poses.counts
     rejected = {s.value: n for s, n in of_poses.items() if not s.accepted}
     if counts['poses of another frame']:

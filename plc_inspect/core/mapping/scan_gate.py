@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Scans that cannot follow those before: of another frame or layout, or of the same time."""
+"""Refuses scans of another frame or layout, or of the same time as an earlier one."""
 
 from collections import deque
 
@@ -9,39 +9,39 @@ from plc_inspect.core.mapping.scan_counters import DropReason
 
 REMEMBERED = 16
 """
-Scans that a new one is compared with.
-Source: numerical: 0.8 s at 20 Hz; scans that come out of order are neighbours.
+Number of earlier scans that a new one is compared with.
+Source: numerical: 0.8 s at 20 Hz; scans out of order are close to each other.
 """
 MOST_OVERLAP = 0.2
 """
-Greatest share of the shorter of two scans in which both may have been measured.
+Greatest overlap in time of two scans, as a share of the shorter one.
 Source: judgement; not measured.
 """
 LEAST_STEP_NS = 2_000_000
 """
 Least time between the stamps of two scans [ns].
-Source: derived: 500 Hz, ten times the fastest sensors turn.
+Source: derived: 500 Hz, ten times as fast as sensors turn.
 """
 CONFLICT_NS = 10_000_000_000
 """
-Time after an overlap in which scans must keep to the period [ns].
+Time after an overlap during which scans must keep to the period [ns].
 Source: judgement; not measured.
 """
 MOST_PHASE = 0.05
 """
-Greatest distance from a whole number of periods in that time, as a share of the period.
+Greatest deviation from a whole number of periods during that time, in periods.
 Source: judgement; not measured.
 """
 
 
 class ScanGate:
     """
-    Tells which scans may follow those that were taken.
+    Decides which scans are accepted, by those accepted before.
 
-    One sensor measures one scan at a time: where two cover the same time, a second driver is on
-    the topic, a message came twice, or the stamps are wrong.  The one that came first stays; for a
-    while after such a conflict scans off its rhythm are refused too, so that the other driver does
-    not take over where a scan of the first is lost.
+    One sensor measures one scan at a time.  If two scans overlap in time, a second driver is on
+    the topic, a message came twice, or the stamps are wrong; the first to arrive is kept.  For a
+    while after such a conflict, scans off its rhythm are refused too, so that the other driver
+    does not take over when a scan of the first is lost.
     """
 
     def __init__(self) -> None:
@@ -50,7 +50,7 @@ class ScanGate:
         self.forget_times()
 
     def forget_times(self) -> None:
-        """Take scans of any time next, as after time went back."""
+        """Accept scans of any time next, as after time went back."""
         self._taken: deque[tuple[int, int, int]] = deque(maxlen=REMEMBERED)
         self._conflict: int | None = None
 
@@ -59,12 +59,12 @@ class ScanGate:
         period: float | None,
     ) -> DropReason | None:
         """
-        Take a scan, or say why not.
+        Accept a scan, or return why not.
 
         Parameters
         ----------
         frame_id, layout : str
-            Of the scan; those of the first one hold.  A scan of no fields has no layout, ''.
+            Must be those of the first scan; '' is the layout of a scan without fields.
         stamp_ns : int
             Header stamp [ns].
         times : tuple of int
@@ -102,7 +102,7 @@ class ScanGate:
 
 
 def _overlap(scan: tuple[int, int, int], other: tuple[int, int, int]) -> bool:
-    """Tell whether two scans, stamp, first and last time [ns], cannot be of one sensor."""
+    """Tell whether two scans (stamp, first and last time [ns]) cannot come from one sensor."""
     if abs(scan[0] - other[0]) < LEAST_STEP_NS:
         return True
     common = min(scan[2], other[2]) - max(scan[1], other[1])

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Which points of a scan are used, in numba."""
+"""Selects the usable points of a scan, in numba."""
 
 from numba import njit
 import numpy as np
@@ -12,13 +12,13 @@ from plc_inspect.results import Float32, Float64, Int64
 
 MAX_TIME_OFFSET = 1.0
 """
-Largest believable time of a point relative to its scan's stamp [s].
+Greatest plausible time of a point relative to its scan's stamp [s].
 Source: judgement; not measured.
 """
 
 
 def check_worst(worst: float) -> None:
-    """Raise DataError where a point is farther from the stamp of its scan than is believed [s]."""
+    """Raise DataError if a point is farther from its scan's stamp than MAX_TIME_OFFSET [s]."""
     if worst > MAX_TIME_OFFSET:
         raise DataError(
             f'a point is {worst:g} s away from the stamp of its scan, '
@@ -31,18 +31,18 @@ def select_points(
     xyz: Float32, times: Float64, stamp_ns: int, min_range: float, max_range: float
 ) -> tuple[Float32, Int64, int, int, int, float]:
     """
-    Keep finite points within range; also count the others, and find the worst time.
+    Keep finite points within range, count the others, and find the greatest time.
 
     Parameters
     ----------
     xyz : Float32
         (N, 3) points in the lidar frame [m].
     times : Float64
-        (N,) time of each point relative to the stamp [s], or (0,): all at the stamp.
+        (N,) time of each point relative to the stamp [s]; (0,) if all are at the stamp.
     stamp_ns : int
         Stamp of the scan [ns].
     min_range, max_range : float
-        Of the points that are kept [m].
+        Range of the points to keep [m].
 
     Returns
     -------
@@ -75,12 +75,12 @@ def select_points(
 
 def check_points(xyz: Float32, time: NDArray[np.float64] | None) -> tuple[Float32, Float64]:
     """
-    Return points (N, 3) and their times (N,), or (0,) without, as kernels want them.
+    Return points (N, 3) and times (N,), or (0,) without times, as kernels take them.
 
     Raises
     ------
     DataError
-        They do not belong together.
+        Their shapes do not match.
 
     """
     points = np.ascontiguousarray(xyz, dtype=np.float32)

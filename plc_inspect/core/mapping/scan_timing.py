@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Shifts the times of scans to where they fit best, where their clock is surely another."""
+"""Corrects the times of scans if their clock surely differs from that of the odometry."""
 
 from dataclasses import replace
 
@@ -15,61 +15,61 @@ from plc_inspect.core.setup.steady_fit import choose_points, Look, SteadyFit
 from plc_inspect.results import Int64
 
 STEP_NS = 20_000_000
-"""Time over which it is seen how points move [ns].  Source: judgement: two poses at 100 Hz."""
+"""Time over which velocities of points are taken [ns].  Source: judgement: two poses at 100 Hz."""
 LEAST_OFFSET = 0.015
 """
-Offset from which scans are shifted [s].
-Source: measured: bench/studies/input_faults.py: right clocks show 0.007 where it is sure.
+Least offset that is corrected [s].
+Source: measured: bench/studies/input_faults.py: sure offsets of right clocks reach 0.007.
 """
 SMEARED = 0.03
 """
-Offset from which what was mapped is smeared, and the map begins anew, whenever that is [s].
+Greatest correction with which the map is kept; beyond, it is smeared and begins anew [s].
 Source: measured: bench/studies/sharpness.py: 0.05 s holds hazards back.
 """
 MOST_OFFSET = 0.5
-"""Greatest offset that is mended [s].  Source: as MOST_LEAD of standstill, which tells greater."""
+"""Greatest offset corrected [s].  Source: as MOST_LEAD of standstill, which reports greater."""
 MOST_RATE = 0.02
-"""Greatest difference of the speeds of two clocks.  Source: judgement: hundreds of times usual."""
+"""Greatest relative drift of two clocks.  Source: judgement: hundreds of times the usual."""
 LARGE = 0.1
 """
-After a correction by so much the next one makes up for its error, and tells no rate [s].
+Correction after which the next one removes its error, and does not show a drift [s].
 Source: measured: the demo flight with 0.2 s: 0.17 s, then 0.03 s.
 """
 LEAST_TOLD = 0.001
-"""A difference in speed from which it is told.  Source: judgement: 0.1 s in two minutes."""
+"""Least drift that is reported.  Source: judgement: 0.1 s in two minutes."""
 LEARNING = 0.5
-"""Share of a new offset that is taken for a difference in speed.  Source: judgement."""
+"""Share of a new offset that is attributed to drift.  Source: judgement."""
 
 
 class ScanTiming:
-    """Owned by one thread."""
+    """Finds and corrects the offset of the scans' clock; owned by one thread."""
 
     def __init__(self) -> None:
         self._fit = SteadyFit()
         self.clear()
 
     def clear(self) -> None:
-        """Take the stamps of scans as they are."""
+        """Use the stamps of scans as they are."""
         self._fit.clear()
         self._offset = self._rate = self._newest = 0.0
         self._since: int | None = None
 
     @property
     def offset(self) -> float:
-        """By how much scans are shifted, found last [s]."""
+        """Newest correction of the times of scans [s]."""
         return self._offset
 
     def forget_looks(self) -> None:
-        """Compare nothing with what was seen before, as where the odometry broke."""
+        """Forget the scans compared so far, as after a break in the odometry."""
         self._fit.clear()
 
     @property
     def steady(self) -> Steady | None:
-        """What makes planes lie together; None: nobody knows."""
+        """Steady errors that make planes coincide; None while unknown."""
         return self._fit.steady
 
     def shift(self, stamp_ns: int, stamps: Int64) -> Int64:
-        """Return the times of points of a scan [ns] by the clock of the odometry."""
+        """Return the point times of a scan by the clock of the odometry [ns]."""
         offset = self._find_offset(stamp_ns)
         return stamps if offset == 0.0 else stamps + round(offset * 1e9)
 
@@ -80,16 +80,17 @@ class ScanTiming:
 
     def look(self, scan: WaitingScan, placer: Placer, poses: PoseBuffer) -> str:
         """
-        Look at a scan that was placed.
+        Compare a scan with those before, and correct the offset.
 
         Returns
         -------
         str
-            Why the map is to begin anew, '' where it may stay.
+            Why the map must begin anew, '' if it can be kept.
 
         """
         if scan.placed or not len(scan.xyz):
             return ''
+        # some of its points, and how each would move if the clock were off
         chosen = choose_points(np.sqrt(np.einsum('ij,ij->i', scan.xyz, scan.xyz)))
         if not len(chosen):
             return ''
@@ -106,9 +107,11 @@ class ScanTiming:
             return ''
         velocity = (now.points - before.points) / (STEP_NS * 1e-9)
         seen = Look(now.points, velocity, lidar.points, now.stamps)
+        # the offset at which planes coincide, if sure
         new, steady = self._fit.see(seen, scan.stamp_ns), self._fit.steady
         if not new or steady is None or not steady.sure[0] or abs(steady.values[0]) < LEAST_OFFSET:
             return ''
+        # correct it, and learn the drift from small corrections
         found = float(steady.values[0])
         offset = self._find_offset(scan.stamp_ns) + found
         if abs(offset) > MOST_OFFSET:
@@ -122,7 +125,7 @@ class ScanTiming:
         return self.describe() if abs(found) > SMEARED else ''
 
     def describe(self) -> str:
-        """Say by how much scans are shifted, '' where they are not."""
+        """Describe the correction, '' if there is none."""
         if self._offset == 0.0:
             return ''
         side = 'earlier' if self._offset < 0.0 else 'later'

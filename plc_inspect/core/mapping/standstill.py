@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Why nothing goes into the map: the cause, with its numbers, in one sentence."""
+"""Explains in one sentence, with numbers, why nothing is inserted into the map."""
 
 from collections.abc import Mapping
 
@@ -10,17 +10,17 @@ from plc_inspect.core.mapping.scan_counters import Counters, DropReason
 
 MOST_LEAD = 0.5
 """
-Difference of the clocks of scans and odometry that is named as the cause [s].
+Least difference of the clocks of scans and odometry that is named as the cause [s].
 Source: judgement: several times the delay of a driver; not measured.
 """
 MOST_LATE = 10.0
 """
-Time up to which poses may also simply come late [s].
-Source: judgement: an odometry that works off a queue; not measured.
+Greatest time by which poses may simply come late [s].
+Source: judgement: an odometry that works through a queue; not measured.
 """
 OTHER_EPOCH = 3.2e7
 """
-Difference of the clocks from which one of them does not tell the date [s].
+Difference of the clocks from which one of them does not count from 1970 [s].
 Source: derived: a year, as LEAST_DATE_NS of messages/scans.
 """
 _NO_POSE = (
@@ -33,24 +33,24 @@ def explain_standstill(
     now: Counters, before: Counters | None, malformed: Mapping[str, str], settings: InputSettings
 ) -> str:
     """
-    Say why no point went into the map.
+    Explain why no point was inserted into the map.
 
     Parameters
     ----------
     now : Counters
-        What came in so far.
+        Counters now.
     before : Counters or None
-        The same when a point went in last; None: from the start.
+        Counters when a point was last inserted; None: since the start.
     malformed : mapping
         Messages that could not be used since, 'scan' or 'odometry' to the newest reason; 'poses'
         to why their source gives none.
     settings : InputSettings
-        Ranges and gaps.
+        Ranges, and the longest gap between poses.
 
     Returns
     -------
     str
-        The cause that holds for most scans.
+        The cause that affects most scans.
 
     """
     dropped = _grown(now.scans_dropped, before.scans_dropped if before else {})
