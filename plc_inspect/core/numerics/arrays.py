@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Selects and copies some of many values."""
+"""Kernels that select, copy and merge array elements."""
 
 from numba import njit, prange
 import numpy as np
@@ -14,24 +14,24 @@ Source: numerical: several for each core; no result depends on it.
 
 MOST_COORDINATE = 1e8
 """
-Coordinates beyond are of no place on Earth in any projection [m].
+Greatest coordinate of any place on Earth, in any projection [m].
 Source: derived: zones of Gauss-Krueger put 60 million before an easting; 1e8 is beyond.
 """
 
 
 @njit(cache=True, nogil=True, inline='always')
 def is_on_earth(x, y, z):  # type: ignore[no-untyped-def]
-    """Tell coordinates that are finite and below MOST_COORDINATE."""
+    """Tell whether coordinates are finite and below MOST_COORDINATE."""
     return max(abs(x), abs(y), abs(z)) < MOST_COORDINATE and 0.0 * (x + y + z) == 0.0
 
 
 @njit(cache=True, nogil=True)
 def put(values, target):  # type: ignore[no-untyped-def]
     """
-    Copy (N,) values to the first places of a target, an array or a view of at least N.
+    Copy (N,) values to the start of ``target``, which has at least N elements.
 
-    For kernels, in place of assigning to a slice, which adds numba's check of the lengths: up to a
-    third of the code that is compiled and loaded.  Here lengths are not checked.
+    Replaces assignment to a slice in kernels: numba's check of its length is up to a third of the
+    code that is compiled and loaded.  Lengths are not checked here.
     """
     for k in range(len(values)):
         target[k] = values[k]
@@ -50,7 +50,7 @@ def merge_ascending(first, second):  # type: ignore[no-untyped-def]
     Returns
     -------
     (K,) integer
-        What is in either, strictly ascending.
+        The union, strictly ascending.
 
     """
     result = np.empty(len(first) + len(second), dtype=first.dtype)
@@ -70,18 +70,19 @@ def merge_ascending(first, second):  # type: ignore[no-untyped-def]
 @njit(cache=True, parallel=True, nogil=True)
 def find_true(mask):  # type: ignore[no-untyped-def]
     """
-    Return where a mask is true.
+    Return the indices at which a mask is true.
 
     Parameters
     ----------
     mask : (N,) bool
-        Searched.
+        The mask.
 
     Returns
     -------
     (K,) int64, ascending
 
     """
+    # count per part, so that each knows where to write
     num = len(mask)
     start = np.zeros(NUM_PARTS + 1, dtype=np.int64)
     for part in prange(NUM_PARTS):
@@ -126,14 +127,14 @@ def take_rows(points, chosen):  # type: ignore[no-untyped-def]
 @njit(cache=True, parallel=True, nogil=True)
 def take_found(chosen, found, distance, span):  # type: ignore[no-untyped-def]
     """
-    Copy some of what a search for spans found.
+    Copy a part of the results of `find_near`.
 
     Parameters
     ----------
     chosen : (J,) int64
-        Which of the K finds.
+        Indices of the results to copy.
     found, distance, span : (K,) int64, float32, int32
-        As from find_near, the distance in m.
+        As from `find_near`, distances in m.
 
     Returns
     -------

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Assigns one to one, at the least total cost: rows to columns, or things to their likes."""
+"""One-to-one assignment at the least total cost: rows to columns, or items among themselves."""
 
 import math
 
@@ -19,19 +19,19 @@ Source: numerical: more than all allowed pairs together, which cost metres.
 
 def assign(cost: Float64, most: float = math.inf) -> list[tuple[int, int]]:
     """
-    Pair as many rows with columns as possible, then at the least total cost.
+    Pair as many rows and columns as possible, at the least total cost.
 
     Parameters
     ----------
     cost : (M, N) float64
-        Cost of each pair, far below FAR; inf where there can be none.
+        Cost of each pair, far below FAR; inf where a pair is not allowed.
     most : float
-        What costs more is no pair either.
+        Greatest cost of an allowed pair.
 
     Returns
     -------
     list of tuple
-        Row and column of each pair, in the order of rows.
+        Row and column of each pair, in order of rows.
 
     """
     possible = np.isfinite(cost) & (cost <= most)
@@ -43,7 +43,7 @@ def assign(cost: Float64, most: float = math.inf) -> list[tuple[int, int]]:
     if len(np.unique(cheapest)) == len(rows):  # the cheapest columns are all different
         first, second = np.arange(len(rows)), cheapest
     else:
-        # Its import takes longer than a tick: the warm-up imports it.
+        # Imported here, as it takes longer than a tick: the warm-up imports it.
         from scipy.optimize import linear_sum_assignment
 
         first, second = linear_sum_assignment(within)
@@ -53,23 +53,23 @@ def assign(cost: Float64, most: float = math.inf) -> list[tuple[int, int]]:
 
 def pair_up(pairs: Int64, cost: Float64, lone: float) -> list[int]:
     """
-    Choose pairs of things of one kind, each thing once, at the least cost together.
+    Choose pairs of items of one kind, each item at most once, at the least total cost.
 
     Parameters
     ----------
     pairs : (P, 2) int64
-        Numbers of the things of each pair that there may be, in order of cost.
+        Items of each allowed pair, in order of cost.
     cost : (P,) float64
-        Of each pair, not negative.
+        Cost of each pair, not negative.
     lone : float
-        Two things that are left over cost as much as a pair of this cost.  Pairs that cost more
-        are made of what is left, the cheapest first; so are all pairs of things that cannot be
-        parted into two sides.
+        Cost of leaving two items unpaired.  More costly pairs are made of the items left over, the
+        cheapest first, and so are all pairs of items that cannot be divided into two sides, one
+        item of each pair on each.
 
     Returns
     -------
     list of int
-        Numbers of the pairs, in order of cost.
+        Indices of the chosen pairs, in order of cost.
 
     """
     if not len(pairs):
@@ -88,13 +88,13 @@ def pair_up(pairs: Int64, cost: Float64, lone: float) -> list[int]:
 
 
 def _group(number: Int64, num: int) -> list[Int64]:
-    """List the pairs of each group of things that hang together."""
+    """Return the pairs of each group of connected items."""
     group = unite(number, num)[number[:, 0]]
     return [np.flatnonzero(group == one) for one in np.unique(group)]
 
 
 def _match(own: Int64, number: Int64, cost: Float64, lone: float) -> list[int]:
-    """Choose among the pairs of a group those that cost less than two lone things."""
+    """Choose pairs of a group that cost less than two lone items."""
     ahead = _part(number.tolist())
     if ahead is None:
         return []
@@ -114,7 +114,7 @@ def _match(own: Int64, number: Int64, cost: Float64, lone: float) -> list[int]:
 
 
 def _part(pairs: list[list[int]]) -> set[int] | None:
-    """Return things of which each pair of a group has just one, None if there are none such."""
+    """Return one side of a group, so that each pair has one item on it; None if impossible."""
     side = {pairs[0][0]: True}
     before = 0
     while len(side) > before:

@@ -12,7 +12,7 @@ from plc_inspect.results import Int32, Int64
 
 @njit(cache=True, nogil=True)
 def find_root(parent, item):  # type: ignore[no-untyped-def]
-    """Return the root of an item's set; (N,) int parents are followed, and halved on the way."""
+    """Return the root of an item's set, and halve the path of (N,) int parents to it."""
     while parent[item] != item:
         parent[item] = parent[parent[item]]
         item = parent[item]
@@ -21,21 +21,21 @@ def find_root(parent, item):  # type: ignore[no-untyped-def]
 
 def unite(pairs: ArrayLike, num: int, apart: ArrayLike = ()) -> Int64:
     """
-    Unite items by pairs, one pair after the other, and number the sets.
+    Unite items by pairs, in their order, and number the sets.
 
     Parameters
     ----------
     pairs : (P, 2) int32
         Items that belong to one set, from 0.
     num : int
-        Items; one that is in no pair is a set of its own.
+        Number of items; one without a pair is a set of its own.
     apart : (A, 2) int32
-        Items that never share a set: a pair that would unite two such sets is passed over.
+        Items that must not share a set: pairs that would unite them are skipped.
 
     Returns
     -------
     (num,) int64
-        Set of each item, from 0 in the order of their first items.
+        Set of each item, numbered from 0 in the order of their first items.
 
     """
     result: Int64 = _unite(_as_pairs(pairs), num, _as_pairs(apart))
@@ -48,6 +48,7 @@ def _as_pairs(items: ArrayLike) -> Int32:
 
 @njit(cache=True, nogil=True)
 def _unite(pairs, num, apart):  # type: ignore[no-untyped-def]
+    # unite by pairs, unless that would join what must stay apart
     parent = np.arange(num)
     for k in range(len(pairs)):
         a, b = find_root(parent, pairs[k, 0]), find_root(parent, pairs[k, 1])
@@ -57,11 +58,12 @@ def _unite(pairs, num, apart):  # type: ignore[no-untyped-def]
             clash |= (c == a and d == b) or (c == b and d == a)
         if not clash:
             parent[max(a, b)] = min(a, b)
+    # number the roots in their order; each is the first item of its set
     label = np.empty(num, dtype=np.int64)
     used = 0
     for item in range(num):
         root = find_root(parent, item)
-        if root == item:  # the first of its set
+        if root == item:
             label[item] = used
             used += 1
         else:

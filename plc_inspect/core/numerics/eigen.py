@@ -27,11 +27,11 @@ Source: derived: ROUNDING times LEAST_MEAN.
 @njit(cache=True, nogil=True, inline='always', error_model='numpy')
 def principal_axis(xx, xy, xz, yy, yz, zz):  # type: ignore[no-untyped-def]
     """
-    Eigenvalues l1 >= l2 >= l3 >= 0 and first eigenvector of a symmetric 3 x 3 matrix.
+    Return the eigenvalues l1 >= l2 >= l3 >= 0 and first eigenvector of a 3 x 3 covariance.
 
-    Closed form (Smith 1961), without branches and trigonometry, so that loops over many become
-    vector instructions.  The eigenvector has x > 0 or, at x = 0, y > 0; where all eigenvalues are
-    equal it is that of x.
+    Closed form (Smith 1961), without branches and trigonometry, so that loops over many matrices
+    become vector instructions.  The eigenvector has x > 0 or, at x = 0, y > 0; if all eigenvalues
+    are equal it is (1, 0, 0).
     """
     # A = mean I + p B, with B of trace 0 and of norm sqrt(6): B's eigenvalues are 2 cos(angle)
     mean = (xx + yy + zz) / 3.0
@@ -73,7 +73,7 @@ def principal_axis(xx, xy, xz, yy, yz, zz):  # type: ignore[no-untyped-def]
     larger = nw > nu
     ux, uy, uz = wx if larger else ux, wy if larger else uy, wz if larger else uz
     nu = nw if larger else nu
-    # unit length, and the sign that all callers expect
+    # scale it to unit length, with the sign that all callers expect
     known = (nu > 0.0) & (p > 0.0)
     scale = 1.0 / math.sqrt(nu) if known else 0.0
     scale = -scale if (ux < 0.0) | ((ux == 0.0) & (uy < 0.0)) else scale
@@ -90,9 +90,10 @@ def principal_axis(xx, xy, xz, yy, yz, zz):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True, inline='always', error_model='numpy')
 def principal_axis_of(sums, first, step):  # type: ignore[no-untyped-def]
     """
-    `principal_axis` of the covariance [m2] of points, from their moments.
+    Return `principal_axis` of the covariance of points, from their moments.
 
-    Ten of ``sums``, from the first on at a fixed step: their number, sums [m] and products [m2].
+    The ten moments stand in ``sums`` from ``first`` on, ``step`` apart: number of points, sums [m]
+    and sums of products [m2].
     """
     n = sums[first]
     mx = sums[first + step] / n

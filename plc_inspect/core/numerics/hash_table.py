@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Hash tables of int64 keys, in numba: open addressing with linear probing.
+Hash tables of int64 keys, in numba: open addressing, linear probing.
 
-The keys stand by slot, 0, 1, 2 ..., in an array beside the table.  A table of uint32 holds
-slot + 1, 0 where free, at a load of at most one half.  Slots need fewer bits than an entry has;
-the others hold those of the key's hash, so that most steps of a probe end without a look at the
-keys, each of which waits for memory.
+Keys are stored by slot, 0, 1, 2 ..., in an array beside the table.  An entry of the table, uint32,
+holds slot + 1, or 0 if it is free; at most half of the entries are in use.  The bits of an entry
+that slots do not need hold bits of the key's hash, so that most probes end without reading a key,
+which would wait for memory.
 """
 
 from numba import njit
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 LEAST_SIZE = 16
-"""Entries of the smallest table.  Source: numerical: a power of two."""
+"""Length of the smallest table.  Source: numerical: a power of two."""
 
 UInt32 = NDArray[np.uint32]
 
@@ -38,11 +38,11 @@ def make_table(num):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True, inline='always')
 def hash_key(key):  # type: ignore[no-untyped-def]
     """
-    Return 32 bits of a key, all of which all of its bits reach.
+    Return the 32-bit hash of a key; each of its bits depends on all bits of the key.
 
     Fibonacci hashing (Knuth, The Art of Computer Programming 3, 6.4) spreads neighbours in space
-    evenly.  The upper bits of a key reach none of the lower ones of the product, which choose the
-    place, so its top is folded onto them.
+    evenly.  The lower bits of the product, which choose the place, do not depend on the upper bits
+    of the key, so its upper bits are folded onto them.
     """
     value = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
     return np.int64((value >> np.uint64(32)) ^ (value >> np.uint64(52)))
@@ -50,19 +50,19 @@ def hash_key(key):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, inline='always')
 def make_entry(hashed, slot, mask):  # type: ignore[no-untyped-def]
-    """Return the entry of a slot, by the hash of its key; ``mask`` is the table's length - 1."""
+    """Return the entry of a slot and the hash of its key; ``mask`` is the table's length - 1."""
     return np.uint32((hashed & ~mask) | (slot + 1))
 
 
 @njit(cache=True, nogil=True, inline='always')
 def slot_of(entry, mask):  # type: ignore[no-untyped-def]
-    """Return the slot of an entry, -1 where it is free."""
+    """Return the slot of an entry, -1 if it is free."""
     return np.int64(entry & mask) - 1
 
 
 @njit(cache=True, nogil=True, inline='always')
 def walk(hashed, place, table, mask):  # type: ignore[no-untyped-def]
-    """Return the first place from one on that is free or may hold a key, by its hash."""
+    """Return the first place from ``place`` on that is free or may hold the key of a hash."""
     while table[place] != 0 and (np.int64(table[place]) ^ hashed) & ~mask != 0:
         place = (place + 1) & mask
     return place
@@ -71,21 +71,21 @@ def walk(hashed, place, table, mask):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True, inline='always')
 def probe(key, hashed, place, table, keys):  # type: ignore[no-untyped-def]
     """
-    Look for a key from a place on.
+    Search for a key from ``place`` on.
 
     Parameters
     ----------
     key, hashed : int
         The key, and its hash.
     place : int
-        Where to begin: at the hash, or where ``walk`` led.
+        Where to begin: the place of the hash, or one that ``walk`` returned.
     table, keys : (T,) uint32, (M,) int64
-        The table, and its keys by slot.
+        The table and its keys by slot.
 
     Returns
     -------
     slot, place : int
-        The key's slot and where it stands; -1 and where it may be entered if it is not there.
+        The key's slot and place; -1 and the place at which to enter it if it is missing.
 
     """
     mask = len(table) - 1
@@ -106,7 +106,7 @@ def find_slot(key, table, keys):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, inline='always')
 def enter(key, slot, table):  # type: ignore[no-untyped-def]
-    """Enter a key that is not in the table yet."""
+    """Enter a key that is not in the table."""
     mask = len(table) - 1
     hashed = hash_key(key)
     place = hashed & mask
@@ -117,7 +117,7 @@ def enter(key, slot, table):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def index_keys(keys, num):  # type: ignore[no-untyped-def]
-    """Return a table of (M,) different keys, with room for ``num``, at least M."""
+    """Return a table of (M,) different keys with room for ``num`` >= M."""
     table = make_table(num)
     for slot in range(len(keys)):
         enter(keys[slot], slot, table)
@@ -126,7 +126,7 @@ def index_keys(keys, num):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def forget_key(key, table, keys):  # type: ignore[no-untyped-def]
-    """Take a key that is there out of a table; what had to step aside for it moves back."""
+    """Remove an existing key from a table; move back the entries that it displaced."""
     mask = len(table) - 1
     hole = hash_key(key) & mask
     while keys[slot_of(table[hole], mask)] != key:

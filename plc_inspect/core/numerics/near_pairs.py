@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""All pairs of points within a distance of each other."""
+"""Finds all pairs of points within a distance of each other."""
 
 from numba import njit
 import numpy as np
@@ -10,17 +10,17 @@ from plc_inspect.errors import DataError
 from plc_inspect.results import Float64, Int32
 
 MAX_CELLS = 2.0**62
-"""Cells of the grid at most.  Source: numerical: their numbers are int64."""
+"""Greatest number of cells.  Source: numerical: their numbers are int64."""
 SLACK = 1e-9
 """
-Share by which cells are wider than the reach, so that rounding cannot part a pair by a cell more.
+Share by which cells are wider than the reach, so that rounding cannot put a cell between a pair.
 Source: numerical: ten million roundings of a double.
 """
 
 
 def find_pairs(points: Float64, reach: float) -> Int32:
     """
-    Find all pairs of points within ``reach`` of each other, among cells that touch.
+    Find all pairs of points within ``reach`` of each other.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def find_pairs(points: Float64, reach: float) -> Int32:
     if len(points) < 2:
         return np.zeros((0, 2), dtype=np.int32)
     place = np.floor((points - points.min(axis=0)) / (reach * (1.0 + SLACK))) + 1.0
-    # an empty layer all around keeps the ends of rows and layers from touching
+    # an empty layer all around keeps the ends of rows and layers apart
     if np.prod(place.max(axis=0) + 2.0) >= MAX_CELLS:
         extent = np.ptp(points, axis=0).tolist()
         raise DataError(f'points over {extent} m lie too far apart to be paired within {reach} m')
@@ -58,10 +58,10 @@ def find_pairs(points: Float64, reach: float) -> Int32:
 
 @njit(cache=True, nogil=True)
 def _find_pairs(points, key, order, steps, reach):  # type: ignore[no-untyped-def]
-    """Compare each point with those after it in its own column of cells and the next four."""
+    """Compare each point with later ones in its own column of cells and the next four."""
     num = len(key)
     pairs = np.empty((0, 2), dtype=np.int32)
-    for is_counted in (False, True):
+    for is_counted in (False, True):  # once to count, once to write
         first = np.zeros(len(steps), dtype=np.int64)
         used = 0
         for i in range(num):

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Index of points by plan cell, for searches along segments."""
+"""Index of points by plan cell, for searches along segments in plan."""
 
 from dataclasses import dataclass
 import math
@@ -13,17 +13,17 @@ from plc_inspect.results import Float64, Int32, Int64
 
 MAX_CELLS = 16_000_000
 """
-Cells of the grid at most; a wider area gets larger cells.
+Greatest number of cells; a larger area gets larger cells.
 Source: numerical: their starts, int32, take 64 MB.
 """
 HALF_DIAGONAL = 0.7072
 """
-Half the diagonal of a cell by its edge, rounded up.
+Half the diagonal of a cell of edge 1, rounded up.
 Source: derived: the square root of 1/2.
 """
 LEVEL = 1e-9
 """
-A segment that rises less along y crosses no rows [m].
+Least extent in y of a segment that crosses rows [m].
 Source: numerical: far below the resolution of coordinates.
 """
 
@@ -49,19 +49,19 @@ class PlanIndex:
 
     def strip(self, first: Float64, last: Float64, reach: float) -> Int32:
         """
-        Find the points near a plan segment, or near a place where both ends are one.
+        Find the points near a segment in plan, or near a position if both ends are equal.
 
         Parameters
         ----------
         first, last : (2+,) float64
             Ends of the segment [m].
         reach : float
-            Distance from it [m].
+            Distance from the segment [m].
 
         Returns
         -------
         (M,) int32
-            Points in all cells that touch the strip: those within reach, and some beyond.  Each
+            Points in all cells that touch the strip: those within reach and some beyond, each
             once, in row order of the cells.
 
         """
@@ -84,7 +84,7 @@ def build_plan_index(
     cell_size : float
         Edge of a cell [m], enlarged where the area needs more than MAX_CELLS cells.
     anchor : (2,) float64 or None
-        A corner of the cells [m]; by default the least coordinates of the points.
+        A corner of the cells, by default the least coordinates of the points [m].
 
     Returns
     -------
@@ -111,7 +111,7 @@ def build_plan_index(
 
 @njit(cache=True, nogil=True, inline='always')
 def clamp(value, most):  # type: ignore[no-untyped-def]
-    """Clamp a place on an axis of cells to 0 to ``most``; NaN becomes 0.  No branches."""
+    """Clamp a value to 0 to ``most``, NaN to 0, without branches."""
     value = value if value > 0.0 else 0.0
     return value if value < most else most
 
@@ -137,6 +137,7 @@ def _plan_bounds(points, chosen):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, parallel=True, nogil=True)
 def _sort(points, chosen, low, cell, rows, columns):  # type: ignore[no-untyped-def]
+    # counting sort by cell
     num = len(chosen)
     where = np.empty(num, dtype=np.int32)
     for k in prange(num):
@@ -162,16 +163,16 @@ def gather_strip(  # type: ignore[no-untyped-def]
     start, order, origin, cell, rows, columns, x0, y0, x1, y1, reach
 ):
     """
-    Return the indices in all cells that touch the strip within ``reach`` of a plan segment.
+    Return the indices in all cells that touch the strip within ``reach`` of a segment in plan.
 
     A superset of the points in the strip, each once, in row order of the cells.
     """
-    # rows that the strip touches
+    # find the rows that the strip touches
     row0 = max(int((min(y0, y1) - reach - origin[1]) / cell), 0)
     row1 = min(int((max(y0, y1) + reach - origin[1]) / cell), rows - 1)
     dx, dy = x1 - x0, y1 - y0
     length = np.sqrt(dx * dx + dy * dy)
-    # a cell within reach has its middle within slack
+    # the centre of a cell that the strip touches lies within slack of the segment
     slack = reach + cell * HALF_DIAGONAL
     total = 0
     for fill in range(2):  # once to count, once to copy
@@ -180,7 +181,7 @@ def gather_strip(  # type: ignore[no-untyped-def]
             total = 0
         for row in range(row0, row1 + 1):
             cy = origin[1] + (row + 0.5) * cell
-            # part of the segment, as shares of its length, within slack of this row
+            # clip the segment to within slack of this row; t are shares of its length
             if abs(dy) > LEVEL:
                 t0 = (cy - slack - y0) / dy
                 t1 = (cy + slack - y0) / dy
@@ -195,12 +196,12 @@ def gather_strip(  # type: ignore[no-untyped-def]
                     t1 = t0
                 else:
                     t0, t1 = 0.0, 0.0
-            # columns whose middles may lie within slack of that part
+            # find the columns whose centres may lie within slack of that part
             xa, xb = x0 + t0 * dx, x0 + t1 * dx
             left = int((min(xa, xb) - slack - origin[0]) / cell)
             right = int((max(xa, xb) + slack - origin[0]) / cell)
             for column in range(max(left, 0), min(right, columns - 1) + 1):
-                # skip cells whose middles do not
+                # skip cells whose centres do not
                 cx = origin[0] + (column + 0.5) * cell
                 t = ((cx - x0) * dx + (cy - y0) * dy) / (length * length) if length > 0 else 0.0
                 t = min(max(t, 0.0), 1.0)

@@ -1,20 +1,20 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Bucket sort for values that are spread out, two to six times as fast as merge sort."""
+"""Bucket sort of values that are spread out, two to six times as fast as merge sort."""
 
 from numba import njit
 import numpy as np
 
 MOST_IN_BUCKET = 64
 """
-Values of a bucket at most; fuller ones call for merge sort.
+Greatest number of values in a bucket; otherwise merge sort is used.
 Source: numerical: insertion sort is quadratic; time alone depends on it.
 """
 LEAST_RANGE = 1e-9
 """
-Values over a smaller range are sorted by merging, in their own unit.
-Source: numerical: keeps the scale of the buckets finite.
+Least range of values for buckets, in their unit; otherwise merge sort is used.
+Source: numerical: keeps the scale of buckets finite.
 """
 
 
@@ -23,7 +23,7 @@ def argsort_spread(values):  # type: ignore[no-untyped-def]
     """
     Return the indices that sort (n,) int64 or float64 values; equal ones keep their order.
 
-    As many buckets as values, then insertion sort; merge sort where many values fall into one
+    Uses as many buckets as values, then insertion sort; merge sort if many values fall into one
     bucket or some are not finite.  O(n) for values that are spread out evenly, else O(n log n).
     """
     n = len(values)
@@ -31,6 +31,7 @@ def argsort_spread(values):  # type: ignore[no-untyped-def]
     for k in range(n):
         low, high = min(low, values[k]), max(high, values[k])
         nothing += 0.0 * values[k]  # NaN where one is not finite
+    # count the values of each bucket
     fullest, scale = MOST_IN_BUCKET + 1, 0.0
     start = np.zeros(n + 1, dtype=np.int64)
     if LEAST_RANGE < high - low < np.inf and nothing == 0.0:
@@ -43,6 +44,7 @@ def argsort_spread(values):  # type: ignore[no-untyped-def]
             start[k + 1] += start[k]
     if fullest > MOST_IN_BUCKET:
         return np.argsort(values, kind='mergesort')
+    # distribute them, then sort by insertion
     order = np.empty(n, dtype=np.int64)
     for k in range(n):
         bucket = int((values[k] - low) * scale)

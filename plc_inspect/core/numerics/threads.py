@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Calls kernels in threads, for work that comes in few and large pieces."""
+"""Calls kernels in threads, for work in few, large pieces."""
 
 from collections import deque
 from collections.abc import Callable
@@ -16,26 +16,25 @@ T = TypeVar('T')
 
 LEAST_WORK = 0.003
 """
-Least work that is shared among threads, which take time to start and to wait for the GIL [s].
+Least work shared among threads, which take time to start and to wait for the GIL [s].
 Source: numerical: time alone depends on it.
 """
 
 
 @cache
 def _open_pool() -> ThreadPoolExecutor:
-    """Return the threads that all calls share: to start some for each took a tenth of a run."""
+    """Return the threads that all calls share: starting new ones took a tenth of a run."""
     return ThreadPoolExecutor(thread_name_prefix='call_each')
 
 
 def call_each(function: Callable[[int], T], num: int) -> list[T]:
     """
-    Call a function with 0 to num - 1, and return the results in this order.
+    Call a function with 0 to num - 1, and return the results in order.
 
-    It runs in as many threads as numba may use, and should spend its time in a kernel that
-    releases the GIL.  The first call predicts the time of the others; below LEAST_WORK they
-    follow one by one.  numba's own threads were slower, and each kernel that starts them is
-    compiled once more with all it calls.  After a failure no call is begun; the first error, by
-    number, is raised.
+    Runs in as many threads as numba may use; the function should spend its time in a kernel that
+    releases the GIL.  The first call predicts the time of the others; below LEAST_WORK they are
+    made one by one.  numba's own threads were slower, and compile a parallel kernel, with all it
+    calls, once more.  After an error no call is begun; the error of the least number is raised.
     """
     if not num:
         return []
@@ -59,7 +58,7 @@ def call_each(function: Callable[[int], T], num: int) -> list[T]:
     helpers = [_open_pool().submit(work) for _ in range(threads - 1)]
     work()
     for helper in helpers:
-        if not helper.cancel():  # one that had no core to begin on is not waited for
+        if not helper.cancel():  # do not wait for one that has not begun
             helper.result()
     if errors:
         raise errors[min(errors)]

@@ -23,26 +23,26 @@ from plc_inspect.results import Float64, Int32, Int64
 
 NUM_PARTS = 4
 """
-Runs of points that fill voxels independently.
+Runs of points that are hashed into voxels independently.
 Source: numerical: fixed, so that results do not depend on the number of threads.
 """
 AXIS_BITS = 20
 """
-Bits of a key for each of three coordinates, so 2^20 voxels along an axis.
+Bits of a key for each of three coordinates: 2^20 voxels along an axis.
 Source: numerical: three of them fit into int64.
 """
 NUM_MOMENTS = 10
-"""Figures of a voxel.  Source: derived: its count, three sums and six products."""
+"""Moments of a voxel.  Source: derived: its count, three sums and six products."""
 INITIAL_VOXELS = 1 << 12
 """
-Voxels that a run of points has room for at first.
+Initial capacity of a run of points, in voxels.
 Source: numerical: the room doubles whenever it is full.
 """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Voxels:
-    """M occupied voxels by x, then y, then z."""
+    """M occupied voxels, sorted by x, then y, then z."""
 
     size: float
     """Edge [m]."""
@@ -64,7 +64,7 @@ class Voxels:
         return len(self.index)
 
     def centroids(self, chosen: Int64 | slice = slice(None)) -> Float64:
-        """Return the (K, 3) means of the points of K voxels, of all by default [m]."""
+        """Return the (K, 3) means of the points of K voxels, by default all [m]."""
         center = self.origin + (self.index[chosen] + 0.5) * self.size
         moments = self.moments[chosen]
         result: Float64 = center + moments[:, 1:4] / moments[:, :1]
@@ -73,14 +73,14 @@ class Voxels:
 
 def build_voxels(points: Float64, chosen: Int64, origin: Float64, size: float) -> Voxels:
     """
-    Hash the chosen points into voxels; linear in the number of points, fast where sorted.
+    Hash the chosen points into voxels; O(K), fastest for points sorted in space.
 
     Parameters
     ----------
     points : (N, 3) float64
         Coordinates [m].
     chosen : (K,) int64
-        Indices of the points to take, all finite and not below origin.
+        Indices of the points to use, all finite and not below origin.
     origin : (3,) float64
         Coordinates [m].
     size : float
@@ -116,7 +116,7 @@ def find_voxels(points: Float64, chosen: Int64, voxels: Voxels) -> Int32:
     chosen : (K,) int64
         Indices of points that the voxels were built from.
     voxels : Voxels
-        Searched.
+        The voxels to search.
 
     Returns
     -------
@@ -130,7 +130,7 @@ def find_voxels(points: Float64, chosen: Int64, voxels: Voxels) -> Int32:
 
 
 def coarsen(voxels: Voxels) -> Voxels:
-    """Merge 2 x 2 x 2 voxels into one of twice the size: exact, from the moments alone."""
+    """Merge 2 x 2 x 2 voxels into one of twice the size, exactly, from their moments."""
     keys, moments = _shift_to_parents(voxels.index, voxels.moments, voxels.size)
     return _sort(voxels.size * 2, voxels.origin, keys, moments)
 
@@ -180,6 +180,7 @@ def _fill_part(points, chosen, origin, size):  # type: ignore[no-untyped-def]
         key = pack(ix, iy, iz)
         hashed, mask = hash_key(key), len(table) - 1
         slot, place = probe(key, hashed, hashed & mask, table, keys)
+        # make a voxel, in arrays of twice the size if they are full
         if slot < 0:
             if used == capacity:
                 capacity *= 2
@@ -205,7 +206,7 @@ def _fill_part(points, chosen, origin, size):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, parallel=True, nogil=True)
 def _fill_parts(points, chosen, origin, size):  # type: ignore[no-untyped-def]
-    """Return keys and moments of voxels; those that several parts share come several times."""
+    """Return keys and moments of voxels; voxels in several parts occur several times."""
     keys = [np.empty(0, dtype=np.int64) for _ in range(NUM_PARTS)]
     moments = [np.empty((0, NUM_MOMENTS)) for _ in range(NUM_PARTS)]
     for part in prange(NUM_PARTS):
@@ -224,7 +225,7 @@ def _fill_parts(points, chosen, origin, size):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, parallel=True, nogil=True)
 def _unite(keys, moments, order):  # type: ignore[no-untyped-def]
-    """Sort keys, and add up the moments of those that come several times."""
+    """Sort keys, and add up the moments of those that occur several times."""
     first = np.empty(len(keys) + 1, dtype=np.int64)
     used = 0
     for k in range(len(order)):
@@ -266,7 +267,7 @@ def add_point(row, x, y, z):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def add_moments(row, first, x, y, z):  # type: ignore[no-untyped-def]
-    """Add a point's sums and products [m, m2] to nine columns of a row from ``first`` on."""
+    """Add a point's sums [m] and products [m2] to nine columns of a row from ``first`` on."""
     row[first] += x
     row[first + 1] += y
     row[first + 2] += z
@@ -280,7 +281,7 @@ def add_moments(row, first, x, y, z):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def add_shifted(total, row, dx, dy, dz):  # type: ignore[no-untyped-def]
-    """Add to ``total`` the moments ``row`` of points whose centre lies at dx, dy, dz."""
+    """Add to ``total`` the moments ``row``, taken about a centre at dx, dy, dz [m]."""
     n, sx, sy, sz = row[0], row[1], row[2], row[3]
     total[0] += n
     total[1] += sx + n * dx
@@ -296,7 +297,7 @@ def add_shifted(total, row, dx, dy, dz):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, parallel=True, nogil=True)
 def _shift_to_parents(index, moments, size):  # type: ignore[no-untyped-def]
-    """Return for each voxel the key of that of twice the size, and moments about its centre."""
+    """Return the key of each voxel's parent, and its moments about the parent's centre."""
     keys = np.empty(len(index), dtype=np.int64)
     shifted = np.empty((len(index), NUM_MOMENTS))
     for i in prange(len(index)):
