@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Compares two surveys of one line."""
+"""Compares two surveys of the same lines."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,58 +17,58 @@ from plc_inspect.results import Float64, Hazard, Span
 
 MIN_COMMON = 0.5
 """
-Share of the shorter span that the same span has in common in two surveys, at least.
+Least common part of the same span in two surveys, as a share of the shorter one.
 Source: judgement; not measured.
 """
 MAX_LATERAL = 1.0
 """
-Distance in plan between the same span in two surveys at most, on average [m].
+Greatest mean distance in plan of the same span in two surveys [m].
 Source: judgement; not measured.
 """
 MAX_VERTICAL = 5.0
 """
-Vertical distance between the same span in two surveys at most, on average [m].
+Greatest mean vertical distance of the same span in two surveys [m].
 Source: judgement; not measured.
 """
 JOINT = 5.0
 """
-Ends this close to each other in plan hang on one support [m].
+Greatest distance in plan between ends on one support [m].
 Source: judgement; not measured.
 """
 MAX_END = 0.3
 """
-Vertical distance at most of the ends of one span that hang on a support in both surveys [m].
+Greatest vertical distance of ends of the same span on a support seen in both surveys [m].
 Source: judgement; not measured.
 """
 SAME_PLACE = 3.0
 """
-Distance between the boxes of the same hazard in two surveys at most [m].
+Greatest distance between the boxes of the same hazard in two surveys [m].
 Source: judgement; not measured.
 """
 NUM_STATIONS = 41
-"""Places at which two spans are compared.  Source: judgement; not measured."""
+"""Positions at which two spans are compared.  Source: judgement; not measured."""
 STEP = 10.0
 """
-Places along lines by which those are found that may be near each other are this far apart [m].
-Source: numerical: a station between two places is STEP / 2 from one of them, on both lines.
+Spacing of the positions along lines by which lines near each other are found [m].
+Source: numerical: any point of a line is within STEP / 2 of such a position, on both lines.
 """
 LEAST_CHANGE = 0.15
-"""Change of sag that is tolerated in any case [m].  Source: judgement; not measured."""
+"""Change of sag that is always tolerated [m].  Source: judgement; not measured."""
 TIE_BREAK = 1e-3
 """
-Weight of the distance between the places of hazards, by that between their boxes.
+Weight of the distance between the positions of hazards, relative to that of their boxes.
 Source: numerical: decides between boxes that overlap.
 """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Change:
-    """A value in both surveys."""
+    """A value before and after."""
 
     before: float
     after: float
     sigma: float
-    """Standard deviation of the difference; NaN unknown."""
+    """Standard deviation of the difference; NaN if unknown."""
 
     @property
     def difference(self) -> float:
@@ -78,37 +78,37 @@ class Change:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SpanChange:
-    """One span that both surveys saw."""
+    """One span found in both surveys."""
 
     before: Span
     after: Span
     common: float
-    """Length of the stretch that both saw [m]."""
+    """Length of the common stretch [m]."""
     height: Change
-    """Mean height of the curve over the common stretch [m], relative to that of before."""
+    """Mean height of the curve over the common stretch, relative to the first survey [m]."""
     sag: Change
-    """Of the whole span [m]; NaN where an end is open."""
+    """Sag of the whole span [m]; NaN if an end is open."""
     ground: Change
-    """Least clearance to the ground [m]; NaN unknown."""
+    """Least ground clearance [m]; NaN if unknown."""
     is_abnormal: bool
-    """Its sag changed more than is tolerated, and more than errors explain."""
+    """Whether the sag changed more than tolerated and more than errors explain."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Comparison:
-    """Two surveys."""
+    """Differences between two surveys."""
 
     spans: tuple[SpanChange, ...]
     lost: tuple[Span, ...]
-    """Spans of the first survey that the second lacks."""
+    """Spans of the first survey that are not in the second."""
     added: tuple[Span, ...]
     kept: tuple[tuple[Hazard, Hazard], ...]
-    """Hazards in both, before and after."""
+    """Hazards in both surveys, as before and after."""
     new: tuple[Hazard, ...]
     cleared: tuple[Hazard, ...]
-    """Hazards that are gone where the second survey saw the conductor."""
+    """Hazards that are gone, on spans that the second survey found."""
     unseen: tuple[Hazard, ...]
-    """Hazards of the first survey where the second saw no conductor."""
+    """Hazards of the first survey on spans that the second did not find."""
 
 
 def compare_surveys(
@@ -116,16 +116,16 @@ def compare_surveys(
     hazards_after: Sequence[Hazard], *, sag_deviation: float,
 ) -> Comparison:
     """
-    Match the spans and hazards of two surveys and take the differences.
+    Match the spans and hazards of two surveys, and compute the differences.
 
     Parameters
     ----------
     before, after : sequence of Span
-        In one frame; numbers of lines and spans may differ.
+        Spans in one frame; numbers of lines and spans may differ.
     hazards_before, hazards_after : sequence of Hazard
-        Of the same surveys.
+        Hazards of the same surveys.
     sag_deviation : float
-        Change of sag that is tolerated, as a share of the sag before.
+        Tolerated change of sag, as a share of the sag before.
 
     Returns
     -------
@@ -134,7 +134,7 @@ def compare_surveys(
     Raises
     ------
     DataError
-        No span of one survey is a span of the other.
+        The surveys have no span in common.
 
     """
     pairs = match_spans(before, after)
@@ -160,7 +160,7 @@ def compare_surveys(
 
 def match_spans(before: Sequence[Span], after: Sequence[Span]) -> list[tuple[int, int]]:
     """
-    Return the pairs of spans that are the same: one to one, at the least distance in all.
+    Return the pairs of spans that are the same: one to one, at the least total distance.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ def match_spans(before: Sequence[Span], after: Sequence[Span]) -> list[tuple[int
     Returns
     -------
     list of tuple of int
-        Indices into both.
+        Indices into ``before`` and ``after``.
 
     """
     marks = [[_mark(span.start[:2], span.end[:2]) for span in own] for own in (before, after)]
@@ -189,7 +189,7 @@ def match_spans(before: Sequence[Span], after: Sequence[Span]) -> list[tuple[int
 
 
 def _mark(start: Float64, end: Float64) -> Float64:
-    """Return places in plan along a line, no more than STEP apart, its ends among them."""
+    """Return positions in plan along a line, at most STEP apart, with both ends."""
     num = math.ceil(float(np.linalg.norm(end - start)) / STEP) + 1
     return np.linspace(start, end, max(num, 2))
 
@@ -197,10 +197,10 @@ def _mark(start: Float64, end: Float64) -> Float64:
 def _find_near(
     before: Sequence[Float64], after: Sequence[Float64], distance: float
 ) -> list[tuple[int, int]]:
-    """Return the pairs of lines, as `_mark` marks them, that may be within a distance in plan."""
+    """Return the pairs of lines, given by `_mark`, that may be within a distance in plan."""
     if not before or not after:
         return []
-    from scipy.spatial import cKDTree  # a moment that others need not wait for
+    from scipy.spatial import cKDTree  # imported here, as it takes a moment
 
     owners = [np.repeat(np.arange(len(own)), [len(line) for line in own])
               for own in (before, after)]
@@ -213,13 +213,13 @@ def _find_near(
 
 
 def _mark_box(extent: Float64) -> Float64:
-    """Return places in plan over a box, no more than STEP apart along its sides."""
+    """Return positions in plan over a box, at most STEP apart along its sides."""
     x, y = (_mark(extent[:1, axis], extent[1:, axis])[:, 0] for axis in (0, 1))
     return np.column_stack([np.tile(x, len(y)), np.repeat(y, len(x))])
 
 
 def _assign(pairs: Sequence[tuple[int, int]], costs: Sequence[float]) -> list[tuple[int, int]]:
-    """Pair one to one, among pairs that can be, each group that is linked by itself."""
+    """Choose pairs one to one at the least total cost, in each connected group by itself."""
     if not pairs:
         return []
     first, second = (np.unique(own, return_inverse=True) for own in np.array(pairs).T)
@@ -239,7 +239,7 @@ def _assign(pairs: Sequence[tuple[int, int]], costs: Sequence[float]) -> list[tu
 
 
 def _overlay(first: Span, second: Span) -> tuple[float, Float64, Float64] | None:
-    """Return the common length, and the second span's place beside and above the first [m]."""
+    """Return the common length, and the second span's offsets beside and above the first [m]."""
     unit = (first.end - first.start)[:2] / first.length
     ends = np.array([second.start, second.end])[:, :2] - first.start[:2]
     low, high = np.sort(ends @ unit)
@@ -256,7 +256,7 @@ def _overlay(first: Span, second: Span) -> tuple[float, Float64, Float64] | None
 
 
 def _are_held_alike(first: Span, second: Span) -> bool:
-    """Tell whether ends that hang on a support in both surveys are level, whatever the sag."""
+    """Tell whether ends on a support in both surveys are at the same height."""
     ends = [(span.start, span.open_start) for span in (first, second)]
     others = [(span.end, span.open_end) for span in (first, second)]
     if math.dist(first.start[:2], second.start[:2]) > math.dist(first.start[:2], second.end[:2]):
@@ -299,7 +299,7 @@ def _compare(before: Span, after: Span, sag_deviation: float) -> SpanChange:
 def _match_hazards(
     before: Sequence[Hazard], after: Sequence[Hazard]
 ) -> tuple[tuple[tuple[Hazard, Hazard], ...], list[Hazard], tuple[Hazard, ...]]:
-    """Return pairs of the same hazards, hazards that are gone, and those that are new."""
+    """Return pairs of the same hazard, hazards that are gone, and new ones."""
     marks = [[_mark_box(item.extent) for item in own] for own in (before, after)]
     near, costs = [], []
     for i, j in _find_near(marks[0], marks[1], SAME_PLACE + STEP):

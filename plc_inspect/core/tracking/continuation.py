@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Finds the known line that a new piece of conductor continues, where no joint was found."""
+"""Finds the known line that a new piece of conductor continues, if no joint was found."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,33 +13,33 @@ from plc_inspect.core.numerics.assignment import assign
 from plc_inspect.results import Float64, Span
 
 MEETING = 5.0
-"""Ends of one line this close meet at a support [m].  Source: judgement; not measured."""
+"""Greatest distance of ends that meet at a support [m].  Source: judgement; not measured."""
 MAX_GAP = 8.0
 """
-Distance along a line at most from its end to a piece that continues it [m].
+Greatest distance along a line from its end to a piece that continues it [m].
 Source: judgement; not measured.
 """
 MAX_ACROSS = 1.0
-"""Shift of such a piece across the line at most [m].  Source: judgement; not measured."""
+"""Greatest offset of such a piece across the line [m].  Source: judgement; not measured."""
 MAX_VERTICAL = 1.5
-"""Shift of such a piece in height at most [m].  Source: judgement; not measured."""
+"""Greatest vertical offset of such a piece [m].  Source: judgement; not measured."""
 MAX_TURN = math.radians(60.0)
-"""Turn of a line at a support at most [rad].  Source: judgement; not measured."""
+"""Greatest turn of a line at a support [rad].  Source: judgement; not measured."""
 REACH = 80.0
 """
-A piece this far ahead of the end of a line may prove to be part of it [m].
+Greatest distance ahead of the end of a line of a piece that may prove to be part of it [m].
 Source: judgement; not measured.
 """
 REACH_ACROSS = 3.0
 """
-Shift of such a piece across the extrapolated line at most [m].
+Greatest offset of such a piece across the extrapolated line [m].
 Source: judgement; not measured.
 """
 ALONG_WEIGHT = 0.1
-"""Cost of a gap along the line, by that of a shift.  Source: judgement; not measured."""
+"""Cost of a gap along the line, relative to an offset.  Source: judgement; not measured."""
 LEAST_LENGTH = 1e-6
 """
-Two directions whose sum is shorter are opposite.
+Least length of the sum of two directions; if shorter, they are opposite.
 Source: numerical: rounding of unit vectors.
 """
 
@@ -52,12 +52,12 @@ class LineEnd:
     position: Float64
     """(3,) [m]."""
     outward: Float64
-    """(2,) plan direction that leads away from the line."""
+    """(2,) unit vector in plan that points away from the line."""
 
 
 def find_ends(spans: Sequence[Span]) -> list[LineEnd]:
     """
-    Find the ends of lines that no other span of the same line meets.
+    Find the ends of spans that no other span of the same line meets.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def continue_lines(
 
 
 def _compare(end: LineEnd, piece: LineEnd) -> tuple[float, float, float]:
-    """Return the offset of a piece's end from a line's: along, across and vertical [m]."""
+    """Return the offset of a piece's end from a line's end: along, across and vertical [m]."""
     mean = end.outward - piece.outward
     length = float(np.linalg.norm(mean))
     mean = mean / length if length > LEAST_LENGTH else end.outward

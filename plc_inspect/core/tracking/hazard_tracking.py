@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Tracks supports and hazards over ticks: each keeps its number for the whole flight."""
+"""Tracks supports and hazards over ticks, so that each keeps its number for the whole flight."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -14,26 +14,26 @@ from plc_inspect.results import Bool, Float64, Hazard, HazardKind, Span, SpanKey
 
 HAZARD_DISTANCE = 2.0
 """
-Distance between the boxes of the same hazard in two ticks at most [m].
+Greatest distance between the boxes of the same hazard in two ticks [m].
 Source: judgement; not measured.
 """
 SUPPORT_DISTANCE = 4.0
 """
-Distance in plan between the same support in two ticks at most [m].
+Greatest distance in plan between the same support in two ticks [m].
 Source: judgement; not measured.
 """
 CONFIRMATIONS = 2
 """Ticks that must find a hazard before it is raised.  Source: judgement; not measured."""
 END_CONFIRMATIONS = 4
-"""The same near a support, which may not be wholly seen yet.  Source: judgement; not measured."""
+"""The same near a support, which may be only partly seen yet.  Source: judgement; not measured."""
 END = 4.0
 """
-Distance along the span from an end whose support is unseen, within which hazards wait [m].
+Distance along the span from an end with an unseen support, within which hazards wait [m].
 Source: judgement; not measured.
 """
 MAX_MISSES = 3
 """
-Ticks in a row that must miss a hazard, or find it less severe, before it changes.
+Consecutive ticks that must miss a hazard, or find it less severe, before it changes.
 Source: judgement; not measured.
 """
 
@@ -43,7 +43,7 @@ SPAN_GONE = 'its conductor is not there any more'
 """Why a hazard is taken back."""
 
 Holds = Callable[[Float64], Bool]
-"""Tells which of (N, 2+) points lie where the tick saw everything."""
+"""Tells which of (N, 2+) points lie where the tick saw all there is."""
 
 _ONE_PER_SPAN = (HazardKind.GROUND, HazardKind.INTERFERENCE, HazardKind.SAG)
 _OF_SPAN = (HazardKind.INTERFERENCE, HazardKind.SAG)
@@ -57,9 +57,9 @@ class TrackedHazard:
     hits: int = 1
     """Ticks that found it."""
     misses: int = 0
-    """Ticks in a row that should have found it and did not."""
+    """Consecutive ticks that should have found it and did not."""
     softer: int = 0
-    """Ticks in a row that found it less severe."""
+    """Consecutive ticks that found it less severe."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -68,13 +68,13 @@ class HazardNews:
 
     raised: tuple[Hazard, ...] = ()
     updated: tuple[Hazard, ...] = ()
-    """Those whose severity changed."""
+    """Hazards whose severity changed."""
     cleared: tuple[Hazard, ...] = ()
     reasons: tuple[str, ...] = ()
-    """Why each of those was taken back."""
+    """Why each of the cleared ones was taken back."""
 
     def clear(self, hazards: Sequence[Hazard], reason: str) -> 'HazardNews':
-        """Return these news and some more hazards that were taken back."""
+        """Return these news with more cleared hazards."""
         return replace(
             self, cleared=(*self.cleared, *hazards),
             reasons=(*self.reasons, *[reason] * len(hazards)),
@@ -83,27 +83,27 @@ class HazardNews:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class KeptHazards:
-    """What the book of hazards keeps from tick to tick."""
+    """State of the book of hazards between ticks."""
 
     hazards: tuple[TrackedHazard, ...] = ()
-    """Those with numbers below 0 were not raised yet."""
+    """Hazards with negative numbers were not raised yet."""
     next_number: int = 0
     next_provisional: int = -1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class KeptSupports:
-    """What the book of supports keeps from tick to tick."""
+    """State of the book of supports between ticks."""
 
     supports: tuple[Support, ...] = ()
     misses: tuple[int, ...] = ()
-    """Ticks in a row that did not find each of them."""
+    """Consecutive ticks that did not find each support."""
     next_number: int = 0
 
 
 @dataclass(slots=True)
 class HazardBook:
-    """Hazards over ticks; owned by one thread."""
+    """Tracks hazards over ticks; owned by one thread."""
 
     _known: dict[int, TrackedHazard] = field(default_factory=dict)
     _next: int = 0
@@ -140,9 +140,9 @@ class HazardBook:
         """
         Update with the hazards of one tick.
 
-        A hazard is raised when CONFIRMATIONS ticks that saw its place have found it, or, near a
-        support, END_CONFIRMATIONS.  It becomes more severe at once; it becomes less severe, or is
-        cleared, when MAX_MISSES such ticks agree.
+        A hazard is raised when CONFIRMATIONS ticks that saw its place have found it
+        (END_CONFIRMATIONS near a support).  It becomes more severe at once, and less severe or
+        cleared when MAX_MISSES consecutive such ticks agree.
 
         Parameters
         ----------
@@ -152,7 +152,7 @@ class HazardBook:
             The tick's numbers of spans to the lasting ones; hazards of spans with provisional
             numbers are left out.
         expected : collection of SpanKey
-            Spans that the tick saw wholly, by lasting numbers.
+            Lasting numbers of the spans that the tick saw along their whole length.
         holds : callable
             Where the tick saw everything.
         final : bool
@@ -163,11 +163,13 @@ class HazardBook:
         HazardNews
 
         """
+        # renumber, without spans that are not confirmed yet
         found = []
         for hazard in hazards:
             key = numbered.get((hazard.line_id, hazard.span_id), (-1, -1))
             if min(key) >= 0:
                 found.append(replace(hazard, line_id=key[0], span_id=key[1]))
+        # match each hazard with a known one, or note it as a new one
         raised, updated, cleared = [], [], []
         taken: set[int] = set()
         for hazard in found:
@@ -189,6 +191,7 @@ class HazardBook:
                 raised.append(replace(own.hazard, hazard_id=number))
             taken.add(number)
             self._known[number] = replace(own, hazard=replace(own.hazard, hazard_id=number))
+        # count the misses of the others, where the tick should have found them
         for number in sorted(set(self._known) - taken):
             item = self._known[number]
             if not _is_expected(item.hazard, expected, holds):
@@ -203,7 +206,7 @@ class HazardBook:
         return news.clear(cleared, NOT_FINAL if final else NOT_SEEN)
 
     def keep(self, keys: Collection[SpanKey]) -> tuple[Hazard, ...]:
-        """Clear the hazards of spans that are not among these, and return them."""
+        """Clear the hazards of all other spans, and return those that had been raised."""
         gone = [
             number for number, item in self._known.items()
             if (item.hazard.line_id, item.hazard.span_id) not in keys
@@ -230,7 +233,7 @@ class HazardBook:
 
 
 def _follow(item: TrackedHazard, hazard: Hazard, held: bool, final: bool) -> TrackedHazard:
-    """Return a known hazard as a tick saw it, less severe only after several ticks."""
+    """Return a known hazard as updated by a tick; less severe only after several ticks."""
     known, hits = item.hazard, item.hits + 1
     if not held:
         return replace(item, misses=0)
@@ -244,12 +247,12 @@ def leave_out_ends(
     hazards: Sequence[Hazard], spans: Sequence[Span], supports: Sequence[Support]
 ) -> list[Hazard]:
     """
-    Leave out what is close to an end without a known support: it may be conductor or support.
+    Leave out hazards near an end whose support is unseen: they may be conductor or support.
 
     Parameters
     ----------
     hazards, spans, supports : sequence of Hazard, of Span, of Support
-        Of one result.
+        All of one result.
 
     Returns
     -------
@@ -285,7 +288,7 @@ def _gap(first: Float64, second: Float64) -> float:
 
 @dataclass(slots=True)
 class SupportBook:
-    """Supports over ticks; owned by one thread."""
+    """Tracks supports over ticks; owned by one thread."""
 
     _known: dict[int, Support] = field(default_factory=dict)
     _misses: dict[int, int] = field(default_factory=dict)
@@ -327,7 +330,7 @@ class SupportBook:
         numbered : mapping
             The tick's numbers of spans to the lasting ones.
         holds : callable
-            Where the tick saw everything; known supports elsewhere stay as they are.
+            Where the tick saw all there is; supports elsewhere are kept.
         final : bool
             Accept the tick at once.
 

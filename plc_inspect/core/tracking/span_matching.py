@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Matches spans of two lists that are pieces of the same conductors."""
+"""Matches spans of two lists that belong to the same conductors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,34 +14,34 @@ from plc_inspect.results import Bool, Float64, Span
 
 TOLERANCE = 0.5
 """
-Median distance between two fits of the same conductor at most [m].
+Greatest median distance between two fits of the same conductor [m].
 Source: judgement; not measured.
 """
 MAX_ANGLE = math.radians(8.0)
 """
-Angle in plan between two fits of the same conductor at most [rad].
+Greatest angle in plan between two fits of the same conductor [rad].
 Source: judgement; not measured.
 """
 MIN_COMMON = 4.0
-"""Shortest common length that is judged [m].  Source: judgement; not measured."""
+"""Least common length of a match [m].  Source: judgement; not measured."""
 SHARED = 0.3
 """
-Share of the shorter of two spans that both have in common on a third, to be on one part of it.
+Overlap of two spans along a third, as a share of the shorter, above which they compete for it.
 Source: judgement; not measured.
 """
 NUM_SAMPLES = 9
-"""Places at which two spans are compared.  Source: judgement; not measured."""
+"""Positions at which two spans are compared.  Source: judgement; not measured."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Overlap:
-    """A span of the first list that lies on one of the second."""
+    """A span of the first list that coincides with one of the second."""
 
     first: int
     second: int
     low: float
     high: float
-    """Where it begins and ends, measured along the second [m]."""
+    """Where the overlap begins and ends, along the second span [m]."""
     gap: float
     """Median distance between the two [m]."""
 
@@ -53,14 +53,14 @@ class Overlap:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Piece:
-    """Found and known spans that are linked by pairs."""
+    """A connected group of found and known spans."""
 
     found: list[int]
-    """Of the first list."""
+    """Indices into the first list."""
     known: list[int]
-    """Of the second list."""
+    """Indices into the second list."""
     pairs: list[Overlap]
-    """Their pairs."""
+    """Overlaps that connect them."""
 
 
 def measure_overlap(first: Span, second: Span) -> tuple[float, float, float] | None:
@@ -97,10 +97,10 @@ def measure_overlap(first: Span, second: Span) -> tuple[float, float, float] | N
 
 def match_spans(first: Sequence[Span], second: Sequence[Span]) -> list[Overlap]:
     """
-    Pair the spans of two lists that are pieces of the same conductors.
+    Pair the spans of two lists that belong to the same conductors.
 
-    A span may pair with several of the other list only if they lie on different parts of it.  The
-    closest pairs are taken first, so that conductors side by side are not confused.
+    A span pairs with several of the other list only if these lie on different parts of it.  The
+    closest pairs are chosen first, so that neighbouring conductors are not confused.
 
     Parameters
     ----------
@@ -134,19 +134,19 @@ def match_spans(first: Sequence[Span], second: Sequence[Span]) -> list[Overlap]:
 
 def connect(num_found: int, num_known: int, pairs: Sequence[Overlap]) -> list[Piece]:
     """
-    Group found and known spans that are linked by pairs.
+    Group found and known spans that are connected by pairs.
 
     Parameters
     ----------
     num_found, num_known : int
-        Spans of the first list, and of the second.
+        Number of spans of the first and second list.
     pairs : sequence of Overlap
         Their pairs.
 
     Returns
     -------
     list[Piece]
-        A span without any pair stands alone.
+        A span without pairs is a piece of its own.
 
     """
     links = [(item.first, num_found + item.second) for item in pairs]
@@ -166,7 +166,7 @@ def connect(num_found: int, num_known: int, pairs: Sequence[Overlap]) -> list[Pi
 
 def may_overlap(spans: Sequence[Span], others: Sequence[Span]) -> Bool:
     """
-    Tell which spans may overlap one of some others, by the box in plan around all others.
+    Tell which spans may overlap any of the others, by the box in plan about all others.
 
     Parameters
     ----------

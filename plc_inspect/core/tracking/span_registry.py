@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The spans known so far: a conductor keeps its numbers for the whole flight.
+Registry of the spans found so far, so that a conductor keeps its numbers for the whole flight.
 
-Each tick's result numbers lines and spans anew.  The registry recognises its spans by where they
-hang, not by their numbers, and gives new ones the numbers of the lines and spans they continue.
+Each tick numbers lines and spans anew.  The registry recognises its spans by their position, and
+gives new spans the numbers of the lines that they continue.
 """
 
 from collections import Counter
@@ -27,33 +27,33 @@ from plc_inspect.core.tracking.wire_points import thin_points, WirePoints
 from plc_inspect.results import Float64, InspectionResult, Span, SpanKey
 
 CONFIRMATIONS = 2
-"""Ticks that find a span before it is numbered and published.  Source: judgement; not measured."""
+"""Ticks that must find a span before it is published.  Source: judgement; not measured."""
 MAX_MISSES = 3
 """
-Ticks in a row that must miss a span, or find less of it, before the registry accepts it.
+Consecutive ticks that must miss a span, or find less of it, before the registry follows.
 Source: judgement; not measured.
 """
 NOT_LESS = 0.9
-"""Share of a span that another covers to replace it at once.  Source: judgement; not measured."""
+"""Least share of a span that its successor covers at once.  Source: judgement; not measured."""
 FINISHED_SPACING = 0.5
 """Spacing of the wire points of finished spans [m].  Source: judgement; not measured."""
 SAME = 0.6
-"""Common share of both from which two spans are the same.  Source: judgement; not measured."""
+"""Least common share of both spans that are the same.  Source: judgement; not measured."""
 MAX_WAIT = 6
 """
-Ticks that a new line waits to be joined to a known one ahead of whose end it lies.
+Ticks for which a new line ahead of the end of a known one waits to be joined to it.
 Source: judgement; not measured.
 """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Tick:
-    """What one tick found, and what was known about there."""
+    """What one tick found, and the known spans nearby."""
 
     found: Sequence[Span]
     known: Sequence[TrackedSpan]
     keys: Sequence[SpanKey]
-    """Numbers of the registry for the spans that were found."""
+    """Registry numbers of the found spans."""
     expected: set[SpanKey]
     wires: WirePoints
     final: bool
@@ -62,9 +62,9 @@ class _Tick:
 
 class SpanRegistry:
     """
-    Spans over ticks; owned by one thread.
+    Tracks spans over ticks; owned by one thread.
 
-    Spans that are not confirmed yet have provisional numbers below -1.
+    Unconfirmed spans have provisional numbers below -1.
     """
 
     def __init__(self) -> None:
@@ -75,7 +75,7 @@ class SpanRegistry:
         self._agreed: Counter[tuple[str, int, int]] = Counter()
         self._names: dict[tuple[str, int], int] = {}
         self.num_merges = 0
-        """Lines that proved to be part of an older one, since the start."""
+        """Number of lines merged into older ones since the start."""
 
     @property
     def spans(self) -> tuple[TrackedSpan, ...]:
@@ -83,7 +83,7 @@ class SpanRegistry:
         return tuple(self._spans[key] for key in sorted(self._spans))
 
     def remember(self) -> KeptSpans:
-        """Return all that the registry keeps from tick to tick."""
+        """Return the state of the registry."""
         return KeptSpans(
             spans=self.spans, next_line=self._next_line, next_span=self._next_span,
             next_provisional=self._next_provisional, num_merges=self.num_merges,
@@ -91,7 +91,7 @@ class SpanRegistry:
         )
 
     def restore(self, kept: KeptSpans) -> None:
-        """Go on from what a registry kept."""
+        """Continue from the state of a registry."""
         self._spans = {item.key: item for item in kept.spans}
         self._next_line, self._next_span = kept.next_line, kept.next_span
         self._next_provisional, self.num_merges = kept.next_provisional, kept.num_merges
@@ -112,20 +112,20 @@ class SpanRegistry:
         Parameters
         ----------
         result : InspectionResult
-            Of the tick's window.
+            Result of the tick's window.
         points : Float64
-            (N, 3) the window's points [m].
+            (N, 3) points of the window [m].
         expected : collection of SpanKey
-            Spans of the registry that were in the window along their whole length.
+            Registry numbers of the spans that were in the window along their whole length.
         final : bool
-            The window is the whole map: accept it at once.
+            The window is the whole map: accept its result at once.
         complete : bool
-            The map holds all that was ever seen: accept it for finished spans too.
+            The map holds all that was ever seen: accept its result for finished spans too.
 
         Returns
         -------
         dict[SpanKey, SpanKey]
-            Numbers of the result's spans to those of the registry.
+            Numbers of spans in the result to those in the registry.
 
         """
         found = list(result.spans)
@@ -151,7 +151,7 @@ class SpanRegistry:
     def _look_about(
         self, found: Sequence[Span], expected: Collection[SpanKey], final: bool
     ) -> list[TrackedSpan]:
-        """Return the spans that a result may be about: those nearby and expected, finally all."""
+        """Return the spans that a result may update: nearby and expected ones; finally, all."""
         spans = self.spans
         about = may_overlap([item.span for item in spans], found)
         return [
@@ -160,7 +160,7 @@ class SpanRegistry:
         ]
 
     def finish(self, keys: Collection[SpanKey]) -> None:
-        """Freeze spans that were left behind and thin their points; drop unconfirmed ones."""
+        """Freeze spans left behind and thin their points; drop unconfirmed ones."""
         for key in keys:
             item = self._spans[key]
             if not item.confirmed:
@@ -176,7 +176,7 @@ class SpanRegistry:
         self, found: Sequence[Span], known: Sequence[TrackedSpan], pairs: Sequence[Overlap],
         final: bool,
     ) -> bool:
-        """Unite lines, and spans, that results number as one, unless they contradict."""
+        """Merge lines, and spans, that results number as one, unless both have spans in common."""
         merged = False
         for attribute in ('line_id', 'span_id'):
             groups: dict[int, set[int]] = {}
@@ -269,7 +269,7 @@ class SpanRegistry:
     def _number_groups(
         self, found: Sequence[Span], known: Sequence[TrackedSpan], pairs: Sequence[Overlap]
     ) -> dict[int, int]:
-        """Return for each span_id of the result that of the registry it overlaps most."""
+        """Map each span_id of the result to the one of the registry that it overlaps most."""
         common: dict[tuple[int, int], float] = {}
         for pair in pairs:
             both = found[pair.first].span_id, known[pair.second].span.span_id
@@ -338,7 +338,7 @@ class SpanRegistry:
         )
 
     def _confirm(self, final: bool) -> None:
-        """Give lasting numbers to spans that were found often enough."""
+        """Give lasting numbers to spans found often enough."""
         ready = [
             item for item in self.spans
             if not item.confirmed and (final or item.hits >= CONFIRMATIONS)
@@ -364,7 +364,7 @@ class SpanRegistry:
                 self._spans[key] = replace(item, confirmed=True)
 
     def _continue(self, new: Collection[int]) -> tuple[Mapping[int, int], frozenset[int]]:
-        """Return `continue_lines` of the lines with lasting numbers and of the new ones."""
+        """Return `continue_lines` for lines with lasting numbers and new ones."""
         if not new:
             return {}, frozenset()
         spans = [item.span for item in self._spans.values()]

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A span over ticks, and all that the registry keeps of spans from tick to tick."""
+"""A tracked span, and the state of the registry."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from plc_inspect.results import Float32, Float64, Span, SpanKey
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TrackedSpan:
-    """A span with the numbers of the registry, and its wire points."""
+    """A span with registry numbers, and its wire points."""
 
     span: Span
     points: Float64
@@ -20,10 +20,10 @@ class TrackedSpan:
     hits: int = 1
     """Ticks that found it."""
     misses: int = 0
-    """Ticks in a row that should have found it and did not."""
+    """Consecutive ticks that should have found it and did not."""
     confirmed: bool = False
     finished: bool = False
-    """Left behind: kept whatever later ticks find, unless they see as much of it or more."""
+    """Left behind: replaced only by spans that cover as much of it or more."""
 
     @property
     def key(self) -> SpanKey:
@@ -33,7 +33,7 @@ class TrackedSpan:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class KeptSpans:
-    """What the registry keeps from tick to tick."""
+    """State of the registry between ticks."""
 
     spans: tuple[TrackedSpan, ...] = ()
     """Ordered by line_id, then span_id."""
@@ -41,5 +41,5 @@ class KeptSpans:
     next_span: int = 0
     next_provisional: int = -2
     agreed: tuple[tuple[str, int, int, int], ...] = ()
-    """Numbers, 'line_id' or 'span_id', that ticks found to be one: kept, gone and how often."""
+    """'line_id' or 'span_id', number kept, number merged into it, and ticks that agreed."""
     num_merges: int = 0

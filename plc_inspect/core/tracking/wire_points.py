@@ -8,7 +8,7 @@ import numpy as np
 from plc_inspect.results import Float32, Float64, InspectionResult, Int64, Span
 
 MOST_CUBES = 2**62
-"""Cubes that 64 bits number.  Source: numerical."""
+"""Greatest number of cubes numbered by int64.  Source: numerical."""
 
 
 class WirePoints:
@@ -20,7 +20,7 @@ class WirePoints:
     result : InspectionResult
         What was found.
     points : Float64
-        (N, 3) the points it was found in [m].
+        (N, 3) its input [m].
 
     """
 
@@ -44,13 +44,13 @@ def _pack(line_id: np.ndarray, span_id: np.ndarray) -> Int64:
 
 
 def thin_points(points: Float64, spacing: float) -> Int64:
-    """Return the indices of one point for each cube of edge ``spacing`` that holds any."""
+    """Return the index of one point in each occupied cube of edge ``spacing`` [m]."""
     cubes = np.floor(points / spacing).astype(np.int64)
     if not len(cubes):
         return np.empty(0, dtype=np.int64)
     cubes -= cubes.min(axis=0)
     rows, columns, layers = (cubes.max(axis=0) + 1).tolist()
-    if rows * columns * layers < MOST_CUBES:  # one number a cube sorts far faster than three
+    if rows * columns * layers < MOST_CUBES:  # one number per cube sorts far faster than three
         cubes = (cubes[:, 0] * columns + cubes[:, 1]) * layers + cubes[:, 2]
     _, first = np.unique(cubes, axis=0, return_index=True)
     result: Int64 = np.sort(first).astype(np.int64)
