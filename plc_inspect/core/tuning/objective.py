@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Scores settings by their result: without labels, or by F1 with labels.
+Scores settings by their result: by its quality without labels, by F1 with labels.
 
 docs/tuning.md states the objective and the reasons for it.
 """
@@ -24,70 +24,70 @@ from plc_inspect.core.tuning.parameters import get_values, INITIAL, measure_dist
 from plc_inspect.results import Bool, Float64, Int64
 
 RESIDUAL_SCALE = 0.3
-"""Spread of points about a curve at which it counts half [m].  Source: judgement; not measured."""
+"""Spread of points about a curve that scores one half [m].  Source: judgement; not measured."""
 AGAIN_DISTANCE = 0.3
 """
-Distance within which a curve finds a place of another again [m].
+Greatest distance of a position that another curve finds again [m].
 Source: judgement; not measured.
 """
 EXPLAINED_DISTANCE = 1.0
-"""Distance within which a curve explains evidence [m].  Source: judgement; not measured."""
+"""Greatest distance of evidence explained by a curve [m].  Source: judgement; not measured."""
 METRE = 1.0
-"""Edge of the cells that evidence is counted in [m].  Source: derived: lengths are in metres."""
+"""Edge of the cells in which evidence is counted [m].  Source: derived: lengths are in metres."""
 NUM_STATIONS = 9
-"""Places at which a span is compared with others.  Source: judgement; not measured."""
+"""Positions at which a span is compared with others.  Source: judgement; not measured."""
 TILE = 100.0
 """
-Edge of the tiles by which a part of a large cloud is chosen [m].
+Edge of the tiles from which the part of a large cloud is chosen [m].
 Source: judgement; not measured.
 """
 HALF = 0.5
-"""Share of the points in which spans must be found again.  Source: judgement; not measured."""
+"""Share of points in which spans must be found again.  Source: judgement; not measured."""
 PRIOR = 0.5
 """
-Greatest loss by the distance from the initial values of Table 1.
+Greatest loss of score by distance from the initial values of Table 1, without labels.
 Source: judgement; not measured.
 """
 TIE_BREAK = 0.05
-"""The same where labels decide.  Source: judgement; not measured."""
+"""The same with labels.  Source: judgement; not measured."""
 FOUND_ONCE = 0.75
 """
-Worth of a span that is not found again, by that of one that is.
+Score of a span that is not found again, relative to one that is.
 Source: chosen on oakland_part3_an and oakland_part2_ai (docs/tuning.md).
 """
 LEAST_STABLE = 0.5
 """
-Share of a span that must be found again in half of the points.
+Least share of a span found again in half of the points.
 Source: judgement; not measured.
 """
 TOLD = 1e-4
-"""Differences of figures that are reported, at least.  Source: derived: the last digit shown."""
+"""Least difference of figures that is reported.  Source: derived: the last digit shown."""
 LEAST = 1e-9
-"""Distances and lengths that are divided by, at least [m].  Source: numerical: not 0."""
+"""Least distance or length as a divisor [m].  Source: numerical: avoids a division by 0."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Score:
-    """The worth of one choice of settings, and its parts; every share is 0 to 1."""
+    """The score of one choice of settings, and its parts; shares are 0 to 1."""
 
     value: float
     """To be maximised."""
     seen: float = 0.0
-    """Share of what looks like a conductor, in metres, that is on a span and has points."""
+    """Share of the metres that look like a conductor that are on a span with points."""
     fit: float = 0.0
-    """1 where the points of spans lie on their catenaries."""
+    """1 if the points of spans lie on their catenaries."""
     separation: float = 0.0
-    """1 where conductors are far apart for the spread of their points."""
+    """1 if conductors are far apart compared with the spread of their points."""
     stability: float = 0.0
-    """Share of the spans that is found again among half of the points."""
+    """Share of spans, by length, that is found again in half of the points."""
     num_spans: int = 0
     num_stable: int = 0
     """Spans that are found again."""
     f1: float = math.nan
-    """Of the wire points; NaN without labels."""
+    """F1 of wire points; NaN without labels."""
 
     def explain(self, before: 'Score') -> str:
-        """Return what is different from another score, in words."""
+        """Describe the differences from an earlier score."""
         parts = [
             f'{name} {getattr(before, name):.4f} -> {getattr(self, name):.4f}'
             for name in ('seen', 'fit', 'separation', 'stability', 'f1')
@@ -102,7 +102,7 @@ NOTHING = Score(value=0.0)
 
 
 class Objective:
-    """Scores settings on one cloud; keeps the results that several settings share."""
+    """Scores settings on one cloud; keeps stage results that several settings share."""
 
     def __init__(
         self,
@@ -121,13 +121,13 @@ class Objective:
         points : (N, 3) float64
             Map frame [m].
         seed : int
-            Chooses the half of the points in which spans must be found again.
+            Selects the half of the points in which spans must be found again.
         truth : tuple of two (N,) bool or None
-            Which points are wire, and which are left out; the score is then F1.
+            Points that are wire, and points that are left out; the score is then F1.
         room : int
-            Results of each stage that are kept.
+            Number of results kept per stage.
         base : Settings or None
-            Settings apart from the tuned ones, by default those of config.py.
+            Settings other than the tuned ones, by default those of config.py.
 
         """
         self.points = points = enter_frame(points)[0]
@@ -141,7 +141,7 @@ class Objective:
 
     @property
     def evidence(self) -> Float64:
-        """(E, 3) what looks like a conductor at Table 1's values, in the cloud's frame [m]."""
+        """(E, 3) evidence with the values of Table 1, in the pipeline's frame [m]."""
         if self._evidence is None:
             settings = _without_rules(put_values(self._base, INITIAL))
             self._evidence = gather_evidence(self.points, settings, self._memory)
@@ -177,13 +177,13 @@ class Objective:
 
 
 def is_line(score: Score) -> bool:
-    """Tell whether a score is that of a cloud with a line, not of chance finds."""
+    """Tell whether a score shows a line, not chance finds."""
     return score.num_stable > 0 and score.value > 0.0
 
 
 def choose_part(points: Float64, evidence: Float64, most: int) -> Bool | None:
     """
-    Choose the part of a large cloud to search on: a square about the fullest tile of evidence.
+    Choose the part of a large cloud to tune on: a square about the tile with most evidence.
 
     Parameters
     ----------
@@ -192,12 +192,12 @@ def choose_part(points: Float64, evidence: Float64, most: int) -> Bool | None:
     evidence : (E, 3) float64
         What looks like a conductor [m].
     most : int
-        Points that the part may have.
+        Greatest number of points of the part.
 
     Returns
     -------
     (N,) bool or None
-        None where the cloud is small enough, or has no evidence.
+        None if the cloud is small enough or has no evidence.
 
     """
     if len(points) <= most or not len(evidence):
@@ -222,13 +222,13 @@ def judge(
     Parameters
     ----------
     models : sequence of SpanModel
-        Spans found among all points.
+        Spans found in all points.
     again : sequence of SpanModel
-        Spans found among half of them.
+        Spans found in half of the points.
     evidence : (E, 3) float64
-        Metres of what looks like a conductor [m].
+        As from `gather_evidence` [m].
     settings : Settings
-        That found them; the distance to the initial values of Table 1 costs up to PRIOR.
+        Settings that found them; distance from the initial values of Table 1 costs up to PRIOR.
 
     Returns
     -------
@@ -237,6 +237,7 @@ def judge(
     """
     if not models:
         return NOTHING
+    # how well points fit their curves, and how far curves are apart
     length = np.array([model.span.length for model in models])
     coverage = np.array([model.span.coverage for model in models])
     spread = np.array([
@@ -245,6 +246,7 @@ def judge(
     fit = 1.0 / (1.0 + (spread / RESIDUAL_SCALE) ** 2)
     gap = measure_gaps(models)
     separation = np.clip(1.0 - spread / np.maximum(gap, LEAST), 0.0, 1.0)
+    # what is found again, and what evidence no curve explains
     stability = measure_stability(models, again)
     explained, _, _ = find_near(evidence, tabulate(models), EXPLAINED_DISTANCE)
     total = float(length.sum()) + len(evidence) - len(explained)
@@ -266,26 +268,25 @@ def judge(
 
 def gather_evidence(points: Float64, settings: Settings, memory: StageMemory) -> Float64:
     """
-    Return what looks like a conductor, metre by metre.
+    Return the evidence of conductors, one position for each metre.
 
-    These are the cells in which candidates lie in line with others, before any curve is fitted:
-    conductors, and edges and twigs that happen to be in line.  Sparse wires are in line in few
-    cells, so each metre of a span found with these settings, away from all such cells, counts
-    too.
+    Evidence is found before any curve is fitted: cells with candidates that have enough votes, be
+    they conductors, or edges and twigs in line by chance.  Sparse wires have few such cells, so
+    each metre of a span found with these settings, away from all such cells, counts too.
 
     Parameters
     ----------
     points : (N, 3) float64
         Map frame [m].
     settings : Settings
-        That decide what is in line, and what is a span.
+        Settings of the stages.
     memory : StageMemory
-        Of these points.
+        Memory of the stages for these points.
 
     Returns
     -------
     (E, 3) float64
-        Mean of the candidates of each cell, and places on spans [m].
+        Means of the candidates of cells, and positions on spans [m].
 
     """
     lines = Pipeline(settings).find_lines(points, memory)
@@ -316,7 +317,7 @@ def measure_gaps(models: Sequence[SpanModel]) -> Float64:
     Returns
     -------
     (S,) float64
-        Median over places of the span [m]; inf where there is no other.
+        Median over positions on the span [m]; inf if there is no other.
 
     """
     result = np.full(len(models), np.inf)
@@ -337,7 +338,7 @@ def measure_gaps(models: Sequence[SpanModel]) -> Float64:
 
 
 def measure_stability(models: Sequence[SpanModel], again: Sequence[SpanModel]) -> Float64:
-    """Return the (S,) share of the places of each span that other spans find again."""
+    """Return the (S,) share of the positions on each span that other spans find again."""
     if not len(models) or not len(again):
         return np.zeros(len(models))
     stations = np.concatenate([_stations(model) for model in models])
@@ -347,7 +348,7 @@ def measure_stability(models: Sequence[SpanModel], again: Sequence[SpanModel]) -
 
 
 def measure_f1(found: Bool, wire: Bool, left_out: Bool) -> float:
-    """Return F1 of (N,) wire points, 0 where none was found rightly."""
+    """Return the F1 of (N,) wire points, 0 if none was found correctly."""
     keep = ~left_out
     right = int((found & wire & keep).sum())
     wrong = int(((found != wire) & keep).sum())
@@ -355,12 +356,12 @@ def measure_f1(found: Bool, wire: Bool, left_out: Bool) -> float:
 
 
 def _prefer(worth: float, settings: Settings, prior: float) -> float:
-    """Reduce a worth by the distance of the settings from Table 1's initial values."""
+    """Reduce a score by the distance of the settings from the initial values of Table 1."""
     return worth * (1.0 - prior * measure_distance(get_values(settings)))
 
 
 def _without_rules(settings: Settings) -> Settings:
-    """Return settings without clearance rules, on which no line depends."""
+    """Return settings without clearance rules, which do not influence lines."""
     return dataclasses.replace(settings, hazards=HazardSettings())
 
 

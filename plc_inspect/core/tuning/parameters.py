@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The tuned settings: those of the paper's Table 1, with its conditions as bounds."""
+"""The tuned settings: those of Table 1 of the paper, with its conditions as bounds."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ Values = tuple[float, ...]
 DIGITS = 3
 """Significant digits of a tuned value.  Source: judgement; not measured."""
 LEAST = 1e-9
-"""Values whose logarithm is taken, at least.  Source: numerical: avoids that of 0."""
+"""Least value whose logarithm is taken.  Source: numerical: avoids that of 0."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,15 +29,15 @@ class Parameter:
     name: str
     """Dotted, as in ``height.beta``."""
     symbol: str
-    """In the paper."""
+    """Symbol in the paper."""
     initial: float
-    """Initial value of Table 1; the default where the stages differ from the paper's."""
+    """Initial value of Table 1, or the default if the stage differs from the paper's."""
     low: float
     high: float
     """Condition of Table 1 within the range of the setting; where it leaves a side open, a
     factor of five."""
     is_log: bool
-    """Steps are factors, not differences."""
+    """Whether steps are factors, not differences."""
     unit: str = ''
 
     @property
@@ -46,18 +46,18 @@ class Parameter:
         return self.name in _WHOLE
 
     def place(self, value: float) -> float:
-        """Return where a value lies between the bounds, 0 to 1."""
+        """Return the place of a value between the bounds, 0 to 1."""
         low, high, value = (self._scale(item) for item in (self.low, self.high, value))
         return min(max((value - low) / (high - low), 0.0), 1.0)
 
     def value(self, place: float) -> float:
-        """Return the value at a place between the bounds, rounded to what can be set."""
+        """Return the value at a place between the bounds, rounded to a valid one."""
         low, high = self._scale(self.low), self._scale(self.high)
         raw = low + min(max(place, 0.0), 1.0) * (high - low)
         return self.round(math.exp(raw) if self.is_log else raw)
 
     def round(self, value: float) -> float:
-        """Return the nearest value within the bounds that can be set."""
+        """Return the nearest valid value within the bounds."""
         value = float(f'{value:.{DIGITS}g}')
         value = float(round(value)) if self.is_whole else value
         return min(max(value, self.low), self.high)
@@ -84,10 +84,10 @@ SPACE = (
     Parameter(name='clustering.min_points', symbol='min_pts', initial=50.0, low=30.0, high=250.0,
               is_log=True),
 )
-"""The parameters that decide what is found; stage by stage."""
+"""The parameters that decide which lines are found, stage by stage."""
 
 RADIUS = 'corridor.radius'
-"""The eighth setting of Table 1: no line depends on it, and its condition determines it."""
+"""The eighth setting of Table 1: no line depends on it, and its condition fixes it."""
 
 STAGES = (
     ('height.num_bins', 'height.beta'),
@@ -95,11 +95,11 @@ STAGES = (
     ('outliers.sigma',),
     ('clustering.eps', 'clustering.min_points'),
 )
-"""Parameters of one stage depend on each other; a grid takes them together."""
+"""Parameters of one stage depend on each other, so a grid varies them together."""
 
 
 def get_values(settings: Settings) -> Values:
-    """Return the values of the tuned parameters, put within their bounds."""
+    """Return the values of the tuned parameters, clipped to their bounds."""
     return tuple(item.round(get_value(settings, item.name)) for item in SPACE)
 
 
@@ -142,14 +142,14 @@ def settle_radius(radius: float, lowest: Sequence[float]) -> float:
     Parameters
     ----------
     radius : float
-        As it is set [m]; 0 is Eq. 9, span by span.
+        Radius as set [m]; 0 means Eq. 9, span by span.
     lowest : sequence of float
         Height of the lowest point of each span above ground, a0 [m]; NaN where unknown.
 
     Returns
     -------
     float
-        The radius if it exceeds every a0 that is known, else 0 [m].
+        The radius if it exceeds all known a0, else 0 [m].
 
     """
     known = [value for value in lowest if math.isfinite(value)]

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Search for the best settings: the paper's grid, coarse to fine, and evolution (CMA-ES)."""
+"""Search for the best settings: grids from coarse to fine (paper), or evolution (CMA-ES)."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -16,9 +16,9 @@ from plc_inspect.core.tuning.objective import NOTHING, Score
 from plc_inspect.core.tuning.parameters import SPACE, STAGES, to_places, to_values, Values
 
 Evaluate = Callable[[Sequence[Values]], Iterable[Score]]
-"""Scores of several choices of values, in their order; they may be found in parallel."""
+"""Returns the scores of several choices of values, in order; may compute in parallel."""
 Tell = Callable[[str], None]
-"""Called with one line for each step that moved a parameter."""
+"""Called with one line of text for each step that moved a parameter."""
 
 COARSE = 5
 """
@@ -27,42 +27,42 @@ Source: judgement; not measured.
 """
 NUM_FINE = 2
 """
-Finer grids around the best, each with half the step of the one before.
+Number of finer grids about the best values, each with half the step of the one before.
 Source: judgement; not measured.
 """
 GRID_BUDGET = 200
 """
-Evaluations of a grid search at most.
+Greatest number of evaluations of a grid search.
 Source: judgement; searches on bench/tuning.py take up to 180 (docs/tuning.md).
 """
 EVOLUTION_BUDGET = 56
 """
-Evaluations of an evolution at most.
+Greatest number of evaluations of an evolution.
 Source: judgement; bench/tuning.py recovers all spoiled settings in it (docs/tuning.md).
 """
 POPULATION = 8
-"""Choices of one generation.  Source: judgement; not measured."""
+"""Choices per generation.  Source: judgement; not measured."""
 SIGMA = 0.25
 """
-First standard deviation of the evolution, as a share of the range of each parameter.
+Initial standard deviation of the evolution, as a share of the range of each parameter.
 Source: documentation of `cma`: a quarter of the search domain's width.
 """
 LEAST_GAIN = 1e-4
-"""Gain of the score that counts, at least.  Source: judgement; not measured."""
+"""Least gain of score that counts.  Source: judgement; not measured."""
 NUM_SCOUTS = 32
-"""Choices that are tried where the start finds nothing.  Source: judgement; not measured."""
+"""Choices tried if the start finds nothing.  Source: judgement; not measured."""
 SCOUTS_AT_ONCE = 4
-"""Of them, those that are tried together.  Source: judgement; not measured."""
+"""Choices of them that are tried together.  Source: judgement; not measured."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Found:
-    """What a search ended with."""
+    """Result of a search."""
 
     values: Values
     score: Score
     start: Score
-    """Of the values it started from."""
+    """Score of the initial values."""
     num_evaluations: int
 
 
@@ -71,10 +71,10 @@ class Spent(Exception):
 
 
 class Ledger:
-    """All evaluations of one search: none is repeated, and the best is kept."""
+    """All evaluations of one search; none is repeated, and the best is kept."""
 
     def __init__(self, evaluate: Evaluate, budget: int, start: Values) -> None:
-        """Keep the function that evaluates, its budget and the start."""
+        """Begin with the function that evaluates, the budget and the initial values."""
         self._evaluate = evaluate
         self._known: dict[Values, Score] = {}
         self.budget = budget
@@ -87,7 +87,7 @@ class Ledger:
         return len(self._known)
 
     def begin(self) -> None:
-        """Evaluate the start."""
+        """Evaluate the initial values."""
         self.start = self.score = self.rate([self.values])[0]
 
     def rate(self, choices: Sequence[Values]) -> list[Score]:
@@ -97,7 +97,7 @@ class Ledger:
         Raises
         ------
         Spent
-            The budget does not reach; the evaluations it still allows are made and kept.
+            The budget does not suffice; the evaluations that it allows are made and kept.
 
         """
         new = [item for item in dict.fromkeys(choices) if item not in self._known]
@@ -119,11 +119,11 @@ class Ledger:
 
 def search_grid(ledger: Ledger, tell: Tell) -> Found:
     """
-    Search by grids, coarse to fine, the parameters of each stage together.
+    Search by grids from coarse to fine, over the parameters of each stage together.
 
-    The stages are taken in their order, so that a grid of a later one re-uses the results of
-    those before it.  A coarse grid reaches from bound to bound; each finer one lies about the
-    best so far, with half the step.
+    Stages are searched in their order, so that the grid of a later one reuses the results of those
+    before it.  The coarse grid extends from bound to bound; each finer one lies about the best
+    values so far, with half the step.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def search_evolution(ledger: Ledger, rng: np.random.Generator, tell: Tell) -> Fo
     try:
         _scout(ledger, tell)
         with warnings.catch_warnings():
-            warnings.simplefilter('ignore')  # about options that are meant
+            warnings.simplefilter('ignore')  # the options are intended
             strategy = cma.CMAEvolutionStrategy(
                 to_places(ledger.values), SIGMA,
                 {
@@ -197,10 +197,10 @@ def search_evolution(ledger: Ledger, rng: np.random.Generator, tell: Tell) -> Fo
 
 
 def _scout(ledger: Ledger, tell: Tell) -> None:
-    """Where the start finds nothing, try choices spread evenly between all bounds."""
+    """Try choices spread evenly between all bounds if the start finds nothing."""
     values, before = ledger.values, ledger.score
     with warnings.catch_warnings():
-        warnings.simplefilter('ignore')  # about a number that is no power of two
+        warnings.simplefilter('ignore')  # the number is no power of two
         places = qmc.Sobol(len(SPACE), scramble=False).random(NUM_SCOUTS + 1)[1:]
     for first in range(0, NUM_SCOUTS, SCOUTS_AT_ONCE):
         if ledger.score.value > 0.0:
@@ -230,7 +230,7 @@ def _sweep(
 
 
 def _keep_others(values: Values, old: Values, block: Sequence[int]) -> Values:
-    """Return the old values with those of a block replaced, free of rounding."""
+    """Return the old values with those of a block replaced; the others are not rounded."""
     return tuple(
         value if k in block else kept
         for k, (value, kept) in enumerate(zip(values, old, strict=True))
@@ -246,7 +246,7 @@ def _about(at: float, step: float) -> list[float]:
 
 
 def _report(ledger: Ledger, title: str, old: Values, before: Score, tell: Tell) -> None:
-    """Tell which parameters moved, and why."""
+    """Report which parameters moved, and why."""
     moved = [
         f'{item.name} {was:g} -> {now:g}'
         for item, was, now in zip(SPACE, old, ledger.values, strict=True) if was != now
