@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Plan cells of the map: the voxels of each, and how many of them are new.
+Plan cells of the map: the voxels of each cell, and how many of them are new.
 
-Each cell heads a linked list of its voxels, so a part of the map is read without the rest.  Cells
-are never removed; an empty one costs 40 bytes.
+Each cell is the head of a linked list of its voxels, so that a part of the map is read without the
+rest.  Cells are never removed; an empty one takes 40 bytes.
 """
 
 from numba import njit
@@ -29,16 +29,16 @@ CELL_SIZE = 10.0
 """Edge of a plan cell, rounded to whole voxels [m].  Source: judgement; not measured."""
 INITIAL_CELLS = 1 << 12
 """
-Cells that room is made for at first.
+Initial capacity, in cells.
 Source: numerical: the room doubles whenever it is full.
 """
 HALF_ROWS = 1 << 31
 """
-Added to the row of a cell, which may be negative, to pack it with the column.
-Source: derived: half of what 32 bits hold.
+Offset of the row of a cell, which may be negative, in its key.
+Source: derived: half the range of 32 bits.
 """
 _MASK = (1 << KEY_BITS) - 1
-"""Bits of one coordinate of a voxel's key.  Source: derived: KEY_BITS of them."""
+"""Mask of one index in a voxel's key.  Source: derived: KEY_BITS bits."""
 
 
 class CellIndex:
@@ -83,12 +83,12 @@ class CellIndex:
 
     @property
     def num_new(self) -> Int32:
-        """(C,) voxels made in each cell since ``settle``, a view."""
+        """(C,) voxels created in each cell since ``settle``, a view."""
         return self._state[: self._num, 1]
 
     @property
     def touched(self) -> Int32:
-        """(C,) insertion that last made a voxel in each cell, a view."""
+        """(C,) insertion that last created a voxel in each cell, a view."""
         return self._state[: self._num, 2]
 
     @property
@@ -103,30 +103,30 @@ class CellIndex:
 
     @property
     def index(self) -> Int64:
-        """(C, 2) place of each cell on the grid of cells."""
+        """(C, 2) column and row of each cell."""
         keys = self._keys[: self._num]
         return np.column_stack((keys >> 32, (keys & 0xFFFFFFFF) - HALF_ROWS))
 
     @property
     def centers(self) -> Float64:
-        """(C, 2) middle of each cell in plan [m]."""
+        """(C, 2) centre of each cell in plan [m]."""
         return np.multiply(self.index + 0.5, self._cell_size, dtype=np.float64)
 
     def locate(self, xy: Float64) -> Int64:
-        """Return the (N, 2) place on the grid of cells of (N, 2+) points."""
+        """Return the (N, 2) columns and rows of the cells of (N, 2+) points [m]."""
         return np.floor(xy[:, :2] / self._cell_size).astype(np.int64)
 
     def find(self, index: Int64) -> Int32:
-        """Return the cell at each of (N, 2) places of the grid, -1 where there is none."""
+        """Return the cell at each of (N, 2) columns and rows, -1 where there is none."""
         keys = (index[:, 0] << 32) + index[:, 1] + HALF_ROWS
         return _find_cells(keys, self._table, self._keys)
 
     def settle(self, cells: Int64) -> None:
-        """Count no voxel of these cells as new any more."""
+        """Count no voxel of these cells as new from now on."""
         self._state[cells, 1] = 0
 
     def renew(self, xy: Float64, reach: float) -> None:
-        """Count all voxels as new in the cells within reach of a (2+,) place [m]."""
+        """Count all voxels of the cells within reach of a (2+,) position as new [m]."""
         near = np.linalg.norm(self.centers - xy[:2], axis=1) <= reach
         self._state[: self._num][near, 1] = self.count[near]
 
@@ -139,7 +139,7 @@ class CellIndex:
         Parameters
         ----------
         slots : Int32
-            (N,) slots of the voxels that were just made.
+            (N,) slots of the voxels just created.
         voxels : VoxelArrays
             Of the map; ``following`` is changed in place.
         origin : Int64
@@ -167,16 +167,16 @@ class CellIndex:
         self, keys: Int64, state: Int32, voxels: VoxelArrays, slots: Int32, origin: Int64
     ) -> None:
         """
-        Put cells and their lists in place of those there are.
+        Replace all cells and their lists.
 
         Parameters
         ----------
         keys, state : Int64, Int32
-            As from ``copy_state``; what they count may differ from what is in ``slots``.
+            As from ``copy_state``; their counts may differ from ``slots``.
         voxels : VoxelArrays
             Of the map; ``following`` is changed in place.
         slots : Int32
-            (M,) all slots in use, in the order in which voxels were made.
+            (M,) all slots in use, in the order in which their voxels were created.
         origin : Int64
             (3,) voxel index of the origin of the keys.
 
@@ -216,7 +216,7 @@ class CellIndex:
         voxels : VoxelArrays
             Of the map.
         out : Int32
-            Slots are written here; as long as the counts of the cells together.
+            Receives the slots; as long as the counts of the cells together.
 
         Returns
         -------
@@ -239,11 +239,11 @@ class CellIndex:
         cell : int
             The cell.
         kept : Bool
-            (256,) for each label whether the voxel stays.
+            (256,) whether voxels of each label are kept.
         voxels : VoxelArrays
             Of the map, changed in place.
         out : Int32
-            Freed slots are written here.
+            Receives the freed slots.
 
         Returns
         -------
@@ -271,14 +271,21 @@ def _find_cells(keys, table, cell_keys):  # type: ignore[no-untyped-def]
 def _link_slots(  # type: ignore[no-untyped-def]
     slots, start, keys, origin, per_cell, sequence, following, num, table, cell_keys, head, state
 ):
+    """
+    Add voxels to the lists of their cells, and make cells that are missing.
+
+    Returns the number of cells, and the first slot that was not added for want of room.
+    """
     mask = len(table) - 1
     left, front, cell = np.int64(0), np.int64(0), np.int64(-1)
     for i in range(start, len(slots)):
+        # indices of the voxel, from its key
         slot = slots[i]
         key = keys[slot]
         x = (key >> (2 * KEY_BITS)) - KEY_HALF_RANGE + origin[0]
         y = ((key >> KEY_BITS) & _MASK) - KEY_HALF_RANGE + origin[1]
         z = np.int32((key & _MASK) - KEY_HALF_RANGE)
+        # its cell: that of the voxel before, a known one, or a new one
         if cell < 0 or not (0 <= x - left < per_cell and 0 <= y - front < per_cell):
             column, row_of = x // per_cell, y // per_cell
             left, front = column * per_cell, row_of * per_cell
@@ -294,6 +301,7 @@ def _link_slots(  # type: ignore[no-untyped-def]
                 table[place] = make_entry(hashed, cell, mask)
                 state[cell, 3] = z
                 state[cell, 4] = z
+        # put the voxel at the head of the list, and count it
         following[slot] = head[cell]
         head[cell] = slot
         row = state[cell]

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Lists of the voxels in the plan cells of the map: follows, samples and shortens them."""
+"""Kernels that read, sample and shorten the lists of voxels of plan cells."""
 
 from numba import njit
 import numpy as np
@@ -11,12 +11,12 @@ from plc_inspect.core.voxel_buffer.voxel_changes import LABELLED, TOUCHED
 
 SAMPLE = 50
 """
-Voxels of one label taken from a cell, or a multiple of them, where the label is sampled.
+Unit of the number of voxels taken from a cell for a label that is sampled.
 Source: judgement; not measured.
 """
 LANES = 16
 """
-Lists that are followed side by side.
+Lists that are read side by side.
 Source: numerical: their reads wait for memory together; time alone depends on it.
 """
 
@@ -25,12 +25,13 @@ Source: numerical: their reads wait for memory together; time alone depends on i
 def collect_slots(  # type: ignore[no-untyped-def]
     cells, wanted, head, state, following, labels, out
 ):
-    """Write the slots of the wanted voxels of cells; return their number.  See `CellIndex`."""
+    """Write the slots of the wanted voxels of some cells, and return their number."""
     start, slots, label_of = _follow_lists(cells, head, state, following, labels)
     num = 0
     count = np.zeros(256, dtype=np.int64)
     one_in = np.ones(256, dtype=np.int64)
     for k in range(len(cells)):
+        # count the labels of the cell, and take one of so many of those that are sampled
         own = range(start[k], start[k + 1])
         count[:] = 0
         for i in own:
@@ -50,7 +51,7 @@ def collect_slots(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, inline='always')
 def _mix(slot):  # type: ignore[no-untyped-def]
-    """Return a number that tells nothing of a slot's neighbours (the last step of MurmurHash3)."""
+    """Return a pseudo-random number for a slot (the last step of MurmurHash3)."""
     value = np.uint64(slot)
     value ^= value >> np.uint64(33)
     value *= np.uint64(0xFF51AFD7ED558CCD)
@@ -63,9 +64,9 @@ def _mix(slot):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True)
 def _follow_lists(cells, head, state, following, labels):  # type: ignore[no-untyped-def]
     """
-    Return slots and labels of the voxels of some cells, and where those of each cell begin.
+    Return slots and labels of the voxels of some cells, and the first index of each cell.
 
-    The lists are followed side by side, so that their steps wait for memory together.
+    The lists are read side by side, so that their steps wait for memory together.
     """
     start = np.zeros(len(cells) + 1, dtype=np.int64)
     for k in range(len(cells)):
@@ -76,12 +77,14 @@ def _follow_lists(cells, head, state, following, labels):  # type: ignore[no-unt
     place = np.empty(LANES, dtype=np.int64)
     num, begun = 0, 0
     while True:
+        # fill free lanes with the next lists
         while num < LANES and begun < len(cells):
             at[num], place[num] = head[cells[begun]], start[begun]
             begun += 1
             num += at[num] >= 0
         if num == 0:
             break
+        # one step along each list
         lane = 0
         while lane < num:
             slot = at[lane]
@@ -90,7 +93,7 @@ def _follow_lists(cells, head, state, following, labels):  # type: ignore[no-unt
             at[lane] = following[slot]
             if at[lane] >= 0:
                 lane += 1
-            else:  # the last list takes its lane
+            else:  # the list ends: the last one takes its lane
                 num -= 1
                 at[lane], place[lane] = at[num], place[num]
     return start, slots, label_of
@@ -100,11 +103,12 @@ def _follow_lists(cells, head, state, following, labels):  # type: ignore[no-unt
 def drop_slots(  # type: ignore[no-untyped-def]
     cell, kept, head, state, following, table, keys, counts, labels, changed, out
 ):
-    """Free the slots of one cell's voxels that are not kept, and return their number."""
+    """Free the slots of the voxels of a cell that are not kept, and return their number."""
     num = 0
     slot = head[cell]
     last = np.int32(-1)
     while slot >= 0:
+        # link the voxels that are kept, and clear the others
         after = following[slot]
         if kept[labels[slot]]:
             if last < 0:

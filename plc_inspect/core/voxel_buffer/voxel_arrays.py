@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the map keeps of each voxel."""
+"""The arrays that hold the voxels of the map."""
 
 from dataclasses import dataclass
 
@@ -16,12 +16,12 @@ from plc_inspect.results import Float32, Int32, Int64, UInt8
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VoxelArrays:
-    """Room for C voxels by slot, and the table that finds them; kernels write to the arrays."""
+    """Arrays of C slots for voxels, and the hash table of their keys; kernels write to them."""
 
     keys: Int64
     """(C,) packed keys, see `voxel_keys`."""
     counts: UInt32
-    """(C,) points, 0 where a slot is free."""
+    """(C,) number of points, 0 for free slots."""
     means: Float32
     """(C, 3) mean offset of the points from the voxel's centre [m]."""
     following: Int32
@@ -29,15 +29,15 @@ class VoxelArrays:
     labels: UInt8
     """(C,) labels, such as PointClass."""
     free: Int32
-    """(C,) slots that are free, as many as the map says; the last is taken first."""
+    """(C,) stack of free slots; the map knows how many there are."""
     changed: UInt8
-    """(C,) what changed of each voxel since it was last taken; LANES of them are a word."""
+    """(C,) changes of each voxel since it was last taken; padded to whole words of LANES."""
     table: UInt32
     """Hash table of the keys."""
 
     @property
     def capacity(self) -> int:
-        """Voxels that there is room for."""
+        """Number of slots."""
         return len(self.keys)
 
     @property
@@ -50,12 +50,12 @@ class VoxelArrays:
 
     def grow(self, capacity: int, num_slots: int) -> 'VoxelArrays':
         """
-        Return more room with what is in this one.
+        Return larger arrays with the contents of these.
 
         Parameters
         ----------
         capacity : int
-            Voxels to make room for.
+            Number of slots.
         num_slots : int
             Slots that were ever in use.
 
@@ -72,8 +72,8 @@ class VoxelArrays:
 
 
 def allocate_voxels(capacity: int) -> VoxelArrays:
-    """Return room for some voxels, with none in it."""
-    # made here and not in a kernel, as numpy asks for large pages of memory
+    """Return arrays for ``capacity`` voxels, all free."""
+    # allocated here, not in a kernel: numpy asks for large pages of memory
     return VoxelArrays(
         keys=np.empty(capacity, dtype=np.int64),
         counts=np.zeros(capacity, dtype=np.uint32),

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What changed in the map: taken by slot, bit by bit, and a map as it is stored."""
+"""Changes of the map, copied a few slots at a time, and the stored form of a map."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -18,25 +18,25 @@ if TYPE_CHECKING:
 TOUCHED = np.uint8(1)
 """Points were added, or the voxel was removed.  Source: numerical: one bit each."""
 MADE = np.uint8(2)
-"""The slot got another voxel.  Source: numerical: one bit each."""
+"""The slot holds another voxel.  Source: numerical: one bit each."""
 LABELLED = np.uint8(4)
 """The label changed.  Source: numerical: one bit each."""
 LANES = 8
-"""Slots whose changes are looked at together.  Source: numerical: bytes of a word."""
+"""Slots whose changes are examined together.  Source: numerical: bytes of a word."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VoxelChanges:
-    """Copies of K voxels."""
+    """Copies of K changed voxels."""
 
     slots: Int32
     """(K,) ascending."""
     kinds: UInt8
-    """(K,) what changed: TOUCHED, MADE and LABELLED together."""
+    """(K,) bits of what changed: TOUCHED, MADE, LABELLED."""
     keys: Int64
     """(K,) packed keys."""
     counts: UInt32
-    """(K,) points, 0 where there is no voxel any more."""
+    """(K,) number of points, 0 if the voxel was removed."""
     means: Float32
     """(K, 3) mean offset of the points from the voxel's centre [m]."""
     labels: UInt8
@@ -45,29 +45,29 @@ class VoxelChanges:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StoredMap:
-    """All of a map that is needed to go on with it; S slots, C cells."""
+    """All that is needed to continue a map: S slots, C cells."""
 
     keys: Int64
     """(S,) packed keys."""
     counts: UInt32
-    """(S,) points, 0 where a slot is free."""
+    """(S,) number of points, 0 for free slots."""
     means: Float32
     """(S, 3) mean offset of the points from the voxel's centre [m]."""
     labels: UInt8
     """(S,) labels."""
     origin: Int64 | None
-    """(3,) voxel index of the origin of the keys, None of an empty map."""
+    """(3,) voxel index of the origin of the keys, None for an empty map."""
     sequence: int
     """Number of the newest insertion."""
     moved: bool
-    """Slots were used again, so a voxel may be stored twice."""
+    """Whether slots were reused, so that a voxel may be stored twice."""
     cell_keys: Int64
-    """(C,) as from ``CellIndex.copy_state``."""
+    """(C,) keys of cells, as from ``CellIndex.copy_state``."""
     cell_state: Int32
-    """(C, 5) the same."""
+    """(C, 5) states of cells, as from ``CellIndex.copy_state``."""
 
     def fill(self, voxels: 'VoxelArrays') -> Int64:
-        """Write all voxels to arrays with room for them, and return the free slots."""
+        """Write all voxels to large enough arrays, and return the free slots."""
         size = len(self.keys)
         voxels.keys[:size], voxels.counts[:size] = self.keys, self.counts
         voxels.means[:size], voxels.labels[:size] = self.means, self.labels
@@ -83,21 +83,21 @@ def copy_changes(
     voxels: 'VoxelArrays', part: tuple[int, int, int], everything: bool
 ) -> tuple[VoxelChanges, int]:
     """
-    Copy changed voxels and count them as taken; see ``VoxelMap.take_changes``.
+    Copy changed voxels and mark them as taken; see ``VoxelMap.take_changes``.
 
     Parameters
     ----------
     voxels : VoxelArrays
         Of the map; ``changed`` is changed in place.
     part : tuple of int
-        First slot to look at, slot to end before, and voxels to copy at most.
+        First slot to examine, slot to end before, and greatest number of voxels to copy.
     everything : bool
         Copy voxels that did not change too.
 
     Returns
     -------
     tuple[VoxelChanges, int]
-        And the first slot that was not looked at.
+        The changes, and the first slot that was not examined.
 
     """
     *columns, start = _take_changes(
@@ -116,14 +116,14 @@ def _take_changes(  # type: ignore[no-untyped-def]
     """
     Copy the changed voxels of a part of the slots.
 
-    Returns the columns of `VoxelChanges` and the first slot that was not looked at.
+    Returns the columns of `VoxelChanges` and the first slot that was not examined.
     """
     start, stop, most = part
     words = changed.view(np.uint64)
     slots = np.empty(most, dtype=np.int32)
     num, slot = 0, start
     while slot < stop and num < most:
-        # mostly nothing changed: look at a word of them together
+        # mostly nothing changed: examine a word of slots together
         if not everything and slot % LANES == 0 and words[slot // LANES] == 0:
             slot += LANES
             continue
@@ -131,6 +131,7 @@ def _take_changes(  # type: ignore[no-untyped-def]
             slots[num] = slot
             num += 1
         slot += 1
+    # copy them, and mark them as taken
     slots = slots[:num].copy()
     kinds, own_keys = np.empty(num, dtype=np.uint8), np.empty(num, dtype=np.int64)
     own_counts, own_means = np.empty(num, np.uint32), np.empty((num, 3), np.float32)
@@ -147,7 +148,7 @@ def _take_changes(  # type: ignore[no-untyped-def]
 
 def find_doubles(keys: Int64, counts: UInt32) -> Int64:
     """
-    Find voxels that are stored twice, as one was moved while the map was being stored.
+    Find voxels stored twice because they moved to another slot while the map was being stored.
 
     Parameters
     ----------
@@ -157,7 +158,7 @@ def find_doubles(keys: Int64, counts: UInt32) -> Int64:
     Returns
     -------
     Int64
-        Slots to leave out: of those with the same key all but the one with most points.
+        Slots to leave out: of those with the same key, all but the one with most points.
 
     """
     used = np.flatnonzero(counts)

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Insertion of points into the voxels of the map, found by a hash table of their keys."""
+"""Inserts points into the voxels of the map, by a hash table of their keys."""
 
 from numba import njit
 import numpy as np
@@ -35,9 +35,9 @@ def fill_table(keys: Int64, counts: UInt32, table: UInt32) -> None:
     keys : Int64
         (M,) different keys; key m gets slot m.
     counts : UInt32
-        (M,) slots with a count of 0 are free and left out.
+        (M,) number of points; slots with 0 are free and left out.
     table : UInt32
-        Of ``numerics.hash_table``, with room for them; changed in place.
+        As in ``numerics.hash_table``, large enough; changed in place.
 
     """
     for slot in range(len(keys)):
@@ -47,14 +47,14 @@ def fill_table(keys: Int64, counts: UInt32, table: UInt32) -> None:
 
 @njit(cache=True, nogil=True, inline='always')
 def _count_in(slot, counts):  # type: ignore[no-untyped-def]
-    """Count one more point of a voxel, and return its share of them."""
+    """Count a point of a voxel, and return its share of all."""
     counts[slot] += 1
     return np.float32(1.0) / np.float32(counts[slot])
 
 
 @njit(cache=True, nogil=True, inline='always')
 def _take_in(slot, offset, share, means):  # type: ignore[no-untyped-def]
-    """Bring the mean of one voxel up to date with one more point, of this share of all."""
+    """Update the mean of a voxel with a point that has this share of all."""
     row = means[slot]
     row[0] += (offset[0] - row[0]) * share
     row[1] += (offset[1] - row[1]) * share
@@ -63,7 +63,7 @@ def _take_in(slot, offset, share, means):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, inline='always')
 def _begin(slot, offset, means):  # type: ignore[no-untyped-def]
-    """Set the mean of a new voxel, its one point."""
+    """Set the mean of a new voxel to its only point."""
     row = means[slot]
     row[0], row[1], row[2] = offset[0], offset[1], offset[2]
 
@@ -87,7 +87,7 @@ def accumulate_points(
     changed: UInt8,
 ) -> tuple[int, int, int, int, int]:
     """
-    Add points to their voxels until all are in or there is no room.
+    Add points to their voxels until all are added or there is no room.
 
     Parameters
     ----------
@@ -96,19 +96,19 @@ def accumulate_points(
     order : Int64
         (N,) points in the order in which to add them.
     start : int
-        First place in it to add.
+        First position in ``order`` to add.
     size : int
         Slots that were ever in use.
     final : bool
-        There is no more room to be had: refuse points instead of stopping.
+        The map cannot grow: refuse points instead of stopping.
     free : Int32
-        Slots below ``size`` that are free, the first ``num_free``; the last is taken first.
+        Stack of free slots below ``size``.
     num_free : int
-        Free slots.
+        Number of free slots.
     created : Int32
-        (N,) slots of the voxels made so far by this insertion, changed in place.
+        (N,) slots of the voxels created so far by this insertion, changed in place.
     num_created : int
-        How many they are.
+        Number of created voxels.
     table, slot_keys, counts, means, changed
         The map's arrays, changed in place.
 
@@ -132,26 +132,26 @@ def accumulate_points(
         block = min(BLOCK, stop - first)
         for k in range(block):
             hashes[k] = hash_key(keys[order[first + k]])
-        # touch the table for all points of the block, so that they wait for memory together
+        # read the table for all points of the block, so that they wait for memory together
         for k in range(block):
             entries[k] = table[hashes[k] & mask]
-        # the slot that each key may have, by the hash bits in the table
+        # find the slot that each key may have, by the hash bits in the table
         for k in range(block):
             places[k] = walk(hashes[k], hashes[k] & mask, table, mask)
             slots[k] = slot_of(table[places[k]], mask)
         for k in range(block):
             known[k] = slot_keys[max(slots[k], 0)]
-        # compare the keys, and make voxels for those that have none
+        # compare the keys, and create voxels that are missing
         for k in range(block):
             i = order[first + k]
             key, place, slot = keys[i], places[k], slots[k]
             if slot < 0 or known[k] != key:
-                # one of this block may be there now
+                # the voxel may have been created in this block
                 slot, place = probe(key, hashes[k], place, table, slot_keys)
             slots[k] = slot
             if slot >= 0:
                 continue
-            # a slot for the new voxel: a free one, the next one, or none
+            # choose a slot for the new voxel: a free one, the next one, or none
             if num_free > 0:
                 num_free -= 1
                 slot = free[num_free]
@@ -161,10 +161,10 @@ def accumulate_points(
             elif final:
                 refused += 1
                 continue
-            else:  # the caller makes room and comes again with the rest
+            else:  # the caller makes room and continues with the rest
                 block, stop = k, first + k
                 break
-            # its first point is in now, so slots[k] stays -1
+            # store it with its first point; slots[k] stays -1, so that it is not added again
             slot_keys[slot] = key
             counts[slot] = 1
             changed[slot] |= MADE | TOUCHED
@@ -172,7 +172,7 @@ def accumulate_points(
             table[place] = make_entry(hashes[k], slot, mask)
             created[num_created] = slot
             num_created += 1
-        # add the points of voxels that were there before
+        # add the points of voxels that existed before
         for k in range(block):
             if slots[k] >= 0:
                 shares[k] = _count_in(slots[k], counts)

@@ -1,11 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""
-Keys of voxels, in numba.
-
-A key packs three voxel indices relative to the map's origin, 21 bits each.
-"""
+"""Keys of voxels: three voxel indices relative to the map's origin, packed into 21 bits each."""
 
 from numba import njit
 import numpy as np
@@ -16,21 +12,21 @@ KEY_BITS = 21
 """Bits of a key for each of three indices.  Source: numerical: three of them fit into int64."""
 KEY_HALF_RANGE = 1 << (KEY_BITS - 1)
 """
-Voxels from the origin of the keys to the end of the map, on both sides of each axis.
-Source: derived: half of what KEY_BITS hold.
+Voxels from the origin of the keys to the edge of the map, in both directions of each axis.
+Source: derived: half the range of KEY_BITS.
 """
 TILE_BITS = 7
 """
-Tiles are columns of 2 to this many voxels in x and in y.
+Logarithm to base 2 of the width of a tile in x and in y, in voxels.
 Source: numerical: 12.8 m at 0.1 m, about a plan cell; time alone depends on it.
 """
 MOST_TILES = 1 << 18
 """
-Points on more tiles than this are not ordered.
+Greatest number of tiles by which points are sorted.
 Source: numerical: their counts take 2 MB; time alone depends on it.
 """
 _MASK = (1 << KEY_BITS) - 1
-"""Bits of one index in a key.  Source: derived: KEY_BITS of them."""
+"""Mask of one index in a key.  Source: derived: KEY_BITS bits."""
 
 
 @njit(cache=True, nogil=True)
@@ -76,12 +72,12 @@ def find_centroids(
     slots: Int64, slot_keys: Int64, means: Float32, origin: Int64, voxel_size: float
 ) -> Float64:
     """
-    Return the mean of the points of some voxels.
+    Return the centroids of some voxels.
 
     Parameters
     ----------
     slots : Int64
-        (M,) their slots.
+        (M,) slots of the voxels.
     slot_keys, means : Int64, Float32
         The map's arrays.
     origin : Int64
@@ -107,7 +103,7 @@ def find_centroids(
 @njit(cache=True, nogil=True)
 def order_by_tile(keys: Int64) -> Int64:
     """
-    Order points by tile, so that voxels near each other become neighbours in memory.
+    Sort points by tile, so that voxels near each other become neighbours in memory.
 
     Parameters
     ----------
@@ -117,9 +113,10 @@ def order_by_tile(keys: Int64) -> Int64:
     Returns
     -------
     Int64
-        (N,) the points; those of one tile keep their order.
+        (N,) indices of the points; those of one tile keep their order.
 
     """
+    # column and row of the tile of each point
     num = len(keys)
     column, row = np.empty(num, dtype=np.int64), np.empty(num, dtype=np.int64)
     for k in range(num):
@@ -132,6 +129,7 @@ def order_by_tile(keys: Int64) -> Int64:
     num_tiles = wide * (row.max() - low + 1)
     if num_tiles > MOST_TILES:
         return np.arange(num)
+    # counting sort
     place = np.zeros(num_tiles + 1, dtype=np.int64)
     for k in range(num):
         column[k] += (row[k] - low) * wide - left

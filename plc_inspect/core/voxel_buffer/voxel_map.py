@@ -2,12 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The global map: a hash of voxels that keep the mean of their points, not the points.
+The global map: hashed voxels that keep the mean of their points, not the points.
 
-A voxel stores its key, the number of its points, their mean offset from its centre, a label and
-the next voxel of its plan cell: 34 bytes with its place in the list of free ones and what changed
-of it, and 8 to 16 bytes of hash table.  A mean instead of a sum, so that float32 keeps its
-precision however often a voxel is hit.
+A voxel stores its key, number of points, mean offset from its centre, label and the next voxel of
+its plan cell: 34 bytes with its entry in the stack of free slots and its changes, and 8 to 16
+bytes of hash table.  A mean, not a sum, keeps float32 precise however often the voxel is hit.
 """
 
 from dataclasses import dataclass
@@ -36,38 +35,38 @@ from plc_inspect.results import Bool, Float32, Float64, Int32, Int64, UInt8
 
 INITIAL_CAPACITY = 1 << 16
 """
-Voxels that room is made for at first.
+Initial capacity, in voxels.
 Source: numerical: the room doubles whenever it is full.
 """
 MOST_INDEX = 2**52
 """
 Greatest voxel index of the first point, in absolute value.
-Source: numerical: beyond, a double cannot tell the middle of a voxel from its edge.
+Source: numerical: beyond, a double cannot tell the centre of a voxel from its edge.
 """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Insertion:
-    """What one call of ``VoxelMap.insert`` did."""
+    """Result of ``VoxelMap.insert``."""
 
     sequence: int
-    """Number of this insertion, counted from 1."""
+    """Number of this insertion, from 1."""
     num_points: int
-    """Points that are now part of the map."""
+    """Points added to the map."""
     num_new: int
-    """Voxels that were touched for the first time."""
+    """Voxels created."""
     num_refused: int
-    """Points that would have needed a voxel beyond ``max_voxels`` and were left out."""
+    """Points left out, as they would have needed a voxel beyond ``max_voxels``."""
 
 
 class VoxelMap:
     """
-    Voxels of points with a hard cap; owned by one thread.
+    A map of voxels with a hard cap; owned by one thread.
 
-    The voxel grid is fixed to multiples of ``voxel_size``, so that the voxels do not depend on
-    which point came first.  Each insertion gives slots tile by tile, on a tile in the order of
-    first touch: voxels near each other are neighbours in memory, and the same insertions give the
-    same arrays.
+    The grid is fixed to multiples of ``voxel_size``, so that voxels do not depend on the first
+    point.  Each insertion assigns slots tile by tile, and within a tile in the order of its
+    points: voxels near each other are neighbours in memory, and the same insertions give the same
+    arrays.
 
     Parameters
     ----------
@@ -82,7 +81,7 @@ class VoxelMap:
         self._min_points = settings.min_points
         self._sequence = 0
         self.generation = 0
-        """Times that all voxels were forgotten."""
+        """Number of times that the map was cleared."""
         self._set_empty(min(INITIAL_CAPACITY, self._max_voxels))
 
     def _set_empty(self, capacity: int) -> None:
@@ -135,12 +134,12 @@ class VoxelMap:
 
     def reserve(self, num_voxels: int) -> None:
         """
-        Make room ahead, so that no insertion pays for growing.
+        Allocate room ahead, so that no insertion pays for growing.
 
         Parameters
         ----------
         num_voxels : int
-            Voxels to make room for; more than ``max_voxels`` is taken as ``max_voxels``.
+            Number of voxels, at most ``max_voxels``.
 
         """
         wanted = min(num_voxels, self._max_voxels)
@@ -150,7 +149,7 @@ class VoxelMap:
     @property
     def memory(self) -> tuple[NDArray[np.generic], ...]:
         """
-        All that the map has reserved, so that a caller can have it backed by memory ahead.
+        All arrays of the map, so that a caller can have them backed by memory ahead.
 
         The system provides memory when it is first written, which delays some insertions by up to
         20 ms.
@@ -159,7 +158,7 @@ class VoxelMap:
 
     def insert(self, points: Float64) -> Insertion:
         """
-        Add points; either all that fit or, on an error, none.
+        Add all points that fit or, on an error, none.
 
         Beyond ``max_voxels`` the map does not grow and does not raise: points in voxels that
         exist are still added, the others are refused and counted.  Cost O(N).
@@ -235,7 +234,7 @@ class VoxelMap:
         return np.flatnonzero(self._voxels.counts[: self._size])
 
     def centroids(self) -> Float64:
-        """Return the (M, 3) mean of the points of every voxel [m], by slot."""
+        """Return the (M, 3) centroids of all voxels, by slot [m]."""
         return self._centroids(self._used())
 
     def _centroids(self, slots: Int64) -> Float64:
@@ -247,14 +246,14 @@ class VoxelMap:
         return result
 
     def counts(self) -> Int64:
-        """Return the (M,) number of points of every voxel, by slot."""
+        """Return the (M,) number of points of all voxels, by slot."""
         return self._voxels.counts[self._used()].astype(np.int64)
 
     def collect(self, cells: Int64, wanted: UInt8) -> Int32:
         """
-        List the slots of the voxels in some plan cells.
+        Return the slots of the voxels in some plan cells.
 
-        The cost is that of the cells' voxels.
+        Costs O(voxels of the cells).
 
         Parameters
         ----------
@@ -276,7 +275,7 @@ class VoxelMap:
 
     def copy_voxels(self, slots: Int32) -> tuple[Int64, Float64]:
         """
-        Copy the voxels of some slots that have at least ``min_points`` points.
+        Return those voxels of some slots that have at least ``min_points`` points.
 
         Parameters
         ----------
@@ -294,7 +293,7 @@ class VoxelMap:
 
     def label(self, slots: Int64, centroids: Float64, labels: UInt8) -> None:
         """
-        Label voxels that were copied before, where they are still there.
+        Label voxels copied before, if they still exist.
 
         Parameters
         ----------
@@ -314,23 +313,23 @@ class VoxelMap:
 
     def order_free(self) -> None:
         """
-        Use the free slots in ascending order from now on.
+        Reuse the free slots in ascending order from now on.
 
-        Voxels that are made together then lie together in memory, as in a map that was never full,
-        and reading a place reads less memory.
+        Voxels created together then lie together in memory, as in a map that was never full, and
+        reading a part of the map reads less memory.
         """
         self._voxels.free[: self._num_free][::-1].sort()
 
     def drop(self, cell: int, kept: Bool) -> int:
         """
-        Remove voxels of one plan cell; their slots are used again.
+        Remove voxels of one plan cell; their slots are reused.
 
         Parameters
         ----------
         cell : int
             A cell of ``cells``.
         kept : Bool
-            (256,) for each label whether its voxels stay.
+            (256,) whether voxels of each label are kept.
 
         Returns
         -------
@@ -346,16 +345,16 @@ class VoxelMap:
         self, start: int, most: int, *, stop: int | None = None, everything: bool = False
     ) -> tuple[VoxelChanges, int]:
         """
-        Copy the voxels that changed since they were last taken, and count them as taken.
+        Copy the voxels that changed since they were last taken, and mark them as taken.
 
         Parameters
         ----------
         start : int
-            First slot to look at.
+            First slot to examine.
         most : int
-            Voxels to copy at most.
+            Greatest number of voxels to copy.
         stop : int or None
-            Slot to end before, None all that were ever in use.
+            Slot to end before; None: all that were ever in use.
         everything : bool
             Copy voxels that did not change too.
 
@@ -363,7 +362,7 @@ class VoxelMap:
         -------
         VoxelChanges
         int
-            First slot that was not looked at.
+            First slot that was not examined.
 
         """
         stop = self._size if stop is None else min(stop, self._size)
@@ -371,10 +370,10 @@ class VoxelMap:
 
     def restore(self, stored: StoredMap) -> None:
         """
-        Put a stored map in place of this one; DataError, and nothing done, where it has no room.
+        Replace this map by a stored one; raise DataError, and change nothing, if it has no room.
 
-        Every voxel gets its slot, key, count, mean and label.  Free slots are used in ascending
-        order from now on, and the lists of the cells are in the order of the slots.
+        Every voxel gets its slot, key, count, mean and label.  Free slots are reused in ascending
+        order, and the lists of the cells are in the order of the slots.
         """
         size = len(stored.keys)
         if size > self._max_voxels:
