@@ -26,29 +26,28 @@ def accumulate(
     way: FlownWay | None = None,
 ) -> Accumulator:
     """
-    Put all scans of a recording into a map, as the node would have done in flight.
+    Insert all scans of a recording into a map, as the node would have done in flight.
 
-    A scan waits for its odometry by the recording's own clock.  Scans that contradict
-    themselves are counted in ``recording.skipped``, like messages that cannot be read.
+    Scans wait for odometry by the clock of the recording.  Malformed scans are counted in
+    ``recording.skipped``, like messages that cannot be read.
 
     Parameters
     ----------
     recording : Recording
         An open recording.
     settings : Settings
-        ``input`` and ``map`` are used; ``map.max_voxels`` bounds the node alone, a replay loses
-        nothing to it.
+        ``input`` and ``map`` are used; ``map.max_voxels`` does not limit a replay.
     progress : callable or None
-        Called with the share that was read, 0 to 1, after each scan and at the end.
+        Called with the share read, 0 to 1, after each scan and at the end.
     book : SharpnessBook or None
-        Takes how sharp the map is.
+        Collects the sharpness of the map.
     way : FlownWay or None
-        Takes the way of the vehicle.
+        Collects the path of the vehicle.
 
     Returns
     -------
     Accumulator
-        Finished: no scan waits any more.
+        Finished: no scan is waiting.
 
     Raises
     ------
@@ -99,12 +98,12 @@ def accumulate(
 
 def check_used(recording: Recording, accumulator: Accumulator, settings: Settings) -> None:
     """
-    Refuse a recording of which no point came into the map.
+    Refuse a recording without a point in the map.
 
     Parameters
     ----------
     recording : Recording
-        That was read.
+        The recording that was read.
     accumulator : Accumulator
         As from ``accumulate``.
     settings : Settings
@@ -113,7 +112,7 @@ def check_used(recording: Recording, accumulator: Accumulator, settings: Setting
     Raises
     ------
     DataError
-        No scan could be used; the text says why.
+        No scan could be used; the message says why.
 
     """
     counters = accumulator.counters()

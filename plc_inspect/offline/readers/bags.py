@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Recordings of flights: rosbag2 (MCAP, sqlite3) and ROS 1 bags, through rosbags."""
+"""Reads recordings of flights: rosbag2 (MCAP, sqlite3) and ROS 1 bags, by rosbags."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -48,7 +48,7 @@ class RecordedMessage:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RawMessage:
-    """One message of a recording, as ROS 2 serialises it."""
+    """One message of a recording, serialised as by ROS 2."""
 
     log_stamp_ns: int
     """When it was recorded [ns]."""
@@ -59,7 +59,7 @@ class RawMessage:
 
 class Recording:
     """
-    The scans and poses of one recording, in the order in which they were recorded.
+    The scans and poses of one recording, in order of recording.
 
     A context manager; iterating yields ``RecordedMessage`` and may be repeated.
 
@@ -68,10 +68,10 @@ class Recording:
     path : Path
         A rosbag2 folder, a lone ``.mcap`` or ``.db3`` file, or a ROS 1 ``.bag``.
     scan_topic, odometry_topic : str
-        Topic names; a missing leading slash does not matter.
+        Topic names, with or without a leading slash.
     source : InputSettings or None
-        ``odometry_type``, ``map_frame`` and ``base_frame`` are used, by default those of config.
-        Where the type is 'auto' and the topic of poses is missing, they come from /tf.
+        ``odometry_type``, ``map_frame`` and ``base_frame`` are used; None: the defaults.  If the
+        type is 'auto' and the topic of poses is missing, poses come from /tf.
 
     Raises
     ------
@@ -95,16 +95,16 @@ class Recording:
         self._fixed: list[StampedTransform] = []
         self._not_fixed: list[Exception] = []
         self.pose_type = ''
-        """Type of the messages that poses come from, known when it is open."""
+        """Message type of the poses, known once the recording is open."""
         self._reader: AnyReader | None = None
         self._connections: list[Any] = []
         self._num_read = 0
         self.skipped: Counter[str] = Counter()
         """Messages that could not be read: reason to count."""
         self.first_errors: dict[str, str] = {}
-        """The same reasons to the text of the first error."""
+        """Reason to the text of its first error."""
         self.malformed: dict[str, str] = {}
-        """'scan' and 'odometry' to the first error of any of theirs, where there was one."""
+        """'scan' or 'odometry' to the text of the first error of its messages."""
 
     def __enter__(self) -> Self:
         """Open the recording and find the topics."""
@@ -114,7 +114,7 @@ class Recording:
             store = get_typestore(Stores.ROS2_JAZZY)
             reader = AnyReader([source], default_typestore=store)
             reader.open()
-        except Exception as error:  # rosbags lets struct, zstd, sqlite and other errors through
+        except Exception as error:  # rosbags passes errors of struct, zstd, sqlite and others on
             raise DataError(f'{self.path} cannot be read: {_in_one_line(error)}') from error
         self._reader = reader
         try:
@@ -146,22 +146,22 @@ class Recording:
 
     @property
     def pose_name(self) -> str:
-        """Topic that poses come from as it was given, which may be relative."""
+        """Topic of the poses as given, which may be relative."""
         return TF_TOPIC if self.pose_type in TF_TYPES else self._pose_name
 
     @property
     def fixed_transforms(self) -> list[StampedTransform]:
-        """Those of /tf_static, whenever they were recorded."""
+        """Transforms of /tf_static, whenever recorded."""
         return self._fixed
 
     @property
     def problem(self) -> str:
-        """Why /tf gave no poses so far, '' where it did or is not used."""
+        """Why /tf has given no poses so far, '' if it has or is not used."""
         return self._moving.explain() if self._moving is not None else ''
 
     @property
     def num_messages(self) -> int:
-        """Scans and poses in the recording."""
+        """Number of scans and poses in the recording."""
         return sum(connection.msgcount for connection in self._connections)
 
     @property
@@ -171,7 +171,7 @@ class Recording:
 
     @property
     def progress(self) -> float:
-        """Share of the scans and poses that was read, 0 to 1."""
+        """Share of the scans and poses read, 0 to 1."""
         total = self.num_messages
         return min(1.0, self._num_read / total) if total else 1.0
 
@@ -212,7 +212,7 @@ class Recording:
         reader = self._open_reader()
         store = get_typestore(Stores.ROS2_JAZZY)
         for connection, stamp, raw in self._read(reader):
-            if not reader.is2:  # headers of ROS 1 have a field more
+            if not reader.is2:  # headers of ROS 1 have one more field
                 kind = connection.msgtype
                 new = TF_TYPES[0] if kind in TF_TYPES else kind
                 raw = bytes(store.serialize_cdr(reader.deserialize(raw, kind), new))
@@ -255,7 +255,7 @@ class Recording:
         return scans + poses
 
     def _find(self, topic: str, kinds: tuple[str, ...]) -> list[Any]:
-        """Return the connections of a topic, all of the first of some types that is there."""
+        """Return the connections of a topic that have the first of some types that occurs."""
         matching = [c for c in self._open_reader().connections if _absolute(c.topic) == topic]
         for kind in kinds:
             if good := [c for c in matching if c.msgtype == kind]:
@@ -313,7 +313,7 @@ class Recording:
         kind: MessageKind = 'scan' if connection.msgtype == SCAN_TYPE else 'odometry'
         try:
             message = reader.deserialize(raw, connection.msgtype)
-        except Exception as error:  # damaged bytes end in struct, index, unicode or other errors
+        except Exception as error:  # damaged bytes raise struct, index, unicode and other errors
             self.skip(kind, f'{connection.topic}: not decodable', error)
             return []
         try:
@@ -327,7 +327,7 @@ class Recording:
             return []
 
     def skip(self, kind: MessageKind, reason: str, error: BaseException) -> None:
-        """Count a message that cannot be used; remember the first error of its reason and kind."""
+        """Count a message that cannot be used; keep the first error of its reason and kind."""
         self.malformed.setdefault(kind, self._count(reason, error))
 
     def _count(self, reason: str, error: BaseException) -> str:
@@ -347,9 +347,9 @@ def _in_one_line(error: BaseException) -> str:
 
 def find_recordings(path: Path) -> list[Path]:
     """
-    Return the recordings in a folder, at any depth, by name; the folder itself where it is one.
+    Return the recordings in a folder at any depth, by name, or the folder if it is one itself.
 
-    A file is one by the end of its name.  DataError where it cannot be told what files are.
+    Files are recordings by their suffix.  Raises DataError for split files without metadata.
     """
     if not path.is_dir():
         return [path] if path.suffix in _SUFFIXES else []
@@ -368,7 +368,7 @@ def find_recordings(path: Path) -> list[Path]:
 
 
 def _find_source(path: Path) -> Path:
-    """Return what rosbags is to open: the path, or the lone bag file of a bare folder."""
+    """Return what rosbags must open: the path, or the only bag file of a bare folder."""
     if not path.exists():
         raise DataError(f'{path} does not exist')
     if path.is_file():

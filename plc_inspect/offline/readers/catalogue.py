@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Rule sets and conductors that the package ships or a user gives, and cases from a command."""
+"""Reads rule sets and conductors, shipped or given by a user, and load cases."""
 
 import math
 from pathlib import Path
@@ -20,7 +20,7 @@ _CASE_KEYS = ('temperature', 'ice', 'wind')
 
 
 def list_rules() -> list[str]:
-    """Return the names of the rule sets that are shipped."""
+    """Return the names of the shipped rule sets."""
     folder = find_shared('rules')
     return sorted(path.stem for path in folder.glob('*.yaml')) if folder else []
 
@@ -61,14 +61,14 @@ def load_rules(settings: HazardSettings) -> RuleSet:
 
 def load_conductor(name: str, path: Path | None = None) -> Conductor:
     """
-    Return a conductor by its name.
+    Return a conductor by name.
 
     Parameters
     ----------
     name : str
-        As in the table; case does not matter.
+        Name as in the table; case does not matter.
     path : Path or None
-        Another table than ``config/conductors.yaml``.
+        Table to use in place of ``config/conductors.yaml``.
 
     Returns
     -------
@@ -77,7 +77,7 @@ def load_conductor(name: str, path: Path | None = None) -> Conductor:
     Raises
     ------
     ConfigError
-        The table cannot be read, a row of it is wrong, or nothing has this name.
+        The table cannot be read, a row is wrong, or no conductor has this name.
 
     """
     path = path or find_shared('conductors.yaml')
@@ -96,7 +96,7 @@ def load_conductor(name: str, path: Path | None = None) -> Conductor:
 
 def parse_case(text: str) -> Case:
     """
-    Read a case such as ``temperature=80`` or ``winter: temperature=-5, ice=0.01, wind=15``.
+    Parse a case such as ``temperature=80`` or ``winter: temperature=-5, ice=0.01, wind=15``.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def parse_case(text: str) -> Case:
     Raises
     ------
     ConfigError
-        Something else is given, or a value is no number or beyond reason.
+        The text is malformed, or a value is not a number or out of range.
 
     """
     head, colon, body = text.partition(':')

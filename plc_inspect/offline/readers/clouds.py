@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Point clouds from files, in metres."""
+"""Reads point clouds from files, in metres."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,8 +39,8 @@ Source: EPSG registry: the metre, the international foot and that of the US surv
 
 MOST_FAR, MOST_FAR_SHARE = 100, 0.01
 """
-Points beyond MOST_COORDINATE that are strays at most, as a number and as a share.
-Source: judgement: as core.extraction.stray_points; more are of a wrong unit or CRS.
+Greatest number and share of points beyond MOST_COORDINATE that are strays.
+Source: judgement: as core.extraction.stray_points; more mean a wrong unit or CRS.
 """
 
 _HORIZONTAL_UNIT_KEY, _VERTICAL_SYSTEM_KEY, _VERTICAL_UNIT_KEY = 3076, 4096, 4099
@@ -55,34 +55,34 @@ class Cloud:
     """(N, 3) coordinates of the file times ``metres_per_unit`` [m]; a point of which any
     coordinate was not finite, or beyond MOST_COORDINATE, is NaN in all three."""
     num_not_finite: int
-    """Points that are NaN, those beyond MOST_COORDINATE included."""
+    """Number of NaN points, including those beyond MOST_COORDINATE."""
     crs: str
-    """Coordinate reference system as WKT, '' where neither file nor user names one."""
+    """Coordinate reference system as WKT, '' if neither file nor user gives one."""
     metres_per_unit: tuple[float, float]
-    """Length of the file's horizontal and vertical unit [m]."""
+    """Metres in one horizontal and one vertical unit of the file."""
     las: Any
-    """The laspy.LasData with all attributes, None for a file of another kind."""
+    """The laspy.LasData with all attributes, None for other kinds of files."""
     note: str = ''
-    """What was assumed of the coordinates, '' where they are known."""
+    """Assumptions about the coordinates, '' if none."""
 
 
 def read_cloud(
     path: Path | str, crs: str | None = None, unit: float | None = None
 ) -> Cloud:
     """
-    Read a cloud; coordinates become metres, nothing else changes.
+    Read a cloud, and convert its coordinates to metres.
 
-    The unit comes from the CRS: that of the argument, else that of the file, else metres.  A
-    vertical unit that the CRS does not name is taken to be the horizontal one.
+    The units are those of the CRS: that of the argument, else that of the file; without a CRS,
+    ``unit`` or metres.  A CRS without a vertical unit has the horizontal one.
 
     Parameters
     ----------
     path : Path or str
         A file whose name ends in one of SUFFIXES.
     crs : str or None
-        CRS that replaces the file's, as 'EPSG:2992' or WKT.
+        CRS in place of the file's, as 'EPSG:2992' or WKT.
     unit : float or None
-        Metres in one unit of a file that has no CRS; None asks the file, else it is 1.
+        Metres in one unit of a file without CRS; None: the unit in the file, else 1.
 
     Returns
     -------
@@ -92,11 +92,11 @@ def read_cloud(
     Raises
     ------
     DataError
-        The file is missing, truncated, damaged or of an unknown kind, its CRS is not in a length
-        unit, more points than strays would be lie beyond MOST_COORDINATE, or the coordinates
-        cannot be lengths east, north and up.
+        The file is missing, truncated, damaged or of an unknown kind; its CRS is not in units of
+        length; too many points lie beyond MOST_COORDINATE; or the coordinates cannot be lengths
+        east, north and up.
     ConfigError
-        ``crs`` is not a known CRS, or ``unit`` is given where there is one.
+        ``crs`` is unknown, or ``unit`` is given for a file that has a CRS.
 
     """
     path = Path(path)
@@ -144,7 +144,7 @@ def read_cloud(
 def choose_units(
     path: Path, wkt: str, units: tuple[float, float], unit: float | None
 ) -> tuple[float, float]:
-    """Return the units of a file; ConfigError where one is given though its CRS is known."""
+    """Return the units of a file; ConfigError if one is given but the CRS is known."""
     if unit is None:
         return units
     if wkt:
@@ -157,7 +157,7 @@ def _not_read(path: Path, error: OSError) -> DataError:
 
 
 def check_las_header(path: Path) -> None:
-    """Refuse a LAS header of which laspy would believe billions of records."""
+    """Refuse a LAS header with impossible counts of records, which laspy would believe."""
     size = path.stat().st_size
     with path.open('rb') as file:
         head = file.read(375)
@@ -179,7 +179,7 @@ def check_las_header(path: Path) -> None:
 
 
 def check_count(path: Path, header: laspy.LasHeader) -> None:
-    """Refuse an uncompressed file that holds more or less points than its header counts."""
+    """Refuse an uncompressed file whose size does not match the number of points in its header."""
     if header.are_points_compressed or header.point_format.has_waveform_packet:
         return
     size = path.stat().st_size
@@ -199,7 +199,7 @@ def check_count(path: Path, header: laspy.LasHeader) -> None:
 
 def load_las(path: Path) -> tuple[laspy.LasData, Float64]:
     """
-    Read a LAS or LAZ file as it is.
+    Read a LAS or LAZ file unchanged.
 
     Parameters
     ----------
@@ -226,7 +226,7 @@ def load_las(path: Path) -> tuple[laspy.LasData, Float64]:
         raise
     except OSError as error:
         raise _not_read(path, error) from error
-    except Exception as error:  # laspy lets errors of lazrs, struct and numpy through
+    except Exception as error:  # laspy passes errors of lazrs, struct and numpy on
         text = make_one_line(error) or type(error).__name__
         raise DataError(f'{path} cannot be read, is it truncated? {text}') from error
     expected = las.header.point_count
@@ -241,7 +241,7 @@ def load_las(path: Path) -> tuple[laspy.LasData, Float64]:
 
 @njit(cache=True, nogil=True)
 def scale_grid(x: Int32, y: Int32, z: Int32, scales: Float64, offsets: Float64) -> Float64:
-    """Return the (N, 3) coordinates of points on the grid of a LAS file, in its units."""
+    """Return the (N, 3) coordinates of the integers of a LAS file, in its units."""
     points = np.empty((len(x), 3), dtype=np.float64)
     for i in range(len(x)):
         points[i, 0] = x[i] * scales[0] + offsets[0]
@@ -255,9 +255,9 @@ def convert_to_metres(
     points: Float64, horizontal: float, vertical: float
 ) -> tuple[int, int, float]:
     """
-    Convert to metres in place, and make NaN of what is not finite or nowhere on Earth.
+    Convert to metres in place, and set points that are not finite or not on Earth to NaN.
 
-    Return how many are not finite, how many are too far out, and the farthest of those.
+    Return the number of points not finite and too far out, and the greatest coordinate of those.
     """
     not_finite, far, farthest = 0, 0, 0.0
     for i in range(len(points)):
@@ -279,7 +279,7 @@ def convert_to_metres(
 
 
 def parse_crs(text: str) -> pyproj.CRS:
-    """Return a coordinate reference system by its name; ConfigError where it is unknown."""
+    """Return a coordinate reference system by name; ConfigError if it is unknown."""
     try:
         return pyproj.CRS.from_user_input(text)
     except CRSError as error:
@@ -287,7 +287,7 @@ def parse_crs(text: str) -> pyproj.CRS:
 
 
 def find_plain_crs(path: Path) -> pyproj.CRS | None:
-    """Return the CRS that a file other than LAS names; DataError where it is not understood."""
+    """Return the CRS in a file other than LAS; DataError if it is not understood."""
     text = find_named_crs(path)
     if not text:
         return None
@@ -299,7 +299,7 @@ def find_plain_crs(path: Path) -> pyproj.CRS | None:
 
 
 def render_wkt(system: pyproj.CRS) -> str:
-    """Return WKT 1, which LAS 1.4 asks for, or WKT 2 where the system needs it."""
+    """Return WKT 1, as LAS 1.4 requires, or WKT 2 if the system needs it."""
     try:
         return str(system.to_wkt('WKT1_GDAL'))
     except CRSError:
@@ -307,7 +307,7 @@ def render_wkt(system: pyproj.CRS) -> str:
 
 
 def find_las_crs(header: laspy.LasHeader, path: Path) -> tuple[str, tuple[float, float]]:
-    """Return the CRS of a LAS file and its units, '' and metres where there is none."""
+    """Return the CRS and units of a LAS file, '' and metres by default."""
     try:
         system = header.parse_crs()
     except CRSError as error:
@@ -327,7 +327,7 @@ def find_las_crs(header: laspy.LasHeader, path: Path) -> tuple[str, tuple[float,
 def _add_vertical(
     system: pyproj.CRS, header: laspy.LasHeader, unit: float | None
 ) -> pyproj.CRS:
-    """Return the CRS with the vertical one of the GeoTIFF keys, where units agree with it."""
+    """Return the CRS with the vertical one of the GeoTIFF keys, if units agree."""
     codes = [key.value_offset for key in _list_geo_keys(header) if key.id == _VERTICAL_SYSTEM_KEY]
     if len(system.axis_info) != 2 or not codes:
         return system
@@ -339,7 +339,7 @@ def _add_vertical(
         if unit is not None and abs(metres - unit) > 1e-9:
             return system
         return CompoundCRS(f'{system.name} + {heights.name}', [system, heights])
-    except CRSError:  # one of a user, or the number of a datum
+    except CRSError:  # a user's own, or the number of a datum
         return system
 
 
@@ -359,7 +359,7 @@ def _read_unit_keys(header: laspy.LasHeader) -> dict[int, float]:
 
 
 def measure_units(system: pyproj.CRS, path: Path) -> tuple[float, float]:
-    """Return metres per horizontal and per vertical unit of a CRS."""
+    """Return the metres in one horizontal and one vertical unit of a CRS."""
     if system.is_geographic or system.is_geocentric:
         raise DataError(
             f'{path}: coordinates in {system.name} are not lengths east, north and up; '

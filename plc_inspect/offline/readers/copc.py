@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""COPC files, cloud-optimised LAZ: parts of them by their own index."""
+"""Reads parts of COPC files (cloud-optimised LAZ) by their index."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,30 +20,30 @@ from plc_inspect.offline.readers.laz import open_las, panics_as_errors
 from plc_inspect.results import Int64
 
 MOST_NODES = 4_000_000
-"""Points of the nodes that are decompressed at once, unless a node alone holds more."""
+"""Greatest number of points decompressed at once, unless one node holds more."""
 LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}
-"""Layers of each kind of item; extra bytes, 14, have one for each (LAZ specification 1.4)."""
+"""Number of layers by kind of item; extra bytes, 14, have one each (LAZ specification 1.4)."""
 _ITEMS = 34
 """Where the record of LASzip lists the items of a point."""
 THINNEST = 1.0
-"""A slab is not divided below this [units of the file]."""
+"""Least width of a slab that is divided into two [units of the file]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Slab:
-    """Steps of x of the grid of a file, the first included and the last not."""
+    """A range of integer x of a file, without the last."""
 
     first: int
     last: int
 
 
 def is_copc(header: laspy.LasHeader) -> bool:
-    """Tell whether a LAZ file has an index of COPC."""
+    """Tell whether a LAZ file has a COPC index."""
     return bool(header.vlrs) and type(header.vlrs[0]).__name__ == 'CopcInfoVlr'
 
 
 def lay_slabs(header: laspy.LasHeader, num: int) -> list[Slab]:
-    """Divide a file across x into slabs that hold each of its points once."""
+    """Divide a file along x into slabs that together hold each point once."""
     low, high = (
         round((end[0] - header.offsets[0]) / header.scales[0])
         for end in (header.mins, header.maxs)
@@ -56,26 +56,26 @@ def lay_slabs(header: laspy.LasHeader, num: int) -> list[Slab]:
 
 def iterate_copc(path: Path, part: int, num_parts: int) -> Iterator[laspy.ScaleAwarePointRecord]:
     """
-    Yield the points of a part of a COPC file; all parts together hold each point once.
+    Yield the points of one part of a COPC file; all parts together hold each point once.
 
     Parameters
     ----------
     path : Path
         The file.
     part : int
-        From 0.
+        Number of the part, from 0.
     num_parts : int
-        Into which the file is divided, across x.
+        Number of parts into which the file is divided along x.
 
     Yields
     ------
     laspy.ScaleAwarePointRecord
-        Those of a slab, as its index finds them.
+        Points of a slab, in the order of the index.
 
     Errors are those of `laz.open_las`.
 
     """
-    with open_las(path):  # refuses what would end the process
+    with open_las(path):  # refuses files that would end the process
         pass
     with _open_indexed(path) as reader:
         waiting = [lay_slabs(reader.header, num_parts)[part]]
@@ -100,7 +100,7 @@ def iterate_copc(path: Path, part: int, num_parts: int) -> Iterator[laspy.ScaleA
 
 def count_indexed(path: Path) -> int:
     """
-    Return how many points the index of a COPC file leads to.
+    Return the number of points in the index of a COPC file.
 
     Errors are those of `laz.open_las`.
     """
@@ -114,18 +114,20 @@ def count_indexed(path: Path) -> int:
 @contextmanager
 def _open_indexed(path: Path) -> Iterator[CopcReader]:
     """
-    Open a COPC file whose whole index was read and can be.
+    Open a COPC file, and check its whole index.
 
-    laspy follows what a damaged index says: it takes the memory that it asks for, and reads the
-    same page for ever.
+    laspy trusts a damaged index: it allocates the memory named there, and may read the same page
+    for ever.
     """
     with path.open('rb') as file:
         size = os.fstat(file.fileno()).st_size
         info = laspy.LasHeader.read_from(file).vlrs[0]
+    # the root page, and the box of the octree
     _check_range('its index', info.hierarchy_root_offset, info.hierarchy_root_size, size)
     if not np.isfinite([*info.center, info.halfsize]).all():
         raise ValueError(f'the box of its index is {info.halfsize:g} about {info.center}')
     with panics_as_errors(), CopcReader.open(str(path)) as reader:
+        # read all further pages, each once
         entries = reader.root_page.entries
         pages = [key for key, entry in entries.items() if entry.point_count < 0]
         while pages:
@@ -140,6 +142,7 @@ def _open_indexed(path: Path) -> Iterator[CopcReader]:
                 raise ValueError('a page of its index leads back to itself')
             entries.update(page)
             pages += [own for own, entry in page.items() if entry.point_count < 0]
+        # counts and byte ranges of the nodes
         total = sum(entry.point_count for entry in entries.values())
         if total > reader.header.point_count:
             raise ValueError(
@@ -154,14 +157,14 @@ def _open_indexed(path: Path) -> Iterator[CopcReader]:
 
 
 def _count_layers(options: bytes) -> int:
-    """Return in how many layers LAZ keeps the points of a chunk, by its list of items."""
+    """Return the number of layers of a chunk of LAZ, from its list of items."""
     (num_items,) = struct.unpack_from('<H', options, _ITEMS - 2)
     items = [struct.unpack_from('<HH', options, _ITEMS + 6 * k) for k in range(num_items)]
     return sum(LAYERS.get(kind, size) for kind, size in items)
 
 
 def _check_layers(reader: CopcReader, entry: Any, num_layers: int) -> None:
-    """Refuse sizes of layers that are more than a node has: lazrs takes as much memory."""
+    """Refuse layers larger than their node: lazrs would allocate as much memory."""
     before = reader.header.point_format.size + 4
     reader.source.seek(entry.offset)
     data = reader.source.read(before + 4 * num_layers)
@@ -171,13 +174,13 @@ def _check_layers(reader: CopcReader, entry: Any, num_layers: int) -> None:
 
 
 def _check_range(what: str, offset: int, length: int, size: int) -> None:
-    """Raise ValueError where something lies beyond the bytes of a file."""
+    """Raise ValueError if a range lies beyond the end of a file."""
     if offset < 0 or length < 0 or offset + length > size:
         raise ValueError(f'{what} has {length} bytes from {offset} on, the file has {size}')
 
 
 def _find_bounds(header: laspy.LasHeader, slab: Slab) -> Bounds:
-    """Return the box of a slab, a step wider than it, within that of the file."""
+    """Return the box of a slab, one step wider, within that of the file."""
     scale, offset = float(header.scales[0]), float(header.offsets[0])
     low, high = np.array(header.mins) - 1.0, np.array(header.maxs) + 1.0
     low[0] = max(low[0], (slab.first - 1) * scale + offset)
@@ -186,7 +189,7 @@ def _find_bounds(header: laspy.LasHeader, slab: Slab) -> Bounds:
 
 
 def _halve(header: laspy.LasHeader, slab: Slab) -> list[Slab]:
-    """Return the halves of what of a slab lies within the file, none where it is thin."""
+    """Return the halves of the part of a slab within the file, none if it is thin."""
     scale, offset = float(header.scales[0]), float(header.offsets[0])
     first = max(slab.first, round((header.mins[0] - offset) / scale) - 1)
     last = min(slab.last, round((header.maxs[0] - offset) / scale) + 2)

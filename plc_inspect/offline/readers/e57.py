@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""E57 files (ASTM E2807): the points of all scans, in the frame of the file."""
+"""Reads E57 files (ASTM E2807): the points of all scans, in the frame of the file."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -28,19 +28,19 @@ def iterate_e57(path: Path, most: int) -> Iterator[Float64]:
     path : Path
         The file.
     most : int
-        Points that are yielded at once.
+        Greatest number of points yielded at once.
 
     Yields
     ------
     (N, 3) float64
-        In the frame of the file, poses of scans applied [m]; NaN where a scan marks a point as
+        In the frame of the file, with the poses of scans applied [m]; NaN for points marked as
         invalid.
 
     Raises
     ------
     DataError
-        pye57 is missing, the file is no E57 file, damaged, or has scans without coordinates,
-        or with such that lost their decimals.
+        pye57 is missing; the file is not an E57 file or is damaged; or a scan has no coordinates,
+        or too coarse ones.
 
     """
     with _open(path) as file:
@@ -49,7 +49,7 @@ def iterate_e57(path: Path, most: int) -> Iterator[Float64]:
 
 
 def find_e57_crs(path: Path) -> str:
-    """Return the coordinate reference system that an E57 file names, as WKT, '' none."""
+    """Return the coordinate reference system in an E57 file as WKT, '' if none."""
     with _open(path) as file:
         root = file.root
         if not root.isDefined('coordinateMetadata'):
@@ -63,14 +63,14 @@ def _open(path: Path) -> Iterator[Any]:
         import pye57
     except ModuleNotFoundError as error:
         raise say_needed(path, error) from error
-    with path.open('rb'):  # an error of the system says more than one of libE57
+    with path.open('rb'):  # errors of the system say more than those of libE57
         pass
     try:
         with pye57.E57(str(path)) as file:
             yield file
     except (DataError, OSError, MemoryError):
         raise
-    except Exception as error:  # libE57 has errors of its own for all that may be wrong
+    except Exception as error:  # libE57 raises errors of its own
         text = make_one_line(error).partition(' (')[0] or type(error).__name__
         raise DataError(f'{path} cannot be read, is it damaged or truncated? {text}') from error
 
@@ -111,7 +111,7 @@ def _iterate_scan(path: Path, file: Any, number: int, most: int) -> Iterator[Flo
 
 
 def _is_single(head: Any, name: str) -> bool:
-    """Tell whether a column of a scan is kept in single precision."""
+    """Tell whether a column of a scan is stored in single precision."""
     from pye57 import libe57
 
     kind = libe57.StructureNode(head.points.prototype())[name]
@@ -121,7 +121,7 @@ def _is_single(head: Any, name: str) -> bool:
 
 
 def _to_cartesian(points: Float64) -> Float64:
-    """Return places from range [m], azimuth and elevation [rad], as E57 defines them."""
+    """Return positions from range [m], azimuth and elevation [rad], as defined by E57."""
     distance, azimuth, elevation = points.T
     flat = distance * np.cos(elevation)
     return np.column_stack([

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Reading JSON files that hold an object."""
+"""Reads JSON files that hold an object."""
 
 import json
 from pathlib import Path
@@ -18,7 +18,7 @@ def read_json(path: Path) -> dict[str, Any]:
     Raises
     ------
     DataError
-        It is missing, cannot be read, is no JSON or holds another kind of value.
+        The file is missing, unreadable, not JSON, or holds another kind of value.
 
     """
     text = read_text(path, MOST_JSON)

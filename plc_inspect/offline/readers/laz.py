@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Reading LAS and LAZ by a decoder that raises an error on truncated and damaged files."""
+"""Reads LAS and LAZ with a decoder that raises errors for truncated and damaged files."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,27 +18,27 @@ from plc_inspect.results import UInt8
 
 BACKENDS = (laspy.LazBackend.LazrsParallel, laspy.LazBackend.Lazrs)
 """
-Those of lazrs.
+The backends of lazrs.
 
-laspy would try LASzip next where that is installed: version 0.3.0 of its Python package ends the
+laspy would also try LASzip if it is installed: version 0.3.0 of its Python package ends the
 process with a segmentation fault on some truncated files.
 """
 MOST_IN_CHUNK = 10_000_000
-"""Points; writers take 50,000."""
+"""Greatest number of points of a chunk; writers use 50,000."""
 _ITEMS = 34
 """Where the LASzip record lists what a point is made of."""
 _ANY_SIZE = 2**32 - 1
-"""Size of chunks that differ in it."""
+"""Marks chunks of different sizes."""
 
 
 @contextmanager
 def open_las(path: Path) -> Iterator[laspy.LasReader]:
     """
-    Open a LAS or LAZ file to be read bit by bit.
+    Open a LAS or LAZ file for reading in parts.
 
-    Errors are those of laspy, lazrs, struct, numpy and the system, as they come; ValueError where
-    a damaged file would make lazrs ask for more memory than there is, which ends the process, and
-    RuntimeError where it panics, which would pass by all that catches errors.
+    Raises the errors of laspy, lazrs, struct, numpy and the system; ValueError if a damaged file
+    would make lazrs allocate more memory than there is, which ends the process; and RuntimeError
+    if lazrs panics, which no handler of errors would catch.
     """
     with (
         panics_as_errors(), path.open('rb') as file,
@@ -51,17 +51,17 @@ def open_las(path: Path) -> Iterator[laspy.LasReader]:
 
 @contextmanager
 def panics_as_errors() -> Iterator[None]:
-    """Raise RuntimeError where lazrs panics, which would pass by all that catches errors."""
+    """Raise RuntimeError if lazrs panics, which no handler of errors would catch."""
     try:
         yield
     except BaseException as error:
-        if type(error).__name__ != 'PanicException':  # no module has it to be imported from
+        if type(error).__name__ != 'PanicException':  # it cannot be imported
             raise
         raise RuntimeError(f'the decoder gave up: {error}') from error
 
 
 def read_las(path: Path) -> laspy.LasData:
-    """Read a LAS or LAZ file whole; errors are those of `open_las`."""
+    """Read a whole LAS or LAZ file; errors are those of `open_las`."""
     with open_las(path) as reader:
         return reader.read()
 
@@ -85,12 +85,12 @@ def read_classes(path: Path) -> UInt8:
         raise DataError(f'{path} does not exist')
     try:
         return np.array(read_las(path).classification, dtype=np.uint8)
-    except Exception as error:  # laspy lets errors of its decoders through
+    except Exception as error:  # laspy passes errors of its decoders on
         raise DataError(f'{path} is not a readable LAS file: {error}') from error
 
 
 def _check_chunks(file: BinaryIO, header: laspy.LasHeader) -> None:
-    """Refuse sizes and numbers of chunks that cannot be; leave all else to the decoder."""
+    """Refuse impossible sizes and numbers of chunks; leave all else to the decoder."""
     place, size = file.tell(), os.fstat(file.fileno()).st_size
     options = b''.join(vlr.record_data for vlr in header.vlrs.get('LasZipVlr')[:1])
     if len(options) >= 16:
@@ -98,12 +98,12 @@ def _check_chunks(file: BinaryIO, header: laspy.LasHeader) -> None:
         if in_chunk != _ANY_SIZE and in_chunk > max(header.point_count, MOST_IN_CHUNK):
             raise ValueError(f'chunks of {in_chunk} points, it has {header.point_count}')
         sizes = np.frombuffer(options[_ITEMS:], np.uint8)
-        sizes = sizes[: len(sizes) // 6 * 6].view('<u2')[1::3]  # type, size and version of each
+        sizes = sizes[: len(sizes) // 6 * 6].view('<u2')[1::3]  # of type, size and version
         if in_chunk == 0 or not sizes.any():
             raise ValueError(f'chunks of {in_chunk} points of {int(sizes.sum())} bytes')
     file.seek(header.offset_to_point_data)
     table = _read(file, '<q')
-    if table == -1 and size >= 8:  # written without going back: the last bytes say it
+    if table == -1 and size >= 8:  # a writer that cannot seek puts it into the last bytes
         file.seek(size - 8)
         table = _read(file, '<q')
     if 0 <= table <= size:
@@ -115,6 +115,6 @@ def _check_chunks(file: BinaryIO, header: laspy.LasHeader) -> None:
 
 
 def _read(file: BinaryIO, kind: str) -> int:
-    """Return the number at the place of a file, -1 where it ends."""
+    """Return the number at the position of a file, -1 at its end."""
     data = file.read(struct.calcsize(kind))
     return int(struct.unpack(kind, data)[0]) if len(data) == struct.calcsize(kind) else -1

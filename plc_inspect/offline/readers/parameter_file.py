@@ -22,9 +22,9 @@ from plc_inspect.setting_names import describe, to_mapping, update
 
 NODE_NAME = 'plc_inspect'
 _NODE_KEYS = ('/**', f'/**/{NODE_NAME}', NODE_NAME, f'/{NODE_NAME}')
-"""Node names of a ROS parameter file that mean us; the later ones win."""
+"""Node names in a ROS parameter file that address this node; later ones win."""
 _NODE_ONLY = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
-"""Parameters that every ROS node has and that are no settings of ours."""
+"""Parameters of every ROS node, which are no settings."""
 _YAML_HEAD = '# All settings with their defaults; made by `make settings`.'
 _TABLE_HEAD = """\
 # Settings
@@ -41,20 +41,20 @@ This page is made by `python -m plc_inspect.offline.readers.parameter_file`.
 
 def read_settings(path: Path | None, assignments: Sequence[str] = ()) -> Settings:
     """
-    Return the defaults with the values of a parameter file and of assignments put in.
+    Return the defaults, updated from a parameter file and assignments.
 
     Parameters
     ----------
     path : Path or None
-        A YAML file in the layout of ROS parameters (``/**: ros__parameters: ...``, or our node's
-        name instead of ``/**``), or with the sections at its top level.
+        A YAML file in the layout of ROS parameters (``/**: ros__parameters: ...``, or the node's
+        name in place of ``/**``), or with the sections at its top level.
     assignments : sequence of str
         ``section.name=value``; later ones win.
 
     Raises
     ------
     ConfigError
-        The file cannot be read or is no such file; a setting is unknown or out of range.
+        The file cannot be read or has another layout; a setting is unknown or out of range.
 
     """
     settings = Settings()
@@ -80,7 +80,7 @@ def render_yaml(settings: Settings) -> str:
     """
     Return settings as a ROS parameter file, each with its description.
 
-    ``read_settings`` of the text gives the same settings.
+    ``read_settings`` reads the same settings from it.
     """
     values = to_mapping(settings)
     lines = [_YAML_HEAD, '/**:', '  ros__parameters:']
@@ -101,14 +101,14 @@ def render_parameters(
     settings: Settings, default: Settings, names: Sequence[str], head: Sequence[str]
 ) -> str:
     """
-    Return a ROS parameter file of some settings and of all that are not the default.
+    Return a ROS parameter file of some settings and all others that differ from the default.
 
     Parameters
     ----------
     settings, default : Settings
-        What to write, and what need not be written.
+        The settings to write, and the values that are left out.
     names : sequence of str
-        Settings that are written in any case, as ``height.beta``.
+        Settings that are always written, such as ``height.beta``.
     head : sequence of str
         Lines of the comment at the top.
 
@@ -160,7 +160,7 @@ def main() -> None:
 
 
 def _read_mapping(path: Path) -> Mapping[str, Any]:
-    """Return the parameters of a file that are meant for us."""
+    """Return the parameters in a file that address this node."""
     content = read_yaml(path)
     if content is None:
         return {}
@@ -197,7 +197,7 @@ def _flatten(mapping: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
 
 
 def _convert(mapping: Mapping[str, Any]) -> dict[str, Any]:
-    """Flatten, and read as floats the numbers that YAML 1.1 takes for text, such as 1e-3."""
+    """Flatten, and convert numbers that YAML 1.1 reads as text, such as 1e-3."""
     defaults = {name: _first(default) for name, default, _ in describe()}
     flat = _flatten(mapping)
     for name, value in flat.items():
@@ -224,7 +224,7 @@ def _first(default: Any) -> Any:
 
 
 def _scalar(value: Any) -> str:
-    """Return a value as YAML that ROS reads with the same type: floats keep their dot."""
+    """Return a value as YAML that ROS reads as the same type: floats keep their point."""
     if isinstance(value, list):
         return '[' + ', '.join(_scalar(element) for element in value) + ']'
     if isinstance(value, float):

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""PCD files (Point Cloud Library): ascii, binary and binary_compressed."""
+"""Reads PCD files (Point Cloud Library): ascii, binary and binary_compressed."""
 
 from dataclasses import dataclass
 import io
@@ -48,12 +48,12 @@ def read_pcd(path: Path) -> Float64:
     Returns
     -------
     Float64
-        (N, 3) points as they are in the file, NaN and infinities included.
+        (N, 3) points as in the file, including NaN and infinities.
 
     Raises
     ------
     DataError
-        The file is not a PCD file with x, y and z, or it is truncated or damaged.
+        The file is not a PCD file with x, y and z, or is truncated or damaged.
     OSError
         The file cannot be opened.
 
@@ -129,7 +129,7 @@ def _read_binary(path: Path, header: _Header, data: bytes) -> Float64:
         field = header.names.index(name)
         dtype = np.dtype(header.formats[field])
         column = cells[:, offsets[field] : offsets[field] + dtype.itemsize]
-        with np.errstate(invalid='ignore'):  # a signalling NaN is one as well
+        with np.errstate(invalid='ignore'):  # signalling NaN are allowed
             points[:, axis] = np.ascontiguousarray(column).view(dtype)[:, 0]
     return points
 
@@ -145,7 +145,7 @@ def _read_compressed(path: Path, header: _Header, data: bytes) -> Float64:
     plain = np.empty(size, dtype=np.uint8)
     if _unpack_lzf(packed, plain) != size:
         raise DataError(f'{path} is damaged: its compressed data are not valid')
-    # Compressed data come field by field, not point by point.
+    # compressed data are stored field by field, not point by point
     starts = np.concatenate(([0], np.cumsum(header.widths)[:-1])) * header.num_points
     points = np.empty((header.num_points, 3))
     for axis, name in enumerate('xyz'):
@@ -172,6 +172,7 @@ def _unpack_lzf(packed: UInt8, plain: UInt8) -> int:
     while read < len(packed):
         control = np.int64(packed[read])
         read += 1
+        # a run of plain bytes
         if control < 32:
             length = control + 1
             if read + length > len(packed) or write + length > len(plain):
@@ -181,6 +182,7 @@ def _unpack_lzf(packed: UInt8, plain: UInt8) -> int:
                 read += 1
                 write += 1
             continue
+        # a reference to bytes written before: its length, and how far back they are
         length = control >> 5
         if length == 7:
             if read >= len(packed):

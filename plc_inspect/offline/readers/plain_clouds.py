@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Clouds of which only coordinates are read: PCD, E57, PLY and text, some points at a time."""
+"""Reads files of which only coordinates are used: PCD, E57, PLY and text, in parts."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -16,7 +16,7 @@ from plc_inspect.offline.readers.xyz import iterate_xyz
 from plc_inspect.results import Float64
 
 CHUNK = 1_000_000
-"""Points that are read at once."""
+"""Points read at a time."""
 
 
 def _iterate_pcd(path: Path, most: int) -> Iterator[Float64]:
@@ -29,11 +29,11 @@ READERS: dict[str, Callable[[Path, int], Iterator[Float64]]] = {
     '.pcd': _iterate_pcd, '.e57': iterate_e57, '.ply': iterate_ply, '.xyz': iterate_xyz,
     '.csv': iterate_xyz,
 }
-"""By the end of the name of a file."""
+"""Readers by suffix."""
 
 
 def is_plain(path: Path | str) -> bool:
-    """Tell whether a file is one of which only coordinates are read."""
+    """Tell whether only coordinates are read from a file, by its suffix."""
     return Path(path).suffix.lower() in READERS
 
 
@@ -44,14 +44,14 @@ def iterate_points(path: Path, most: int = CHUNK) -> Iterator[Float64]:
     Parameters
     ----------
     path : Path
-        Of a kind in READERS.
+        A file with a suffix in READERS.
     most : int
-        Points that are yielded at once.
+        Greatest number of points yielded at once.
 
     Yields
     ------
     (N, 3) float64
-        As they are in the file, NaN and infinities included.
+        As in the file, including NaN and infinities.
 
     Raises
     ------
@@ -66,11 +66,11 @@ def iterate_points(path: Path, most: int = CHUNK) -> Iterator[Float64]:
 
 
 def read_points(path: Path) -> Float64:
-    """Read all points of a file, (N, 3) as they are in it; see `iterate_points` for errors."""
+    """Read all (N, 3) points of a file, as in `iterate_points`."""
     parts = list(iterate_points(path))
     return parts[0] if len(parts) == 1 else np.concatenate([np.zeros((0, 3)), *parts])
 
 
 def find_named_crs(path: Path) -> str:
-    """Return the coordinate reference system that a file names, '' where it names none."""
+    """Return the coordinate reference system in a file, '' if none."""
     return find_e57_crs(path) if path.suffix.lower() == '.e57' else ''

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Whether coordinates without a coordinate reference system can be metres east, north and up."""
+"""Checks that coordinates without a CRS can be lengths east, north and up."""
 
 from collections.abc import Sequence
 import math
@@ -14,30 +14,30 @@ from plc_inspect.results import Float64
 
 UNITS = {'m': 1.0, 'ft': 0.3048, 'us-ft': 1200.0 / 3937.0}
 """
-Names of units, in metres.
+Metres in one unit, by name.
 Source: EPSG registry: the metre, the international foot and that of the US surveys.
 """
 DEGREES_EXTENT, DEGREES_RATIO = 1.0, 5.0
 """
-A cloud less wide than this and so many times as high is in degrees, if its places can be such.
+Width below which a cloud this many times as high is in degrees, if x and y are within 180.
 Source: derived: a degree is 111 km; no line is 5 m high and less than 1 m long.
 """
 LOWEST, HIGHEST = -12_000.0, 9_000.0
-"""Heights on Earth [m].  Source: derived: the deepest trench and the highest mountain."""
+"""Range of heights on Earth [m].  Source: derived: the deepest trench, the highest mountain."""
 EARTH_RADII = 6.33e6, 6.40e6
-"""Distance of places on Earth from its centre [m].  Source: derived: WGS 84 and mountains."""
+"""Range of distances from the Earth's centre [m].  Source: derived: WGS 84 and mountains."""
 UTM_EAST = 1e6
-"""Eastings of UTM are less [m].  Source: derived: from 167 km to 833 km."""
+"""Upper bound of UTM eastings [m].  Source: derived: they are 167 km to 833 km."""
 
 COARSEST = 0.02
 """
-Step of coordinates in single precision, at most [units of the file].
+Greatest step of coordinates in single precision [units of the file].
 Source: derived: the diameter of a conductor.
 """
 
 
 def parse_unit(name: str | None) -> float | None:
-    """Return a unit in metres by its name, None for None; ConfigError where it is unknown."""
+    """Return the metres in a unit by name, None for None; ConfigError if it is unknown."""
     if name is None:
         return None
     if name not in UNITS:
@@ -49,26 +49,26 @@ def question_place(
     name: str, low: Sequence[float], high: Sequence[float], unit: float | None
 ) -> str:
     """
-    Ask whether coordinates can be what they are taken for.
+    Check whether coordinates without a CRS can be lengths east, north and up.
 
     Parameters
     ----------
     name : str
-        Of the input.
+        Name of the input.
     low, high : sequence of float
-        Least and greatest x, y and z, in units of the input; there is no CRS.
+        Least and greatest x, y and z, in units of the input.
     unit : float or None
-        Metres in one, None where nobody said so.
+        Metres in one unit, None if not given.
 
     Returns
     -------
     str
-        What is assumed and why that may be wrong; '' where it was said.
+        The unit assumed and why that may be wrong; '' if it was given.
 
     Raises
     ------
     DataError
-        They cannot be: degrees, geocentric, or no heights on Earth.
+        They are degrees, geocentric, or z is no height on Earth.
 
     """
     scale = unit or 1.0
@@ -106,19 +106,19 @@ def question_place(
 
 def check_precision(path: Path, points: Float64) -> None:
     """
-    Refuse coordinates whose decimals were lost in single precision.
+    Refuse coordinates that are too coarse in single precision.
 
     Parameters
     ----------
     path : Path
-        Of the file.
+        The file.
     points : (N, 3) float64
-        As it holds them in single precision.
+        Its coordinates in single precision.
 
     Raises
     ------
     DataError
-        They are so large that they are steps of more than COARSEST apart.
+        They are so large that their steps exceed COARSEST.
 
     """
     largest = float(np.abs(points).max(initial=0.0, where=np.isfinite(points)))

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""PLY files: the x, y and z of their vertices."""
+"""Reads PLY files: x, y and z of their vertices."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -27,18 +27,18 @@ def iterate_ply(path: Path, most: int) -> Iterator[Float64]:
     path : Path
         The file, ASCII or binary.
     most : int
-        Points that are yielded at once; binary files without lists are read so as well.
+        Greatest number of points yielded at once; binary files without lists are read in parts.
 
     Yields
     ------
     (N, 3) float64
-        As they are in the file.
+        As in the file.
 
     Raises
     ------
     DataError
-        plyfile is missing, the file is no PLY file with x, y and z, holds more or less than
-        its header says, or coordinates that lost their decimals.
+        plyfile is missing; the file is not a PLY file with x, y and z; it holds more or less than
+        its header says; or its coordinates are too coarse.
     OSError
         The file cannot be opened.
 
@@ -83,7 +83,7 @@ def _read(path: Path) -> Any:
 
 
 def _check_end(path: Path, data: Any) -> None:
-    """Refuse a file that goes on behind what its header counts."""
+    """Refuse a file that is longer than its header says."""
     counted = sum(element.count for element in data.elements)
     if data.text:
         with path.open('rb') as file:
@@ -95,7 +95,7 @@ def _check_end(path: Path, data: Any) -> None:
             raise DataError(f'{path} holds {held} rows, its header counts {counted}')
         return
     last = data.elements[-1].data
-    if not isinstance(last, np.memmap):  # lists, or none: where it ends is not known beforehand
+    if not isinstance(last, np.memmap):  # lists: where they end is not known
         return
     size, end = path.stat().st_size, last.offset + last.nbytes
     if size != end:

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Text files from outside, JSON and YAML, bounded in what they may ask of the reader."""
+"""Reads text, JSON and YAML files from outside, with limits on size and depth."""
 
 from pathlib import Path
 import stat
@@ -13,18 +13,18 @@ from plc_inspect.errors import ConfigError, DataError
 from plc_inspect.printable import make_one_line
 
 MOST_YAML = 1 << 18
-"""Size of a YAML file [bytes]; ours have 20 kB."""
+"""Greatest size of a YAML file [bytes]; those shipped have 20 kB."""
 MOST_JSON = 1 << 28
-"""Size of a JSON file [bytes]; 100,000 spans have 150 MB."""
+"""Greatest size of a JSON file [bytes]; 100,000 spans have 150 MB."""
 MOST_DEPTH = 20
-"""Levels of a YAML file; ours have five."""
+"""Greatest depth of a YAML file; those shipped have five levels."""
 MOST_NODES = 100_000
-"""Values of a YAML file with its aliases written out; ours have a thousand."""
+"""Greatest number of values in YAML with aliases expanded; files shipped have a thousand."""
 MOST_INTEGER = 2**63
 
 
 class _Loader(yaml.SafeLoader):
-    """Reads dates as text, as no setting is one, and no endless integers."""
+    """Reads dates as text, as no setting is one, and refuses huge integers."""
 
     def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
         """Read an integer that fits in 64 bits."""
@@ -51,14 +51,14 @@ def read_text(path: Path, most: int) -> str:
     Parameters
     ----------
     path : Path
-        A regular file: nothing that could be waited for.
+        A regular file; pipes and devices are refused.
     most : int
-        Size up to which it is read [bytes].
+        Greatest size [bytes].
 
     Raises
     ------
     DataError
-        It is missing, cannot be read, is no regular file, too large or no text.
+        The file is missing, unreadable, not a regular file, too large or not text.
 
     """
     try:
@@ -75,12 +75,12 @@ def read_text(path: Path, most: int) -> str:
 
 def read_yaml(path: Path) -> Any:
     """
-    Read a YAML file; all that are read hold settings, rules or tables that a user may give.
+    Read a YAML file: settings, rules or tables, which users may write.
 
     Raises
     ------
     ConfigError
-        As of ``read_text`` and ``parse_yaml``.
+        As for ``read_text`` and ``parse_yaml``.
 
     """
     try:
@@ -94,7 +94,7 @@ def read_yaml(path: Path) -> Any:
 
 def parse_yaml(text: str) -> Any:
     """
-    Return what a YAML text holds; dates stay text.
+    Parse YAML; dates stay text.
 
     Raises
     ------
@@ -111,7 +111,7 @@ def parse_yaml(text: str) -> Any:
 
 
 def _check_size(text: str) -> None:
-    """Refuse what is deep, or what a few hundred bytes of aliases make of themselves."""
+    """Refuse YAML that is too deep, or too large with its aliases expanded."""
     sizes: list[int] = [0]
     names: list[str | None] = []
     anchors: dict[str | None, int] = {}

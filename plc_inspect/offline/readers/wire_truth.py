@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Which points of a cloud are wire: classes of a labelled cloud, or spans of a truth.json."""
+"""Reads which points of a cloud are wire: from labels, or from the spans of a truth.json."""
 
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ STEP = 0.05
 
 def read_wire_truth(path: Path, points: Float64) -> tuple[Bool, Bool]:
     """
-    Read which points are wire.
+    Read which points of a cloud are wire.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def read_wire_truth(path: Path, points: Float64) -> tuple[Bool, Bool]:
     Raises
     ------
     DataError
-        The truth is missing or malformed, or of another number of points.
+        The truth is missing, malformed, or has another number of points.
 
     """
     if path.suffix.lower() in ('.las', '.laz'):

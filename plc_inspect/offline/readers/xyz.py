@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Points as text: a row for each, columns parted by spaces, commas, semicolons or tabs."""
+"""Reads points from text: one per row, columns separated by spaces, commas, semicolons or tabs."""
 
 from collections.abc import Iterator, Sequence
 from itertools import chain, islice
@@ -15,35 +15,35 @@ from plc_inspect.results import Float64
 
 _COMMENTS = ('#', '//')
 _MOST_TEXT = 80
-"""Characters of a row that are quoted."""
+"""Greatest number of characters of a row that are quoted."""
 _MOST_LINES = 250_000
-"""Rows that are held as text at once.  Source: judgement: some 20 MB."""
+"""Rows held as text at a time.  Source: judgement: some 20 MB."""
 _MOST_LINE = 100_000
-"""Characters of a row; a longer one is of no such file.  Source: judgement."""
+"""Greatest length of a row in characters; a longer one is no point.  Source: judgement."""
 
 
 def iterate_xyz(path: Path, most: int) -> Iterator[Float64]:
     """
     Yield the points of a text file.
 
-    The first row may name the columns; then x, y and z are taken, else the first three.
+    If the first row names the columns, x, y and z are used, otherwise the first three.
 
     Parameters
     ----------
     path : Path
         The file.
     most : int
-        Points that are yielded at once.
+        Greatest number of points yielded at once.
 
     Yields
     ------
     (N, 3) float64
-        As they are in the file, NaN included.
+        As in the file, including NaN.
 
     Raises
     ------
     DataError
-        A row has too few columns or something that is no number, no column is named x, y or z, or
+        A row has too few columns or a value that is no number, a column x, y or z is missing, or
         the text ends in the middle of a row.
     OSError
         The file cannot be opened.
@@ -73,7 +73,7 @@ def iterate_xyz(path: Path, most: int) -> Iterator[Float64]:
 
 
 def _find_first(file: Iterator[str]) -> tuple[int, str]:
-    """Return the number of the first row that holds points or names columns, and its text."""
+    """Return number and text of the first row that holds points or names columns."""
     for number, line in enumerate(file, start=1):
         names = _strip(line).replace(',', ' ').replace(';', ' ').lower().split()
         is_comment = line.lstrip().startswith(_COMMENTS)
@@ -83,7 +83,7 @@ def _find_first(file: Iterator[str]) -> tuple[int, str]:
 
 
 def _strip(line: str) -> str:
-    """Return a row without the mark of a comment in front, as CloudCompare names columns."""
+    """Return a row without a leading comment mark, which CloudCompare puts before names."""
     text = line.strip()
     for mark in _COMMENTS:
         text = text.removeprefix(mark)
@@ -125,7 +125,7 @@ def _parse(
 
 
 def _is_cut_off(lines: Sequence[str], mark: str | None) -> bool:
-    """Tell whether the last column of the last row is shorter behind the point than before."""
+    """Tell whether the last number has fewer decimals than that of the row before."""
     before, last = (len(line.strip().split(mark)[-1].partition('.')[2])
                     for line in (lines[0], lines[-1]))
     return last < before
@@ -134,7 +134,7 @@ def _is_cut_off(lines: Sequence[str], mark: str | None) -> bool:
 def _find_fault(
     lines: Sequence[str], mark: str | None, columns: Sequence[int], before: int, error: ValueError
 ) -> str:
-    """Say in which row something is wrong, and what."""
+    """Describe the first faulty row."""
     for number, line in enumerate(lines, start=before + 1):
         text = line.partition('#')[0].partition('//')[0]
         parts = text.split(mark) if text.strip() else []
