@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Catenary curves of estimates and truth, and how far one lies from another."""
+"""Catenary curves of estimates and truth, and the distance between two of them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from plc_inspect.results import catenary_heights, Span
 
 Float64 = NDArray[np.float64]
 FARTHEST = 50.0
-"""A curve is level beyond this distance from its vertex [c]; cosh overflows at 710."""
+"""Distance from its vertex beyond which a curve is level [c]; cosh overflows at 710."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -39,7 +39,7 @@ class Curve:
         return float(np.hypot(*(self.end - self.start)[:2]))
 
     def heights(self, x: Float64) -> Float64:
-        """Return z (N,) [m] at x (N,) [m]; nothing overflows far outside the span."""
+        """Return z (N,) at x (N,), without overflow far outside the span [m]."""
         reach = FARTHEST * self.c
         return catenary_heights(self.a, self.b, self.c, np.clip(x, self.b - reach, self.b + reach))
 
@@ -51,7 +51,7 @@ class Curve:
         return points
 
     def project(self, xy: Float64) -> tuple[Float64, Float64]:
-        """Return the distances along and to the left (N,) [m] of places xy (N, 2)."""
+        """Return the distances along and to the left (N,) of positions xy (N, 2) [m]."""
         along = (self.end - self.start)[:2] / self.length
         rel = xy - self.start[:2]
         return rel @ along, rel @ np.array([-along[1], along[0]])
@@ -71,7 +71,7 @@ def parse_curve(row: Mapping[str, Any]) -> Curve:
     Raises
     ------
     DataError
-        A key is missing, a value is no finite number, or the span has no length.
+        A key is missing, a value is not a finite number, or the span has no length.
 
     """
     try:
@@ -102,7 +102,7 @@ def from_span(span: Span) -> Curve:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Comparison:
-    """One curve against another over the length that both have."""
+    """Differences of an estimate from a reference over their common length."""
 
     common: float
     """Share of the reference's stretch that the estimate covers, 0 to 1."""
@@ -136,13 +136,13 @@ def compare(
     Parameters
     ----------
     reference, estimate : Curve
-        In one frame.
+        Curves in one frame.
     stretch : tuple of float
-        From where to where along the reference [m].
+        First and last x along the reference [m].
     step : float
-        Distance of the samples [m].
+        Spacing of the samples [m].
     overhang : float
-        The estimate is continued by this at its ends [m].
+        Length by which the estimate is extended at both ends [m].
 
     Returns
     -------

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a pipeline found, read from a results folder or taken from memory, for the evaluation."""
+"""Results of the pipeline as the evaluation takes them, from a folder or from memory."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ class FoundSpan:
     curve: Curve
     sag: float
     open_ended: bool
-    """One of the ends is only the last point seen."""
+    """Whether an end is only the last point seen."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -44,7 +44,7 @@ class FoundHazard:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Survey:
-    """All that the evaluation looks at."""
+    """The results that are evaluated."""
 
     spans: tuple[FoundSpan, ...]
     supports: Float64
@@ -53,7 +53,7 @@ class Survey:
     points: Float64
     """(N, 3) all points [m]; rows may be NaN."""
     classification: UInt8
-    """(N,) ASPRS classes that the pipeline gave."""
+    """(N,) ASPRS classes by the pipeline."""
     clearance: Float64
     """(N,) distance to the nearest conductor [m], NaN beyond the corridor."""
 
@@ -76,7 +76,7 @@ def from_result(result: InspectionResult, points: Float64) -> Survey:
     Raises
     ------
     DataError
-        The result is of another number of points.
+        The result has another number of points.
 
     """
     if len(points) != result.num_points:
@@ -102,7 +102,7 @@ def from_result(result: InspectionResult, points: Float64) -> Survey:
 
 def read_survey(folder: Path) -> Survey:
     """
-    Read a results folder, in the units of its files.
+    Read a results folder, in its units.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Command line ``plc_evaluate``: scores of a results folder against the truth."""
+"""Command line ``plc_evaluate``: scores a results folder against the truth."""
 
 import argparse
 from collections.abc import Sequence
@@ -38,7 +38,7 @@ Float64 = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 
 MIN_SEEN = 0.6
-"""A conductor-span must be found if it was seen over this share of its length."""
+"""Share of its length over which a conductor-span must be seen to be required."""
 WIRE_DISTANCE = 0.25
 """Without labels, a point this near to a true conductor is wire [m]."""
 DOUBT_DISTANCE = 0.5
@@ -46,19 +46,19 @@ DOUBT_DISTANCE = 0.5
 ATTACHMENT_DISTANCE = 1.5
 """Without labels, a point this near to an attachment may be wire or insulator [m]."""
 HAZARD_DISTANCE = 1.5
-"""A reported hazard lies within this of the box of the true one [m]."""
+"""Greatest distance of a reported hazard from the box of the true one [m]."""
 
 
 def evaluate(survey: Survey, truth: Truth) -> Scores:
     """
-    Score what was found against what was there.
+    Score results against the truth.
 
     Parameters
     ----------
     survey : Survey
-        From `read_survey` or `from_result`.
+        Results, from `read_survey` or `from_result`.
     truth : Truth
-        From `read_truth` or `parse_truth`, in the same frame and unit.
+        Truth in the same frame and unit, from `read_truth` or `parse_truth`.
 
     Returns
     -------
@@ -117,7 +117,7 @@ def _count_wire(found: Bool, wire: Bool, left_out: Bool) -> WireScores:
 
 
 def _label_points(points: Float64, truth: Truth) -> tuple[Bool, Bool]:
-    """Return which points are wire, and which may be anything, by their distance."""
+    """Return which points are wire, and which are left out, by their distance."""
     wire = np.zeros(len(points), dtype=np.bool_)
     doubt: Bool = np.logical_not(np.isfinite(points).all(axis=1))
     if not truth.spans or not len(points):
@@ -215,7 +215,7 @@ def _score_supports(survey: Survey, truth: Truth) -> tuple[Counts, Errors]:
 def _score_hazards(
     survey: Survey, truth: Truth, matches: SpanMatches,
 ) -> tuple[Counts, int, int, Errors]:
-    """Match reports with true hazards: several reports may tell of one true hazard."""
+    """Match reported with true hazards; several reports may match one true hazard."""
     names = {}
     for match in matches.matches:
         curve, other = survey.spans[match.found].curve, truth.spans[match.truth].curve
@@ -261,12 +261,12 @@ def _score_hazards(
 
 
 def _is_of(item: TrueHazard, conductor: tuple[int, int]) -> bool:
-    """Return whether a hazard is near this conductor; a neighbour in the same span will do."""
+    """Tell whether a hazard is near a conductor, or another one of the same span."""
     return any(span_id == conductor[1] for _, span_id in item.conductors)
 
 
 def _measure_gap(report: FoundHazard, item: TrueHazard) -> float:
-    """Return the distance from a report to the box of a true hazard."""
+    """Return the distance of a report from the box of a true hazard [m]."""
     outside = np.maximum(item.extent[0] - report.position, report.position - item.extent[1])
     return float(np.linalg.norm(np.maximum(outside, 0.0)))
 

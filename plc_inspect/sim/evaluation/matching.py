@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Which estimate belongs to which truth: one-to-one assignments."""
+"""Assigns estimates to truth, one to one."""
 
 from dataclasses import dataclass
 
@@ -11,21 +11,23 @@ from numpy.typing import NDArray
 from plc_inspect.core.numerics.assignment import assign
 from plc_inspect.sim.evaluation.curves import compare, Comparison, Curve
 from plc_inspect.sim.evaluation.estimate import FoundSpan, Survey
-from plc_inspect.sim.evaluation.reference import TrueSpan, Truth
+from plc_inspect.sim.evaluation.reference import LEAST_STRETCH, TrueSpan, Truth
 
 Float64 = NDArray[np.float64]
 
 TOLERANCE = 0.3
-"""An estimate lies within this of its conductor, laterally and vertically (RMS) [m]."""
+"""Greatest lateral and vertical RMS distance of an estimate from its conductor [m]."""
 MIN_COMMON = 0.5
-"""An estimate covers at least this share of the stretch that was seen."""
+"""Least share of the stretch seen that an estimate covers."""
+MARGIN = 2.0
+"""Margin of the boxes of curves that may match [m]."""
 SUPPORT_DISTANCE = 5.0
-"""A found support lies within this of the true one in plan [m]."""
+"""Greatest distance of a found support from the true one in plan [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SpanMatch:
-    """An estimated span with the conductor that it is."""
+    """An estimated span and its conductor, by index."""
 
     truth: int
     found: int
@@ -38,21 +40,21 @@ class SpanMatches:
 
     matches: tuple[SpanMatch, ...]
     missed: tuple[int, ...]
-    """Indices of the conductors that no estimate is."""
+    """Indices of the conductors without an estimate."""
     excused: tuple[int, ...]
-    """Indices of the sub-conductors whose bundle was found as one line."""
+    """Indices of sub-conductors whose bundle was found as one line."""
     false: tuple[int, ...]
-    """Indices of the estimates that are no conductor, or a second time the same."""
+    """Indices of the estimates that are no conductor or repeat one."""
 
 
 def match_spans(truth: Truth, survey: Survey) -> SpanMatches:
     """
     Assign estimated spans to conductors, one to one.
 
-    An estimate can be a conductor if over the common length it lies within `TOLERANCE` of it,
-    laterally and vertically (RMS), and no farther than half the distance to the conductor's
-    nearest neighbour; and if it covers `MIN_COMMON` of the stretch that was seen.  A bundle that
-    was found as one line excuses its other sub-conductors.
+    An estimate may match a conductor if, over the common length, it lies within `TOLERANCE`,
+    laterally and vertically (RMS), and within half the distance to the conductor's nearest
+    neighbour, and if it covers `MIN_COMMON` of the stretch seen.  The other sub-conductors of a
+    bundle that was found as one line are excused.
     """
     spans, found = truth.spans, survey.spans
     reach = np.array([_measure_reach(item, spans) for item in spans])
@@ -94,7 +96,7 @@ def match_spans(truth: Truth, survey: Survey) -> SpanMatches:
 def _refine(
     truth: Truth, survey: Survey, i: int, j: int, comparison: Comparison, excused: set[int],
 ) -> Comparison:
-    """Compare a bundle that was found as one line with its middle where that is nearer."""
+    """Compare a bundle that was found as one line with its middle, if that is nearer."""
     item = truth.spans[i]
     partners = [
         k for k in excused
@@ -115,7 +117,7 @@ def _refine(
 
 
 def _measure_reach(item: TrueSpan, spans: tuple[TrueSpan, ...]) -> float:
-    """Return half the distance to the nearest other conductor, at most sqrt(2) TOLERANCE."""
+    """Return half the distance to the nearest other conductor, at most sqrt(2) TOLERANCE [m]."""
     reach = np.sqrt(2.0) * TOLERANCE
     for other in spans:
         if other is item or not _may_touch(item.curve, other.curve):
@@ -129,15 +131,15 @@ def _measure_reach(item: TrueSpan, spans: tuple[TrueSpan, ...]) -> float:
     return float(reach)
 
 
-def _may_touch(first: Curve, second: Curve, margin: float = 2.0) -> bool:
-    """Return whether the plan boxes of two curves overlap."""
+def _may_touch(first: Curve, second: Curve) -> bool:
+    """Tell whether the boxes in plan of two curves, MARGIN wider, overlap."""
     low = np.maximum(np.minimum(first.start, first.end), np.minimum(second.start, second.end))
     high = np.minimum(np.maximum(first.start, first.end), np.maximum(second.start, second.end))
-    return bool((low[:2] - margin <= high[:2] + margin).all())
+    return bool((low[:2] - MARGIN <= high[:2] + MARGIN).all())
 
 
 def match_places(truth: Float64, found: Float64, limit: float) -> list[tuple[int, int]]:
-    """Assign found to true places (K, 3) that lie within ``limit`` [m] in plan, one to one."""
+    """Pair true and found positions (K, 3) within ``limit`` in plan, one to one [m]."""
     gap = np.hypot(
         truth[:, None, 0] - found[None, :, 0], truth[:, None, 1] - found[None, :, 1],
     )
@@ -146,14 +148,14 @@ def match_places(truth: Float64, found: Float64, limit: float) -> list[tuple[int
 
 def measure_sag_error(item: TrueSpan, other: FoundSpan) -> float:
     """
-    Return how much the estimate's sag differs from the true one [m].
+    Return the absolute error of the sag of an estimate [m].
 
-    Where the estimate is open-ended, the truth is the sag of that part of the true curve.
+    The truth for an open-ended estimate is the sag of the same part of the true curve.
     """
     if not other.open_ended:
         return abs(other.sag - item.sag)
     x, _ = item.curve.project(np.vstack([other.curve.start[:2], other.curve.end[:2]]))
     low, high = max(0.0, float(x.min())), min(item.curve.length, float(x.max()))
-    if high - low < 1.0:
+    if high - low < LEAST_STRETCH:
         return abs(other.sag - item.sag)
     return abs(other.sag - item.curve.measure_sag(low, high))

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Truth as the evaluation reads it: ``truth.json`` or the classes of a labelled cloud."""
+"""Truth for the evaluation: from ``truth.json``, or the classes of a labelled cloud."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,10 +19,13 @@ from plc_inspect.sim.evaluation.curves import Curve, parse_curve
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
+LEAST_STRETCH = 1.0
+"""Least length of a stretch over which a span is compared, otherwise the whole span is [m]."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TrueSpan:
-    """One conductor-span that was there."""
+    """One true conductor-span."""
 
     curve: Curve
     sag: float
@@ -30,14 +33,14 @@ class TrueSpan:
     seen: float
     """Share of its length with returns."""
     stretch: tuple[float, float]
-    """First and last place seen, from the start [m]; all of it where nothing was seen."""
+    """First and last x with returns [m]; the whole span if there are none."""
     min_vegetation_distance: float | None
     min_structure_distance: float | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TrueHazard:
-    """One place where something was too near."""
+    """One true hazard."""
 
     kind: str
     position: Float64
@@ -45,14 +48,14 @@ class TrueHazard:
     """(2, 3) lower and upper corner [m]."""
     clearance: float
     required: bool
-    """Far enough beyond the limit that it must be found."""
+    """Whether it is clearly a hazard, and must be found."""
     conductors: dict[tuple[int, int], float]
-    """Clearance [m] by (line_id, span_id) of the conductors that are near it."""
+    """Clearance [m] of the conductors near it, by (line_id, span_id)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Truth:
-    """What was there."""
+    """The truth of one survey."""
 
     name: str
     spans: tuple[TrueSpan, ...]
@@ -62,9 +65,9 @@ class Truth:
     """(S,) whether the survey came near the support."""
     hazards: tuple[TrueHazard, ...]
     labels: UInt8 | None
-    """(N,) ASPRS classes of the input's points, 0 left out; None where unknown."""
+    """(N,) ASPRS classes of the input's points, 0 for points left out; None if unknown."""
     only_labels: bool = False
-    """Nothing is known but the classes."""
+    """Whether only the classes are known."""
 
 
 def read_truth(path: Path) -> Truth:
@@ -79,7 +82,7 @@ def read_truth(path: Path) -> Truth:
     Returns
     -------
     Truth
-        With the labels of ``map.laz`` where that lies beside a ``truth.json`` of a map.
+        With the labels of ``map.laz`` if that lies beside the ``truth.json`` of a map.
 
     Raises
     ------
@@ -108,7 +111,7 @@ def parse_truth(content: Mapping[str, Any], labels: UInt8 | None = None) -> Trut
     Parameters
     ----------
     content : mapping
-        The parsed file, or what `plc_inspect.sim.surveys.truth.make_truth` returns.
+        The parsed file, or the result of `plc_inspect.sim.surveys.truth.make_truth`.
     labels : ndarray, optional
         (N,) uint8 ASPRS classes of the input's points in input order.
 
@@ -119,7 +122,7 @@ def parse_truth(content: Mapping[str, Any], labels: UInt8 | None = None) -> Trut
     Raises
     ------
     DataError
-        A key is missing or holds the wrong kind of value.
+        A key is missing or has a value of the wrong kind.
 
     """
     try:
@@ -141,7 +144,7 @@ def parse_truth(content: Mapping[str, Any], labels: UInt8 | None = None) -> Trut
 def _parse_span(row: Mapping[str, Any]) -> TrueSpan:
     curve = parse_curve(row)
     stretch = (float(row.get('seen_from', 0.0)), float(row.get('seen_to', curve.length)))
-    if stretch[1] - stretch[0] < 1.0:
+    if stretch[1] - stretch[0] < LEAST_STRETCH:
         stretch = (0.0, curve.length)
     return TrueSpan(
         curve=curve, sag=float(row['sag']), bundle_id=int(row.get('bundle_id', -1)),

@@ -12,33 +12,33 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WireScores:
-    """Wire points against the rest."""
+    """Scores of the classification of wire points."""
 
     true_positives: int
     false_positives: int
     false_negatives: int
     left_out: int
-    """Points without a truth, or too near a limit to have one."""
+    """Points without a certain truth."""
 
     @property
     def precision(self) -> float:
-        """Share of the points called wire that are wire; NaN where none was called wire."""
+        """Share of the points classified as wire that are wire; NaN if there are none."""
         return _divide(self.true_positives, self.true_positives + self.false_positives)
 
     @property
     def recall(self) -> float:
-        """Share of the wire points that were called wire; NaN where there are none."""
+        """Share of the wire points classified as wire; NaN if there are none."""
         return _divide(self.true_positives, self.true_positives + self.false_negatives)
 
     @property
     def f1(self) -> float:
-        """Harmonic mean of precision and recall; NaN where neither exists."""
+        """Harmonic mean of precision and recall; NaN if neither exists."""
         wrong = self.false_positives + self.false_negatives
         return _divide(2 * self.true_positives, 2 * self.true_positives + wrong)
 
     @property
     def iou(self) -> float:
-        """Intersection over union; NaN where both are empty."""
+        """Intersection over union; NaN if both are empty."""
         wrong = self.false_positives + self.false_negatives
         return _divide(self.true_positives, self.true_positives + wrong)
 
@@ -49,21 +49,21 @@ def _divide(part: int, whole: int) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Counts:
-    """Things that were there against things that were reported."""
+    """Counts of true items and reported ones."""
 
     required: int = 0
-    """That had to be found: spans seen over 60 %, supports seen, hazards clearly in breach."""
+    """Items that must be found: spans seen over 60 %, supports seen, clear hazards."""
     required_found: int = 0
     found: int = 0
-    """True ones that were found, required or not."""
+    """True items that were found, required or not."""
     false: int = 0
     missed: tuple[str, ...] = ()
-    """Names of the required ones that were missed."""
+    """Names of the required items that were missed."""
     false_names: tuple[str, ...] = ()
 
     @property
     def recall(self) -> float:
-        """Share of the required ones that were found; NaN without any."""
+        """Share of the required items that were found; NaN if there are none."""
         return _divide(self.required_found, self.required)
 
 
@@ -112,12 +112,12 @@ class Scores:
 
     name: str
     wire: WireScores | None
-    """None where points cannot be told apart: no labels and no spans in the truth."""
+    """None if the truth has neither labels nor spans."""
     spans: Counts = Counts()
     num_spans: int = 0
-    """Spans that the results hold."""
+    """Number of spans in the results."""
     num_lines: int = 0
-    """Lines that the results hold."""
+    """Number of lines in the results."""
     lateral_rmse: Errors = Errors()
     """Lateral RMS distance of each found span."""
     vertical_rmse: Errors = Errors()
@@ -130,16 +130,16 @@ class Scores:
     """In plan."""
     hazards: Counts = Counts()
     hazards_repeated: int = 0
-    """Further reports of a hazard that was already found, on the same conductor-span."""
+    """Further reports of a found hazard on the same conductor-span."""
     hazards_of_other_kind: int = 0
-    """Reports of something that is too near, but of another kind."""
+    """Reports at a true hazard of another kind."""
     hazard_clearance: Errors = field(default_factory=Errors)
     only_labels: bool = False
-    """The truth holds the classes of points, and nothing else."""
+    """Whether the truth holds only the classes of points."""
 
 
 def to_mapping(scores: Scores) -> dict[str, Any]:
-    """Return the scores as plain JSON values; what does not exist is null."""
+    """Return the scores as plain JSON values, NaN as null."""
     result: dict[str, Any] = {'name': scores.name}
     wire = scores.wire
     result['wire'] = None if wire is None else {
