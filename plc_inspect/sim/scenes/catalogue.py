@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The scenes by name, each a composition of terrain, lines, vegetation and structures."""
+"""The scenes by name, each composed of terrain, lines, vegetation and structures."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -37,7 +37,7 @@ def make_scene(name: str, seed: int = 0) -> Scene:
     name : str
         One of `SCENES`.
     seed : int
-        Of everything random in it; the same seed gives the same scene.
+        Seed of all randomness; the same seed gives the same scene.
 
     Returns
     -------
@@ -69,7 +69,7 @@ def _begin(
 def _spread(
     builder: SceneBuilder, route: Float64, per_hectare: float, band: tuple[float, float],
 ) -> Float64:
-    """Return random places (N, 2) at distances in ``band`` [m] from the route."""
+    """Return random positions (N, 2) at distances in ``band`` from the route [m]."""
     low = route.min(axis=0) - band[1]
     high = route.max(axis=0) + band[1]
     num = builder.rng.poisson(per_hectare * float(np.prod(high - low)) / 1e4)
@@ -79,7 +79,7 @@ def _spread(
 
 
 def _clump(builder: SceneBuilder, xy: Float64, wavelength: float, share: float) -> Float64:
-    """Return the places that lie in patches which cover about ``share`` of the land."""
+    """Return the positions in patches that cover about ``share`` of the land."""
     phase = builder.rng.uniform(0.0, 2 * np.pi, 4)
     k = 2 * np.pi / wavelength
     field = (
@@ -91,7 +91,7 @@ def _clump(builder: SceneBuilder, xy: Float64, wavelength: float, share: float) 
 
 
 def _pick(builder: SceneBuilder, span_id: int, side: int) -> Conductor:
-    """Return the outermost of the highest-reaching conductors of a span on one side."""
+    """Return the outermost conductor of a span on one side."""
     items = [item for item in builder.conductors if item.span_id == span_id]
     along = (items[0].end - items[0].start)[:2] / items[0].length
     normal = side * np.array([-along[1], along[0]])
@@ -111,7 +111,7 @@ def _high_voltage(name: str, seed: int) -> Scene:
         builder, _spread(builder, route, 90.0, (0.0, 40.0)), (0.8, 3.0),
         shapes=(vegetation.shape_bush,),
     )
-    # The survey ends in the last span: a line that goes on beyond the cloud.
+    # the survey ends within the last span: the line continues beyond the cloud
     return builder.build(extend_route(route, 20.0, -60.0), 45.0)
 
 
@@ -194,7 +194,7 @@ def _street(name: str, seed: int) -> Scene:
             _raise(builder, wall, eaves + 0.3),
         )
     ahead, left = face_side(route, 2, -1)
-    for height in (7.4, 7.1, 6.8, 6.5):  # a line across the street that leaves the survey
+    for height in (7.4, 7.1, 6.8, 6.5):  # a line across the street, out of the survey
         lines.add_drop(
             builder, _raise(builder, route[2] + 0.15 * left, height, route[2]),
             _raise(builder, route[2] + 3.0 * ahead + 42.0 * left, height), sag_ratio=0.015,
@@ -209,7 +209,7 @@ def _street(name: str, seed: int) -> Scene:
 def _raise(
     builder: SceneBuilder, xy: Float64, height: float, foot: Float64 | None = None,
 ) -> Float64:
-    """Return the place (3,) above xy at a height above the ground there, or at a foot."""
+    """Return the point (3,) above xy at a height above the ground there, or at ``foot``."""
     return np.array([*xy, builder.ground(xy if foot is None else foot) + height])
 
 
@@ -364,4 +364,4 @@ SCENES: dict[str, Callable[[str, int], Scene]] = {
     'town': _town,
     'demo': _demo,
 }
-"""Scene by name; each takes its name and a seed."""
+"""Makers of scenes by name; each takes its name and a seed."""

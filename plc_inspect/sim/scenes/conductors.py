@@ -19,6 +19,9 @@ from plc_inspect.results import catenary_heights
 
 Float64 = NDArray[np.float64]
 
+SHORTEST = 0.1
+"""Least length of a span in plan [m]."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Conductor:
@@ -35,9 +38,9 @@ class Conductor:
     radius: float = 0.01
     """Radius of the wire [m]."""
     bundle_id: int = -1
-    """Conductors of one span with the same id are one bundled phase, -1 a single conductor."""
+    """Conductors of one span with the same id form a bundle; -1 for a single conductor."""
     hidden: tuple[float, float] | None = None
-    """Stretch that no beam sees, as shares of the length."""
+    """Stretch hidden from all beams, as shares of the length."""
 
     @property
     def length(self) -> float:
@@ -57,7 +60,7 @@ class Conductor:
 
     @property
     def b(self) -> float:
-        """Distance from start of the lowest point of the whole curve [m]."""
+        """Vertex of the curve: its x [m]."""
         length, c = self.length, self.c
         rise = float(self.end[2] - self.start[2])
         return length / 2 - c * math.asinh(rise / (2 * c * math.sinh(length / (2 * c))))
@@ -75,7 +78,7 @@ class Conductor:
         return points
 
     def sample(self, step: float) -> Float64:
-        """Return points (N, 3) [m] on the curve, both ends included, at most ``step`` apart."""
+        """Return points (N, 3) on the curve from end to end, at most ``step`` apart [m]."""
         num = max(2, math.ceil(self.length / step) + 1)
         return self.locate(np.linspace(0.0, self.length, num))
 
@@ -94,7 +97,7 @@ class Conductor:
 
     @property
     def quadratic(self) -> tuple[float, float, float]:
-        """Least-squares a2, a1, a0 of the quadratic form over the same x."""
+        """Coefficients a2, a1, a0 of the least-squares parabola over the same x."""
         x = np.linspace(0.0, self.length, 201)
         a2, a1, a0 = np.polyfit(x, self.heights(x), 2)
         return float(a2), float(a1), float(a0)
@@ -112,7 +115,7 @@ def hang(
     start, end : ndarray
         (3,) float64 attachments in the scene frame [m].
     sag_ratio : float
-        Sag of a level span of this length as a share of the length.
+        Sag of a level span of this length, as a share of the length.
     line_id, span_id, radius, bundle_id
         As in `Conductor`.
 
@@ -123,11 +126,11 @@ def hang(
     Raises
     ------
     DataError
-        The ends lie above one another or the sag ratio is not positive.
+        The span is shorter than SHORTEST in plan, or the sag ratio is not positive.
 
     """
     length = float(np.hypot(*(end - start)[:2]))
-    if length < 0.1 or sag_ratio <= 0:
+    if length < SHORTEST or sag_ratio <= 0:
         raise DataError(f'no span of {length:g} m with a sag ratio of {sag_ratio:g}')
     return Conductor(
         line_id=line_id, span_id=span_id, start=np.array(start, dtype=np.float64),
@@ -137,7 +140,7 @@ def hang(
 
 
 def solve_constant(length: float, sag: float) -> float:
-    """Return c [m] of a level span of ``length`` [m] with ``sag`` [m], by bisection."""
+    """Return c of a level span from its length and sag, by bisection [m]."""
     low, high = length / 50, length**2 / sag
     for _ in range(200):
         c = 0.5 * (low + high)
@@ -153,9 +156,9 @@ def measure_distances(
     stretch: tuple[float, float] | None = None,
 ) -> Float64:
     """
-    Return the 3D distances from points to a conductor.
+    Return the distances in space of points from a conductor.
 
-    The curve is taken as chords of ``step``, which is exact to step^2 / (8 c), well under 0.1 mm.
+    The curve is replaced by chords of ``step``: the error is step^2 / (8 c), well below 0.1 mm.
 
     Parameters
     ----------
@@ -166,7 +169,7 @@ def measure_distances(
     step : float
         Length of the chords [m].
     stretch : tuple of float, optional
-        Only this part of the conductor counts, from where to where after its start [m].
+        First and last x of the part of the conductor that counts [m].
 
     Returns
     -------

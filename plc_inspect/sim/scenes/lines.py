@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Power lines of the simulated scenes: styles, supports and strings of conductors."""
+"""Power lines of the simulated scenes: styles, supports and conductors."""
 
 from dataclasses import dataclass
 import math
@@ -18,7 +18,7 @@ Float64 = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LineStyle:
-    """How a line is built."""
+    """The construction of a line."""
 
     phases: tuple[tuple[float, float], ...]
     """Lateral offset to the left and height above the foot of each phase attachment [m]."""
@@ -26,14 +26,14 @@ class LineStyle:
     support: str = 'pole'
     """'pole', 'portal' (two columns and a beam) or 'lattice' (one body with arms)."""
     insulator: float = 0.2
-    """Length of the insulators [m]; they hang on towers and stand on poles."""
+    """Length of the insulators [m]; they hang from towers and stand on poles."""
     radius: float = 0.006
     """Radius of a phase conductor [m]."""
     earth_radius: float = 0.007
     sag_ratio: tuple[float, float] = (0.015, 0.025)
-    """Smallest and greatest sag of a span as a share of its length."""
+    """Least and greatest sag of a span as a share of its length."""
     bundle: float = 0.0
-    """Distance between the two conductors of a phase [m], 0 for one."""
+    """Distance between the two sub-conductors of a phase [m], 0 for a single conductor."""
 
 
 HIGH_VOLTAGE = LineStyle(
@@ -64,7 +64,7 @@ RACK = LineStyle(
 
 def add_line(builder: SceneBuilder, style: LineStyle, route: Float64) -> None:
     """
-    Add a line with a support at each vertex of its route.
+    Add a line with a support at each vertex of a route.
 
     Line and span ids go on where the builder's last line ended.  All conductors of a span have
     one catenary constant, drawn from the style's range of sag.
@@ -74,7 +74,7 @@ def add_line(builder: SceneBuilder, style: LineStyle, route: Float64) -> None:
     builder : SceneBuilder
         Takes the parts.
     style : LineStyle
-        How the line is built.
+        Construction of the line.
     route : ndarray
         (K, 2) float64 feet of the supports [m].
 
@@ -112,9 +112,9 @@ def add_drop(
     radius: float = 0.008,
 ) -> None:
     """
-    Add one conductor from a support that stands to a house or out of the survey.
+    Add a service drop: one conductor from an existing support to a house or out of the survey.
 
-    It is a line and a span of its own.
+    It forms a line and a span of its own.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def add_drop(
     sag_ratio : float
         Sag as a share of the length.
     radius : float
-        Of the conductor [m].
+        Radius of the conductor [m].
 
     """
     line_id, span_id = builder.next_ids()

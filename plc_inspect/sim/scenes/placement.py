@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Where the odometry puts what was there.
+Moves truth to where drifting odometry maps it.
 
-A map that is built on drifting odometry lies in a bent frame.  For each conductor-span the mean
-rigid error (translation and yaw) of its returns moves the truth into that frame.
+A map built on drifting odometry lies in a bent frame.  For each conductor-span, the mean rigid
+error (translation and yaw) of its returns moves the truth into that frame.
 """
 
 from collections.abc import Mapping
@@ -17,6 +17,11 @@ from numpy.typing import NDArray
 
 Float64 = NDArray[np.float64]
 Key = tuple[int, int]
+
+LEAST_RETURNS = 20
+"""Least number of returns of a span that has a placement of its own."""
+REACH = 15.0
+"""Greatest distance in plan of the end of a conductor from the foot of its support [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -30,21 +35,21 @@ class Placement:
     """(3,) [m]."""
     num_points: int = 0
     horizontal_rms: float = 0.0
-    """What the drift leaves in plan about this placement: the smear of the span [m]."""
+    """Residual of the drift in plan about this placement: the smear of the span [m]."""
     vertical_rms: float = 0.0
 
     def move(self, points: Float64) -> Float64:
-        """Return the points (N, 3) where the odometry puts them."""
+        """Return the points (N, 3) as mapped by the odometry [m]."""
         c, s = np.cos(self.yaw), np.sin(self.yaw)
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         return (points - self.centre) @ turn.T + self.centre + self.shift
 
 
 class PlacementSums:
-    """Sums over the returns of one conductor-span, from which its placement follows."""
+    """Sums over the returns of one conductor-span that give its placement."""
 
     def __init__(self, centre: Float64) -> None:
-        """Begin with nothing; ``centre`` (3,) keeps the sums small."""
+        """Begin with empty sums; ``centre`` (3,), near the span, keeps them small [m]."""
         self.centre = centre
         self._num = 0
         self._true = np.zeros(3)
@@ -52,7 +57,7 @@ class PlacementSums:
         self._dot = self._cross = self._true2 = self._put2 = self._rise2 = 0.0
 
     def add(self, true: Float64, put: Float64) -> None:
-        """Add returns: true places (N, 3) and where the odometry puts them (N, 3) [m]."""
+        """Add true (N, 3) and mapped (N, 3) positions of returns [m]."""
         p, q = true - self.centre, put - self.centre
         self._num += len(p)
         self._true += p.sum(axis=0)
@@ -64,9 +69,9 @@ class PlacementSums:
         self._rise2 += float(((q[:, 2] - p[:, 2]) ** 2).sum())
 
     def solve(self) -> Placement | None:
-        """Return the least-squares placement; None with fewer than 20 returns."""
+        """Return the least-squares placement; None with fewer than LEAST_RETURNS."""
         n = self._num
-        if n < 20:
+        if n < LEAST_RETURNS:
             return None
         p, q = self._true / n, self._put / n
         dot = self._dot - n * float(p[0] * q[0] + p[1] * q[1])
@@ -89,11 +94,11 @@ def place_truth(
     Parameters
     ----------
     truth : mapping
-        In the world, from `plc_inspect.sim.surveys.truth.make_truth`.
+        Truth in the world, from `plc_inspect.sim.surveys.truth.make_truth`.
     placements : mapping
-        By (line_id, span_id) of the conductor-spans that were seen.
+        Placements of the conductor-spans that were seen, by (line_id, span_id).
     default : Placement
-        For all others.
+        Placement of all others.
 
     Returns
     -------
@@ -151,14 +156,14 @@ def _place_support(
     row: dict[str, Any], placements: Mapping[Key, Placement], spans: list[dict[str, Any]],
     default: Placement,
 ) -> dict[str, Any]:
-    """Move a support by the mean of what moves the conductors that it carries."""
+    """Move a support by the mean placement of the conductors that it carries."""
     foot = np.array(row['position'])
     near = [
         placements[key].move(foot[None])[0]
         for span in spans
         for key in ((span['line_id'], span['span_id']),)
         if key in placements and span['line_id'] in row['lines'] and any(
-            np.hypot(*(np.array(span[end]) - foot)[:2]) < 15.0 for end in ('start', 'end')
+            np.hypot(*(np.array(span[end]) - foot)[:2]) < REACH for end in ('start', 'end')
         )
     ]
     place = np.mean(near, axis=0) if near else default.move(foot[None])[0]

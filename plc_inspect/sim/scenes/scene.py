@@ -4,8 +4,8 @@
 """
 A simulated scene as data, and the builder that composes one.
 
-The scene frame is a local map: x east, y north, z up [m].  Everything that a beam can meet is a
-strut (a thin cylinder), a triangle, a blob (a porous sphere of leaves), a conductor or terrain.
+The scene frame is a local map: x east, y north, z up [m].  All that beams can hit are struts (thin
+cylinders), triangles, blobs (porous spheres of leaves), conductors and terrain.
 """
 
 from dataclasses import dataclass, field
@@ -47,19 +47,19 @@ class Post:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Planted:
-    """A hazard that was put there on purpose."""
+    """A tree planted at a known clearance."""
 
     line_id: int
     span_id: int
     position: Float64
-    """(3,) point of the conductor beside which the tree was planted [m]."""
+    """(3,) point of the conductor nearest to the tree, about [m]."""
     clearance: float
-    """Distance from the hull of the crown to the nearest conductor [m]; below 0: inside."""
+    """Distance of the hull of the crown from the nearest conductor [m]; negative inside."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scene:
-    """All that is in a scene; arrays of one kind of object are parallel."""
+    """All objects of a scene; arrays of one kind of object are parallel."""
 
     name: str
     seed: int
@@ -84,7 +84,7 @@ class Scene:
 
     @property
     def num_lines(self) -> int:
-        """Number of different conductors."""
+        """Number of conductors over all spans."""
         return len({conductor.line_id for conductor in self.conductors})
 
     @property
@@ -96,12 +96,12 @@ class Scene:
         return float(self.covers(np.column_stack([x.ravel(), y.ravel()]) + 0.5).sum())
 
     def covers(self, xy: Float64) -> NDArray[np.bool_]:
-        """Return whether xy (N, 2) lie in the surveyed corridor, which has square ends."""
+        """Tell whether positions xy (N, 2) lie in the surveyed corridor, which has square ends."""
         return measure_offset(xy, self.route) <= self.half_width
 
 
 def measure_offset(xy: Float64, route: Float64) -> Float64:
-    """Return the distances (N,) [m] to a polyline, inf beyond its first and last point."""
+    """Return the distances (N,) from a polyline, inf beyond its first and last point [m]."""
     best = np.full(len(xy), np.inf)
     last = len(route) - 2
     for i in range(last + 1):
@@ -139,7 +139,7 @@ class SceneBuilder:
     _num_conductors: int = -1
 
     def next_ids(self) -> tuple[int, int]:
-        """Return the line and span ids that go on where the last line ended."""
+        """Return the next free line and span ids."""
         return (
             1 + max((item.line_id for item in self.conductors), default=-1),
             1 + max((item.span_id for item in self.conductors), default=-1),
@@ -151,7 +151,7 @@ class SceneBuilder:
         self.strut_label.append(int(label))
 
     def add_face(self, corners: Float64, label: Label) -> None:
-        """Add a flat convex face of corners (K, 3) [m] as a fan of triangles."""
+        """Add a flat convex face with corners (K, 3) as a fan of triangles [m]."""
         for i in range(1, len(corners) - 1):
             self.triangles.append(np.concatenate([corners[0], corners[i], corners[i + 1]]))
             self.triangle_label.append(int(label))
@@ -166,9 +166,9 @@ class SceneBuilder:
 
     def measure_gaps(self, blobs: Float64) -> Float64:
         """
-        Return the distances (K,) [m] from the hulls of blobs to the nearest conductor.
+        Return the distances (K,) of the hulls of blobs from the nearest conductor [m].
 
-        Negative where a conductor runs inside; inf without conductors.
+        Negative if a conductor runs inside; inf without conductors.
         """
         if not self.conductors:
             return np.full(len(blobs), np.inf)
@@ -179,7 +179,7 @@ class SceneBuilder:
         return np.asarray(distance - blobs[:, 3])
 
     def build(self, route: Float64, half_width: float) -> Scene:
-        """Return the scene; its surveyed corridor is ``half_width`` to both sides of the route."""
+        """Return the scene, with a corridor ``half_width`` to both sides of the route [m]."""
         return Scene(
             name=self.name, seed=self.seed, terrain=self.terrain,
             route=np.asarray(route, dtype=np.float64), half_width=half_width,

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Lattice work, as towers, cranes, masts and gantries have it."""
+"""Lattice beams of towers, cranes, masts and gantries."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -20,15 +20,15 @@ class Lattice:
     """The shape of a lattice beam of four chords."""
 
     widths: tuple[float, float]
-    """At its start and end [m]."""
+    """Widths at its start and end [m]."""
     panel: float
     """Length of a panel of bracing [m]."""
     radius: float
-    """Of a chord [m]; braces are thinner."""
+    """Radius of a chord [m]; braces are thinner."""
     side: Float64
     """(3,) unit vector across the beam."""
     front: Float64
-    """(3,) unit vector across both."""
+    """(3,) unit vector across the beam and ``side``."""
     label: Label = Label.TOWER
 
 

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Structures of the simulated scenes that carry no line: houses, fences, lights, rails, walls."""
+"""Structures of the simulated scenes other than supports: houses, walls, fences, lights, rails."""
 
 from itertools import pairwise
 import math
@@ -152,9 +152,9 @@ def add_village(
     spacing : float
         Distance from house to house [m].
     keep : float
-        Houses whose middle is nearer than this to a conductor in plan are left out [m].
+        Least distance in plan of the centre of a house from conductors [m].
     fences : bool
-        Fences along the street and between the plots.
+        Whether to add fences along the street and between plots.
 
     """
     rng = builder.rng
@@ -196,7 +196,7 @@ def _is_free(builder: SceneBuilder, xy: Float64, keep: float) -> bool:
 def _trace(
     builder: SceneBuilder, path: Float64, step: float, shift: float = 0.0,
 ) -> tuple[Float64, Float64]:
-    """Return starts and ends (K, 3) on the ground of the pieces of a path moved sideways."""
+    """Return starts and ends (K, 3) of pieces of a shifted path, on the ground [m]."""
     starts, ends = [], []
     for begin, finish in pairwise(path):
         edge = np.asarray(finish, dtype=np.float64) - begin

@@ -13,7 +13,7 @@ Float64 = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Terrain:
-    """Heights on a regular grid, bilinear in between and constant beyond its edge."""
+    """Heights on a regular grid, bilinear between nodes and constant beyond its edge."""
 
     x0: float
     y0: float
@@ -36,7 +36,7 @@ class Terrain:
         )
 
     def height(self, x: float, y: float) -> float:
-        """Return the ground height [m] at one place."""
+        """Return the ground height at one position [m]."""
         return float(self.heights(np.array([[x, y]]))[0])
 
 
@@ -51,19 +51,19 @@ def make_terrain(
     Parameters
     ----------
     rng : numpy.random.Generator
-        Source of all chance.
+        Source of all randomness.
     bounds : tuple of float
         x0, y0, x1, y1 to cover [m].
     relief : float
-        Height between the valleys and the hills, about [m].
+        Approximate height of hills above valleys [m].
     wavelength : float
-        Distance from hill to hill [m]; two shorter waves ride on it.
+        Distance from hill to hill [m]; two shorter waves are added.
     roughness : float
         Standard deviation of the nodes about the smooth surface [m].
     cell : float
         Spacing of the grid [m].
     valley : tuple of float, optional
-        x of the axis, depth and half width of a valley that runs along y [m].
+        x of the axis, depth and half width of a valley along y [m].
 
     Returns
     -------

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Vegetation of the simulated scenes: porous trees, planted at known clearances."""
+"""Vegetation of the simulated scenes: porous trees, some planted at known clearances."""
 
 from collections.abc import Callable
 
@@ -15,12 +15,16 @@ from plc_inspect.sim.scenes.scene import Label, Planted, SceneBuilder
 Float64 = NDArray[np.float64]
 Shape = Callable[[np.random.Generator, float], Float64]
 
+LOWEST = 0.8
+"""Least height of a tree [m]."""
+WITH_TRUNK = 2.5
+"""Height above which trees have a trunk [m]."""
 CLEAR = 4.7
-"""Default distance [m] that vegetation which is no hazard keeps from every conductor."""
+"""Default distance from conductors of vegetation that is no hazard [m]."""
 
 
 def shape_broadleaf(rng: np.random.Generator, height: float) -> Float64:
-    """Return the crown (K, 5) of a broadleaved tree of this height [m] with its foot at 0."""
+    """Return the crown (K, 5) of a broadleaved tree of a height with its foot at 0 [m]."""
     radius = 0.26 * height
     blobs = [[0.0, 0.0, 0.68 * height, 0.8 * radius, 0.5]]
     for i in range(7):
@@ -33,7 +37,7 @@ def shape_broadleaf(rng: np.random.Generator, height: float) -> Float64:
 
 
 def shape_conifer(rng: np.random.Generator, height: float) -> Float64:
-    """Return the crown (K, 5) of a conifer of this height [m] with its foot at 0."""
+    """Return the crown (K, 5) of a conifer of a height with its foot at 0 [m]."""
     blobs = []
     for share in np.linspace(0.25, 0.97, 9):
         r = max(0.22, 0.2 * height * (1.02 - share) * rng.uniform(0.85, 1.15))
@@ -43,7 +47,7 @@ def shape_conifer(rng: np.random.Generator, height: float) -> Float64:
 
 
 def shape_bush(rng: np.random.Generator, height: float) -> Float64:
-    """Return the leaves (K, 5) of a bush of this height [m] with its foot at 0."""
+    """Return the leaves (K, 5) of a bush of a height with its foot at 0 [m]."""
     blobs = []
     for _ in range(4):
         r = 0.5 * height * rng.uniform(0.6, 1.0)
@@ -53,7 +57,7 @@ def shape_bush(rng: np.random.Generator, height: float) -> Float64:
 
 
 def shape_poplar(rng: np.random.Generator, height: float) -> Float64:
-    """Return the crown (K, 5) of a slender tree of this height [m] with its foot at 0."""
+    """Return the crown (K, 5) of a slender tree of a height with its foot at 0 [m]."""
     radius = 0.09 * height
     return np.array([
         [*rng.normal(0.0, 0.1, 2), z, radius * rng.uniform(0.8, 1.1), 0.9]
@@ -73,12 +77,12 @@ def add_tree(
     builder: SceneBuilder, shape: Shape, xy: Float64, height: float, clear: float = CLEAR,
 ) -> bool:
     """
-    Add a tree, lower if need be, so that its hull keeps ``clear`` [m] from all conductors.
+    Add a tree, lowered as needed for its hull to keep ``clear`` from all conductors [m].
 
     Returns
     -------
     bool
-        False where not even 0.8 m of height would keep that distance; nothing is added.
+        False, with nothing added, if not even a tree of LOWEST would keep that distance.
 
     """
     for _ in range(12):
@@ -87,14 +91,14 @@ def add_tree(
             _add(builder, crown, xy, height)
             return True
         height *= 0.8
-        if height < 0.8:
+        if height < LOWEST:
             break
     return False
 
 
 def _add(builder: SceneBuilder, crown: Float64, xy: Float64, height: float) -> None:
     builder.add_blobs(crown)
-    if height > 2.5:
+    if height > WITH_TRUNK:
         foot = np.array([xy[0], xy[1], builder.ground(xy)])
         top = foot + _lift(0.55 * height)
         builder.add_strut(foot, top, 0.012 * height + 0.03, Label.VEGETATION)
@@ -105,27 +109,27 @@ def plant_beside(
     shape: Shape = shape_broadleaf,
 ) -> None:
     """
-    Plant a tree beside a conductor, its crown at a given distance.
+    Plant a tree beside a conductor, with its crown at a given distance.
 
     Parameters
     ----------
     builder : SceneBuilder
-        Holds all conductors; the distance is that to the nearest of them.
+        Holds all conductors; the distance is from the nearest of them.
     conductor : Conductor
-        The outermost one on that side.
+        The outermost conductor on that side.
     share : float
-        Where along the span, 0 to 1.
+        Position along the span, 0 to 1.
     side : int
         1 to the left of the conductor's direction, -1 to the right.
     clearance : float
-        3D distance from the hull of the crown to the nearest conductor [m], below 0: inside.
+        Distance of the hull of the crown from the nearest conductor [m], negative inside.
     shape : callable
         Shape of the tree.
 
     Raises
     ------
     DataError
-        No place on that side has this distance.
+        No position on that side has this distance.
 
     """
     target = conductor.locate(np.array([share * conductor.length]))[0]
@@ -154,9 +158,9 @@ def plant_under(
     shape: Shape = shape_conifer,
 ) -> None:
     """
-    Plant a tree under a conductor, its top at a given distance.
+    Plant a tree under a conductor, with its top at a given distance.
 
-    Parameters are those of `plant_beside`; raises DataError where the tree would have no height.
+    Parameters are those of `plant_beside`; raises DataError if no tree fits.
     """
     target = conductor.locate(np.array([share * conductor.length]))[0]
     height = float(target[2]) - builder.ground(target[:2])
@@ -192,12 +196,12 @@ def scatter_trees(
     shapes: tuple[Shape, ...] = (shape_broadleaf, shape_conifer),
 ) -> int:
     """
-    Add trees of random height and shape at xy (N, 2) [m] where they keep clear.
+    Add trees of random height and shape at xy (N, 2) where they keep ``clear`` [m].
 
     Returns
     -------
     int
-        How many found a place.
+        Number of trees added.
 
     """
     rng, count = builder.rng, 0
