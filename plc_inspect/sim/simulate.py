@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Command line ``plc_simulate``: surveys of simulated scenes, with exact truth."""
+"""Command line ``plc_simulate``: simulated surveys with exact truth."""
 
 import argparse
 from collections.abc import Sequence
@@ -29,9 +29,9 @@ from plc_inspect.sim.surveys.trajectory import FlightPlan, OdometryErrors
 from plc_inspect.sim.surveys.truth import collect_sightings, make_truth
 
 RANDOM = 'random'
-"""Name of the scene that the seed decides."""
+"""Name of the scene that is drawn from the seed."""
 _OF_RANDOM = {'scene', 'kind', 'output', 'seed', 'force'}
-"""Options of random scenes; others choose their sensor and size themselves."""
+"""Options of random scenes, which draw their own sensor and size."""
 _MAP_NOISE = 0.03
 
 

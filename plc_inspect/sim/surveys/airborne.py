@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Airborne maps of a scene: labelled clouds as a survey from above gives them."""
+"""Airborne maps of a scene: labelled clouds, surveyed from above."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,12 +27,12 @@ _ALTITUDE = 60.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LabelledCloud:
-    """Points with their truth; arrays of N are parallel."""
+    """Points with their truth, in parallel arrays."""
 
     points: Float64
     """(N, 3) as measured, with noise [m]."""
     exact: Float64
-    """(N, 3) where the beam really met the object [m]."""
+    """(N, 3) true positions of the returns [m]."""
     label: UInt8
     """(N,) ASPRS classes."""
     line_id: Int32
@@ -43,7 +43,7 @@ class LabelledCloud:
     """(N,) number of the conductor in the scene, -1 for others."""
 
     def take(self, index: NDArray[np.int64] | NDArray[np.bool_]) -> 'LabelledCloud':
-        """Return the points of an index or mask."""
+        """Return the points at indices or in a mask."""
         return LabelledCloud(
             points=self.points[index], exact=self.exact[index], label=self.label[index],
             line_id=self.line_id[index], span_id=self.span_id[index],
@@ -56,12 +56,12 @@ def simulate_map(
     num_points: int | None = None,
 ) -> LabelledCloud:
     """
-    Scan a scene from above.
+    Survey a scene from above.
 
-    Pulses fall evenly on the ground of the corridor from two overlapping strips that look up to
-    20 degrees to either side.  A pulse goes on behind wires and through gaps in crowns, up to
-    four returns.  A wire takes the pulses within 0.33 m of it, so there are about 0.65 x density
-    points per metre of wire, as dense overlapping strips give.
+    Pulses are spread evenly over the corridor from two overlapping strips that look up to 20
+    degrees to either side.  A pulse continues behind wires and through gaps in crowns, with up to
+    four returns.  A wire returns the pulses within 0.33 m of it, which gives about 0.65 x density
+    points per metre of wire, as in dense overlapping strips.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def simulate_map(
     density : float
         Pulses per square metre of ground.
     rng : numpy.random.Generator
-        Source of all chance.
+        Source of all randomness.
     noise : float
         Standard deviation of each coordinate [m].
     num_points : int, optional
@@ -140,7 +140,7 @@ def _across(scene: Scene) -> float:
 
 
 def _lay_pulses(scene: Scene, density: float, rng: np.random.Generator) -> list[Float64]:
-    """Return batches of places on the ground (N, 2), each a strip of the corridor's box."""
+    """Return batches of positions on the ground (N, 2), each a strip of the corridor's box."""
     margin = scene.half_width
     low, high = scene.route.min(axis=0) - margin, scene.route.max(axis=0) + margin
     axis = int(np.argmax(high - low))
@@ -158,7 +158,7 @@ def _lay_pulses(scene: Scene, density: float, rng: np.random.Generator) -> list[
 
 
 def snap(points: Float64, curves: Float64) -> Float64:
-    """Return the points (N, 3) moved onto the catenaries (N, 8) at their place along them."""
+    """Return the points (N, 3) moved onto catenaries (N, 8), at the same x along them [m]."""
     x = (points[:, 0] - curves[:, 3]) * curves[:, 5] + (points[:, 1] - curves[:, 4]) * curves[:, 6]
     x = np.clip(x, 0.0, curves[:, 7])
     z = catenary_heights(curves[:, 0], curves[:, 1], curves[:, 2], x)
@@ -168,7 +168,7 @@ def snap(points: Float64, curves: Float64) -> Float64:
 
 
 def join(parts: Sequence[LabelledCloud]) -> LabelledCloud:
-    """Return several clouds as one; at least one is given."""
+    """Return one or more clouds as one."""
     return LabelledCloud(
         points=np.vstack([item.points for item in parts]),
         exact=np.vstack([item.exact for item in parts]),

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Recordings of simulated flights, as ``ros2 bag record`` leaves them."""
+"""Recordings of simulated flights, as by ``ros2 bag record``."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -19,19 +19,19 @@ from plc_inspect.sim.surveys.trajectory import RATE, rotate, Trajectory
 Float64 = NDArray[np.float64]
 
 EPOCH = 1_767_225_600
-"""Time of the trajectory's zero on the clock of the recording [s]."""
+"""Time 0 of trajectories on the clock of the recording [s]."""
 SCAN_TOPIC = '/velodyne_points'
 ODOMETRY_TOPIC = '/odometry'
 
 
 class FlightSink(Protocol):
-    """Takes scans and odometry as a flight makes them."""
+    """Receives the scans and odometry of a flight."""
 
     def write_scan(self, scan: Scan) -> None:
-        """Take a scan."""
+        """Receive a scan."""
 
     def write_odometry(self, odometry: Trajectory, index: int) -> None:
-        """Take the pose of one node of the odometry's trajectory."""
+        """Receive the pose of one node of the odometry's trajectory."""
 
 
 class FlightWriter:

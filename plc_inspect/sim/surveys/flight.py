@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Simulated flights: scans and odometry as they are recorded, and the truth they leave."""
+"""Simulated flights: recorded scans and odometry, and their truth."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -46,19 +46,19 @@ PLANS: dict[str, FlightPlan] = {
     'town': FlightPlan(speed=6.0, height=16.0),
     'demo': FlightPlan(speed=6.8, lateral=9.0, height=2.5, margin=5.0),
 }
-"""How each scene is flown unless said otherwise."""
+"""Default flight plan of each scene."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Flight:
-    """How a scene is flown and recorded."""
+    """Plan, sensor and errors of a flight."""
 
     plan: FlightPlan | None = None
-    """None: the scene's own."""
+    """None: the default plan of the scene."""
     puck: Puck = field(default_factory=Puck)
     errors: OdometryErrors = field(default_factory=OdometryErrors)
     odometry_rate: float = 100.0
-    """Odometry messages per second, at most 200 [Hz]."""
+    """Rate of odometry messages, at most 200 [Hz]."""
 
 
 _CELL = 0.1
@@ -67,7 +67,7 @@ _THIN = 0.15
 
 @dataclass(slots=True)
 class _Tally:
-    """Bounded sums of what a flight has seen."""
+    """Bounded sums over the returns of a flight."""
 
     scene: Scene
     counts: list[NDArray[np.int64]]
@@ -78,10 +78,10 @@ class _Tally:
     posts: NDArray[np.int64]
     tree: cKDTree | None
     limit: int = 200_000
-    """More near returns than this are thinned; it follows what is left."""
+    """Number of near returns above which they are thinned; grows with what is left."""
 
     def add_wires(self, exact: Float64, put: Float64, conductor: Int32) -> None:
-        """Count wire returns along their conductors and add them to the placements."""
+        """Count wire returns along their conductors, and add them to the placements."""
         for number in np.unique(conductor):
             rows = conductor == number
             item, count = self.scene.conductors[number], self.counts[number]
@@ -90,7 +90,7 @@ class _Tally:
             self.sums[number].add(exact[rows], put[rows])
 
     def add_others(self, exact: Float64, label: NDArray[np.uint8]) -> None:
-        """Keep the returns near a conductor and count those of supports."""
+        """Keep the returns near conductors, and count those of supports."""
         if self.tree is None:
             return
         feet = np.array([post.position[:2] for post in self.scene.posts])
@@ -108,7 +108,7 @@ class _Tally:
             self.limit = max(self.limit, 2 * len(self.near))
 
     def thin(self) -> None:
-        """Keep of each small cell the return that is nearest to a conductor."""
+        """Keep the return nearest to a conductor in each small cell."""
         cells = np.floor(self.near / _THIN).astype(np.int64)
         order = np.lexsort((self.near_gap, *cells.T))
         changed = np.ones(len(order), dtype=bool)
@@ -118,7 +118,7 @@ class _Tally:
         self.near_label = self.near_label[keep]
 
     def sum_up(self) -> Sightings:
-        """Return the sightings so far."""
+        """Return the sightings of the flight so far."""
         self.thin()
         return Sightings(
             wire_x=tuple(
@@ -149,20 +149,20 @@ def simulate_flight(
     """
     Fly along a scene, record scans and odometry, and return the truth.
 
-    Memory does not grow with the length of the flight: each scan is written as it is made.
+    Memory does not grow with the length of the flight: each scan is written at once.
 
     Parameters
     ----------
     scene : Scene
         What is surveyed.
     writer : FlightWriter
-        An open recording, or another taker of scans and poses.
+        An open recording, or another receiver of scans and poses.
     rng : numpy.random.Generator
-        Source of all chance.
+        Source of all randomness.
     flight : Flight, optional
-        How it is flown and recorded.
+        Plan, sensor and errors.
     progress : callable, optional
-        Called with the number of scans made and of all.
+        Called with the number of scans made and their total.
 
     Returns
     -------
@@ -172,7 +172,7 @@ def simulate_flight(
     Raises
     ------
     DataError
-        The plan makes no flight.
+        The plan gives no flight.
 
     """
     flight = flight or Flight()
@@ -225,7 +225,7 @@ def simulate_flight(
 def _put(
     turn: Scan, rows: NDArray[np.bool_], truth: Trajectory, odometry: Trajectory,
 ) -> Float64:
-    """Return where the odometry puts the true places of some returns."""
+    """Return the mapped positions of some returns (N, 3) [m]."""
     position, rotation = truth.interpolate(turn.times[rows])
     other, turned = odometry.interpolate(turn.times[rows])
     local = np.einsum('nji,nj->ni', rotation, turn.exact[rows] - position)

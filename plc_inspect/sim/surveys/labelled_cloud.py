@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Labelled clouds on disk, as LAS 1.4."""
+"""Writes labelled clouds as LAS 1.4."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,11 +24,11 @@ def write_cloud(
     Parameters
     ----------
     path : Path
-        Ends in .las or .laz.
+        Path that ends in .las or .laz.
     cloud : LabelledCloud
-        What to write.
+        The cloud.
     origin : sequence of float
-        Added to the coordinates [m]; they are kept to the millimetre.
+        Added to the coordinates, which are stored to the millimetre [m].
 
     """
     header = laspy.LasHeader(point_format=6, version='1.4')

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Folders that are written whole or not at all."""
+"""Survey folders that are written whole or not at all."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,19 +16,19 @@ _SUFFIXES = ('.mcap', '.yaml', '.json', '.laz')
 @contextmanager
 def open_folder(path: Path, force: bool) -> Iterator[Path]:
     """
-    Yield a folder to write into; it becomes ``path`` if the block ends without an error.
+    Yield a folder to write to; it becomes ``path`` if the block ends without an error.
 
     Parameters
     ----------
     path : Path
-        The folder to make; its parents are made as well.
+        The folder to create, with its parents.
     force : bool
-        Replace what is there, if it holds nothing but files of a survey.
+        Replace an existing folder if it holds only files of a survey.
 
     Raises
     ------
     DataError
-        ``path`` exists and ``force`` is not set, it holds other files, or it cannot be made.
+        ``path`` exists and ``force`` is not set, it holds other files, or cannot be created.
 
     """
     path = Path(path)

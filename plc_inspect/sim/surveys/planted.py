@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Scenes with one or more planted hazards of each kind, on both sides of their limits.
+Scenes with planted hazards of each kind, on both sides of their limits.
 
-They are not flown by `plc_simulate`: tests and ``bench/hazards.py`` survey them from above.
+`plc_simulate` does not offer them: tests and ``bench/hazards.py`` survey them from above.
 """
 
 from dataclasses import dataclass, replace
@@ -29,7 +29,7 @@ PLACES = {
     HazardKind.CROSSING: 6.0, HazardKind.GROUND: 30.0, HazardKind.SAG: 30.0,
     HazardKind.INTERFERENCE: 30.0,
 }
-"""A hazard that is raised this near to what was planted is that [m]."""
+"""Greatest distance of a reported hazard from the planted one, by kind [m]."""
 LOW_LINE = replace(
     lines.LOW_VOLTAGE, phases=((-0.5, 7.6), (0.0, 7.6), (0.5, 7.6)), sag_ratio=(0.012, 0.0121),
 )
@@ -37,32 +37,32 @@ PAIR = replace(
     lines.LOW_VOLTAGE, phases=((0.3, 9.2), (0.3, 8.0)), sag_ratio=(0.012, 0.0121),
 )
 _FAR = 70.0
-"""The lines for ground and interference run this far to the sides of the main line [m]."""
+"""Distance from the main line of the lines for ground and interference hazards [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Planted:
-    """Something that was put there, a hazard or just none."""
+    """A planted object, which is a hazard or just not one."""
 
     kind: HazardKind
     position: Float64
-    """(2,) about where, in plan [m]."""
+    """(2,) approximate position in plan [m]."""
     radius: float = 0.0
-    """Points of the object lie within this of the position in plan [m]."""
+    """Greatest distance in plan of points of the object from the position [m]."""
     conductors: tuple[int, ...] = ()
-    """Numbers of the conductors that are concerned; the first one is out of order."""
+    """Indices of the conductors concerned; the first one is at fault."""
 
 
 def plant(seed: int) -> tuple[Scene, tuple[Planted, ...]]:
     """
-    Make a medium-voltage line of six spans among things of each kind.
+    Make a medium-voltage line of six spans with planted objects of each kind.
 
-    How near they come is drawn from both sides of the limits of the default settings.
+    Clearances are drawn from both sides of the limits of the default settings.
 
     Parameters
     ----------
     seed : int
-        Of all chance.
+        Seed of all randomness.
 
     Returns
     -------
@@ -88,23 +88,23 @@ def plant(seed: int) -> tuple[Scene, tuple[Planted, ...]]:
 
 def measure(item: Planted, scene: Scene, cloud: LabelledCloud) -> tuple[float, float]:
     """
-    Return the exact value of something planted, and the limit that it is judged by.
+    Return the exact value of a planted object, and its limit.
 
     Parameters
     ----------
     item : Planted
-        What was planted.
+        The object.
     scene : Scene
-        Where.
+        Its scene.
     cloud : LabelledCloud
-        A survey; only what it saw of a tree or a house counts, and where it met it exactly.
+        A survey: only returns of a tree or house count, at their true positions.
 
     Returns
     -------
     value, limit : float
-        A hazard where the value is below the limit [m].  For a sag both are negative: less the
-        excess, less what is tolerated.  Limits are those of the default settings, and 2 m for
-        falling trees.
+        A value below the limit is a hazard [m].  For sag, both are negative: minus the excess and
+        minus what is tolerated.  Limits are those of the default settings, and 2 m for falling
+        trees.
 
     """
     own = [scene.conductors[number] for number in item.conductors]
@@ -143,7 +143,7 @@ def _at(spans: float) -> Float64:
 def _sink(
     builder: SceneBuilder, line_id: int, span_id: int, share: float
 ) -> tuple[int, ...]:
-    """Let one conductor sag more than the others of its span; its number, then theirs."""
+    """Let one conductor sag more than the others of its span; return its index, then theirs."""
     own, peers = -1, []
     for number, item in enumerate(builder.conductors):
         if item.span_id == span_id and item.line_id == line_id:
@@ -159,7 +159,7 @@ def _rehang(item: Conductor, c: float) -> Conductor:
 
 
 def _cross(builder: SceneBuilder, x: float, clearance: float) -> list[Planted]:
-    """Let a low line run under the main one at a vertical distance."""
+    """Add a low line that crosses under the main one at a vertical clearance."""
     lowest = min(
         float(item.locate(np.array([x - item.start[0]]))[0, 2]) for item in builder.conductors
         if item.start[0] < x < item.end[0]
@@ -177,7 +177,7 @@ def _cross(builder: SceneBuilder, x: float, clearance: float) -> list[Planted]:
 
 
 def _run_low(builder: SceneBuilder, rng: np.random.Generator) -> list[Planted]:
-    """Run a line of its own beside, each span at another height above the ground."""
+    """Add separate spans beside the main line, at different heights above the ground."""
     result = []
     for k, x in enumerate((20.0, 250.0)):
         up = rng.uniform(4.4, 7.2)
@@ -193,7 +193,7 @@ def _run_low(builder: SceneBuilder, rng: np.random.Generator) -> list[Planted]:
 
 
 def _run_pair(builder: SceneBuilder, rng: np.random.Generator) -> list[Planted]:
-    """Run pairs of conductors beside, the upper one of which hangs down to the lower."""
+    """Add pairs of conductors, the upper one of which sags towards the lower."""
     result = []
     for k, x in enumerate((20.0, 250.0)):
         first = len(builder.conductors)
@@ -210,7 +210,7 @@ def _run_pair(builder: SceneBuilder, rng: np.random.Generator) -> list[Planted]:
 
 
 def _grow_trees(builder: SceneBuilder, rng: np.random.Generator) -> list[Planted]:
-    """Grow trees beside the first two spans, two on a side, far enough apart."""
+    """Plant trees beside the first two spans, far enough apart."""
     result = []
     for span_id, shares in ((0, (0.2, 0.5, 0.8)), (1, (0.25, 0.75))):
         for share in shares:
@@ -239,7 +239,7 @@ def _build_house(builder: SceneBuilder, rng: np.random.Generator) -> Planted:
 
 
 def _raise_trees(builder: SceneBuilder, rng: np.random.Generator) -> list[Planted]:
-    """Raise conifers that keep clear of the last span, some of them tall enough to reach it."""
+    """Add conifers clear of the last span, some tall enough to fall onto it."""
     result = []
     for k, x in enumerate((5.2, 5.5, 5.8)):
         tall = rng.uniform(9.0, 17.0)

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The Velodyne Puck Lite: when and where its beams point, and what it measures."""
+"""The Velodyne Puck Lite: directions and times of its beams, and its measurements."""
 
 from dataclasses import dataclass
 
@@ -24,10 +24,10 @@ POINT_DTYPE = np.dtype({
     'formats': ['<f4', '<f4', '<f4', '<f4', '<u2', '<f4'],
     'offsets': [0, 4, 8, 12, 16, 18], 'itemsize': 22,
 })
-"""Layout of the driver's points."""
+"""Point layout of the driver."""
 
 START_DELAY = 0.05
-"""The first scan begins this long after the odometry [s]."""
+"""Time from the start of the odometry to the first scan [s]."""
 _LASER_DELAY = 2.304e-6
 _REFLECTIVITY = {1: 30, 2: 25, 5: 45, 6: 60, 14: 18, 15: 40}
 
@@ -55,11 +55,11 @@ class Puck:
     view_width_deg: float = 360.0
     """Width of that sector [deg]."""
     dual: bool = False
-    """Two returns a beam; the second repeats the first where there is only one."""
+    """Two returns per beam; the second repeats the first if there is only one."""
     organized: bool = False
-    """Publish firings x rings with NaN where there is no return."""
+    """Publish firings x rings, NaN where there is no return."""
     stamp_first: bool = False
-    """Stamp the first packet (times >= 0) and not the last (times <= 0)."""
+    """Stamp the first packet (times >= 0), not the last (times <= 0)."""
 
     def __post_init__(self) -> None:
         """Raise ConfigError unless the settings are possible."""
@@ -72,24 +72,24 @@ class Puck:
 
     @property
     def num_firings(self) -> int:
-        """Firings of a turn, each of 16 beams."""
+        """Firings per turn, of 16 beams each."""
         return round(POINT_RATE / NUM_RINGS / self.rate)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scan:
-    """One turn of the scanner: the message's points, and the truth of its returns."""
+    """One turn of the scanner: points of the message, and truth of the returns."""
 
     stamp: float
     """Header stamp on the clock of the trajectory [s]."""
     points: NDArray[np.void]
     """(rows, columns) of POINT_DTYPE in the lidar frame; one row unless organised."""
     times: Float64
-    """(M,) when each return was measured [s]."""
+    """(M,) times of the returns [s]."""
     exact: Float64
-    """(M, 3) where each beam met something, in the world [m]."""
+    """(M, 3) true positions of the returns in the world [m]."""
     items: Int32
-    """(M,) what it met: numbers of the world's items."""
+    """(M,) items of the world that were hit."""
 
 
 def scan(
@@ -102,7 +102,7 @@ def scan(
     Parameters
     ----------
     world : World
-        From `plc_inspect.sim.surveys.raycast.build_world`.
+        Scene, from `plc_inspect.sim.surveys.raycast.build_world`.
     labels : ndarray
         ASPRS class of each item of the world.
     trajectory : Trajectory
@@ -110,15 +110,16 @@ def scan(
     puck : Puck
         The scanner.
     number : int
-        The scan begins `START_DELAY` + number / rate seconds after the trajectory.
+        The scan begins `START_DELAY` + number / rate after the trajectory [s].
     rng : numpy.random.Generator
-        Source of all chance.
+        Source of all randomness.
 
     Returns
     -------
     Scan
 
     """
+    # firings within the view, and the time of each beam
     begin = trajectory.start + START_DELAY + number / puck.rate
     firing = np.arange(puck.num_firings)
     turn = np.mod(-2 * np.pi * firing / puck.num_firings, 2 * np.pi)
@@ -126,6 +127,7 @@ def scan(
     firing = firing[off <= np.radians(puck.view_width_deg) / 2 + 1e-9]
     rings = np.tile(np.arange(NUM_RINGS), len(firing))
     delay = np.repeat(firing / (puck.num_firings * puck.rate), NUM_RINGS) + rings * _LASER_DELAY
+    # cast the beams from the pose at their time
     azimuth = -2 * np.pi * puck.rate * delay
     local = point_beams(azimuth, rings)
     position, rotation = trajectory.interpolate(begin + delay)
@@ -140,6 +142,7 @@ def scan(
     if puck.dual:
         alone = items[:, 1] == MISS
         ranges[alone, 1], items[alone, 1] = ranges[alone, 0], items[alone, 0]
+    # keep the returns that are detected, with noise and in range
     beam = np.repeat(np.arange(len(local)), num_returns)
     ranges, items = ranges.ravel(), items.ravel()
     hit = np.flatnonzero(items != MISS)
@@ -148,6 +151,7 @@ def scan(
     measured = np.round(measured / puck.quantum) * puck.quantum
     good = (measured >= puck.min_range) & (measured <= puck.max_range)
     hit, measured = hit[good], measured[good]
+    # write the message
     source = beam[hit]
     stamp = begin if puck.stamp_first else begin + float(delay[-1] if len(delay) else 0.0)
     table = np.zeros(len(beam), dtype=POINT_DTYPE)
@@ -168,7 +172,7 @@ def scan(
 
 
 def point_beams(azimuth: Float64, rings: NDArray[np.int64]) -> Float64:
-    """Return the directions (N, 3) of beams in the lidar frame, by azimuth [rad] and ring."""
+    """Return the directions (N, 3) of beams in the lidar frame, from azimuth [rad] and ring."""
     elevation = np.radians(-15.0 + 2.0 * rings)
     return np.column_stack([
         np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth),
@@ -179,7 +183,7 @@ def point_beams(azimuth: Float64, rings: NDArray[np.int64]) -> Float64:
 def _is_detected(
     ranges: Float64, items: Int32, directions: Float64, rng: np.random.Generator,
 ) -> NDArray[np.bool_]:
-    """Let returns of ground that is met at a small angle fade out with range."""
+    """Drop far returns of ground at grazing incidence, at random; return the (N,) mask to keep."""
     limit = 400.0 * np.sqrt(0.25 * np.abs(directions[:, 2]))
     chance = 1.0 / (1.0 + np.exp(np.clip((ranges - limit) / 6.0, -50.0, 50.0)))
     return (items != GROUND) | (rng.uniform(size=len(ranges)) < chance)

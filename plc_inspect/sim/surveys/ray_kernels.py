@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The kernel of the ray caster: one beam after another through the grid, compiled.
+Kernels of the ray caster: trace beams one by one through the grid of objects.
 
 ``world`` is a `plc_inspect.sim.surveys.raycast.World`; ``wire`` holds divergence, exit width, wire
 reach, wire fraction and wire range of the beam.
@@ -14,15 +14,19 @@ from numba import njit
 import numpy as np
 
 CELL = 4.0
-"""Cell of the grid that lists the objects [m]."""
+"""Edge of the cells that list the objects [m]."""
 MISS, GROUND = -1, -2
+"""Items that stand for no return, and for the ground."""
+PAST_LEAF, PAST_WIRE = 0.4, 0.01
+"""Distance behind a leaf or strut, and behind a wire, at which a beam continues [m]."""
 
 
 @njit(cache=True, nogil=True)
 def trace_beams(  # type: ignore[no-untyped-def]
     world, origins, directions, reach, wire, key, pass_share, ranges, items, first, last,
 ):
-    # The last search that met each item: an item that spans several cells is tried once.
+    """Fill in ranges and items of the beams from ``first`` to before ``last``."""
+    # the last search that tried each item: an item in several cells is tried once
     tried = np.full(world.num_items, -1, dtype=np.int64)
     search = 0
     for n in range(first, last):
@@ -36,6 +40,7 @@ def trace_beams(  # type: ignore[no-untyped-def]
             if item == MISS:
                 break
             ranges[n, k], items[n, k] = t, item
+            # solid objects end the beam, leaves and struts by chance, wires never
             num_struts = len(world.struts)
             num_solid = num_struts + len(world.triangles)
             if item == GROUND or num_struts <= item < num_solid:
@@ -43,9 +48,9 @@ def trace_beams(  # type: ignore[no-untyped-def]
             if item < num_solid + len(world.crowns):
                 if _chance(beam_key, -2 - k) > pass_share:
                     break
-                t_min = t + 0.4
+                t_min = t + PAST_LEAF
             else:
-                t_min = t + 0.01
+                t_min = t + PAST_WIRE
 
 
 @njit(cache=True, inline='always')
@@ -57,7 +62,7 @@ def _mix(x):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _chance(key, item):  # type: ignore[no-untyped-def]
-    """Return a number in (0, 1) that belongs to this beam and object."""
+    """Return a pseudo-random number in (0, 1) for a beam and an object."""
     mixed = _mix(key + np.uint64(item + 1) * np.uint64(0xD1342543DE82EF95))
     return (np.float64(mixed >> np.uint64(11)) + 0.5) / 9007199254740992.0
 
@@ -78,6 +83,7 @@ def _ground(world, x, y):  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def _trace(world, o, d, t_min, reach, wire, key, tried, search):  # type: ignore[no-untyped-def]
     """Walk the grid along one beam; return range and item of the first hit beyond t_min."""
+    # clip the beam to the grid
     ny, nx = world.shape
     t0, t1 = 0.0, reach
     for axis in range(2):
@@ -92,10 +98,11 @@ def _trace(world, o, d, t_min, reach, wire, key, tried, search):  # type: ignore
     t0 = max(t0, t_min)
     if t0 >= t1:
         return math.inf, MISS
-    # What goes on behind a leaf just above the ground is one return with the ground.
+    # a beam that continues behind a leaf just above the ground has one return with the ground
     z = o[2] + t0 * d[2]
     if t_min > 0.0 and z < _ground(world, o[0] + t0 * d[0], o[1] + t0 * d[1]):
         return math.inf, MISS
+    # begin in the cell at the near end, and walk from cell to cell
     x, y = o[0] + (t0 + 1e-9) * d[0], o[1] + (t0 + 1e-9) * d[1]
     i = min(max(int((x - world.origin[0]) / CELL), 0), nx - 1)
     j = min(max(int((y - world.origin[1]) / CELL), 0), ny - 1)
@@ -109,6 +116,7 @@ def _trace(world, o, d, t_min, reach, wire, key, tried, search):  # type: ignore
         ty = math.inf
         if abs(d[1]) > 1e-12:
             ty = (world.origin[1] + CELL * (j + (sj > 0)) - o[1]) / d[1]
+        # try the objects of the cell, then the ground, unless the beam stays above them
         leave = min(tx, ty, t1)
         cell = j * nx + i
         z = min(o[2] + enter * d[2], o[2] + leave * d[2])
@@ -125,6 +133,7 @@ def _trace(world, o, d, t_min, reach, wire, key, tried, search):  # type: ignore
             t = _land(world, o, d, enter, min(leave, best))
             if t_min < t < best:
                 best, found = t, GROUND
+        # stop at a hit in this cell, otherwise enter the next one
         if best <= leave:
             break
         if leave >= t1:
@@ -143,7 +152,7 @@ def _trace(world, o, d, t_min, reach, wire, key, tried, search):  # type: ignore
 
 @njit(cache=True)
 def _land(world, o, d, enter, leave):  # type: ignore[no-untyped-def]
-    """March from enter to leave and bisect where the beam goes under the ground."""
+    """March from enter to leave, and bisect where the beam enters the ground."""
     steps = max(1, int((leave - enter) / 0.7) + 1)
     low = enter
     for k in range(1, steps + 1):
@@ -163,7 +172,7 @@ def _land(world, o, d, enter, leave):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _meet(world, item, o, d, t_min, wire, key):  # type: ignore[no-untyped-def]
-    """Return the range at which the beam meets an item beyond t_min, inf if not."""
+    """Return the range at which a beam hits an item beyond t_min, inf if it misses."""
     if item < len(world.struts):
         row = world.struts[item]
         t, gap, _ = _approach(row, o, d)
@@ -177,6 +186,7 @@ def _meet(world, item, o, d, t_min, wire, key):  # type: ignore[no-untyped-def]
     number -= len(world.triangles)
     if number < len(world.crowns):
         return _meet_crown(world, number, o, d, t_min, key)
+    # a piece of a conductor: the chord first, then shifted onto the catenary
     row = world.pieces[number - len(world.crowns)]
     t, gap, share = _approach(row, o, d)
     if gap > 0.5 or t <= t_min:
@@ -192,6 +202,7 @@ def _meet(world, item, o, d, t_min, wire, key):  # type: ignore[no-untyped-def]
         return math.inf
     if gap > (wire[2] if wire[2] > 0.0 else 0.5 * footprint + row[6]):
         return math.inf
+    # thin and distant wires return less often
     if wire[2] == 0.0:
         seen = min(1.0, 2 * row[6] / max(wire[3] * footprint, 1e-9))
         seen *= math.exp(-((t / wire[4]) ** 2))
@@ -207,7 +218,7 @@ def _approach(row, o, d):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _approach_shifted(row, o, d, shift):  # type: ignore[no-untyped-def]
-    """Return range and gap where beam and segment come closest, and the share on its axis."""
+    """Return range and gap where beam and segment are closest, and the share along its axis."""
     ex, ey, ez = row[3] - row[0], row[4] - row[1], row[5] - row[2]
     wx, wy, wz = row[0] - o[0], row[1] - o[1], row[2] + shift - o[2]
     ee = ex * ex + ey * ey + ez * ez
@@ -224,7 +235,8 @@ def _approach_shifted(row, o, d, shift):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _meet_crown(world, number, o, d, t_min, key):  # type: ignore[no-untyped-def]
-    """Return the nearest leaf of a crown beyond t_min, inf if the beam finds none."""
+    """Return the range of the nearest leaf of a crown beyond t_min, inf if there is none."""
+    # the upright cylinder about the crown
     crown = world.crowns[number]
     best = math.inf
     bx, by = crown[0] - o[0], crown[1] - o[1]
@@ -240,6 +252,7 @@ def _meet_crown(world, number, o, d, t_min, key):  # type: ignore[no-untyped-def
     low, high = o[2] + near * d[2], o[2] + far * d[2]
     if max(low, high) < crown[3] or min(low, high) > crown[4]:
         return best
+    # free paths through its blobs are exponential
     for blob in range(int(crown[5]), int(crown[6])):
         row = world.blobs[blob]
         bx, by, bz = row[0] - o[0], row[1] - o[1], row[2] - o[2]

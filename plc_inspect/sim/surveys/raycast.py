@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Ray caster of the simulator: the beams of any scanner against everything in a scene.
+Ray caster of the simulator: beams of any scanner against all objects of a scene.
 
-Objects are listed in the cells of a horizontal grid; a beam walks the cells in order.  Whether a
-beam passes a porous crown or misses a thin wire is decided by a hash of beam and object, so the
-result does not depend on the order or on the number of threads.
+Objects are listed in the cells of a grid in plan, and a beam visits its cells in order.  A hash of
+beam and object decides whether the beam passes a porous crown or misses a thin wire, so the result
+does not depend on order or number of threads.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -31,22 +31,22 @@ _THREADS = 2
 
 
 class World(NamedTuple):
-    """Arrays of a scene, made for the kernel; items are struts, triangles, crowns, wire pieces."""
+    """Arrays of a scene for the kernels; items are struts, triangles, crowns and wire pieces."""
 
     first: Int64
-    """(cells + 1,) start of the items of each cell."""
+    """(cells + 1,) first item of each cell in ``items``."""
     items: Int32
     top: Float64
-    """(cells,) highest object in each cell [m], -inf without."""
+    """(cells,) top of the objects in each cell [m], -inf without objects."""
     ground_top: Float64
-    """(cells,) highest ground in each cell [m]."""
+    """(cells,) top of the ground in each cell [m]."""
     shape: tuple[int, int]
     origin: tuple[float, float]
     struts: Float64
     triangles: Float64
     blobs: Float64
     crowns: Float64
-    """(C, 7) upright cylinder about each crown: centre, radius, bottom, top; its blobs."""
+    """(C, 7) upright cylinder about each crown: centre, radius, bottom, top; range of blobs."""
     pieces: Float64
     """(P, 8) both ends, radius and conductor number."""
     curves: Float64
@@ -59,22 +59,22 @@ class World(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Beam:
-    """What matters of a scanner's beam for what it hits."""
+    """Properties of a scanner's beam that decide what it hits."""
 
     divergence: float = 0.003
     """Full angle [rad]."""
     exit_width: float = 0.01
     """Width of the beam at the scanner [m]."""
     wire_reach: float = 0.0
-    """A beam axis this near to a wire meets it [m]; 0: by the footprint of the beam."""
+    """Greatest distance of a wire that is hit from the axis [m]; 0: by the footprint."""
     wire_fraction: float = 0.3
-    """A wire that fills this share of the footprint always returns, a thinner one less often."""
+    """Share of the footprint from which a wire always returns; thinner ones return less often."""
     wire_range: float = 60.0
     """Range at which the returns of a wire have fallen to 1/e [m]."""
     max_returns: int = 1
-    """A beam goes on behind wires, and with ``pass_share`` behind leaves and struts, so often."""
+    """Greatest number of returns of one beam."""
     pass_share: float = 0.0
-    """Share of the beams that go on behind a leaf or strut that they hit."""
+    """Share of beams that continue behind a leaf or strut."""
 
 
 def build_world(scene: Scene) -> World:
@@ -170,27 +170,27 @@ def cast(
     world: World, origins: Float64, directions: Float64, reach: Float64, beam: Beam, key: int,
 ) -> tuple[Float64, Int32]:
     """
-    Cast beams and return what they meet.
+    Cast beams, and return what they hit.
 
     Parameters
     ----------
     world : World
-        From `build_world`.
+        Scene, from `build_world`.
     origins, directions : ndarray
         (N, 3) float64 starts [m] and unit vectors.
     reach : ndarray
         (N,) float64 greatest range of each beam [m].
     beam : Beam
-        Shape of the beams, and how often each returns.
+        Shape of the beams and number of returns.
     key : int
-        Seed of the hash that stands for all chance.
+        Seed of the hash that replaces randomness.
 
     Returns
     -------
     ranges : ndarray
         (N, max_returns) float64 [m], inf where there is no return.
     items : ndarray
-        (N, max_returns) int32: the object's number in the world, `kernel.GROUND` or `kernel.MISS`.
+        (N, max_returns) int32 items of the world, `ray_kernels.GROUND` or `ray_kernels.MISS`.
 
     """
     wire = np.array([beam.divergence, beam.exit_width, beam.wire_reach, beam.wire_fraction,
@@ -213,7 +213,7 @@ def cast(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Labels:
-    """Truth of the items of a world, indexed by the item's number."""
+    """Truth of the items of a world, indexed by item."""
 
     label: UInt8
     line_id: Int32
@@ -223,7 +223,7 @@ class Labels:
 
 
 def label_items(scene: Scene, world: World) -> Labels:
-    """Return the truth of each item; the last entry (index -1, -2) stands for miss and ground."""
+    """Return the truth of each item; the last two entries, -1 and -2, are miss and ground."""
     num_other = len(scene.struts) + len(scene.triangles) + len(world.crowns)
     number = world.pieces[:, 7].astype(np.int32)
     label = np.concatenate([

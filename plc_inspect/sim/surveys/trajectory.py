@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""How the vehicle flies, and how its odometry errs."""
+"""True trajectories of the vehicle, and odometry with errors."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ from plc_inspect.sim.scenes.scene import Scene
 Float64 = NDArray[np.float64]
 
 RATE = 200.0
-"""Nodes of a trajectory per second; it is linear in between [Hz]."""
+"""Rate of the nodes of a trajectory, linear between them [Hz]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,9 +28,9 @@ class FlightPlan:
     lateral: float = 0.0
     """Offset to the left of the route [m]."""
     height: float = 6.0
-    """Height above the highest phase, or above the ground where there is no line [m]."""
+    """Height above the highest phase, or above the ground without a line [m]."""
     margin: float = 8.0
-    """The flight begins and ends this far beyond the route's end supports [m]."""
+    """Distance by which the flight exceeds the end supports [m]."""
     sway_deg: float = 2.0
     """Standard deviation of roll and pitch [deg]."""
     duration: float = 0.0
@@ -38,19 +38,19 @@ class FlightPlan:
     shuttle: bool = False
     """Fly back and forth until the duration is over."""
     waypoints: tuple[tuple[float, float, float], ...] = ()
-    """Places to fly by in the frame of the scene, in place of the route [m]."""
+    """Waypoints in the frame of the scene, in place of the route [m]."""
     turning: float = 0.0
     """Standard deviation of the time over which the speed is smoothed at the ends [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Trajectory:
-    """Poses at a steady rate, linear in between."""
+    """Poses at a fixed rate, linear between nodes."""
 
     start: float
     """Time of the first node [s]."""
     position: Float64
-    """(N, 3) of the base [m]."""
+    """(N, 3) positions of the base [m]."""
     rpy: Float64
     """(N, 3) roll, pitch and unwrapped yaw [rad]."""
 
@@ -97,7 +97,7 @@ def fly(scene: Scene, plan: FlightPlan, rng: np.random.Generator) -> Trajectory:
     """
     Return the true trajectory of a flight along the route of a scene.
 
-    The vehicle follows the smoothed route at the height of the line, heads along it, and sways.
+    The vehicle follows the smoothed route at a height above the line, heads along it, and sways.
 
     Raises
     ------
@@ -136,7 +136,7 @@ def fly(scene: Scene, plan: FlightPlan, rng: np.random.Generator) -> Trajectory:
 
 
 def _join_waypoints(waypoints: tuple[tuple[float, float, float], ...]) -> Float64:
-    """Return the straight ways between waypoints (K, 3) [m], a node a metre."""
+    """Return the straight path through waypoints, a node (K, 3) every metre [m]."""
     places = np.array(waypoints, dtype=np.float64)
     step = np.linalg.norm(np.diff(places, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(step)])
@@ -145,7 +145,7 @@ def _join_waypoints(waypoints: tuple[tuple[float, float, float], ...]) -> Float6
 
 
 def _find_headings(path: Float64) -> Float64:
-    """Return the directions (K,) in plan of a path [rad]; straight up, the one before holds."""
+    """Return the directions (K,) in plan of a path, kept where it is vertical [rad]."""
     x, y = np.gradient(path[:, 0]), np.gradient(path[:, 1])
     moves = np.hypot(x, y) > 1e-6
     if not moves.any():
@@ -155,7 +155,7 @@ def _find_headings(path: Float64) -> Float64:
 
 
 def _lay_path(scene: Scene, plan: FlightPlan) -> Float64:
-    """Return the path (K, 3) [m], a node a metre."""
+    """Return the path along the line, a node (K, 3) every metre [m]."""
     route = _list_supports(scene)
     edges = np.diff(route, axis=0)
     lengths = np.hypot(*edges.T)
@@ -178,7 +178,7 @@ def _lay_path(scene: Scene, plan: FlightPlan) -> Float64:
 
 
 def _list_supports(scene: Scene) -> Float64:
-    """Return the route (K, 2) that the supports of the first line make, or the scene's."""
+    """Return the route (K, 2) of the supports of the first line, or that of the scene [m]."""
     first = [item for item in scene.conductors if item.line_id == 0]
     if not first:
         return scene.route
@@ -187,7 +187,7 @@ def _list_supports(scene: Scene) -> Float64:
 
 
 def _find_heights(scene: Scene, xy: Float64) -> Float64:
-    """Return the heights (N,) of the highest phase at xy (N, 2), or of the ground."""
+    """Return the heights (N,) of the highest phase at xy (N, 2), or of the ground [m]."""
     if not scene.conductors:
         return scene.terrain.heights(xy)
     phases = [item for item in scene.conductors if item.line_id == 0]
@@ -197,48 +197,48 @@ def _find_heights(scene: Scene, xy: Float64) -> Float64:
 
 
 def _wander(rng: np.random.Generator, num: int, smoothness: float) -> Float64:
-    """Return a smooth random signal (num,) of unit standard deviation; smoothness in seconds."""
+    """Return a smooth random signal (num,) of unit standard deviation; smoothness [s]."""
     signal = gaussian_filter1d(rng.normal(size=num + 2000), smoothness * RATE / 2)
     return signal[1000:num + 1000] / max(float(signal.std()), 1e-9)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OdometryErrors:
-    """How the odometry errs."""
+    """Errors of the odometry."""
 
     drift: float = 0.002
-    """Standard deviation of the horizontal slip per distance flown, along each axis."""
+    """Standard deviation of the horizontal slip per distance, along each axis."""
     vertical_share: float = 0.1
-    """The vertical drift as a share of the horizontal one."""
+    """Vertical drift as a share of the horizontal drift."""
     correlation: float = 100.0
-    """Distance over which the slip keeps its direction [m]."""
+    """Correlation length of the slip [m]."""
     attitude_deg: float = 0.05
     """Standard deviation of roll, pitch and yaw [deg]."""
     jitter: float = 0.005
-    """Standard deviation of the position, smooth over a tenth of a second [m]."""
+    """Standard deviation of the position noise, smooth over a tenth of a second [m]."""
 
 
 def drift(truth: Trajectory, errors: OdometryErrors, rng: np.random.Generator) -> Trajectory:
     """
-    Return what the odometry tells of a true trajectory.
+    Return the odometry of a true trajectory.
 
     The slip per distance is an Ornstein-Uhlenbeck process along the path, so the position error
-    is a smooth random walk.  The odometry's frame has its origin where the flight began and the
-    axes of the world.
+    is a smooth random walk.  The frame of the odometry has its origin where the flight began, and
+    the axes of the world.
 
     Parameters
     ----------
     truth : Trajectory
-        In the world frame.
+        Trajectory in the world frame.
     errors : OdometryErrors
-        How large.
+        Size of the errors.
     rng : numpy.random.Generator
-        Source of all chance.
+        Source of all randomness.
 
     Returns
     -------
     Trajectory
-        In the odometry frame, at the same times.
+        Trajectory in the odometry frame, at the same times.
 
     """
     num = len(truth.position)

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Truth of a simulated survey: what was there, what the beams saw of it, and the hazards."""
+"""Truth of a simulated survey: the objects, how they were seen, and the hazards."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,23 +22,23 @@ Int64 = NDArray[np.int64]
 UInt8 = NDArray[np.uint8]
 
 AMBIGUOUS = 0.3
-"""Objects up to this far beyond a limit are listed, but not required to be found [m]."""
+"""Distance beyond a limit up to which objects are listed, but need not be found [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sightings:
-    """What a survey saw, reduced to what the truth needs."""
+    """Returns of a survey, reduced to what the truth needs."""
 
     wire_x: tuple[Float64, ...]
-    """For each conductor of the scene, where along it there were returns [m]."""
+    """x of the returns of each conductor of the scene [m]."""
     num_points: Int64
-    """Returns of each conductor."""
+    """Number of returns of each conductor."""
     near: Float64
-    """(M, 3) where beams met vegetation and structures near a conductor [m]."""
+    """(M, 3) true positions of returns of vegetation and structures near conductors [m]."""
     near_label: UInt8
     """(M,) ASPRS classes."""
     post_points: Int64
-    """Returns of each support of the scene."""
+    """Number of returns of each support of the scene."""
 
 
 def collect_sightings(
@@ -52,7 +52,7 @@ def collect_sightings(
     scene : Scene
         What is surveyed.
     exact : ndarray
-        (N, 3) where the beams met the objects, without noise [m].
+        (N, 3) true positions of the returns [m].
     label : ndarray
         (N,) ASPRS classes.
     conductor : ndarray
@@ -96,13 +96,13 @@ def _is_near(scene: Scene, points: Float64, limit: float = 12.0) -> NDArray[np.b
 
 
 def measure_along(points: Float64, item: Conductor) -> Float64:
-    """Return the horizontal distances (N,) [m] of points (N, 3) from the start of a conductor."""
+    """Return the distances (N,) along a conductor of points (N, 3), in plan from its start [m]."""
     along = (item.end - item.start)[:2] / item.length
     return np.asarray((points[:, :2] - item.start[:2]) @ along)
 
 
 def measure_seen(x: Float64, length: float, bin_size: float) -> tuple[float, float, float]:
-    """Return the share of bins with returns, and the first and last place seen [m]."""
+    """Return the share of bins with returns, and the first and last x seen [m]."""
     num = max(1, round(length / bin_size))
     inside = x[(x >= 0.0) & (x <= length)]
     if not len(inside):
@@ -129,9 +129,9 @@ def make_truth(
     frame_id : str
         Frame of all coordinates.
     bin_size : float
-        Bins of the share of a span that was seen [m].
+        Size of the bins by which the share of a span seen is counted [m].
     noise : float
-        Standard deviation of the survey [m]; decides which hazards are too close to call.
+        Standard deviation of the survey, which decides which hazards are too close to call [m].
     origin : sequence of float
         Added to all coordinates [m].
 
@@ -176,14 +176,14 @@ def make_truth(
 def _find_nearest(
     points: Float64, item: Conductor, seen: tuple[float, float],
 ) -> float | None:
-    """Return the distance from the stretch that was seen to the nearest point."""
+    """Return the distance of the nearest point from the stretch seen [m], None if too short."""
     if not len(points) or seen[1] - seen[0] < 1.0:
         return None
     return float(measure_distances(points, item, stretch=seen).min())
 
 
 def describe_conductor(item: Conductor, shift: Float64) -> dict[str, Any]:
-    """Return the shape of a conductor with the keys of ``spans.json``, moved by shift (3,) [m]."""
+    """Return a conductor with the keys of ``spans.json``, shifted by ``shift`` (3,) [m]."""
     return {
         'line_id': item.line_id, 'span_id': item.span_id, 'bundle_id': item.bundle_id,
         'start': (item.start + shift).tolist(), 'end': (item.end + shift).tolist(),
@@ -208,7 +208,7 @@ def _list_lines(scene: Scene) -> list[dict[str, Any]]:
 def _list_near_hazards(
     scene: Scene, sightings: Sightings, noise: float, shift: Float64,
 ) -> list[dict[str, Any]]:
-    """List the places where vegetation or structures come near, grouped as one sees them."""
+    """List the vegetation and structures near conductors, grouped into hazards."""
     rules = HazardSettings()
     limit = rules.warning_distance
     if not scene.conductors:
@@ -254,7 +254,7 @@ def _list_near_hazards(
 
 
 def _group(points: Float64, distance: float) -> list[Int64]:
-    """Return the index arrays of groups whose points lie within ``distance`` [m] of another."""
+    """Return the indices of each group of points connected within ``distance`` [m]."""
     if not len(points):
         return []
     cells, inverse = np.unique((points // 0.25).astype(np.int64), axis=0, return_inverse=True)
@@ -266,7 +266,7 @@ def _group(points: Float64, distance: float) -> list[Int64]:
 
 
 def _list_ground_hazards(scene: Scene, noise: float, shift: Float64) -> list[dict[str, Any]]:
-    """List the spans that hang too low above the ground, one place a span."""
+    """List the spans that hang too low above the ground, one hazard per span."""
     limit = HazardSettings().ground_distance
     lowest: dict[int, dict[str, Any]] = {}
     for item in scene.conductors:
