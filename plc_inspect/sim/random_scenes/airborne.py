@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The airborne scanner of the random scenes: strips of zigzag scan lines."""
+"""Airborne scanner of the random scenes: strips of zigzag scan lines."""
 
 from collections.abc import Iterator
 import math
@@ -16,20 +16,20 @@ Float64 = NDArray[np.float64]
 
 _BATCH = 400_000
 _ABOVE = 20.0
-"""The scanner is at least this far above everything; beams end this far below ground [m]."""
+"""Least height of the scanner above all objects, and reach of beams below ground [m]."""
 _WIDEST = 0.45
-"""Tangent of the greatest angle from the vertical, 24 degrees."""
+"""Tangent of the greatest angle from the vertical: 24 degrees."""
 
 
 def fly_strips(
     scanner: Scanner, pattern: Zigzag, rng: np.random.Generator,
 ) -> Iterator[Beams]:
     """
-    Yield the pulses of a survey, for each edge of the route strip by strip.
+    Yield the pulses of a survey, strip by strip for each edge of the route.
 
-    The flight follows the line from edge to edge.  The scan lines of a strip zigzag over all of
-    its width, so they lie at the mean spacing in its middle and in pairs at its edges.  Strips
-    look from different sides, and each is displaced as a whole by its misalignment.
+    The flight follows the line from edge to edge.  The scan lines of a strip zigzag over its whole
+    width, so they are evenly spaced in the middle and in pairs at the edges.  Strips look from
+    different sides, and each is displaced as a whole by its misalignment.
     """
     offsets = rng.normal(0.0, pattern.misalignment, (pattern.num_strips, 3))
     turns = pattern.heading + rng.normal(0.0, 0.03, pattern.num_strips)
@@ -48,7 +48,7 @@ def _sweep(
     heading = math.atan2(*(end - start)[::-1]) + turn
     frame = np.array([[math.cos(heading), math.sin(heading)],
                       [-math.sin(heading), math.cos(heading)]])
-    # At a bend the corridor goes on beyond the end of an edge, by less than its half width.
+    # at a bend the corridor extends beyond the end of an edge, by less than its half width
     local = np.vstack([np.zeros(2), frame @ (end - start)])
     low = local.min(axis=0) - 1.2 * scene.half_width
     high = local.max(axis=0) + 1.2 * scene.half_width
@@ -66,7 +66,7 @@ def _sweep(
         if not len(xy):
             continue
         ground = np.column_stack([xy, scene.terrain.heights(xy)])
-        # The scanner is over the track, level with the pulse, or nearer where that is far.
+        # the scanner is above the track, beside the pulse, but no farther aside than _WIDEST
         high_up = max(pattern.altitude, scanner.ceiling + _ABOVE - float(ground[:, 2].mean()))
         aside = np.clip(plan[:, 1] - track, -_WIDEST * high_up, _WIDEST * high_up)
         down = np.column_stack([np.zeros(len(plan)), aside]) @ frame

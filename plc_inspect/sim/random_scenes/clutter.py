@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What stands about in the random scenes, much of which looks like wires."""
+"""Clutter of the random scenes: structures and vegetation, much of which looks like wires."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,29 +21,29 @@ Float64 = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Spot:
-    """A place for one thing."""
+    """Position and direction of one object."""
 
     xy: Float64
-    """(2,) its middle [m]."""
+    """(2,) its centre [m]."""
     azimuth: float
-    """Direction of the corridor there [rad]."""
+    """Its direction [rad]."""
 
     def path(self, length: float) -> Float64:
-        """Return both ends (2, 2) of a straight stretch about the middle, along the corridor."""
+        """Return both ends (2, 2) of a straight line about the centre, along the direction [m]."""
         u = np.array([math.cos(self.azimuth), math.sin(self.azimuth)])
         return np.array([self.xy - 0.5 * length * u, self.xy + 0.5 * length * u])
 
 
 FOOT = 4.0
-"""Nothing stands nearer to the foot of a support in plan [m]."""
+"""Least distance in plan of objects from the foot of a support [m]."""
 ROAD = 2.5
-"""Half width of a road, on which nothing stands [m]."""
+"""Half width of the road, which is kept free [m]."""
 TREE_ROAD = 5.0
-"""Trees stand this far from the middle of a road, so that cars pass below their crowns [m]."""
+"""Least distance of trees from the middle of the road, so that cars pass below them [m]."""
 KEEP = 1.5
-"""Trees stand this far from the box of a face of a building or wall in plan [m]."""
+"""Least distance in plan of trees from the faces of buildings and walls [m]."""
 STEP = 1.0
-"""Distance of the samples of solid things [m]."""
+"""Spacing of the samples of solid objects [m]."""
 Maker = Callable[[SceneBuilder, Spot], None]
 
 
@@ -52,7 +52,7 @@ def fill(
     road: Float64 | None,
 ) -> None:
     """
-    Fill a corridor with things and vegetation.
+    Fill a corridor with structures and vegetation.
 
     Parameters
     ----------
@@ -61,11 +61,11 @@ def fill(
     route : ndarray
         (K, 2) middle of the corridor [m].
     half_width : float
-        Half of its width [m].
+        Half of the width of the corridor [m].
     clear : float
-        Distance that everything keeps from conductors [m].
+        Least distance of all objects from conductors [m].
     road : ndarray or None
-        (L, 2) the middle of a road that is kept free [m].
+        (L, 2) middle of a road that is kept free [m].
 
     """
     rng = builder.rng
@@ -84,10 +84,10 @@ def fill(
 
 
 class Site:
-    """Where things are put: off the conductors, the supports and each other."""
+    """Places objects clear of conductors, supports, the road and each other."""
 
     def __init__(self, builder: SceneBuilder, clear: float, road: Float64 | None) -> None:
-        """Begin with the lines and houses that are there."""
+        """Begin with the existing lines and houses."""
         self.builder, self.clear = builder, clear
         self._boxes: list[Float64] = [
             np.array([corners.min(axis=0), corners.max(axis=0)])
@@ -98,7 +98,7 @@ class Site:
         self._wires = cKDTree(np.vstack(curves)) if curves else None
 
     def put(self, make: Maker, spot: Spot) -> None:
-        """Add a thing unless it would come too near to a conductor or stand in another thing."""
+        """Add an object unless it comes too near to a conductor or overlaps another object."""
         builder = self.builder
         aside = SceneBuilder(
             name=builder.name, seed=builder.seed, terrain=builder.terrain, rng=builder.rng,
@@ -110,7 +110,7 @@ class Site:
             if any((box[0] < other[1]).all() and (box[1] > other[0]).all()
                    for other in self._boxes):
                 return
-            # Half of the distance of samples on either side.
+            # half the spacing of samples on either side
             if not self._is_clear(np.pad(shape, ((0, 0), (0, 1)), constant_values=0.5 * STEP)):
                 return
             if self.find_road_gaps(shape[:, :2]).min() < ROAD:
@@ -129,13 +129,13 @@ class Site:
         ]
 
     def find_road_gaps(self, xy: Float64) -> Float64:
-        """Return the distances (N,) [m] of places xy (N, 2) from the road, inf without one."""
+        """Return the distances (N,) of positions xy (N, 2) from the road, inf without one [m]."""
         if self._road is None or not len(xy):
             return np.full(len(xy), np.inf)
         return np.asarray(self._road.query(xy)[0])
 
     def _is_clear(self, balls: Float64) -> bool:
-        """Return whether balls (N, 4 or more), centre and radius, keep off all conductors."""
+        """Tell whether balls (N, 4+), centre and radius, are clear of all conductors."""
         if self._wires is None:
             return True
         reach = self.clear + float(balls[:, 3].max())
@@ -144,7 +144,7 @@ class Site:
 
 
 def sample_solids(builder: SceneBuilder) -> Float64:
-    """Return points (N, 3) on the struts and triangles of a builder, at most STEP apart."""
+    """Return points (N, 3) on the struts and triangles of a builder, at most STEP apart [m]."""
     parts = [np.zeros((0, 3))]
     for row in builder.struts:
         ends = np.array(row[:6]).reshape(2, 3)
@@ -164,7 +164,7 @@ def sample_solids(builder: SceneBuilder) -> Float64:
 def _scatter(
     rng: np.random.Generator, route: Float64, half_width: float, density: float,
 ) -> list[tuple[Float64, float]]:
-    """Return places (2,) strewn over a corridor, with its direction there [rad]."""
+    """Return random positions (2,) in a corridor, with its direction there [rad]."""
     edges = np.diff(route, axis=0)
     lengths = np.hypot(*edges.T)
     num = rng.poisson(2 * half_width * lengths.sum() * density)
@@ -255,4 +255,4 @@ THINGS: dict[str, Maker] = {
     'suspension bridge': lambda builder, spot: engineering.add_suspension_bridge(
         builder, spot.xy, spot.azimuth),
 }
-"""What may stand in a random scene, by name."""
+"""Makers of objects of random scenes, by name."""

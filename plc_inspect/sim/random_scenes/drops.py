@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Service drops: houses beside a low-voltage line, and a conductor from a pole to each."""
+"""Service drops: houses beside a low-voltage line, and a conductor from a pole to each of them."""
 
 import math
 
@@ -19,17 +19,17 @@ Float64 = NDArray[np.float64]
 UP = np.array([0.0, 0.0, 1.0])
 
 POLES = 0.5
-"""Share of the poles from which a drop goes."""
+"""Share of poles with a drop."""
 BELOW = 0.4
-"""A drop leaves its pole this far below the lowest conductor [m]."""
+"""Distance of a drop below the lowest conductor at its pole [m]."""
 CLEARANCE = 2.7
 """Least height of a drop above the ground [m]."""
 KEEP = 1.0
-"""Houses keep this distance from the conductors, supports and houses that are there [m]."""
+"""Least distance of houses from conductors, supports and other houses [m]."""
 
 
 def add_drops(builder: SceneBuilder, line: Line, half_width: float) -> None:
-    """Add houses within the corridor and drops to them from some poles of a line."""
+    """Add houses within the corridor, and drops to them from some poles of a line."""
     rng = builder.rng
     stood = [(post.position[:2], 0.0) for post in builder.posts]
     wires = cKDTree(np.vstack([item.sample(0.25) for item in builder.conductors]))

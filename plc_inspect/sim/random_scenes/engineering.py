@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Cranes, masts, gantries, pipes and bridges: long, thin and straight, and no power lines."""
+"""Cranes, masts, gantries, pipes and bridges: long, thin and straight, but no power lines."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -18,7 +18,7 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 def _face(azimuth: float) -> tuple[Float64, Float64]:
-    """Return unit vectors (3,) along and to the left of a direction."""
+    """Return unit vectors (3,) along a direction and to its left."""
     u = np.array([math.cos(azimuth), math.sin(azimuth), 0.0])
     return u, np.array([-u[1], u[0], 0.0])
 
@@ -52,7 +52,7 @@ def add_tower_crane(builder: SceneBuilder, xy: Float64) -> None:
 
 
 def add_guyed_mast(builder: SceneBuilder, xy: Float64) -> None:
-    """Add a lattice mast that two or three levels of straight stays hold on three sides."""
+    """Add a lattice mast with straight stays on three sides, at two or three levels."""
     rng = builder.rng
     u, v = _face(rng.uniform(-math.pi, math.pi))
     foot, high = _stand(builder, xy), rng.uniform(15.0, 60.0)
@@ -91,7 +91,7 @@ def add_gantry(builder: SceneBuilder, xy: Float64, azimuth: float) -> None:
 
 
 def add_pipe_rack(builder: SceneBuilder, xy: Float64, azimuth: float) -> None:
-    """Add pipes side by side and in one or two tiers on frames."""
+    """Add pipes side by side on frames, in one or two tiers."""
     rng = builder.rng
     u, v = _face(azimuth)
     length, width = rng.uniform(20.0, 70.0), rng.uniform(2.0, 5.0)
@@ -113,7 +113,7 @@ def add_pipe_rack(builder: SceneBuilder, xy: Float64, azimuth: float) -> None:
 
 
 def _add_deck(builder: SceneBuilder, base: Float64, azimuth: float, half: float) -> None:
-    """Add the deck of a bridge 4 m to both sides of its axis, and its rails."""
+    """Add the deck of a bridge, 4 m to both sides of its axis, with rails."""
     u, v = _face(azimuth)
     ring = np.array([base + a * half * u + b * 4.0 * v
                      for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))])
@@ -126,7 +126,7 @@ def _add_deck(builder: SceneBuilder, base: Float64, azimuth: float, half: float)
 
 
 def add_stayed_bridge(builder: SceneBuilder, xy: Float64, azimuth: float) -> None:
-    """Add a bridge whose deck hangs on straight stays from one pylon."""
+    """Add a bridge whose deck hangs from one pylon on straight stays."""
     rng = builder.rng
     u, v = _face(azimuth)
     half, high = rng.uniform(30.0, 60.0), rng.uniform(5.0, 9.0)
@@ -143,7 +143,7 @@ def add_stayed_bridge(builder: SceneBuilder, xy: Float64, azimuth: float) -> Non
 
 
 def add_suspension_bridge(builder: SceneBuilder, xy: Float64, azimuth: float) -> None:
-    """Add a bridge on two parabolic cables with hangers, as for walkers and pipes."""
+    """Add a bridge on two parabolic cables with hangers, as for pedestrians and pipes."""
     rng = builder.rng
     u, v = _face(azimuth)
     half, high = rng.uniform(20.0, 60.0), rng.uniform(4.0, 8.0)

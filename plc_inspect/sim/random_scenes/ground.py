@@ -15,19 +15,19 @@ from plc_inspect.sim.scenes.terrain import make_terrain, Terrain
 Float64 = NDArray[np.float64]
 
 _COARSE = 20.0
-"""Spacing at which the smooth surface is worked out, cubic in between [m]."""
+"""Spacing at which the smooth surface is computed, cubic in between [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Relief:
-    """How uneven the ground is."""
+    """Unevenness of the ground."""
 
     grade: float
     """Standard deviation of the slope from support to support."""
     deviation: float
-    """Greatest height of a foot above or below the chord of its neighbours, long spans [m]."""
+    """Greatest deviation of a foot from the chord of its neighbours, for long spans [m]."""
     waves: float
-    """Height between valleys and hills that know nothing of the line [m]."""
+    """Height of hills that are independent of the line [m]."""
 
 
 RELIEFS = (
@@ -43,7 +43,7 @@ def draw_feet(rng: np.random.Generator, route: Float64, relief: Relief) -> Float
     spans = np.hypot(*np.diff(route, axis=0).T)
     base = np.concatenate([[0.0], np.cumsum(spans * rng.normal(0.0, relief.grade, len(spans)))])
     around = np.minimum(np.append(spans, spans[-1]), np.insert(spans, 0, spans[0]))
-    # A foot 20 m off its chord stands between spans of 200 m; shorter spans bend less.
+    # the full deviation needs spans of 200 m; shorter spans bend less
     return base + relief.deviation * np.minimum(around / 200.0, 1.0) * rng.uniform(
         -1.0, 1.0, len(route),
     )
@@ -58,15 +58,15 @@ def lay_ground(
     Parameters
     ----------
     rng : numpy.random.Generator
-        Source of all chance.
+        Source of all randomness.
     route : ndarray
         (K, 2) feet in plan [m].
     feet : ndarray
-        (K,) their heights [m].
+        (K,) heights of the feet [m].
     relief : Relief
         How uneven the ground is.
     margin : float
-        The ground reaches this far beyond the route [m].
+        Extent of the ground beyond the route [m].
 
     Returns
     -------
@@ -81,7 +81,7 @@ def lay_ground(
     ny, nx = terrain.grid.shape
     x = terrain.x0 + terrain.cell * np.arange(nx)
     y = terrain.y0 + terrain.cell * np.arange(ny)
-    # Beside the line the ground is held as well, or a straight route leaves its slope open.
+    # fix the ground beside the line as well, or a straight route leaves its slope open
     slope = rng.normal(0.0, relief.grade)
     nodes, heights = [route], [feet - terrain.heights(route)]
     for side in (-margin, margin):

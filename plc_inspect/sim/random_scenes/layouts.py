@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-How a random line is built: voltage, arrangement of its conductors, supports and tension.
+Construction of the random lines: voltage, arrangement of conductors, supports and tension.
 
 Dimensions are those of overhead lines in service: low voltage 0.3 to 0.5 m between wires on poles
 of 7 to 9 m, medium voltage about 1 m on 9 to 13 m, high voltage 4 to 9 m on towers.
@@ -31,7 +31,7 @@ class Layout:
     radius: float
     """Radius of a phase conductor [m]."""
     constant: float
-    """Catenary constant of the phases [m], the same in all spans as tension evens out."""
+    """Catenary constant of the phases, the same in all spans, as tension equalises [m]."""
     spans: tuple[float, float]
     """Shortest and longest span [m]."""
     clearance: float
@@ -39,15 +39,15 @@ class Layout:
     earth_wires: Places = ()
     earth_radius: float = 0.006
     earth_share: float = 1.15
-    """Catenary constant of the earth wires as a share of that of the phases: they sag less."""
+    """Catenary constant of earth wires, relative to that of phases: they sag less."""
     bundle: int = 1
-    """Conductors of a phase."""
+    """Number of sub-conductors of a phase."""
     spacing: float = 0.4
-    """Distance between the conductors of a phase [m]."""
+    """Distance between the sub-conductors of a phase [m]."""
 
     @property
     def reach(self) -> float:
-        """Farthest offset of a conductor from the axis of the line [m]."""
+        """Greatest offset of a conductor from the axis of the line [m]."""
         return max(abs(y) for y, _ in (*self.phases, *self.earth_wires))
 
     @property
@@ -91,7 +91,7 @@ def list_strings(layout: Layout) -> list[String]:
 
 
 def place_bundle(num: int, spacing: float) -> Places:
-    """Return where the conductors of a phase hang about its middle: offset and height [m]."""
+    """Return the positions of sub-conductors about their phase: offset and height [m]."""
     half = 0.5 * spacing
     if num == 1:
         return ((0.0, 0.0),)
@@ -103,7 +103,7 @@ def place_bundle(num: int, spacing: float) -> Places:
 
 
 def draw_layout(rng: np.random.Generator, levels: tuple[str, ...]) -> Layout:
-    """Return a layout of one of the voltages 'low', 'medium' and 'high'."""
+    """Return a random layout of one of some voltages: 'low', 'medium' and 'high'."""
     draw = {'low': _draw_low, 'medium': _draw_medium, 'high': _draw_high}
     return draw[levels[int(rng.integers(len(levels)))]](rng)
 
@@ -181,5 +181,5 @@ def _draw_high(rng: np.random.Generator) -> Layout:
 
 
 def _spread(num: int, gap: float, height: float) -> Places:
-    """Return places side by side, the middle of them over the axis."""
+    """Return positions side by side, centred over the axis [m]."""
     return tuple((gap * (i - 0.5 * (num - 1)), height) for i in range(num))

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Random lines: their routes, supports, and conductors from attachment to attachment."""
+"""Random lines: routes, supports and conductors."""
 
 from dataclasses import dataclass
 import math
@@ -21,18 +21,18 @@ Float64 = NDArray[np.float64]
 
 LARGEST_TURN_DEG = 60.0
 TURNS = 0.35
-"""Share of the supports at which the line turns."""
+"""Share of supports at which a line turns."""
 APART = 2.5
-"""Conductors of two lines keep this distance [m]; less flashes over."""
+"""Least distance between conductors of two lines, so that they do not flash over [m]."""
 MOST_SPANS = 8
-"""Spans of a line; more make a scene slower and nothing else."""
+"""Greatest number of spans of a line; more only make scenes slower."""
 TALLEST = 25.0
-"""No support is extended by more than this [m]; where it would have to be, no line is built."""
+"""Greatest extension of a support; lines that need more are not built [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Line:
-    """A line that is planned but not built."""
+    """A line that is planned but not yet built."""
 
     layout: Layout
     stands: tuple[Stand, ...]
@@ -44,12 +44,12 @@ class Line:
         return np.array([stand.foot[:2] for stand in self.stands])
 
     def sample(self) -> Float64:
-        """Return points (N, 3) of all conductors, half a metre apart."""
+        """Return points (N, 3) of all conductors, at most half a metre apart [m]."""
         return np.vstack([item.sample(0.5) for item in self.conductors])
 
 
 def draw_route(rng: np.random.Generator, layout: Layout, length: float) -> Float64:
-    """Return a route (K, 2) of at most `MOST_SPANS` spans and about this length [m]."""
+    """Return a random route (K, 2) of about this length and at most `MOST_SPANS` spans [m]."""
     low, high = layout.spans
     typical = rng.uniform(low, high)
     spans: list[float] = []
@@ -73,7 +73,7 @@ def plan_line(
     raised: float = 0.0,
 ) -> Line | None:
     """
-    Plan a line whose conductors keep the clearance of its layout above the ground.
+    Plan a line whose conductors keep the ground clearance of its layout.
 
     Parameters
     ----------
@@ -86,12 +86,12 @@ def plan_line(
     route : ndarray
         (K, 2) feet of its supports [m].
     raised : float
-        All supports are taller by this [m], to pass over another line.
+        Extension of all supports, to pass over another line [m].
 
     Returns
     -------
     Line or None
-        None where no support is tall enough.
+        None if supports would have to be too tall.
 
     """
     spread = 1.0 if layout.column == 'pole' else 5.0
@@ -126,7 +126,7 @@ def _hang(terrain: Terrain, layout: Layout, route: Float64, extension: Float64) 
         stands.append(Stand(
             foot=np.array([xy[0], xy[1], ground[i]]), left=np.array([-ahead[1], ahead[0], 0.0]),
             extension=float(extension[i]),
-            # A pole leans on a stay from about 15 degrees on.
+            # poles have a stay at turns from about 15 degrees
             guy=-pull / turn if turn > 0.26 and layout.column == 'pole' else None,
         ))
     conductors = [
@@ -141,7 +141,7 @@ def _hang(terrain: Terrain, layout: Layout, route: Float64, extension: Float64) 
 
 
 def are_apart(first: Line, second: Line) -> bool:
-    """Return whether two lines keep off each other's conductors and supports."""
+    """Tell whether two lines are clear of each other's conductors and supports."""
     one, two = first.sample(), second.sample()
     gap, _ = cKDTree(one).query(two)
     if gap.min() < APART:
@@ -154,7 +154,7 @@ def are_apart(first: Line, second: Line) -> bool:
 
 
 def build_line(builder: SceneBuilder, line: Line) -> None:
-    """Add a line; its ids go on where the builder's last line ended."""
+    """Add a line, with the next free ids of the builder."""
     first_line, first_span = builder.next_ids()
     num = 1 + max(item.line_id for item in line.conductors)
     for item in line.conductors:

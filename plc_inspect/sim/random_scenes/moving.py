@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The moving scanners of the random scenes: a car with a push-broom, and a Puck Lite in flight."""
+"""Moving scanners of the random scenes: a car with a push-broom, and a Puck Lite in flight."""
 
 from collections.abc import Iterator
 import math
@@ -20,15 +20,15 @@ Float64 = NDArray[np.float64]
 
 _BATCH = 400_000
 _CAR_REACH, _PUCK_REACH = 60.0, 100.0
-"""Beams are followed this far [m]."""
+"""Greatest range of beams [m]."""
 _UNDER = 0.35
-"""A car hides what is this near to straight below its scanner [rad]."""
+"""Angle from straight down within which the car blocks its scanner [rad]."""
 _MAST = 2.2
 """Height of the scanner of a car above the road [m]."""
 _FIRINGS = 937
-"""Of one turn of a Puck Lite at 20 Hz."""
+"""Firings in one turn of a Puck Lite at 20 Hz."""
 _SPEED = 6.0
-"""Of a flight [m/s]."""
+"""Speed of a flight [m/s]."""
 
 
 def drive(scanner: Scanner, pattern: PushBroom, rng: np.random.Generator) -> Iterator[Beams]:
@@ -39,7 +39,7 @@ def drive(scanner: Scanner, pattern: PushBroom, rng: np.random.Generator) -> Ite
     ends = np.concatenate([[0.0], np.cumsum(np.hypot(*edges.T))])
     along = np.arange(0.0, ends[-1], pattern.spacing)
     xy = np.column_stack([np.interp(along, ends, road[:, axis]) for axis in range(2)])
-    # A car turns over some ten metres.
+    # a car turns over some ten metres
     xy = gaussian_filter1d(xy, max(1.0, 5.0 / pattern.spacing), axis=0, mode='nearest')
     ahead = np.gradient(xy, axis=0)
     ahead /= np.maximum(np.hypot(*ahead.T)[:, None], 1e-9)
@@ -48,7 +48,7 @@ def drive(scanner: Scanner, pattern: PushBroom, rng: np.random.Generator) -> Ite
     walk = rng.normal(0.0, pattern.drift * math.sqrt(pattern.spacing / 100.0), eye.shape)
     offset = gaussian_filter1d(np.cumsum(walk, axis=0), max(1.0, 3.0 / pattern.spacing), axis=0)
     angle = np.arange(-math.pi + _UNDER, math.pi - _UNDER, pattern.step)
-    # From straight up, to the left where positive, in a plane turned about the vertical.
+    # beams by their angle from straight up, positive to the left, in a plane turned about z
     lines = max(1, _BATCH // len(angle))
     cos, sin = math.cos(pattern.tilt), math.sin(pattern.tilt)
     for first in range(0, len(eye), lines):
@@ -65,7 +65,7 @@ def drive(scanner: Scanner, pattern: PushBroom, rng: np.random.Generator) -> Ite
 
 
 def follow(scanner: Scanner, pattern: PuckFlight, rng: np.random.Generator) -> Iterator[Beams]:
-    """Yield the turns of a Puck Lite that flies along the line; odometry displaces them."""
+    """Yield the turns of a Puck Lite in flight along the line, displaced by odometry."""
     scene = scanner.scene
     truth = fly(scene, FlightPlan(
         speed=_SPEED, lateral=pattern.lateral, height=pattern.height, margin=10.0,

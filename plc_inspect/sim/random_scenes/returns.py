@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the beams of a random scene give back: ranges with their errors, and what each met."""
+"""Returns of the beams in a random scene: ranges with errors, and the objects hit."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -19,9 +19,9 @@ from plc_inspect.sim.surveys.raycast import build_world, cast, label_items, Labe
 Float64 = NDArray[np.float64]
 
 UNJUDGED = 0
-"""Class of a return that is a mixture of two objects, and neither."""
+"""Class of returns that mix two objects."""
 _MIXING = 1.5
-"""Objects nearer than this along a beam may give one return in between: half a pulse [m]."""
+"""Distance along a beam below which two objects may give one return: half a pulse [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -29,20 +29,20 @@ class Beams:
     """Beams of one strip."""
 
     origins: Float64
-    """(N, 3) where they begin to be followed [m]."""
+    """(N, 3) positions from which they are traced [m]."""
     directions: Float64
     """(N, 3) unit vectors."""
     reach: Float64
-    """(N,) how far they are followed [m]."""
+    """(N,) distances over which they are traced [m]."""
     skipped: Float64
-    """(N,) from the scanner to the origin [m]."""
+    """(N,) distances from scanner to origin [m]."""
     offset: Float64
-    """(3,) or (N, 3) by which the survey displaces what they meet [m]."""
+    """(3,) or (N, 3) displacement of their returns by errors of the survey [m]."""
     turn: Float64 | None = None
-    """(N, 3, 3) by which it turns what they meet about their origins."""
+    """(N, 3, 3) rotation of their returns about the origins, by errors of the survey."""
 
     def put(self, points: Float64, beam: NDArray[np.int64]) -> Float64:
-        """Return where the survey puts places (M, 3) that some beams (M,) met [m]."""
+        """Return the mapped positions of returns (M, 3) of some beams (M,) [m]."""
         if self.turn is not None:
             eye = self.origins[beam]
             points = eye + np.einsum('nij,nj->ni', self.turn[beam], points - eye)
@@ -50,10 +50,10 @@ class Beams:
 
 
 class Coverage:
-    """The surveyed corridor as a grid of square metres, as it is asked for often."""
+    """The surveyed corridor as a grid of 1 m, for fast look-ups."""
 
     def __init__(self, scene: Scene) -> None:
-        """Find the cells whose middle the corridor covers, and the edge of the route there."""
+        """Find the cells whose centre lies in the corridor, and the edge of the route there."""
         self.low = scene.route.min(axis=0) - scene.half_width
         high = scene.route.max(axis=0) + scene.half_width
         self.shape = np.ceil(high - self.low).astype(np.int64)
@@ -65,7 +65,7 @@ class Coverage:
         self.edge[inside] = gap.argmin(axis=0)
 
     def find(self, xy: Float64) -> NDArray[np.int16]:
-        """Return the edge of the route that places xy (N, 2) belong to, -1 outside."""
+        """Return the edge of the route at positions xy (N, 2), -1 outside."""
         cell = ((xy - self.low) // 1.0).astype(np.int64)
         good = ((cell >= 0) & (cell < self.shape)).all(axis=1)
         cell = np.where(good[:, None], cell, 0)
@@ -82,7 +82,7 @@ class Scanner:
     """Casts beams at one scene."""
 
     def __init__(self, scene: Scene, survey: Survey, rng: np.random.Generator) -> None:
-        """Prepare the scene, and draw how well each conductor is seen."""
+        """Prepare the scene, and draw the visibility of each conductor."""
         self.scene, self.survey, self.rng = scene, survey, rng
         self.world: World = build_world(scene)
         self.labels: Labels = label_items(scene, self.world)
@@ -100,7 +100,7 @@ class Scanner:
         return max(float(self.world.top.max()), float(self.world.ground_top.max()))
 
     def measure(self, beams: Beams) -> LabelledCloud:
-        """Return the points that beams give, in the order of the beams."""
+        """Return the points of beams, in the order of the beams."""
         survey, rng = self.survey, self.rng
         self._key += 1
         ranges, items = cast(
@@ -137,7 +137,7 @@ class Scanner:
         return cloud.take(covered)
 
     def _mix(self, beam: NDArray[np.int64], distance: Float64) -> NDArray[np.int64]:
-        """Return the returns (M,) that mix with the next one of their beam, which goes on."""
+        """Return the indices of returns (M,) that mix with the next one of their beam."""
         near = (beam[1:] == beam[:-1]) & (np.diff(distance) < _MIXING)
         near &= self.rng.random(len(near)) < self.survey.mixed
         return np.flatnonzero(near)

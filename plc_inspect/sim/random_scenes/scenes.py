@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Random scenes from a seed: lines on hilly ground, and what looks like lines."""
+"""Random scenes from a seed: lines on uneven ground, and objects that look like lines."""
 
 from typing import get_args, Literal
 
@@ -30,9 +30,9 @@ Kind = Literal['any', 'clean', 'no-lines']
 KINDS: tuple[str, ...] = get_args(Kind)
 
 MARGIN = 150.0
-"""The ground reaches this far beyond the route [m]; beams and crossing lines need it."""
+"""Extent of the ground beyond the route, for beams and crossing lines [m]."""
 TRIALS = 20
-"""Lines that cannot be built are drawn anew this often."""
+"""Greatest number of lines drawn until one can be built."""
 
 
 def make_random_scene(seed: int, kind: Kind, survey: Survey) -> Scene:
@@ -42,12 +42,12 @@ def make_random_scene(seed: int, kind: Kind, survey: Survey) -> Scene:
     Parameters
     ----------
     seed : int
-        Of everything random.
+        Seed of all randomness.
     kind : str
         'any'; 'clean': lines with nothing else within 2 m of them; 'no-lines': what looks like
         lines, and none.
     survey : Survey
-        How it will be surveyed, which bounds its size.
+        The survey, which limits the size of the scene.
 
     Returns
     -------
@@ -90,7 +90,7 @@ def make_random_scene(seed: int, kind: Kind, survey: Survey) -> Scene:
         add_drops(builder, line, half_width)
     clear = 3.0 if kind == 'clean' else float(rng.choice([4.7, 2.5, 1.0, 0.2]))
     clutter.fill(builder, route, half_width, clear, survey.find_road(route))
-    # Half of the surveys begin and end within a span, the others beyond the last support.
+    # half of the surveys begin and end within a span, the others beyond the last support
     ends = [
         float(-rng.uniform(0.1, 0.4) * span if rng.random() < 0.5 else rng.uniform(3.0, 15.0))
         for span in np.hypot(*np.diff(route, axis=0)[[0, -1]].T)
@@ -99,7 +99,7 @@ def make_random_scene(seed: int, kind: Kind, survey: Survey) -> Scene:
 
 
 def cut_route(route: Float64, length: float) -> Float64:
-    """Return the first ``length`` [m] of a route (K, 2), or all of it."""
+    """Return the first ``length`` of a route (K, 2), or all of it [m]."""
     ends = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(route, axis=0).T))])
     if ends[-1] <= length:
         return route
@@ -108,7 +108,7 @@ def cut_route(route: Float64, length: float) -> Float64:
 
 
 def _add_crossing(builder: SceneBuilder, line: Line, survey: Survey) -> None:
-    """Add a second line across the first where one fits, above or below it."""
+    """Add a second line that crosses above or below the first, if one fits."""
     rng = builder.rng
     for _ in range(TRIALS):
         layout = draw_layout(rng, survey.levels)

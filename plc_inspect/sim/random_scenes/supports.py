@@ -19,16 +19,16 @@ UP = np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Stand:
-    """Where a support stands."""
+    """Position and orientation of a support."""
 
     foot: Float64
-    """(3,) on the ground [m]."""
+    """(3,) foot on the ground [m]."""
     left: Float64
     """(3,) unit vector across the line."""
     extension: float
-    """How much taller than its layout it is [m]."""
+    """Height added to its layout [m]."""
     guy: Float64 | None = None
-    """(2,) unit vector against the pull of a turn, where a stay holds the pole."""
+    """(2,) unit vector towards the anchor of the stay of a pole, None without one."""
 
     @property
     def ahead(self) -> Float64:
@@ -36,12 +36,12 @@ class Stand:
         return np.array([self.left[1], -self.left[0], 0.0])
 
     def locate(self, offset: float, height: float) -> Float64:
-        """Return the place (3,) of an attachment [m]."""
+        """Return the position (3,) of an attachment [m]."""
         return self.foot + offset * self.left + (height + self.extension) * UP
 
 
 def add_support(builder: SceneBuilder, layout: Layout, stand: Stand) -> float:
-    """Add a support; return its height above the foot [m]."""
+    """Add a support, and return its height above the foot [m]."""
     if layout.column == 'pole':
         return _add_pole(builder, layout, stand)
     if layout.column == 'portal':

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""How random scenes are surveyed: the sensor, its sampling and its errors."""
+"""Surveys of random scenes: sensors, their sampling and their errors."""
 
 from dataclasses import dataclass
 
@@ -14,15 +14,15 @@ from plc_inspect.sim.surveys.raycast import Beam
 Float64 = NDArray[np.float64]
 
 RETURNS = 6
-"""Of one beam, at most: a rack of wires, a crown and the ground."""
+"""Greatest number of returns of a beam: a rack of wires, a crown and the ground."""
 PASSING = 0.6
-"""Share of the beams that go on behind a leaf or strut."""
+"""Share of beams that continue behind a leaf or strut."""
 MOST_PULSES = 8e5
-"""Of an airborne survey, about; what bounds the time that a scene takes."""
+"""Approximate number of pulses of an airborne survey; limits the time of a scene."""
 MOST_BEAMS = 1.5e6
-"""Of a mobile survey or a flight with a Puck Lite, most of which meet nothing."""
+"""Approximate number of beams of a mobile survey or a flight, most of which hit nothing."""
 SHORTEST = 60.0
-"""A survey is at least this long, whatever it takes [m]."""
+"""Least length of a survey, whatever its time [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,108 +32,108 @@ class Zigzag:
     density: float
     """Pulses per square metre of all strips."""
     line_spacing: float
-    """Distance of the scan lines of one strip [m]."""
+    """Spacing of the scan lines of one strip [m]."""
     reach: float
-    """A pulse within this of a wire in plan returns from it [m]: footprint and sensitivity."""
+    """Greatest distance in plan of a pulse from a wire that it hits: half the footprint [m]."""
     altitude: float
-    """Above the ground [m]."""
+    """Height above the ground [m]."""
     num_strips: int
     misalignment: float
-    """Standard deviation of the offset of a strip, each axis [m]."""
+    """Standard deviation of the offset of a strip along each axis [m]."""
     heading: float
-    """Direction of the strips against that of the line [rad]."""
+    """Direction of the strips relative to the line [rad]."""
 
     @property
     def text(self) -> str:
-        """What it is, in a few words."""
+        """Short description."""
         return (f'airborne {self.density:.0f}/m2, {self.num_strips} strips, lines'
                 f' {self.line_spacing:.2f} m')
 
     @property
     def axis(self) -> float:
-        """How far a return lies from the wire towards the axis of its beam, as a share."""
+        """Share of the way from the wire to the axis of its beam at which a return lies."""
         return 0.25
 
     @property
     def beam(self) -> Beam:
-        """What decides which wires a pulse meets."""
+        """Shape of the beam."""
         return Beam(divergence=0.0, exit_width=0.3, wire_reach=self.reach, max_returns=RETURNS,
                     pass_share=PASSING)
 
     def find_length(self, half_width: float) -> float:
-        """Return how long a corridor of this half width can be [m]."""
+        """Return the greatest length of a corridor of this half width [m]."""
         return MOST_PULSES / self.density / (2.0 * half_width)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PushBroom:
-    """A mobile survey: a car beside the line, with a scanner that turns across the road."""
+    """A mobile survey: a car beside the line, with a scanner that rotates across the road."""
 
     spacing: float
-    """Distance of the scan lines [m]."""
+    """Spacing of the scan lines [m]."""
     step: float
-    """Angle from beam to beam, which is also their divergence [rad]."""
+    """Angle between beams, which is also their divergence [rad]."""
     lateral: float
-    """The car drives this far to the left of the line [m]."""
+    """Offset of the car to the left of the line [m]."""
     tilt: float
-    """The scanner's plane is turned out of the cross-section by this [rad]."""
+    """Angle between the plane of the scanner and the cross-section [rad]."""
     drift: float
     """Standard deviation of the drift of the pose after 100 m [m]."""
 
     @property
     def text(self) -> str:
-        """What it is, in a few words."""
+        """Short description."""
         return f'mobile at {self.lateral:.0f} m, lines {self.spacing:.2f} m'
 
     @property
     def axis(self) -> float:
-        """How far a return lies from the wire towards the axis of its beam, as a share."""
+        """Share of the way from the wire to the axis of its beam at which a return lies."""
         return 1.0
 
     @property
     def beam(self) -> Beam:
-        """What decides which wires a pulse meets."""
+        """Shape of the beam."""
         return Beam(
             divergence=self.step, exit_width=0.01, wire_fraction=0.1, wire_range=50.0,
             max_returns=RETURNS, pass_share=PASSING,
         )
 
     def find_length(self, half_width: float) -> float:
-        """Return how long a corridor of this half width can be [m]."""
+        """Return the greatest length of a corridor of this half width [m]."""
         del half_width
         return max(SHORTEST, MOST_BEAMS * self.spacing * self.step / (2.0 * np.pi))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PuckFlight:
-    """A flight along the line with a Puck Lite, mapped by odometry that drifts."""
+    """A flight along the line with a Puck Lite, mapped by drifting odometry."""
 
     lateral: float
-    """The flight is this far to the left of the line [m]."""
+    """Offset of the flight to the left of the line [m]."""
     height: float
-    """Above the phases [m]."""
+    """Height above the phases [m]."""
     advance: float
-    """From one scan that is kept to the next [m]."""
+    """Distance between scans that are kept [m]."""
     drift: float
-    """Slip of the odometry as a share of the way."""
+    """Slip of the odometry per distance."""
 
     @property
     def text(self) -> str:
-        """What it is, in a few words."""
+        """Short description."""
         return f'puck at {self.lateral:.0f} m, a scan every {self.advance:.1f} m'
 
     @property
     def axis(self) -> float:
-        """How far a return lies from the wire towards the axis of its beam, as a share."""
+        """Share of the way from the wire to the axis of its beam at which a return lies."""
         return 1.0
 
     @property
     def beam(self) -> Beam:
-        """What decides which wires a pulse meets."""
+        """Shape of the beam."""
         return Beam(max_returns=RETURNS, pass_share=PASSING)
 
     def find_length(self, half_width: float) -> float:
-        """Return how long a corridor of this half width can be [m]."""
+        """Return the greatest length of a corridor of this half width [m]."""
         del half_width
         return max(SHORTEST, MOST_BEAMS / 15_000.0 * self.advance)
 
@@ -143,33 +143,33 @@ Pattern = Zigzag | PushBroom | PuckFlight
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Survey:
-    """A sensor, what it can be used for, and its errors."""
+    """A sensor, its use and its errors."""
 
     pattern: Pattern
     levels: tuple[str, ...]
-    """Voltages of the lines that are surveyed so."""
+    """Voltages of the lines that are surveyed with it."""
     widths: tuple[float, float]
     """Least and greatest half width of the corridor [m]."""
     noise: float
-    """Standard deviation of a range near by [m]."""
+    """Standard deviation of short ranges [m]."""
     noise_growth: float
-    """What it grows by with each metre of range."""
+    """Growth of the standard deviation with range [m/m]."""
     jitter: float
     """Standard deviation of the direction of a beam [rad]."""
     mixed: float
-    """Share of the beams with two near returns that give one in between."""
+    """Share of beams with two close returns that give one in between."""
     dropout: float
-    """Share of the wire returns of the worst seen conductor that are too weak."""
+    """Greatest share of wire returns of a conductor that are too weak."""
 
     def find_road(self, route: Float64) -> Float64 | None:
-        """Return the way (K, 2) beside a route that a car or a low flight needs, or None."""
+        """Return the path (K, 2) beside a route that a car or low flight needs, or None [m]."""
         if isinstance(self.pattern, Zigzag):
             return None
         return shift_route(route, self.pattern.lateral)
 
 
 def draw_survey(rng: np.random.Generator) -> Survey:
-    """Draw a survey: three in five are airborne, one mobile and one a flight with a Puck Lite."""
+    """Draw a survey: of five, three are airborne, one mobile, one a flight with a Puck Lite."""
     kind = rng.choice(['airborne', 'mobile', 'puck'], p=[0.6, 0.2, 0.2])
     mixed, dropout = float(rng.choice([0.0, 0.02, 0.05])), float(rng.uniform(0.0, 0.6))
     if kind == 'mobile':
@@ -202,10 +202,10 @@ def draw_survey(rng: np.random.Generator) -> Survey:
 
 
 def _draw_zigzag(rng: np.random.Generator) -> Zigzag:
-    """Draw an airborne survey with 3 to 60 points on a metre of wire: 2 x reach x density."""
+    """Draw an airborne survey with 3 to 60 points per metre of wire: 2 x reach x density."""
     reach = rng.uniform(0.2, 0.45)
     density = float(np.clip(_draw_log(rng, 3.0, 60.0) / (2.0 * reach), 4.0, 90.0))
-    # Along a scan line pulses are 5 cm to a metre apart.
+    # along a scan line, pulses are 5 cm to 1 m apart
     num_strips = int(rng.integers(1, 4))
     widest = min(1.5, 20.0 / (density / num_strips))
     narrowest = min(max(0.15, 1.0 / (density / num_strips)), widest)
@@ -218,5 +218,5 @@ def _draw_zigzag(rng: np.random.Generator) -> Zigzag:
 
 
 def _draw_log(rng: np.random.Generator, low: float, high: float) -> float:
-    """Return a number whose logarithm is even between those of low and high."""
+    """Draw a number whose logarithm is uniform between those of low and high."""
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))

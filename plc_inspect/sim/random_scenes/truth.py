@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Random scenes with their clouds and truth, from a seed."""
+"""Random scenes with clouds and truth, from a seed."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -25,33 +25,33 @@ from plc_inspect.sim.surveys.truth import collect_sightings, make_truth
 Float64 = NDArray[np.float64]
 
 CLEAN = 2.0
-"""A conductor-span is clean if nothing but its own line and supports is nearer than this [m]."""
+"""Least distance of foreign objects from a clean conductor-span [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RandomScene:
-    """A random scene, surveyed."""
+    """A surveyed random scene."""
 
     scene: Scene
     survey: Survey
     cloud: LabelledCloud
     truth: dict[str, Any]
-    """Content of ``truth.json`` where the survey puts it; each span also says if it is 'clean'."""
+    """Content of ``truth.json`` as mapped; each span also has 'clean' and 'covered'."""
 
     @property
     def text(self) -> str:
-        """What it is, in a few words."""
+        """Short description."""
         return f'{self.scene.name}; {self.survey.pattern.text}'
 
 
 def make_random(seed: int, kind: Kind = 'any') -> RandomScene:
     """
-    Make a random scene, survey it and tell the truth about it.
+    Make a random scene, survey it and compute its truth.
 
     Parameters
     ----------
     seed : int
-        Of everything random; the same seed and kind give the same bytes.
+        Seed of all randomness; the same seed and kind give the same bytes.
     kind : str
         One of `plc_inspect.sim.random_scenes.scenes.KINDS`.
 
@@ -71,7 +71,7 @@ def make_random(seed: int, kind: Kind = 'any') -> RandomScene:
 
 
 def measure_scene(scene: Scene, survey: Survey, rng: np.random.Generator) -> RandomScene:
-    """Survey a scene and tell the truth about it."""
+    """Survey a scene and compute its truth."""
     scanner = Scanner(scene, survey, rng)
     cloud = join([scanner.measure(beams) for beams in _move(scanner, rng)])
     truth = make_truth(
@@ -105,10 +105,10 @@ def _move(scanner: Scanner, rng: np.random.Generator) -> Iterator[Beams]:
 
 def measure_gaps(scene: Scene, cloud: LabelledCloud) -> Float64:
     """
-    Return how near anything foreign comes to each conductor-span (C,) [m], inf without.
+    Return the distances (C,) of foreign objects from conductor-spans, inf if there are none [m].
 
-    Foreign are ground, vegetation, buildings and other objects that were seen, conductors of
-    another line, and supports of another line; not mixed returns, which the line has by itself.
+    Foreign objects are ground, vegetation, buildings and others that were seen, and conductors
+    and supports of other lines; but not mixed returns, which the line causes itself.
     """
     gaps = np.full(len(scene.conductors), np.inf)
     if not len(gaps):
@@ -134,7 +134,7 @@ def measure_gaps(scene: Scene, cloud: LabelledCloud) -> Float64:
 
 
 def group_conductors(scene: Scene) -> NDArray[np.int64]:
-    """Return for each conductor (C,) the first line id of those that hang on its supports."""
+    """Return for each conductor (C,) the first line id of those on its supports."""
     owner = {}
     for post in scene.posts:
         for line_id in post.line_ids:
