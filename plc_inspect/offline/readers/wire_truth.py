@@ -3,6 +3,7 @@
 
 """Reads which points of a cloud are wire: from labels, or from the spans of a truth.json."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +16,15 @@ from plc_inspect.offline.readers.laz import read_classes
 from plc_inspect.results import Bool, catenary_heights, Float64, PointClass
 
 WIRE_DISTANCE = 0.25
-"""A point this near to a true conductor is wire [m]."""
+"""Greatest distance of wire points from a true conductor [m]."""
 DOUBT_DISTANCE = 0.5
-"""A point this near to a true conductor may be anything [m]."""
+"""Distance from a true conductor up to which other points are left out [m]."""
 ATTACHMENT_DISTANCE = 1.5
-"""A point of a wire this near to its end may be wire or insulator [m]."""
+"""Distance from the end of a conductor below which points may be wire or insulator [m]."""
+LEAST_LENGTH = 1e-9
+"""Least length of a conductor in plan, as a divisor [m]."""
 STEP = 0.05
-"""Distance of places along a true conductor [m]."""
+"""Spacing of the points that stand for a true conductor [m]."""
 
 
 def read_wire_truth(path: Path, points: Float64) -> tuple[Bool, Bool]:
@@ -53,33 +56,75 @@ def read_wire_truth(path: Path, points: Float64) -> tuple[Bool, Bool]:
         if len(label) != len(points):
             raise DataError(f'{path} has {len(label)} points, the cloud {len(points)}')
         return label == PointClass.WIRE, label == 0
-    path = path / 'truth.json' if path.is_dir() else path
-    cloud = path.parent / 'map.laz'
-    content = read_json(path)
-    if content.get('kind') == 'map' and cloud.is_file():
+    content, cloud = read_truth_file(path)
+    if cloud is not None:
         return read_wire_truth(cloud, points)
     try:
         curves = [_place(row) for row in content['spans']]
     except (KeyError, TypeError, ValueError) as error:
         raise DataError(f'{path}: the truth cannot be read: {error!r}') from error
-    return _label(points, curves)
+    return label_points(points, curves)
+
+
+def read_truth_file(path: Path) -> tuple[dict[str, Any], Path | None]:
+    """
+    Read a ``truth.json``, given its path or its folder.
+
+    Returns
+    -------
+    content : dict
+        The content of the file.
+    cloud : Path or None
+        The labelled ``map.laz`` beside it, if it is the truth of a map.
+
+    Raises
+    ------
+    DataError
+        The file is missing or not JSON.
+
+    """
+    path = path / 'truth.json' if path.is_dir() else path
+    content = read_json(path)
+    cloud = path.parent / 'map.laz'
+    return content, cloud if content.get('kind') == 'map' and cloud.is_file() else None
+
+
+def count_samples(length: float) -> int:
+    """Return the number of points that stand for a conductor of a length [m], STEP apart."""
+    return max(2, int(length / STEP))
 
 
 def _place(row: dict[str, Any]) -> Float64:
-    """Return (K, 3) places of one true conductor, from start to end [m]."""
+    """Return (K, 3) points of one true conductor, from start to end [m]."""
     start, end = np.array(row['start'], float), np.array(row['end'], float)
     a, b, c = float(row['a']), float(row['b']), float(row['c'])
     length = float(np.hypot(*(end - start)[:2]))
-    x = np.linspace(0.0, length, max(2, int(length / STEP)))
-    places: Float64 = start + (x / max(length, 1e-9))[:, None] * (end - start)
+    x = np.linspace(0.0, length, count_samples(length))
+    places: Float64 = start + (x / max(length, LEAST_LENGTH))[:, None] * (end - start)
     places[:, 2] = catenary_heights(a, b, c, x)
     return places
 
 
-def _label(points: Float64, curves: list[Float64]) -> tuple[Bool, Bool]:
+def label_points(points: Float64, curves: Sequence[Float64]) -> tuple[Bool, Bool]:
+    """
+    Tell by their distance from true conductors which points are wire.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Coordinates [m].
+    curves : sequence of (K, 3) float64
+        Points of each conductor, from start to end, about STEP apart [m].
+
+    Returns
+    -------
+    wire, left_out : (N,) bool
+        Every point within DOUBT_DISTANCE of a conductor is one of them, or both.
+
+    """
     wire = np.zeros(len(points), dtype=np.bool_)
     left_out: Bool = np.logical_not(np.isfinite(points).all(axis=1))
-    if not curves:
+    if not curves or not len(points):
         return wire, left_out
     finite = np.flatnonzero(~left_out)
     distance, _ = cKDTree(np.vstack(curves)).query(

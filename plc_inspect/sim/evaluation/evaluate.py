@@ -14,8 +14,14 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from plc_inspect.errors import DataError, PlcInspectError
+from plc_inspect.offline.readers.wire_truth import (
+    count_samples,
+    DOUBT_DISTANCE,
+    label_points,
+)
 from plc_inspect.printable import make_one_line
 from plc_inspect.results import PointClass
+from plc_inspect.sim.evaluation.curves import Curve
 from plc_inspect.sim.evaluation.estimate import FoundHazard, read_survey, Survey
 from plc_inspect.sim.evaluation.matching import (
     match_places,
@@ -39,12 +45,10 @@ Bool = NDArray[np.bool_]
 
 MIN_SEEN = 0.6
 """Share of its length over which a conductor-span must be seen to be required."""
-WIRE_DISTANCE = 0.25
-"""Without labels, a point this near to a true conductor is wire [m]."""
-DOUBT_DISTANCE = 0.5
-"""Without labels, a point this near to a true conductor may be anything [m]."""
-ATTACHMENT_DISTANCE = 1.5
-"""Without labels, a point this near to an attachment may be wire or insulator [m]."""
+BOX_MARGIN = 0.3
+"""Margin of the boxes of hazards on conductors, in which points are left out [m]."""
+REACH_MARGIN = 0.5
+"""Distance from the edge of the corridor within which clearances are not compared [m]."""
 HAZARD_DISTANCE = 1.5
 """Greatest distance of a reported hazard from the box of the true one [m]."""
 
@@ -118,29 +122,19 @@ def _count_wire(found: Bool, wire: Bool, left_out: Bool) -> WireScores:
 
 def _label_points(points: Float64, truth: Truth) -> tuple[Bool, Bool]:
     """Return which points are wire, and which are left out, by their distance."""
-    wire = np.zeros(len(points), dtype=np.bool_)
-    doubt: Bool = np.logical_not(np.isfinite(points).all(axis=1))
-    if not truth.spans or not len(points):
-        return wire, doubt
-    step = 0.05
-    curves = np.vstack([
-        item.curve.locate(np.linspace(0, length, max(2, int(length / step))))
-        for item in truth.spans for length in (item.curve.length,)
-    ])
-    ends = np.vstack([[item.curve.start, item.curve.end] for item in truth.spans])
-    finite = np.flatnonzero(~doubt)
-    distance, _ = cKDTree(curves).query(points[finite], distance_upper_bound=DOUBT_DISTANCE)
-    near = finite[np.isfinite(distance)]
-    distance = distance[np.isfinite(distance)]
-    at_end, _ = cKDTree(ends).query(points[near])
-    wire[near] = distance <= WIRE_DISTANCE
-    doubt[near] = (distance > WIRE_DISTANCE) | (at_end < ATTACHMENT_DISTANCE)
+    wire, doubt = label_points(points, [_sample(item.curve) for item in truth.spans])
+    near = np.flatnonzero((wire | doubt) & np.isfinite(points).all(axis=1))
     for hazard in truth.hazards:
         if hazard.clearance < DOUBT_DISTANCE:
-            inside = (points[near] >= hazard.extent[0] - 0.3).all(axis=1)
-            inside &= (points[near] <= hazard.extent[1] + 0.3).all(axis=1)
+            inside = (points[near] >= hazard.extent[0] - BOX_MARGIN).all(axis=1)
+            inside &= (points[near] <= hazard.extent[1] + BOX_MARGIN).all(axis=1)
             doubt[near[inside]] = True
     return wire, doubt
+
+
+def _sample(curve: Curve) -> Float64:
+    """Return the (K, 3) points that stand for a conductor [m]."""
+    return curve.locate(np.linspace(0.0, curve.length, count_samples(curve.length)))
 
 
 def _count_spans(survey: Survey, truth: Truth, matches: SpanMatches) -> Counts:
@@ -184,13 +178,12 @@ def _score_clearance(survey: Survey, truth: Truth, matches: SpanMatches) -> Erro
     for match in matches.matches:
         item = truth.spans[match.truth]
         expected = item.min_vegetation_distance
-        if expected is None or expected > reach - 0.5 or (
+        if expected is None or expected > reach - REACH_MARGIN or (
             item.min_structure_distance is not None and item.min_structure_distance < expected
         ):
             continue
         curve = survey.spans[match.found].curve
-        num = max(2, int(curve.length / 0.05))
-        distance, _ = tree.query(curve.locate(np.linspace(0.0, curve.length, num)))
+        distance, _ = tree.query(_sample(curve))
         errors.append(abs(float(distance.min()) - expected))
     return Errors(values=tuple(errors))
 

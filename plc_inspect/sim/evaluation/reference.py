@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plc_inspect.errors import DataError
-from plc_inspect.offline.readers.json_file import read_json
 from plc_inspect.offline.readers.laz import read_classes
+from plc_inspect.offline.readers.wire_truth import read_truth_file
 from plc_inspect.sim.evaluation.curves import Curve, parse_curve
 
 Float64 = NDArray[np.float64]
@@ -97,11 +97,8 @@ def read_truth(path: Path) -> Truth:
             name=path.name, spans=(), supports=none, support_seen=np.zeros(0, dtype=bool),
             hazards=(), labels=read_classes(path), only_labels=True,
         )
-    path = path / 'truth.json' if path.is_dir() else path
-    content = read_json(path)
-    cloud = path.parent / 'map.laz'
-    labels = read_classes(cloud) if content.get('kind') == 'map' and cloud.is_file() else None
-    return parse_truth(content, labels)
+    content, cloud = read_truth_file(path)
+    return parse_truth(content, None if cloud is None else read_classes(cloud))
 
 
 def parse_truth(content: Mapping[str, Any], labels: UInt8 | None = None) -> Truth:
