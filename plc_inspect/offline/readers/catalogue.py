@@ -11,7 +11,7 @@ from plc_inspect.config import HazardSettings
 from plc_inspect.core.hazards.clearance_rules import parse_rules, PLAIN, plain_rules, RuleSet
 from plc_inspect.core.loads.sag_tension import Case, Conductor
 from plc_inspect.errors import ConfigError, DataError
-from plc_inspect.offline.readers.text_file import read_yaml
+from plc_inspect.offline.readers.text_file import read_yaml, to_float
 from plc_inspect.shared_files import find_shared
 
 GRAVITY = 9.80665
@@ -139,14 +139,6 @@ def parse_case(text: str) -> Case:
         raise ConfigError(str(error)) from error
 
 
-def _to_float(value: Any) -> Any:
-    """Return the number that YAML 1.1 takes for text, such as 2e-05."""
-    try:
-        return float(value) if isinstance(value, str) else value
-    except ValueError:
-        return value
-
-
 def _read_conductor(row: Any, where: str) -> Conductor:
     if not isinstance(row, dict):
         raise ConfigError(f'{where} is not a mapping')
@@ -156,7 +148,7 @@ def _read_conductor(row: Any, where: str) -> Conductor:
         raise ConfigError(f'{where}: {wrong[0]} {state}')
     values = {}
     for key in ('diameter', 'mass', 'area', 'modulus', 'expansion'):
-        value = _to_float(row[key])
+        value = to_float(row[key])
         if isinstance(value, bool) or not isinstance(value, int | float) or not (
             math.isfinite(value) and value > 0
         ):

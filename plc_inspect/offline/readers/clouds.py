@@ -25,16 +25,16 @@ from plc_inspect.offline.readers.plain_clouds import (
     read_points,
     READERS,
 )
-from plc_inspect.offline.readers.plausibility import question_place
+from plc_inspect.offline.readers.plausibility import question_place, UNITS
 from plc_inspect.printable import make_one_line
 from plc_inspect.results import Float64, Int32
 
 SUFFIXES = ('.las', '.laz', *READERS)
 
-_UNIT_CODES = {9001: 1.0, 9002: 0.3048, 9003: 1200.0 / 3937.0}
+_UNIT_CODES = {9001: UNITS['m'], 9002: UNITS['ft'], 9003: UNITS['us-ft']}
 """
-EPSG codes of units in GeoTIFF keys to metres.
-Source: EPSG registry: the metre, the international foot and that of the US surveys.
+Metres in one unit, by its EPSG code in GeoTIFF keys.
+Source: EPSG registry.
 """
 
 MOST_FAR, MOST_FAR_SHARE = 100, 0.01

@@ -16,15 +16,13 @@ import laspy
 from laspy.copc import Bounds, CopcReader, HierarchyPage, load_octree_for_query
 import numpy as np
 
-from plc_inspect.offline.readers.laz import open_las, panics_as_errors
+from plc_inspect.offline.readers.laz import ITEMS, open_las, panics_as_errors
 from plc_inspect.results import Int64
 
 MOST_NODES = 4_000_000
 """Greatest number of points decompressed at once, unless one node holds more."""
 LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}
 """Number of layers by kind of item; extra bytes, 14, have one each (LAZ specification 1.4)."""
-_ITEMS = 34
-"""Where the record of LASzip lists the items of a point."""
 THINNEST = 1.0
 """Least width of a slab that is divided into two [units of the file]."""
 
@@ -158,8 +156,8 @@ def _open_indexed(path: Path) -> Iterator[CopcReader]:
 
 def _count_layers(options: bytes) -> int:
     """Return the number of layers of a chunk of LAZ, from its list of items."""
-    (num_items,) = struct.unpack_from('<H', options, _ITEMS - 2)
-    items = [struct.unpack_from('<HH', options, _ITEMS + 6 * k) for k in range(num_items)]
+    (num_items,) = struct.unpack_from('<H', options, ITEMS - 2)
+    items = [struct.unpack_from('<HH', options, ITEMS + 6 * k) for k in range(num_items)]
     return sum(LAYERS.get(kind, size) for kind, size in items)
 
 

@@ -25,8 +25,8 @@ process with a segmentation fault on some truncated files.
 """
 MOST_IN_CHUNK = 10_000_000
 """Greatest number of points of a chunk; writers use 50,000."""
-_ITEMS = 34
-"""Where the LASzip record lists what a point is made of."""
+ITEMS = 34
+"""Offset of the list of a point's items in the LASzip record [bytes]."""
 _ANY_SIZE = 2**32 - 1
 """Marks chunks of different sizes."""
 
@@ -97,7 +97,7 @@ def _check_chunks(file: BinaryIO, header: laspy.LasHeader) -> None:
         (in_chunk,) = struct.unpack_from('<I', options, 12)
         if in_chunk != _ANY_SIZE and in_chunk > max(header.point_count, MOST_IN_CHUNK):
             raise ValueError(f'chunks of {in_chunk} points, it has {header.point_count}')
-        sizes = np.frombuffer(options[_ITEMS:], np.uint8)
+        sizes = np.frombuffer(options[ITEMS:], np.uint8)
         sizes = sizes[: len(sizes) // 6 * 6].view('<u2')[1::3]  # of type, size and version
         if in_chunk == 0 or not sizes.any():
             raise ValueError(f'chunks of {in_chunk} points of {int(sizes.sum())} bytes')

@@ -17,7 +17,7 @@ import yaml
 
 from plc_inspect.config import Settings
 from plc_inspect.errors import ConfigError
-from plc_inspect.offline.readers.text_file import parse_yaml, read_yaml
+from plc_inspect.offline.readers.text_file import parse_yaml, read_yaml, to_float
 from plc_inspect.setting_names import describe, to_mapping, update
 
 NODE_NAME = 'plc_inspect'
@@ -204,19 +204,10 @@ def _convert(mapping: Mapping[str, Any]) -> dict[str, Any]:
         if not isinstance(defaults.get(name), float):
             continue
         if isinstance(value, list):
-            flat[name] = [_to_float(element) for element in value]
+            flat[name] = [to_float(element) for element in value]
         else:
-            flat[name] = _to_float(value)
+            flat[name] = to_float(value)
     return flat
-
-
-def _to_float(value: Any) -> Any:
-    if isinstance(value, str):
-        try:
-            return float(value)
-        except ValueError:
-            return value
-    return value
 
 
 def _first(default: Any) -> Any:

@@ -110,6 +110,14 @@ def parse_yaml(text: str) -> Any:
         raise yaml.YAMLError(f'a value cannot be read: {error}') from error
 
 
+def to_float(value: Any) -> Any:
+    """Convert numbers that YAML 1.1 reads as text, such as 2e-05; leave all else as it is."""
+    try:
+        return float(value) if isinstance(value, str) else value
+    except ValueError:
+        return value
+
+
 def _check_size(text: str) -> None:
     """Refuse YAML that is too deep, or too large with its aliases expanded."""
     sizes: list[int] = [0]
