@@ -11,6 +11,7 @@ import numpy as np
 
 from plc_inspect.core.hazards.conductor_hazards import SURE
 from plc_inspect.core.numerics.assignment import assign
+from plc_inspect.core.numerics.boxes import measure_box_gap
 from plc_inspect.core.numerics.disjoint_sets import unite
 from plc_inspect.errors import DataError
 from plc_inspect.results import Float64, Hazard, Span
@@ -306,9 +307,7 @@ def _match_hazards(
         first, second = before[i], after[j]
         if first.kind != second.kind:
             continue
-        below = first.extent[0] - second.extent[1]
-        gap = np.maximum(below, second.extent[0] - first.extent[1])
-        apart = float(np.linalg.norm(np.maximum(gap, 0.0)))
+        apart = measure_box_gap(first.extent, second.extent)
         if apart <= SAME_PLACE:
             near.append((i, j))
             costs.append(apart + TIE_BREAK * math.dist(first.position, second.position))

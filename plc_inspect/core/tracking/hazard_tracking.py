@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+from plc_inspect.core.numerics.boxes import measure_box_gap
 from plc_inspect.core.spans.span_model import find_kind
 from plc_inspect.results import Bool, Float64, Hazard, HazardKind, Span, SpanKey, Support
 
@@ -225,7 +226,7 @@ class HazardBook:
             if number in taken or known.kind != hazard.kind:
                 continue
             same = (known.line_id, known.span_id) == (hazard.line_id, hazard.span_id)
-            gap = _gap(known.extent, hazard.extent)
+            gap = measure_box_gap(known.extent, hazard.extent)
             if gap <= HAZARD_DISTANCE or (same and hazard.kind in _ONE_PER_SPAN):
                 rank = (not same, gap, number)
                 best = rank if best is None else min(best, rank)
@@ -278,12 +279,6 @@ def _is_expected(hazard: Hazard, expected: Collection[SpanKey], holds: Holds) ->
     if hazard.kind in _OF_SPAN:
         return (hazard.line_id, hazard.span_id) in expected
     return bool(holds(hazard.position[None])[0])
-
-
-def _gap(first: Float64, second: Float64) -> float:
-    """Return the distance between two (2, 3) boxes [m]."""
-    apart = np.maximum(first[0] - second[1], second[0] - first[1])
-    return float(np.linalg.norm(np.maximum(apart, 0.0)))
 
 
 @dataclass(slots=True)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from plc_inspect.core.numerics.boxes import measure_box_gap
 from plc_inspect.errors import DataError, PlcInspectError
 from plc_inspect.offline.readers.wire_truth import (
     count_samples,
@@ -260,8 +261,7 @@ def _is_of(item: TrueHazard, conductor: tuple[int, int]) -> bool:
 
 def _measure_gap(report: FoundHazard, item: TrueHazard) -> float:
     """Return the distance of a report from the box of a true hazard [m]."""
-    outside = np.maximum(item.extent[0] - report.position, report.position - item.extent[1])
-    return float(np.linalg.norm(np.maximum(outside, 0.0)))
+    return measure_box_gap(np.stack((report.position, report.position)), item.extent)
 
 
 def build_parser() -> argparse.ArgumentParser:
