@@ -8,11 +8,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from plc_inspect.sim.scenes.scene import Label, SceneBuilder
+from plc_inspect.sim.scenes.scene import Label, SceneBuilder, UP
 from plc_inspect.sim.scenes.structures import add_house
 
 Float64 = NDArray[np.float64]
-UP = np.array([0.0, 0.0, 1.0])
 
 
 def add_random_house(builder: SceneBuilder, xy: Float64, azimuth: float) -> None:

@@ -77,7 +77,7 @@ def fill(
         turned = azimuth + (0.0 if rng.random() < 0.6 else rng.uniform(-math.pi, math.pi))
         site.put(THINGS[names[int(rng.choice(favourites))]], Spot(xy=xy, azimuth=turned))
     places = [xy for xy, _ in _scatter(rng, route, half_width, 0.004 * rng.uniform(0.0, 1.5))]
-    strewn = _keep_off_buildings(builder, np.array(places).reshape(-1, 2))
+    strewn = structures.keep_off_faces(builder, np.array(places).reshape(-1, 2), KEEP)
     vegetation.scatter_trees(
         builder, strewn[site.find_road_gaps(strewn) > TREE_ROAD], (3.0, 20.0), clear,
     )
@@ -173,16 +173,6 @@ def _scatter(
     normal = np.column_stack([-edges[:, 1], edges[:, 0]]) / lengths[:, None]
     xy = route[edge] + along[:, None] * edges[edge] + across[:, None] * normal[edge]
     return [(xy[k], math.atan2(*edges[edge[k]][::-1])) for k in range(num)]
-
-
-def _keep_off_buildings(builder: SceneBuilder, xy: Float64) -> Float64:
-    """Return the places that are not in or at a building or wall."""
-    if not builder.triangles or not len(xy):
-        return xy
-    corners = np.array(builder.triangles).reshape(-1, 3, 3)[:, :, :2]
-    low, high = corners.min(axis=1) - KEEP, corners.max(axis=1) + KEEP
-    inside = (xy[:, None] >= low).all(axis=2) & (xy[:, None] <= high).all(axis=2)
-    return xy[~inside.any(axis=1)]
 
 
 def _fence(builder: SceneBuilder, spot: Spot) -> None:

@@ -12,11 +12,10 @@ from scipy.spatial import cKDTree
 from plc_inspect.sim.random_scenes.lines import Line
 from plc_inspect.sim.scenes.conductors import hang
 from plc_inspect.sim.scenes.lines import add_drop
-from plc_inspect.sim.scenes.scene import Label, SceneBuilder
+from plc_inspect.sim.scenes.scene import Label, SceneBuilder, UP
 from plc_inspect.sim.scenes.structures import add_house
 
 Float64 = NDArray[np.float64]
-UP = np.array([0.0, 0.0, 1.0])
 
 POLES = 0.5
 """Share of poles with a drop."""

@@ -10,11 +10,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from plc_inspect.sim.scenes.scene import Label, SceneBuilder
+from plc_inspect.sim.scenes.scene import Label, SceneBuilder, UP
 from plc_inspect.sim.scenes.steelwork import add_lattice, Lattice
 
 Float64 = NDArray[np.float64]
-UP = np.array([0.0, 0.0, 1.0])
 
 
 def _face(azimuth: float) -> tuple[Float64, Float64]:

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from plc_inspect.sim.random_scenes.layouts import Layout, list_strings
 from plc_inspect.sim.random_scenes.supports import add_support, Stand
 from plc_inspect.sim.scenes.conductors import Conductor
-from plc_inspect.sim.scenes.routes import lay_route
+from plc_inspect.sim.scenes.routes import face_ahead, lay_route
 from plc_inspect.sim.scenes.scene import Post, SceneBuilder
 from plc_inspect.sim.scenes.terrain import Terrain
 
@@ -117,10 +117,7 @@ def _hang(terrain: Terrain, layout: Layout, route: Float64, extension: Float64) 
     ground = terrain.heights(route)
     stands = []
     for i, xy in enumerate(route):
-        before = route[i] - route[i - 1] if i else route[1] - route[0]
-        after = route[i + 1] - route[i] if i + 1 < len(route) else before
-        before, after = before / np.hypot(*before), after / np.hypot(*after)
-        ahead = (before + after) / np.hypot(*(before + after))
+        before, after, ahead = face_ahead(route, i)
         pull = after - before
         turn = float(np.hypot(*pull))
         stands.append(Stand(

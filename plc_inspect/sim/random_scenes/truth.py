@@ -17,7 +17,7 @@ from plc_inspect.sim.random_scenes.returns import Beams, Scanner
 from plc_inspect.sim.random_scenes.scenes import Kind, KINDS, make_random_scene
 from plc_inspect.sim.random_scenes.surveys import draw_survey, PuckFlight, PushBroom, Survey
 from plc_inspect.sim.scenes.conductors import measure_distances
-from plc_inspect.sim.scenes.placement import place_truth, Placement
+from plc_inspect.sim.scenes.placement import place_truth, Placement, solve_placements
 from plc_inspect.sim.scenes.scene import Label, Scene
 from plc_inspect.sim.surveys.airborne import join, LabelledCloud
 from plc_inspect.sim.surveys.truth import collect_sightings, make_truth
@@ -82,11 +82,7 @@ def measure_scene(scene: Scene, survey: Survey, rng: np.random.Generator) -> Ran
         row['clean'] = bool(gap >= CLEAN)
     for row, item in zip(truth['spans'], scene.conductors, strict=True):
         row['covered'] = float((scanner.coverage.find(item.sample(0.5)[:, :2]) >= 0).mean())
-    placements = {
-        (item.line_id, item.span_id): placement
-        for item, sums in zip(scene.conductors, scanner.sums, strict=True)
-        for placement in (sums.solve(),) if placement is not None
-    }
+    placements = solve_placements(scene.conductors, scanner.sums)
     middle = Placement(centre=np.zeros(3), yaw=0.0, shift=np.zeros(3))
     return RandomScene(
         scene=scene, survey=survey, cloud=cloud, truth=place_truth(truth, placements, middle),

@@ -26,6 +26,8 @@ from plc_inspect.sim.scenes.terrain import make_terrain
 Float64 = NDArray[np.float64]
 
 _MARGIN = 130.0
+_KEEP = 2.0
+"""Least distance in plan of trees from houses and walls [m]."""
 
 
 def make_scene(name: str, seed: int = 0) -> Scene:
@@ -125,7 +127,7 @@ def _low_voltage(name: str, seed: int) -> Scene:
     structures.add_street_lights(builder, shift_route(route, -7.5), 41.0, 5.0)
     gardens = _spread(builder, route, 150.0, (3.0, 34.0))
     vegetation.scatter_trees(
-        builder, _keep_off_houses(builder, gardens), (1.0, 9.0), clear=0.4,
+        builder, structures.keep_off_faces(builder, gardens, _KEEP), (1.0, 9.0), clear=0.4,
         shapes=(vegetation.shape_broadleaf, vegetation.shape_bush, vegetation.shape_conifer),
     )
     vegetation.plant_beside(builder, _pick(builder, 2, 1), 0.5, 1, 1.2, vegetation.shape_poplar)
@@ -201,7 +203,7 @@ def _street(name: str, seed: int) -> Scene:
         )
     gardens = _spread(builder, route, 150.0, (2.0, 25.0))
     vegetation.scatter_trees(
-        builder, _keep_off_houses(builder, gardens), (1.0, 9.0), clear=0.4,
+        builder, structures.keep_off_faces(builder, gardens, _KEEP), (1.0, 9.0), clear=0.4,
     )
     return builder.build(extend_route(route, 15.0, 15.0), 20.0)
 
@@ -301,7 +303,8 @@ def _no_line(name: str, seed: int) -> Scene:
     structures.add_guard_rail(builder, shift_route(route, 5.0))
     structures.add_fence(builder, shift_route(route[1:], -14.0))
     forest = _spread(builder, route[1:], 350.0, (16.0, 60.0))
-    vegetation.scatter_trees(builder, _keep_off_houses(builder, forest), (5.0, 18.0))
+    kept = structures.keep_off_faces(builder, forest, _KEEP)
+    vegetation.scatter_trees(builder, kept, (5.0, 18.0))
     bushes = _spread(builder, route, 80.0, (6.0, 50.0))
     vegetation.scatter_trees(
         builder, bushes, (0.8, 3.0), shapes=(vegetation.shape_bush,),
@@ -335,16 +338,6 @@ def _town(name: str, seed: int) -> Scene:
     hedge = walk_route(shift_route(route, 27.0), 0.8)
     vegetation.scatter_trees(builder, hedge, (1.8, 2.2), shapes=(vegetation.shape_bush,))
     return builder.build(extend_route(route, 10.0, 10.0), 52.0)
-
-
-def _keep_off_houses(builder: SceneBuilder, xy: Float64, keep: float = 2.0) -> Float64:
-    """Return the places that are not in or at a house or wall."""
-    if not builder.triangles or not len(xy):
-        return xy
-    corners = np.array(builder.triangles).reshape(-1, 3, 3)[:, :, :2]
-    low, high = corners.min(axis=1) - keep, corners.max(axis=1) + keep
-    inside = (xy[:, None] >= low).all(axis=2) & (xy[:, None] <= high).all(axis=2)
-    return xy[~inside.any(axis=1)]
 
 
 SCENES: dict[str, Callable[[str, int], Scene]] = {

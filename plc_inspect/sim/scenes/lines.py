@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plc_inspect.sim.scenes.conductors import Conductor, hang, solve_constant
-from plc_inspect.sim.scenes.scene import Label, Post, SceneBuilder
+from plc_inspect.sim.scenes.routes import face_ahead
+from plc_inspect.sim.scenes.scene import Label, Post, SceneBuilder, UP
 from plc_inspect.sim.scenes.steelwork import add_lattice, Lattice
 
 Float64 = NDArray[np.float64]
@@ -84,10 +85,7 @@ def add_line(builder: SceneBuilder, style: LineStyle, route: Float64) -> None:
     line_ids = tuple(range(first_line, first_line + len(strings)))
     attachments = []
     for i, foot in enumerate(route):
-        before = route[i] - route[i - 1] if i else route[1] - route[0]
-        after = route[i + 1] - route[i] if i + 1 < len(route) else before
-        ahead = before / np.hypot(*before) + after / np.hypot(*after)
-        ahead /= np.hypot(*ahead)
+        ahead = face_ahead(route, i)[2]
         left = np.array([-ahead[1], ahead[0], 0.0])
         base = np.array([foot[0], foot[1], builder.ground(foot)])
         attachments.append([base + y * left + [0.0, 0.0, z] for y, z, _, _ in strings])
@@ -154,32 +152,30 @@ def _add_support(builder: SceneBuilder, style: LineStyle, base: Float64, left: F
 
 
 def _add_pole(builder: SceneBuilder, style: LineStyle, base: Float64, left: Float64) -> float:
-    up = np.array([0.0, 0.0, 1.0])
     offsets = sorted({y for y, _ in style.phases})
     levels = sorted({z for _, z in style.phases})
     upright = len(offsets) == 1
     top = levels[-1] + (0.3 if upright else -style.insulator - 0.02)
-    builder.add_strut(base, base + top * up, 0.13, Label.TOWER)
+    builder.add_strut(base, base + top * UP, 0.13, Label.TOWER)
     for z in levels:
         if upright:
-            arm = base + z * up
+            arm = base + z * UP
             builder.add_strut(arm, arm + offsets[0] * left, 0.03, Label.TOWER)
             continue
-        arm = base + (z - style.insulator) * up
+        arm = base + (z - style.insulator) * UP
         reach = max(abs(y) for y in offsets) + 0.1
         builder.add_strut(arm - reach * left, arm + reach * left, 0.05, Label.TOWER)
         for y in offsets:
             foot = arm + y * left
-            builder.add_strut(foot, foot + (style.insulator - 0.02) * up, 0.04, Label.TOWER)
+            builder.add_strut(foot, foot + (style.insulator - 0.02) * UP, 0.04, Label.TOWER)
     return max(top, levels[-1])
 
 
 def _add_strings(builder: SceneBuilder, style: LineStyle, base: Float64, left: Float64) -> None:
     """Add the hanging insulators of a tower and the yokes of its bundles."""
-    up = np.array([0.0, 0.0, 1.0])
     for y, z in style.phases:
-        low = base + y * left + (z + 0.05) * up
-        builder.add_strut(low, low + style.insulator * up, 0.1, Label.TOWER)
+        low = base + y * left + (z + 0.05) * UP
+        builder.add_strut(low, low + style.insulator * UP, 0.1, Label.TOWER)
         half = 0.5 * style.bundle
         if half:
             builder.add_strut(low - half * left, low + half * left, 0.03, Label.TOWER)
@@ -188,7 +184,6 @@ def _add_strings(builder: SceneBuilder, style: LineStyle, base: Float64, left: F
 def _add_portal(
     builder: SceneBuilder, style: LineStyle, base: Float64, left: Float64, ahead: Float64,
 ) -> float:
-    up = np.array([0.0, 0.0, 1.0])
     beam = max(z for _, z in style.phases) + style.insulator
     reach = max(abs(y) for y, _ in style.phases) + 0.8
     peak = max(z for _, z in style.earth_wires)
@@ -197,12 +192,12 @@ def _add_portal(
     for y, _ in style.earth_wires:
         foot = base + y * left
         foot[2] = builder.ground(foot[:2])
-        top = base + y * left + beam * up
+        top = base + y * left + beam * UP
         add_lattice(builder, foot, top, leg)
-        add_lattice(builder, top, base + y * left + (peak - 0.1) * up, horn)
-    add_lattice(builder, base - reach * left + (beam + 0.5) * up,
-                base + reach * left + (beam + 0.5) * up,
-                Lattice(widths=(0.9, 0.9), panel=1.8, radius=0.05, side=up, front=ahead))
+        add_lattice(builder, top, base + y * left + (peak - 0.1) * UP, horn)
+    add_lattice(builder, base - reach * left + (beam + 0.5) * UP,
+                base + reach * left + (beam + 0.5) * UP,
+                Lattice(widths=(0.9, 0.9), panel=1.8, radius=0.05, side=UP, front=ahead))
     _add_strings(builder, style, base, left)
     return peak
 
@@ -210,11 +205,10 @@ def _add_portal(
 def _add_lattice(
     builder: SceneBuilder, style: LineStyle, base: Float64, left: Float64, ahead: Float64,
 ) -> float:
-    up = np.array([0.0, 0.0, 1.0])
     lowest = min(z for _, z in style.phases)
     peak = max(z for _, z in (*style.phases, *style.earth_wires))
-    waist = base + (lowest - 1.0) * up
-    neck, tip = base + (peak - 3.0) * up, base + (peak - 0.1) * up
+    waist = base + (lowest - 1.0) * UP
+    neck, tip = base + (peak - 3.0) * UP, base + (peak - 0.1) * UP
     for low, high, widths, panel, radius in (
         (base, waist, (0.2 * peak, 2.2), 4.0, 0.1), (waist, neck, (2.2, 1.2), 2.0, 0.08),
         (neck, tip, (1.2, 0.2), 1.5, 0.05),
@@ -223,16 +217,16 @@ def _add_lattice(
             widths=widths, panel=panel, radius=radius, side=left, front=ahead,
         ))
     for y, z in style.phases:
-        tip = base + y * left + (z + style.insulator + 0.05) * up
-        root = base + math.copysign(0.7, y) * left + (z + style.insulator + 0.05) * up
+        tip = base + y * left + (z + style.insulator + 0.05) * UP
+        root = base + math.copysign(0.7, y) * left + (z + style.insulator + 0.05) * UP
         for v in (-0.7, 0.7):
             builder.add_strut(root + v * ahead, tip, 0.05, Label.TOWER)
-            builder.add_strut(root + v * ahead + 1.6 * up, tip, 0.05, Label.TOWER)
+            builder.add_strut(root + v * ahead + 1.6 * UP, tip, 0.05, Label.TOWER)
         for share in (0.3, 0.6):
             low = root + share * (tip - root)
             for v in (-0.7, 0.7):
                 side = v * (1 - share) * ahead
-                builder.add_strut(low + side, low + side + 1.6 * (1 - share) * up, 0.03,
+                builder.add_strut(low + side, low + side + 1.6 * (1 - share) * UP, 0.03,
                                   Label.TOWER)
     _add_strings(builder, style, base, left)
     return peak

@@ -8,12 +8,14 @@ A map built on drifting odometry lies in a bent frame.  For each conductor-span,
 error (translation and yaw) of its returns moves the truth into that frame.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from plc_inspect.sim.scenes.conductors import Conductor
 
 Float64 = NDArray[np.float64]
 Key = tuple[int, int]
@@ -83,6 +85,17 @@ class PlacementSums:
             horizontal_rms=float(np.sqrt(max(0.0, left - 2 * np.hypot(dot, cross)) / n)),
             vertical_rms=float(np.sqrt(max(0.0, self._rise2 / n - rise**2))),
         )
+
+
+def solve_placements(
+    conductors: Sequence[Conductor], sums: Sequence[PlacementSums],
+) -> dict[Key, Placement]:
+    """Return the placements of the conductor-spans with enough returns, by line and span id."""
+    return {
+        (item.line_id, item.span_id): placement
+        for item, own in zip(conductors, sums, strict=True)
+        for placement in (own.solve(),) if placement is not None
+    }
 
 
 def place_truth(

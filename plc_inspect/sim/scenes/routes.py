@@ -49,6 +49,14 @@ def walk_route(path: Float64, step: float) -> Float64:
     ])
 
 
+def face_ahead(route: Float64, support: int) -> tuple[Float64, Float64, Float64]:
+    """Return unit vectors (2,) along the spans before and after a support, and halfway."""
+    before = route[support] - route[support - 1] if support else route[1] - route[0]
+    after = route[support + 1] - route[support] if support + 1 < len(route) else before
+    before, after = before / np.hypot(*before), after / np.hypot(*after)
+    return before, after, (before + after) / np.hypot(*(before + after))
+
+
 def face_side(route: Float64, pole: int, side: int) -> tuple[Float64, Float64]:
     """Return unit vectors (2,) along a route at one of its supports, and to one side."""
     ahead = route[min(pole + 1, len(route) - 1)] - route[max(pole - 1, 0)]

@@ -20,6 +20,8 @@ from plc_inspect.sim.scenes.terrain import Terrain
 
 Float64 = NDArray[np.float64]
 Int32 = NDArray[np.int32]
+UP = np.array([0.0, 0.0, 1.0])
+"""Unit vector along z."""
 
 
 class Label(enum.IntEnum):

@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from plc_inspect.sim.scenes.scene import Label, SceneBuilder
+from plc_inspect.sim.scenes.scene import Label, SceneBuilder, UP
 
 Float64 = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ def add_house(
     base = np.array([xy[0], xy[1], builder.ground(xy)])
 
     def corner(along: float, across: float, up: float) -> Float64:
-        return base + 0.5 * length * along * u + 0.5 * width * across * v + _lift(up)
+        return base + 0.5 * length * along * u + 0.5 * width * across * v + up * UP
 
     for side in (-1, 1):
         builder.add_face(np.array([
@@ -57,7 +57,7 @@ def add_house(
             corner(1.05, 0, ridge), corner(-1.05, 0, ridge),
         ]), Label.BUILDING)
     chimney = corner(0.4, 0.2, ridge - 0.8)
-    builder.add_strut(chimney, chimney + _lift(1.4), 0.35, Label.BUILDING)
+    builder.add_strut(chimney, chimney + 1.4 * UP, 0.35, Label.BUILDING)
 
 
 def add_wall(
@@ -76,7 +76,7 @@ def add_fence(
 ) -> None:
     """Add posts with ``rails`` wires or bars up to ``height`` [m] along path (K, 2) [m]."""
     for low, high in zip(*_trace(builder, path, 3.0), strict=True):
-        builder.add_strut(low, low + _lift(height), 0.05, Label.OTHER)
+        builder.add_strut(low, low + height * UP, 0.05, Label.OTHER)
         for i in range(1, rails + 1):
             up = np.array([0.0, 0.0, height * i / rails])
             builder.add_strut(low + up, high + up, 0.02, Label.OTHER)
@@ -105,7 +105,7 @@ def add_street_lights(
     for low, high in zip(*_trace(builder, path, spacing), strict=True):
         along = (high - low)[:2] / np.hypot(*(high - low)[:2])
         arm = np.array([-along[1], along[0], 0.1])
-        top = low + _lift(height)
+        top = low + height * UP
         builder.add_strut(low, top, 0.08, Label.OTHER)
         builder.add_strut(top, top + 1.8 * arm, 0.05, Label.OTHER)
         builder.add_strut(top + 1.3 * arm, top + 2.0 * arm, 0.13, Label.OTHER)
@@ -128,7 +128,7 @@ def add_footbridge(
     for side in (-1.0, 1.0):
         for share in np.linspace(0.0, 1.0, num):
             post = low + share * (high - low) + side * v
-            builder.add_strut(post, post + _lift(1.1), 0.03, Label.OTHER)
+            builder.add_strut(post, post + 1.1 * UP, 0.03, Label.OTHER)
         for up in (0.6, 1.1):
             lift = np.array([0.0, 0.0, up])
             builder.add_strut(low + side * v + lift, high + side * v + lift, 0.03, Label.OTHER)
@@ -184,6 +184,16 @@ def add_village(
             add_wall(builder, np.array([front[0], depth]), rng.uniform(1.4, 1.9))
 
 
+def keep_off_faces(builder: SceneBuilder, xy: Float64, keep: float) -> Float64:
+    """Return the positions xy (K, 2) at least ``keep`` from the box of each face in plan [m]."""
+    if not builder.triangles or not len(xy):
+        return xy
+    corners = np.array(builder.triangles).reshape(-1, 3, 3)[:, :, :2]
+    low, high = corners.min(axis=1) - keep, corners.max(axis=1) + keep
+    inside = (xy[:, None] >= low).all(axis=2) & (xy[:, None] <= high).all(axis=2)
+    return xy[~inside.any(axis=1)]
+
+
 def _is_free(builder: SceneBuilder, xy: Float64, keep: float) -> bool:
     for item in builder.conductors:
         edge = (item.end - item.start)[:2]
@@ -207,7 +217,3 @@ def _trace(
         starts.append(nodes[:-1])
         ends.append(nodes[1:])
     return np.vstack(starts), np.vstack(ends)
-
-
-def _lift(height: float) -> Float64:
-    return np.array([0.0, 0.0, height])

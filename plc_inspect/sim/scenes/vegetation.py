@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from plc_inspect.errors import DataError
 from plc_inspect.sim.scenes.conductors import Conductor
-from plc_inspect.sim.scenes.scene import Label, Planted, SceneBuilder
+from plc_inspect.sim.scenes.scene import Label, Planted, SceneBuilder, UP
 
 Float64 = NDArray[np.float64]
 Shape = Callable[[np.random.Generator, float], Float64]
@@ -100,7 +100,7 @@ def _add(builder: SceneBuilder, crown: Float64, xy: Float64, height: float) -> N
     builder.add_blobs(crown)
     if height > WITH_TRUNK:
         foot = np.array([xy[0], xy[1], builder.ground(xy)])
-        top = foot + _lift(0.55 * height)
+        top = foot + 0.55 * height * UP
         builder.add_strut(foot, top, 0.012 * height + 0.03, Label.VEGETATION)
 
 
@@ -209,7 +209,3 @@ def scatter_trees(
         shape = shapes[int(rng.integers(len(shapes)))]
         count += add_tree(builder, shape, spot, rng.uniform(*heights), clear)
     return count
-
-
-def _lift(height: float) -> Float64:
-    return np.array([0.0, 0.0, height])

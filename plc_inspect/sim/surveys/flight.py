@@ -11,7 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from plc_inspect.sim.scenes.placement import place_truth, Placement, PlacementSums
+from plc_inspect.sim.scenes.placement import (
+    place_truth,
+    Placement,
+    PlacementSums,
+    solve_placements,
+)
 from plc_inspect.sim.scenes.scene import Label, Scene
 from plc_inspect.sim.surveys.bag import FlightSink
 from plc_inspect.sim.surveys.puck import Puck, Scan, scan, START_DELAY
@@ -24,7 +29,13 @@ from plc_inspect.sim.surveys.trajectory import (
     RATE,
     Trajectory,
 )
-from plc_inspect.sim.surveys.truth import make_truth, measure_along, Sightings
+from plc_inspect.sim.surveys.truth import (
+    count_post_points,
+    make_truth,
+    measure_along,
+    NEAR,
+    Sightings,
+)
 
 Float64 = NDArray[np.float64]
 Int32 = NDArray[np.int32]
@@ -93,12 +104,9 @@ class _Tally:
         """Keep the returns near conductors, and count those of supports."""
         if self.tree is None:
             return
-        feet = np.array([post.position[:2] for post in self.scene.posts])
-        tower = exact[label == Label.TOWER]
-        gap, nearest = cKDTree(feet).query(tower[:, :2], distance_upper_bound=15.0)
-        self.posts += np.bincount(nearest[np.isfinite(gap)], minlength=len(feet))
+        self.posts += count_post_points(self.scene, exact[label == Label.TOWER])
         other = np.isin(label, (Label.VEGETATION, Label.BUILDING, Label.OTHER))
-        gap, _ = self.tree.query(exact[other], distance_upper_bound=12.0)
+        gap, _ = self.tree.query(exact[other], distance_upper_bound=NEAR)
         good = np.isfinite(gap)
         self.near = np.vstack([self.near, exact[other][good]])
         self.near_label = np.concatenate([self.near_label, label[other][good]])
@@ -205,11 +213,7 @@ def simulate_flight(
     content = make_truth(
         scene, tally.sum_up(), kind='flight', frame_id='odom', bin_size=2.0, noise=puck.noise,
     )
-    placements = {
-        (item.line_id, item.span_id): placement
-        for item, sums in zip(scene.conductors, tally.sums, strict=True)
-        for placement in (sums.solve(),) if placement is not None
-    }
+    placements = solve_placements(scene.conductors, tally.sums)
     middle = len(truth.position) // 2
     default = Placement(
         centre=truth.position[middle], yaw=0.0,

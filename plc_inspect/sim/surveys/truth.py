@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from plc_inspect.config import HazardSettings
 from plc_inspect.sim.scenes.conductors import Conductor, measure_distances
+from plc_inspect.sim.scenes.placement import REACH
 from plc_inspect.sim.scenes.scene import Label, Scene
 
 Float64 = NDArray[np.float64]
@@ -23,6 +24,12 @@ UInt8 = NDArray[np.uint8]
 
 AMBIGUOUS = 0.3
 """Distance beyond a limit up to which objects are listed, but need not be found [m]."""
+
+
+NEAR = 12.0
+"""Distance from conductors up to which returns of objects are kept [m]."""
+LEAST_SEEN = 5
+"""Least number of returns of a support that was seen."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -74,24 +81,24 @@ def collect_sightings(
     return Sightings(
         wire_x=tuple(wire_x), num_points=np.diff(bounds).astype(np.int64),
         near=exact[other], near_label=label[other],
-        post_points=_count_post_points(scene, exact[label == Label.TOWER]),
+        post_points=count_post_points(scene, exact[label == Label.TOWER]),
     )
 
 
-def _count_post_points(scene: Scene, points: Float64, radius: float = 15.0) -> Int64:
-    """Count the points that belong to each support, the nearest in plan."""
+def count_post_points(scene: Scene, points: Float64) -> Int64:
+    """Count the points (N, 3) of supports by the nearest one in plan, within REACH."""
     if not scene.posts or not len(points):
         return np.zeros(len(scene.posts), dtype=np.int64)
     feet = np.array([post.position[:2] for post in scene.posts])
-    distance, nearest = cKDTree(feet).query(points[:, :2], distance_upper_bound=radius)
+    distance, nearest = cKDTree(feet).query(points[:, :2], distance_upper_bound=REACH)
     return np.bincount(nearest[np.isfinite(distance)], minlength=len(feet)).astype(np.int64)
 
 
-def _is_near(scene: Scene, points: Float64, limit: float = 12.0) -> NDArray[np.bool_]:
+def _is_near(scene: Scene, points: Float64) -> NDArray[np.bool_]:
     if not scene.conductors or not len(points):
         return np.zeros(len(points), dtype=bool)
     tree = cKDTree(np.vstack([item.sample(1.0) for item in scene.conductors]))
-    distance, _ = tree.query(points, distance_upper_bound=limit)
+    distance, _ = tree.query(points, distance_upper_bound=NEAR)
     return np.isfinite(distance)
 
 
@@ -159,7 +166,7 @@ def make_truth(
         'lines': _list_lines(scene), 'spans': spans,
         'supports': [
             {'position': (post.position + shift).tolist(), 'height': post.height,
-             'kind': post.kind, 'lines': list(post.line_ids), 'seen': bool(count >= 5),
+             'kind': post.kind, 'lines': list(post.line_ids), 'seen': bool(count >= LEAST_SEEN),
              'num_points': int(count)}
             for post, count in zip(scene.posts, sightings.post_points, strict=True)
         ],
