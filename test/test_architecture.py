@@ -5,6 +5,7 @@
 
 import ast
 from pathlib import Path
+import re
 
 import pytest
 
@@ -14,6 +15,7 @@ MODULES = sorted(ROOT.rglob('*.py'))
 LEAST_CORE, LEAST_MODULES = 90, 200
 """A search that finds fewer looks in the wrong place."""
 LEAST_PACKAGES = 30
+LEAST_PLACES = 60
 MOST_LINES, MOST_MODULES, MOST_ARGUMENTS = 400, 16, 7
 LEAST_FUNCTIONS = {
     'core.numerics': 12, 'core.alignment': 30, 'core.setup': 20, 'core.voxel_buffer': 25,
@@ -241,3 +243,18 @@ def find_modules(names):
                 break
             name = name.rpartition('.')[0]
     return found
+
+
+def test_the_page_of_the_architecture_names_what_there_is():
+    text = (ROOT.parent / 'docs/architecture.md').read_text(encoding='utf-8')
+    names = [name for name in re.findall(r'`([^` ]+)`', text) if re.fullmatch(r'[\w./*]+', name)]
+    places = sorted({name for name in names if '/' in name})
+    assert len(places) >= LEAST_PLACES
+    missing = [
+        name for name in places
+        if not any(list(folder.glob(name.rstrip('/') + suffix))
+                   for folder in (ROOT, ROOT.parent, ROOT / 'core', ROOT / 'sim', ROOT / 'ros',
+                                  ROOT / 'grid', ROOT / 'monitor')
+                   for suffix in ('', '.py'))
+    ]
+    assert missing == []
