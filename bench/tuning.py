@@ -242,9 +242,9 @@ def compare_workers(points: Float64) -> str:
         list(pool.map(alone.score, choices))
         seconds['two threads'] = time.perf_counter() - started
     with Workers(points, 0, num_workers=NUM_WORKERS) as workers:
-        list(workers.look(choices[:NUM_WORKERS]))
+        list(workers.evaluate(choices[:NUM_WORKERS]))
         started = time.perf_counter()
-        list(workers.look(choices))
+        list(workers.evaluate(choices))
         seconds['two processes, once they run'] = time.perf_counter() - started
     return render_table((f'{len(choices)} evaluations', 'time [s]'), [
         [name, f'{value:.1f}'] for name, value in seconds.items()

@@ -24,7 +24,7 @@ from plc_inspect.core.pipeline import enter_frame, Pipeline
 from plc_inspect.core.stage_log import StageLog
 from plc_inspect.grid.ledger import Ledger
 from plc_inspect.offline.readers.clouds import read_cloud
-from plc_inspect.offline.records.coverage_record import ENOUGH, look_again
+from plc_inspect.offline.records.coverage_record import ENOUGH, review_coverage
 
 CUTS = [{'edge': 45.0, 'tile_edge': 90.0, 'shift': (0.0, 0.0), 'halo': 130.0},
         {'edge': 37.0, 'tile_edge': 80.0, 'shift': (17.3, 5.1), 'halo': 130.0},
@@ -105,7 +105,7 @@ def test_the_page_opens_the_reports_of_sections(cloud, merged, tmp_path):
     assert told == sorted(told, key=('critical', 'warning', 'notice').index)
 
     points = read_cloud(cloud).points
-    coverage = look_again(make_inspection(result=merged, points=points)).coverage
+    coverage = review_coverage(make_inspection(result=merged, points=points)).coverage
     own = {
         item.section.span_id: (item.is_enough, sum(gap.length for gap in item.gaps))
         for item in coverage.sections

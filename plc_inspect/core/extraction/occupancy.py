@@ -147,7 +147,7 @@ def _fill_part(points, chosen, origin, size, column_of, level):  # type: ignore[
 
 
 @njit(cache=True, nogil=True, inline='always')
-def _look(here, table, key, filled):  # type: ignore[no-untyped-def]
+def _read_block(here, table, key, filled):  # type: ignore[no-untyped-def]
     """Return the bits of the column with a key, 0 where there is none."""
     slot = find_slot(here, table, key)
     return filled[slot] if slot >= 0 else np.uint64(0)
@@ -166,12 +166,12 @@ def _find_sparse(key, filled, table, max_occupied):  # type: ignore[no-untyped-d
             u, v = x + column // 3 - 1, y + column % 3 - 1
             if u < 0 or v < 0:
                 continue
-            here = _look(pack(u, v, block), table, key, filled)
+            here = _read_block(pack(u, v, block), table, key, filled)
             below = here << one
             if block > 0:
-                below |= _look(pack(u, v, block - 1), table, key, filled) >> top
+                below |= _read_block(pack(u, v, block - 1), table, key, filled) >> top
             above = here >> one
-            above |= _look(pack(u, v, block + 1), table, key, filled) << top
+            above |= _read_block(pack(u, v, block + 1), table, key, filled) << top
             for high in range(64):
                 shift = np.uint64(high)
                 if (filled[i] >> shift) & one:

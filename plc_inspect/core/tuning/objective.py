@@ -156,9 +156,9 @@ class Objective:
 
     def score(self, settings: Settings) -> Score:
         """Return the score of settings."""
-        return self.look(settings)[0]
+        return self.evaluate(settings)[0]
 
-    def look(self, settings: Settings) -> tuple[Score, Int64]:
+    def evaluate(self, settings: Settings) -> tuple[Score, Int64]:
         """Return the score of settings, and the indices of the wire points, ascending."""
         settings = _without_rules(settings)
         pipeline = Pipeline(settings)

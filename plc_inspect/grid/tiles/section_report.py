@@ -22,7 +22,7 @@ from plc_inspect.grid.tiles.tile_job import TileJob
 from plc_inspect.grid.tiles.tile_points import renumber
 from plc_inspect.offline.export.coverage_files import make_plan, write_coverage_views
 from plc_inspect.offline.export.files import describe_frame, write_json
-from plc_inspect.offline.records.coverage_record import describe_coverage, look_again
+from plc_inspect.offline.records.coverage_record import describe_coverage, review_coverage
 from plc_inspect.offline.records.inspection import Inspection, Units
 from plc_inspect.offline.report.report import render_report
 from plc_inspect.results import Bool, Float64, Hazard, InspectionResult, Span, Support
@@ -151,7 +151,7 @@ def write_section_report(
     place = Path(folder)
     place.mkdir(parents=True, exist_ok=True)
     remove_report(place)
-    sight = look_again(inspection)
+    sight = review_coverage(inspection)
     record = describe_coverage(sight, section.units)
     write_json(place / VIEWS[0], describe_frame(inspection) | record)
     write_coverage_views(place, inspection, sight)

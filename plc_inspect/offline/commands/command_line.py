@@ -24,15 +24,15 @@ from plc_inspect.printable import make_one_line
 DONE, DEFECT, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 COLLECT_AFTER = 100_000
-"""New objects between garbage collections: loading a command makes many, and all stay."""
-atexit.register(gc.freeze)  # a process that ends looks through all its objects otherwise
+"""New objects between garbage collections: loading a command creates many that all stay."""
+atexit.register(gc.freeze)  # no collection over all objects at exit
 
 Progress = Callable[[str, float], None]
 """Called with the name of the step and its share, 0 to 1."""
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser that says what is wrong in one line."""
+    """An argument parser with error messages of one line."""
 
     def error(self, message: str) -> NoReturn:
         """Print one line and exit with 2."""
@@ -138,7 +138,7 @@ def run_command(name: str, body: Callable[[], int]) -> int:
     except KeyboardInterrupt:
         return INTERRUPTED
     except BrokenPipeError:
-        # Whoever read our output has gone; let the flush at exit not complain of it.
+        # The reader of stdout is gone: keep the flush at exit from failing.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return DONE
     except OSError as error:
@@ -180,7 +180,7 @@ def _complain(name: str, text: str) -> int:
 
 @contextmanager
 def _collect_seldom() -> Iterator[None]:
-    """Look for garbage less often."""
+    """Collect garbage less often."""
     before = gc.get_threshold()
     gc.set_threshold(COLLECT_AFTER, *before[1:])
     try:
@@ -191,7 +191,7 @@ def _collect_seldom() -> Iterator[None]:
 
 @contextmanager
 def _end_on_sigterm() -> Iterator[None]:
-    """Let SIGTERM unwind the stack, so that nothing half-written stays behind."""
+    """Let SIGTERM unwind the stack, so that partly written files are removed."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

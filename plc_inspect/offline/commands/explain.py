@@ -23,16 +23,16 @@ NAME = 'plc_explain'
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Folder:
-    """The points of a results folder and the settings it was made with."""
+    """The points and settings of a results folder."""
 
     points: 'Float64'
     """(N, 3) in the order of points.laz [m]."""
     classification: 'UInt8'
     """(N,) PointClass."""
     decision: 'UInt8'
-    """(N,) Decision, as it was written."""
+    """(N,) Decision, as stored."""
     settings: 'Settings'
-    """Clearance rules are the plain ones: they decide nothing about points."""
+    """With the plain clearance rules, because rules do not affect the classes of points."""
     units: 'Units'
 
 

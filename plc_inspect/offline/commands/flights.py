@@ -173,7 +173,7 @@ def run_flights(
         show_progress(arguments.quiet, time_left=True) as progress,
         Ledger(folder, __version__) as ledger,
     ):
-        for name in ('index.html', TABLE):  # not whole any more
+        for name in ('index.html', TABLE):  # outdated from here on
             (folder / name).unlink(missing_ok=True)
         run = GridRun(
             folder=folder, settings=settings, rules=request.rules, options=GridOptions(),

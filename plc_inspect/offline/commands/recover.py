@@ -34,7 +34,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def recover(record: Path) -> Recovered:
     """
-    Make the results of a flight from its record, as the node makes them at the end.
+    Produce the results of a flight from its record, as the node does at the end.
 
     Parameters
     ----------

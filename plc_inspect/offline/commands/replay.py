@@ -130,7 +130,7 @@ def replay(
 
 
 def describe_losses(inspection: 'Inspection') -> str:
-    """Return a text of what did not get into the map, '' if all did."""
+    """Return a text about the input missing in the map, '' if nothing is."""
     counts = inspection.counts
     parts = [counts['mount_doubt']] if counts.get('mount_doubt') else []
     parts += [part['text'] for part in counts.get('parts', [])]

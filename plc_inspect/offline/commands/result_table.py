@@ -107,7 +107,7 @@ def format_number(value: float | None, decimals: int) -> str:
     """Return a number with so many decimals; a dash where there is none."""
     if value is None or not math.isfinite(value):
         return '-'
-    return f'{round(value, decimals) + 0.0:.{decimals}f}'  # no minus before nothing
+    return f'{round(value, decimals) + 0.0:.{decimals}f}'  # -0 as 0
 
 
 def _plural(count: int, noun: str) -> str:

@@ -32,11 +32,11 @@ class Effect:
     name: str
     value: float
     to: float
-    """What the setting was changed to; within its range."""
+    """The changed value, within the setting's range."""
     score: Score
-    """The score then."""
+    """The score with the changed value."""
     base: Score
-    """The score of the settings as given."""
+    """The score of the unchanged settings."""
     changed: float
     """New and lost wire points, as a share of all wire points before or after."""
 
@@ -84,7 +84,7 @@ def measure_sensitivity(
         (name, to) for name in names or list_names() for to in change(settings, name)
     ]
     with Workers(points, seed, truth, num_workers, settings) as workers:
-        results = workers.look(
+        results = workers.evaluate(
             [settings, *(update(settings, {name: to}) for name, to in steps)]
         )
         base, wire = next(results)
@@ -107,7 +107,7 @@ def list_names() -> list[str]:
 
 
 def change(settings: Settings, name: str) -> list[float | int]:
-    """Return a setting less and more a fifth, within its range; whole numbers move by one."""
+    """Return a setting minus and plus a fifth, within its range; integers change by one."""
     value = get_value(settings, name)
     meta = next(meta for other, _, meta in describe() if other == name)
     section, _, key = name.partition('.')

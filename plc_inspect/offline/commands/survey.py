@@ -105,7 +105,7 @@ def survey(
     if is_large:
         _load(settings)
     cloud = reading.result()
-    if is_large:  # most of the pipeline runs outside of Python
+    if is_large:  # import while the pipeline releases the GIL
         Thread(target=importlib.import_module, args=(FILES,), daemon=True).start()
     num_points = len(cloud.points)
     num_finite = num_points - cloud.num_not_finite
@@ -166,7 +166,7 @@ def begin_reading(
         except BaseException as error:
             reading.set_exception(error)
 
-    Thread(target=read, daemon=True).start()  # nobody waits for it where a request is wrong
+    Thread(target=read, daemon=True).start()  # a daemon: not waited for if the request is invalid
     return reading
 
 
@@ -189,7 +189,7 @@ def check_memory(path: Path) -> None:
         check_las_header(path)
         with path.open('rb') as file:
             num_points = int(laspy.LasHeader.read_from(file).point_count)
-    except Exception:  # whatever it is, reading says it
+    except Exception:  # reported when the file is read
         return
     free, needed = measure_available(), BASE_BYTES + BYTES_PER_POINT * num_points
     if needed > free:

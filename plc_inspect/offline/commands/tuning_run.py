@@ -54,7 +54,7 @@ METHODS = {'grid': GRID_BUDGET, 'evolution': EVOLUTION_BUDGET}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SearchPlan:
-    """How to search."""
+    """Method and budget of a search."""
 
     method: str = 'evolution'
     """One of METHODS."""
@@ -67,7 +67,7 @@ class SearchPlan:
 
     @property
     def most_evaluations(self) -> int:
-        """The budget, or that of the method."""
+        """The budget, by default that of the method."""
         return self.budget or METHODS[self.method]
 
 
@@ -85,13 +85,13 @@ class Tuned:
     num_evaluations: int
     num_points: int
     num_searched: int
-    """Points that the search saw."""
+    """Points that the search used."""
     with_truth: bool
     interrupted: bool
 
     @property
     def is_line(self) -> bool:
-        """Whether the cloud holds a line that the settings find."""
+        """Whether the tuned settings find a line in the cloud."""
         return is_line(self.after)
 
 
@@ -187,7 +187,7 @@ def tune(
 
         def evaluate(choices: Sequence[Values]) -> Iterator[Score]:
             nonlocal done
-            for score, _ in workers.look([put_values(settings, item) for item in choices]):
+            for score, _ in workers.evaluate([put_values(settings, item) for item in choices]):
                 done += 1
                 told(f'{plan.method} {done}', min(done / budget, 1.0))
                 yield score
@@ -225,7 +225,7 @@ def tune(
 
 def render_file(tuned: Tuned, source: str, checksum: str) -> str:
     """
-    Return the parameter file: all of Table 1, and what else was given.
+    Return the parameter file: all of Table 1 and the other settings given.
 
     Parameters
     ----------

@@ -29,9 +29,9 @@ _objective: Objective | None = None
 
 class Workers:
     """
-    Evaluates settings on one cloud, in order, in processes where that pays.
+    Evaluates settings on one cloud in order, in several processes if that is faster.
 
-    A context manager.  Processes and not threads: half of an evaluation is Python, see
+    A context manager.  Uses processes because half of an evaluation is Python code, see
     docs/tuning.md.
     """
 
@@ -86,15 +86,15 @@ class Workers:
         if self._folder is not None:
             self._folder.cleanup()
 
-    def look(self, choices: Sequence[Settings]) -> Iterator[tuple[Score, Int64]]:
+    def evaluate(self, choices: Sequence[Settings]) -> Iterator[tuple[Score, Int64]]:
         """Yield the score and the wire points of each of several settings, in their order."""
         if self._pool is not None:
-            waiting = [self._pool.submit(_look, settings) for settings in choices]
+            waiting = [self._pool.submit(_evaluate, settings) for settings in choices]
             for item in waiting:
                 yield item.result()
         elif self._objective is not None:
             for settings in choices:
-                yield self._objective.look(settings)
+                yield self._objective.evaluate(settings)
 
 
 def _start(
@@ -108,7 +108,7 @@ def _start(
     _objective = Objective(points, seed=seed, truth=truth, base=base)
 
 
-def _look(settings: Settings) -> tuple[Score, Int64]:
+def _evaluate(settings: Settings) -> tuple[Score, Int64]:
     if _objective is None:
         raise RuntimeError('the worker was not started')
-    return _objective.look(settings)
+    return _objective.evaluate(settings)

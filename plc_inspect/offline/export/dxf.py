@@ -38,7 +38,7 @@ def write_dxf(path: Path, inspection: Inspection, records: dict[str, list[Record
         'spans', 'supports' and 'hazards' as their JSON files hold them.
 
     """
-    # the same results give the same bytes
+    # no date or random identifiers, so that equal results give equal bytes
     ezdxf.options.write_fixed_meta_data_for_testing = True  # type: ignore[attr-defined]
     units = inspection.units
     document = ezdxf.new(  # type: ignore[attr-defined]
@@ -68,13 +68,13 @@ def write_dxf(path: Path, inspection: Inspection, records: dict[str, list[Record
         text = f'{row["hazard_id"]} {row["kind"]} {row["clearance"]:.2f}'
         space.add_text(text, height=0.5 / units.horizontal, dxfattribs=style) \
             .set_placement(row['position'])
-    # ezdxf adds these from a set, whose order differs from process to process
+    # ezdxf adds these from a set, whose order varies between processes
     document.classes.add_required_classes(document.dxfversion)
     document.classes.classes = OrderedDict(sorted(document.classes.classes.items()))
     document.saveas(path)
 
 
 def _true_color(severity: str) -> int:
-    """Return the colour of a severity as DXF has it: 0xRRGGBB."""
+    """Return the colour of a severity in the encoding of DXF: 0xRRGGBB."""
     red, green, blue = parse_color(severity_color(severity))
     return red << 16 | green << 8 | blue

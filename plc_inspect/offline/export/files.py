@@ -24,7 +24,7 @@ from plc_inspect.offline.export.geo import write_geo
 from plc_inspect.offline.export.playback import write_playback
 from plc_inspect.offline.export.points_file import write_points
 from plc_inspect.offline.records.changes import describe_changes
-from plc_inspect.offline.records.coverage_record import describe_coverage, look_again, Sight
+from plc_inspect.offline.records.coverage_record import describe_coverage, review_coverage, Sight
 from plc_inspect.offline.records.inspection import (
     describe_hazard,
     describe_span,
@@ -72,9 +72,9 @@ OTHER_UNITS = {'azimuth': 'rad', 'a2': '1/{unit}', 'years': 'a'}
 
 def write_files(folder: Path, inspection: Inspection) -> None:
     """Write all files of one run into an empty folder; OSError if one cannot be written."""
-    tables, sight = write_records(folder, inspection), look_again(inspection)
+    tables, sight = write_records(folder, inspection), review_coverage(inspection)
     _write_coverage(folder, inspection, sight)
-    with ThreadPoolExecutor(1) as beside:  # points are compressed outside of Python
+    with ThreadPoolExecutor(1) as beside:  # compression releases the GIL
         report = beside.submit(_write_views, folder, inspection, tables, sight)
         started = time.perf_counter()
         num_written = write_points(folder / 'points.laz', inspection)
@@ -87,7 +87,7 @@ def write_files(folder: Path, inspection: Inspection) -> None:
 def write_tables(folder: Path, inspection: Inspection) -> None:
     """Write only JSON and CSV of one run; OSError if one cannot be written."""
     write_records(folder, inspection)
-    _write_coverage(folder, inspection, look_again(inspection))
+    _write_coverage(folder, inspection, review_coverage(inspection))
     write_json(folder / 'run.json', describe_run(inspection, 0))
 
 
@@ -125,7 +125,7 @@ def write_records(
 
 
 def describe_frame(inspection: Inspection) -> Record:
-    """Return the head of each file of records: its frame and units."""
+    """Return the header of each file of records: frame and units."""
     units = inspection.units
     return {
         'frame_id': inspection.frame_id,
@@ -214,7 +214,7 @@ def measure_peak_memory() -> int:
 
 def render_json(value: Any, indent: str = '') -> str:
     """
-    Return a value as JSON: one key a line, lists of plain values on one line.
+    Return a value as JSON: one key per line, lists of scalars on one line.
 
     Floats are written by ``repr``, so reading them back gives the same bits; NaN and infinity
     become null.  Arrays of numpy are lists.

@@ -46,10 +46,10 @@ def write_points(path: Path, inspection: Inspection) -> int:
     """
     Write the points of one run as LAZ 1.4, point format 6 or later.
 
-    Points that came from a LAS file are all written, in their order, with all their attributes;
-    the class is replaced, and so are extra dimensions named as ours.  Their old class is kept
-    beside it, unless the input already holds an original one.  Their coordinates stay on the grid
-    of the input, so they are exact.  Of other points the finite ones are written.
+    Points of a LAS file are all written in their order with all their attributes; the class and
+    extra dimensions with our names are replaced.  The input's class is kept in another dimension,
+    unless the input already holds an original class.  Coordinates stay on the grid of the input,
+    so they are exact.  Of other inputs, only finite points are written.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def write_points(path: Path, inspection: Inspection) -> int:
         if inspection.las is None:
             return _write_coordinates(path, inspection)
         _write_las(path, inspection.las, inspection)
-    except (LazrsError, laspy.errors.LaspyException) as error:  # a full disk, which is no OSError
+    except (LazrsError, laspy.errors.LaspyException) as error:  # also a full disk
         raise DataError(f'{path.name} cannot be written, is the disk full? {error}') from error
     return num_points
 
@@ -144,7 +144,7 @@ def _write_coordinates(path: Path, inspection: Inspection) -> int:
     header = laspy.LasHeader(version='1.4', point_format=6)
     points = inspection.units.from_metres(inspection.points[rows])
     header.offsets, header.scales = _choose_grid(points)
-    header.creation_date = None  # the same points give the same bytes on any day
+    header.creation_date = None  # equal points give equal bytes on any day
     finish_header(header, inspection.crs)
     with open_points(path, header) as writer:
         for begin in range(0, len(rows), CHUNK_SIZE):
@@ -181,12 +181,12 @@ def _modernise(las: laspy.LasData) -> laspy.LasData:
 
 
 def describe_original() -> laspy.ExtraBytesParams:
-    """Return the extra dimension that keeps the class which a point had."""
+    """Return the extra dimension for the class of a point in the input."""
     return laspy.ExtraBytesParams(name=ORIGINAL, type=np.uint8, description='class in the input')
 
 
 def finish_header(header: laspy.LasHeader, crs: str) -> None:
-    """Add what every results file holds: our dimensions, the CRS as WKT, our name."""
+    """Add our extra dimensions, the CRS as WKT and the name of the software."""
     header.add_extra_dims([
         laspy.ExtraBytesParams(name=name, type=dtype, description=description)
         for name, dtype, description in EXTRA_DIMENSIONS
@@ -206,7 +206,7 @@ def finish_header(header: laspy.LasHeader, crs: str) -> None:
 
 
 def open_points(path: Path, header: laspy.LasHeader) -> laspy.LasWriter:
-    """Open a LAZ file to be written, by several threads where that is possible."""
+    """Open a LAZ file for writing, with several threads if possible."""
     parallel = laspy.LazBackend.LazrsParallel
     backend = parallel if parallel.is_available() else None
     return laspy.open(path, mode='w', header=header, do_compress=True, laz_backend=backend)
@@ -230,7 +230,7 @@ def _find_common_head(first: np.dtype[np.void], second: np.dtype[np.void]) -> _H
 
 
 def _view_head(records: NDArray[np.void], head: _Head) -> NDArray[np.void]:
-    """Return a view of the first bytes of records, which numpy copies at once."""
+    """Return a view of the leading fields of records as one item, which numpy copies faster."""
     kind = np.dtype({
         'names': ['head'], 'formats': [f'V{head.size}'], 'offsets': [0],
         'itemsize': records.dtype.itemsize,

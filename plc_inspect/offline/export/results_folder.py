@@ -45,8 +45,8 @@ def check_results(folder: Path, force: bool = False) -> None:
     """
     Raise DataError unless a results folder can be written at ``folder``.
 
-    An existing folder needs ``force``, and must hold nothing but the files of a results folder:
-    nothing else is ever removed.
+    An existing folder needs ``force`` and may hold only the files of a results folder, because
+    no other file is ever removed.
     """
     check_folder(folder, force)
     if folder.exists():
@@ -70,17 +70,17 @@ def write_results(
     """
     Write the results folder of one run.
 
-    It is written beside its place and renamed, so ``folder`` is never seen half-written; an old
-    folder is replaced only when the new one is complete.
+    It is written under a temporary name and then renamed, so ``folder`` is never incomplete; an
+    old folder is replaced only when the new one is complete.
 
     Parameters
     ----------
     folder : Path
-        Where; missing parents are made.
+        Its path; missing parents are created.
     inspection : Inspection
         The run.
     force : bool
-        Replace a results folder that exists.
+        Replace an existing results folder.
     paper : str
         Size of the paper on which the report is printed as well, one of `paper.SIZES`; '' not.
     tables_only : bool

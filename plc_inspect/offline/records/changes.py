@@ -57,10 +57,10 @@ class Survey:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Growth:
-    """Rise of the canopy beside one span, where both surveys saw it."""
+    """Growth of the canopy beside one span, where both surveys saw it."""
 
     span_id: int
-    """Of the second survey."""
+    """In the second survey."""
     median: float
     """[m]."""
     highest: float
@@ -258,7 +258,7 @@ def _describe_change(name: str, change: Change | None, scale: float) -> Record:
 
 
 def _measure_growth(before: Survey, after: Survey) -> tuple[Growth, ...]:
-    """Rise of the highest vegetation in the plan cells that both surveys saw it in."""
+    """Return the rise of the highest vegetation in plan cells with vegetation in both surveys."""
     if not len(before.canopy) or not len(after.canopy):
         return ()
     cells, tops = zip(*(_find_tops(survey.canopy) for survey in (before, after)), strict=True)

@@ -32,8 +32,8 @@ class Sight:
     refly: Refly
 
 
-def look_again(inspection: Inspection) -> Sight:
-    """Measure the coverage of a run and plan the flight, in metres in the frame of its points."""
+def review_coverage(inspection: Inspection) -> Sight:
+    """Measure the coverage of a run and plan a flight over its gaps [m], in the points' frame."""
     result, points = inspection.result, inspection.points
     ground = see_ground(points, result.classification == PointClass.WIRE)
     way = inspection.way

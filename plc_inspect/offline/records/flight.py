@@ -60,13 +60,13 @@ class Snapshot:
     """Stamp of the newest scan in the map [ns]."""
     vehicle: Float64 | None
     complete: bool
-    """Nothing was evicted from the map."""
+    """Whether nothing was evicted from the map."""
     looks: Sequence[LookWindow] = ()
-    """Looks by which sharpness is measured, since the last job."""
+    """Looks since the last job, for the measurement of sharpness."""
 
 
 def copy_everything(voxels: VoxelMap) -> Window:
-    """Return a window that is the whole map."""
+    """Return a window with the whole map."""
     copy = copy_window(voxels, plan_everything(voxels, []))
     return next(item for item in copy if item is not None)
 

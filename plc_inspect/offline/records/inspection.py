@@ -33,7 +33,7 @@ Record = dict[str, Any]
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Units:
     """
-    Lengths of one unit of the input's coordinates.
+    Units of the input's coordinates.
 
     Where the two differ, z coordinates are in the vertical unit and every length (a, b, c and
     sag included) is in the horizontal one.
@@ -88,7 +88,7 @@ class Inspection:
     """WKT of the coordinates; empty where it is unknown."""
     units: Units = Units()
     las: laspy.LasData | None = None
-    """The points as they were read, in the same order; None where they are no LAS points."""
+    """The points as read, in the same order; None if they are not from a LAS file."""
     georeference: str = ''
     """WKT of the frame of a flight with a known origin; unused if ``crs`` is given."""
     altitude: float = 0.0
@@ -198,17 +198,17 @@ def measure_clearances(
     result: InspectionResult, min_points: int
 ) -> dict[tuple[int, int], float | None]:
     """
-    Return the distance of each span to the vegetation that is nearest to it [m].
+    Return the distance of each span to the nearest vegetation [m].
 
-    Keys are (line_id, span_id).  The distance is that of the ``min_points``-th nearest point, as
-    fewer points make no hazard; None where the corridor holds fewer that belong to the span.
+    Keys are (line_id, span_id).  The distance is that of the ``min_points``-th nearest point,
+    because fewer points make no hazard; None if the span has fewer points in its corridor.
     """
     is_tree = result.classification[result.corridor] == PointClass.VEGETATION
     distances = result.clearance[result.corridor][is_tree]
     line_id, span_id = result.corridor_line_id[is_tree], result.corridor_span_id[is_tree]
     width = int(span_id.max(initial=0)) + 1
     owner = line_id.astype(np.int64) * width + span_id
-    # few bits, so that numpy sorts by counting
+    # the smallest integer type, for which numpy uses a radix sort
     order = np.argsort(owner.astype(np.min_scalar_type(owner.max(initial=0))), kind='stable')
     owner = owner[order]
     begin = np.flatnonzero(np.diff(owner, prepend=-1))

@@ -95,10 +95,10 @@ def print_pdf(page: Path, path: Path) -> None:
 
 def _run(page: Path, path: Path, *arguments: str) -> None:
     """
-    Run the browser on a page, with a profile of its own and minimal rights.
+    Run the browser on a page, with a temporary profile and minimal rights.
 
-    It runs in its sandbox.  Chromium refuses that to root: then it runs as an unprivileged user on
-    a copy of the page, as that user cannot read root's files.
+    It runs in its sandbox.  Chromium refuses the sandbox as root, so root runs it as an
+    unprivileged user on a copy of the page, because that user cannot read root's files.
     """
     as_root = os.geteuid() == 0
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as room:
@@ -126,7 +126,7 @@ def _run(page: Path, path: Path, *arguments: str) -> None:
 
 
 def _hand_over(room: Path, page: Path, path: Path) -> tuple[Path, Path, dict[str, Any]]:
-    """Copy a page into a folder of NOBODY; return page, output file, and how to run."""
+    """Copy a page into a folder of NOBODY; return page, output file and process options."""
     try:
         user = pwd.getpwnam(NOBODY)
     except KeyError as error:

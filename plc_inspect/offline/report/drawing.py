@@ -86,11 +86,11 @@ class Plot:
         Parameters
         ----------
         x_range, y_range : (low, high)
-            What the frame shows.
+            Extent of the frame in data coordinates.
         size : (width, height)
             Size of the whole drawing [px].
         title : str
-            What is shown, for those who cannot see it.
+            Text alternative of the drawing.
         margins : (top, right, bottom, left)
             Room around the frame [px].
 
@@ -114,7 +114,7 @@ class Plot:
         resolution: float = 1.5, size: int = 2, fill: int = 0,
     ) -> None:
         """
-        Draw points as an image beneath everything else; later points hide earlier ones.
+        Draw points as an image below everything else; later points hide earlier ones.
 
         Parameters
         ----------
@@ -125,7 +125,7 @@ class Plot:
         palette : sequence of str
             Colours as ``#rrggbb``; the first is not used.
         resolution : float
-            Pixels of the image in one pixel of the page.
+            Pixels of the image per pixel of the page.
         size : int
             Edge of a point [px of the image].
         fill : int
@@ -169,7 +169,7 @@ class Plot:
         )
 
     def add_square(self, x: float, y: float, edge: float, style: str, label: str = '') -> None:
-        """Draw a square of an edge in pixels around a point."""
+        """Draw a square around a point; the edge is in pixels."""
         px, py = self.to_pixels(np.array(x), np.array(y))
         self._inside.append(
             f'<rect x="{px - edge / 2:.1f}" y="{py - edge / 2:.1f}" width="{edge:.1f}"'
@@ -249,7 +249,7 @@ def draw_bars(values: Iterable[float], title: str, size: tuple[int, int] = (220,
     """
     Return a small bar chart without axes, for a histogram within a table.
 
-    Where one bar would hide all others the heights are logarithmic, and the title says so.
+    If one bar dwarfs all others, heights are logarithmic, which the title says.
     """
     heights = np.array([value if math.isfinite(value) else 0.0 for value in values])
     heights = np.maximum(heights, 0.0)
@@ -270,7 +270,7 @@ def draw_bars(values: Iterable[float], title: str, size: tuple[int, int] = (220,
 
 
 def _close_gaps(image: UInt8, gap: int) -> UInt8:
-    """Let empty pixels take the colour of a neighbour, ``gap`` times."""
+    """Fill empty pixels with the colour of a neighbour, ``gap`` times."""
     for _ in range(gap):
         padded = np.pad(image, 1)
         for neighbor in (padded[1:-1, :-2], padded[1:-1, 2:], padded[:-2, 1:-1], padded[2:, 1:-1]):

@@ -247,7 +247,7 @@ def _add_ground(plot: Plot, s: Float64, z: Float64, color: UInt8) -> None:
 def _add_envelope(
     plot: Plot, curves: list[Float64], origin: Float64, along: Float64, required: float, unit: str
 ) -> None:
-    """Draw the lower edge of the space that must stay free around the conductors."""
+    """Draw the lower edge of the required clearance around the conductors."""
     stations = np.linspace(*plot.x_range, 241)
     lowest = np.full(len(stations), np.inf)
     for curve in curves:
@@ -281,7 +281,7 @@ def _add_supports(
 
 
 def _label_spans(plot: Plot, scene: Scene) -> None:
-    """Write the number of each span above the middle of its lines, as far as there is room."""
+    """Write the number of each span above the middle of its lines where space permits."""
     labels = []
     for span_id in sorted({span['span_id'] for span in scene.spans}):
         middles = np.array([
@@ -309,9 +309,9 @@ def add_badge(plot: Plot, x: float, y: float, hazard: Record) -> None:
 
 def rank(hazard: Record) -> tuple[int, bool, bool, float]:
     """
-    Sort key of hazards, worst first: severity, certainty, reach to the conductor, share kept.
+    Sort key of hazards, worst first: severity, certainty, contact, kept share of the clearance.
 
-    The excess of a sag is not a kept distance: the greater, the worse.
+    The excess of a sag is not a clearance: the greater, the worse.
     """
     doubtful = bool(find_doubts(hazard.get('note', '')))
     order = list(SEVERITY_COLORS).index(hazard['severity']), doubtful

@@ -116,7 +116,7 @@ def _find_place(scene: Scene, hazard: Record) -> _Place:
 
 
 def _draw_flat(scene: Scene, place: _Place, axis: int) -> str:
-    """Draw the surroundings of a hazard over the distance along the span: z (2) or across (1)."""
+    """Draw the surroundings of a hazard along the span: z (axis 2) or across (axis 1)."""
     inner = (_SIZE[0] - _MARGINS[1] - _MARGINS[3], _SIZE[1] - _MARGINS[0] - _MARGINS[2])
     wide = place.half * inner[0] / inner[1]
     name = {2: 'profile', 1: 'plan'}[axis]
@@ -127,7 +127,7 @@ def _draw_flat(scene: Scene, place: _Place, axis: int) -> str:
         _SIZE, f'{name.capitalize()} at hazard {number}', margins=_MARGINS,
     )
     points, color = place.points, scene.color[place.rows]
-    if axis == 2:  # else what is far beside would hide it
+    if axis == 2:  # points far to the side would hide it
         near = np.abs(points[:, 1] - place.center[1]) < place.half
         points, color = points[near], color[near]
     order = np.argsort(color if axis == 2 else points[:, 2], kind='stable')
@@ -143,7 +143,7 @@ def _draw_flat(scene: Scene, place: _Place, axis: int) -> str:
 
 
 def _draw_view(scene: Scene, place: _Place) -> str:
-    """Draw the surroundings of a hazard from beside and above, in parallel projection."""
+    """Draw the surroundings of a hazard obliquely from above, in parallel projection."""
     half = 1.5 * place.half
     wide = half * _VIEW_SIZE[0] / _VIEW_SIZE[1]
     right = np.array([math.sin(_TURN), -math.cos(_TURN), 0.0])
@@ -156,7 +156,7 @@ def _draw_view(scene: Scene, place: _Place) -> str:
     moved = place.points - place.center
     near = np.linalg.norm(moved[:, :2], axis=1) < wide
     moved, color = moved[near], scene.color[place.rows[near]]
-    order = np.argsort(-(moved @ away), kind='stable')  # what is near is drawn last
+    order = np.argsort(-(moved @ away), kind='stable')  # near points are drawn last
     plot.add_points(
         moved[order] @ right, moved[order] @ up, color[order], PALETTE, size=3, fill=1
     )

@@ -39,11 +39,11 @@ class Scene:
     """Content of the figures, in the horizontal unit of the input."""
 
     points: Float64
-    """(M, 3) thinned out points, the lowest first, x and y relative to ``origin``."""
+    """(M, 3) thinned points, the lowest first, x and y relative to ``origin``."""
     color: UInt8
     """(M,) index into PALETTE."""
     origin: Float64
-    """(2,) what is subtracted from x and y."""
+    """(2,) subtracted from x and y."""
     spans: list[Record]
     supports: list[Record]
     hazards: list[Record]
@@ -78,7 +78,7 @@ def make_scene(inspection: Inspection) -> Scene:
 
 
 def _thin_out(inspection: Inspection) -> Int64:
-    """Return the rows to show, ascending: all of the corridor that fit, some of the others."""
+    """Return the rows to show, ascending: about half from the corridor, half from all points."""
     finite = np.isfinite(inspection.points[:, 2])  # a point is NaN in all coordinates or in none
     rows = np.flatnonzero(finite)
     if len(rows) <= MOST_POINTS:

@@ -17,7 +17,7 @@ from plc_inspect import __version__
 from plc_inspect.colors import line_color, LOOKS, SEVERITY_COLORS
 from plc_inspect.core.hazards.clearance_rules import describe_rules, plain_rules
 from plc_inspect.core.tracking.wire_points import WirePoints
-from plc_inspect.offline.records.coverage_record import describe_coverage, look_again, Sight
+from plc_inspect.offline.records.coverage_record import describe_coverage, review_coverage, Sight
 from plc_inspect.offline.records.georeference import find_horizontal
 from plc_inspect.offline.records.inspection import Inspection, measure_clearances, Record
 from plc_inspect.offline.report.drawing import draw_bars
@@ -79,7 +79,7 @@ def render_report(
     """
     scene = make_scene(inspection)
     result = inspection.result
-    sight = sight or look_again(inspection)
+    sight = sight or review_coverage(inspection)
     worst, what_if, changes = (
         list_worst(scene, inspection), list_what_if(inspection), list_changes(inspection)
     )

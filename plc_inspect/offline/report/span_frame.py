@@ -19,12 +19,12 @@ LEAST_MARGIN = 4.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SpanFrame:
-    """The lines of one span, and a frame along the longest of them; units are the input's."""
+    """The lines of one span and a frame along the longest of them, in the units of the input."""
 
     spans: list[Record]
     """One record for each line."""
     origin: Float64
-    """(2,) where the longest line begins."""
+    """(2,) start of the longest line."""
     along: Float64
     """(2,) unit vector of the longest line."""
     across: Float64
@@ -32,7 +32,7 @@ class SpanFrame:
     ends: Float64
     """(2 K, 2) both ends of each line in plan."""
     margin: float
-    """Room to draw beyond the ends."""
+    """Space drawn beyond the ends."""
 
     @property
     def stations(self) -> Float64:
@@ -48,14 +48,14 @@ class SpanFrame:
 
     def locate(self, scene: Scene, reach: float) -> tuple[Int64, Float64, Float64]:
         """
-        Find the points of a scene in the box about the span.
+        Find the points of a scene in the box around the span.
 
         Parameters
         ----------
         scene : Scene
             What is shown.
         reach : float
-            How much wider than the ends the box is.
+            Margin of the box beyond the ends.
 
         Returns
         -------

@@ -90,7 +90,7 @@ def draw_residuals(
 
 
 def _round_up(value: float) -> float:
-    """Return the next of 1, 2, 5, 10 ..., so that the axis has a number at its ends."""
+    """Round up to 1, 2, 5, 10 ..., so that the axis ends at a tick."""
     power: float = 10.0 ** math.floor(math.log10(value))
     return next(step * power for step in (1, 2, 5, 10) if step * power >= value)
 

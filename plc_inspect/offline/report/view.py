@@ -22,7 +22,7 @@ _STEPS = 2**16 - 1
 
 def encode_view(scene: Scene) -> str:
     """
-    Return what the view shows as JSON that is safe within a script element.
+    Return the content of the view as JSON that is safe within a script element.
 
     Coordinates are in the horizontal unit of the input, relative to the middle of the points, so
     that float32 keeps them; points are on a grid of 65,536 steps a side.
@@ -46,7 +46,7 @@ def encode_view(scene: Scene) -> str:
     middle = np.round((low + high) / 2)
     size = np.maximum(high - low, 1e-6)
     grid = np.rint((points - low) / size * _STEPS).astype('<u2')
-    focus, extent, azimuth = _look(scene, low, high)
+    focus, extent, azimuth = _choose_view(scene, low, high)
     data = {
         'points': base64.b64encode(np.ascontiguousarray(grid).tobytes()).decode('ascii'),
         'colors': base64.b64encode(color.tobytes()).decode('ascii'),
@@ -75,8 +75,8 @@ def encode_view(scene: Scene) -> str:
     return json.dumps(data, separators=(',', ':')).replace('<', '\\u003c')
 
 
-def _look(scene: Scene, low: Float64, high: Float64) -> tuple[Float64, float, float]:
-    """Return what to look at, how much of it there is, and from where."""
+def _choose_view(scene: Scene, low: Float64, high: Float64) -> tuple[Float64, float, float]:
+    """Return target, extent and direction of the initial view."""
     if not scene.spans:
         return (low + high) / 2, float(np.hypot(*(high - low)[:2])), -math.pi / 2
     ends = np.array([span[name] for span in scene.spans for name in ('start', 'end')])

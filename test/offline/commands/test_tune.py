@@ -233,7 +233,7 @@ def test_processes_give_what_one_gives(cloud):
     results = []
     for num in (1, 2):
         with Workers(cloud[0], 7, num_workers=num) as workers:
-            results.append(list(workers.look(choices)))
+            results.append(list(workers.evaluate(choices)))
     assert len(results[0]) == len(choices)
     for (score, wire), (other, same) in zip(*results, strict=True):
         assert repr(score) == repr(other)  # NaN is not itself

@@ -12,7 +12,7 @@ import pytest
 
 from plc_inspect.core.coverage.coverage import Part
 from plc_inspect.offline.export.results_folder import write_results
-from plc_inspect.offline.records.coverage_record import ENOUGH, look_again, NOT_ENOUGH
+from plc_inspect.offline.records.coverage_record import ENOUGH, NOT_ENOUGH, review_coverage
 from plc_inspect.offline.records.georeference import make_origin_crs
 from plc_inspect.offline.records.inspection import Units
 
@@ -63,7 +63,7 @@ def test_report_says_that_not_seen_is_not_safe(run, folder):
     page = (folder / 'report.html').read_text(encoding='utf-8')
     assert 'id="coverage"' in page
     assert NOT_ENOUGH in page
-    sight = look_again(run)
+    sight = review_coverage(run)
     assert page.count(f'<b>{NOT_ENOUGH}</b>') == sight.coverage.num_poor > 0
     calm = replace(run, result=replace(run.result, hazards=()))
     write_results(folder.parent / 'calm', calm)

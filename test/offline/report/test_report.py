@@ -23,7 +23,7 @@ from plc_inspect.offline.commands.result_table import render_summary
 from plc_inspect.offline.export.coverage_files import write_coverage_views
 from plc_inspect.offline.export.files import describe_run
 from plc_inspect.offline.readers.catalogue import load_rules
-from plc_inspect.offline.records.coverage_record import look_again
+from plc_inspect.offline.records.coverage_record import review_coverage
 from plc_inspect.offline.records.inspection import measure_clearances, Units
 from plc_inspect.offline.records.sentences import describe_place
 from plc_inspect.offline.report.drawing import (
@@ -335,7 +335,7 @@ def test_view_keeps_the_places():
 @pytest.mark.parametrize('crs', ['', pyproj.CRS.from_epsg(28992).to_wkt()])
 def test_the_flight_again_names_only_files_that_are_written(tmp_path, crs):
     inspection = dataclasses.replace(make_inspection(), crs=crs)
-    sight = look_again(inspection)
+    sight = review_coverage(inspection)
     assert sight.refly.runs
     write_coverage_views(tmp_path, inspection, sight)
     page = render_report(inspection)
