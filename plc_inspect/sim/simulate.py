@@ -40,7 +40,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='plc_simulate',
         description='Simulate a survey of a power line: a flight with a Puck Lite, or an '
-                    'airborne map; truth.json says what was there.',
+                    'airborne map; truth.json describes the scene.',
         epilog=f'Scenes: {", ".join((*SCENES, RANDOM))}',
     )
     parser.add_argument(

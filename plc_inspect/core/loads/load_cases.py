@@ -162,7 +162,7 @@ def evaluate_cases(
     """
     names = [SURVEYED, *(case.name for case in cases)]
     if len(set(names)) != len(names):
-        raise DataError(f'cases need names of their own, got {", ".join(names[1:])}')
+        raise DataError(f'names of cases must differ, got {", ".join(names[1:])}')
     # points of objects, and of the ground
     height = result.ground_height
     finite = np.isfinite(points).all(axis=1)

@@ -370,7 +370,7 @@ class Accumulator:
             if insertion is None and self.entry.is_away(item):
                 back = self.follower.move.inverse()
                 self.follower.clear()
-                self.entry.begin_anew('the odometry went out of reach of the map')
+                self.entry.begin_anew('the odometry left the range of the map')
                 item = replace(item, points=back.apply(item.points))
                 insertion = self.entry.enter(item)
             if insertion is None:
@@ -388,7 +388,7 @@ class Accumulator:
         self.mount = mount
         if before is not None and not mount.equals(before) and len(self.map):
             self.follower.clear()
-            self.entry.begin_anew(f'the mount of the lidar is another one: {mount.describe()}')
+            self.entry.begin_anew(f'the mount of the lidar has changed: {mount.describe()}')
 
     def counters(self) -> Counters:
         """Return the counts since the start."""

@@ -38,9 +38,9 @@ Consecutive ticks that must miss a hazard, or find it less severe, before it cha
 Source: judgement; not measured.
 """
 
-NOT_SEEN = f'{MAX_MISSES} looks at its place in a row did not find it'
-NOT_FINAL = 'the final result does not hold it'
-SPAN_GONE = 'its conductor is not there any more'
+NOT_SEEN = f'{MAX_MISSES} consecutive looks at its place did not find it'
+NOT_FINAL = 'it is not in the final result'
+SPAN_GONE = 'its conductor no longer exists'
 """Why a hazard is taken back."""
 
 Holds = Callable[[Float64], Bool]

@@ -95,7 +95,7 @@ class Score:
         ]
         if before.num_spans != self.num_spans:
             parts.append(f'spans {before.num_spans} -> {self.num_spans}')
-        return ', '.join(parts) or 'as good, and nearer to the initial values of Table 1'
+        return ', '.join(parts) or 'equally good, and closer to the initial values of Table 1'
 
 
 NOTHING = Score(value=0.0)

@@ -148,7 +148,7 @@ def search_grid(ledger: Ledger, tell: Tell) -> Found:
             _sweep(ledger, blocks, lambda at, step=step: _about(at, step),  # type: ignore[misc]
                    f'fine {level + 1}', tell)
     except Spent:
-        tell(f'{ledger.budget} evaluations are made: the search ends')
+        tell(f'the search ends after {ledger.budget} evaluations')
     return ledger.found()
 
 
@@ -192,7 +192,7 @@ def search_evolution(ledger: Ledger, rng: np.random.Generator, tell: Tell) -> Fo
             strategy.tell(places, [-score.value for score in scores])
             _report(ledger, f'generation {generation}', values, before, tell)
     except Spent:
-        tell(f'{ledger.budget} evaluations are made: the search ends')
+        tell(f'the search ends after {ledger.budget} evaluations')
     return ledger.found()
 
 

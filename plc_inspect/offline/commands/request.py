@@ -74,7 +74,7 @@ def read_request(
     cases = tuple(parse_case(text) for text in arguments.cases)
     names = [case.name for case in cases]
     if len(set(names)) < len(names):
-        raise ConfigError(f'cases need names of their own, got {", ".join(names)}')
+        raise ConfigError(f'names of cases must differ, got {", ".join(names)}')
     conductor = None
     if cases:
         if arguments.conductor is None:

@@ -361,7 +361,7 @@ def find_recordings(path: Path) -> list[Path]:
     if files and all(parts) and len(names) == 1:
         raise DataError(
             f'{path} has no metadata.yaml and {len(files)} files {names.pop()}_N: parts of one'
-            ' recording? Then make it anew (ros2 bag reindex), else name the files'
+            ' recording? Then run ros2 bag reindex, otherwise name the files'
         )
     inner = sorted(item for item in path.iterdir() if item.is_dir())
     return files + [own for item in inner for own in find_recordings(item)]

@@ -193,7 +193,7 @@ def check_count(path: Path, header: laspy.LasHeader) -> None:
     if held > header.point_count and not num_evlrs:
         raise DataError(
             f'{path} holds {held} points and its header counts {header.point_count}:'
-            ' which is right? Write it anew'
+            ' which is right? Write the file again'
         )
 
 
@@ -287,7 +287,7 @@ def parse_crs(text: str) -> pyproj.CRS:
 
 
 def find_plain_crs(path: Path) -> pyproj.CRS | None:
-    """Return the CRS in a file other than LAS; DataError if it is not understood."""
+    """Return the CRS in a file other than LAS; DataError if it is unreadable."""
     text = find_named_crs(path)
     if not text:
         return None
@@ -295,7 +295,7 @@ def find_plain_crs(path: Path) -> pyproj.CRS | None:
         return pyproj.CRS.from_user_input(text)
     except CRSError as error:
         shown = make_one_line(text)[:120]
-        raise DataError(f'{path} has a CRS that is not understood (give one): {shown}') from error
+        raise DataError(f'{path} has an unreadable CRS (use --crs): {shown}') from error
 
 
 def render_wkt(system: pyproj.CRS) -> str:
@@ -312,7 +312,7 @@ def find_las_crs(header: laspy.LasHeader, path: Path) -> tuple[str, tuple[float,
         system = header.parse_crs()
     except CRSError as error:
         text = make_one_line(error)[:120]
-        raise DataError(f'{path} has a CRS that is not understood (give one): {text}') from error
+        raise DataError(f'{path} has an unreadable CRS (use --crs): {text}') from error
     keys = _read_unit_keys(header)
     if system is None:
         horizontal = keys.get(_HORIZONTAL_UNIT_KEY, 1.0)

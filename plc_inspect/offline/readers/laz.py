@@ -57,7 +57,7 @@ def panics_as_errors() -> Iterator[None]:
     except BaseException as error:
         if type(error).__name__ != 'PanicException':  # it cannot be imported
             raise
-        raise RuntimeError(f'the decoder gave up: {error}') from error
+        raise RuntimeError(f'the decoder failed: {error}') from error
 
 
 def read_las(path: Path) -> laspy.LasData:

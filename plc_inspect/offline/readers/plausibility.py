@@ -125,6 +125,6 @@ def check_precision(path: Path, points: Float64) -> None:
     step = float(np.spacing(np.float32(largest))) if largest < np.finfo(np.float32).max else 0.0
     if step > COARSEST:
         raise DataError(
-            f'{path}: coordinates up to {largest:.7g} in single precision are known to {step:g}'
-            ' only: write them in double precision, or shifted to a place nearby'
+            f'{path}: coordinates up to {largest:.7g} in single precision have steps of {step:g}'
+            ': write them in double precision, or relative to a nearby origin'
         )

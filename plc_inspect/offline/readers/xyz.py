@@ -67,7 +67,7 @@ def iterate_xyz(path: Path, most: int) -> Iterator[Float64]:
             if not lines[-1].endswith('\n') and _is_cut_off(lines[-2:], mark):
                 raise DataError(
                     f'{path}, row {before}, the last, has fewer decimals than others and no line'
-                    ' break: is it truncated? Where it is whole, end it with a line break'
+                    ' break: is it truncated? If not, end it with a line break'
                 )
             yield points
 

@@ -135,7 +135,7 @@ def test_no_spans_and_bad_cases():
     empty = dataclasses.replace(inspection.result, spans=(), hazards=())
     done = evaluate(dataclasses.replace(inspection, result=empty), HOT)
     assert done.spans == ()
-    with pytest.raises(DataError, match='names of their own'):
+    with pytest.raises(DataError, match='names of cases must differ'):
         evaluate(inspection, HOT, HOT)
     points = inspection.points.copy()
     evaluate(inspection, HOT)

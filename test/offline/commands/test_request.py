@@ -133,7 +133,7 @@ def test_checksum_of_a_file_and_a_folder(tmp_path):
     (['--case', 'temperature=80', '--conductor', 'string', '--surveyed-at', '15'],
      "unknown conductor 'string'"),
     (['--case', 'temperature=80', '--case', 'temperature=80', '--conductor', 'ACSR Drake',
-      '--surveyed-at', '15'], 'names of their own'),
+      '--surveyed-at', '15'], 'names of cases must differ'),
     (['--case', 'cold', '--conductor', 'ACSR Drake', '--surveyed-at', '15'], 'expected'),
     (['--case', 'temperature=80', '--conductor', 'ACSR Drake', '--surveyed-at', '900'],
      'temperature must lie'),

@@ -82,7 +82,7 @@ def test_the_reference_system_of_e57_is_read(tmp_path):
     (source,), refusals = read_sources([path])
     assert refusals == []
     assert (source.crs, source.units) == (cloud.crs, (0.3048, 0.3048))
-    assert 'has a CRS that is not understood' in refuse(
+    assert 'has an unreadable CRS' in refuse(
         write_e57(tmp_path / 'b.e57', POINTS, crs='somewhere')
     )
 
@@ -150,7 +150,7 @@ def test_a_damaged_e57_file_is_refused(tmp_path):
 def test_decimals_lost_in_single_precision_are_told(tmp_path):
     ply = write_ply(tmp_path / 'a.ply', FAR, kind='f4')
     for path in (ply, write_e57(tmp_path / 'a.e57', FAR)):
-        assert 'in single precision are known to 0.5 only' in refuse(path)
+        assert 'in single precision have steps of 0.5:' in refuse(path)
     near = read_cloud(write_ply(tmp_path / 'b.ply', POINTS, kind='f4'))
     np.testing.assert_allclose(near.points, POINTS, atol=1e-4)
 

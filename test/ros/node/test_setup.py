@@ -156,7 +156,7 @@ def test_mount_of_tf_begins_the_map_anew(shared):
     intake.take_fixed(make_transforms('base_link', 'velodyne', (0, 0, 0.5), (0, 0, 0), 0))
     shared.feed(3)
     assert intake.accumulator.entry.num_restarts == before + 1
-    assert 'another one: xyz 0.000 0.000 0.500 m' in intake.accumulator.entry.cause
+    assert 'has changed: xyz 0.000 0.000 0.500 m' in intake.accumulator.entry.cause
     highest = intake.accumulator.map.centroids()[:, 2].max()
     assert highest == pytest.approx(make_sample()[:, 2].max() + 0.5, abs=0.2)
     _, values = shared.status('input')
