@@ -24,7 +24,8 @@ from plc_inspect.core.live.corridor_points import (
 )
 from plc_inspect.core.live.map_labels import label_points
 from plc_inspect.core.live.surroundings import Surroundings, SurroundingsBook
-from plc_inspect.core.live.window import sample_span, Window
+from plc_inspect.core.live.views import ViewCounter
+from plc_inspect.core.live.window import sample_span, SPACING, Window
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.core.setup.sharpness import LookWindow, Sharpness, SharpnessBook, Spread
 from plc_inspect.core.tracking.hazard_tracking import (
@@ -32,7 +33,6 @@ from plc_inspect.core.tracking.hazard_tracking import (
     HazardNews,
     KeptHazards,
     KeptSupports,
-    leave_out_ends,
     SPAN_GONE,
     SupportBook,
 )
@@ -133,6 +133,7 @@ class Session:
         self._frame: CloudFrame | None = None
         """Of the first window, held so that cells do not move from tick to tick."""
         self._book = SharpnessBook(REMEMBERED)
+        self._views = ViewCounter()
         self.way: Float64 | None = None
         """(W, 3) where the vehicle was in the map [m], None unknown; as for ``Pipeline``."""
 
@@ -195,13 +196,18 @@ class Session:
             return self._wait(window, started)
         self._frame = self._frame or find_cloud_frame(window.points)
         result, labels = _run(window.points, self._frame, settings, rules, self.way)
-        numbered = self._registry.update(result, window.points, window.spans)
+        self._views.advance(self.way)
+        numbered = self._registry.update(
+            result, window.points, window.spans, views=[
+                int(self._views.count(sample_span(span, SPACING)).max()) for span in result.spans
+            ],
+        )
         self._finish_spans(window, vehicle)
         keys = {item.key for item in self._registry.spans if item.confirmed}
         told = {old: new for old, new in numbered.items() if new in keys}
         news = HazardNews() if self._book.judge().poor else self._hazards.update(
-            leave_out_ends(result.hazards, result.spans, result.supports), told, window.spans,
-            window.holds,
+            result.hazards, told, window.spans, window.holds,
+            views=[int(self._views.count(item.position[None])[0]) for item in result.hazards],
         )
         news = news.clear(self._hazards.keep(keys), SPAN_GONE)
         self._supports.update(result.supports, told, window.holds)

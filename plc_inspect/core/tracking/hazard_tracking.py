@@ -5,13 +5,12 @@
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-import math
 
 import numpy as np
 
+from plc_inspect.core.hazards.confidence import AT_END
 from plc_inspect.core.numerics.boxes import measure_box_gap
-from plc_inspect.core.spans.span_model import find_kind
-from plc_inspect.results import Bool, Float64, Hazard, HazardKind, Span, SpanKey, Support
+from plc_inspect.results import Bool, Float64, Hazard, HazardKind, SpanKey, Support
 
 HAZARD_DISTANCE = 2.0
 """
@@ -24,12 +23,15 @@ Greatest distance in plan between the same support in two ticks [m].
 Source: judgement; not measured.
 """
 CONFIRMATIONS = 2
-"""Ticks that must find a hazard before it is raised.  Source: judgement; not measured."""
+"""Views that must show a hazard before it is raised.  Source: judgement; not measured."""
 END_CONFIRMATIONS = 4
-"""The same near a support, which may be only partly seen yet.  Source: judgement; not measured."""
+"""
+The same near a support, which may not be wholly seen yet, or an end where none is known.
+Source: judgement; not measured.
+"""
 END = 4.0
 """
-Distance along the span from an end with an unseen support, within which hazards wait [m].
+Distance along the span from a support within which hazards wait [m].
 Source: judgement; not measured.
 """
 MAX_MISSES = 3
@@ -56,7 +58,7 @@ class TrackedHazard:
 
     hazard: Hazard
     hits: int = 1
-    """Ticks that found it."""
+    """Views that showed it."""
     misses: int = 0
     """Consecutive ticks that should have found it and did not."""
     softer: int = 0
@@ -136,14 +138,15 @@ class HazardBook:
         expected: Collection[SpanKey],
         holds: Holds,
         *,
+        views: Sequence[int] | None = None,
         final: bool = False,
     ) -> HazardNews:
         """
         Update with the hazards of one tick.
 
-        A hazard is raised when CONFIRMATIONS ticks that saw its place have found it
-        (END_CONFIRMATIONS near a support).  It becomes more severe at once, and less severe or
-        cleared when MAX_MISSES consecutive such ticks agree.
+        A hazard is raised when CONFIRMATIONS views of its place have shown it, or, near a
+        support or an end where none is known, END_CONFIRMATIONS.  It becomes more severe at once; it becomes less severe, or is
+        cleared, when MAX_MISSES such ticks agree.
 
         Parameters
         ----------
@@ -156,6 +159,8 @@ class HazardBook:
             Lasting numbers of the spans that the tick saw along their whole length.
         holds : callable
             Where the tick saw everything.
+        views : sequence of int or None
+            For how many views of each hazard the tick counts, by default for one.
         final : bool
             Accept the tick at once.
 
@@ -166,27 +171,26 @@ class HazardBook:
         """
         # renumber, without spans that are not confirmed yet
         found = []
-        for hazard in hazards:
+        for hazard, seen in zip(hazards, views or [1] * len(hazards), strict=True):
             key = numbered.get((hazard.line_id, hazard.span_id), (-1, -1))
             if min(key) >= 0:
-                found.append(replace(hazard, line_id=key[0], span_id=key[1]))
-        # match each hazard with a known one, or note it as a new one
+                found.append((replace(hazard, line_id=key[0], span_id=key[1]), seen))
         raised, updated, cleared = [], [], []
         taken: set[int] = set()
-        for hazard in found:
+        for hazard, seen in found:
             held = final or _is_expected(hazard, expected, holds)
             number = self._find(hazard, taken)
             if number is None:
                 if not held:
                     continue
                 number = self._take_provisional()
-                own = TrackedHazard(hazard=hazard)
+                own = TrackedHazard(hazard=hazard, hits=seen)
             else:
                 before = self._known.pop(number)
-                own = _follow(before, hazard, held, final)
+                own = _follow(before, hazard, seen if held else 0, final)
                 if number >= 0 and own.hazard.severity != before.hazard.severity:
                     updated.append(replace(own.hazard, hazard_id=number))
-            enough = END_CONFIRMATIONS if hazard.from_support <= END else CONFIRMATIONS
+            enough = END_CONFIRMATIONS if _is_at_end(hazard) else CONFIRMATIONS
             if number < 0 and (final or own.hits >= enough):
                 number, self._next = self._next, self._next + 1
                 raised.append(replace(own.hazard, hazard_id=number))
@@ -233,10 +237,10 @@ class HazardBook:
         return None if best is None else best[2]
 
 
-def _follow(item: TrackedHazard, hazard: Hazard, held: bool, final: bool) -> TrackedHazard:
-    """Return a known hazard as updated by a tick; less severe only after several ticks."""
-    known, hits = item.hazard, item.hits + 1
-    if not held:
+def _follow(item: TrackedHazard, hazard: Hazard, seen: int, final: bool) -> TrackedHazard:
+    """Return a known hazard as some views showed it, less severe only after several ticks."""
+    known, hits = item.hazard, item.hits + seen
+    if not seen:
         return replace(item, misses=0)
     if hazard.severity < known.severity and not final and item.softer + 1 < MAX_MISSES:
         kept = replace(hazard, severity=known.severity)
@@ -244,35 +248,9 @@ def _follow(item: TrackedHazard, hazard: Hazard, held: bool, final: bool) -> Tra
     return TrackedHazard(hazard=hazard, hits=hits)
 
 
-def leave_out_ends(
-    hazards: Sequence[Hazard], spans: Sequence[Span], supports: Sequence[Support]
-) -> list[Hazard]:
-    """
-    Leave out hazards near an end whose support is unseen: they may be conductor or support.
-
-    Parameters
-    ----------
-    hazards, spans, supports : sequence of Hazard, of Span, of Support
-        All of one result.
-
-    Returns
-    -------
-    list[Hazard]
-
-    """
-    inside = {
-        (span.line_id, span.span_id): (
-            END if find_kind(span, span.start, supports) == 'unseen' else -math.inf,
-            span.length - END if find_kind(span, span.end, supports) == 'unseen' else math.inf,
-        )
-        for span in spans
-    }
-    kept = []
-    for hazard in hazards:
-        low, high = inside.get((hazard.line_id, hazard.span_id), (-math.inf, math.inf))
-        if hazard.kind in _OF_SPAN or low <= hazard.along_span <= high:
-            kept.append(hazard)
-    return kept
+def _is_at_end(hazard: Hazard) -> bool:
+    """Tell whether what raises a hazard may be a support, or a conductor that goes on."""
+    return hazard.from_support <= END or AT_END in hazard.note
 
 
 def _is_expected(hazard: Hazard, expected: Collection[SpanKey], holds: Holds) -> bool:

@@ -27,7 +27,7 @@ from plc_inspect.core.tracking.wire_points import thin_points, WirePoints
 from plc_inspect.results import Float64, InspectionResult, Span, SpanKey
 
 CONFIRMATIONS = 2
-"""Ticks that must find a span before it is published.  Source: judgement; not measured."""
+"""Views that show a span before it is numbered and published.  Source: judgement; not measured."""
 MAX_MISSES = 3
 """
 Consecutive ticks that must miss a span, or find less of it, before the registry follows.
@@ -41,7 +41,7 @@ SAME = 0.6
 """Least common share of both spans that are the same.  Source: judgement; not measured."""
 MAX_WAIT = 6
 """
-Ticks for which a new line ahead of the end of a known one waits to be joined to it.
+Views that a new line waits to be joined to a known one ahead of whose end it lies.
 Source: judgement; not measured.
 """
 
@@ -56,6 +56,8 @@ class _Tick:
     """Registry numbers of the found spans."""
     expected: set[SpanKey]
     wires: WirePoints
+    views: Sequence[int]
+    """For how many views of each span that was found the tick counts."""
     final: bool
     complete: bool
 
@@ -103,6 +105,7 @@ class SpanRegistry:
         points: Float64,
         expected: Collection[SpanKey],
         *,
+        views: Sequence[int] | None = None,
         final: bool = False,
         complete: bool = False,
     ) -> dict[SpanKey, SpanKey]:
@@ -116,7 +119,9 @@ class SpanRegistry:
         points : Float64
             (N, 3) points of the window [m].
         expected : collection of SpanKey
-            Registry numbers of the spans that were in the window along their whole length.
+            Spans of the registry that were in the window along their whole length.
+        views : sequence of int or None
+            For how many views of each span of the result the tick counts, by default for one.
         final : bool
             The window is the whole map: accept its result at once.
         complete : bool
@@ -139,6 +144,7 @@ class SpanRegistry:
         tick = _Tick(
             found=found, known=known, keys=keys, expected=expected,
             wires=WirePoints(result, points), final=final, complete=complete,
+            views=[1] * len(found) if views is None else views,
         )
         for piece in connect(len(found), len(known), pairs):
             self._put(piece, tick)
@@ -309,31 +315,32 @@ class SpanRegistry:
                 misses = item.misses + 1 if item in less else 0
                 if own or item.key in tick.expected:
                     self._spans[item.key] = replace(
-                        item, misses=misses, hits=item.hits + bool(own)
+                        item, misses=misses, hits=item.hits + max((tick.views[i] for i in own), default=0)
                     )
             return
         for item in items:
             del self._spans[item.key]
         for i in own:
             matched = [tick.known[p.second] for p in piece.pairs if p.first == i]
-            self._insert(tick.found[i], tick.keys[i], matched, tick.wires)
+            self._insert(tick, i, matched)
 
     def _insert(
-        self, span: Span, key: SpanKey, matched: Sequence[TrackedSpan], wires: WirePoints
+        self, tick: _Tick, place: int, matched: Sequence[TrackedSpan]
     ) -> None:
+        span, key = tick.found[place], tick.keys[place]
         if key in self._spans:
             key = key[0], self._take_provisional()
         for other in sorted({item.span.line_id for item in matched if item.confirmed}):
             if other != key[0]:
                 self._unite('line_id', key[0], other)
                 self.num_merges += 1
-        points, residual = wires.take(span)
+        points, residual = tick.wires.take(span)
         numbered = replace(span, line_id=key[0], span_id=key[1])
         self._spans[key] = TrackedSpan(
             span=numbered,
             points=points,
             residual=residual,
-            hits=1 + max((item.hits for item in matched), default=0),
+            hits=tick.views[place] + max((item.hits for item in matched), default=0),
             confirmed=any(item.confirmed for item in matched) and min(key) >= 0,
         )
 

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 from spans import make_hazard, make_span, make_support
 
+from plc_inspect.core.hazards.confidence import AT_END, IN_DOUBT
 from plc_inspect.core.tracking.hazard_tracking import (
     CONFIRMATIONS,
-    END,
     END_CONFIRMATIONS,
     HazardBook,
-    leave_out_ends,
     MAX_MISSES,
     NOT_FINAL,
     NOT_SEEN,
@@ -179,17 +178,23 @@ def test_the_final_word():
     assert [item.hazard_id for item in news.cleared] == [0]
 
 
-def test_what_lies_by_an_unseen_end_may_be_conductor_or_support():
-    span = make_span((0, 0, 10), (50, 0, 10), is_open=(False, True))
-    pole = make_support((0, 0, 0), kind='pole')
-    places = (END / 2, 25.0, 50 - END / 2)
-    hazards = [make_hazard((x, 0, 9), along_span=x) for x in places]
-    ground = make_hazard((49, 0, 9), along_span=49.0, kind=HazardKind.SAG)
-    kept = leave_out_ends([*hazards, ground], [span], [pole])
-    assert [item.along_span for item in kept] == [places[0], places[1], 49.0]
-    kept = leave_out_ends(hazards, [span], [])
-    assert [item.along_span for item in kept] == [25.0]
-    assert leave_out_ends([], [], []) == []
+def test_at_an_end_without_a_support_it_waits_as_near_a_support():
+    book = HazardBook()
+    at_end = make_hazard((10, 0, 5), note=IN_DOUBT + AT_END)
+    for _ in range(END_CONFIRMATIONS - 1):
+        assert tick(book, at_end).raised == ()
+    assert [item.hazard_id for item in tick(book, at_end).raised] == [0]
+
+
+def test_a_tick_counts_for_the_views_that_it_gives():
+    book = HazardBook()
+    near = make_hazard((50, 0, 5), from_support=1.0)
+    news = tick(book, make_hazard((10, 0, 5)), near, views=[CONFIRMATIONS, CONFIRMATIONS])
+    assert [item.position[0] for item in news.raised] == [10.0]
+    assert [item.position[0] for item in tick(book, near, views=[2]).raised] == [50.0]
+    # what it did not see whole gives none
+    assert tick(book, make_hazard((90, 0, 5)), holds=nowhere, views=[9]).raised == ()
+    assert tick(book, make_hazard((90, 0, 5))).raised == ()
 
 
 def support_tick(book, *supports, holds=everywhere, **options):

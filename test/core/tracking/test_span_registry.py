@@ -64,6 +64,15 @@ def test_toy_overlaps_by_hand():
     assert measure_overlap(aside, whole)[2] == pytest.approx(0.3)
 
 
+def test_a_tick_counts_for_the_views_that_it_gives():
+    registry = SpanRegistry()
+    tick(registry, make_span(at(0), at(50)), make_span(at(0, 30), at(50, 30), 1),
+         views=[1, CONFIRMATIONS])
+    assert len(known(registry)) == 1
+    tick(registry, make_span(at(0), at(50)), make_span(at(0, 30), at(50, 30), 1))
+    assert len(known(registry)) == 2
+
+
 def test_neighbours_are_not_confused():
     ys = [0.0, 0.4, 0.8, 1.2]
     before = [make_span(at(0, y), at(50, y), i) for i, y in enumerate(ys)]
