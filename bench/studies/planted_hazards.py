@@ -218,6 +218,7 @@ def judge_item(
                 and (hazard.kind == HazardKind.FALL_IN) == (item.kind == HazardKind.FALL_IN)]
         exactly = [hazard for hazard, k in zip(result.hazards, rests, strict=True)
                    if any(hazard is other for other in mine) and k in own]
+        exactly.sort(key=lambda hazard: hazard.clearance)  # one thing may be parted
     else:
         found = measure_wires(item, planted)
         if found is None:

@@ -26,19 +26,14 @@ from plc_inspect.results import (
     Support,
 )
 
-MINOR_SHARE = 0.25
-"""
-Share of an object from which foliage on a roof, or a flat part of a crown, is a hazard.
-Source: judgement; not measured.
-"""
 LEAFY = 0.15
 """
-Share of surface points up to which an object is foliage.
+Share of surface points up to which an object is surely foliage.
 Source: chosen on bench/hazards.py.
 """
 FLAT = 0.5
 """
-Share of surface points from which an object is a structure.
+Share of surface points from which an object is surely a structure.
 Source: chosen on bench/hazards.py.
 """
 ROOM = {'pole': 1.5, 'tower': 5.0}
@@ -190,12 +185,17 @@ def find_encroachments(
     result = []
     for own in _split(np.where(lone, -1, tree[bad])):
         share = float(flat[tree[bad[own[0]]]])
-        for kind, chosen in _split_kinds(near.surface[own], share, settings.min_points):
-            record = _describe(
-                near.take(own[chosen]), models, supports, kind, limits[kind], rules, settings
-            )
-            if record is not None:
-                result.append(record | {'height': float(tallest[tree[bad[own[0]]]])})
+        if len(own) < settings.min_points:
+            continue
+        records = [
+            record for kind in _list_kinds(near.surface[own], share)
+            if (record := _describe(
+                near.take(own), models, supports, kind, limits[kind], rules, settings
+            )) is not None
+        ]
+        if records:
+            worst = max(records, key=lambda record: record['severity'])  # the first of equals
+            result.append(worst | {'height': float(tallest[tree[bad[own[0]]]])})
     return result, explained
 
 
@@ -255,20 +255,15 @@ def _split(label: Int64) -> list[Int64]:
     return [part for part in parts if len(part)]
 
 
-def _split_kinds(
-    surface: Bool, share: float, min_points: int
-) -> list[tuple[HazardKind, Bool]]:
-    """Split one object into foliage and surfaces, or take it as what most of it is."""
-    everything = np.ones(len(surface), dtype=bool)
-    if len(surface) < min_points:
-        return []
-    if not LEAFY < share < FLAT:
-        return [(HazardKind.STRUCTURE if share >= FLAT else HazardKind.VEGETATION, everything)]
-    parts = [(HazardKind.VEGETATION, ~surface), (HazardKind.STRUCTURE, surface)]
-    if min(int(part.sum()) for _, part in parts) >= max(min_points, MINOR_SHARE * len(surface)):
-        return parts
-    is_flat = surface.mean() > MOST_OF
-    return [(HazardKind.STRUCTURE if is_flat else HazardKind.VEGETATION, everything)]
+def _list_kinds(surface: Bool, share: float) -> tuple[HazardKind, ...]:
+    """Return what an object may be, by its share of surface, what most that offends is first."""
+    if share <= LEAFY:
+        return (HazardKind.VEGETATION,)
+    if share >= FLAT:
+        return (HazardKind.STRUCTURE,)
+    if surface.mean() > MOST_OF:
+        return HazardKind.STRUCTURE, HazardKind.VEGETATION
+    return HazardKind.VEGETATION, HazardKind.STRUCTURE
 
 
 def _find_trees(around: Surroundings, offends: Bool) -> Int64:
