@@ -182,7 +182,7 @@ class Pipeline:
     def _judge(
         self, points: Float64, lines: FoundLines, corridor: CorridorResult, nearby: Nearby
     ) -> tuple[HazardResult, Labels]:
-        doubtful = lines.conductors.doubtful
+        doubtful = (*lines.conductors.doubtful, *lines.conductors.crowded)
         on_roof = are_roof_rows(doubtful, lines.sight)
         found = find_hazards(
             points, lines.height.height, nearby, lines.spans, self.settings.hazards, self.rules,

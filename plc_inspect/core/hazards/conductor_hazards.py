@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from plc_inspect.config import HazardSettings
+from plc_inspect.core.catenary.curve import Curve
 from plc_inspect.core.hazards.clearance_rules import Limit, PLAIN_EDITION, RuleSet
 from plc_inspect.core.hazards.encroachments import describe_hazard
 from plc_inspect.core.spans.span_model import SpanModel
@@ -66,6 +67,12 @@ Source: numerical: each narrows the range 40 times, to 0.1 mm of 500 m at last.
 """
 NUM_PROBES = 81
 """Places of one such round.  Source: numerical: see NUM_ROUNDS."""
+WIRE_STEP = 0.25
+"""
+Step along a wire that is no span at which its distance to conductors is measured [m].
+Source: numerical: at a crossing the least distance is at most 0.02 m less at 1 m.
+"""
+WIRE_NOTE = 'the other line was seen, but not modelled'
 SAG_NOTE = (
     'compared with the other conductors of the span, which are taken to be as warm: ice, a '
     'slipped clamp and broken strands look alike'
@@ -75,7 +82,10 @@ Records = list[dict[str, Any]]
 
 
 def find_crossings(
-    models: Sequence[SpanModel], supports: Sequence[Support], rules: RuleSet
+    models: Sequence[SpanModel],
+    supports: Sequence[Support],
+    rules: RuleSet,
+    wires: Sequence[Curve] = (),
 ) -> Records:
     """
     Find the places where one line crosses another too closely.
@@ -91,6 +101,8 @@ def find_crossings(
         Towers and poles.
     rules : RuleSet
         Limits that apply.
+    wires : sequence of Curve
+        Curves of wires that were not modelled as spans.
 
     Returns
     -------
@@ -130,10 +142,51 @@ def find_crossings(
                 other_line_id=lower.span.line_id,
             )
     kept: Records = []
-    for item in sorted(worst.values(), key=lambda item: float(item['clearance'])):
+    found = [*worst.values(), *_cross_wires(models, wires, supports, rules, limit)]
+    for item in sorted(found, key=lambda item: float(item['clearance'])):
         if all(math.dist(item['position'], other['position']) > ONE_PLACE for other in kept):
             kept.append(item)
     return kept
+
+
+def _cross_wires(
+    models: Sequence[SpanModel], wires: Sequence[Curve], supports: Sequence[Support],
+    rules: RuleSet, limit: Limit,
+) -> Records:
+    """Return where wires that are no spans cross conductors."""
+    result = []
+    for wire in wires:
+        at = wire.position(np.linspace(
+            wire.low, wire.high, max(NUM_STATIONS, math.ceil(wire.length / WIRE_STEP))
+        ))
+        for model in models:
+            if abs(math.sin(wire.azimuth - model.curve.azimuth)) < math.sin(
+                math.radians(CROSSING_ANGLE_DEG)
+            ):
+                continue
+            x, horizontal, vertical = model.part(at)
+            apart = np.hypot(horizontal, vertical)
+            best = int(np.argmin(apart))
+            severity = limit.judge(float(apart[best]))
+            inside = model.low + AT_SUPPORT < x[best] < model.high - AT_SUPPORT
+            if severity is None or not inside or best in (0, len(at) - 1):
+                continue
+            own = model.curve.position(x[best : best + 1])[0]
+            position = at[best] if vertical[best] > 0 else own
+            result.append(describe_hazard(
+                model, float(x[best]), supports, rules, limit,
+                kind=HazardKind.CROSSING,
+                severity=severity,
+                position=position,
+                clearance=float(apart[best]),
+                horizontal=float(horizontal[best]),
+                vertical=abs(float(vertical[best])),
+                sigma=math.hypot(model.sigma(float(x[best])), wire.fit.rmse),
+                num_points=0,
+                offending=position[None],
+                note=WIRE_NOTE,
+            ))
+    return result
 
 
 def _ends(models: Sequence[SpanModel]) -> tuple[Float64, Float64, Int32]:

@@ -23,9 +23,12 @@ from plc_inspect.core.hazards.wires import (
     CLEARING,
     find_free,
     find_wires,
+    FREE_LENGTH,
     FREE_SHARE,
     GONE_ON,
     measure_groups,
+    ROW,
+    ROW_LENGTH,
     tell_thin,
     THIN,
     TUBE,
@@ -62,6 +65,8 @@ Edge of the cells that touch within what goes on away from a conductor [m].
 Source: chosen on bench/hazards.py and bench/studies/planted_hazards.py: beyond 0.5 what hangs at a
 pole goes on as the pole, and below 0.5 foliage seen thinly ends.
 """
+STRAYS = 0.02
+"""Share of the points of a row, on either side, that are no part of its width.  Source: judgement."""
 PIECE_LENGTH = 1.0
 """Length of a piece of wire at least [m].  Source: judgement; not measured."""
 PARALLEL = 0.3
@@ -108,6 +113,8 @@ class LineParts:
     """(K,) of bare columns away from all ends: they hold no conductor, and are no foliage."""
     num_wires: int
     """Doubtful curves that have points, and wires told by their dots; scraps are not counted."""
+    curves: tuple[int, ...] = ()
+    """Which doubtful curves have points."""
 
 
 def find_line_parts(
@@ -153,10 +160,15 @@ def find_line_parts(
         (curve.low - GONE_ON, curve.high + GONE_ON) for curve in doubtful
     ])
     unmodelled[wires] = True
-    num_wires = len(np.unique(which))
+    rows, of_row = _find_rows(points, doubtful)
+    unmodelled[rows] = True
+    curves = tuple(np.union1d(which, of_row).tolist())
+    num_wires = len(curves)
     near = near[~(own | unmodelled)[near]]
     if not len(near):
-        return LineParts(own=own, unmodelled=unmodelled, column=column, num_wires=num_wires)
+        return LineParts(
+            own=own, unmodelled=unmodelled, column=column, num_wires=num_wires, curves=curves
+        )
     places, ends = _lay_out(points[near], owner[near], models)
     for wire in find_wires(places):
         unmodelled[near[wire]] = True
@@ -166,7 +178,8 @@ def find_line_parts(
     own[near[rest[debris]]] = True
     unmodelled[near[rest[pieces]]] = True
     return LineParts(
-        own=own, unmodelled=unmodelled & ~own, column=column & ~unmodelled, num_wires=num_wires
+        own=own, unmodelled=unmodelled & ~own, column=column & ~unmodelled, num_wires=num_wires,
+        curves=curves,
     )
 
 
@@ -262,6 +275,36 @@ def _go_on(
     np.maximum.at(farthest, body, np.where(left_out[thing], 0.0, distance))
     result: Bool = farthest[body] > reach[thing]
     return result
+
+
+def _find_rows(points: Float64, curves: Sequence[Curve]) -> tuple[Int64, Int64]:
+    """
+    Return the points of rows of wires about curves, and which curve that is.
+
+    Wires that hang level beside each other clutter each other; together they are thin one way,
+    narrow the other, and hang free, whichever way they run.
+    """
+    found, which = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
+    for number, curve in enumerate(curves):
+        if curve.length < ROW_LENGTH:
+            continue
+        low, high = curve.low - GONE_ON, curve.high + GONE_ON
+        x, across = curve.local(points)
+        about = np.flatnonzero((x >= low) & (x <= high) & (np.abs(across) <= ROW + CLEARING))
+        above = points[about, 2] - curve.fit.height(x[about])
+        level = np.abs(across[about]) <= ROW
+        level &= np.abs(above) <= TUBE
+        if not level.any():
+            continue
+        first, last = np.quantile(across[about[level]], (STRAYS, 1.0 - STRAYS))
+        off = np.abs(np.column_stack([across[about] - 0.5 * (first + last), above]))
+        off[:, 0] = np.maximum(off[:, 0] - 0.5 * (last - first), 0.0)
+        free, share = find_free((x[about] - low).astype(np.int64), off, TUBE)
+        if last - first <= ROW and free.sum() >= FREE_LENGTH and share >= FREE_SHARE:
+            own = about[np.hypot(*off.T) <= TUBE]
+            found.append(own)
+            which.append(np.full(len(own), number))
+    return np.concatenate(found), np.concatenate(which)
 
 
 def _find_on(

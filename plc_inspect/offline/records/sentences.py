@@ -51,7 +51,9 @@ def describe_place(
         return f'{where}: {text}.'
     if kind in ('interference', 'crossing'):
         what = 'the next conductor' if kind == 'interference' else 'a crossing conductor'
-        text = f'{what} (line {item["other_line_id"]}) at {along} is {measured} away'
+        other = item['other_line_id']
+        which = f'line {other}' if other >= 0 else 'not modelled'
+        text = f'{what} ({which}) at {along} is {measured} away'
         return f'{where}: {text}, {required} required.'
     tall = f', {item["height"]:.1f} {unit} high,' if item['height'] is not None else ''
     if kind == 'fall_in':

@@ -9,8 +9,11 @@ import pytest
 from toys import make_curve, make_tree, make_wire
 
 from plc_inspect.config import HazardSettings
+from plc_inspect.core.hazards.clearance_rules import plain_rules
+from plc_inspect.core.hazards.conductor_hazards import find_crossings
 from plc_inspect.core.hazards.hazards import find_hazards
 from plc_inspect.core.hazards.line_parts import find_line_parts
+from plc_inspect.results import HazardKind
 
 START, END, CONSTANT = (0.0, 0.0, 12.0), (100.0, 0.0, 12.0), 800.0
 REACH = 4.0
@@ -119,6 +122,50 @@ def test_a_curve_that_stayed_doubtful_is_unmodelled():
     assert unmodelled[: len(wire)].all()
     assert num_wires == 1
     assert not without[: len(wire)].any()
+
+
+def make_row(width, num):
+    """Points of wires that run side by side across the span, 1 m below it, and their curves."""
+    wires = [
+        make_wire((50.0 + x, -20.0, 11.2), (50.0 + x, 20.0, 11.2), 900.0, noise=0.08, seed=k)
+        for k, x in enumerate(np.linspace(-width / 2, width / 2, num).tolist())
+    ]
+    return np.vstack(wires), [make_curve(wire) for wire in wires]
+
+
+@pytest.mark.parametrize(('width', 'num', 'is_row'), [(1.0, 3, True), (1.2, 6, True),
+                                                      (4.0, 20, False)])
+def test_wires_that_cross_side_by_side_are_no_structure(width, num, is_row):
+    points, curves = make_row(width, num)
+    _, unmodelled, _ = find(points, doubtful=curves[num // 2 : num // 2 + 1])
+    assert (unmodelled.mean() > 0.9) == is_row
+    assert is_row or unmodelled.mean() < 0.01
+
+
+def test_a_hedge_below_a_curve_makes_no_row_of_it():
+    points, curves = make_row(1.0, 3)
+    rng = np.random.default_rng(1)
+    hedge = points[rng.integers(len(points), size=20 * len(points))]
+    hedge = hedge + rng.uniform((-0.5, -0.1, -2.0), (0.5, 0.1, 0.0), (len(hedge), 3))
+    assert find(np.vstack([points, hedge]), doubtful=curves)[1].mean() < 0.01
+
+
+def test_an_unmodelled_wire_that_crosses_too_near_is_a_crossing():
+    points, curves = make_row(1.0, 3)
+    model = fit_model()
+    near = find_nearby(points, [model], 20.0)
+    (hazard,) = find_hazards(
+        points, points[:, 2].astype(np.float32), near, make_span_result([model], len(points)),
+        HazardSettings(), doubtful=curves,
+    ).hazards
+    assert hazard.kind == HazardKind.CROSSING
+    assert hazard.other_line_id == -1
+    assert hazard.position[:2] == pytest.approx((50.0, 0.0), abs=0.7)
+    height = model.curve.position(model.at(np.array([hazard.along_span])))[0, 2]
+    assert hazard.position[2] == pytest.approx(height)  # of the lower of both
+    assert hazard.clearance == pytest.approx(10.98 - height, abs=0.05)
+    # what runs along is none
+    assert not find_crossings([model], (), plain_rules(HazardSettings()), [model.curve])
 
 
 def test_a_pole_at_the_end_is_no_hazard_and_in_the_span_it_is():

@@ -269,6 +269,7 @@ def test_worst_places_are_said_in_words(page):
      ' 1.2 m past the conductor when it falls, 2.50 m required'),
     ({'kind': 'sag'}, 'sags 1.90 m more than its peers, 2.50 m tolerated.'),
     ({'kind': 'crossing', 'other_line_id': 5}, 'a crossing conductor (line 5) at 12 m from'),
+    ({'kind': 'crossing'}, 'a crossing conductor (not modelled) at 12 m from'),
 ])
 def test_sentences(changes, words):
     item = {
