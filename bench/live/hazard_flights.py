@@ -88,6 +88,10 @@ class Flown:
     """Hazards of the results to which it did not come near."""
     lost: int
     """Scans."""
+    inserted: int
+    """Scans that came into the map."""
+    ticks: tuple[float, ...]
+    """How long each tick took [s]."""
     distances: tuple[float, ...]
     """Of the vehicle when those of the results were raised [m]."""
 
@@ -223,8 +227,17 @@ def compare(
         taken_back=sum(number not in final and bool(item.reason) for number, item in told.items()),
         faults=tuple(faults), only_final=tuple(only_final), far=far,
         lost=int(probe.values.get('scans lost', '0')),
+        inserted=int(probe.values.get('scans inserted', '0')),
+        ticks=tuple(1e-3 * milliseconds for _, milliseconds in probe.ticks),
         distances=tuple(item.distance for number, item in told.items() if number in final),
     )
+
+
+def describe_ticks(flown: Flown) -> str:
+    """Return how many ticks a flight had, and how long they took."""
+    if not flown.ticks:
+        return 'no tick'
+    return f'{len(flown.ticks)} of {np.median(flown.ticks):.1f} s, at most {max(flown.ticks):.1f}'
 
 
 def is_near(row: dict[str, Any], witness: Witness) -> bool:
@@ -254,20 +267,22 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f'seed {flown.seed}{", busy" if busy else ""}: {flown.raised} raised live,'
               f' {flown.final} final, {flown.taken_back} taken back,'
               f' {len(flown.only_final)} only final, {flown.far} never near,'
-              f' {flown.lost} scans lost', flush=True)
+              f' {flown.inserted} scans taken, {flown.lost} lost, {describe_ticks(flown)}',
+              flush=True)
         for line in (*flown.faults, *(f'only final: {text}' for text in flown.only_final)):
             print(f'  {line}', flush=True)
     text = f'{len(flights)} flights of {arguments.seconds:g} s.\n\n' + render_table(
         ('seed', 'settings', 'busy', 'raised live', 'final', 'taken back with a reason',
          'neither, or late', 'never raised, though near', 'never near',
-         'farthest when raised [m]', 'scans lost'),
+         'farthest when raised [m]', 'scans taken', 'lost', 'ticks'),
         [
             (
                 str(item.seed), ', '.join(item.settings) or 'as they are',
                 'yes' if item.busy else 'no', str(item.raised), str(item.final),
                 str(item.taken_back), str(len(item.faults)), str(len(item.only_final)),
                 str(item.far),
-                f'{max(item.distances):.0f}' if item.distances else '-', str(item.lost),
+                f'{max(item.distances):.0f}' if item.distances else '-', str(item.inserted),
+                str(item.lost), describe_ticks(item),
             ) for item in flights
         ],
     )
