@@ -66,7 +66,10 @@ Source: chosen on bench/hazards.py and bench/studies/planted_hazards.py: beyond 
 pole goes on as the pole, and below 0.5 foliage seen thinly ends.
 """
 STRAYS = 0.02
-"""Share of the points of a row, on either side, that are no part of its width.  Source: judgement."""
+"""
+Share of the points on either side of a row that do not count for its width.
+Source: judgement; not measured.
+"""
 PIECE_LENGTH = 1.0
 """Length of a piece of wire at least [m].  Source: judgement; not measured."""
 PARALLEL = 0.3

@@ -145,8 +145,8 @@ class HazardBook:
         Update with the hazards of one tick.
 
         A hazard is raised when CONFIRMATIONS views of its place have shown it, or, near a
-        support or an end where none is known, END_CONFIRMATIONS.  It becomes more severe at once; it becomes less severe, or is
-        cleared, when MAX_MISSES such ticks agree.
+        support or an end where none is known, END_CONFIRMATIONS.  It becomes more severe at once;
+        it becomes less severe, or is cleared, when MAX_MISSES ticks that saw its place agree.
 
         Parameters
         ----------

@@ -311,11 +311,12 @@ class SpanRegistry:
             max(item.misses for item in less) + 1 < MAX_MISSES
         )
         if stubborn or patient:
+            shown = max((tick.views[i] for i in own), default=0)
             for item in items:
                 misses = item.misses + 1 if item in less else 0
                 if own or item.key in tick.expected:
                     self._spans[item.key] = replace(
-                        item, misses=misses, hits=item.hits + max((tick.views[i] for i in own), default=0)
+                        item, misses=misses, hits=item.hits + shown
                     )
             return
         for item in items:

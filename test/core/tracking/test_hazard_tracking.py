@@ -5,7 +5,7 @@
 
 import numpy as np
 import pytest
-from spans import make_hazard, make_span, make_support
+from spans import make_hazard, make_support
 
 from plc_inspect.core.hazards.confidence import AT_END, IN_DOUBT
 from plc_inspect.core.tracking.hazard_tracking import (
