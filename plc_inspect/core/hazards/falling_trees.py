@@ -3,7 +3,7 @@
 
 """Finds trees that would come too close to a conductor if they fell."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 import math
 from typing import Any
@@ -17,6 +17,7 @@ from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.hazards.encroachments import describe_hazard, is_held, ROOM
 from plc_inspect.core.hazards.grouping import group_cells
 from plc_inspect.core.hazards.line_parts import POLE_WIDTH
+from plc_inspect.core.hazards.low_conductors import ROUGH_SIGMA
 from plc_inspect.core.hazards.strands import measure_distances
 from plc_inspect.core.hazards.trees import segment_trees
 from plc_inspect.core.hazards.wires import FREE_LENGTH
@@ -38,6 +39,11 @@ TREE_SIGMA = 0.15
 """
 Standard deviation of the height of a tree above its foot [m].
 Source: judgement; not measured.
+"""
+SURE_GROUND = 0.05
+"""
+Standard deviation of the ground below a tree at most, where it was seen [m].
+Source: judgement; as low_conductors.GROUND_SIGMA.
 """
 TALLEST = 60.0
 """
@@ -87,6 +93,9 @@ WIDTH_OF_SIGMA = 4.0
 Width of what stands or hangs evenly, in standard deviations of its points' places.
 Source: derived: 3.46 for a strip, 4 for a disc.
 """
+
+FindGround = Callable[[Float64], tuple[Float64, Float64]]
+"""Returns the height and the standard deviation of the ground at (P, 3) places [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -141,6 +150,7 @@ def find_falling_trees(
     rules: RuleSet,
     settings: HazardSettings,
     known: Sequence[dict[str, Any]],
+    find_ground: FindGround | None = None,
 ) -> list[dict[str, Any]]:
     """
     Find trees that come too close to a conductor when they fall.
@@ -155,6 +165,9 @@ def find_falling_trees(
         As in `encroachments.find_encroachments`.
     known : sequence
         Hazards found before; their trees are left out.
+    find_ground : callable or None
+        As `low_conductors.find_planes` of a cloud; by default the ground is where the heights
+        say.
 
     Returns
     -------
@@ -187,12 +200,20 @@ def find_falling_trees(
         feet[found], distance.astype(np.float64), owner.astype(np.int64), models,
         FALL_REACH + TALLEST,
     )
+    near = gaps - height[top[found]] < limit.reach
+    found, gaps, owner = found[near], gaps[near], owner[near]
+    sigma = np.full(len(found), TREE_SIGMA)
+    if find_ground is not None and len(found):
+        _, error = find_ground(feet[found])
+        sigma[~(error <= SURE_GROUND)] = math.hypot(TREE_SIGMA, ROUGH_SIGMA)
     width, length = _measure_plan(points, tree)
     wire = (width <= POLE_WIDTH) & (length >= FREE_LENGTH)
     taken = _trees_at(points, tree, [item['position'] for item in known
                                      if item['kind'] == HazardKind.VEGETATION])
     result = []
-    for number, reach, span in zip(found.tolist(), gaps.tolist(), owner.tolist(), strict=True):
+    for number, reach, span, error in zip(
+        found.tolist(), gaps.tolist(), owner.tolist(), sigma.tolist(), strict=True
+    ):
         tall = float(height[top[number]])
         clearance = reach - tall
         severity = limit.judge(clearance)
@@ -215,7 +236,7 @@ def find_falling_trees(
             clearance=clearance,
             horizontal=horizontal,
             vertical=vertical,
-            sigma=math.hypot(model.sigma(x), TREE_SIGMA),
+            sigma=math.hypot(model.sigma(x), error),
             num_points=len(own),
             offending=own,
             height=tall,

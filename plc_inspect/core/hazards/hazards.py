@@ -6,6 +6,7 @@
 from collections.abc import Sequence
 import dataclasses
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -20,7 +21,11 @@ from plc_inspect.core.hazards.conductor_hazards import (
 from plc_inspect.core.hazards.encroachments import find_encroachments, Nearby, Surroundings
 from plc_inspect.core.hazards.falling_trees import Fallible, find_fallible, find_falling_trees
 from plc_inspect.core.hazards.line_parts import find_line_parts
-from plc_inspect.core.hazards.low_conductors import find_low_conductors, measure_ground
+from plc_inspect.core.hazards.low_conductors import (
+    find_low_conductors,
+    find_planes,
+    measure_ground,
+)
 from plc_inspect.core.hazards.strands import find_strands, measure_distances
 from plc_inspect.core.hazards.surfaces import is_surface, tell_shapes
 from plc_inspect.core.numerics.arrays import take_rows
@@ -129,7 +134,10 @@ def find_hazards(
             points=trees, height=np.asarray(height[wide], dtype=np.float64),
             surface=flat, slender=slender,
         )
-        found += find_falling_trees(fallible, models, supports, rules, settings, found)
+        found += find_falling_trees(
+            fallible, models, supports, rules, settings, found,
+            partial(find_planes, points, height),
+        )
     lowest = max((limit.reach for limit in rules.find('ground')), default=0.0)
     ground_below = measure_ground(points, height, models, spans.ground_below, lowest)
     found += find_low_conductors(models, ground_below, supports, rules)

@@ -168,9 +168,7 @@ def measure_ground(
             [np.zeros((int(chosen.sum()), 2)), own[chosen, 1]])
         for model, own, chosen in zip(models, ground_below, wanted, strict=True)
     ])
-    low = _choose_low(points, height, _mark_cells(places))
-    index = build_plan_index(points, np.flatnonzero(low), REACHES[0])
-    ground, sigma = _fit_planes(points, places, *index.grid, np.array(REACHES))
+    ground, sigma = find_planes(points, height, places)
     known = np.isfinite(ground)
     rise, at = np.where(known, ground - places[:, 2], 0.0), 0
     sigma = np.where(known, np.hypot(sigma, GROUND_SIGMA), ROUGH_SIGMA)
@@ -180,6 +178,35 @@ def measure_ground(
         own[chosen, 2] = sigma[at : at + num]
         at += num
     return tuple(result)
+
+
+def find_planes(
+    points: Float64, height: Float32, places: Float64
+) -> tuple[Float64, Float64]:
+    """
+    Fit planes to the ground about some places.
+
+    Parameters
+    ----------
+    points : (N, 3) float64
+        Positions [m].
+    height : (N,) float32
+        Above the ground surface [m].
+    places : (P, 3) float64
+        Places about at the ground [m].
+
+    Returns
+    -------
+    ground : (P,) float64
+        Height of the ground [m], NaN where it was not seen.
+    sigma : (P,) float64
+        Its standard deviation by the scatter of the points about the plane [m].
+
+    """
+    low = _choose_low(points, height, _mark_cells(places))
+    index = build_plan_index(points, np.flatnonzero(low), REACHES[0])
+    ground, sigma = _fit_planes(points, places, *index.grid, np.array(REACHES))
+    return ground, sigma
 
 
 def keep_seen(model: SpanModel, stations: Float64) -> Float64:

@@ -4,6 +4,7 @@
 """Objects near conductors: what a support explains, and what an object is as a whole."""
 
 import dataclasses
+from functools import partial
 
 from factories import make_model
 import numpy as np
@@ -14,6 +15,7 @@ from plc_inspect.config import HazardSettings
 from plc_inspect.core.hazards.clearance_rules import plain_rules
 from plc_inspect.core.hazards.encroachments import find_encroachments, is_held, Surroundings
 from plc_inspect.core.hazards.falling_trees import Fallible, find_falling_trees
+from plc_inspect.core.hazards.low_conductors import find_planes
 from plc_inspect.core.hazards.trees import segment_trees
 from plc_inspect.results import HazardKind, Severity, Support
 
@@ -157,6 +159,20 @@ def test_a_tower_at_an_end_does_not_fall(x, y, slender, falls):
         make_fallible(points, slender), [make_model(*ENDS)], (), RULES, SETTINGS, []
     )
     assert [record['kind'] for record in records] == [HazardKind.FALL_IN] * falls
+
+
+@pytest.mark.parametrize(('seen', 'sigma'), [(True, 0.15), (False, 0.335)])
+def test_a_tree_is_less_surely_as_tall_where_the_ground_below_it_was_not_seen(seen, sigma):
+    tree = make_tree(50.0, 6.0, 11.0, bottom=2.5)
+    side = np.arange(-1.5, 1.51, 0.25) + (0.0 if seen else 6.0)
+    x, y = (axis.ravel() for axis in np.meshgrid(50.0 + side, 6.0 + side))
+    rough = np.random.default_rng(0).normal(0.0, 0.02, x.size)
+    points = np.vstack([tree, np.column_stack([x, y, rough])])
+    (record,) = find_falling_trees(
+        make_fallible(tree), [make_model(*ENDS)], (), RULES, SETTINGS, [],
+        partial(find_planes, points, points[:, 2].astype(np.float32)),
+    )
+    assert record['sigma'] == pytest.approx(sigma, abs=0.01)
 
 
 def test_one_point_high_above_a_few_is_not_of_their_tree():
