@@ -14,6 +14,7 @@ import numpy as np
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.catenary.nearest_span import find_near
 from plc_inspect.core.hazards.clearance_rules import RuleSet
+from plc_inspect.core.hazards.columns import THICK
 from plc_inspect.core.hazards.encroachments import describe_hazard, is_held, ROOM
 from plc_inspect.core.hazards.grouping import group_cells
 from plc_inspect.core.hazards.line_parts import POLE_WIDTH
@@ -208,6 +209,7 @@ def find_falling_trees(
         sigma[~(error <= SURE_GROUND)] = math.hypot(TREE_SIGMA, ROUGH_SIGMA)
     width, length = _measure_plan(points, tree)
     wire = (width <= POLE_WIDTH) & (length >= FREE_LENGTH)
+    pole = (slender > MOST_SLENDER) | ((length <= THICK) & (size >= FEW_POINTS))
     taken = _trees_at(points, tree, [item['position'] for item in known
                                      if item['kind'] == HazardKind.VEGETATION])
     result = []
@@ -223,7 +225,7 @@ def find_falling_trees(
         model, own = models[span], points[tree == number]
         if is_held(own, model, supports).all():
             continue
-        if slender[number] > MOST_SLENDER and _is_at_end(points[top[number]], model):
+        if pole[number] and _is_at_end(points[top[number]], model):
             continue
         x, horizontal, vertical = (
             float(value[0]) for value in model.part(feet[number : number + 1])

@@ -161,6 +161,15 @@ def test_a_tower_at_an_end_does_not_fall(x, y, slender, falls):
     assert [record['kind'] for record in records] == [HazardKind.FALL_IN] * falls
 
 
+@pytest.mark.parametrize(('y', 'falls'), [(4.0, False), (14.0, True)])
+def test_a_pole_of_few_points_at_an_end_does_not_fall(y, falls):
+    points = make_column(3.0, y=y, top=20.0, num=17)  # too few about each to tell its shape
+    records = find_falling_trees(
+        make_fallible(points), [make_model(*ENDS)], (), RULES, SETTINGS, []
+    )
+    assert [record['kind'] for record in records] == [HazardKind.FALL_IN] * falls
+
+
 @pytest.mark.parametrize(('seen', 'sigma'), [(True, 0.15), (False, 0.335)])
 def test_a_tree_is_less_surely_as_tall_where_the_ground_below_it_was_not_seen(seen, sigma):
     tree = make_tree(50.0, 6.0, 11.0, bottom=2.5)
