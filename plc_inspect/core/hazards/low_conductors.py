@@ -12,6 +12,7 @@ import numpy as np
 
 from plc_inspect.core.hazards.clearance_rules import Limit, RuleSet
 from plc_inspect.core.hazards.encroachments import describe_hazard
+from plc_inspect.core.numerics.arrays import take_rows
 from plc_inspect.core.numerics.plan_index import build_plan_index
 from plc_inspect.core.spans.span_model import SpanModel
 from plc_inspect.results import Bool, Float32, Float64, HazardKind, Severity, Support
@@ -205,7 +206,9 @@ def find_planes(
     """
     low = _choose_low(points, height, _mark_cells(places))
     index = build_plan_index(points, np.flatnonzero(low), REACHES[0])
-    ground, sigma = _fit_planes(points, places, *index.grid, np.array(REACHES))
+    start, order, *grid = index.grid
+    own = take_rows(points, order)  # neighbours in space are neighbours in memory
+    ground, sigma = _fit_planes(own, places, start, *grid, np.array(REACHES))
     return ground, sigma
 
 
@@ -298,7 +301,7 @@ def _are_low(flat, height, marked, x0, y0, edge):  # type: ignore[no-untyped-def
 
 @njit(cache=True, parallel=True, nogil=True)
 def _fit_planes(  # type: ignore[no-untyped-def]
-    points, places, start, order, origin, edge, rows, columns, reaches
+    points, places, start, origin, edge, rows, columns, reaches
 ):
     """Return the (P,) heights of the ground at places, NaN where unknown, and their sigma [m]."""
     ground, sigma = np.full(len(places), np.nan), np.full(len(places), np.nan)
@@ -317,8 +320,7 @@ def _fit_planes(  # type: ignore[no-untyped-def]
             for row in range(first_row, last_row + 1):
                 if first > last:
                     break
-                for m in range(start[row * columns + first], start[row * columns + last + 1]):
-                    i = order[m]
+                for i in range(start[row * columns + first], start[row * columns + last + 1]):
                     dx, dy = points[i, 0] - places[k, 0], points[i, 1] - places[k, 1]
                     if dx * dx + dy * dy <= reach * reach:
                         own[num, 0], own[num, 1] = dx, dy
@@ -335,22 +337,26 @@ def _fit_planes(  # type: ignore[no-untyped-def]
 def _fit_plane(own):  # type: ignore[no-untyped-def]
     """Return the height at the origin of the plane through points, and its sigma; NaN if none."""
     most = np.inf
-    a, b, c, rise, error = 0.0, 0.0, 0.0, np.nan, np.nan
+    a, b, c, rise, error, before = 0.0, 0.0, 0.0, np.nan, np.nan, -1
     for _ in range(ROUNDS):
+        # places are from the foot, so moments about it lose nothing against those about the mean
         num, mx, my, mz = 0, 0.0, 0.0, 0.0
-        for i in range(len(own)):
-            if own[i, 2] - (a + b * own[i, 0] + c * own[i, 1]) <= most:
-                num += 1
-                mx, my, mz = mx + own[i, 0], my + own[i, 1], mz + own[i, 2]
-        if num < LEAST_POINTS:
-            return np.nan, np.nan
-        mx, my, mz = mx / num, my / num, mz / num
         xx, xy, yy, xz, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for i in range(len(own)):
-            if own[i, 2] - (a + b * own[i, 0] + c * own[i, 1]) <= most:
-                x, y, z = own[i, 0] - mx, own[i, 1] - my, own[i, 2] - mz
+            x, y, z = own[i, 0], own[i, 1], own[i, 2]
+            if z - (a + b * x + c * y) <= most:
+                num += 1
+                mx, my, mz = mx + x, my + y, mz + z
                 xx, xy, yy = xx + x * x, xy + x * y, yy + y * y
                 xz, yz, zz = xz + x * z, yz + y * z, zz + z * z
+        if num < LEAST_POINTS:
+            return np.nan, np.nan
+        if num == before:
+            break  # none was left out since the round before
+        before = num
+        mx, my, mz = mx / num, my / num, mz / num
+        xx, xy, yy = xx - num * mx * mx, xy - num * mx * my, yy - num * my * my
+        xz, yz, zz = xz - num * mx * mz, yz - num * my * mz, zz - num * mz * mz
         narrow = 0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy)
         if narrow <= LEAST_SPREAD * LEAST_SPREAD * num:
             return np.nan, np.nan
