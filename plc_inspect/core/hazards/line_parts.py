@@ -117,7 +117,7 @@ class LineParts:
     num_wires: int
     """Doubtful curves that have points, and wires told by their dots; scraps are not counted."""
     curves: tuple[int, ...] = ()
-    """Which doubtful curves have points."""
+    """Which doubtful curves are wires that hang free, or rows of such."""
 
 
 def find_line_parts(
@@ -165,8 +165,7 @@ def find_line_parts(
     unmodelled[wires] = True
     rows, of_row = _find_rows(points, doubtful)
     unmodelled[rows] = True
-    curves = tuple(np.union1d(which, of_row).tolist())
-    num_wires = len(curves)
+    num_wires, curves = len(np.union1d(which, of_row)), tuple(np.unique(of_row).tolist())
     near = near[~(own | unmodelled)[near]]
     if not len(near):
         return LineParts(
