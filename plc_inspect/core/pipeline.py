@@ -4,6 +4,8 @@
 """The pipeline: from one cloud to conductors, corridor and hazards."""
 
 
+import itertools
+
 import numpy as np
 
 from plc_inspect.config import Settings
@@ -19,6 +21,7 @@ from plc_inspect.core.hazards.hazards import (
     find_hazards,
     HazardResult,
 )
+from plc_inspect.core.hazards.line_parts import DoubtfulCurves
 from plc_inspect.core.hazards.roof_rows import are_roof_rows
 from plc_inspect.core.labels import choose_surroundings, label, Labels
 from plc_inspect.core.line_finder import find_lines, FoundLines
@@ -182,11 +185,15 @@ class Pipeline:
     def _judge(
         self, points: Float64, lines: FoundLines, corridor: CorridorResult, nearby: Nearby
     ) -> tuple[HazardResult, Labels]:
-        doubtful = (*lines.conductors.doubtful, *lines.conductors.crowded)
-        on_roof = are_roof_rows(doubtful, lines.sight)
+        alone, crowded = lines.conductors.doubtful, lines.conductors.crowded
+        on_roof = are_roof_rows(alone, lines.sight)
+        row_on_roof = are_roof_rows(alone + crowded, lines.sight)[len(alone):]
         found = find_hazards(
             points, lines.height.height, nearby, lines.spans, self.settings.hazards, self.rules,
-            [curve for curve, is_row in zip(doubtful, on_roof, strict=True) if not is_row],
+            DoubtfulCurves(
+                alone=tuple(itertools.compress(alone, ~on_roof)),
+                crowded=tuple(itertools.compress(crowded, ~row_on_roof)),
+            ),
         )
         return found, label(lines, corridor, nearby, found.foliage)
 

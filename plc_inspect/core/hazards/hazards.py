@@ -11,7 +11,6 @@ from functools import partial
 import numpy as np
 
 from plc_inspect.config import HazardSettings
-from plc_inspect.core.catenary.curve import Curve
 from plc_inspect.core.hazards.clearance_rules import PLAIN, plain_rules, RuleSet
 from plc_inspect.core.hazards.conductor_hazards import (
     find_abnormal_sag,
@@ -20,7 +19,7 @@ from plc_inspect.core.hazards.conductor_hazards import (
 )
 from plc_inspect.core.hazards.encroachments import find_encroachments, Nearby, Surroundings
 from plc_inspect.core.hazards.falling_trees import Fallible, find_fallible, find_falling_trees
-from plc_inspect.core.hazards.line_parts import find_line_parts
+from plc_inspect.core.hazards.line_parts import DoubtfulCurves, find_line_parts
 from plc_inspect.core.hazards.low_conductors import (
     find_low_conductors,
     find_planes,
@@ -75,7 +74,7 @@ def find_hazards(
     spans: SpanResult,
     settings: HazardSettings,
     rules: RuleSet | None = None,
-    doubtful: Sequence[Curve] = (),
+    doubtful: DoubtfulCurves | None = None,
 ) -> HazardResult:
     """
     Find the places where a rule is broken.
@@ -95,7 +94,7 @@ def find_hazards(
         Thresholds.
     rules : RuleSet or None
         What is asked for; by default the plain rules of the settings.
-    doubtful : sequence of Curve
+    doubtful : DoubtfulCurves or None
         Curves that may be conductors, and are no spans.
 
     Returns
@@ -113,6 +112,7 @@ def find_hazards(
     own = take_rows(points, nearby.index)
     surface, reach = is_surface(own), rules.reach('vegetation', 'building')
     distance = measure_distances(own, nearby.distance, nearby.span, models, reach)
+    doubtful = doubtful or DoubtfulCurves()
     parts = find_line_parts(own, distance, nearby.span, models, doubtful, reach)
     other = np.flatnonzero(~(parts.own | parts.unmodelled))
     around = Surroundings(
@@ -141,7 +141,8 @@ def find_hazards(
     lowest = max((limit.reach for limit in rules.find('ground')), default=0.0)
     ground_below = measure_ground(points, height, models, spans.ground_below, lowest)
     found += find_low_conductors(models, ground_below, supports, rules)
-    found += find_crossings(models, supports, rules, [doubtful[k] for k in parts.curves])
+    wires = [doubtful.every[k] for k in parts.curves]
+    found += find_crossings(models, supports, rules, wires)
     found += find_interference(models, supports, rules, settings)
     found += find_abnormal_sag(models, supports, rules, settings)
     found = [item for item in found if item.pop('chance') >= settings.min_confidence]

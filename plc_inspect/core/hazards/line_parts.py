@@ -105,6 +105,20 @@ Source: judgement; as encroachments.ROOM of a tower.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DoubtfulCurves:
+    """Curves that may be conductors, and are no spans."""
+
+    alone: tuple[Curve, ...] = ()
+    crowded: tuple[Curve, ...] = ()
+    """Those with other things close about them, which may be conductors themselves."""
+
+    @property
+    def every(self) -> tuple[Curve, ...]:
+        """All of them."""
+        return self.alone + self.crowded
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LineParts:
     """Which of K points near conductors are of lines."""
 
@@ -117,7 +131,7 @@ class LineParts:
     num_wires: int
     """Doubtful curves that have points, and wires told by their dots; scraps are not counted."""
     curves: tuple[int, ...] = ()
-    """Which doubtful curves are wires that hang free, or rows of such."""
+    """Which of all doubtful curves are wires that hang free, or rows of such."""
 
 
 def find_line_parts(
@@ -125,7 +139,7 @@ def find_line_parts(
     distance: Float64,
     owner: Int64,
     models: Sequence[SpanModel],
-    doubtful: Sequence[Curve],
+    doubtful: DoubtfulCurves,
     reach: float,
 ) -> LineParts:
     """
@@ -141,7 +155,7 @@ def find_line_parts(
         Which that is.
     models : sequence of SpanModel
         Spans with their curves.
-    doubtful : sequence of Curve
+    doubtful : DoubtfulCurves
         Curves that may be conductors.
     reach : float
         Distance from a conductor up to which it matters what something is [m].
@@ -159,11 +173,11 @@ def find_line_parts(
     own |= find_blur(points, owner, models)
     held, column = find_columns(points, distance, owner, models)
     own |= held
-    wires, which = _find_on(points, doubtful, [
-        (curve.low - GONE_ON, curve.high + GONE_ON) for curve in doubtful
+    wires, which = _find_on(points, doubtful.alone, [
+        (curve.low - GONE_ON, curve.high + GONE_ON) for curve in doubtful.alone
     ])
     unmodelled[wires] = True
-    rows, of_row = _find_rows(points, doubtful)
+    rows, of_row = _find_rows(points, doubtful.every)
     unmodelled[rows] = True
     num_wires, curves = len(np.union1d(which, of_row)), tuple(np.unique(of_row).tolist())
     near = near[~(own | unmodelled)[near]]

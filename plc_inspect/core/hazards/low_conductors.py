@@ -206,9 +206,11 @@ def find_planes(
     """
     low = _choose_low(points, height, _mark_cells(places))
     index = build_plan_index(points, np.flatnonzero(low), REACHES[0])
-    start, order, *grid = index.grid
+    start, order, origin, edge, rows, columns = index.grid
     own = take_rows(points, order)  # neighbours in space are neighbours in memory
-    ground, sigma = _fit_planes(own, places, start, *grid, np.array(REACHES))
+    ground, sigma = _fit_planes(
+        own, places, start, origin, edge, rows, columns, np.array(REACHES)
+    )
     return ground, sigma
 
 

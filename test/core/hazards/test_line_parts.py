@@ -12,7 +12,7 @@ from plc_inspect.config import HazardSettings
 from plc_inspect.core.hazards.clearance_rules import plain_rules
 from plc_inspect.core.hazards.conductor_hazards import find_crossings
 from plc_inspect.core.hazards.hazards import find_hazards
-from plc_inspect.core.hazards.line_parts import find_line_parts
+from plc_inspect.core.hazards.line_parts import DoubtfulCurves, find_line_parts
 from plc_inspect.results import HazardKind
 
 START, END, CONSTANT = (0.0, 0.0, 12.0), (100.0, 0.0, 12.0), 800.0
@@ -25,12 +25,13 @@ def fit_model(end=END, **changes):
     return make_model(START, end, c=CONSTANT, points=points, **changes)
 
 
-def find(points, model=None, doubtful=(), reach=20.0):
+def find(points, model=None, doubtful=(), reach=20.0, kind='alone'):
     """Return what points are, those beyond reach as nothing."""
     model = model or fit_model()
     near = find_nearby(points, [model], reach)
+    curves = DoubtfulCurves(**{kind: tuple(doubtful)})
     parts = find_line_parts(
-        points[near.index], near.distance, near.span, [model], doubtful, REACH
+        points[near.index], near.distance, near.span, [model], curves, REACH
     )
     own, unmodelled = np.zeros((2, len(points)), dtype=bool)
     own[near.index], unmodelled[near.index] = parts.own, parts.unmodelled
@@ -137,7 +138,7 @@ def make_row(width, num):
                                                       (4.0, 20, False)])
 def test_wires_that_cross_side_by_side_are_no_structure(width, num, is_row):
     points, curves = make_row(width, num)
-    _, unmodelled, _ = find(points, doubtful=curves[num // 2 : num // 2 + 1])
+    _, unmodelled, _ = find(points, doubtful=curves[num // 2 : num // 2 + 1], kind='crowded')
     assert (unmodelled.mean() > 0.9) == is_row
     assert is_row or unmodelled.mean() < 0.01
 
@@ -147,7 +148,16 @@ def test_a_hedge_below_a_curve_makes_no_row_of_it():
     rng = np.random.default_rng(1)
     hedge = points[rng.integers(len(points), size=20 * len(points))]
     hedge = hedge + rng.uniform((-0.5, -0.1, -2.0), (0.5, 0.1, 0.0), (len(hedge), 3))
-    assert find(np.vstack([points, hedge]), doubtful=curves)[1].mean() < 0.01
+    assert find(np.vstack([points, hedge]), doubtful=curves, kind='crowded')[1].mean() < 0.01
+
+
+def test_a_crowded_curve_over_a_roof_takes_nothing_from_it():
+    rng = np.random.default_rng(2)
+    roof = np.column_stack([rng.uniform(46.0, 54.0, 4000), rng.uniform(-6.0, 6.0, 4000),
+                            rng.normal(9.0, 0.02, 4000)])
+    row = np.flatnonzero(np.abs(roof[:, 0] - 50.0) < 0.2)
+    curve = make_curve(roof, row)
+    assert not find(roof, doubtful=[curve], kind='crowded')[1].any()
 
 
 def test_an_unmodelled_wire_that_crosses_too_near_is_a_crossing():
@@ -156,7 +166,7 @@ def test_an_unmodelled_wire_that_crosses_too_near_is_a_crossing():
     near = find_nearby(points, [model], 20.0)
     (hazard,) = find_hazards(
         points, points[:, 2].astype(np.float32), near, make_span_result([model], len(points)),
-        HazardSettings(), doubtful=curves,
+        HazardSettings(), doubtful=DoubtfulCurves(crowded=tuple(curves)),
     ).hazards
     assert hazard.kind == HazardKind.CROSSING
     assert hazard.other_line_id == -1
