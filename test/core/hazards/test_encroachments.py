@@ -154,7 +154,7 @@ def make_fallible(points, slender=False):
     (3.0, 4.0, False, True), (50.0, 4.0, True, True), (3.0, 14.0, True, True),
 ])
 def test_a_tower_at_an_end_does_not_fall(x, y, slender, falls):
-    points = make_column(x, y=y, top=20.0)
+    points = make_column(x, y=y, top=20.0) if slender else make_tree(x, y, 20.0, bottom=2.0)
     records = find_falling_trees(
         make_fallible(points, slender), [make_model(*ENDS)], (), RULES, SETTINGS, []
     )
