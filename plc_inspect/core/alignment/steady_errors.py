@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Steady errors of the odometry: positions that are too long or too short, a heading that turns.
+Steady errors: positions that are too long or too short, a heading that turns, a wrong mount.
 
 They show within seconds of flight, and the map made until then is too blurred to be a reference.
 For a scale error of positions the map starts anew with corrected positions.  For a heading that
-turns no results are reported, as the map bends by an unknown amount.
+turns no results are reported, as the map bends by an unknown amount.  A wrong mount drifts aside
+as the vehicle flies, so it must not be taken for drift: the map would be turned about each place.
 """
 
 from dataclasses import dataclass
@@ -35,6 +36,14 @@ Turn rate of the heading against the positions, by planes, from which no results
 Source: derived: 0.3 m at 30 m within their two seconds; measured: bench/studies/input_faults.py:
 good odometry shows less.
 """
+MOUNTED, MOST_DRIFT = 0.01, 0.1
+"""
+Turn of the lidar against its mount, or of the heading against the positions, by planes, from which
+no results are reported [rad], and drift that it looks like from then on [m/s].
+Source: as TURNED, and as SMEAR: a drift of the odometry up to that is mended, and looks the same.
+"""
+AXES = 'roll', 'pitch', 'yaw'
+"""Turns of the mount.  Source: their names."""
 ASIDE = 0.2
 """
 Drift across the path from which no results are reported [m/s].
@@ -65,18 +74,23 @@ TWICE = 2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Steady:
-    """Corrections of stamps, positions and heading that bring planes together."""
+    """Corrections of stamps, positions, heading and mount that bring planes together."""
 
     values: Float64
-    """(3,) time [s], scale error of positions, turn rate of the heading [rad/s]."""
+    """
+    (6,) time [s], scale error of positions, turn rate of the heading [rad/s], turn of the lidar
+    about x, y and z of the vehicle [rad].
+    """
     sigma: Float64
-    """(3,) their standard deviations."""
-    least: float
-    """Number of standard deviations that counts as certain."""
+    """(6,) their standard deviations."""
+    least: Float64
+    """(6,) number of standard deviations that counts as certain."""
+    speed: float
+    """Of the lidar [m/s]."""
 
     @property
     def sure(self) -> Bool:
-        """(3,) whether each is certainly not 0."""
+        """(6,) whether each is certainly not 0."""
         return np.abs(self.values) > self.least * self.sigma
 
 
@@ -104,15 +118,37 @@ class SteadyErrors:
         self.doubt = ''
         """Why no results may be reported, '' if they may."""
         self._doubts = [0, 0, 0]
+        self._turned = False
         self._planes: Steady | None = None
         self.step()
 
     def hear(self, planes: Steady | None) -> None:
         """Take the estimate by planes, or None; its scale is unusable if the heading turns."""
-        turning = planes is not None and bool(planes.sure[2]) and abs(planes.values[2]) > TURNING
-        self._planes = None if turning else planes
-        if planes is not None and turning:
+        self._planes = planes
+        if planes is None:
+            return
+        if planes.sure[2] and abs(planes.values[2]) > TURNING:
+            self._planes = None
             self._doubt_heading(f'{abs(np.degrees(planes.values[2])):.1f} degrees/s')
+            return  # what it turned by is no mount
+        turns = planes.values[3:]
+        least = max(MOUNTED, MOST_DRIFT / max(planes.speed, 1e-3))
+        wrong = planes.sure[3:] & (np.abs(turns) > least)
+        if wrong.any() and not self._turned:
+            told = ', '.join(
+                f'{np.degrees(turns[axis]):.1f} degrees of {AXES[axis]}'
+                for axis in np.flatnonzero(wrong)
+            )
+            self._hold(
+                f'planes lie together with the lidar turned by {told}: results are held back; '
+                'check its mount (input.lidar_rpy_deg, /tf_static), and what tells the heading'
+            )
+            self._turned = True
+
+    def _hold(self, doubt: str) -> None:
+        """Hold results back; what a wrong mount does to the rest tells nothing more."""
+        if not self._turned:
+            self.doubt = doubt
 
     def step(self) -> None:
         """Take position and heading of the vehicle anew, as after a step."""
@@ -136,7 +172,7 @@ class SteadyErrors:
             self._doubt_heading(f'{np.degrees(turned):.1f} degrees and more')
 
     def _doubt_heading(self, size: str) -> None:
-        self.doubt = (
+        self._hold(
             f'the heading of the odometry drifts against its positions, by {size}: results are '
             'held back; check what tells the heading'
         )
@@ -166,7 +202,7 @@ class SteadyErrors:
         wrong = aside > max(ASIDE, SURELY * aside_sigma)
         self._doubts[2] = self._doubts[2] + 1 if wrong else 0
         if self._doubts[2] >= TWICE:
-            self.doubt = (
+            self._hold(
                 f'the odometry drifts by {aside:.1f} m/s aside: results are held back; check '
                 'position and heading'
             )
@@ -178,7 +214,7 @@ class SteadyErrors:
         if self._doubts[0] < TWICE or self._start is None:
             return ''
         if late:
-            self.doubt = (
+            self._hold(
                 f'{_tell_share(share - self._share)}, otherwise than before: results are held '
                 'back; check the odometry'
             )
@@ -196,7 +232,7 @@ class SteadyErrors:
             # it was found in a smeared map, so it may be off still
             return share, float(np.hypot(sigma, SCALE)), SURELY * sigma
         own = float(planes.sigma[1])
-        return float(planes.values[1]), own, planes.least * own
+        return float(planes.values[1]), own, float(planes.least[1]) * own
 
 
 def _tell_share(share: float) -> str:

@@ -387,6 +387,7 @@ class Accumulator:
         mount, before = self.placer.mount, self.mount
         self.mount = mount
         if before is not None and not mount.equals(before) and len(self.map):
+            self.timing.forget_looks()
             self.follower.clear()
             self.entry.begin_anew(f'the mount of the lidar has changed: {mount.describe()}')
 

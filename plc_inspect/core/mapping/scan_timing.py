@@ -12,7 +12,7 @@ from plc_inspect.core.mapping.placement import PlacedScan, Placer, WaitingScan
 from plc_inspect.core.mapping.pose_buffer import PoseBuffer
 from plc_inspect.core.numerics.arrays import MOST_COORDINATE
 from plc_inspect.core.setup.steady_fit import choose_points, Look, SteadyFit
-from plc_inspect.results import Int64
+from plc_inspect.results import Float64, Int64
 
 STEP_NS = 20_000_000
 """Time over which velocities of points are taken [ns].  Source: judgement: two poses at 100 Hz."""
@@ -106,7 +106,9 @@ class ScanTiming:
         if not (np.abs(now.points) < MOST_COORDINATE).all():  # poses at no place
             return ''
         velocity = (now.points - before.points) / (STEP_NS * 1e-9)
-        seen = Look(now.points, velocity, lidar.points, now.stamps)
+        seen = Look(
+            now.points, velocity, lidar.points, _find_axes(some, placer, poses, lidar), now.stamps
+        )
         # the offset at which planes coincide, if sure
         new, steady = self._fit.see(seen, scan.stamp_ns), self._fit.steady
         if not new or steady is None or not steady.sure[0] or abs(steady.values[0]) < LEAST_OFFSET:
@@ -134,3 +136,15 @@ class ScanTiming:
             f'scans fit best {abs(self._offset):.2f} s {side}{drifts}, and are taken so: '
             'set lidar and odometry by one clock'
         )
+
+
+def _find_axes(
+    scan: WaitingScan, placer: Placer, poses: PoseBuffer, lidar: PlacedScan
+) -> Float64:
+    """Return x, y and z of the vehicle when points were measured (N, 3, 3)."""
+    result = np.zeros((len(scan.xyz), 3, 3))
+    for number, axis in enumerate(placer.mount.transform[:3, :3].astype(np.float32)):
+        tip = placer.place(replace(scan, xyz=np.tile(axis, (len(scan.xyz), 1))), poses)
+        if isinstance(tip, PlacedScan):  # as the lidar, at the same times
+            result[:, number] = tip.points - lidar.points
+    return result

@@ -2,20 +2,23 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What makes planes lie together: the clock of the lidar, the scale of positions, the heading.
+What makes planes lie together: clock and mount of the lidar, scale of positions, heading.
 
 Planes that are seen within two seconds lie apart as far as points are put wrongly.  By a wrong
 clock they are where the vehicle was, and as it was turned, at another time; by a wrong scale as
-far along the way as it flew meanwhile; by a heading that turns about the lidar.  All three are
-fitted together, so that none is taken for another, and their standard deviations are what the
-flight itself shows: how unlike the parts of it are.  Least squares with weights of Student's t by
-cell, so that what is no plane does not count (Lange, Little and Taylor 1989, Robust statistical
-modeling using the t distribution); covariance by blocks of time (Liang and Zeger 1986,
-Longitudinal data analysis), as the errors of an attitude last from scan to scan.
+far along the way as it flew meanwhile; by a heading that turns about the lidar; by a wrong mount
+turned about the lidar with the vehicle.  All are fitted together, so that none is taken for
+another.  Least squares with weights of Student's t by cell, so that what is no plane does not
+count (Lange, Little and Taylor 1989, Robust statistical modeling using the t distribution).
+Standard deviations are what the flight itself shows: how the values change without one of its
+planes, blocks of time or windows (jackknife by clusters: MacKinnon, Nielsen and Webb 2023,
+Cluster-robust inference), as the errors of an attitude last from scan to scan, and what is no
+plane is none in all its looks.
 """
 
 from collections import deque
 from dataclasses import dataclass
+import math
 
 import numpy as np
 
@@ -58,12 +61,15 @@ FREEDOM = 4.0
 """Degrees of freedom of Student's t.  Source: Lange, Little and Taylor 1989."""
 ROUNDS = 6
 """Rounds of weights.  Source: numerical: values move by less than a tenth of their deviations."""
-LEAST_BLOCKS = 8
-"""Blocks that tell standard deviations.  Source: derived: two windows."""
-CHANCE = 1e-5
+LEAST_GROUPS = 8
+"""
+Planes, blocks or windows that tell standard deviations.
+Source: derived: two windows have eight blocks.
+"""
+CHANCE = 5e-6
 """
 Probability of a value as great by chance.
-Source: derived: 1 in 20 in an hour, with 1800 windows of three values.
+Source: derived: 1 in 20 in an hour, with 1800 windows of six values.
 """
 MOST_REST = 3.0
 """
@@ -76,12 +82,12 @@ arcs of the scan are taken for planes.
 EXPLAINED = 2.0
 """
 By so much less is left than with none of the values, else: great offsets of a clock are found in
-steps, the first of which leaves much.
+steps, the first of which leaves much.  Nothing but the clock is told then.
 Source: measured: bench/studies/input_faults.py: 2.2 and more for 0.2 and 0.3 s, 1.7 and less where
 planes do not tell.
 """
-NUM = 3
-"""Values.  Source: derived: clock, scale, heading."""
+NUM = 6
+"""Values.  Source: derived: clock, scale, heading, three turns of the mount."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,6 +100,8 @@ class Look:
     """(N, 3) how they move as their times grow [m/s]."""
     lidar: Float64
     """(N, 3) where the lidar was [m]."""
+    axes: Float64
+    """(N, 3, 3) x, y and z of the vehicle then."""
     stamps: Int64
     """(N,) [ns]."""
 
@@ -105,13 +113,15 @@ class Rows:
     off: Float64
     """(M,) across the plane, less what is the same in all looks [m]."""
     moves: Float64
-    """(M, 3) the same by a second, by all of the way, and by a radian a second."""
+    """(M, 6) the same by a second, all of the way, a radian a second, and a radian thrice."""
     sure: Float64
     """(M,) one over the variance [1/m2]."""
     cell: Int64
     """(M,) which plane each is of, from 0 on."""
     block: Int64
     """(M,) which part of the window, from 0 on."""
+    speed: float = 0.0
+    """Of the lidar [m/s]."""
 
 
 class SteadyFit:
@@ -188,8 +198,8 @@ def compare_looks(looks: list[Look]) -> Rows:
     lidar = np.concatenate([item.lidar for item in looks])
     seconds = ((stamps - stamps.min()) * 1e-9)[:, None]
     lever = points - lidar
-    turn = seconds * np.column_stack((-lever[:, 1], lever[:, 0], np.zeros(len(lever))))
-    fields = np.concatenate([item.velocity for item in looks]), lidar - lidar[0], turn
+    velocity = np.concatenate([item.velocity for item in looks])
+    axes = np.concatenate([item.axes for item in looks]).reshape(-1, 9)
     look = np.repeat(np.arange(len(looks)), [len(item.points) for item in looks])
     index = np.floor(points / CELL).astype(np.int64)
     offsets = points - (index + 0.5) * CELL
@@ -201,7 +211,9 @@ def compare_looks(looks: list[Look]) -> Rows:
     )
     group = group.reshape(-1)
     far = np.sqrt((lever**2).sum(axis=1))
-    mean = _sum(group, np.column_stack((offsets, *fields, seconds, far)), len(key))
+    mean = _sum(group, np.column_stack((
+        offsets, velocity, lidar - lidar[0], lever, axes, seconds, far,
+    )), len(key))
     mean /= count[:, None]
     apart = offsets - mean[group, :3]
     scatter = _sum(group, (apart[:, :, None] * apart[:, None, :]).reshape(-1, 9), len(key))
@@ -212,17 +224,17 @@ def compare_looks(looks: list[Look]) -> Rows:
     home = home.reshape(-1)
     total: Float64 = np.bincount(home, count, minlength=len(num)).astype(np.float64)
     within = _sum(home, scatter, len(num)) / np.maximum(total - num, 1.0)[:, None]
-    values, axes = np.linalg.eigh(within.reshape(-1, 3, 3))
+    values, normals = np.linalg.eigh(within.reshape(-1, 3, 3))
     plane = (values[:, 0] < PLANE * values[:, 1]) | (
         (values[:, 0] < ROUGH) & (values[:, 0] < ROUGH_SHARE * values[:, 1])
     )
     plane &= (values[:, 1] >= LINE * values[:, 2]) & (num >= LEAST_LOOKS)
     # across the plane, less what is the same in all looks
-    normal = axes[home, :, 0]
-    across = np.stack([
-        np.einsum('ni,ni->n', mean[:, start : start + 3], normal)
-        for start in range(0, 3 * (1 + NUM), 3)
-    ], axis=1)
+    normal = normals[home, :, 0]
+    across = np.column_stack([
+        *(np.einsum('ni,ni->n', mean[:, start : start + 3], normal) for start in (0, 3, 6)),
+        _turn(mean, home, count, normal),
+    ])
     sure = 1.0 / (
         np.maximum(values[home, 0], 0.0) / count + LEAST_NOISE**2 + (ATTITUDE * mean[:, -1]) ** 2
     )
@@ -234,7 +246,29 @@ def compare_looks(looks: list[Look]) -> Rows:
     return Rows(
         across[kept, 0], across[kept, 1:], sure[kept], own.reshape(-1),
         (mean[kept, -2] // (BLOCK_NS * 1e-9)).astype(np.int64),
+        math.dist(lidar[-1], lidar[0]) / max(float(abs(seconds[-1, 0] - seconds[0, 0])), 1e-3),
     )
+
+
+def _turn(mean: Float64, home: Int64, count: Int64, normal: Float64) -> Float64:
+    """
+    Return how far looks move across their planes by turns of heading and mount (N, 4) [m/rad].
+
+    A turn that is the same in all looks turns the plane as well, so that it matters where the
+    lidar was, and not which part of the plane a look has.
+    """
+    total = np.bincount(home, count)
+    lever, offset = mean[:, 9:12], mean[:, :3]
+    centre = _sum(home, offset * count[:, None], len(total)) / total[:, None]
+    turns = np.zeros((len(mean), 4, 3))
+    turns[:, 0, 2] = mean[:, -2]
+    turns[:, 1:] = mean[:, 12:21].reshape(-1, 3, 3)
+    same = _sum(home, turns.reshape(-1, 12) * count[:, None], len(total)) / total[:, None]
+    same = same.reshape(-1, 4, 3)[home]
+    moved = np.cross(same, (lever - offset + centre[home])[:, None])
+    moved += np.cross(turns - same, lever[:, None])
+    result: Float64 = np.einsum('nki,ni->nk', moved, normal)
+    return result
 
 
 def fit_rows(windows: deque[Rows], start: Float64) -> Steady | None:
@@ -261,11 +295,8 @@ def fit_rows(windows: deque[Rows], start: Float64) -> Steady | None:
     cell, block = _number([item.cell for item in windows]), _number(
         [item.block for item in windows]
     )
-    if len(off) <= NUM:
-        return None
     num_looks = np.bincount(cell)
-    num_blocks = len(np.unique(block))
-    if num_blocks < LEAST_BLOCKS:
+    if len(off) <= NUM or min(len(num_looks), len(np.unique(block))) < LEAST_GROUPS:
         return None
     values = start
     for _ in range(ROUNDS):
@@ -273,8 +304,8 @@ def fit_rows(windows: deque[Rows], start: Float64) -> Steady | None:
         square = np.bincount(cell, sure * rest**2)
         weight = sure * ((FREEDOM + num_looks - 1.0) / (FREEDOM + square))[cell]
         matrix = moves.T @ (moves * weight[:, None])
-        scale = np.sqrt(np.maximum(np.diag(matrix), 1e-12))
-        inverse = np.linalg.pinv(matrix / np.outer(scale, scale)) / np.outer(scale, scale)
+        unit = np.sqrt(np.maximum(np.diag(matrix), 1e-12))
+        inverse = np.linalg.pinv(matrix / np.outer(unit, unit)) / np.outer(unit, unit)
         values = -inverse @ (moves.T @ (weight * off))
     rest = off + moves @ values
     left, before = (
@@ -283,17 +314,36 @@ def fit_rows(windows: deque[Rows], start: Float64) -> Steady | None:
     )
     if left > max(MOST_REST, before / EXPLAINED):
         return None
-    # by how unlike the looks are, the blocks, and, where there are enough, the windows
+    # by how unlike the looks are; by planes, blocks, and windows where there are enough
     spare = max(len(off) - len(num_looks) - NUM, 1)
-    variance = np.diag(inverse) * float(weight @ rest**2) / spare
+    sigma = np.sqrt(np.diag(inverse) * float(weight @ rest**2) / spare)
+    least = np.full(NUM, find_quantile(spare))
     window = np.repeat(np.arange(len(windows)), [len(item.off) for item in windows])
-    for group in (block, window):
+    across = moves / unit
+    for group in (cell, block, window):
         num = len(np.unique(group))
-        if num >= LEAST_BLOCKS:
-            slope = _sum(group, moves * (weight * rest)[:, None], int(group.max()) + 1)
-            own = inverse @ (slope.T @ slope) @ inverse * num / (num - NUM)
-            variance = np.maximum(variance, np.diag(own))
-    return Steady(values, np.sqrt(variance), find_quantile(num_blocks - NUM))
+        if num < LEAST_GROUPS:
+            continue
+        own = _leave_out(group, across, weight, rest) / unit
+        greater = own > sigma
+        sigma[greater], least[greater] = own[greater], find_quantile(num - 1)
+    if left > MOST_REST:
+        sigma[1:] = np.inf
+    return Steady(values, sigma, least, float(np.mean([item.speed for item in windows])))
+
+
+def _leave_out(group: Int64, moves: Float64, weight: Float64, rest: Float64) -> Float64:
+    """Return how much values change without one of the groups, as standard deviations (K,)."""
+    _, group = np.unique(group, return_inverse=True)
+    weighed = moves * weight[:, None]
+    upper = np.triu_indices(moves.shape[1])
+    slope = _sum(group, weighed * rest[:, None], int(group.max()) + 1)
+    own = np.zeros((len(slope), moves.shape[1], moves.shape[1]))
+    own[:, upper[0], upper[1]] = _sum(group, weighed[:, upper[0]] * moves[:, upper[1]], len(slope))
+    own[:, upper[1], upper[0]] = own[:, upper[0], upper[1]]
+    change = np.einsum('gij,gj->gi', np.linalg.pinv(moves.T @ weighed - own), slope)
+    result: Float64 = np.sqrt((len(slope) - 1) / len(slope) * (change**2).sum(axis=0))
+    return result
 
 
 def find_quantile(freedom: int) -> float:

@@ -7,6 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from plc_inspect.config import Settings
 from plc_inspect.core.mapping.accumulator import Accumulator
+from plc_inspect.core.mapping.scan_timing import LEAST_OFFSET
+from plc_inspect.setting_names import update
 
 START = 1_700_000_000_000_000_000
 SPEED = 5.0
@@ -32,9 +34,15 @@ def look(when, rng, num=1500):
     return turn.inv().apply(world - place)
 
 
-def fly(late, seconds=12.0, rate=0.0, placed=False):
-    """Fly with the lidar's clock ahead by some seconds, and more each second."""
-    accumulator = Accumulator(Settings(), recorded=True)
+def fly(late, seconds=12.0, rate=0.0, placed=False, mount=(0.0, 0.0, 0.0), told=None):
+    """
+    Fly with the lidar's clock ahead by some seconds, and more each second.
+
+    Its mount is some roll, pitch and yaw [degrees], and may be told otherwise.
+    """
+    settings = update(Settings(), {'input.lidar_rpy_deg': list(told or mount)})
+    accumulator = Accumulator(settings, recorded=True)
+    mounted = Rotation.from_euler('xyz', mount, degrees=True)
     rng = np.random.default_rng(3)
     for tick in range(int(seconds * 50)):
         when = tick * 0.02
@@ -44,8 +52,7 @@ def fly(late, seconds=12.0, rate=0.0, placed=False):
         )
         if tick % 5 == 0:
             points = look(when, rng)
-            if placed:
-                points = turn.apply(points) + place
+            points = turn.apply(points) + place if placed else mounted.inv().apply(points)
             ahead = late + rate * when
             accumulator.add_scan(
                 START + round((when + ahead) * 1e9), points.astype(np.float32),
@@ -60,10 +67,10 @@ def test_scans_of_another_clock_are_taken_when_they_fit_best(late):
     accumulator = fly(late)
     timing = accumulator.timing
     assert timing.shift(START, np.zeros(1, dtype=np.int64))[0] * 1e-9 == pytest.approx(
-        -late, abs=0.01
+        -late, abs=LEAST_OFFSET
     )
     told = timing.describe().split()
-    assert float(told[3]) == pytest.approx(abs(late), abs=0.011)
+    assert float(told[3]) == pytest.approx(abs(late), abs=LEAST_OFFSET + 0.005)
     assert told[5].startswith('earlier' if late > 0 else 'later')
     assert 1 <= accumulator.entry.num_restarts <= 2
     assert 'scans fit best' in accumulator.entry.cause
@@ -95,3 +102,31 @@ def test_a_reset_forgets_the_offset():
     assert accumulator.timing.describe()
     accumulator.reset()
     assert not accumulator.timing.describe()
+
+
+@pytest.mark.parametrize(('mount', 'told', 'which'), [
+    ((0.0, 30.0, 0.0), (0.0, 30.0, 2.0), '-2.0 degrees of yaw'),
+    ((0.0, 0.0, 90.0), (0.0, -3.0, 90.0), '-3.0 degrees of roll'),
+])
+def test_a_mount_that_is_told_wrongly_is_doubted(mount, told, which):
+    accumulator = fly(0.0, mount=mount, told=told)
+    assert f'with the lidar turned by {which}: results are held back' in accumulator.doubt
+    assert not accumulator.timing.describe()
+    assert not fly(0.0, mount=mount).doubt
+
+
+def test_what_was_seen_by_another_mount_is_forgotten():
+    accumulator = fly(0.0, told=(0.0, 0.0, 3.0))
+    assert accumulator.doubt
+    accumulator.configure(Settings())
+    place, turn = find_pose(12.0)
+    for number in range(2):
+        accumulator.add_pose(
+            START + 12 * 10**9 + number * 10**7, place, turn.as_quat(), frame_id='odom', now=12.0
+        )
+        accumulator.add_scan(
+            START + 12 * 10**9, look(12.0, np.random.default_rng(4)).astype(np.float32),
+            frame_id='lidar', now=12.0,
+        )
+    assert accumulator.timing.steady is None
+    assert not accumulator.doubt
