@@ -83,9 +83,10 @@ Source: measured: bench/studies/sharpness.py: with the right set-up 0.009 to 0.0
 """
 GROSS_PLANES, GROSS_LINES = 0.15, 0.17
 """
-Distances between looks of the short scale from which that one counts [m].
-Source: measured: bench/studies/sharpness.py: bundles and arcs of the scan on the ground, which
-are no planes and lines, reach 0.10 and 0.14 with the right set-up.
+Distances between looks of the short scale from which that one counts [m].  Lines of it do only
+where planes are not sharp: arcs of the scan on the ground, which are no lines, reach 0.35.
+Source: measured: bench/studies/sharpness.py: bundles, which are no planes, reach 0.10 with the
+right set-up; bench/flights/drawn_flights.py, seeds 7001 and 7028: arcs.
 """
 
 HOPELESS = 3.0
@@ -93,14 +94,6 @@ HOPELESS = 3.0
 Blur over its limit from which lines are not looked for in the whole map any more.
 Source: measured: bench/studies/sharpness.py: no right line was found from 4 on; bench/faults.py:
 quaternions written in another order gave 3.2, and 128 lines that are none.
-"""
-
-SURELY_SHARP, SURELY_SHARP_FAR = 0.02, 0.035
-"""
-Distance of planes, of the long scale, else of the far one, up to which lines of the short one are
-arcs of the scan [m].
-Source: measured: bench/studies/sharpness.py: 0.017 at most with the right set-up, 0.044 and more
-where wires are smeared so far that the long scale does not see them; far 0.032 and 0.041.
 """
 
 
@@ -349,11 +342,13 @@ class SharpnessBook:
         self._spreads.extend(measure_spread(window) for window in windows)
 
     def judge(self) -> Sharpness:
-        """Return how sharp the map is, by the worst of planes and lines of all scales."""
+        """Return how sharp the map is, by the worst of planes and lines."""
         found = Sharpness()
         near, far = (self._measure(scale, 'planes', LEAST_PLANES) for scale in (LONG, FAR))
-        planes, limit = (near, SURELY_SHARP) if near is not None else (far, SURELY_SHARP_FAR)
+        planes, limit = (near, LONG.limit) if near is not None else (far, FAR.limit)
         sharp = planes is not None and planes.distance <= limit
+        # what the long one shows may not be known yet
+        unsure = not any(SCALES[item.scale] is LONG for item in self._spreads)
         for scale, kind, least, gross in (
             (LONG, 'planes', LEAST_PLANES, 0.0), (LONG, 'lines', LEAST_LINES, 0.0),
             (SHORT, 'planes', LEAST_PLANES, GROSS_PLANES),
@@ -362,11 +357,8 @@ class SharpnessBook:
             own = self._measure(scale, kind, least)
             if own is None or own.distance < gross:
                 continue
-            # lines may be arcs; what the long one shows may not be known yet
-            unsure = not any(SCALES[item.scale] is LONG for item in self._spreads)
-            if (kind == 'lines' and gross and sharp) or (scale is SHORT and unsure) or (
-                scale is FAR and found.known
-            ):
+            arcs = kind == 'lines' and scale is SHORT and sharp
+            if arcs or (scale is SHORT and unsure) or (scale is FAR and found.known):
                 continue
             if own.blur >= found.blur:
                 found = own

@@ -15,6 +15,7 @@ from plc_inspect.core.setup.sharpness import (
     SCALES,
     SharpnessBook,
     SharpnessMeter,
+    Spread,
 )
 from plc_inspect.core.setup.transforms import make_transform
 
@@ -120,3 +121,16 @@ def test_too_few_planes_are_not_believed():
     points = np.random.default_rng(0).uniform(0.0, 3.9, (900, 3)) * (1.0, 1.0, 0.001)
     book.add([LookWindow(1, points, np.arange(900) * 5_000_000)])
     assert not book.judge().known
+
+
+def test_arcs_of_a_scan_on_the_ground_tell_nothing():
+    """A right flight showed lines of the short scale 0.29 m apart, before it knew near planes."""
+    nothing = np.zeros(0)
+    arcs = Spread(0, nothing, np.full(10, 0.29**2), nothing)
+    near = Spread(1, np.full(8, 0.012**2), nothing, np.zeros(8))
+    book = SharpnessBook()
+    book.restore([arcs, near, Spread(2, np.full(363, 0.036**2), nothing, np.zeros(363))])
+    assert book.judge().known
+    assert not book.judge().poor
+    book.restore([arcs, near, Spread(2, np.full(363, 0.06**2), nothing, np.zeros(363))])
+    assert book.judge().hopeless
