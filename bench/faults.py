@@ -6,7 +6,9 @@ Does faults to the real node over DDS, and prints for each what was found and wh
 
 The node is a process of its own; the demo flight is sent to it with a fault in it.  Spans are
 compared with those of the flight without fault: missing, and extra ones.  ``--root`` runs the
-node of another checkout.
+node of another checkout.  Ends with 1, and names the rows, where a span lies elsewhere, more is
+critical than without fault, or a part is missing without a word or with exit code 0 and no
+results.
 """
 
 import argparse
@@ -49,6 +51,10 @@ PAGE = ROOT / 'docs' / 'faults.md'
 COLUMNS = 'fault', 'found', 'end', 'said in /diagnostics, and at the end'
 NEAR = 0.5
 """Distance within which a span lies where one of the flight without fault does [m]."""
+NOT_TRIED = 'not tried'
+"""End of a flight that could not begin here."""
+LEAST_FOUND = 0.9
+"""Share of the length that is to be found, or said to be lost; as in bench/studies."""
 
 
 @dataclass(eq=False)
@@ -199,7 +205,7 @@ def fly(fault: Fault, events: list[Event], rate: float, root: Path, room: Path) 
                 found = str(kept)
             return [found, *texts]
     except subprocess.CalledProcessError as error:
-        return ['', 'not tried', str(error)]
+        return ['', NOT_TRIED, str(error)]
 
 
 def fly_on(fault: Fault, events: list[Event], rate: float, root: Path, room: Path) -> list[str]:
@@ -301,7 +307,47 @@ def find_move(found: Path) -> RigidMove | None:
     return parts[-1].move if whole else None
 
 
-def compare(found: str, reference: list[Any], offset: Sequence[float]) -> str:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """What a flight gave, beside that without fault."""
+
+    spans: int
+    share: float
+    """Of the length of the spans without fault that was found."""
+    ghosts: int
+    hazards: int
+    critical: int
+
+    def describe(self) -> str:
+        """Return it in one line."""
+        return (f'{self.spans} spans, {self.share:.0%} of the length, {self.ghosts} ghosts; '
+                f'{self.hazards} hazards, {self.critical} critical')
+
+
+def is_right(outcome: Outcome | None, critical: int, code: int, said: str) -> bool:
+    """
+    Tell whether what came of a fault is right, or is left out and said.
+
+    Parameters
+    ----------
+    outcome : Outcome or None
+        None: no results.
+    critical : int
+        Critical hazards without fault.
+    code : int
+        Exit code of the node.
+    said : str
+        In /diagnostics and at the end.
+
+    """
+    if outcome is None:
+        return code != 0 and bool(said)
+    if outcome.ghosts or outcome.critical > critical:
+        return False
+    return outcome.share >= LEAST_FOUND or bool(said)
+
+
+def compare(found: str, reference: list[Any], offset: Sequence[float]) -> Outcome | None:
     """
     Return how many spans were found, and how many are not there in the flight without fault.
 
@@ -310,7 +356,7 @@ def compare(found: str, reference: list[Any], offset: Sequence[float]) -> str:
     back.  Where the map began anew they are off by ``offset``.
     """
     if not found:
-        return 'no results'
+        return None
     spans = json.loads((Path(found) / 'spans.json').read_text())['spans']
     hazards = json.loads((Path(found) / 'hazards.json').read_text())['hazards']
     move = find_move(Path(found))
@@ -322,8 +368,10 @@ def compare(found: str, reference: list[Any], offset: Sequence[float]) -> str:
     far = [tree.query(trace(item) + offset)[0] <= NEAR for item in reference]
     share = np.concatenate(far).mean()
     critical = sum(item['severity'] == 'critical' for item in hazards)
-    return (f'{len(spans)} spans, {share:.0%} of the length, {ghosts} ghosts; '
-            f'{len(hazards)} hazards, {critical} critical')
+    return Outcome(
+        spans=len(spans), share=float(share), ghosts=ghosts, hazards=len(hazards),
+        critical=critical,
+    )
 
 
 def main() -> int:
@@ -339,7 +387,7 @@ def main() -> int:
     prepare_transport()
     chosen = [name for name in FAULTS if name == 'none' or not arguments.names
               or any(part in name for part in arguments.names)]
-    rows, reference = [], []
+    rows, wrong, reference, critical = [], [], [], 0
     with tempfile.TemporaryDirectory() as folder:
         for number, name in enumerate(chosen):
             room = Path(folder) / str(number)
@@ -353,12 +401,21 @@ def main() -> int:
             if not reference:
                 print(f'the flight without a fault found no span: {said}', file=sys.stderr)
                 return 1
-            rows.append([name, compare(found, reference, FAULTS[name].offset), end, said[:400]])
-            print(' | '.join(rows[-1]), flush=True)
+            outcome = compare(found, reference, FAULTS[name].offset)
+            if name == 'none' and outcome:
+                critical = outcome.critical
+            right = end == NOT_TRIED or is_right(
+                outcome, critical, int(end.rpartition(' ')[2]), said
+            )
+            wrong += [] if right else [name]
+            text = outcome.describe() if outcome else 'no results'
+            rows.append([name, text, end, said[:400]])
+            print(' | '.join(rows[-1]) + ('' if right else ' | BAD'), flush=True)
     if arguments.write:
         table = render_table(COLUMNS, [[cell.replace('|', '/') for cell in row] for row in rows])
         replace_section(PAGE, 'faults', table)
-    return 0
+    print(f'{len(wrong)} of {len(rows)} are not as they should be', *wrong, sep='\n    ')
+    return int(bool(wrong))
 
 
 if __name__ == '__main__':
