@@ -36,11 +36,16 @@ Turn rate of the heading against the positions, by planes, from which no results
 Source: derived: 0.3 m at 30 m within their two seconds; measured: bench/studies/input_faults.py:
 good odometry shows less.
 """
-MOUNTED, MOST_DRIFT = 0.01, 0.1
+MOUNTED = 0.01
 """
 Turn of the lidar against its mount, or of the heading against the positions, by planes, from which
-no results are reported [rad], and drift that it looks like from then on [m/s].
-Source: as TURNED, and as SMEAR: a drift of the odometry up to that is mended, and looks the same.
+no results are reported [rad].
+Source: as TURNED.
+"""
+MOST_DRIFT = 0.1
+"""
+Drift that such a turn looks like, up to which it is taken for one [m/s].
+Source: as SMEAR: a drift of the odometry up to that is mended.
 """
 AXES = 'roll', 'pitch', 'yaw'
 """Turns of the mount.  Source: their names."""
