@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Faults of clock, odometry and air, done to the scans and poses of a flight as they come."""
+"""Faults of clock, mount, odometry and air, done to scans and poses of a flight as they come."""
 
 from collections.abc import Iterator
 
@@ -43,6 +43,18 @@ def turn_heading(rate: float) -> Fault:
             more = Rotation.from_euler('Z', rate * event.time, degrees=True)
             turn = (more * Rotation.from_quat(event.quaternion)).as_quat()
             event = event._replace(quaternion=turn)
+        yield event
+
+    return run
+
+
+def mount_otherwise(turn: tuple[float, float, float]) -> Fault:
+    """Let the lidar be mounted with a roll, pitch and yaw that nobody tells [degrees]."""
+    back = Rotation.from_euler('xyz', turn, degrees=True).as_matrix()  # points times its inverse
+
+    def run(event: Event) -> Iterator[Event]:
+        if isinstance(event, Turn):
+            event = event._replace(xyz=(event.xyz @ back).astype(np.float32))
         yield event
 
     return run

@@ -131,7 +131,8 @@ class Found:
 
 KINDS = {
     'clock': 'scans fit best', 'scale': 'positions of the odometry are about',
-    'heading': 'the heading of the odometry', 'aside': 'm/s aside', 'drift': 'odometry drifts:',
+    'heading': 'the heading of the odometry', 'mount': 'with the lidar turned by',
+    'aside': 'm/s aside', 'drift': 'odometry drifts:',
     'step': 'odometry stepped', 'stood': 'stood still', 'unsharp': 'map is not sharp',
     'repeated': 'are interpolated', 'coarse': 'single precision', 'otherwise': 'otherwise than',
     'lost': 'does not fit',

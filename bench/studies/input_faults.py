@@ -25,6 +25,7 @@ from flights.event_faults import (
     freeze,
     hold,
     leave,
+    mount_otherwise,
     move,
     raise_dust,
     shift_clock,
@@ -44,7 +45,8 @@ LEAST_FOUND = 0.9
 """Share of the length of the spans without the fault that is to be found, or said to be lost."""
 CLOCK = 'clock', 'unsharp'
 SCALE = 'scale', 'drift', 'otherwise', 'aside', 'unsharp'
-HEADING = 'heading', 'aside', 'drift', 'unsharp'
+HEADING = 'heading', 'mount', 'aside', 'drift', 'unsharp'
+MOUNT = 'mount', 'aside', 'heading', 'drift', 'unsharp'
 """What may be said of these; the first should be."""
 
 
@@ -72,6 +74,9 @@ def make_kinds(seed: int) -> dict[str, Kind]:
            for scale in (1.02, 0.97, 1.05, 0.9, 1.1)},
         **{f'heading {rate:g} degrees/s': (turn_heading(rate), HEADING)
            for rate in (0.05, -0.2, 1.0)},
+        **{f'mount {axis} {angle:g} degrees': (
+            mount_otherwise(tuple(angle * np.eye(3)[number])), MOUNT,
+        ) for number, axis in enumerate(('roll', 'pitch', 'yaw')) for angle in (2.0, -5.0)},
         **{f'dust {100 * share:g} %': (raise_dust(share), ())
            for share in (0.001, 0.003, 0.01, 0.1)},
         'positions at 10 Hz': (hold(0.1), ('repeated',)),

@@ -118,3 +118,9 @@ def test_dust_is_within_ten_metres_and_of_the_time():
     assert (np.linalg.norm(dusty.xyz[moved], axis=1) < 10.0).all()
     assert np.array_equal(dusty.xyz, again.xyz)
     assert (scan.xyz == 50.0).all()
+
+
+def test_a_lidar_that_is_mounted_otherwise_sees_points_turned_back():
+    seen = flights.Turn(0.0, np.array([[1.0, 0.0, 0.0]], dtype=np.float32), np.zeros(1))
+    (event,) = faults.mount_otherwise((0.0, 0.0, 90.0))(seen)
+    np.testing.assert_allclose(event.xyz, [[0.0, -1.0, 0.0]], atol=1e-6)
