@@ -109,13 +109,35 @@ class Subscriptions:
         self._type = kind
         if kind == TF:
             self._poses = self._subscribe(
-                'tf', self._tf_type, TF_TOPIC, self._intake.take_moving, ODOMETRY
+                'tf', self._tf_type, TF_TOPIC, self._take_all(self._intake.take_moving), ODOMETRY
             )
         else:
             self._poses = self._subscribe(
                 'odometry', _CLASSES[kind], self._settings.odometry_topic,
-                self._intake.take_odometry, ODOMETRY,
+                self._take_all(self._intake.take_odometry), ODOMETRY,
             )
+
+    def _take_all(self, take: Callable[[Any], None]) -> Callable[[Any], None]:
+        """
+        Return a callback that takes a message with poses, and all that wait behind it.
+
+        The executor hands out one message of each topic in a round.  On a busy machine, where
+        rounds take longer than poses are apart, scans would be seconds ahead of the poses that
+        they wait for, and be dropped.
+        """
+        def run(message: Any) -> None:
+            take(message)
+            poses = self._poses
+            if poses is None:
+                return
+            for _ in range(ODOMETRY.depth):
+                with poses.handle:
+                    found = poses.handle.take_message(poses.msg_type, poses.raw)
+                if found is None:
+                    return
+                take(found[0])
+
+        return run
 
     def look(self) -> dict[str, str]:
         """

@@ -3,8 +3,11 @@
 
 """Poses of other types, tf, several vehicles, and maps that are not sharp."""
 
+from types import SimpleNamespace
+
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
 import rclpy
@@ -268,3 +271,34 @@ def test_hazards_are_held_back_while_the_map_is_not_sharp():
     assert len(state.spans) == len(whole[0].spans)
     session._book.clear()
     assert session.conclude(points, settings, 3, complete=True)[0].hazards
+
+
+def test_poses_that_wait_are_taken_at_once():
+    """On a busy machine one pose a round would leave scans seconds ahead of the poses."""
+    isolate()
+    context, taken = Context(), []
+    rclpy.init(context=context, domain_id=take_domain())
+    node, executor = Node('busy', context=context), SingleThreadedExecutor(context=context)
+    try:
+        intake = SimpleNamespace(
+            take_odometry=taken.append, take_scan=None, take_fixed=None, take_moving=None,
+        )
+        Subscriptions(node, InputSettings(), intake, lambda name, take: (
+            (lambda message, info: None) if name == 'scan' else (lambda message: take(message))
+        ), lambda event: None)
+        publisher = node.create_publisher(Odometry, 'odometry', PLAYER)
+        wait_for(publisher.get_subscription_count, 'subscription')
+        for number in range(30):
+            message = Odometry()
+            message.header.stamp.sec = number
+            publisher.publish(message)
+        executor.add_node(node)
+        rounds = 0
+        while len(taken) < 30 and rounds < 20:
+            executor.spin_once(timeout_sec=1.0)
+            rounds += 1
+        assert [message.header.stamp.sec for message in taken] == list(range(30))
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        context.try_shutdown()
