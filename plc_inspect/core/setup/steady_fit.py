@@ -320,13 +320,15 @@ def fit_rows(windows: deque[Rows], start: Float64) -> Steady | None:
     least = np.full(NUM, find_quantile(spare))
     window = np.repeat(np.arange(len(windows)), [len(item.off) for item in windows])
     across = moves / unit
-    for group in (cell, block, window):
+    # the values take freedom from planes and blocks; each window tells all of them
+    for group, taken in ((cell, NUM), (block, NUM), (window, 1)):
         num = len(np.unique(group))
         if num < LEAST_GROUPS:
             continue
         own = _leave_out(group, across, weight, rest) / unit
-        greater = own > sigma
-        sigma[greater], least[greater] = own[greater], find_quantile(num - 1)
+        surely = find_quantile(num - taken)
+        greater = surely * own > least * sigma
+        sigma[greater], least[greater] = own[greater], surely
     if left > MOST_REST:
         sigma[1:] = np.inf
     return Steady(values, sigma, least, float(np.mean([item.speed for item in windows])))
