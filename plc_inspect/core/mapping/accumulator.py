@@ -243,9 +243,7 @@ class Accumulator:
         self._counts['scans'] += 1
         stamps = self.timing.shift(stamp_ns, stamps)
         first, last = (int(stamps.min()), int(stamps.max())) if len(stamps) else (stamp_ns,) * 2
-        reason = self._gate.judge(
-            frame_id, layout, stamp_ns, (first, last), self._clock.period
-        )
+        reason = self._gate.judge(frame_id, layout, stamp_ns, (first, last), self._clock.period)
         if reason is not None:
             self._dropped[reason] += 1
             return
