@@ -15,7 +15,7 @@ def open_templates(folder: str) -> jinja2.Environment:
     Parameters
     ----------
     folder : str
-        Below ``plc_inspect``, as ``monitor/web/templates``.
+        Below ``plc_inspect``, as ``monitor/page``.
 
     """
     return jinja2.Environment(

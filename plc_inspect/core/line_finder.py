@@ -169,7 +169,7 @@ def _find_once(
         lambda result: report_alignment(result, settings),
     )
 
-    # Two-stage DBSCAN: across the line, then along it.
+    # Two-stage clustering: DBSCAN across the line, then what continues each other along it.
     clustering = log.run(
         settings.clustering,
         lambda: cluster(
