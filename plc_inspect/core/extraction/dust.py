@@ -166,7 +166,7 @@ def _count(points, others, grid, square, most):  # type: ignore[no-untyped-def]
 
 def _measure_air(points: Float64, alone: Bool, wanted: Bool) -> Float64:
     """
-    Return the density of lone returns about each point that is wanted [1/m3].
+    Return the (W,) density of lone returns about the W points that are wanted [1/m3].
 
     A cell where most returns lie together holds an object, whose edges give lone returns too: it
     and its neighbours do not count as air.

@@ -50,7 +50,7 @@ class ViewCounter:
 
     def count(self, places: Float64) -> Int64:
         """
-        Return for how many views of (N, 2+) places [m] the tick counts, at least one.
+        Return for how many views of (N, 2+) places [m] the tick counts, (N,) int64, at least 1.
 
         These are the VIEW of way since the tick before from which the places were near.
         """
