@@ -16,10 +16,11 @@ from plc_inspect.results import Float64, Int64
 
 STEP_NS = 20_000_000
 """Time over which velocities of points are taken [ns].  Source: judgement: two poses at 100 Hz."""
-LEAST_OFFSET = 0.015
+LEAST_OFFSET = 0.01
 """
 Least offset that is corrected [s].
-Source: measured: bench/studies/input_faults.py: sure offsets of right clocks reach 0.007.
+Source: measured: bench/studies/input_faults.py: sure offsets of right clocks reach 0.007; a great
+offset is first found to 0.013.
 """
 SMEARED = 0.03
 """
