@@ -19,9 +19,9 @@ from plc_inspect.core.alignment.normal_cells import LEAST_LOOKS, NormalCells, OP
 from plc_inspect.core.alignment.parts import BY_RATE, gather_points, Part, Seen
 from plc_inspect.core.alignment.pending_break import PendingBreak
 from plc_inspect.core.alignment.pose_watch import Break, Oddity, PoseWatch
-from plc_inspect.core.alignment.registration import Fit, fit_points, sample_points
+from plc_inspect.core.alignment.registration import Fit, fit_heading, fit_points, sample_points
 from plc_inspect.core.alignment.rigid_move import RigidMove
-from plc_inspect.core.alignment.steady_errors import SteadyErrors
+from plc_inspect.core.alignment.steady_errors import AGAIN, SteadyErrors
 from plc_inspect.results import Float64
 
 REACH = 40.0
@@ -43,6 +43,8 @@ Source: judgement: four scans at 10 Hz; an error must be reported within 2 s.
 """
 LEAST_MATCHED = 150
 """Least number of points in known cells for a judgement.  Source: judgement."""
+LEAST_FEW = 50
+"""The same of the few for which the turn is searched.  Source: as LEAST_MATCHED, of a third."""
 LEAST_SHARE = 0.5
 """Least share of them that must fit.  Source: measured: bench/studies/odometry_faults.py."""
 CLEARLY = 0.1
@@ -60,12 +62,6 @@ ENGAGE, ENGAGE_AGAIN = 0.15, 0.12
 """
 Drift from which scans are corrected, within a pass and after the vehicle has come back [m].
 Source: measured: bench/studies/odometry_faults.py and the demo flight: good odometry stays below.
-"""
-AGAIN = 10.0
-"""
-Mean age of cells from which the vehicle counts as having come back [s].  Within a pass the
-correction sets in over the age of the cells, sooner for a large one.
-Source: measured: bench/studies/odometry_faults.py: 7 s within a pass at 6 m/s.
 """
 SURELY = 4.0
 """
@@ -287,15 +283,15 @@ class Follower:
         tracked = self._filter
         self.steady.begin(tracked, self._place)
         way = tracked.predict(stamp, self._place)
-        fit = fit_points(
-            self._cells, sample_points(points), tracked.move, tracked.covariance, stamp
-        )
+        known = sample_points(points), tracked.move, tracked.covariance, stamp
+        fit, free = fit_points(self._cells, *known), fit_heading(self._cells, *known)
+        if free.matched >= LEAST_FEW and free.share >= LEAST_SHARE:
+            self.steady.judge_heading(fit, free)
         part: Part | None = None
         if fit.matched >= LEAST_MATCHED:
             if fit.share >= LEAST_SHARE:
                 tracked.update(fit)
                 self._strays = 0
-                self.steady.judge_heading(fit, fit.age > AGAIN)
                 part = self._judge(fit, stamp)
             elif self._following:
                 self._strays += 1

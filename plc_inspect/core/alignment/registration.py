@@ -26,10 +26,17 @@ SAMPLES = 3
 """Most points of a batch taken from one cell.  Source: judgement."""
 MOST_SAMPLES = 1500
 """Most points of a batch that are compared.  Source: numerical: a comparison takes 0.3 ms."""
+FEW_SAMPLES = 500
+"""Most points for which the turn is searched.  Source: numerical: 3 ms."""
 COARSE_NOISE = 0.5
 """
 Standard deviation of a point in the coarse search [m].
 Source: derived: half a cell.
+"""
+FREE_TURN = 0.2
+"""
+Standard deviation of the turn where nothing is known of it [rad].
+Source: judgement: 3 degrees/s for four seconds.
 """
 
 
@@ -97,6 +104,22 @@ def fit_points(
         move=move, covariance=np.linalg.inv(matrix / SHARED + known), matched=matched,
         fitting=fitting, age=age,
     )
+
+
+def fit_heading(
+    cells: NormalCells, points: Float64, start: RigidMove, before: Float64, stamp_ns: int
+) -> Fit:
+    """
+    Return the most likely move of points if nothing is known of their turn.
+
+    What is known of the shift and of a good heading would call a heading that turns a shift.
+    Arguments and result are those of ``fit_points``.
+    """
+    free = before.copy()
+    free[3], free[:, 3] = 0.0, 0.0
+    free[3, 3] = FREE_TURN**2
+    few = points[:: 1 + len(points) // FEW_SAMPLES]
+    return fit_points(cells, few, start, free, stamp_ns, coarse=True)
 
 
 def sample_points(points: Float64) -> Float64:

@@ -71,6 +71,12 @@ LATE = 0.05
 Change of the share from which results are held back then.
 Source: derived: a drift of 0.1 m/s along the way that turns at 6 m/s is 0.033.
 """
+AGAIN = 10.0
+"""
+Mean age of cells from which the vehicle counts as having come back [s].  Within a pass the
+correction sets in over the age of the cells, sooner for a large one.
+Source: measured: bench/studies/odometry_faults.py: 7 s within a pass at 6 m/s.
+"""
 SURELY = 4.0
 """Number of standard deviations that counts as certain.  Source: as SURELY of follower."""
 TWICE = 2
@@ -166,12 +172,14 @@ class SteadyErrors:
         if self._start is None:
             self._start = _Start(np.array(place), move.shift)
 
-    def judge_heading(self, fit: Fit, again: bool) -> None:
-        """Judge the heading by a fit; ``again``: to cells left meanwhile, which shows drift."""
-        if self._yaw is None or again:
+    def judge_heading(self, fit: Fit, free: Fit) -> None:
+        """Judge the heading by a fit, and by one for which nothing was known of it."""
+        if self._yaw is None:
             self._yaw = fit.move.yaw
-        turned = abs(fit.move.yaw - self._yaw)
-        sigma = float(np.sqrt(fit.covariance[3, 3]))
+        if fit.age > AGAIN:  # cells left meanwhile, which show slow drift
+            self._yaw = free.move.yaw
+        turned = abs(free.move.yaw - self._yaw)
+        sigma = float(np.sqrt(free.covariance[3, 3]))
         self._doubts[1] = self._doubts[1] + 1 if turned > max(TURNED, SURELY * sigma) else 0
         if self._doubts[1] >= TWICE:
             self._doubt_heading(f'{np.degrees(turned):.1f} degrees and more')

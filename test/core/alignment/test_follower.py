@@ -7,7 +7,7 @@ import pytest
 from plc_inspect.core.alignment.follower import Follower
 from plc_inspect.core.alignment.normal_cells import LEAST_LOOKS, NormalCells, OPEN_NS
 from plc_inspect.core.alignment.parts import BY_RATE, Part, Seen
-from plc_inspect.core.alignment.registration import fit_points
+from plc_inspect.core.alignment.registration import fit_heading, fit_points
 from plc_inspect.core.alignment.rigid_move import RigidMove
 
 START = 1_700_000_000_000_000_000
@@ -166,6 +166,34 @@ def test_a_heading_that_drifts_against_the_positions_is_doubted():
     fly(follower, lambda when: np.zeros(3), seconds=20.0, heading=np.radians(0.4))
     assert 'heading' in follower.doubt
     assert 'held back' in follower.doubt
+
+
+@pytest.mark.parametrize('rate', [1.0, -3.0])
+def test_a_fast_drift_of_the_heading_is_no_drift_of_the_position(rate):
+    follower = Follower()
+    fly(follower, lambda when: np.zeros(3), seconds=6.0, heading=np.radians(rate))
+    assert 'the heading' in follower.doubt
+
+
+def test_a_drift_of_the_position_is_no_turn():
+    follower = Follower()
+    fly(follower, lambda when: np.array([0.05 * when, 0.1 * when, 0.0]), seconds=24.0)
+    assert not follower.doubt
+
+
+def test_nothing_known_of_the_turn_finds_it():
+    rng, cells = np.random.default_rng(8), NormalCells()
+    place = np.array([0.0, 0.0, 15.0])
+    for number in range(5):
+        cells.add(look(place, rng), START + number * 10**8)
+    turned = RigidMove(np.zeros(3), np.radians(2.0), place)
+    points, known = turned.apply(look(place, rng)), np.diag([0.02, 0.02, 0.02, 0.002]) ** 2
+    arguments = cells, points, RigidMove(centre=place), known, START + 2 * OPEN_NS
+    assert abs(np.degrees(fit_points(*arguments).move.yaw)) < 1.0
+    assert np.degrees(fit_heading(*arguments).move.yaw) == pytest.approx(-2.0, abs=0.2)
+    nothing = fit_heading(cells, np.zeros((0, 3)), *arguments[2:])
+    assert nothing.matched == 0
+    assert nothing.move.yaw == 0.0
 
 
 def test_a_slow_drift_of_the_heading_is_no_doubt():
