@@ -43,11 +43,11 @@ from plc_inspect.ros.node.diagnostics import (
     Health,
     sign,
 )
+from plc_inspect.ros.node.doubt import KnownStates
 from plc_inspect.ros.node.intake import Intake
 from plc_inspect.ros.node.jobs import (
     Done,
     FinalSave,
-    hold_back,
     keep_state,
     prepare,
     run_save,
@@ -103,7 +103,7 @@ class InspectNode(Node):
         self._intake = Intake(settings, self._health, self.get_logger().warning)
         self._planner = make_planner(settings, self._live_parameters.rules)
         self._session = Session()
-        self._state: LiveState | None = None
+        self._known = KnownStates(self._session.state)
         self._copy: tuple[Iterator[Window | None], str] | None = None
         self._job = ''
         self._wants_tick = self._rest_is_due = False
@@ -139,16 +139,19 @@ class InspectNode(Node):
         self._intake.on_restart = self._on_map_restart
         scans = self.resolve_topic_name(settings.input.scan_topic)  # counting does not remap
         self._intake.accepts = SourceWatch(lambda: self.count_publishers(scans)).accepts
-        keep_out = KeepOut(self, lambda: (self._state, self.settings), self._stream.tell_nearness)
+        keep_out = KeepOut(
+            self, lambda: (self._known.state, self.settings), self._stream.tell_nearness
+        )
         self._intake.on_pose = keep_out.tell
         self._submit('start', partial(prepare, settings))
         self._keeper = Keeper(
             settings, self._live_parameters.rules, self._intake, self.get_logger(), self._forget
         )
         if self._keeper.resume(self._session):
-            self._state = self._session.state
-            self._publish(self._state, self._intake.accumulator.frame_id)
-            self._teller.tell(self._state)
+            known = self._session.state
+            self._known.add(0, known)
+            self._publish(known, self._intake.accumulator.frame_id)
+            self._teller.tell(known)
         self.create_timer(PERIOD, self._guard('record', self._keeper.step), clock=self._steady)
 
     @property
@@ -164,7 +167,7 @@ class InspectNode(Node):
     @property
     def state(self) -> LiveState | None:
         """What was published last, None before the first tick."""
-        return self._state
+        return self._known.state
 
     @property
     def intake(self) -> Intake:
@@ -228,9 +231,9 @@ class InspectNode(Node):
             describe_map(
                 self._intake.accumulator.map, self._intake.evictor.num_evicted,
                 counters.points_dropped.get('map full', 0), self._intake.doubt,
-                self._state.sharpness if self._state else None,
+                self._known.state.sharpness if self._known.state else None,
             ),
-            describe_segmentation(self._state, self._health, self._worker.busy),
+            describe_segmentation(self._known.state, self._health, self._worker.busy),
             self._door.describe(),
             describe_record(self._keeper.describe()),
         ]
@@ -257,13 +260,13 @@ class InspectNode(Node):
 
     def _forget(self, reason: str, *, lose: bool = True) -> None:
         """Save what was found and forget it, and whatever is being worked on."""
-        if kept := keep_state(self._describe_flight(), self._state, reason, lose=lose):
+        if kept := keep_state(self._describe_flight(), self._known.state, reason, lose=lose):
             self.get_logger().error(kept)
         self._session = Session()
         self._copy = None
         if self._job in ('tick', 'save'):
             self._job = 'discarded'
-        self._state = None
+        self._known = KnownStates(self._session.state)
         self._teller.clear()
         refuse(reason, self._segmenting, self._saving)
         self._keeper.forget()
@@ -294,12 +297,11 @@ class InspectNode(Node):
         """Start a save or a tick, if one is wanted, else what there is time for now."""
         voxels = self._intake.accumulator.map
         plan: WindowPlan | None
-        spans = [item.span for item in self._state.spans] if self._state else []
+        spans = [item.span for item in self._known.state.spans] if self._known.state else []
         if doubt := self._intake.doubt:
             self._wants_tick = False
             refuse(doubt, self._segmenting, self._saving)
-            if held := hold_back(self._state, self._intake):
-                self._state = held
+            if held := self._known.hold_back(self._intake.accumulator):
                 self._publish(held, self._intake.accumulator.frame_id)
         if self._saving:
             if not len(voxels):
@@ -351,7 +353,7 @@ class InspectNode(Node):
                 self.get_logger().info('ready')
             return
         self._intake.accumulator.map.label(done.slots, done.points, done.labels)
-        self._state = done.state
+        self._known.add(self._intake.accumulator.last_inserted or 0, done.state)
         self._keeper.keep(done.kept)
         self._results.publish(done.bundle)
         self._teller.tell(done.state)
@@ -392,7 +394,7 @@ class InspectNode(Node):
             return not lost
         self._keeper.flush()
         late = '' if stopped else f'the running job did not end within {STOP_TIMEOUT:g} s'
-        final = FinalSave(log.info, log.error)
-        whole = final.save(self._session, self._intake, self._describe_flight(), self._state, late)
+        final, flight = FinalSave(log.info, log.error), self._describe_flight()
+        whole = final.save(self._session, self._intake, flight, self._known.state, late)
         self._keeper.close(final.saved)
         return whole

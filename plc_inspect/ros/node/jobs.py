@@ -274,14 +274,6 @@ def rescue(flight: Flight, state: LiveState | None, reason: str) -> str:
     return _tell(_save_tick(flight, state, flight.settings.output), reason)
 
 
-def hold_back(state: LiveState | None, intake: Intake) -> LiveState | None:
-    """Return what is told where the odometry is found to be wrong, None where that is told."""
-    doubt = intake.accumulator.doubt
-    if state is None or state.sharpness.poor or not doubt:
-        return None
-    return replace(state, hazards=(), sharpness=replace(state.sharpness, doubt=doubt))
-
-
 def keep_state(flight: Flight, state: LiveState | None, reason: str, *, lose: bool) -> str:
     """
     Save what was found in a map that is given up for a reason; return what became of it, or ''.

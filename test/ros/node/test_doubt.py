@@ -1,0 +1,58 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+from plc_inspect.core.live.session import Session
+from plc_inspect.ros.node.doubt import KnownStates, TRUSTED_NS
+
+NOTHING = Session().state
+SECOND = 10**9
+
+
+def fly(seconds):
+    """Return what was known after ticks of 2 s, numbered by ``num_points``."""
+    known = KnownStates(NOTHING)
+    for stamp in range(0, seconds * SECOND, 2 * SECOND):
+        known.add(stamp, replace(NOTHING, num_points=stamp, hazards=('one',)))
+    return known
+
+
+def doubt(known, seconds, text='the heading drifts'):
+    return known.hold_back(SimpleNamespace(doubt=text, last_inserted=seconds * SECOND))
+
+
+def test_what_was_known_before_the_odometry_went_wrong_is_told():
+    known = fly(60)
+    held = doubt(known, 60)
+    assert 60 * SECOND - held.num_points == TRUSTED_NS + SECOND  # ticks are 2 s apart
+    assert held.hazards == ()
+    assert held.sharpness.poor
+    assert held.sharpness.describe() == 'the heading drifts'
+    assert known.state is held
+    assert doubt(known, 61) is None  # told already
+
+
+def test_nothing_is_told_where_the_flight_was_young():
+    held = doubt(fly(8), 8)
+    assert held.num_points == 0
+    assert not held.spans
+    assert held.sharpness.poor
+
+
+def test_nothing_is_held_back_without_doubt_or_state():
+    assert doubt(fly(8), 8, '') is None
+    assert doubt(KnownStates(NOTHING), 8) is None
+    assert KnownStates(NOTHING).state is None
+
+
+def test_a_tick_that_ends_after_the_doubt_is_held_back_too():
+    known = fly(60)
+    first = doubt(known, 60)
+    known.add(61 * SECOND, replace(NOTHING, num_points=1))
+    assert doubt(known, 62).num_points == first.num_points
+
+
+def test_few_states_are_kept():
+    assert len(fly(600)._states) < 12
