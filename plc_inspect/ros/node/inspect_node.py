@@ -139,9 +139,7 @@ class InspectNode(Node):
         self._intake.on_restart = self._on_map_restart
         scans = self.resolve_topic_name(settings.input.scan_topic)  # counting does not remap
         self._intake.accepts = SourceWatch(lambda: self.count_publishers(scans)).accepts
-        keep_out = KeepOut(
-            self, lambda: (self._known.state, self.settings), self._stream.tell_nearness
-        )
+        keep_out = KeepOut(self, lambda: (self.state, self.settings), self._stream.tell_nearness)
         self._intake.on_pose = keep_out.tell
         self._submit('start', partial(prepare, settings))
         self._keeper = Keeper(
@@ -231,9 +229,9 @@ class InspectNode(Node):
             describe_map(
                 self._intake.accumulator.map, self._intake.evictor.num_evicted,
                 counters.points_dropped.get('map full', 0), self._intake.doubt,
-                self._known.state.sharpness if self._known.state else None,
+                self.state.sharpness if self.state else None,
             ),
-            describe_segmentation(self._known.state, self._health, self._worker.busy),
+            describe_segmentation(self.state, self._health, self._worker.busy),
             self._door.describe(),
             describe_record(self._keeper.describe()),
         ]
@@ -260,7 +258,7 @@ class InspectNode(Node):
 
     def _forget(self, reason: str, *, lose: bool = True) -> None:
         """Save what was found and forget it, and whatever is being worked on."""
-        if kept := keep_state(self._describe_flight(), self._known.state, reason, lose=lose):
+        if kept := keep_state(self._describe_flight(), self.state, reason, lose=lose):
             self.get_logger().error(kept)
         self._session = Session()
         self._copy = None
@@ -297,7 +295,7 @@ class InspectNode(Node):
         """Start a save or a tick, if one is wanted, else what there is time for now."""
         voxels = self._intake.accumulator.map
         plan: WindowPlan | None
-        spans = [item.span for item in self._known.state.spans] if self._known.state else []
+        spans = [item.span for item in self.state.spans] if self.state else []
         if doubt := self._intake.doubt:
             self._wants_tick = False
             refuse(doubt, self._segmenting, self._saving)
@@ -394,7 +392,7 @@ class InspectNode(Node):
             return not lost
         self._keeper.flush()
         late = '' if stopped else f'the running job did not end within {STOP_TIMEOUT:g} s'
-        final, flight = FinalSave(log.info, log.error), self._describe_flight()
-        whole = final.save(self._session, self._intake, flight, self._known.state, late)
+        final = FinalSave(log.info, log.error)
+        whole = final.save(self._session, self._intake, self._describe_flight(), self.state, late)
         self._keeper.close(final.saved)
         return whole
