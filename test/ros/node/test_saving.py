@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 from plc_inspect.core.tracking.hazard_tracking import HazardNews
 from plc_inspect.errors import ConfigError
 from plc_inspect.offline.export import files
-from plc_inspect.ros.node import jobs
+from plc_inspect.ros.node import doubt, jobs
 from plc_inspect.ros.node.inspect_node import InspectNode
 from plc_inspect.ros.node.saving import Saved
 
@@ -179,7 +179,12 @@ def test_the_end_tells_why_it_takes_a_hazard_back(monkeypatch, tmp_path):
     assert said[0].endswith('; the wind')
 
 
-def test_a_doubt_about_the_odometry_holds_hazards_back_and_is_told(rig, tmp_path):
+@pytest.mark.parametrize('trusted', [False, True])
+def test_a_doubt_about_the_odometry_holds_hazards_back_and_is_told(
+    rig, tmp_path, monkeypatch, trusted
+):
+    if trusted:  # the flight is young
+        monkeypatch.setattr(doubt, 'TRUSTED_NS', 0)
     assert rig.call('segment').success
     accumulator = rig.node.intake.accumulator
     accumulator.follower.steady.doubt = 'the heading drifts: results are held back'
@@ -189,7 +194,7 @@ def test_a_doubt_about_the_odometry_holds_hazards_back_and_is_told(rig, tmp_path
     wait_for(lambda: rig.node.state.sharpness.poor, 'the doubt')
     assert rig.node.state.hazards == ()
     assert rig.node.state.sharpness.describe() == accumulator.doubt
-    assert rig.node.state.confirmed
+    assert bool(rig.node.state.confirmed) == trusted
     assert not rig.node.close()
     run = json.loads((tmp_path / 'out' / 'run.json').read_text())
     assert run['input']['counts']['held_back'] == accumulator.doubt
