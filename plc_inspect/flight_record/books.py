@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plc_inspect.core.live.session import Kept
-from plc_inspect.core.setup.sharpness import Spread
+from plc_inspect.core.setup.looks import Spread
 from plc_inspect.core.tracking.hazard_tracking import KeptHazards, KeptSupports, TrackedHazard
 from plc_inspect.core.tracking.tracked_span import KeptSpans, TrackedSpan
 from plc_inspect.errors import DataError

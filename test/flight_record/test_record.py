@@ -19,7 +19,7 @@ import pytest
 from plc_inspect.config import MapSettings, Settings
 from plc_inspect.core.live.session import Session
 from plc_inspect.core.live.warm_up import make_sample
-from plc_inspect.core.setup.sharpness import Spread
+from plc_inspect.core.setup.looks import Spread
 from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
 from plc_inspect.errors import ConfigError, DataError
 from plc_inspect.flight_record import reader as reader_module

@@ -27,7 +27,8 @@ from plc_inspect.core.live.surroundings import Surroundings, SurroundingsBook
 from plc_inspect.core.live.views import ViewCounter
 from plc_inspect.core.live.window import sample_span, SPACING, Window
 from plc_inspect.core.pipeline import Pipeline
-from plc_inspect.core.setup.sharpness import LookWindow, Sharpness, SharpnessBook, Spread
+from plc_inspect.core.setup.looks import LookWindow, Spread
+from plc_inspect.core.setup.sharpness import Sharpness, SharpnessBook
 from plc_inspect.core.tracking.hazard_tracking import (
     HazardBook,
     HazardNews,

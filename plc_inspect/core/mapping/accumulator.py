@@ -29,8 +29,8 @@ from plc_inspect.core.mapping.scan_counters import Counters, DropReason, gather_
 from plc_inspect.core.mapping.scan_gate import ScanGate
 from plc_inspect.core.mapping.scan_points import check_points, check_worst, select_points
 from plc_inspect.core.mapping.scan_timing import ScanTiming
+from plc_inspect.core.setup.looks import SharpnessMeter
 from plc_inspect.core.setup.mount import Mount
-from plc_inspect.core.setup.sharpness import SharpnessMeter
 from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
 from plc_inspect.results import Float32
 

@@ -8,7 +8,7 @@ import numpy as np
 from plc_inspect.config import MapSettings
 from plc_inspect.core.alignment.parts import Seen
 from plc_inspect.core.numerics.arrays import MOST_COORDINATE
-from plc_inspect.core.setup.sharpness import SharpnessMeter
+from plc_inspect.core.setup.looks import SharpnessMeter
 from plc_inspect.core.voxel_buffer.voxel_map import Insertion, VoxelMap
 from plc_inspect.errors import DataError
 

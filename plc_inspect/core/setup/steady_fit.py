@@ -23,7 +23,7 @@ import math
 import numpy as np
 
 from plc_inspect.core.alignment.steady_errors import Steady
-from plc_inspect.core.setup.sharpness import CELL, LINE, PLANE, ROUGH, ROUGH_SHARE
+from plc_inspect.core.setup.looks import CELL, LINE, PLANE, ROUGH, ROUGH_SHARE
 from plc_inspect.results import Float64, Int64
 
 WINDOW_NS = 2_000_000_000

@@ -18,7 +18,7 @@ from plc_inspect.core.live.session import LiveState, Session
 from plc_inspect.core.live.told_state import move_state
 from plc_inspect.core.live.window import copy_window, plan_everything, Window
 from plc_inspect.core.pipeline import Pipeline
-from plc_inspect.core.setup.sharpness import LookWindow
+from plc_inspect.core.setup.looks import LookWindow
 from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
 from plc_inspect.results import Float64, InspectionResult, UInt8
 

@@ -7,16 +7,15 @@ import numpy as np
 import pytest
 
 from plc_inspect.core.live.session import REMEMBERED
-from plc_inspect.core.setup.sharpness import (
-    LEAST_PLANES,
+from plc_inspect.core.setup.looks import (
     LookWindow,
     measure_spread,
     MOST_WAITING,
     SCALES,
-    SharpnessBook,
     SharpnessMeter,
     Spread,
 )
+from plc_inspect.core.setup.sharpness import LEAST_PLANES, SharpnessBook
 from plc_inspect.core.setup.transforms import make_transform
 
 SPEED, RATE = 7.0, 10

@@ -14,7 +14,7 @@ from plc_inspect.config import Settings
 from plc_inspect.core.live.session import Session
 from plc_inspect.core.live.warm_up import make_sample
 from plc_inspect.core.mapping.accumulator import Accumulator
-from plc_inspect.core.setup.sharpness import Spread
+from plc_inspect.core.setup.looks import Spread
 from plc_inspect.flight_record.layout import list_segments
 from plc_inspect.flight_record.plain_values import to_plain
 from plc_inspect.flight_record.recording import Recording

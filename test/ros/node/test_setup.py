@@ -21,7 +21,7 @@ from plc_inspect.config import InputSettings, Settings
 from plc_inspect.core.live import session as session_module
 from plc_inspect.core.live.session import Session
 from plc_inspect.core.live.warm_up import make_sample
-from plc_inspect.core.setup.sharpness import Spread
+from plc_inspect.core.setup.looks import Spread
 from plc_inspect.core.setup.transforms import make_transform, to_quaternion
 from plc_inspect.errors import ConfigError
 from plc_inspect.messages.typestore import MessageMaker

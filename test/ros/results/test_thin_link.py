@@ -15,7 +15,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import UInt8MultiArray
 
 from plc_inspect.core.live.proximity import Level
-from plc_inspect.core.setup.sharpness import Spread
+from plc_inspect.core.setup.looks import Spread
 from plc_inspect.monitor.picture.causes import name_thing
 from plc_inspect.monitor.picture.model import Monitor
 from plc_inspect.monitor.picture.picture import Link
