@@ -248,7 +248,9 @@ def _mounted(name: str, turn: tuple[float, ...]) -> list[Setup]:
     ]
 
 
-NOT_SHARP = 'map is not sharp'
+NOT_SHARP = 'check mount'
+"""In what is said where the map is not sharp, and where planes tell the mount."""
+
 SETUPS = [
     Setup(name='as recorded'),
     Setup(name='Ouster (t, uint32 ns)', layout=Layout(time_field=('t', '<u4', 1e-9))),

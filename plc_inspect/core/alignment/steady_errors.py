@@ -164,7 +164,7 @@ class SteadyErrors:
             )
             self._hold(
                 f'planes lie together with the lidar turned by {told}: results are held back; '
-                'check its mount (input.lidar_rpy_deg, /tf_static), and what tells the heading'
+                'check mount (input.lidar_rpy_deg, /tf_static), and what tells the heading'
             )
             self._turned = True
 
