@@ -215,8 +215,8 @@ def cut_sources(run: GridRun, sources: Sequence[Source]) -> CutGrid:
         own = answers.get(name_part(source.number, 0))
         run.ledger.describe_source(source.path, source.num_points, own['sha256'] if own else '')
     rows = [
-        (int(cell), place, int(values[0]))
-        for place, name in enumerate(names) for cell, values in answers[name]['cells'].items()
+        (int(cell), place, num)
+        for place, name in enumerate(names) for cell, num in answers[name]['cells'].items()
     ]
     pieces = np.array(rows, dtype=np.int64).reshape(-1, 3)
     write_catalogue(run.work, names, [answers[name]['num_points'] for name in names], pieces)

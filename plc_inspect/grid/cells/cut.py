@@ -3,6 +3,7 @@
 
 """Cut inputs into cells on disk, each in one pass and with bounded memory."""
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 import hashlib
 import json
@@ -14,6 +15,7 @@ import laspy
 import numpy as np
 
 from plc_inspect.core.cloud_frame import sum_moments
+from plc_inspect.core.extraction.ground_surface import bounds
 from plc_inspect.core.extraction.stray_points import StrayGrid
 from plc_inspect.errors import DataError
 from plc_inspect.grid.cells.layout import CellGrid
@@ -24,7 +26,7 @@ from plc_inspect.offline.readers.copc import iterate_copc
 from plc_inspect.offline.readers.laz import open_las
 from plc_inspect.offline.readers.plain_clouds import is_plain, iterate_points
 from plc_inspect.printable import make_one_line
-from plc_inspect.results import Float64
+from plc_inspect.results import Float64, UInt8
 
 CHUNK = 1_000_000
 """Points read at a time."""
@@ -37,6 +39,8 @@ ATTRIBUTES = np.dtype([
 ])
 """Attributes kept with each point: the fields of LAS point format 7."""
 RETURN_BITS = 4
+_LOW_FLAGS, _CHANNEL_BITS = np.uint8(0b1111), np.uint8(2)
+"""First four flags of a byte of point formats 6 to 10; bits of the channel, which follow."""
 _SCAN_ANGLE_STEP = 0.006
 """Degrees in one unit of ``scan_angle`` (LAS 1.4 R15, table 15)."""
 
@@ -116,7 +120,7 @@ def cut_part(
     Returns
     -------
     dict
-        Points, bounds and moments by cell.
+        Points by cell, moments and strays.
 
     Raises
     ------
@@ -163,7 +167,8 @@ class _Stats:
         self._reference, self._strays = reference, strays
         self._moments = np.zeros(11)
         self._stray_counts: np.ndarray | None = None
-        self._cells: dict[int, list[float]] = {}
+        self.cells: Counter[int] = Counter()
+        """Points in each cell."""
         self.num_lost, self.num_outside = 0, 0
 
     def add(self, points: Float64, source: Source) -> None:
@@ -174,16 +179,11 @@ class _Stats:
         if self._strays is not None:
             counts = self._strays.count(points)
             self._stray_counts = counts + (0 if self._stray_counts is None else self._stray_counts)
-        outside = (points < np.array(source.low) - 1.0) | (points > np.array(source.high) + 1.0)
-        self.num_outside += int(outside.any(axis=1).sum())
-
-    def add_cell(self, cell: int, points: Float64) -> None:
-        """Add the points of one cell."""
-        low, high = points.min(axis=0), points.max(axis=0)
-        known = self._cells.setdefault(cell, [0, *[np.inf] * 3, *[-np.inf] * 3])
-        known[0] += len(points)
-        known[1:4] = np.minimum(known[1:4], low).tolist()
-        known[4:7] = np.maximum(known[4:7], high).tolist()
+        least, most = np.array(source.low) - 1.0, np.array(source.high) + 1.0
+        low, high, _ = bounds(points)
+        if (low < least).any() or (high > most).any():
+            outside = (points < least) | (points > most)
+            self.num_outside += int(outside.any(axis=1).sum())
 
     def render(self, name: str, num: int) -> Stats:
         """Return all as plain values."""
@@ -196,7 +196,7 @@ class _Stats:
             'part': name, 'num_points': num, 'num_lost': self.num_lost,
             'moments': self._moments.tolist(),
             'strays': strays,
-            'cells': {str(cell): values for cell, values in sorted(self._cells.items())},
+            'cells': {str(cell): num for cell, num in sorted(self.cells.items())},
         }
 
 
@@ -211,15 +211,15 @@ def _write(
         return
     cell = stats.grid.number(points[:, 0], points[:, 1])
     order = np.argsort(cell, kind='stable')
-    cell, points, attributes = cell[order], points[order], attributes[order]
-    index = index[order].astype(np.uint32)
+    cell, points = np.take(cell, order), np.take(points, order, axis=0)  # points[order] is slow
+    attributes, index = np.take(attributes, order), np.take(index, order).astype(np.uint32)
     first = np.flatnonzero(np.diff(cell, prepend=-1))
     for begin, end in zip(first.tolist(), [*first[1:].tolist(), len(cell)], strict=True):
         number = int(cell[begin])
-        stats.add_cell(number, points[begin:end])
+        stats.cells[number] += end - begin
         for suffix, values in (('xyz', points), ('idx', index), ('att', attributes)):
             with (folder / f'{number}.{suffix}').open('ab') as file:
-                file.write(np.ascontiguousarray(values[begin:end]).tobytes())
+                file.write(values[begin:end].view(np.uint8).data)
 
 
 def read_part(source: Source, part: int) -> Iterator[tuple[Float64, np.ndarray]]:
@@ -292,20 +292,32 @@ def _take_attributes(chunk: laspy.ScaleAwarePointRecord) -> np.ndarray:
             result[name] = chunk[name]
     if ORIGINAL in names and chunk.array.dtype[ORIGINAL] == np.uint8:  # of an earlier survey
         result['classification'] = chunk.array[ORIGINAL]
+    if 'scan_angle' in names:  # formats 6 to 10, whose bytes hold returns and flags as here
+        result['scan_angle'] = chunk['scan_angle']
+        result['returns'] = chunk.array['bit_fields']
+        result['flags'] = _gather_flags(np.asarray(chunk.array['classification_flags']))
+        return result
+    degrees = np.asarray(chunk['scan_angle_rank'], np.float64)
+    result['scan_angle'] = np.rint(degrees / _SCAN_ANGLE_STEP).astype(np.int16)
     result['returns'] = np.asarray(chunk['return_number']) | (
         np.asarray(chunk['number_of_returns']) << RETURN_BITS
     )
-    if 'scan_angle' in names:
-        result['scan_angle'] = chunk['scan_angle']
-    else:
-        degrees = np.asarray(chunk['scan_angle_rank'], np.float64)
-        result['scan_angle'] = np.rint(degrees / _SCAN_ANGLE_STEP).astype(np.int16)
     flags = np.zeros(len(chunk), dtype=np.uint8)
     for bit, name in enumerate(FLAG_NAMES):
         if name in names:
             flags |= np.asarray(chunk[name]).astype(np.uint8) << bit
     result['flags'] = flags
     return result
+
+
+def _gather_flags(values: UInt8) -> UInt8:
+    """Return ``flags`` from the byte of point formats 6 to 10, without the channel."""
+    return values & _LOW_FLAGS | values >> _CHANNEL_BITS & ~_LOW_FLAGS
+
+
+def spread_flags(flags: UInt8) -> UInt8:
+    """Return the (N,) byte of point formats 6 to 10 from (N,) ``flags``; the channel is 0."""
+    return flags & _LOW_FLAGS | (flags & ~_LOW_FLAGS) << _CHANNEL_BITS
 
 
 FLAG_NAMES = (

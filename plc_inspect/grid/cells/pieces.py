@@ -88,8 +88,8 @@ def read_points(
     number = np.concatenate(order)
     sequence = np.argsort(number, kind='stable')
     return Points(
-        points=np.concatenate(points)[sequence], number=number[sequence],
-        core=np.concatenate(marks)[sequence],
+        points=np.take(np.concatenate(points), sequence, axis=0),  # [sequence] is slow
+        number=np.take(number, sequence), core=np.take(np.concatenate(marks), sequence),
     )
 
 
@@ -104,7 +104,10 @@ def read_attributes(
         order.append(key + piece.first)
         attributes.append(_load(folder, piece, 'att', ATTRIBUTES))
     sequence = np.argsort(np.concatenate(order), kind='stable')
-    return np.concatenate(points)[sequence], np.concatenate(attributes)[sequence]
+    return (
+        np.take(np.concatenate(points), sequence, axis=0),
+        np.take(np.concatenate(attributes), sequence),
+    )
 
 
 def _load(folder: Path, piece: Piece, suffix: str, kind: np.dtype) -> np.ndarray:  # type: ignore[type-arg]

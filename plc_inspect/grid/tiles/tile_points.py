@@ -11,7 +11,7 @@ from typing import Any
 import laspy
 import numpy as np
 
-from plc_inspect.grid.cells.cut import FLAG_NAMES, RETURN_BITS
+from plc_inspect.grid.cells.cut import spread_flags
 from plc_inspect.grid.cells.pieces import read_attributes
 from plc_inspect.grid.tiles.plain_results import POINT_FIELDS
 from plc_inspect.grid.tiles.tile_job import CELLS, list_pieces, TileJob
@@ -81,9 +81,10 @@ def write_tile_points(
         for begin in range(0, len(points), CHUNK_SIZE):
             chunk = slice(begin, begin + CHUNK_SIZE)
             record = laspy.ScaleAwarePointRecord.zeros(len(points[chunk]), header=header)
-            grid = np.rint((points[chunk] / units - header.offsets) / header.scales)
-            for name, column in zip('XYZ', grid.astype(np.int32).T, strict=True):
-                record.array[name] = column
+            for axis, name in enumerate('XYZ'):
+                grid = points[chunk, axis] / units[axis]
+                grid = (grid - header.offsets[axis]) / header.scales[axis]
+                record.array[name] = np.rint(grid).astype(np.int32)
             _put_attributes(record, attributes[chunk], form.colours)
             record.array['classification'] = labels['classification'][chunk]
             for name, *_ in EXTRA_DIMENSIONS:
@@ -128,12 +129,10 @@ def _put_attributes(
     record: laspy.ScaleAwarePointRecord, attributes: np.ndarray, colours: bool
 ) -> None:
     for name in ('intensity', 'user_data', 'scan_angle', 'point_source_id', 'gps_time'):
-        record[name] = attributes[name]
-    record['return_number'] = attributes['returns'] & (2**RETURN_BITS - 1)
-    record['number_of_returns'] = attributes['returns'] >> RETURN_BITS
-    for bit, name in enumerate(FLAG_NAMES):
-        record[name] = (attributes['flags'] >> bit) & 1
-    record[ORIGINAL] = attributes['classification']
+        record.array[name] = attributes[name]
+    record.array['bit_fields'] = attributes['returns']
+    record.array['classification_flags'] = spread_flags(attributes['flags'])
+    record.array[ORIGINAL] = attributes['classification']
     if colours:
         for name in ('red', 'green', 'blue'):
-            record[name] = attributes[name]
+            record.array[name] = attributes[name]

@@ -1,0 +1,72 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Attributes of points from an input to the file of a tile, and points near a section."""
+
+import laspy
+import numpy as np
+import pytest
+
+from plc_inspect.grid.cells.cut import FLAG_NAMES, read_part
+from plc_inspect.grid.cells.sources import read_sources
+from plc_inspect.grid.tiles.section_report import is_near
+from plc_inspect.grid.tiles.tile_points import _put_attributes
+from plc_inspect.offline.export.points_file import describe_original, ORIGINAL
+
+COLOURS = ('red', 'green', 'blue')
+PLAIN = ('intensity', 'user_data', 'point_source_id', 'gps_time')
+
+
+def write_random(path, point_format, num=300):
+    """Write points whose attributes take all values."""
+    rng = np.random.default_rng(point_format)
+    header = laspy.LasHeader(version='1.4', point_format=point_format)
+    header.scales = np.full(3, 0.001)
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = rng.uniform(0.0, 50.0, (3, num))
+    for field, (kind, _) in las.points.array.dtype.fields.items():
+        if field not in 'XYZ':
+            las.points.array[field] = (
+                rng.uniform(0.0, 1e9, num) if kind.kind == 'f'
+                else rng.integers(np.iinfo(kind).min, np.iinfo(kind).max + 1, num)
+            )
+    las.write(path)
+    return las
+
+
+@pytest.mark.parametrize('point_format', [0, 1, 3, 6, 7, 8])
+def test_attributes_reach_the_points_of_a_tile(point_format, tmp_path):
+    las = write_random(tmp_path / 'a.las', point_format)
+    ((source,), _) = read_sources([tmp_path / 'a.las'])
+    (_, attributes), = read_part(source, 0)
+    header = laspy.LasHeader(version='1.4', point_format=7)
+    header.add_extra_dims([describe_original()])
+    record = laspy.ScaleAwarePointRecord.zeros(len(attributes), header=header)
+    _put_attributes(record, attributes, colours=True)
+    held = set(las.point_format.dimension_names)
+    for name in (*PLAIN, *COLOURS, *FLAG_NAMES, 'return_number', 'number_of_returns'):
+        expected = np.asarray(las[name]) if name in held else 0
+        np.testing.assert_array_equal(np.asarray(record[name]), expected, name)
+    np.testing.assert_array_equal(record[ORIGINAL], las.classification)
+    assert not np.asarray(record['scanner_channel']).any()
+    degrees = (
+        las.scan_angle_rank if 'scan_angle_rank' in held else las.scan_angle * 0.006
+    )
+    np.testing.assert_allclose(record['scan_angle'] * 0.006, degrees, atol=0.0031)
+
+
+def test_points_near_a_section_are_those_in_its_strips():
+    rng = np.random.default_rng(3)
+    strips = []
+    for way in rng.uniform(0.0, 2 * np.pi, 12):
+        axes = np.array([[np.cos(way), np.sin(way)], [-np.sin(way), np.cos(way)]])
+        strips.append((axes @ rng.uniform(5e5, 5e5 + 900.0, 2), axes,
+                       rng.uniform([10.0, 80.0], [400.0, 150.0])))
+    points = rng.uniform(5e5 - 500.0, 5e5 + 1500.0, (20_000, 3))
+    points[:3] = np.nan
+    expected = np.zeros(len(points), dtype=bool)
+    for low, axes, size in strips:
+        place = points[:, :2] @ axes.T - low
+        expected |= ((place >= 0.0) & (place <= size)).all(axis=1)
+    assert 1000 < expected.sum() < 15_000
+    np.testing.assert_array_equal(is_near(strips, points), expected)
