@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from plc_inspect.config import HeightSettings, Settings
 from plc_inspect.core.cloud_frame import CloudFrame
-from plc_inspect.core.extraction.ground_surface import measure_surface
+from plc_inspect.core.extraction.ground_surface import bounds, measure_surface, Surface
 from plc_inspect.core.extraction.height import (
     count_heights,
     extract_high,
@@ -31,8 +31,8 @@ Halo around a tile for the ground and the candidates [m].
 Source: derived: gaps of the ground grid of up to 64 cells are filled from the block of 64 that
 they lie in and those about it; 130 m gave other heights.
 """
-CANDIDATES, BOXES = '.candidates.npy', 'candidates.npz'
-"""Suffix of the files of candidates, and file of their bounds in all tiles."""
+HEIGHTS, CANDIDATES, BOXES = '.heights.npz', '.candidates.npy', 'candidates.npz'
+"""Suffixes of the files of heights and candidates, and file of their bounds in all tiles."""
 MOST_CANDIDATES = 2_000_000
 """
 Candidates among which neighbours are searched at once, somewhat more where they are dense.
@@ -44,10 +44,8 @@ Answer = dict[str, Any]
 
 def measure_bounds(job: TileJob, frame: CloudFrame) -> Answer:
     """Return least x and y and greatest of a tile's points in the frame [m], infinite if none."""
-    own = frame.enter(job.read(0.0).points)[:, :2]
-    own = own[np.isfinite(own[:, 0])]
-    return {'bounds': [*own.min(axis=0, initial=math.inf).tolist(),
-                       *own.max(axis=0, initial=-math.inf).tolist()]}
+    low, high, _ = bounds(frame.enter(job.read(0.0).points))
+    return {'bounds': [*low[:2].tolist(), *high[:2].tolist()]}
 
 
 def join_bounds(answers: Iterable[Answer]) -> Float64:
@@ -83,11 +81,14 @@ def measure_ground(
 
     """
     found = job.read(CONTEXT)
-    height = measure_surface(frame.enter(found.points), settings, region=region).height
-    known = height[found.core]
+    surface = measure_surface(frame.enter(found.points), settings, region=region)
+    known = surface.height[found.core]
     known = known[np.isfinite(known)]
     job.place.parent.mkdir(parents=True, exist_ok=True)
-    np.save(f'{job.place}.heights.npy', known)
+    np.savez(
+        f'{job.place}{HEIGHTS}', known=known, height=surface.height, extremes=surface.extremes,
+        num_finite=surface.num_finite,
+    )
     return {
         'extremes': [float(known.min(initial=math.inf)), float(known.max(initial=-math.inf))],
     }
@@ -96,7 +97,18 @@ def measure_ground(
 def count_tile(place: str, extremes: tuple[float, float], settings: HeightSettings) -> Answer:
     """Return the histogram of the heights stored with a tile."""
     edges = lay_edges(np.array(extremes, dtype=np.float32), settings)
-    return {'counts': count_heights(np.load(f'{place}.heights.npy'), edges).tolist()}
+    with np.load(f'{place}{HEIGHTS}') as kept:
+        return {'counts': count_heights(kept['known'], edges).tolist()}
+
+
+def _load_surface(place: Path) -> Surface:
+    """Return the surface stored with a tile, without the ground itself."""
+    with np.load(f'{place}{HEIGHTS}') as kept:
+        return Surface(
+            height=kept['height'], extremes=kept['extremes'], num_finite=int(kept['num_finite']),
+            ground=np.full((1, 1), np.nan, dtype=np.float32),
+            ground_seen=np.zeros((1, 1), dtype=bool), origin=np.zeros(2), cell_size=1.0,
+        )
 
 
 def join_extremes(answers: Iterable[Answer]) -> tuple[float, float]:
@@ -122,7 +134,7 @@ def measure_candidates(
     job: TileJob, frame: CloudFrame, region: Float64, peak: float, settings: Settings
 ) -> Answer:
     """
-    Find the candidates of a tile and store them with the tile.
+    Find the candidates of a tile, with the heights of `measure_ground`, and store them with it.
 
     Parameters
     ----------
@@ -146,8 +158,7 @@ def measure_candidates(
     """
     found = job.read(CONTEXT)
     points = frame.enter(found.points)
-    surface = measure_surface(points, settings.height, region=region)
-    height = extract_high(points, settings.height, surface=surface, peak=peak)
+    height = extract_high(points, settings.height, surface=_load_surface(job.place), peak=peak)
     cloud = gather_off_ground(points, height, settings.height.beta / 2, region[0])
     own = cloud.points[found.core[cloud.place], :2]
     linearity = settings.linearity
@@ -271,6 +282,6 @@ def join_spacing(
 
 def remove_kept(folder: Path) -> None:
     """Remove heights and candidates beside all tiles."""
-    for pattern in ('*.heights.npy', f'*{CANDIDATES}', BOXES):
+    for pattern in (f'*{HEIGHTS}', f'*{CANDIDATES}', BOXES):
         for path in folder.glob(pattern):
             path.unlink()
