@@ -3,14 +3,11 @@
 
 """A real scheduler with two workers: one is killed, an input is damaged, a run goes on."""
 
-import os
-from pathlib import Path
 import signal
-import subprocess
-import sys
 import threading
 import time
 
+from grid.clusters import start_cluster
 from grid.grids import inspect, make_line, open_run, write_las
 from grid.tasks import DEADLINE, fail, refuse, sleep_and_tell
 import numpy as np
@@ -18,6 +15,7 @@ import pytest
 
 from plc_inspect import __version__
 from plc_inspect.errors import DataError
+from plc_inspect.grid import engine
 from plc_inspect.grid.engine import open_engine, OwnProcess, Task
 from plc_inspect.grid.ledger import Ledger
 
@@ -28,30 +26,8 @@ MEMORY = 2e9
 @pytest.fixture(scope='module')
 def cluster(tmp_path_factory):
     """Start a scheduler and two workers as processes of their own."""
-    folder = tmp_path_factory.mktemp('cluster')
-    named = folder / 'scheduler.json'
-    tests = str(Path(__file__).parents[1])
-    environment = os.environ | {
-        'PYTHONPATH': os.pathsep.join([tests, str(Path(tests).parent)]), 'NUMBA_NUM_THREADS': '1',
-    }
-    start = [sys.executable, '-m', 'distributed.cli.dask_scheduler']
-    common = {'cwd': folder, 'env': environment, 'stderr': subprocess.DEVNULL}
-    processes = [subprocess.Popen(
-        [*start, '--host', '127.0.0.1', '--port', '0', '--no-dashboard', '--scheduler-file',
-         str(named)], **common,
-    )]
-    deadline = time.monotonic() + DEADLINE
-    while not named.exists() and time.monotonic() < deadline:
-        time.sleep(0.05)
-    processes += [subprocess.Popen(
-        [sys.executable, '-m', 'distributed.cli.dask_worker', '--scheduler-file', str(named),
-         '--nthreads', '1', '--no-nanny', '--no-dashboard', '--host', '127.0.0.1',
-         '--memory-limit', '2GB'], **common,
-    ) for _ in range(2)]
-    yield named, processes[1:]
-    for process in reversed(processes):
-        process.terminate()
-        process.wait(DEADLINE)
+    with start_cluster(tmp_path_factory.mktemp('cluster')) as own:
+        yield own
 
 
 def test_a_killed_worker_loses_nothing(cluster, tmp_path):
@@ -134,6 +110,14 @@ def test_a_run_that_was_stopped_goes_on(tmp_path):
 def test_no_scheduler_is_one_clear_error():
     with pytest.raises(DataError, match=r'no Dask scheduler answers at tcp://127.0.0.1:9'), \
             open_engine(1, 'tcp://127.0.0.1:9', MEMORY, timeout=0.5):
+        pass
+
+
+def test_a_scheduler_without_workers_is_one_clear_error(tmp_path, monkeypatch):
+    monkeypatch.setattr(engine, 'CONNECT_TIMEOUT', 0.1)
+    with start_cluster(tmp_path, num_workers=0) as (named, _), pytest.raises(
+        DataError, match=r'the scheduler at tcp://127\.0\.0\.1:\d+ has no workers'
+    ), open_engine(1, str(named), MEMORY, timeout=DEADLINE):
         pass
 
 

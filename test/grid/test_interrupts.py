@@ -4,14 +4,17 @@
 """A run that is killed, or interrupted, goes on where it was and comes to the same end."""
 
 from contextlib import closing, suppress
+import json
 import os
 from pathlib import Path
+import shutil
 import signal
 import sqlite3
 import subprocess
 import sys
 import time
 
+from grid.clusters import start_cluster
 from grid.grids import make_line, write_las
 from grid.tasks import DEADLINE as LOADED
 import pytest
@@ -138,3 +141,48 @@ def test_ctrl_c_ends_in_order(workers, cloud, whole, tmp_path):
     _, error = again.communicate(timeout=DEADLINE)
     assert again.returncode == 0, error
     assert {name: (out / name).read_bytes() for name in TABLES} == whole
+
+
+def list_tiles(out):
+    """Return the process that inspected each tile, by the ledger of a run that ended."""
+    with closing(sqlite3.connect(f'file:{out}/ledger.sqlite?mode=ro', uri=True)) as file:
+        return {name: int(worker.split()[1]) for name, worker in file.execute(
+            "SELECT name, worker FROM task WHERE stage = 'tile' AND state = 'done'"
+        )}
+
+
+def test_a_worker_and_then_the_client_are_killed_beside_a_truncated_tile(cloud, tmp_path):
+    pytest.importorskip('distributed')
+    tiles, out = tmp_path / 'tiles', tmp_path / 'out'
+    tiles.mkdir()
+    shutil.copy(cloud, tiles / 'a.las')
+    bad = write_las(tiles / 'b.laz', make_line(1))
+    bad.write_bytes(bad.read_bytes()[:-3000])
+    quiet = start(tiles, tmp_path / 'alone')
+    quiet.communicate(timeout=DEADLINE)
+    assert quiet.returncode == 2
+    with start_cluster(tmp_path) as (named, workers):
+        process = start(tiles, out, '--scheduler', str(named))
+        wait_for_tiles(process, out, 1)
+        workers[0].kill()
+        workers[0].wait(LOADED)
+        wait_for_tiles(process, out, len(list(out.glob('work/tiles/*.json'))) + 1)
+        process.kill()
+        process.communicate()
+        assert not (out / 'index.html').exists()
+        before = list_tiles(out)
+        again = start(tiles, out, '--scheduler', str(named))
+        _, error = again.communicate(timeout=DEADLINE)
+        survivor = workers[1].pid
+    assert again.returncode == 2, error
+    assert f'{bad} cannot be read, is it truncated?' in error
+    assert {name: (out / name).read_bytes() for name in TABLES} == {
+        name: (tmp_path / 'alone' / name).read_bytes() for name in TABLES
+    }
+    assert len(json.loads((out / 'spans.json').read_text())['spans']) == 12
+    after = list_tiles(out)
+    assert 1 <= len(before) < len(after)  # both were killed in the middle
+    assert {name: after[name] for name in before} == before  # and not inspected again
+    assert {after[name] for name in after.keys() - before.keys()} == {survivor}
+    rows = json.loads((out / 'run.json').read_text())['failures']
+    assert [(stage, str(bad) in text) for stage, _, text in rows] == [('cut', True)]
