@@ -6,6 +6,7 @@
 import numpy as np
 import pytest
 
+from plc_inspect.errors import DataError
 from plc_inspect.grid.cells.layout import CellGrid, lay_tiles, MOST_REACH
 
 EDGE, HALO = 200.0, 500.0
@@ -49,3 +50,12 @@ def test_memory_bounds_what_is_read(allowed):
     corridor[40:42] = 1000
     _, tiles = lay(corridor, allowed=allowed)
     assert max(tile.num_near for tile in tiles) <= allowed
+
+
+def test_cells_that_are_too_dense_are_refused_with_figures():
+    dense = np.full((3, 3), 50_000, dtype=np.int64)
+    with pytest.raises(DataError, match=(
+        r'450000 points lie within 500 m of a tile of 200 m, 0\.8 GB of memory;'
+        r' 100000 points are allowed: give more --memory, fewer --workers or a narrower --halo'
+    )):
+        lay(dense, allowed=100_000)

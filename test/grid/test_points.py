@@ -1,13 +1,19 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Attributes of points from an input to the file of a tile, and points near a section."""
+"""Attributes of points from an input to the file of a tile, and points near a section; damage."""
 
+import struct
+
+from grid.formats import write_copc
+from grid.grids import make_line
 import laspy
 import numpy as np
 import pytest
 
+from plc_inspect.errors import DataError
 from plc_inspect.grid.cells.cut import FLAG_NAMES, read_part
+from plc_inspect.grid.cells.pieces import Piece, read_points
 from plc_inspect.grid.cells.sources import read_sources
 from plc_inspect.grid.tiles.section_report import is_near
 from plc_inspect.grid.tiles.tile_points import _put_attributes
@@ -70,3 +76,28 @@ def test_points_near_a_section_are_those_in_its_strips():
         expected |= ((place >= 0.0) & (place <= size)).all(axis=1)
     assert 1000 < expected.sum() < 15_000
     np.testing.assert_array_equal(is_near(strips, points), expected)
+
+
+def test_a_damaged_cell_is_told(tmp_path):
+    (tmp_path / 's0').mkdir()
+    np.zeros((5, 3)).tofile(tmp_path / 's0' / '7.xyz')
+    np.arange(4, dtype='<u4').tofile(tmp_path / 's0' / '7.idx')
+    piece = Piece(cell=7, part='s0', first=0)
+    with pytest.raises(DataError, match='s0: cell 7 is damaged'):
+        read_points(tmp_path, [piece], [7], (-1.0, -1.0, 1.0, 1.0))
+
+
+def test_an_index_of_copc_must_lead_to_what_the_header_counts(tmp_path):
+    path = write_copc(tmp_path / 'a.copc.laz', make_line(1))
+    data = bytearray(path.read_bytes())
+    count = int.from_bytes(data[247:255], 'little')
+    data[247:255] = (count + 9).to_bytes(8, 'little')
+    path.write_bytes(data)
+    _, (refusal,) = read_sources([path])
+    assert refusal.error == (
+        f'{path} is damaged: its index leads to {count} points, its header counts {count + 9}'
+    )
+    struct.pack_into('<Q', data, 375 + 54 + 48, 2**32)
+    path.write_bytes(data)
+    _, (refusal,) = read_sources([path])
+    assert 'a.copc.laz has no readable index of COPC: its index has 4294967296' in refusal.error
