@@ -269,6 +269,7 @@ def _describe(
         'coverage': summary.sight,
         'classes': dict(sorted(classes.items())),
         'failures': [list(item) for item in summary.failures],
+        'notes': list(summary.notes),
         'whole': run.ledger.find_fact('whole'),
         'settings': to_mapping(run.settings),
         'peak_memory': measure_peak_memory(),

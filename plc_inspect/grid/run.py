@@ -209,7 +209,8 @@ def cut_sources(run: GridRun, sources: Sequence[Source]) -> CutGrid:
         if path.name not in answers:
             shutil.rmtree(path, ignore_errors=True)
     if not answers:
-        raise DataError(f'none of {len(sources)} inputs can be read: {run.failures[0]}')
+        error = run.ledger.list_failures()[0][2]
+        raise DataError(f'none of {len(sources)} inputs can be read: {error}')
     names = sorted(answers)
     for source in sources:
         own = answers.get(name_part(source.number, 0))

@@ -3,7 +3,8 @@
 
 """Survey a grid, from its inputs to its results folder."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 import shutil
@@ -32,7 +33,7 @@ from plc_inspect.grid.run import (
     Tell,
     WORK,
 )
-from plc_inspect.grid.tiles.tile_job import TileJob
+from plc_inspect.grid.tiles.tile_job import CELLS, TileJob
 from plc_inspect.offline.records.changes import check_systems, Survey
 from plc_inspect.printable import make_one_line
 
@@ -69,10 +70,10 @@ def check_grid_folder(folder: Path, force: bool, files: Sequence[str] = FILES) -
 
     With ``force`` an earlier grid there is removed.  Its folder holds ``files`` and nothing else.
     """
+    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
+        raise DataError(f'{folder} exists and is not a folder')
     if not folder.exists():
         return
-    if folder.is_symlink() or not folder.is_dir():
-        raise DataError(f'{folder} exists and is not a folder')
     held = {item.name for item in folder.iterdir()}
     foreign = sorted(held - set(files))
     if held and (foreign or LEDGER not in held):
@@ -129,8 +130,7 @@ def survey_grid(
         check_systems(inputs.baseline, first.path, first.crs)
     count_allowed(engine.memory)
     check_grid_folder(inputs.folder, inputs.force)
-    inputs.folder.mkdir(parents=True, exist_ok=True)
-    with Ledger(inputs.folder, __version__) as ledger:
+    with _make_folder(inputs.folder), Ledger(inputs.folder, __version__) as ledger:
         for name in ('index.html', TABLE):  # not whole any more
             (inputs.folder / name).unlink(missing_ok=True)
         run = GridRun(
@@ -142,6 +142,19 @@ def survey_grid(
         for refusal in refusals:
             ledger.describe_source(refusal.path, error=refusal.error)
         return inspect_sources(run, renumber(sources, numbers), refusals)[0]
+
+
+@contextmanager
+def _make_folder(folder: Path) -> Iterator[None]:
+    """Make the folder; remove it if an error leaves nothing in it that a run could resume."""
+    is_new = not folder.exists()
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        yield
+    except DataError:
+        if is_new and not any((folder / WORK / CELLS).glob('s*')):
+            shutil.rmtree(folder)
+        raise
 
 
 def inspect_sources(

@@ -9,6 +9,8 @@ import glob
 import json
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
+import warnings
 
 import laspy
 import numpy as np
@@ -125,15 +127,21 @@ def _expand(item: str) -> Iterator[Path]:
                 yield Path(name).resolve()
     elif path.suffix.lower() in INDEX_SUFFIXES and path.is_file():
         for name in _read_index(path):
-            tile = Path(name.removeprefix('file://'))
-            tile = tile if tile.is_absolute() else path.parent / tile
+            tile = path.parent / _find_path(name)
             if not tile.is_file():
-                raise DataError(f'{item} names {name}, which does not exist')
+                is_there = tile.exists() or '://' in name
+                state = 'is not a file' if is_there else 'does not exist'
+                raise DataError(f'{item} names {name}, which {state}')
             yield tile.resolve()
     elif not path.exists():
         raise DataError(f'{item} does not exist')
     elif path.suffix.lower() in SUFFIXES:
         yield path.resolve()
+
+
+def _find_path(name: str) -> str:
+    """Return the path in a tile index: plain, or a URL of a file, with its escapes."""
+    return unquote(name.removeprefix('file://')) if name.startswith('file://') else name
 
 
 def _list_folder(folder: Path) -> Iterator[Path]:
@@ -160,7 +168,9 @@ def _read_index(path: Path) -> list[str]:
     for number, row in enumerate(rows):
         lower = {str(key).lower(): value for key, value in row.items()}
         name = next((lower[key] for key in LOCATION_KEYS if lower.get(key)), None)
-        if not isinstance(name, str):
+        if name is not None and not isinstance(name, str):
+            raise DataError(f'{path}, feature {number + 1}: {name!r} is not the path of a tile')
+        if name is None:
             raise DataError(
                 f'{path}, feature {number + 1}: no path of a tile; expected one of '
                 f'{", ".join(LOCATION_KEYS)} among {", ".join(sorted(lower)) or "no attributes"}'
@@ -179,8 +189,10 @@ def _read_table(path: Path) -> list[dict[str, Any]]:
     import pyogrio
 
     try:
-        head, _, _, columns = pyogrio.raw.read(path, read_geometry=False)
-    except pyogrio.errors.DataSourceError as error:
+        with warnings.catch_warnings():  # the error says as much
+            warnings.simplefilter('ignore', RuntimeWarning)
+            head, _, _, columns = pyogrio.raw.read(path, read_geometry=False)
+    except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError) as error:
         raise DataError(f'{path} is not a tile index: {make_one_line(error)}') from error
     return [dict(zip(head['fields'], row, strict=True)) for row in zip(*columns, strict=True)]
 

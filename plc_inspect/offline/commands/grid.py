@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from plc_inspect.offline.records.changes import Survey
 
 GIGABYTE = 1e9
+NAMED = ('input', 'cut')
+"""Stages whose errors name the file."""
 MOST_LISTED = 20
 """Most hazards printed."""
 
@@ -133,7 +135,8 @@ def run_grid(
             print('\n' + make_printable(render_changes(summary.changes, summary.units)))
         print(f'\nreport: {arguments.output / "index.html"}')
     for stage, name, error in summary.failures:
-        print(make_one_line(f'plc_survey: {stage} {name}: {error}'), file=sys.stderr)
+        what = '' if stage in NAMED else f'{stage} {name}: '
+        print(make_one_line(f'plc_survey: {what}{error}'), file=sys.stderr)
     if summary.failures:
         print(
             f'plc_survey: {len(summary.failures)} failed, their points are missing in the results',

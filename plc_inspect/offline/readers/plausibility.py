@@ -63,7 +63,7 @@ def question_place(
     Returns
     -------
     str
-        The unit assumed and why that may be wrong; '' if it was given.
+        The unit assumed and why that may be wrong, and that z may point down; '' if neither.
 
     Raises
     ------
@@ -96,12 +96,19 @@ def question_place(
             f'{name}: z from {low[2]:.6g} to {high[2]:.6g} is not a height on Earth in '
             f'{"metres" if scale == 1.0 else "that unit"}: give --units or --crs, or correct z'
         )
-    if unit is not None:
-        return ''
-    note = f'{name} has no coordinate reference system: metres assumed'
-    if max(abs(low[0]), abs(high[0])) > UTM_EAST:
-        note += f'; x of {high[0]:.6g} may be feet: then give --units ft or us-ft, or --crs'
-    return note
+    notes = []
+    if unit is None:
+        notes.append(f'{name} has no coordinate reference system: metres assumed')
+        if max(abs(low[0]), abs(high[0])) > UTM_EAST:
+            notes.append(
+                f'x of {high[0]:.6g} may be feet: then give --units ft or us-ft, or --crs'
+            )
+    if high[2] < 0.0:
+        notes.append(
+            f'{"" if notes else f"{name}: "}z from {low[2]:.6g} to {high[2]:.6g} is below 0'
+            ' throughout: if it points down, turn its sign'
+        )
+    return '; '.join(notes)
 
 
 def check_precision(path: Path, points: Float64) -> None:

@@ -4,6 +4,7 @@
 """``plc_survey`` over a grid: what makes one, exit codes, messages."""
 
 import json
+import shutil
 import struct
 
 from grid.formats import write_copc, write_e57, write_ply, write_xyz
@@ -15,6 +16,7 @@ import pytest
 
 from plc_inspect.grid import engine
 from plc_inspect.grid.cells import cut
+from plc_inspect.grid.cells.sources import expand_inputs
 from plc_inspect.offline.commands import survey
 from plc_inspect.offline.commands.compare import main as compare
 from plc_inspect.offline.commands.survey import main
@@ -146,14 +148,90 @@ def test_inputs_that_are_none_are_refused(folder, tmp_path, capsys):
     assert 'holds no cloud' in refuse(capsys, tmp_path / 'empty', '-o', out)
     assert 'matches no file' in refuse(capsys, tmp_path / '*.laz', '-o', out)
     assert 'does not exist' in refuse(capsys, folder / 'a.laz', folder / 'no.laz', '-o', out)
-    index = tmp_path / 'index.json'
-    index.write_text('{"features": [{"properties": {"name": "x"}}]}')
-    assert 'no path of a tile; expected one of location' in refuse(capsys, index, '-o', out)
-    index.write_text('{"features": [{"properties": {"location": "x.las"}}]}')
-    assert 'names x.las, which does not exist' in refuse(capsys, index, '-o', out)
-    index.write_text('[]')
-    assert 'is not a tile index' in refuse(capsys, index, '-o', out)
     assert not out.exists()
+
+
+@pytest.mark.parametrize(('text', 'message'), [
+    ('[]', 'is not a tile index: no GeoJSON features'),
+    ('{"features": [', 'is not a tile index: no GeoJSON features'),
+    ('{"features": []}', 'holds no cloud'),
+    ('{"features": [{"properties": {"name": "x"}}]}',
+     'feature 1: no path of a tile; expected one of location'),
+    ('{"features": [{"properties": {"location": 5}}]}', 'feature 1: 5 is not the path of a tile'),
+    ('{"features": [{"properties": {"location": "x.las"}}]}',
+     'names x.las, which does not exist'),
+    ('{"features": [{"properties": {"location": "."}}]}', 'names ., which is not a file'),
+    ('{"features": [{"properties": {"location": "https://a.org/x.las"}}]}',
+     'names https://a.org/x.las, which is not a file'),
+])
+def test_a_wrong_index_is_refused(text, message, tmp_path, capsys):
+    (tmp_path / 'index.json').write_text(text)
+    assert message in refuse(capsys, tmp_path / 'index.json', '-o', tmp_path / 'out')
+    assert not (tmp_path / 'out').exists()
+
+
+@pytest.mark.filterwarnings('error')
+def test_a_damaged_geopackage_is_refused(tmp_path, capsys):
+    index = tmp_path / 'index.gpkg'
+    index.write_bytes(b'SQLite format 3\0' + b'x' * 500)
+    assert 'index.gpkg is not a tile index' in refuse(capsys, index, '-o', tmp_path / 'out')
+
+
+def test_an_index_may_hold_urls_of_files(folder, tmp_path):
+    tile = tmp_path / 'a tile.laz'
+    tile.write_bytes((folder / 'a.laz').read_bytes())
+    index = tmp_path / 'index.json'
+    index.write_text(json.dumps({'features': [{'properties': {'href': tile.as_uri()}}]}))
+    assert '%20' in index.read_text()
+    assert expand_inputs([str(index)]) == [tile]
+
+
+def test_inputs_of_which_none_is_usable_leave_nothing(folder, tmp_path, capsys):
+    out = tmp_path / 'out'
+    text = tmp_path / 'a.xyz'
+    text.write_text('1.0 2.0 3.0\n1.0 hello 3.0\n')
+    line = refuse(capsys, text, '-o', out, *OPTIONS)
+    assert line.endswith("a.xyz, row 2: 'hello' is not a number: 1.0 hello 3.0")
+    text.write_text('nan nan nan\n')
+    assert 'holds no finite point, of 1' in refuse(capsys, text, '-o', out, *OPTIONS)
+    text.write_text('')
+    assert 'none of 1 inputs holds a point' in refuse(capsys, text, '-o', out, *OPTIONS)
+    header = tmp_path / 'a.las'
+    content = bytearray((folder / 'b.las').read_bytes())
+    content[104] = 99  # the point format
+    header.write_bytes(content)
+    assert 'a.las has no readable LAS header' in refuse(capsys, header, '-o', out, *OPTIONS)
+    tile = tmp_path / 'a.laz'
+    content = (folder / 'a.laz').read_bytes()
+    tile.write_bytes(content[:len(content) // 2])
+    line = refuse(capsys, tile, '-o', out, *OPTIONS)
+    assert f'none of 1 inputs can be read: {tile} cannot be read, is it truncated?' in line
+    assert not out.exists()
+    assert main([str(folder / 'a.laz'), str(text), '-o', str(out), *OPTIONS]) == 0
+    capsys.readouterr()
+    assert 'none of 1 inputs can be read' in refuse(capsys, tile, '-o', out, *OPTIONS)
+    assert (out / 'ledger.sqlite').exists()  # of an earlier run
+
+
+def test_an_error_names_its_file_once(folder, tmp_path, capsys):
+    text = tmp_path / 'a.xyz'
+    text.write_text('1.0 hello 3.0\n')
+    out = tmp_path / 'out'
+    assert main([str(folder / 'a.laz'), str(text), '-o', str(out), *OPTIONS]) == 2
+    assert capsys.readouterr().err.splitlines() == [
+        f"plc_survey: {text}, row 1: 'hello' is not a number: 1.0 hello 3.0",
+        'plc_survey: 1 failed, their points are missing in the results',
+    ]
+
+
+def test_z_that_points_down_is_told(tmp_path, capsys):
+    points = make_line(1) * [1.0, 1.0, -1.0]
+    path = write_las(tmp_path / 'a.las', points)
+    text = f'z from {points[:, 2].min():.6g} to {points[:, 2].max():.6g} is below 0 throughout'
+    for options in (OPTIONS[:-1], [*OPTIONS[:-1], '--units', 'm']):
+        assert main([str(path), '-o', str(tmp_path / 'out'), '--force', *options]) == 0
+        assert text in capsys.readouterr().out
+        assert text in json.loads((tmp_path / 'out' / 'run.json').read_text())['notes'][0]
 
 
 def test_systems_must_agree(tmp_path, capsys):
@@ -164,6 +242,16 @@ def test_systems_must_agree(tmp_path, capsys):
     assert 'different coordinate reference systems' in line
     assert 'zone 32N' in line
     assert 'zone 33N' in line
+    line = refuse(capsys, first, write_las(second, points), '-o', tmp_path / 'out')
+    assert line.endswith('zone 32N, none): convert them to one, or give --crs')
+    options = ('-o', tmp_path / 'out', *OPTIONS)
+    assert '--units is for clouds without a CRS: that of' in refuse(
+        capsys, first, *options, '--units', 'm'
+    )
+    assert "unknown coordinate reference system 'EPSG:1'" in refuse(
+        capsys, first, *options, '--crs', 'EPSG:1'
+    )
+    assert not (tmp_path / 'out').exists()
 
 
 def test_a_header_must_count_its_points(tmp_path, capsys):
@@ -245,6 +333,19 @@ def test_wrong_options_are_refused(folder, tmp_path, capsys):
     assert 'not a results folder' in refuse(
         capsys, cloud, '-o', out, '--halo', '60', '--baseline', folder
     )
+    out.touch()
+    assert 'out exists and is not a folder' in refuse(capsys, cloud, '-o', out, '--halo', '60')
+    out.unlink()
+    out.symlink_to(tmp_path / 'nowhere')
+    assert 'out exists and is not a folder' in refuse(capsys, cloud, '-o', out, '--halo', '60')
+    out.unlink()
+    out.mkdir()
+    (out / 'ledger.sqlite').write_text('no database, though of some length\n' * 9)
+    line = refuse(capsys, cloud, '-o', out, '--halo', '60', '--memory', '2')
+    assert 'ledger.sqlite is damaged' in line
+    assert line.endswith('; --force begins anew')
+    assert main([str(cloud), '-o', str(out), *OPTIONS, '--force']) == 0
+    shutil.rmtree(out)
     out.mkdir()
     (out / 'mine.txt').touch()
     assert 'mine.txt is not one of its files' in refuse(capsys, cloud, '-o', out, '--halo', '60')
