@@ -24,7 +24,7 @@ class Whole:
     frame: CloudFrame
     """In which all parts are looked at."""
     region: Float64
-    """(2, 2) least and greatest x and y of all points, in the frame [m]."""
+    """(2, 3) least and greatest x, y and z of all points, in the frame [m]."""
     peak: float
     """Where the histogram of heights has its peak [m]."""
     anchor: Float64

@@ -81,9 +81,11 @@ def measure_surface(
         Settings of this stage.
     airborne : (N,) bool or None
         Points that cannot be ground.
-    region : (2, 2) float64 or None
-        Least and greatest x and y of the whole cloud, of which these points are a part [m].  The
-        cells then lie as those of the whole do, however large it is.
+    region : (2, 3) float64 or None
+        Least and greatest x, y and z of the whole cloud, of which these points are a part [m].
+        The cells then lie as those of the whole do, however large it is, and heights are rounded
+        alike: a point at a full metre, on which a stage decides, is not above it here and below
+        it there.
 
     Returns
     -------
@@ -131,10 +133,13 @@ def measure_surface(
 
 def _lay_out(low: Float64, high: Float64, region: Float64, cell: float) -> None:
     """Widen the bounds of a part so that its cells and blocks coincide with those of the whole."""
-    first = np.floor(region[0] / cell) * cell
+    first = np.floor(region[0, :2] / cell) * cell
     blocks = np.floor((low[:2] - EDGE - first) / (BLOCK_CELLS * cell))
     low[:2] = first + np.maximum(blocks, 0.0) * BLOCK_CELLS * cell
-    high[:2] = np.minimum(np.maximum(high[:2] + EDGE, low[:2]), np.maximum(region[1], high[:2]))
+    low[2] = region[0, 2]
+    high[:2] = np.minimum(
+        np.maximum(high[:2] + EDGE, low[:2]), np.maximum(region[1, :2], high[:2])
+    )
 
 
 @njit(cache=True, nogil=True, inline='always')

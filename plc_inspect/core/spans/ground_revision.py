@@ -66,7 +66,7 @@ def revise_ground(
         Conductors that were found.
     settings : HeightSettings
         Settings of this stage.
-    region : (2, 2) float64 or None
+    region : (2, 3) float64 or None
         As of `measure_surface`, where these points are a part of a cloud.
 
     Returns

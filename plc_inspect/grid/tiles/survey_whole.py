@@ -43,17 +43,17 @@ Answer = dict[str, Any]
 
 
 def measure_bounds(job: TileJob, frame: CloudFrame) -> Answer:
-    """Return least x and y and greatest of a tile's points in the frame [m], infinite if none."""
+    """Return least x, y, z and greatest of a tile's points in the frame [m], infinite if none."""
     low, high, _ = bounds(frame.enter(job.read(0.0).points))
-    return {'bounds': [*low[:2].tolist(), *high[:2].tolist()]}
+    return {'bounds': [*low.tolist(), *high.tolist()]}
 
 
 def join_bounds(answers: Iterable[Answer]) -> Float64:
-    """Return least x and y and greatest, (2, 2), over all tiles [m]."""
-    region = np.array([[math.inf] * 2, [-math.inf] * 2])
+    """Return least x, y, z and greatest, (2, 3), over all tiles [m]."""
+    region = np.array([[math.inf] * 3, [-math.inf] * 3])
     for answer in answers:
-        region[0] = np.minimum(region[0], answer['bounds'][:2])
-        region[1] = np.maximum(region[1], answer['bounds'][2:])
+        region[0] = np.minimum(region[0], answer['bounds'][:3])
+        region[1] = np.maximum(region[1], answer['bounds'][3:])
     return region
 
 
@@ -69,8 +69,8 @@ def measure_ground(
         The tile.
     frame : CloudFrame
         Of the whole grid.
-    region : (2, 2) float64
-        Least and greatest x and y of the grid in that frame [m]; fixes the ground cells.
+    region : (2, 3) float64
+        Least and greatest x, y and z of the grid in that frame [m]; fixes the ground cells.
     settings : HeightSettings
         Settings of the ground.
 
@@ -142,8 +142,8 @@ def measure_candidates(
         The tile.
     frame : CloudFrame
         Of the whole grid.
-    region : (2, 2) float64
-        Least and greatest x and y of the grid in that frame [m].
+    region : (2, 3) float64
+        Least and greatest x, y and z of the grid in that frame [m].
     peak : float
         Peak of the height histogram of the whole grid [m].
     settings : Settings
@@ -159,7 +159,7 @@ def measure_candidates(
     found = job.read(CONTEXT)
     points = frame.enter(found.points)
     height = extract_high(points, settings.height, surface=_load_surface(job.place), peak=peak)
-    cloud = gather_off_ground(points, height, settings.height.beta / 2, region[0])
+    cloud = gather_off_ground(points, height, settings.height.beta / 2, region[0, :2])
     own = cloud.points[found.core[cloud.place], :2]
     linearity = settings.linearity
     origin = anchor(cloud.points, cloud.high, linearity)

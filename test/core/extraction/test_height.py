@@ -233,10 +233,22 @@ def test_ground_that_is_near_a_conductor_stays():
 def test_the_cells_of_a_part_are_as_small_as_those_of_the_whole():
     """Where a single cloud as wide takes coarser ones."""
     corners = np.array([[0.0, 0.0, 0.0], [4500.0, 4500.0, 0.0]])
-    region = corners[:, :2]
     assert extract_high(corners, SETTINGS).cell_size > SETTINGS.cell_size
-    part = measure_surface(corners, SETTINGS, region=region)
+    part = measure_surface(corners, SETTINGS, region=corners)
     assert part.cell_size == SETTINGS.cell_size
+
+
+def test_heights_in_a_part_are_those_in_the_whole_to_the_bit():
+    """Stages decide at full metres, where another rounding is another decision."""
+    points = make_ground((0, 0), (600, 60), height=lambda x, y: 0.171 * x + 0.03 * y)
+    points = np.vstack([points, points + np.array([0.0, 0.0, 17.3])])
+    region = np.array([points.min(axis=0), points.max(axis=0)])
+    own = (points[:, 0] > 200.0) & (points[:, 0] < 500.0)
+    inner = (points[own, 0] > 300.0) & (points[own, 0] < 400.0)
+    whole = measure_surface(points, SETTINGS).height[own][inner]
+    part = measure_surface(points[own], SETTINGS, region=region).height[inner]
+    assert len(part) > 1000
+    np.testing.assert_array_equal(part, whole)
 
 
 def test_what_lies_along_a_conductor_is_high_where_no_ground_was_seen():
