@@ -195,6 +195,8 @@ def open_engine(
         # a task holds its memory until it ends: nothing can be spilled
         'distributed.worker.memory.target': False, 'distributed.worker.memory.spill': False,
         'distributed.worker.memory.pause': False,
+        # no samples of what a task does, nor of the event loops: they take a tenth of a core
+        'distributed.worker.profile.enabled': False, 'distributed.admin.tick.interval': '1s',
     })
     if scheduler is not None:
         yield from _connect(Client, scheduler, memory, timeout)
