@@ -38,11 +38,12 @@ from scipy.spatial import cKDTree
 from plc_inspect.core.alignment.parts import BY_RATE, Part
 from plc_inspect.core.alignment.rigid_move import RigidMove
 from plc_inspect.offline.readers.bags import Recording
+from plc_inspect.ros.graph.domain import take_domain
 from plc_inspect.ros.graph.transport import prepare_transport
 
 ROOT = Path(__file__).resolve().parents[1]
 NODE = 'plc_inspect.ros.node.onboard'
-DOMAIN = 40 + os.getpid() % 50
+DOMAIN = take_domain()
 START = 300.0
 """Longest wait for the node [s]; kernels may have to be compiled."""
 END = 200.0

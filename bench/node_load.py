@@ -28,6 +28,7 @@ from typing import Any
 import numpy as np
 
 from plc_inspect.offline.readers.bags import Recording
+from plc_inspect.ros.graph.domain import set_apart
 from plc_inspect.ros.graph.transport import prepare_transport, VARIABLE
 from plc_inspect.security.member_keys import PROFILE
 
@@ -276,8 +277,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
     prepare_transport()
     if not arguments.machines:
-        os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 100)
-        os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+        set_apart()
     with Recording(arguments.bag, 'velodyne_points', 'odometry') as recording:
         num_scans = sum('points' in m.topic for m in recording.raw_messages())
         print(f'{arguments.bag}: {recording.duration:.0f} s, {num_scans} scans')

@@ -5,10 +5,7 @@
 
 from array import array
 import contextlib
-import fcntl
 import os
-from pathlib import Path
-import tempfile
 import threading
 import time
 
@@ -26,6 +23,7 @@ from visualization_msgs.msg import MarkerArray
 
 from plc_inspect.core.live.warm_up import make_sample
 from plc_inspect.messages.rows import read_rows
+from plc_inspect.ros.graph.domain import take_domain
 from plc_inspect.ros.graph.qos import PLAYER, PROXIMITY, RESULTS
 from plc_inspect.ros.graph.transport import prepare_transport
 from plc_inspect.ros.node.inspect_node import InspectNode
@@ -42,29 +40,6 @@ VEHICLE = np.array([60.0, 9.0, 14.0])
 """Where the robot hovers in the sample's frame [m]."""
 _CODES = {'f4': PointField.FLOAT32, 'f8': PointField.FLOAT64, 'u2': PointField.UINT16,
           'i4': PointField.INT32}
-LAST_DOMAIN = 100
-"""Ports of greater domain ids may be taken by connections of other programs."""
-MOST_DOMAINS = 20
-"""Domain ids that one process holds; then they take turns."""
-_held = []
-
-
-def take_domain():
-    """Return the domain id of the next graph, in which no other process under test is."""
-    if len(_held) < MOST_DOMAINS:
-        for domain in range(1, LAST_DOMAIN + 1):
-            path = Path(tempfile.gettempdir()) / f'plc_inspect_domain_{domain}'
-            lock = os.open(path, os.O_RDWR | os.O_CREAT)
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                os.close(lock)
-                continue
-            _held.append((domain, lock))  # until the process ends
-            return domain
-    assert _held, f'all {LAST_DOMAIN} domains are taken by other tests'
-    _held.append(_held.pop(0))
-    return _held[-1][0]
 
 
 def isolate():

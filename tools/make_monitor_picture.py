@@ -21,6 +21,7 @@ sys.path.insert(0, str(ROOT / 'test'))
 from monitor.web.chrome import Chrome, stop_playing  # noqa: E402
 
 from plc_inspect.offline.report.browser import find_browser  # noqa: E402
+from plc_inspect.ros.graph.domain import take_domain  # noqa: E402
 
 COMMANDS = {
     'page': ('plc_inspect.monitor.command', '--web', '--port', '0'),
@@ -38,7 +39,7 @@ def main() -> None:
     parser.add_argument('folder', type=Path, metavar='FOLDER')
     folder = parser.parse_args().folder.resolve()
     environment = os.environ | {
-        'ROS_DOMAIN_ID': str(1 + os.getpid() % 100), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        'ROS_DOMAIN_ID': str(take_domain()), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
     }
     with tempfile.TemporaryDirectory() as room:
         processes = {}

@@ -25,6 +25,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from common.tables import render_table
 from node_load import Probe, run
 
+from plc_inspect.ros.graph.domain import set_apart
 from plc_inspect.ros.graph.transport import prepare_transport
 
 MOST = 20.0
@@ -71,8 +72,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--seconds', type=float, default=60.0, metavar='S')
     arguments = parser.parse_args(argv)
     prepare_transport()
-    os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 100)
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    set_apart()
     ear = Ear()
     with tempfile.TemporaryDirectory() as room:
         probe, end = run(arguments.bag, Path(room) / 'out', 10.0, (),

@@ -11,7 +11,6 @@ those of the messages with what DDS, UDP and IP add (``stream/budget.py``).
 
 import argparse
 from collections.abc import Sequence
-import os
 from pathlib import Path
 import sys
 import tempfile
@@ -23,6 +22,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from node_load import measure, Probe, run
 
+from plc_inspect.ros.graph.domain import set_apart
 from plc_inspect.ros.graph.transport import prepare_transport
 from plc_inspect.stream.budget import OVERHEAD
 
@@ -76,8 +76,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                         help='length of the flight (default: %(default)s, ten spans)')
     arguments = parser.parse_args(argv)
     prepare_transport()
-    os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 100)
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    set_apart()
     sizes, figures = Sizes(), {0: [], BESIDE: []}
     for monitors in (0, BESIDE, BESIDE, 0):
         sizes = Sizes() if monitors else sizes

@@ -9,7 +9,6 @@ publishes them, and ends both; the node writes the results folder.
 """
 
 from collections.abc import Mapping, Sequence
-import os
 from pathlib import Path
 import signal
 import subprocess
@@ -22,6 +21,7 @@ from plc_inspect.offline.commands.command_line import BAD_INPUT, DONE, INTERRUPT
 from plc_inspect.offline.export.results_folder import check_results
 from plc_inspect.offline.readers.bags import Recording
 from plc_inspect.printable import make_one_line
+from plc_inspect.ros.graph.domain import set_apart
 from plc_inspect.ros.graph.ending import was_cut_short
 from plc_inspect.ros.graph.transport import prepare_transport
 
@@ -59,8 +59,7 @@ def _run(bag: Path, output: Path) -> int:
     _prepare_kernels()
     prepare_transport()
     # A domain of its own: robots and other demos on the network are not disturbed.
-    os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 100)
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    set_apart()
     started = time.monotonic()
     print(f'{bag}: {duration:.0f} s of flight, at the speed it was recorded; node and player are '
           'two processes')
