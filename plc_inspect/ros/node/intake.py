@@ -80,12 +80,12 @@ class Intake:
         """Called when the map has begun anew."""
         self.accepts: Callable[[Mapping[str, Any], float], bool] = lambda info, now: True
         """Tells whether a scan is of the driver that is listened to."""
-        self.on_pose: Callable[[StampedPose, RigidMove | None, CellIndex], None] = (
-            lambda pose, move, cells: None
+        self.on_pose: Callable[[StampedPose, RigidMove | None, CellIndex, bool], None] = (
+            lambda pose, move, cells, late: None
         )
         """
         Called with each pose that is taken, the move into the map frame, None where nobody knows
-        the vehicle's place, and the cells of the map.
+        the vehicle's place, the cells of the map, and whether newer poses wait.
         """
         self.judge_pose: Callable[[StampedPose], bool] | None = None
         """Tells of the first poses after an interruption whether they are to be taken."""
@@ -157,18 +157,24 @@ class Intake:
         self._follow_restart()
         self.evictor.step(self.vehicle)
 
-    def take_odometry(self, message: Odometry | PoseStamped | PoseWithCovarianceStamped) -> None:
-        """Put a pose in; what is rejected is counted by the accumulator."""
+    def take_odometry(
+        self, message: Odometry | PoseStamped | PoseWithCovarianceStamped, late: bool = False
+    ) -> None:
+        """
+        Put a pose in; what is rejected is counted by the accumulator.
+
+        A pose is late where others wait behind it: nobody is told how near the vehicle was then.
+        """
         try:
-            self._take_pose(pose_from_message(message))
+            self._take_pose(pose_from_message(message), late)
         except DataError as error:
             self._complain_of_pose(error)
 
-    def take_moving(self, message: Any) -> None:
-        """Put the poses of a tf2_msgs/TFMessage of /tf in."""
+    def take_moving(self, message: Any, late: bool = False) -> None:
+        """Put the poses of a tf2_msgs/TFMessage of /tf in, as ``take_odometry``."""
         try:
             for pose in poses_from_transforms(message, self._moving, self._settings):
-                self._take_pose(pose)
+                self._take_pose(pose, late)
         except DataError as error:
             self._complain_of_pose(error)
 
@@ -195,7 +201,7 @@ class Intake:
         """Why /tf gives no poses, '' where it does."""
         return self._moving.explain()
 
-    def _take_pose(self, pose: StampedPose) -> None:
+    def _take_pose(self, pose: StampedPose, late: bool) -> None:
         now = self._health.last_pose = time.monotonic()
         if self.judge_pose is not None and not self.judge_pose(pose):
             return
@@ -209,7 +215,7 @@ class Intake:
             if move is not None:
                 self.vehicle = move.apply(np.array(pose.position, dtype=np.float64))
                 self.way.add(pose.stamp_ns, self.vehicle)
-            self.on_pose(pose, move, self.accumulator.map.cells)
+            self.on_pose(pose, move, self.accumulator.map.cells, late)
             self._follow_parts(now)
         self._follow_restart()
 

@@ -4,6 +4,7 @@
 """What the node listens to: scans, poses of whatever type, and tf where it can be read."""
 
 from collections.abc import Callable
+import time
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
@@ -42,6 +43,10 @@ PATIENCE = 3
 """Looks at the graph without a publisher of poses until they are taken from tf."""
 MOST_NAMED = 6
 """Topics of a type that are named at most."""
+TURN = 0.1
+"""
+Time for which poses that wait are taken before a scan has its turn [s]: that of a scan at 10 Hz.
+"""
 
 
 class Subscriptions:
@@ -117,27 +122,31 @@ class Subscriptions:
                 self._take_all(self._intake.take_odometry), ODOMETRY,
             )
 
-    def _take_all(self, take: Callable[[Any], None]) -> Callable[[Any], None]:
+    def _take_all(self, take: Callable[[Any, bool], None]) -> Callable[[Any], None]:
         """
-        Return a callback that takes a message with poses, and all that wait behind it.
+        Return a callback that takes a message with poses, and those that wait behind it.
 
         The executor hands out one message of each topic in a round.  On a busy machine, where
         rounds take longer than poses are apart, scans would be seconds ahead of the poses that
-        they wait for, and be dropped.
+        they wait for, and be dropped.  A round ends after TURN, as scans wait meanwhile.
         """
         def run(message: Any) -> None:
-            take(message)
-            poses = self._poses
-            if poses is None:
-                return
-            for _ in range(ODOMETRY.depth):
-                with poses.handle:
-                    found = poses.handle.take_message(poses.msg_type, poses.raw)
-                if found is None:
-                    return
-                take(found[0])
+            end = time.monotonic() + TURN
+            while message is not None:
+                later = self._take_next() if time.monotonic() < end else None
+                take(message, later is not None)
+                message = later
 
         return run
+
+    def _take_next(self) -> Any:
+        """Return the next message with poses that waits, None if there is none."""
+        poses = self._poses
+        if poses is None:
+            return None
+        with poses.handle:
+            found = poses.handle.take_message(poses.msg_type, poses.raw)
+        return None if found is None else found[0]
 
     def look(self) -> dict[str, str]:
         """

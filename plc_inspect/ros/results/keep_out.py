@@ -70,7 +70,9 @@ class KeepOut:
         self._knows = False
         self._seen: set[MarkerKey] = set()
 
-    def tell(self, pose: StampedPose, move: RigidMove | None, cells: CellIndex) -> None:
+    def tell(
+        self, pose: StampedPose, move: RigidMove | None, cells: CellIndex, late: bool = False
+    ) -> None:
         """
         Tell how near the vehicle is at a pose; a map that is not sharp is taken as unseen.
 
@@ -85,6 +87,8 @@ class KeepOut:
             then all is unknown, and only the levels stand for a while.
         cells : CellIndex
             Of the map.
+        late : bool
+            Newer poses wait: only the motion is taken, as telling costs more than all else.
 
         """
         told = np.array(pose.position, dtype=np.float64)
@@ -95,7 +99,7 @@ class KeepOut:
         self._knows = state is not None
         if move is not None:
             self._motion.add(pose.stamp_ns, vehicle)
-        if 0 <= pose.stamp_ns - self._told < LEAST_PERIOD_NS:
+        if late or 0 <= pose.stamp_ns - self._told < LEAST_PERIOD_NS:
             return
         self._told = pose.stamp_ns
         blurred = state is None or state.sharpness.poor

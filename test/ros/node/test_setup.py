@@ -3,6 +3,7 @@
 
 """Poses of other types, tf, several vehicles, and maps that are not sharp."""
 
+import time
 from types import SimpleNamespace
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -281,7 +282,8 @@ def test_poses_that_wait_are_taken_at_once():
     node, executor = Node('busy', context=context), SingleThreadedExecutor(context=context)
     try:
         intake = SimpleNamespace(
-            take_odometry=taken.append, take_scan=None, take_fixed=None, take_moving=None,
+            take_odometry=lambda message, late: taken.append(message),
+            take_scan=None, take_fixed=None, take_moving=None,
         )
         Subscriptions(node, InputSettings(), intake, lambda name, take: (
             (lambda message, info: None) if name == 'scan' else (lambda message: take(message))
@@ -302,3 +304,48 @@ def test_poses_that_wait_are_taken_at_once():
         executor.shutdown()
         node.destroy_node()
         context.try_shutdown()
+
+
+def test_scans_have_their_turn_while_poses_wait(monkeypatch):
+    """Hundreds of poses that wait may take seconds, in which scans would be lost."""
+    isolate()
+    monkeypatch.setattr('plc_inspect.ros.node.subscriptions.TURN', 0.02)
+    context, poses, order = Context(), 40, []
+    rclpy.init(context=context, domain_id=take_domain())
+    node, executor = Node('busy', context=context), SingleThreadedExecutor(context=context)
+
+    def take(message, late):
+        order.append((message.header.stamp.sec, late))
+        time.sleep(0.005)
+
+    try:
+        intake = SimpleNamespace(
+            take_odometry=take, take_scan=None, take_fixed=None, take_moving=None,
+        )
+        Subscriptions(node, InputSettings(), intake, lambda name, take: (
+            (lambda message, info: order.append('scan')) if name == 'scan'
+            else (lambda message: take(message))
+        ), lambda event: None)
+        senders = [node.create_publisher(kind, topic, PLAYER) for kind, topic in (
+            (Odometry, 'odometry'), (PointCloud2, 'velodyne_points'))]
+        for sender in senders:
+            wait_for(sender.get_subscription_count, 'subscription')
+        for number in range(poses):
+            message = Odometry()
+            message.header.stamp.sec = number
+            senders[0].publish(message)
+        for _ in range(3):
+            senders[1].publish(PointCloud2())
+        executor.add_node(node)
+        wait_for(lambda: executor.spin_once(timeout_sec=0.1) or len(order) == poses + 3, 'rest')
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        context.try_shutdown()
+    taken = [item for item in order if item != 'scan']
+    assert [stamp for stamp, _ in taken] == list(range(poses))
+    last = len(order) - 1 - [item == 'scan' for item in order][::-1].index(True)
+    assert last < poses - 10  # the scans did not wait for all of the poses
+    late = [late for _, late in taken]
+    assert not late[-1]
+    assert sum(late) > poses // 2
