@@ -15,6 +15,7 @@ by the class and the exact place of the point that it rests on.
 import argparse
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 import math
 from pathlib import Path
 import sys
@@ -59,6 +60,8 @@ SAME = 1.0
 """A true conductor is found where a found one runs this near [m]; bundles are found as one."""
 BOX = 0.5
 """A hazard is about a thing whose nearest point lies this near to its box [m]."""
+NUM_ABOUT = 8
+"""Points about a place by which the error of the odometry there is told."""
 CROSSING_NEAR = 12.0
 """A crossing is the one that was planted where it lies this near to it in plan [m]."""
 NUM_WORST = 10
@@ -135,7 +138,7 @@ def judge(seed: int, planted: PlantedScene, result: InspectionResult) -> Judged:
     """Compare the hazards of a scene with its truth."""
     cloud, scene = planted.made.cloud, planted.made.scene
     judged = Judged(seed=seed, text=planted.made.text, num_hazards=len(result.hazards))
-    _, rests = cKDTree(cloud.points).query(
+    _, rests = index_points(planted).query(
         np.array([item.position for item in result.hazards]).reshape(-1, 3)
     )
     for item in planted.items:
@@ -149,7 +152,7 @@ def judge(seed: int, planted: PlantedScene, result: InspectionResult) -> Judged:
         why = find_fault(hazard, int(cloud.label[k]), distance)
         if why == MIXED and is_of_object(hazard, planted):
             why = ''
-        if why and is_false_conductor(hazard, scene, result):
+        if why and is_false_conductor(hazard, planted, result):
             why = f'by a conductor that is none, {why}'
         if why:
             judged.false.append(
@@ -193,12 +196,28 @@ def is_of_object(hazard: Hazard, planted: PlantedScene) -> bool:
     return float(away[0]) - float(top[2] - foot[0, 2]) <= limit
 
 
-def is_false_conductor(hazard: Hazard, scene: Scene, result: InspectionResult) -> bool:
+@lru_cache(maxsize=1)
+def index_points(planted: PlantedScene) -> cKDTree:
+    """Return the points of a scene, for searches."""
+    return cKDTree(planted.made.cloud.points)
+
+
+def find_true_places(places: Float64, planted: PlantedScene) -> Float64:
+    """Return where places (P, 3) of the map truly are, by the points about them [m]."""
+    cloud = planted.made.cloud
+    _, near = index_points(planted).query(places, NUM_ABOUT)
+    moved: Float64 = places + (cloud.exact - cloud.points)[near].mean(axis=1)
+    return moved
+
+
+def is_false_conductor(
+    hazard: Hazard, planted: PlantedScene, result: InspectionResult
+) -> bool:
     """Return whether no true conductor is where the one of a hazard was found."""
     key = hazard.line_id, hazard.span_id
     span = next(item for item in result.spans if (item.line_id, item.span_id) == key)
-    place = span.positions(np.array([hazard.along_span]))
-    away, _ = measure_surfaces(place, scene, REACH)
+    place = find_true_places(span.positions(np.array([hazard.along_span])), planted)
+    away, _ = measure_surfaces(place, planted.made.scene, REACH)
     return float(away[0]) > SAME
 
 
@@ -212,9 +231,10 @@ def judge_item(
         if len(own) < SETTINGS.hazards.min_points:
             return None
         exact = planted.made.cloud.exact[own]
-        values, numbers, at = measure_object(item, exact, scene)
+        values, numbers, first = measure_object(item, exact, scene)
+        at, in_map = exact[first], planted.made.cloud.points[own[first]]
         mine = [hazard for hazard in result.hazards
-                if hazard.kind in ON_OBJECTS and is_inside(at, hazard)
+                if hazard.kind in ON_OBJECTS and is_inside(in_map, hazard)
                 and (hazard.kind == HazardKind.FALL_IN) == (item.kind == HazardKind.FALL_IN)]
         exactly = [hazard for hazard, k in zip(result.hazards, rests, strict=True)
                    if any(hazard is other for other in mine) and k in own]
@@ -227,11 +247,11 @@ def judge_item(
         mine = exactly = [
             hazard for hazard in result.hazards if hazard.kind == item.kind
             and (math.dist(hazard.position[:2], at[:2]) < CROSSING_NEAR
-                 if item.kind == HazardKind.CROSSING else hangs_on(hazard, item, scene))
+                 if item.kind == HazardKind.CROSSING else hangs_on(hazard, item, planted))
         ][:1]
     if not numbers:
         return None
-    known = [find_rmse(scene, number, at, result) for number in numbers]
+    known = [find_rmse(planted, number, at, result) for number in numbers]
     usual = max(USUAL_SIGMA[item.kind], *(0.0 if math.isnan(rmse) else rmse for rmse in known))
     nearest = scene.conductors[numbers[0]]
     limit = LIMITS[item.kind]
@@ -247,27 +267,30 @@ def judge_item(
     )
 
 
-def hangs_on(hazard: Hazard, item: Item, scene: Scene) -> bool:
+def hangs_on(hazard: Hazard, item: Item, planted: PlantedScene) -> bool:
     """Return whether the conductor that a hazard of the ground is below is one of a thing."""
     place = hazard.position + np.array([0.0, 0.0, hazard.clearance])
+    place = find_true_places(place[None], planted)
     return any(
-        measure_distances_of(place[None], scene, number)[0] < SAME for number in item.conductors
+        measure_distances_of(place, planted.made.scene, number)[0] < SAME
+        for number in item.conductors
     )
 
 
 def measure_object(
     item: Item, exact: Float64, scene: Scene
-) -> tuple[Float64, list[int], Float64]:
-    """Return ascending values [m] of an object's points, the nearest conductor, and where."""
+) -> tuple[Float64, list[int], int]:
+    """Return ascending values [m] of an object's points, the nearest conductor, at which point."""
     if item.kind == HazardKind.FALL_IN:
-        at = exact[np.argmax(exact[:, 2])]
+        first = int(np.argmax(exact[:, 2]))
+        at = exact[first]
         foot = np.array([[*at[:2], scene.terrain.height(*at[:2].tolist())]])
         reach, which = measure_surfaces(foot, scene, REACH)
-        return reach - (at[2] - foot[0, 2]), which[which >= 0].tolist(), at
+        return reach - (at[2] - foot[0, 2]), which[which >= 0].tolist(), first
     away, which = measure_surfaces(exact, scene, REACH)
     order = np.argsort(away)
     first = int(order[0])
-    return away[order], [int(which[first])] if which[first] >= 0 else [], exact[first]
+    return away[order], [int(which[first])] if which[first] >= 0 else [], first
 
 
 def measure_wires(
@@ -321,13 +344,16 @@ def is_inside(at: Float64, hazard: Hazard) -> bool:
     return bool((at >= low - BOX).all() and (at <= high + BOX).all())
 
 
-def find_rmse(scene: Scene, number: int, at: Float64, result: InspectionResult) -> float:
+def find_rmse(
+    planted: PlantedScene, number: int, at: Float64, result: InspectionResult
+) -> float:
     """Return the scatter [m] of the found conductor that is a true one near a place, or NaN."""
-    curve = scene.conductors[number].sample(0.25)
+    curve = planted.made.scene.conductors[number].sample(0.25)
     place = curve[np.argmin(np.linalg.norm(curve - at, axis=1))]
     best = (SAME, math.nan)
     for span in result.spans:
         points = span.positions(np.linspace(0.0, span.length, max(2, int(span.length / 0.5))))
+        points = find_true_places(points, planted)
         best = min(best, (float(np.linalg.norm(points - place, axis=1).min()), span.rmse))
     return best[1]
 
