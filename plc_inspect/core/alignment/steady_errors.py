@@ -49,6 +49,8 @@ MOST_DRIFT = 0.1
 Drift that such a turn looks like, up to which it is taken for one [m/s].
 Source: as SMEAR: a drift of the odometry up to that is mended.
 """
+NUM_TURNS = 4
+"""Turns that planes tell.  Source: derived: of the heading, and three of the mount."""
 AXES = 'roll', 'pitch', 'yaw'
 """Turns of the mount.  Source: their names."""
 ASIDE = 0.2
@@ -129,6 +131,10 @@ class SteadyErrors:
     """Distinguishes steady errors from the drift of a good odometry; not thread-safe."""
 
     def __init__(self) -> None:
+        self._planes: Steady | None = None
+        self._heard: Steady | None = None
+        self._ways = np.zeros(NUM_TURNS)
+        """The way in which each of heading and mount was certainly wrong by the last estimate."""
         self.clear()
 
     def clear(self) -> None:
@@ -142,21 +148,35 @@ class SteadyErrors:
         self._turns: deque[tuple[float, float]] = deque(maxlen=TURNS)
         """Of the heading [rad], and one over their variances."""
         self._turned = False
-        self._planes: Steady | None = None
+        self._planes = self._heard = None
+        self._ways = np.zeros(NUM_TURNS)
         self.step()
 
     def hear(self, planes: Steady | None) -> None:
-        """Take the estimate by planes, or None; its scale is unusable if the heading turns."""
-        self._planes = planes
+        """
+        Take the estimate by planes, or None; its scale is unusable if the heading turns.
+
+        Heading and mount are doubted where consecutive estimates agree: over slopes and few
+        planes one of a good flight may be certain of what the next one takes back.
+        """
+        if planes is self._heard:
+            return
+        self._planes = self._heard = planes
+        before, self._ways = self._ways, np.zeros(NUM_TURNS)
         if planes is None:
             return
         if planes.sure[2] and abs(planes.values[2]) > TURNING:
             self._planes = None
-            self._doubt_heading(f'{abs(np.degrees(planes.values[2])):.1f} degrees/s')
+            self._ways[0] = np.sign(planes.values[2])
+            if self._ways[0] == before[0]:
+                self._doubt_heading(f'{abs(np.degrees(planes.values[2])):.1f} degrees/s')
             return  # what it turned by is no mount
         turns = planes.values[3:]
         least = max(MOUNTED, MOST_DRIFT / max(planes.speed, 1e-3))
-        wrong = planes.sure[3:] & (np.abs(turns) > least)
+        self._ways[1:] = np.where(
+            planes.sure[3:] & (np.abs(turns) > least), np.sign(turns), 0.0
+        )
+        wrong = (self._ways[1:] != 0.0) & (self._ways[1:] == before[1:])
         if wrong.any() and not self._turned:
             told = ', '.join(
                 f'{np.degrees(turns[axis]):.1f} degrees of {AXES[axis]}'
