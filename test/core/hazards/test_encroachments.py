@@ -16,6 +16,7 @@ from plc_inspect.core.hazards.clearance_rules import plain_rules
 from plc_inspect.core.hazards.encroachments import find_encroachments, is_held, Surroundings
 from plc_inspect.core.hazards.falling_trees import Fallible, find_falling_trees
 from plc_inspect.core.hazards.low_conductors import find_planes
+from plc_inspect.core.hazards.surfaces import tell_shapes
 from plc_inspect.core.hazards.trees import segment_trees
 from plc_inspect.results import HazardKind, Severity, Support
 
@@ -159,6 +160,37 @@ def test_a_tower_at_an_end_does_not_fall(x, y, slender, falls):
         make_fallible(points, slender), [make_model(*ENDS)], (), RULES, SETTINGS, []
     )
     assert [record['kind'] for record in records] == [HazardKind.FALL_IN] * falls
+
+
+def make_lattice(x, y, top):
+    """Return points (N, 3) of legs, rings and braces of a tower [m]."""
+    levels = np.linspace(0.0, top, 9)
+    half = np.linspace(5.0, 1.5, 9)
+    ways = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
+    corners = np.concatenate(
+        [half[:, None, None] * ways, np.tile(levels[:, None, None], (1, 4, 1))], axis=2
+    )
+    bars = []
+    for k in range(8):
+        for way in range(4):
+            beside = (way + 1) % 4
+            bars += [(corners[k, way], corners[k + 1, way]), (corners[k, way], corners[k, beside]),
+                     (corners[k, way], corners[k + 1, beside])]
+    share = np.linspace(0.0, 1.0, 60)[:, None]
+    place = np.array([x, y, 0.0])
+    return np.vstack([place + start + share * (end - start) for start, end in bars])
+
+
+@pytest.mark.parametrize(('thing', 'falls'), [('lattice', 0), ('tree', 1), ('trunk', 1)])
+def test_a_tower_of_another_line_does_not_fall(thing, falls):
+    """Its conductors were not found; a bare trunk as tall does fall."""
+    points = {'lattice': make_lattice, 'tree': make_tree, 'trunk': make_column}[thing](
+        50.0, 14.0, 40.0, *([300] if thing == 'trunk' else []))
+    surface, slender = tell_shapes(points)
+    fallible = Fallible(points=points, height=points[:, 2].copy(), surface=surface,
+                        slender=slender)
+    records = find_falling_trees(fallible, [make_model(*ENDS)], (), RULES, SETTINGS, [])
+    assert len(records) == falls
 
 
 @pytest.mark.parametrize(('y', 'falls'), [(4.0, False), (14.0, True)])
