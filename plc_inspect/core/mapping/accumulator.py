@@ -122,6 +122,11 @@ class Accumulator:
         return self.pose_gate.doubt or self.follower.doubt
 
     @property
+    def waits(self) -> bool:
+        """Whether scans wait for poses."""
+        return bool(self._queue)
+
+    @property
     def last_inserted(self) -> int | None:
         """Stamp of the scan inserted last [ns], None before the first."""
         return self._last_inserted
@@ -137,14 +142,8 @@ class Accumulator:
         return self.frames[0] if self.frames else ''
 
     def add_pose(
-        self,
-        stamp_ns: int,
-        position: ArrayLike,
-        quaternion: ArrayLike,
-        *,
-        frame_id: str = '',
-        child_frame_id: str = '',
-        now: float | None = None,
+        self, stamp_ns: int, position: ArrayLike, quaternion: ArrayLike, *,
+        frame_id: str = '', child_frame_id: str = '', now: float | None = None,
     ) -> bool:
         """
         Add one pose of the vehicle, and insert the scans that it brackets.

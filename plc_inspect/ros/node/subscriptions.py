@@ -45,7 +45,8 @@ MOST_NAMED = 6
 """Topics of a type that are named at most."""
 TURN = 0.1
 """
-Time for which poses that wait are taken before a scan has its turn [s]: that of a scan at 10 Hz.
+Time for which poses are taken before a scan has its turn, if none waits for them [s]: that of a
+scan at 10 Hz.
 """
 
 
@@ -128,14 +129,18 @@ class Subscriptions:
 
         The executor hands out one message of each topic in a round.  On a busy machine, where
         rounds take longer than poses are apart, scans would be seconds ahead of the poses that
-        they wait for, and be dropped.  A round ends after TURN, as scans wait meanwhile.
+        they wait for, and be dropped.  After TURN a round ends as soon as no scan that came in
+        waits for poses, as more scans may have come meanwhile.
         """
         def run(message: Any) -> None:
             end = time.monotonic() + TURN
-            while message is not None:
-                later = self._take_next() if time.monotonic() < end else None
-                take(message, later is not None)
-                message = later
+            later = self._take_next()
+            while later is not None:
+                take(message, True)
+                message, later = later, None
+                if time.monotonic() < end or self._intake.accumulator.waits:
+                    later = self._take_next()
+            take(message, False)
 
         return run
 

@@ -284,6 +284,7 @@ def test_poses_that_wait_are_taken_at_once():
         intake = SimpleNamespace(
             take_odometry=lambda message, late: taken.append(message),
             take_scan=None, take_fixed=None, take_moving=None,
+            accumulator=SimpleNamespace(waits=False),
         )
         Subscriptions(node, InputSettings(), intake, lambda name, take: (
             (lambda message, info: None) if name == 'scan' else (lambda message: take(message))
@@ -306,8 +307,13 @@ def test_poses_that_wait_are_taken_at_once():
         context.try_shutdown()
 
 
-def test_scans_have_their_turn_while_poses_wait(monkeypatch):
-    """Hundreds of poses that wait may take seconds, in which scans would be lost."""
+@pytest.mark.parametrize('waits', [False, True])
+def test_scans_have_their_turn_while_poses_wait(monkeypatch, waits):
+    """
+    Hundreds of poses that wait may take seconds, in which scans would be lost.
+
+    Scans that came in before, and wait for these poses, would be dropped otherwise.
+    """
     isolate()
     monkeypatch.setattr('plc_inspect.ros.node.subscriptions.TURN', 0.02)
     context, poses, order = Context(), 40, []
@@ -321,6 +327,7 @@ def test_scans_have_their_turn_while_poses_wait(monkeypatch):
     try:
         intake = SimpleNamespace(
             take_odometry=take, take_scan=None, take_fixed=None, take_moving=None,
+            accumulator=SimpleNamespace(waits=waits),
         )
         Subscriptions(node, InputSettings(), intake, lambda name, take: (
             (lambda message, info: order.append('scan')) if name == 'scan'
@@ -345,7 +352,7 @@ def test_scans_have_their_turn_while_poses_wait(monkeypatch):
     taken = [item for item in order if item != 'scan']
     assert [stamp for stamp, _ in taken] == list(range(poses))
     last = len(order) - 1 - [item == 'scan' for item in order][::-1].index(True)
-    assert last < poses - 10  # the scans did not wait for all of the poses
+    assert (last < poses - 10) != waits  # the scans did not wait for all of the poses
     late = [late for _, late in taken]
     assert not late[-1]
     assert sum(late) > poses // 2
