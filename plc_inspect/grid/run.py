@@ -29,6 +29,7 @@ from plc_inspect.grid.cells.layout import (
     count_allowed,
     lay_cells,
     lay_tiles,
+    LEAST_EDGE,
 )
 from plc_inspect.grid.cells.sources import Source
 from plc_inspect.grid.engine import Engine, Outcome, Task
@@ -242,15 +243,11 @@ def _choose_cells(run: GridRun, sources: Sequence[Source]) -> CellGrid:
     known = run.ledger.find_fact('cells')
     if known is not None and known['wish'] == wish:
         grid = CellGrid(**known['grid'] | {'origin': tuple(known['grid']['origin'])})
-        (x, y), edge = grid.origin, grid.edge
-        if all(
-            x <= box[0] and y <= box[1] and box[2] < x + grid.columns * edge
-            and box[3] < y + grid.rows * edge for box in boxes
-        ):
+        if grid.holds(boxes) and grid.edge <= max(options.tile_edge, LEAST_EDGE):
             return grid
     grid = lay_cells(
         boxes, sum(source.num_points for source in sources), run.allowed, options.edge,
-        options.shift,
+        options.shift, options.tile_edge,
     )
     run.ledger.keep_fact('cells', {'wish': wish, 'grid': asdict(grid)})
     run.ledger.keep_fact('whole', None)

@@ -52,7 +52,7 @@ def end_all():
 def start(cloud, out, *options):
     """Start plc_survey over many tiles, a process group of its own."""
     STARTED.append(subprocess.Popen(
-        [sys.executable, '-c', SURVEY, str(cloud), '-o', str(out), '--tile', '40', '--halo', '60',
+        [sys.executable, '-c', SURVEY, str(cloud), '-o', str(out), '--tile', '60', '--halo', '60',
          '--memory', '2', '--quiet', *options],
         stderr=subprocess.PIPE, text=True, start_new_session=True,
         env=os.environ | {'PYTHONPATH': str(Path(__file__).parents[2]), 'NUMBA_NUM_THREADS': '1'},
@@ -163,7 +163,7 @@ def test_a_worker_and_then_the_client_are_killed_beside_a_truncated_tile(cloud, 
     assert quiet.returncode == 2
     with start_cluster(tmp_path) as (named, workers):
         process = start(tiles, out, '--scheduler', str(named))
-        wait_for_tiles(process, out, 1)
+        wait_for_tiles(process, out, 2)
         workers[0].kill()
         workers[0].wait(LOADED)
         wait_for_tiles(process, out, len(list(out.glob('work/tiles/*.json'))) + 1)

@@ -3,11 +3,13 @@
 
 """Tiles are as large as memory, and the cells of the ground, allow."""
 
+import math
+
 import numpy as np
 import pytest
 
 from plc_inspect.errors import DataError
-from plc_inspect.grid.cells.layout import CellGrid, lay_tiles, MOST_REACH
+from plc_inspect.grid.cells.layout import CellGrid, lay_cells, lay_tiles, LEAST_EDGE, MOST_REACH
 
 EDGE, HALO = 200.0, 500.0
 
@@ -59,3 +61,9 @@ def test_cells_that_are_too_dense_are_refused_with_figures():
         r' 100000 points are allowed: give more --memory, fewer --workers or a narrower --halo'
     )):
         lay(dense, allowed=100_000)
+
+
+@pytest.mark.parametrize(('most', 'edge'), [(math.inf, 1000.0), (90.0, 90.0), (3.0, LEAST_EDGE)])
+def test_cells_are_no_larger_than_tiles_may_be(most, edge):
+    grid = lay_cells([(0.0, 0.0, 9e3, 9e3)], 1_000_000, 10_000_000, most_edge=most)
+    assert grid.edge == edge

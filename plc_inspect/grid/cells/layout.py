@@ -57,6 +57,14 @@ class CellGrid:
     columns: int
     rows: int
 
+    def holds(self, boxes: Sequence[tuple[float, float, float, float]]) -> bool:
+        """Tell whether all boxes, least x and y, greatest x and y [m], lie in the cells."""
+        (x, y), edge = self.origin, self.edge
+        return all(
+            x <= box[0] and y <= box[1] and box[2] < x + self.columns * edge
+            and box[3] < y + self.rows * edge for box in boxes
+        )
+
     def number(self, x: np.ndarray, y: np.ndarray) -> Int64:
         """Return the cells (N,) of positions x, y (N,) [m]; outside the grid, the nearest cell."""
         column = np.floor((x - self.origin[0]) / self.edge).astype(np.int64)
@@ -131,6 +139,7 @@ def lay_cells(
     allowed: int,
     edge: float | None = None,
     shift: tuple[float, float] = (0.0, 0.0),
+    most_edge: float = MOST_EDGE,
 ) -> CellGrid:
     """
     Lay cells over the bounds of all inputs.
@@ -147,6 +156,8 @@ def lay_cells(
         Edge of the cells [m], by default from the density of the points.
     shift : tuple of float
         Moves the borders [m].
+    most_edge : float
+        Of a tile, which is one cell at least [m].
 
     Returns
     -------
@@ -158,7 +169,7 @@ def lay_cells(
     if edge is None:
         area = float(np.prod(table[:, 2:] - table[:, :2], axis=1).sum())
         edge = math.sqrt(max(area, 1.0) * allowed / CELLS_IN_TILE / 4 / max(num_points, 1))
-        edge = float(round(min(max(edge, LEAST_EDGE), MOST_EDGE)))
+        edge = float(round(max(min(edge, MOST_EDGE, most_edge), LEAST_EDGE)))
     most = float(np.prod((high - low) / edge + 2))
     if most > MOST_CELLS:
         edge = float(math.ceil(edge * math.sqrt(most / MOST_CELLS)))
