@@ -131,10 +131,6 @@ class SteadyErrors:
     """Distinguishes steady errors from the drift of a good odometry; not thread-safe."""
 
     def __init__(self) -> None:
-        self._planes: Steady | None = None
-        self._heard: Steady | None = None
-        self._ways = np.zeros(NUM_TURNS)
-        """The way in which each of heading and mount was certainly wrong by the last estimate."""
         self.clear()
 
     def clear(self) -> None:
@@ -145,11 +141,13 @@ class SteadyErrors:
         self.doubt = ''
         """Why no results may be reported, '' if they may."""
         self._doubts = [0, 0]
-        self._turns: deque[tuple[float, float]] = deque(maxlen=TURNS)
-        """Of the heading [rad], and one over their variances."""
+        self._headings: deque[tuple[float, float]] = deque(maxlen=TURNS)
+        """Turns of the heading in the last fits [rad], and one over their variances."""
         self._turned = False
-        self._planes = self._heard = None
+        self._planes: Steady | None = None
+        self._heard: Steady | None = None
         self._ways = np.zeros(NUM_TURNS)
+        """The way in which each of heading and mount was certainly wrong by the last estimate."""
         self.step()
 
     def hear(self, planes: Steady | None) -> None:
@@ -197,7 +195,7 @@ class SteadyErrors:
         """Take position and heading of the vehicle anew, as after a step."""
         self._start: _Start | None = None
         self._yaw: float | None = None
-        self._turns.clear()
+        self._headings.clear()
 
     def begin(self, tracked: DriftFilter, place: Float64) -> None:
         """Store position (3,) and correction of the vehicle at the start of the map."""
@@ -211,12 +209,12 @@ class SteadyErrors:
             self._yaw = fit.move.yaw
         if fit.age > AGAIN:  # cells left meanwhile, which show slow drift
             self._yaw = free.move.yaw
-            self._turns.clear()
-        self._turns.append((free.move.yaw - self._yaw, 1.0 / float(free.covariance[3, 3])))
-        if len(self._turns) < TURNS:
+            self._headings.clear()
+        self._headings.append((free.move.yaw - self._yaw, 1.0 / float(free.covariance[3, 3])))
+        if len(self._headings) < TURNS:
             return
-        turns, sure = np.array(self._turns).T
-        turned, sigma = abs(turns @ sure) / sure.sum(), math.sqrt(SHARED / sure.sum())
+        headings, sure = np.array(self._headings).T
+        turned, sigma = abs(headings @ sure) / sure.sum(), math.sqrt(SHARED / sure.sum())
         if turned > max(TURNED, SURELY * sigma):
             self._doubt_heading(f'{np.degrees(turned):.1f} degrees and more')
 
