@@ -147,13 +147,13 @@ class Ledger:
         """Return all inputs, then all tasks, as mappings from column to value."""
         sources = self._read(
             "SELECT 'input' AS stage, path AS name, num_points, sha256, error, "
-            f"CASE WHEN COALESCE(error, '') = '' THEN '{DONE}' ELSE '{FAILED}' END AS state "
-            'FROM source ORDER BY number'
+            "CASE WHEN COALESCE(error, '') = '' THEN ? ELSE ? END AS state "
+            'FROM source ORDER BY number', DONE, FAILED,
         )
         return [*sources, *self._read('SELECT * FROM task ORDER BY stage, name')]
 
-    def _read(self, query: str) -> list[dict[str, Any]]:
-        cursor = self._database.execute(query)
+    def _read(self, query: str, *values: str) -> list[dict[str, Any]]:
+        cursor = self._database.execute(query, values)
         names = [column[0] for column in cursor.description]
         return [dict(zip(names, row, strict=True)) for row in cursor]
 
