@@ -8,7 +8,8 @@ A simulated corridor, copies of one laid end to end, is surveyed in one run and 
 number of workers, by turns in processes of their own; printed are times, points a second, ratios
 to the single survey, also by processor time, which a busy machine changes less, the load, and the
 peak memory of the parent and of tiles.  ``--empty N`` plans a grid
-of N tiles that hold a few points each.
+of N tiles that hold a few points each.  A cloud that no single run can hold is surveyed as a grid
+alone, with ``--allowed GB`` as the address space of each process.
 """
 
 import argparse
@@ -59,11 +60,17 @@ def write_corridor(path: Path, cache: Path, num: int, copies: int) -> Path:
     return path
 
 
-def run(*arguments: str) -> tuple[float, float, float]:
-    """Run plc_survey in a process of its own; return times [s] and peak memory [bytes]."""
+def run(*arguments: str, allowed: float = 0.0) -> tuple[float, float, float]:
+    """
+    Run plc_survey in a process of its own; return times [s] and peak memory [bytes].
+
+    ``allowed`` is the address space of it and of each of its children [bytes], 0 for any.
+    """
+    limits = (int(allowed),) * 2
     done = subprocess.run(
         [sys.executable, '-c', RUN, *arguments, '--quiet'], capture_output=True, text=True,
         check=False,
+        preexec_fn=(lambda: resource.setrlimit(resource.RLIMIT_AS, limits)) if allowed else None,
     )
     if done.returncode:
         raise SystemExit(done.stderr)
@@ -73,18 +80,23 @@ def run(*arguments: str) -> tuple[float, float, float]:
     return seconds, busy, peak
 
 
-def measure(path: Path, num_points: int, workers: Sequence[int], options: Sequence[str]) -> list:
-    """Return the rows of a single survey and of grids."""
-    rows = []
+def measure(
+    path: Path, num_points: int, workers: Sequence[int], options: Sequence[str], allowed: float
+) -> list:
+    """Return the rows of a single survey, unless memory is limited, and of grids."""
+    rows, single, single_busy = [], np.nan, np.nan
     with tempfile.TemporaryDirectory(dir=path.parent) as room:
-        single, single_busy, peak = run(str(path), '-o', f'{room}/single')
-        rows.append((
-            'single', f'{single:.1f}', f'{single_busy:.1f}', f'{num_points / single:,.0f}', '1.00',
-            '1.00', f'{os.getloadavg()[0]:.1f}', f'{peak / 1e9:.2f}', '-', '-', '-',
-        ))
+        if not allowed:
+            single, single_busy, peak = run(str(path), '-o', f'{room}/single')
+            rows.append((
+                'single', f'{single:.1f}', f'{single_busy:.1f}', f'{num_points / single:,.0f}',
+                '1.00', '1.00', f'{os.getloadavg()[0]:.1f}', f'{peak / 1e9:.2f}', '-', '-', '-',
+            ))
         for num in workers:
             out = Path(room) / f'grid{num}'
-            seconds, busy, peak = run(str(path), '-o', str(out), '--workers', str(num), *options)
+            seconds, busy, peak = run(
+                str(path), '-o', str(out), '--workers', str(num), *options, allowed=allowed
+            )
             tiles = read_answers(out)
             rows.append((
                 f'grid, {num} workers', f'{seconds:.1f}', f'{busy:.1f}',
@@ -142,6 +154,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--copies', type=int, default=10)
     parser.add_argument('--workers', type=int, nargs='*', default=[1, 2])
     parser.add_argument('--empty', type=int, default=0, metavar='N', help='plan N tiles as well')
+    parser.add_argument('--allowed', type=float, default=0.0, metavar='GB',
+                        help='address space of each process; no single survey is made')
     parser.add_argument('--cache', type=Path, help='folder for surveys')
     parser.add_argument('--room', type=Path, help='folder for what is written')
     parser.add_argument('options', nargs='*', help='of plc_survey, for grids, after --')
@@ -154,7 +168,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             path = write_corridor(
                 Path(room) / 'corridor.las', cache, arguments.points, arguments.copies
             )
-            rows += measure(path, num, arguments.workers, arguments.options)
+            rows += measure(
+                path, num, arguments.workers, arguments.options, 1e9 * arguments.allowed
+            )
     print(render_table(COLUMNS, rows))
     return 0
 
