@@ -29,6 +29,7 @@ from plc_inspect.core.catenary.curve_row import (
 from plc_inspect.core.catenary.duplicates import drop_duplicates, find_along, is_thick
 from plc_inspect.core.catenary.growing import extend
 from plc_inspect.core.catenary.track_fit import fit_tracks
+from plc_inspect.core.catenary.twins import part_twins
 from plc_inspect.core.clustering.clustering import ClusteringResult
 from plc_inspect.core.evidence.free_length import Sight
 from plc_inspect.core.evidence.judge import Judge, Verdict
@@ -179,7 +180,8 @@ def find_curves(
 
     Further returned are thin curves that were taken for parts of them.
     """
-    curves = bridge(points, fit_tracks(points, clustering, settings, rng), settings)
+    tracks = part_twins(points, fit_tracks(points, clustering, settings, rng), settings)
+    curves = bridge(points, tracks, settings)
     grown = extend(points, index, curves, settings)
     done = {id(curve) for curve in grown}
     curves = drop_duplicates(points, merge_bundles(points, grown, settings), settings)
