@@ -82,7 +82,8 @@ def model_conductors(
     Model every conductor of the tracks by a catenary, span by span.
 
     Curves take in the points along them, sub-conductors that cannot be told apart become one,
-    the model bridges gaps, and what lacks the evidence of a conductor is dropped.
+    the model bridges gaps, and what lacks the evidence of a conductor is dropped.  Of what is
+    left, a curve over several conductors gives way to one for each.
 
     Parameters
     ----------
@@ -118,7 +119,8 @@ def model_conductors(
             crowding = verdict.profile.crowding
             (doubtful if crowding <= settings.max_crowding else crowded).append(curve)
     return ConductorResult(
-        curves=tuple(kept), doubtful=tuple(doubtful), crowded=tuple(crowded), wire=judge.wire,
+        curves=part_twins(points, kept, settings),
+        doubtful=part_twins(points, doubtful, settings), crowded=tuple(crowded), wire=judge.wire,
         objections=dict(sorted(objections.items())),
     )
 
@@ -180,8 +182,7 @@ def find_curves(
 
     Further returned are thin curves that were taken for parts of them.
     """
-    tracks = part_twins(points, fit_tracks(points, clustering, settings, rng), settings)
-    curves = bridge(points, tracks, settings)
+    curves = bridge(points, fit_tracks(points, clustering, settings, rng), settings)
     grown = extend(points, index, curves, settings)
     done = {id(curve) for curve in grown}
     curves = drop_duplicates(points, merge_bundles(points, grown, settings), settings)
