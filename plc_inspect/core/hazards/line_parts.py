@@ -330,34 +330,46 @@ def _find_on(
     """
     Return the points on curves between other ends than theirs, and which curve that is.
 
-    Stretches of them may be left out.  Where there is as much about a curve as on it, its points
-    are of that, unless it hangs free over most of its length.
+    Stretches of them may be left out, where a curve is a conductor.  Where there is as much about
+    what goes on beyond them as on it, its points are of that, unless it hangs free over most of
+    its length.  A curve that is no conductor has to hang free over most of its own length.
     """
     if not curves:
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
     low, high = np.array(ends).T
-    farthest = np.array([
-        float(curve.prediction_sigma(np.array(end)).max())
-        for curve, end in zip(curves, ends, strict=True)
+    widest = np.array([
+        _measure_tube(curve, np.array(end)).max() for curve, end in zip(curves, ends, strict=True)
     ])
-    tube = np.clip(3.0 * farthest, TUBE, WIDEST_TUBE)
     table = span_table(curves, low, high)
-    found, _, which = find_near(points, table, tube)
-    wide, _, beside = find_near(points, table, tube + CLEARING - TUBE)
+    found, _, which = find_near(points, table, widest)
+    wide, _, beside = find_near(points, table, widest + CLEARING - TUBE)
     kept = np.zeros(len(found), dtype=bool)
     for number in np.unique(which).tolist():
         mine, curve = np.flatnonzero(which == number), curves[number]
         about = np.union1d(found[mine], wide[beside == number])
         x, across = curve.local(points[about])
-        off = np.abs(np.column_stack([across, points[about, 2] - curve.fit.height(x)]))
-        inside = np.ones(len(about), dtype=bool)
+        off = np.column_stack([across, points[about, 2] - curve.fit.height(x)])
+        tube = _measure_tube(curve, x)
+        on = np.hypot(*off.T) <= tube
         if left_out:
-            inside = (x < left_out[number][0]) | (x > left_out[number][1])
+            judged = (x < left_out[number][0]) | (x > left_out[number][1])
+            on &= judged
+        else:
+            judged = (x >= curve.low) & (x <= curve.high)
+            judged |= not (judged & on).any()
         metre = np.maximum(x - low[number] + 1.0, 0.0).astype(np.int64)  # ends are round
-        free, share = find_free(metre[inside], off[inside], tube[number], most=ABOUT)
-        hangs = np.zeros(len(about), dtype=bool)
-        hangs[inside] = free[metre[inside]] | (share >= FREE_SHARE)
-        kept[mine] = hangs[np.searchsorted(about, found[mine])]
+        free, share = find_free(
+            metre[judged], off[judged], tube[judged], most=ABOUT, fuller=True
+        )
+        if share < FREE_SHARE and left_out:
+            on[judged] &= free[metre[judged]]
+        elif share < FREE_SHARE:
+            on[:] = False
+        kept[mine] = on[np.searchsorted(about, found[mine])]
     return found[kept], which[kept].astype(np.int64)
 
 
+def _measure_tube(curve: Curve, x: Float64) -> Float64:
+    """Return the distance (N,) from a curve at x (N,) within which points are of it [m]."""
+    result: Float64 = np.clip(3.0 * curve.prediction_sigma(x), TUBE, WIDEST_TUBE)
+    return result

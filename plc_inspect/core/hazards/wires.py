@@ -251,7 +251,8 @@ def _follow(places: Float64, dots: Float64, half: Float64, length: float) -> Int
 
 
 def find_free(
-    metre: Int64, off: Float64, tube: float, *, most: float = CLUTTER, beside: bool = False
+    metre: Int64, off: Float64, tube: Float64 | float, *, most: float = CLUTTER,
+    beside: bool = False, fuller: bool = False,
 ) -> tuple[Bool, float]:
     """
     Find the metres over which a wire hangs free of all else.
@@ -261,13 +262,16 @@ def find_free(
     metre : (K,) int64
         Where along the wire points are, from 0 [m].
     off : (K, 2) float64
-        How far from it, across and vertically [m].
-    tube : float
-        Distance up to which points are on the wire [m].
+        How far from it, across and vertically; with signs where the fuller side counts [m].
+    tube : (K,) float64 or float
+        Distance up to which points are on the wire [m].  A wider one holds the more of a surface,
+        so what is about it counts in proportion.
     most : float
         Points about it at most, as a share of those on it.
     beside : bool
         Others may hang level with it, or plumb above and below it; foliage is all around.
+    fuller : bool
+        What is about it counts as twice that on its fuller side: at an edge, half is missing.
 
     Returns
     -------
@@ -279,11 +283,16 @@ def find_free(
     """
     away, num = np.hypot(*off.T), int(metre.max(initial=-1)) + 1
     on = np.bincount(metre[away <= tube], minlength=num)
-    clutter = (away > tube) & (away <= tube + CLEARING - TUBE)
-    level = tube + LEVEL - TUBE if beside else -1.0
-    about = np.min([
-        np.bincount(metre[clutter & (axis > level)], minlength=num) for axis in off.T
-    ], axis=0)
+    clutter = np.flatnonzero((away > tube) & (away <= tube + CLEARING - TUBE))
+    where, axes = metre[clutter], off[clutter].T
+    weight = np.broadcast_to(tube / TUBE, len(metre))[clutter]
+    if fuller:
+        sides = [side * axis > 0.0 for axis in axes for side in (-1.0, 1.0)]
+    else:
+        level = (tube + LEVEL - TUBE) if beside else -1.0
+        sides = [np.abs(axis) > level for axis in axes]
+    counts = [np.bincount(where[side], weight[side], minlength=num) for side in sides]
+    about = 2.0 * np.max(counts, axis=0) if fuller else np.min(counts, axis=0)
     free = (on > 0) & (about <= most * on)
     return free, float(free.sum() / max((on > 0).sum(), 1))
 

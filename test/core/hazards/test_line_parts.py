@@ -12,7 +12,7 @@ from plc_inspect.config import HazardSettings
 from plc_inspect.core.hazards.clearance_rules import plain_rules
 from plc_inspect.core.hazards.conductor_hazards import find_crossings
 from plc_inspect.core.hazards.hazards import find_hazards
-from plc_inspect.core.hazards.line_parts import DoubtfulCurves, find_line_parts
+from plc_inspect.core.hazards.line_parts import DoubtfulCurves, find_line_parts, WIDEST_TUBE
 from plc_inspect.results import HazardKind
 
 START, END, CONSTANT = (0.0, 0.0, 12.0), (100.0, 0.0, 12.0), 800.0
@@ -115,8 +115,8 @@ def test_within_the_span_only_what_is_by_itself_is_of_the_line():
 
 
 def test_a_curve_that_stayed_doubtful_is_unmodelled():
-    wire = shift(make_wire((40.0, 0.0, 12.0), (43.0, 0.0, 12.0), 900.0, noise=0.02), 2.0, 0.0)
-    crown = make_tree(41.0, 2.0, 13.0, bottom=2.0)
+    wire = shift(make_wire((40.0, 0.0, 12.0), (45.5, 0.0, 12.0), 900.0, noise=0.02), 2.0, 0.0)
+    crown = make_tree(40.5, 2.0, 13.0, bottom=2.0)
     points = np.vstack([wire, crown])
     without, _, _ = find(points)
     _, unmodelled, num_wires = find(points, doubtful=[make_curve(wire)])
@@ -158,6 +158,18 @@ def test_a_crowded_curve_over_a_roof_takes_nothing_from_it():
     row = np.flatnonzero(np.abs(roof[:, 0] - 50.0) < 0.2)
     curve = make_curve(roof, row)
     assert not find(roof, doubtful=[curve], kind='crowded')[1].any()
+
+
+@pytest.mark.parametrize('edge', [-6.0, -0.3])
+def test_a_short_doubtful_curve_on_a_roof_takes_nothing_from_it(edge):
+    rng = np.random.default_rng(4)
+    num = int(42.0 * 16.0 * (6.0 - edge))
+    roof = np.column_stack([rng.uniform(42.0, 58.0, num), rng.uniform(edge, 6.0, num),
+                            rng.normal(9.0, 0.02, num)])
+    row = np.flatnonzero((np.abs(roof[:, 1]) < 0.1) & (np.abs(roof[:, 0] - 50.0) < 1.5))
+    curve = make_curve(roof, row)
+    assert 3.0 * curve.prediction_sigma(np.array([curve.high + 10.0]))[0] > WIDEST_TUBE
+    assert not find(roof, doubtful=[curve])[1].any()
 
 
 def test_an_unmodelled_wire_that_crosses_too_near_is_a_crossing():
