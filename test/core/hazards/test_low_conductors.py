@@ -115,18 +115,48 @@ def test_grass_is_left_out():
     assert abs(np.median(found[:, 1] - true[:, 1])) < 0.03
 
 
-def test_where_hardly_anything_is_seen_the_lowest_count_and_are_rough():
+def test_without_heights_the_lowest_count_and_are_rough():
+    model = make_model(*ENDS, c=CONSTANT)
+    raw = measure(model, lambda along: 0.0 * along)[:, :2]
+    (found,) = measure_ground(np.zeros((9, 3)), None, [model], [raw], 100.0)
+    np.testing.assert_array_equal(found[:, :2], raw)
+    assert (found[:, 2] == ROUGH_SIGMA).all()
+    (none,) = measure_ground(np.zeros((9, 3)), np.zeros(9, np.float32), [model],
+                             [np.zeros((0, 2))], 9.0)
+    assert none.shape == (0, 3)
+
+
+def test_where_hardly_anything_is_seen_nothing_is_measured():
     model = make_model(*ENDS, c=CONSTANT)
     raw = measure(model, lambda along: 0.0 * along)[:, :2]
     points = np.column_stack([np.linspace(0.0, 100.0, 400), np.zeros((400, 2))])  # one scan line
-    for cloud, height in ((points, np.zeros(400, np.float32)), (points, None),
+    for cloud, height in ((points, np.zeros(400, np.float32)),
                           (np.zeros((0, 3)), np.zeros(0, np.float32)),
                           (points, np.full(400, np.nan, np.float32))):
         (found,) = measure_ground(cloud, height, [model], [raw], 100.0)
-        np.testing.assert_array_equal(found[:, :2], raw)
-        assert (found[:, 2] == ROUGH_SIGMA).all()
-    (none,) = measure_ground(points, np.zeros(400, np.float32), [model], [np.zeros((0, 2))], 9.0)
-    assert none.shape == (0, 3)
+        assert found.shape == (0, 3)
+
+
+@pytest.mark.parametrize(('num', 'scatter'), [(1, 0.02), (30, 0.02), (400, 0.5)])
+def test_what_hangs_over_unseen_ground_is_not_the_ground(num, scatter):
+    model = make_model(*ENDS, c=CONSTANT)
+    points, height, _ = make_ground((0.0, 0.0))
+    seen = np.abs(points[:, 0] - 50.0) > 10.0
+    # a few returns of another wire, or the lower side of a crown, are the lowest of their cells
+    rng = np.random.default_rng(7)
+    across = 0.05 if scatter < 0.1 else 2.0
+    hanging = np.column_stack([rng.uniform(46.0, 54.0, num), rng.normal(0.0, across, num),
+                               8.0 + rng.normal(0.0, scatter, num)])
+    lowest = measure(model, lambda along: np.maximum(8.5 - np.abs(along - 50.0), 0.0))
+    raw = lowest[:, :2]
+    (found,) = measure_ground(
+        np.vstack([points[seen], hanging]),
+        np.concatenate([height[seen], hanging[:, 2] - 8.0]).astype(np.float32),
+        [model], [raw], 100.0,
+    )
+    assert found[:, 1].min() == pytest.approx(12.0 - 0.65, abs=0.4)
+    assert not find_low_conductors([model], [found], (), RULES)
+    assert find_low_conductors([model], [lowest], (), RULES)
 
 
 def test_the_ground_far_below_is_not_measured_anew():
