@@ -108,7 +108,7 @@ class InspectNode(Node):
         self._job = ''
         self._wants_tick = self._rest_is_due = False
         self._complaints = Complaints(self.get_logger().warning)
-        self._teller = Teller(self.get_logger().info)
+        self._teller = Teller(self.get_logger().info, self.get_logger().warning)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._stream = Stream(self, lambda: self.settings.stream, self._intake, self._guard)
         self._results = ResultPublishers(self, self._stream)

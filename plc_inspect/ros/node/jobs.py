@@ -225,7 +225,7 @@ class FinalSave:
             self._complain(f'the map failed: {type(self._error).__name__}: {self._error}')
             self._complain(rescue(snapshot.flight, state, 'the map failed'))
         elif self.saved is not None:
-            tell_hazards(self._news, self._say)
+            tell_hazards(self._news, self._say, self._complain)
             tell = self._complain if self.saved.problem else self._say
             tell(self.saved.describe())
             if self._doubt:

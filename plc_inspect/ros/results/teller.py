@@ -16,13 +16,13 @@ class Teller:
 
     Parameters
     ----------
-    say : callable
-        Takes a line of text.
+    say, warn : callable
+        Take a line of text; hazards that are taken back are warned of.
 
     """
 
-    def __init__(self, say: Callable[[str], object]) -> None:
-        self._say = say
+    def __init__(self, say: Callable[[str], object], warn: Callable[[str], object]) -> None:
+        self._say, self._warn = say, warn
         self._told: set[int] = set()
 
     def clear(self) -> None:
@@ -35,17 +35,19 @@ class Teller:
         for line in sorted(lines - self._told):
             self._say(f'line {line} found')
         self._told |= lines
-        tell_hazards(state.news, self._say)
+        tell_hazards(state.news, self._say, self._warn)
 
 
-def tell_hazards(news: HazardNews, say: Callable[[str], object]) -> None:
-    """Log the hazards that were raised, changed or taken back, these with the reason."""
-    for title, hazards, reasons in (
-        ('raised', news.raised, ()), ('updated', news.updated, ()),
-        ('cleared', news.cleared, news.reasons),
+def tell_hazards(
+    news: HazardNews, say: Callable[[str], object], warn: Callable[[str], object]
+) -> None:
+    """Log the hazards that were raised or changed, and warn of those taken back, and why."""
+    for tell, title, hazards, reasons in (
+        (say, 'raised', news.raised, ()), (say, 'updated', news.updated, ()),
+        (warn, 'cleared', news.cleared, news.reasons),
     ):
         for hazard, reason in itertools.zip_longest(hazards, reasons):
-            say(
+            tell(
                 f'hazard {hazard.hazard_id} {title}: {hazard.severity.name.lower()}, '
                 f'{hazard.kind.name.lower()} {hazard.clearance:.2f} m, '
                 f'line {hazard.line_id} span {hazard.span_id}'

@@ -173,10 +173,11 @@ def test_the_end_tells_why_it_takes_a_hazard_back(monkeypatch, tmp_path):
     state = SimpleNamespace(sharpness=SimpleNamespace(poor=False), news=news)
     monkeypatch.setattr(jobs, 'conclude', lambda *_: (state, None, None))
     monkeypatch.setattr(jobs, 'save_results', lambda *_: Saved(folder=tmp_path, whole=True))
-    said, flight = [], SimpleNamespace(settings=SimpleNamespace(output=None), first_stamp_ns=0)
-    jobs.FinalSave(said.append, said.append).run(None, SimpleNamespace(flight=flight), None)
-    assert said[0].startswith('hazard 7 cleared: warning, vegetation 3.00 m')
-    assert said[0].endswith('; the wind')
+    flight = SimpleNamespace(settings=SimpleNamespace(output=None), first_stamp_ns=0)
+    said, warned = [], []
+    jobs.FinalSave(said.append, warned.append).run(None, SimpleNamespace(flight=flight), None)
+    assert warned[0].startswith('hazard 7 cleared: warning, vegetation 3.00 m')
+    assert warned[0].endswith('; the wind')
 
 
 @pytest.mark.parametrize('trusted', [False, True])
