@@ -62,6 +62,8 @@ BOX = 0.5
 """A hazard is about a thing whose nearest point lies this near to its box [m]."""
 NUM_ABOUT = 8
 """Points about a place by which the error of the odometry there is told."""
+GROUND_SEEN = 2.0
+"""Where no ground was seen this near in plan, none is due to be told of [m]."""
 CROSSING_NEAR = 12.0
 """A crossing is the one that was planted where it lies this near to it in plan [m]."""
 NUM_WORST = 10
@@ -304,7 +306,7 @@ def measure_wires(
         at = own.sample(0.1)
         inside = scene.covers(at[:, :2])
         if item.kind == HazardKind.GROUND:
-            inside &= find_seen(number, at, planted)
+            inside &= find_seen(number, at, planted) & find_seen_ground(at, planted)
         at = at[inside]
         if not len(at):
             continue
@@ -336,6 +338,15 @@ def find_seen(number: int, at: Float64, planted: PlantedScene) -> NDArray[np.boo
         return np.zeros(len(at), dtype=bool)
     away, _ = cKDTree(own).query(at)
     return np.asarray(away < 2.0)
+
+
+def find_seen_ground(at: Float64, planted: PlantedScene) -> NDArray[np.bool_]:
+    """Return which places lie within GROUND_SEEN in plan of points of the ground."""
+    own = planted.made.cloud.exact[planted.made.cloud.label == Label.GROUND, :2]
+    if not len(own):
+        return np.zeros(len(at), dtype=bool)
+    away, _ = cKDTree(own).query(at[:, :2])
+    return np.asarray(away < GROUND_SEEN)
 
 
 def is_inside(at: Float64, hazard: Hazard) -> bool:
