@@ -127,7 +127,8 @@ def find_hazards(
     free[other] = ~explained
     if height is not None and rules.find('fall_in'):
         wide = find_fallible(points, height, spans)
-        wide = np.setdiff1d(wide, nearby.index[parts.own | parts.unmodelled], assume_unique=True)
+        no_tree = parts.own | parts.unmodelled | parts.column
+        wide = np.setdiff1d(wide, nearby.index[no_tree], assume_unique=True)
         trees = take_rows(points, wide)
         flat, slender = tell_shapes(trees)
         fallible = Fallible(

@@ -17,7 +17,7 @@ import numpy as np
 from plc_inspect.core.catenary.curve import Curve
 from plc_inspect.core.catenary.nearest_span import find_near, span_table
 from plc_inspect.core.hazards.blur import find_blur
-from plc_inspect.core.hazards.columns import find_columns
+from plc_inspect.core.hazards.columns import find_columns, find_straight
 from plc_inspect.core.hazards.grouping import group_cells
 from plc_inspect.core.hazards.wires import (
     CLEARING,
@@ -191,7 +191,9 @@ def find_line_parts(
         num_wires += 1
     rest = np.flatnonzero(~unmodelled[near])
     debris, pieces = _find_scraps(places[rest], distance[near[rest]], ends)
-    own[near[rest[debris]]] = True
+    drops, lines = find_straight(points[near[rest]], owner[near[rest]], models)
+    own[near[rest[debris | drops]]] = True
+    column[near[rest[lines]]] = True
     unmodelled[near[rest[pieces]]] = True
     return LineParts(
         own=own, unmodelled=unmodelled & ~own, column=column & ~unmodelled, num_wires=num_wires,

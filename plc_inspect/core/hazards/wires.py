@@ -90,6 +90,11 @@ Source: judgement; twigs that reach out of a crown are of the crown.
 """
 LEAST_POINTS = 10
 """Points of what is straight at least.  Source: judgement; a few may lie in line by chance."""
+ON_LINE = 0.06
+"""
+Standard deviation of points about a straight line that they are of, at most, along each axis [m].
+Source: derived: twice the noise of the sensor; of three leaves in a metre one in fifty lie so.
+"""
 STEEPEST = 0.7
 """
 Vertical part of its direction at most.
@@ -148,6 +153,44 @@ def tell_thin(points: Float64, thing: Int64) -> tuple[Bool, Bool]:
     thin, straight : (T,) bool
 
     """
+    size, variance, axes = _measure_spread(points, thing)
+    thin = np.sqrt(variance[:, 1]) <= THIN
+    straight = thin & (size >= LEAST_POINTS) & (np.abs(axes[:, 2, 2]) <= STEEPEST)
+    straight &= LENGTH_OF_SIGMA * np.sqrt(variance[:, 2]) >= STRAIGHT_LENGTH
+    return thin, straight
+
+
+def find_lines(points: Float64, thing: Int64, least: int) -> Bool:
+    """
+    Tell the things whose points all lie on one straight line, to their noise.
+
+    Few points that do so are of a pole, a stay or a wire: those of foliage do by chance alone.
+
+    Parameters
+    ----------
+    points : (K, 3) float64
+        Coordinates [m].
+    thing : (K,) int64
+        Which of T things each point is of, from 0.
+    least : int
+        Points of such a thing at least, more than 2.
+
+    Returns
+    -------
+    (T,) bool
+
+    """
+    size, variance, _ = _measure_spread(points, thing)
+    enough = size >= least
+    # a line through two points leaves no scatter
+    aside = np.sqrt(variance[:, :2].sum(axis=1) * size / np.maximum(size - 2, 1) / 2.0)
+    length = LENGTH_OF_SIGMA * np.sqrt(variance[:, 2])
+    result: Bool = enough & (aside <= ON_LINE) & (length >= STRAIGHT_LENGTH)
+    return result
+
+
+def _measure_spread(points: Float64, thing: Int64) -> tuple[Int64, Float64, Float64]:
+    """Return the size of each thing (T,), its variances (T, 3), ascending, and their axes."""
     size = np.bincount(thing)
     mean = np.column_stack([np.bincount(thing, weights=axis) for axis in points.T]) / size[:, None]
     away = points - mean[thing]
@@ -157,11 +200,7 @@ def tell_thin(points: Float64, thing: Int64) -> tuple[Bool, Bool]:
             product = away[:, row] * away[:, column]
             spread[:, row, column] = np.bincount(thing, weights=product) / size
     variance, axes = np.linalg.eigh(spread)
-    variance = np.maximum(variance, 0.0)
-    thin = np.sqrt(variance[:, 1]) <= THIN
-    straight = thin & (size >= LEAST_POINTS) & (np.abs(axes[:, 2, 2]) <= STEEPEST)
-    straight &= LENGTH_OF_SIGMA * np.sqrt(variance[:, 2]) >= STRAIGHT_LENGTH
-    return thin, straight
+    return size, np.maximum(variance, 0.0), axes
 
 
 @njit(cache=True, nogil=True)

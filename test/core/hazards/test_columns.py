@@ -9,7 +9,7 @@ import pytest
 from toys import make_tree
 
 from plc_inspect.config import HazardSettings
-from plc_inspect.core.hazards.columns import find_columns
+from plc_inspect.core.hazards.columns import find_columns, find_straight
 from plc_inspect.core.hazards.hazards import find_hazards
 from plc_inspect.results import HazardKind
 
@@ -25,12 +25,14 @@ def make_pole(x, y=1.0, *, top=12.5, bottom=2.0, width=0.35, num=200):
     ]) + rng.normal(0.0, 0.03, (num, 3))
 
 
-def find(points, model=MODEL):
-    """Return the shares of points that are of held and of lone columns."""
-    near = find_nearby(points, [model], 20.0)
+def find(points, straight=None):
+    """Return the points that are of held and of lone columns, or by straight as it tells them."""
+    near = find_nearby(points, [MODEL], 20.0)
     held, lone = np.zeros((2, len(points)), dtype=bool)
-    held[near.index], lone[near.index] = find_columns(
-        points[near.index], near.distance, near.span, [model]
+    own = points[near.index]
+    held[near.index], lone[near.index] = (
+        find_columns(own, near.distance, near.span, [MODEL]) if straight is None
+        else straight(own, near.span, [MODEL])
     )
     return held, lone
 
@@ -99,3 +101,45 @@ def test_crowns_hold_no_columns(x, seed):
 def test_nothing_near():
     held, lone = find_columns(np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.int64), [MODEL])
     assert held.shape == lone.shape == (0,)
+
+
+def make_drop(end, num, seed=4):
+    """Points of a straight wire from beside the end of the conductor to an end (3,)."""
+    rng = np.random.default_rng(seed)
+    share = np.linspace(0.2, 0.9, num)[:, None]
+    return (np.array([0.3, 0.4, 11.8]) * (1.0 - share) + np.array(end) * share
+            + rng.normal(0.0, 0.03, (num, 3)))
+
+
+@pytest.mark.parametrize('num', [5, 8])
+def test_few_returns_of_a_drop_or_stay_are_of_the_line(num):
+    drop = make_drop((3.0, 4.0, 9.0), num)
+    held, lone = find(drop, find_straight)
+    assert held.all()
+    assert not lone.any()
+    assert not raise_hazards(drop)
+
+
+def test_a_straight_edge_that_leads_past_no_end_stays_a_hazard():
+    rng = np.random.default_rng(5)
+    edge = np.column_stack([np.full(9, 6.0), np.linspace(1.5, 5.0, 9), np.full(9, 9.0)])
+    edge += rng.normal(0.0, 0.02, edge.shape)
+    held, lone = find(edge, find_straight)
+    assert lone.all()
+    assert not held.any()
+    (hazard,) = raise_hazards(edge)
+    assert hazard.kind == HazardKind.STRUCTURE
+    # with a second row beside it, it is not by itself
+    roof = np.vstack([edge, edge + np.array([1.3, 0.0, 0.4])])
+    held, lone = find(roof, find_straight)
+    assert not (held | lone).any()
+    assert raise_hazards(roof)
+
+
+@pytest.mark.parametrize('seed', range(20))
+def test_sparse_crowns_are_not_straight(seed):
+    rng = np.random.default_rng(seed)
+    crown = rng.uniform([48.0, 0.5, 7.0], [50.0, 2.5, 10.5], (8, 3))
+    assert not np.any(find(crown, find_straight))
+    (hazard,) = raise_hazards(crown)
+    assert hazard.kind == HazardKind.VEGETATION

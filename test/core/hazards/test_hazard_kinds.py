@@ -12,8 +12,9 @@ import pytest
 from toys import make_tree, make_wire
 
 from plc_inspect.config import HazardSettings
-from plc_inspect.core.hazards.clearance_rules import parse_rules
+from plc_inspect.core.hazards.clearance_rules import parse_rules, plain_rules
 from plc_inspect.core.hazards.hazards import add_ground_clearance, find_hazards
+from plc_inspect.core.hazards.low_conductors import find_low_conductors, GROUND_SIGMA
 from plc_inspect.core.spans.span_model import find_support
 from plc_inspect.errors import ConfigError
 from plc_inspect.results import HazardKind, Severity, Support
@@ -44,12 +45,12 @@ def three_lines():
             for i, y in enumerate((-2.0, 0.0, 2.0))]
 
 
-def search(points, models, settings=None, rules=None, supports=(), ground=None, reach=20.0):
+def search(points, models, settings=None, rules=None, supports=(), reach=20.0):
     """Run find_hazards as the pipeline does, with flat ground at 0."""
     settings = settings or HazardSettings()
     points = np.asarray(points, float).reshape(-1, 3)
     nearby = find_nearby(points, models, reach)
-    spans = make_span_result(models, len(points), supports=supports, ground=ground)
+    spans = make_span_result(models, len(points), supports=supports)
     found = find_hazards(
         points, points[:, 2].astype(np.float32), nearby, spans, settings, rules
     )
@@ -246,11 +247,12 @@ def test_a_tree_that_is_a_hazard_where_it_stands_is_not_told_twice():
 def test_ground_is_told_once_a_span_at_its_lowest_place():
     models = three_lines()
     ground = [np.array([[10.0, 9.0], [50.0, 4.0 + k], [90.0, 9.0]]) for k in (0.3, 0.1, 0.2)]
-    (hazard,) = search(np.zeros((0, 3)), models, supports=make_supports(), ground=ground)
-    assert hazard.kind == HazardKind.GROUND
-    assert hazard.line_id == 1
-    assert hazard.clearance == hazard.vertical == pytest.approx(4.1)
-    assert hazard.position[0] == pytest.approx(50.0, abs=0.1)
+    ground = [np.column_stack([own, np.full(3, GROUND_SIGMA)]) for own in ground]
+    (hazard,) = find_low_conductors(models, ground, make_supports(), plain_rules(HazardSettings()))
+    assert hazard['kind'] == HazardKind.GROUND
+    assert hazard['line_id'] == 1
+    assert hazard['clearance'] == hazard['vertical'] == pytest.approx(4.1)
+    assert hazard['position'][0] == pytest.approx(50.0, abs=0.1)
     spans = add_ground_clearance(models, ground)
     assert [span.ground_clearance for span in spans] == pytest.approx([4.3, 4.1, 4.2])
     assert [span.ground_along for span in spans] == [50.0] * 3
