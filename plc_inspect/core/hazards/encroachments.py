@@ -336,8 +336,9 @@ def _describe(
         years = max(value[limit.measure] - limit.tiers[0][1], 0.0) / settings.growth
     sigma = model.sigma(x)
     nearer = limit.measure == 'distance' and float(near.distance.min()) < clearance - SURE * sigma
-    if nearer or clearance <= measure_reach(model) + SURE * sigma:
-        # what is nearer is taken for the wire
+    reach = np.array([measure_reach(other) for other in models])
+    if nearer or (near.distance <= reach[near.owner] + SURE * sigma).any():
+        # what is nearer to this conductor or another is taken for the wire
         sigma = math.hypot(sigma, clearance / SPREAD_OF_ZERO)
     return describe_hazard(
         model, x, supports, rules, limit,

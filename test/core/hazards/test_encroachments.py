@@ -274,3 +274,23 @@ def test_what_may_reach_the_conductor_says_so_in_sigma(gap):
     if gap > 1.0:
         x, _, _ = model.part(record['position'][None])
         assert record['sigma'] == pytest.approx(model.sigma(float(x[0])))
+
+
+def test_what_may_reach_another_conductor_says_so_in_sigma():
+    """The nearest point is of the sharp conductor, others are at the edge of the blurred one."""
+    sharp = make_model(*ENDS, tolerance=0.1)
+    blurred = make_model((0.0, 0.8, 12.0), (100.0, 0.8, 12.0), line_id=1, tolerance=0.4)
+    rng = np.random.default_rng(6)
+    z = float(sharp.curve.position(sharp.at(np.array(50.0)))[0, 2])
+    points = np.column_stack([rng.uniform(49.5, 50.5, 400), rng.uniform(-0.5, 1.3, 400),
+                              rng.uniform(z - 1.5, z - 0.3, 400)])
+    apart = np.array([np.hypot(*model.part(points)[1:]) for model in (sharp, blurred)])
+    free = apart[1] > 0.4  # what is nearer is taken for it
+    around = Surroundings(
+        points=points[free], height=points[free, 2], distance=apart.min(axis=0)[free],
+        owner=apart.argmin(axis=0)[free], surface=np.zeros(int(free.sum()), dtype=bool),
+    )
+    (record,), _ = find_encroachments(around, [sharp, blurred], (), RULES, SETTINGS)
+    assert record['line_id'] == 0
+    assert record['clearance'] == pytest.approx(0.32, abs=0.05)
+    assert record['clearance'] - 1.96 * record['sigma'] <= 0.0
