@@ -78,10 +78,7 @@ def find_strands(points: Float64, spans: SpanResult) -> tuple[SpanModel, ...]:
     """
     if not spans.models:
         return ()
-    wide = [
-        max(model.curve.lateral_rmse, model.curve.fit.rmse) >= LEAST_SPACING / 2
-        for model in spans.models
-    ]
+    wide = _find_wide(spans)
     found = []
     for model, own, is_wide in zip(spans.models, _list_points(spans, wide), wide, strict=True):
         if not is_wide or len(own) < LEAST_POINTS:
@@ -152,18 +149,44 @@ def divide_section(x: Float64, section: Float64) -> tuple[Float64, float]:
     return best[1], best[2]
 
 
+def _find_wide(spans: SpanResult) -> list[bool]:
+    """
+    Tell the spans whose points lie as far from their curve as those of a bundle do.
+
+    A curve may be of one sub-conductor, or of one of two conductors, and have the points of both.
+    """
+    wire = np.flatnonzero(spans.line_id >= 0)
+    key, wanted = _number_spans(spans, wire)
+    size = int(max(key.max(initial=0), max(wanted))) + 1
+    square = np.square(spans.residual[wire], dtype=np.float64)
+    known = np.isfinite(square)
+    count = np.bincount(key[known], minlength=size)
+    apart = np.sqrt(np.bincount(key[known], square[known], size) / np.maximum(count, 1))
+    return [
+        bool(max(model.curve.lateral_rmse, model.curve.fit.rmse, apart[own]) >= LEAST_SPACING / 2)
+        for model, own in zip(spans.models, wanted, strict=True)
+    ]
+
+
 def _list_points(spans: SpanResult, wide: Sequence[bool]) -> list[Int64]:
     """Return the points of each span, none where no span is wide."""
     wire = np.flatnonzero(spans.line_id >= 0) if any(wide) else np.zeros(0, dtype=np.int64)
     if not len(wire):
         return [wire[:0]] * len(spans.models)
-    width = int(spans.span_id[wire].max()) + 1
-    key = spans.line_id[wire].astype(np.int64) * width + spans.span_id[wire]
+    key, wanted = _number_spans(spans, wire)
     order = np.argsort(key, kind='stable')
     wire, key = wire[order], key[order]
-    wanted = [model.span.line_id * width + model.span.span_id for model in spans.models]
     first, last = (np.searchsorted(key, wanted, side=side) for side in ('left', 'right'))
     return [wire[low:high] for low, high in zip(first.tolist(), last.tolist(), strict=True)]
+
+
+def _number_spans(spans: SpanResult, wire: Int64) -> tuple[Int64, list[int]]:
+    """Return the number of the span of each wire point (W,), and those of the models."""
+    width = 1 + max(model.span.span_id for model in spans.models)
+    if len(wire):
+        width = max(width, int(spans.span_id[wire].max()) + 1)
+    key = spans.line_id[wire].astype(np.int64) * width + spans.span_id[wire]
+    return key, [model.span.line_id * width + model.span.span_id for model in spans.models]
 
 
 Fit = tuple[Float64, Float64, Int64, float, float]

@@ -62,6 +62,23 @@ def test_what_is_not_resolved_is_as_wide_as_it_looks():
     assert scatter == pytest.approx(0.09, rel=0.15)
 
 
+def test_a_conductor_whose_points_another_one_has_is_told_apart():
+    """The curve is of the upper one alone, as it was fitted before it took those below."""
+    upper = make_wire(START, END, 900.0, noise=0.03, per_metre=8.0)
+    lower = make_wire(START, END, 900.0, noise=0.03, per_metre=8.0) - np.array([0.0, 0.0, 0.4])
+    model = make_model(START, END, c=900.0, points=upper)
+    points = np.vstack([upper, lower])
+    spans = make_span_result([model], len(points))
+    own = np.zeros(len(points), dtype=np.int32)
+    apart = np.hypot(*model.part(points)[1:]).astype(np.float32)
+    (found,) = find_strands(points, dataclasses.replace(
+        spans, line_id=own, span_id=own, residual=apart))
+    assert sorted(found.strands[:, 1].tolist()) == pytest.approx([-0.4, 0.0], abs=0.02)
+    (alone,) = find_strands(points, dataclasses.replace(
+        spans, line_id=np.where(apart < 0.2, own, -1), span_id=own, residual=apart))
+    assert len(alone.strands) == 1
+
+
 def test_strays_along_a_small_part_are_no_sub_conductor():
     x, section = make_section(1, 0.03)
     beside = np.tile([0.3, 0.0], (40, 1)) + np.random.default_rng(1).normal(0, 0.03, (40, 2))
