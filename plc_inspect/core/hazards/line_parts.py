@@ -72,6 +72,11 @@ Source: judgement; not measured.
 """
 PIECE_LENGTH = 1.0
 """Length of a piece of wire at least [m].  Source: judgement; not measured."""
+PIECE_POINTS = 5
+"""
+Points of a piece of wire at least.
+Source: derived: as columns.LEAST_DROP: two lie on any line, three leaves do once in fifty times.
+"""
 PARALLEL = 0.3
 """
 Slope against the conductor, across or vertically, of a piece of wire at most.
@@ -273,7 +278,7 @@ def _find_scraps(
     np.minimum.at(nearest, thing, distance)
     extent = high - low
     piece = (spread <= THIN).all(axis=1) & (np.abs(slope) <= PARALLEL).all(axis=1)
-    piece &= extent[:, 0] >= PIECE_LENGTH
+    piece &= (extent[:, 0] >= PIECE_LENGTH) & (np.bincount(thing) >= PIECE_POINTS)
     from_end = np.abs(mean[:, 0, None] - ends).min(axis=1)
     thin, straight = tell_thin(places, thing)
     piece |= straight & (from_end <= JUMPER_ROOM)  # service drops, stays

@@ -236,3 +236,13 @@ def test_a_roof_beyond_the_end_is_not_the_conductor():
     own = find(roof, model)[0]
     assert own.mean() < 0.02
     assert find(at, model)[0].all()
+
+
+@pytest.mark.parametrize(('num', 'is_wire'), [(3, False), (8, True)])
+def test_a_few_leaves_in_line_are_no_piece_of_a_wire(num, is_wire):
+    """They lie along the conductor by chance, a metre above their crown."""
+    wire = make_wire((40.0, 0.0, 12.0), (41.5, 0.0, 12.0), 900.0, noise=0.03, per_metre=20.0)
+    leaves = shift(wire[np.linspace(0, len(wire) - 1, num).astype(int)], 3.0, 0.0)
+    _, unmodelled, _ = find(leaves)
+    assert unmodelled.all() == unmodelled.any() == is_wire
+    assert bool(raise_hazards(leaves)) != is_wire
