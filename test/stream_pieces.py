@@ -12,10 +12,12 @@ import numpy as np
 from plc_inspect.results import Severity
 from plc_inspect.stream.blocks import pack_blocks, thin_points
 from plc_inspect.stream.frame import CLOUD, Frame, pack_frame
-from plc_inspect.stream.summary import make_tables, Status, SummaryTables, SummaryWriter
+from plc_inspect.stream.summary import make_tables, Status, SummaryTables
+from plc_inspect.stream.summary_writer import EVERYTHING, Share, SummaryWriter
 
 TEXTS = ('odom', 'scans and odometry come in', '6% of the map in use', 'all is well')
 NO_TABLES = SummaryTables()
+CHANGES = Share()
 HEALTH = {
     'scan_rate': 10.0, 'scans_lost': 4.0, 'scan_age': 0.1, 'odometry_age': 0.02,
     'sharpness': 0.9,
@@ -61,8 +63,8 @@ class Source:
         self.tables = make_rows()
         self.sequence = 0
 
-    def summary(self, uptime, *, keyframe=False, tables=None, **status):
-        """Return the next message of the summary."""
+    def summary(self, uptime, *, keyframe=False, tables=None, share=CHANGES, **status):
+        """Return the next message of the summary: everything, or a share of it."""
         self.tables = self.tables if tables is None else tables
         values = {
             'tick_uptime': uptime, 'vehicle_uptime': uptime, 'health_uptime': uptime,
@@ -70,7 +72,8 @@ class Source:
             'resets': self.resets, 'health': dict(HEALTH),
         }
         return self.writer.write(
-            self.tables, Status(**(values | status)), TEXTS, uptime, keyframe=keyframe
+            self.tables, Status(**(values | status)), TEXTS, uptime,
+            EVERYTHING if keyframe else share,
         )
 
     def cloud(self, uptime, points=None, *, overview=False, voxel=0.5, total=1):

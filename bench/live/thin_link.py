@@ -6,10 +6,10 @@ How long an alarm takes from the node's message to the screen, over a thin, long
 
 Vehicle and ground are network namespaces with a link of 256 kbit/s, 2 % loss and 200 ms each way
 between them (``networks/thin_path.py``; it needs root).  In the air the node's own stream tells of
-a corridor that takes all that its budget allows, and raises a hazard, or a level of the keep-out,
-every few seconds; on the ground plc_monitor serves the page to a Chromium.  With --far the monitor
-is in the air too, and the browser alone beyond the link.  Printed are the times from the message
-that first tells of an alarm to its row on the page.
+a corridor that takes all that its budget allows and of a line of some hundred spans, and raises a
+hazard every few seconds; on the ground plc_monitor serves the page to a Chromium.  With --far the
+monitor is in the air too, and the browser alone beyond the link.  Printed are the times from the
+message that first tells of an alarm to its row on the page.
 """
 
 import argparse
@@ -39,6 +39,8 @@ EVERY = 3.0
 """Between two alarms [s], and up to so much more."""
 SPEED, AHEAD, DENSITY = 8.0, 60.0, 12
 """Of the vehicle [m/s]; the corridor goes on so far before it [m]; points of a square metre."""
+IN_SIGHT = 12
+"""Spans that change with each tick."""
 TOKEN = 'of this bench alone'
 WATCH = """void (globalThis.seen = {}, setInterval(() => {
   for (const item of document.querySelectorAll('#alarm-list li[data-state=new] .what')) {
@@ -49,7 +51,7 @@ EVENTS = "[...document.querySelectorAll('#events li')].map(item => item.textCont
 PORT = 8123
 
 
-def send(kbps: float, seconds: float, seed: int) -> int:
+def send(kbps: float, seconds: float, seed: int, num_spans: int) -> int:
     """Be the vehicle: tell what the node's stream tells, and print when each alarm is told."""
     from diagnostic_msgs.msg import DiagnosticStatus
     import rclpy
@@ -76,7 +78,7 @@ def send(kbps: float, seconds: float, seed: int) -> int:
         ]
         report.append(status)
     began, number, due, told = time.monotonic(), 0, 12.0, 0.0
-    rows, hazards = make_rows(12, 0), list[Any]()
+    rows, hazards = make_rows(num_spans, 0), list[Any]()
     while (now := time.monotonic() - began) < seconds:
         rclpy.spin_once(node, timeout_sec=0.02)
         intake.told_vehicle = np.array([SPEED * now, 0.0, 20.0])
@@ -90,6 +92,8 @@ def send(kbps: float, seconds: float, seed: int) -> int:
         if not raised and now - told < 1.0:
             continue
         told = now
+        for name in ('num_points', 'rmse', 'ground_clearance'):  # of spans in sight
+            rows.spans[name][:IN_SIGHT] = rng.integers(0, 30_000, IN_SIGHT)
         points = make_points(SPEED * now, rng)
         cells = thin_points(points, rng.choice(np.array([2, 5], np.uint8), len(points)),
                             rng.uniform(1.0, 30.0, len(points)).astype(np.float32), 0.5)
@@ -148,7 +152,8 @@ def measure(arguments: argparse.Namespace) -> int:
             assert page.stdout is not None
             page.stdout.readline()
             node = start(path.air, __file__, '--send', '--kbps', arguments.kbps,
-                         '--seconds', arguments.seconds, '--seed', arguments.seed)
+                         '--seconds', arguments.seconds, '--seed', arguments.seed,
+                         '--spans', arguments.spans)
             program = write_wrapper(Path(room) / 'browser', path.ground, find_browser())
             chrome = Chrome(str(program), Path(room) / 'profile', 1024, 768)
             began = time.monotonic()
@@ -212,12 +217,14 @@ def main(argv: Sequence[str] | None = None) -> int:
                         help='stream.max_kbps of the node (default: %(default)s)')
     parser.add_argument('--seconds', type=float, default=120.0)
     parser.add_argument('--seed', type=int, default=1)
+    parser.add_argument('--spans', type=int, default=300, metavar='N',
+                        help='spans that the node knows (default: %(default)s)')
     parser.add_argument('--verbose', action='store_true', help='print what the page tells too')
     parser.add_argument('--far', action='store_true', help='the browser alone is beyond the link')
     parser.add_argument('--send', action='store_true', help=argparse.SUPPRESS)
     arguments = parser.parse_args(argv)
     if arguments.send:
-        return send(arguments.kbps, arguments.seconds, arguments.seed)
+        return send(arguments.kbps, arguments.seconds, arguments.seed, arguments.spans)
     return measure(arguments)
 
 

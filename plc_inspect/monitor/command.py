@@ -31,7 +31,7 @@ NODE = '/plc_inspect'
 PERIOD, PAGE_PERIOD = 0.5, 0.25
 """Time between two pictures on the screen, and on the page [s]."""
 SETTLE = 0.3
-"""Time after the first keyframe in which messages that the node kept may still arrive [s]."""
+"""Time after the picture is complete in which messages that the node kept may still arrive [s]."""
 
 AUTO = 'auto'
 VARIABLE, VIEW_VARIABLE = 'PLC_MONITOR_TOKEN', 'PLC_MONITOR_VIEW_TOKEN'

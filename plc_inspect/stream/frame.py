@@ -20,7 +20,7 @@ from plc_inspect.errors import DataError
 from plc_inspect.printable import make_printable
 
 SUMMARY, CLOUD = b'PLCS', b'PLCC'
-VERSION = 3
+VERSION = 4
 LARGEST = 1 << 26
 """A body that would unpack to more is refused [bytes]."""
 LEVEL = 6

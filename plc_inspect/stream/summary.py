@@ -4,11 +4,12 @@
 """
 The summary: spans, supports, hazards, vehicle and health in a few hundred bytes a second.
 
-A keyframe holds everything; the messages between two keyframes hold the rows that changed and the
-numbers of those that are gone.  Lengths are whole millimetres.
+A message holds rows that changed, the keys of those that are gone, and all rows of one turn, which
+replace what was known of it: after all turns a receiver has everything, whatever it missed.
+Lengths are whole millimetres.
 """
 
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import math
 import struct
@@ -23,16 +24,19 @@ from plc_inspect.stream.curve_check import check_curves, NO_LENGTH
 from plc_inspect.stream.frame import (
     BodyReader,
     Frame,
-    pack_frame,
-    put_rows,
-    put_text,
     SUMMARY,
     unpack_frame,
 )
-from plc_inspect.stream.nearness import NEARNESS, Nearness, pack_nearness, read_nearness
+from plc_inspect.stream.nearness import NEARNESS, Nearness, read_nearness
 
-KEYFRAME, HELD = 1, 2
-"""Flags of a message that holds everything, and of one whose hazards are held back."""
+HELD = 2
+"""Flag of a message whose hazards are held back."""
+TURNS = 12
+"""
+Turns in which a stream tells all rows again.
+Source: derivation: at least every second message has a turn, so the last 24 messages, which the
+topic keeps, have them all; one turn of 300 spans is a kilobyte, 30 ms of 256 kbit/s.
+"""
 MOST_LINES = 16
 """Lines of a support that are named; the number of all of them is told too."""
 _XYZ = [('x', '<i4'), ('y', '<i4'), ('z', '<i4')]
@@ -86,9 +90,16 @@ HEALTH = {
 }
 """Numbers of health, each with its status and key in /diagnostics; NaN where there is none."""
 _FIXED = struct.Struct(f'<qIIHIiiifII{len(STATUSES)}B{len(HEALTH)}f')
+_TURN = struct.Struct('<BB')
 _NEVER = 0xFFFFFFFF
 
 RowKey = tuple[int, ...]
+_STEPS = (1, 5)
+"""
+By these the numbers of a key add up to its turn.
+Source: derivation: without a common divisor with TURNS, so that the spans of one conductor, and
+the conductors of one span, are spread over the turns.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -138,17 +149,15 @@ class SummaryMessage:
 
     frame: Frame
     status: Status
+    turn: int
+    turns: int
+    """Of so many turns it holds all rows of this one; 0 none, 1: it holds everything."""
     tables: SummaryTables
-    """Rows that are new or changed; of a keyframe, all."""
+    """Rows that are new or changed, and those of the turn."""
     gone: Mapping[str, tuple[RowKey, ...]]
     """Keys of rows that are no more, by table."""
     texts: tuple[str, ...] | None
     """Frame of the coordinates, then a text for each of STATUSES; None: as before."""
-
-    @property
-    def keyframe(self) -> bool:
-        """Whether it holds everything."""
-        return bool(self.frame.flags & KEYFRAME)
 
 
 def make_tables(
@@ -213,79 +222,6 @@ def metres(value: int) -> float:
     return math.nan if value == NO_LENGTH else int(value) * 1e-3
 
 
-class SummaryWriter:
-    """
-    Turns what is known into messages; keeps what was told last.
-
-    Parameters
-    ----------
-    session : int
-        Random number of this run of the node, 0 to 2**32 - 1.
-
-    """
-
-    def __init__(self, session: int) -> None:
-        self._session = session
-        self._sequence = 0
-        self._told: dict[str, dict[RowKey, bytes]] = {name: {} for name in TABLES}
-        self._texts: tuple[str, ...] = ()
-
-    def write(
-        self, tables: SummaryTables, status: Status, texts: Sequence[str], uptime: float, *,
-        keyframe: bool, again: Container[int] = (),
-    ) -> bytes:
-        """
-        Return the next message.
-
-        Parameters
-        ----------
-        tables : SummaryTables
-            All that is known now.
-        status : Status
-            Now.
-        texts : sequence of str
-            Frame of the coordinates, then a text for each of STATUSES.
-        uptime : float
-            Steady time of the node [s].
-        keyframe : bool
-            Tell everything, not only what changed.
-        again : container of int
-            Numbers of hazards that are told though nothing of them changed.
-
-        Returns
-        -------
-        bytes
-
-        """
-        body = [_pack_status(status)]
-        for name in TABLES:
-            rows = getattr(tables, name)
-            now = dict(zip(_keys_of(name, rows), map(bytes, _cells(rows)), strict=True))
-            before = {} if keyframe else self._told[name]
-            changed = [
-                before.get(key) != data or (name == 'hazards' and key[0] in again)
-                for key, data in now.items()
-            ]
-            gone = sorted(set(before) - set(now))
-            body.append(put_rows(rows[np.array(changed, dtype=np.bool_)]))
-            body.append(put_rows(_pack_keys(name, gone)))
-            self._told[name] = now
-        told = tuple(texts)
-        if keyframe or told != self._texts:
-            body.append(bytes([len(told)]))
-            body += map(put_text, told)
-        else:
-            body.append(b'\0')
-        self._texts = told
-        body.append(put_rows(pack_nearness(status.near)))
-        frame = Frame(
-            kind=SUMMARY, flags=KEYFRAME * keyframe | HELD * status.held, session=self._session,
-            sequence=self._sequence, uptime=uptime, body=b''.join(body),
-        )
-        self._sequence += 1
-        return pack_frame(frame)
-
-
 def read_summary(data: bytes) -> SummaryMessage:
     """
     Read a message of the summary.
@@ -307,11 +243,14 @@ def read_summary(data: bytes) -> SummaryMessage:
     """
     frame = unpack_frame(data, SUMMARY)
     reader = BodyReader(frame.body)
+    turn, turns = reader.take_struct(_TURN)
+    if turn >= max(turns, 1):
+        raise DataError(f'summary of turn {turn} of {turns}')
     status = _read_status(reader)
     rows, gone = {}, {}
     for name, dtype in TABLES.items():
         rows[name] = reader.take_rows(dtype)
-        gone[name] = tuple(_keys_of(name, reader.take_rows(_key_dtype(name))))
+        gone[name] = tuple(keys_of(name, reader.take_rows(_key_dtype(name))))
     (count,) = reader.take(1)
     texts = tuple(reader.take_text() for _ in range(count)) if count else None
     near = read_nearness(reader.take_rows(NEARNESS))
@@ -321,7 +260,7 @@ def read_summary(data: bytes) -> SummaryMessage:
     check_curves(rows['spans'])
     return SummaryMessage(
         frame=frame, status=replace(status, near=near, held=bool(frame.flags & HELD)),
-        tables=SummaryTables(**rows), gone=gone, texts=texts,
+        turn=turn, turns=turns, tables=SummaryTables(**rows), gone=gone, texts=texts,
     )
 
 
@@ -336,35 +275,34 @@ def _put_place(row: Any, place: Float64, prefix: str = '') -> None:
         row[prefix + axis] = _millimetres(value)
 
 
-def _cells(rows: NDArray[Any]) -> NDArray[np.void]:
-    return np.ascontiguousarray(rows).view(f'V{rows.dtype.itemsize}')
-
-
-def _key_dtype(table: str) -> np.dtype[Any]:
-    return np.dtype([(name, '<i4') for name in KEYS[table]])
-
-
-def key_of(table: str, row: Any) -> tuple[int, ...]:
-    """Return what a row of a table is known by."""
-    return tuple(int(row[name]) for name in KEYS[table])
-
-
-def _keys_of(table: str, rows: NDArray[Any]) -> list[RowKey]:
+def keys_of(table: str, rows: NDArray[Any]) -> list[RowKey]:
+    """Return what the rows of a table are known by."""
     return list(zip(*(rows[name].tolist() for name in KEYS[table]), strict=True))
 
 
-def _pack_keys(table: str, keys: Sequence[RowKey]) -> NDArray[Any]:
+def find_turn(key: RowKey, turns: int) -> int:
+    """Return the turn of a row, by its key."""
+    return sum(step * number for step, number in zip(_STEPS, key, strict=False)) % turns
+
+
+def pack_keys(table: str, keys: Sequence[RowKey]) -> NDArray[Any]:
+    """Return keys of a table as rows."""
     return np.array(list(keys), dtype=_key_dtype(table))
 
 
-def _pack_status(status: Status) -> bytes:
+def pack_status(status: Status, turn: int, turns: int) -> bytes:
+    """Return the beginning of a message: its turn, and how the node is."""
     place = (math.nan,) * 3 if status.vehicle is None else status.vehicle
-    return _FIXED.pack(
+    return _TURN.pack(turn, turns) + _FIXED.pack(
         status.stamp_ns, _pack_time(status.tick_uptime), _pack_time(status.vehicle_uptime),
         status.resets & 0xFFFF, status.cloud_sent, *map(_millimetres, place),
         status.heading, _pack_time(status.near_uptime), _pack_time(status.health_uptime),
         *status.levels, *(status.health.get(name, math.nan) for name in HEALTH),
     )
+
+
+def _key_dtype(table: str) -> np.dtype[Any]:
+    return np.dtype([(name, '<i4') for name in KEYS[table]])
 
 
 def _read_status(reader: BodyReader) -> Status:

@@ -23,7 +23,8 @@ from plc_inspect.node_config import StreamSettings
 from plc_inspect.offline.export.playback import write_playback
 from plc_inspect.offline.records.inspection import Inspection
 from plc_inspect.results import HazardKind, Severity
-from plc_inspect.stream.summary import Status, STATUSES, SummaryWriter
+from plc_inspect.stream.summary import Status, STATUSES
+from plc_inspect.stream.summary_writer import EVERYTHING, SummaryWriter
 
 SPANS = (
     make_span((0.0, 0.0, 20.0), (93.0, 4.0, 22.0), 0, 4),
@@ -100,7 +101,7 @@ def record(room, bundle):
     monitor, writer = Monitor(), SummaryWriter(7)
     status = Status(stamp_ns=5_000_000_000, tick_uptime=1.0)
     texts = ('odom', *('' for _ in STATUSES))
-    data = writer.write(bundle.news.tables, status, texts, 1.0, keyframe=True)
+    data = writer.write(bundle.news.tables, status, texts, 1.0, EVERYTHING)
     with pytest.MonkeyPatch.context() as patch, Recorder(room / 'a.mcap', '/plc_inspect') as sink:
         patch.setattr(recorder_module, 'FLUSH_PERIOD', 0.0)
         monitor.take_summary(data, 100.0)

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The summary: everything in a keyframe, changes between, whole millimetres."""
+"""The summary: changes, all rows in turns, or everything at once; whole millimetres."""
 
 import dataclasses
 import math
@@ -13,21 +13,32 @@ import pytest
 from stream_pieces import make_hazards, make_rows, NO_TABLES, Source, TEXTS
 
 from plc_inspect.errors import DataError
+from plc_inspect.monitor.picture.rows import RowBook
 from plc_inspect.results import Support
 from plc_inspect.stream.frame import Frame, pack_frame, SUMMARY
 from plc_inspect.stream.summary import (
+    find_turn,
+    keys_of,
     make_tables,
     metres,
     read_summary,
     Status,
+    TABLES,
+    TURNS,
+)
+from plc_inspect.stream.summary_writer import (
+    EVERYTHING,
+    MOST_CHANGED,
+    Share,
     SummaryWriter,
 )
+from plc_inspect.stream.thin_map import MESSAGE_SIZE
 
 
-def test_a_keyframe_holds_everything():
+def test_a_message_may_hold_everything():
     source = Source()
     message = read_summary(source.summary(5.0, keyframe=True))
-    assert message.keyframe
+    assert (message.turn, message.turns) == (0, 1)
     for name in ('spans', 'supports', 'hazards'):
         np.testing.assert_array_equal(
             getattr(message.tables, name), getattr(source.tables, name)
@@ -67,7 +78,7 @@ def test_what_cannot_be_told_is_bounded():
 @pytest.mark.parametrize('held', [True, False])
 def test_it_tells_that_hazards_are_held_back(keyframe, held):
     message = read_summary(Source().summary(1.0, keyframe=keyframe, held=held))
-    assert (message.keyframe, message.status.held) == (keyframe, held)
+    assert (message.turns == 1, message.status.held) == (keyframe, held)
 
 
 def test_only_what_changed_is_told():
@@ -76,7 +87,7 @@ def test_only_what_changed_is_told():
     same = source.summary(2.0)
     assert len(same) < 130
     message = read_summary(same)
-    assert (message.keyframe, message.texts) == (False, None)
+    assert (message.turns, message.texts) == (0, None)
     assert sum(len(getattr(message.tables, name)) for name in message.gone) == 0
     rows = make_rows(5, 4)
     rows.spans['sag'][1] += 10
@@ -88,7 +99,7 @@ def test_only_what_changed_is_told():
 
 def test_nothing_known_is_told_too():
     writer = SummaryWriter(1)
-    message = read_summary(writer.write(NO_TABLES, Status(), TEXTS, 0.0, keyframe=True))
+    message = read_summary(writer.write(NO_TABLES, Status(), TEXTS, 0.0, EVERYTHING))
     assert message.status == dataclasses.replace(
         Status(), health=message.status.health, tick_uptime=message.status.tick_uptime,
         vehicle_uptime=message.status.vehicle_uptime,
@@ -108,22 +119,99 @@ def test_a_body_of_another_layout_is_refused():
             read_summary(pack_frame(frame))
 
 
+def known(book):
+    """Return what a receiver knows, as bytes."""
+    return {name: {key: row.tobytes() for key, row in book[name].items()} for name in TABLES}
+
+
+def all_of(tables):
+    """Return the same of all rows."""
+    return {name: dict(zip(keys_of(name, rows), map(bytes, rows), strict=True))
+            for name, rows in zip(TABLES, (tables.spans, tables.supports, tables.hazards),
+                                  strict=True)}
+
+
 @settings(max_examples=8, deadline=None)
 @given(strategies.lists(strategies.tuples(
     strategies.integers(0, 8), strategies.integers(0, 6), strategies.booleans()
 ), min_size=1, max_size=12))
 def test_changes_add_up_to_what_is_known(steps):
-    writer, known = SummaryWriter(1), {}
-    for number, (num_spans, num_hazards, keyframe) in enumerate(steps):
+    writer, book = SummaryWriter(1), RowBook()
+    for number, (num_spans, num_hazards, everything) in enumerate(steps):
+        tables = make_rows(num_spans, num_hazards)
+        tables.spans['sag'] += number % 3
+        book.take(read_summary(writer.write(
+            tables, Status(), TEXTS, 0.0, EVERYTHING if everything else Share()
+        )))
+        assert known(book) == all_of(tables)
+        assert not writer.behind
+
+
+@settings(max_examples=20, deadline=None)
+@given(strategies.integers(0, 40), strategies.lists(strategies.tuples(
+    strategies.integers(0, 30), strategies.integers(0, 6), strategies.booleans()
+), min_size=30, max_size=40))
+def test_whoever_lost_messages_has_everything_after_all_turns(first, steps):
+    writer, book, since = SummaryWriter(1), RowBook(), 0
+    for number, (num_spans, num_hazards, lost) in enumerate(steps):
         tables = make_rows(num_spans, num_hazards)
         tables.spans['sag'] += number % 3
         message = read_summary(writer.write(
-            tables, Status(), TEXTS, 0.0, keyframe=keyframe or not number
+            tables, Status(), TEXTS, 0.0, Share(turn=number % TURNS, turns=TURNS, most=10**6)
         ))
-        if message.keyframe:
-            known.clear()
-        for key in message.gone['spans']:
-            del known[key]
-        for row in message.tables.spans:
-            known[row['line_id'], row['span_id']] = row.tobytes()
-        assert known == {(row['line_id'], row['span_id']): row.tobytes() for row in tables.spans}
+        if (lost and number < len(steps) - TURNS) or number < first:
+            book.miss()
+            since = number + 1
+            continue
+        book.take(message)
+        assert book.complete == (since == 0 or number - since >= TURNS - 1)
+        if book.complete:
+            assert known(book) == all_of(tables)
+
+
+def test_no_message_is_longer_than_an_alarm_may_wait():
+    rng = np.random.default_rng(1)
+    writer, book, sizes = SummaryWriter(1), RowBook(), []
+    for _ in range(5):
+        tables = make_rows(400, 40)
+        for name in ('start_x', 'start_y', 'start_z', 'end_x', 'end_y', 'end_z', 'sag', 'rmse',
+                     'num_points', 'ground_clearance', 'sigma_sag'):
+            noise = rng.integers(0, 1000, 400)
+            tables.spans[name] = tables.spans[name] + noise
+        for name in 'abc':
+            tables.spans[name] += rng.uniform(size=400).astype(np.float32)
+        sizes.append(0)
+        while not sizes[-1] or writer.behind:
+            data = writer.write(tables, Status(), TEXTS, 0.0, Share(
+                turn=len(sizes) % TURNS, turns=TURNS))
+            sizes[-1] += 1
+            assert len(data) <= 2 * MESSAGE_SIZE
+            book.take(read_summary(data))
+        assert known(book) == all_of(tables)
+    assert max(sizes) <= 1 + 1.2 * (400 * tables.spans.itemsize) / MOST_CHANGED
+
+
+def test_hazards_are_told_before_spans_and_the_worst_first():
+    writer = SummaryWriter(1)
+    tables = make_rows(100, 9)
+    most = 3 * tables.hazards.itemsize
+    first = read_summary(writer.write(tables, Status(), TEXTS, 0.0, Share(most=most))).tables
+    assert first.hazards['severity'].tolist() == [3, 3, 3]
+    assert not len(first.spans)
+    assert writer.behind
+    alarm = read_summary(writer.write(tables, Status(), TEXTS, 0.0, Share(most=0, again={0})))
+    assert alarm.tables.hazards['hazard_id'].tolist() == [0]
+
+
+def test_turns_are_about_equally_long():
+    for rows in ([(0, k) for k in range(600)], [(k % 10, k // 10) for k in range(600)]):
+        counts = np.bincount([find_turn(key, TURNS) for key in rows], minlength=TURNS)
+        assert counts.max() <= 1.3 * counts.mean()
+
+
+def test_a_turn_that_cannot_be_is_refused():
+    message = read_summary(Source().summary(1.0, keyframe=True))
+    for turn, turns in ((1, 1), (3, 0), (12, 12)):
+        body = bytes([turn, turns]) + message.frame.body[2:]
+        with pytest.raises(DataError, match=f'turn {turn} of {turns}'):
+            read_summary(pack_frame(dataclasses.replace(message.frame, body=body)))

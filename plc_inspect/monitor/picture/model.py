@@ -4,14 +4,14 @@
 """
 The model of the ground station: messages of the stream in, a picture out; without ROS or clock.
 
-Whatever happens to the link or the node, the next keyframe restores the full state.
+Whatever happens to the link or the node, the next turns of the summary restore the full state.
 """
 
 from collections import deque
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 import math
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from plc_inspect.errors import DataError
 from plc_inspect.monitor.picture.admission import Admission, Judgement, Verdict
@@ -35,18 +35,12 @@ from plc_inspect.monitor.picture.picture import (
     SpanItem,
     SupportItem,
 )
+from plc_inspect.monitor.picture.rows import RowBook
 from plc_inspect.monitor.picture.tally import Tally
 from plc_inspect.monitor.picture.wishes import OVERTAKEN, PATIENCE, Wishes
 from plc_inspect.stream.blocks import CloudMessage, read_cloud
 from plc_inspect.stream.frame import SUMMARY
-from plc_inspect.stream.summary import (
-    key_of,
-    read_summary,
-    Status,
-    STATUSES,
-    SummaryMessage,
-    TABLES,
-)
+from plc_inspect.stream.summary import read_summary, Status, STATUSES, SummaryMessage
 
 Message = TypeVar('Message', SummaryMessage, CloudMessage)
 
@@ -78,13 +72,12 @@ class Monitor:
         self._clock = NodeClock()
         self._tally = Tally()
         self._session: int | None = None
-        self._complete = False
         self._cloud_session: int | None = None
         self._cloud_sequence = -1
         self._link = Link.WAITING
         self._last = self._last_cloud = math.nan
         self._behind: float | None = None
-        self._rows: dict[str, dict[tuple[int, ...], Any]] = {name: {} for name in TABLES}
+        self._rows = RowBook()
         self._status = Status()
         self._texts = ('', *('' for _ in STATUSES))
         self._track: deque[Place] = deque(maxlen=MOST_TRACK)
@@ -125,16 +118,17 @@ class Monitor:
         if message.frame.session != self._session:
             self._begin(message, now)
         missing = judgement.missing
-        if missing and not message.keyframe:
-            self._complete = False
-            self._wishes.want_summary(now + OVERTAKEN)
         if missing:
+            self._rows.miss()
+            self._wishes.want_summary(now + OVERTAKEN)
             self._tally.add('lost_summary', missing)
             self._tell(now, 1, f'{missing} messages of the summary were lost')
         self._end_silence(now)
         self._last = now
         self._clock.hear(message.frame.uptime, now)
         self._apply(message, now)
+        if self._rows.complete:
+            self._wishes.has_summary()
         self._compare_cloud(now)
         return True
 
@@ -189,11 +183,9 @@ class Monitor:
         set of 'summary' and 'cloud'
 
         """
-        if self._complete:
-            self._wishes.has_summary()
         due = self._wishes.take(now)
         if 'summary' in due:
-            # What the node kept comes from its beginning, and begins with a keyframe.
+            # What the node kept comes from its beginning, and has all turns.
             self._admission.reopen(SUMMARY)
         return due
 
@@ -214,7 +206,7 @@ class Monitor:
         spans, supports, hazards = self._items
         status = self._status
         return Picture(
-            time=now, link=self._link, session=self._session, complete=self._complete,
+            time=now, link=self._link, session=self._session, complete=self._rows.complete,
             ages=Ages(
                 link=now - self._last,
                 data=self._clock.measure_age(status.tick_uptime, now),
@@ -265,12 +257,11 @@ class Monitor:
                        'the node was started anew: what it knew before is gone')
             if not same:
                 self._clock = NodeClock()
-        for rows in self._rows.values():
-            rows.clear()
+        self._rows.clear()
         if self._cloud_session != session:
             self.cloud.clear()
             self._cloud_session, self._last_cloud, self._behind = None, math.nan, None
-        self._session, self._complete = session, False
+        self._session = session
         self._status = Status()
         self._items = ((), (), ())
         self._track.clear()
@@ -278,26 +269,14 @@ class Monitor:
         self._causes = {}
         self._ahead.clear()
         self.alarms.update({}, now, 'the node began anew: it may still be there')
-        if not message.keyframe:
-            self._wishes.want_summary(now if taken_over else now + 1.0)
+        self._wishes.want_summary(now if taken_over else now + 1.0)
 
     def _apply(self, message: SummaryMessage, now: float) -> None:
         before = self._items[2]
-        for name, rows in self._rows.items():
-            if message.keyframe:
-                rows.clear()
-            for key in message.gone[name]:
-                rows.pop(key, None)
-            table = getattr(message.tables, name)
-            for row in table:
-                rows[key_of(name, row)] = row
+        changed = self._rows.take(message)
         old, self._status = self._status, message.status
         if message.texts is not None:
             self._texts = message.texts
-        self._complete |= message.keyframe
-        changed = message.keyframe or any(
-            message.gone[name] or len(getattr(message.tables, name)) for name in self._rows
-        )
         if changed or old.held != self._status.held:
             self._rebuild()
         spans, supports, hazards = self._items

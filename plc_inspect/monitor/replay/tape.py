@@ -29,7 +29,8 @@ from plc_inspect.printable import make_one_line
 from plc_inspect.results import Float32, Float64, Support, UInt8
 from plc_inspect.stream.blocks import BlockKey, pack_blocks, thin_points, UInt64
 from plc_inspect.stream.frame import CLOUD, Frame, pack_frame
-from plc_inspect.stream.summary import make_tables, Status, SummaryWriter
+from plc_inspect.stream.summary import make_tables, Status
+from plc_inspect.stream.summary_writer import EVERYTHING, SummaryWriter
 
 SUMMARY_TAIL, CLOUD_TAIL, SEEN_TAIL = '/summary', '/thin_corridor', '/acknowledged'
 VOXEL = 0.5
@@ -159,7 +160,7 @@ def _read_folder(folder: Path) -> Tape:
         make_tables(own, standing, raised),
         Status(stamp_ns=1, tick_uptime=0.0, health_uptime=0.0, held=bool(held),
                levels=(0, 2 if held else 0, 0)),
-        (frame, '', held, ''), 0.0, keyframe=True,
+        (frame, '', held, ''), 0.0, EVERYTHING,
     )
     clouds = tuple(
         Entry(time=0.0, kind='cloud', data=data)

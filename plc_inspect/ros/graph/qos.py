@@ -66,7 +66,7 @@ SUMMARY = QoSProfile(
     reliability=QoSReliabilityPolicy.RELIABLE,
     durability=QoSDurabilityPolicy.TRANSIENT_LOCAL,
 )
-"""Of the stream: a keyframe is always among these, so whoever comes late has all at once."""
+"""Of the stream: these have all turns, so whoever comes late has everything at once."""
 
 SUMMARY_AHEAD = QoSProfile(
     history=QoSHistoryPolicy.KEEP_LAST,

@@ -46,8 +46,9 @@ from plc_inspect.stream.summary import (
     Status,
     STATUSES,
     SummaryTables,
-    SummaryWriter,
+    TURNS,
 )
+from plc_inspect.stream.summary_writer import MOST_CHANGED, Share, SummaryWriter
 from plc_inspect.stream.thin_map import ThinMap
 
 PERIOD = 0.1
@@ -72,13 +73,6 @@ LEAST_SILENCE, NEAR_PERIOD = 0.1, 0.5
 A change of the keep-out that raises no alarm is told no sooner after the last message; while
 something is too near, the summary says how near at least this often [s].
 """
-KEYFRAME_EVERY = 20
-MOST_DEFERRED = len(ECHOES)
-"""
-Messages from one keyframe to the next, and so many more while an alarm is told, as the keyframe
-may take a second of the link; together no more than the history of the topic holds.
-"""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class News:
@@ -198,7 +192,7 @@ class Stream:
         """Begin a session, in which nothing was told yet."""
         settings = self._settings()
         self._writer = SummaryWriter(self._session)
-        self._until_keyframe = -MOST_DEFERRED
+        self._turn, self._turned = 0, False
         self._map = ThinMap(settings.voxel_size, CORRIDOR_REACH)
         self._budget = Budget(settings.max_kbps * 125.0, DEPTH)
         self._sequence = 0
@@ -225,12 +219,10 @@ class Stream:
         alarms = frozenset(hazards['hazard_id'][hazards['severity'] >= Severity.CRITICAL].tolist())
         new = alarms - self._alarms
         self._alarms, self._again = alarms, (self._again & alarms) | new
-        if new:
-            # a tick may have a hundred spans to tell of: they follow with the first echo
-            self._tables = replace(self._tables, hazards=hazards)
-            self._alarm(now)
         self._tables = news.tables
-        if not new:
+        if new:
+            self._alarm(now)
+        else:
             self._tell(now)
 
     def tell_health(self, report: Sequence[DiagnosticStatus]) -> None:
@@ -278,21 +270,23 @@ class Stream:
         return time.monotonic() - self._started
 
     def _alarm(self, now: float) -> None:
-        """Tell what raises an alarm, and have it told again."""
+        """Tell what raises an alarm and no more, and have it told again, with what is new."""
         self._echoes = [now + later for later in ECHOES]
-        self._tell(now)
+        self._tell(now, urgent=True)
 
-    def _tell(self, now: float) -> None:
+    def _tell(self, now: float, *, urgent: bool = False) -> None:
         vehicle = self._intake.told_vehicle
         if vehicle is not None and vehicle is not self._vehicle:
             self._vehicle = vehicle
             x, y, z = vehicle.tolist()
             self._status = replace(self._status, vehicle=(x, y, z), vehicle_uptime=now)
-        keyframe = self._until_keyframe <= (-MOST_DEFERRED if self._echoes else 0)
-        data = self._writer.write(
-            self._tables, self._status, self._texts, now, keyframe=keyframe, again=self._again
-        )
-        self._until_keyframe = KEYFRAME_EVERY - 1 if keyframe else self._until_keyframe - 1
+        # of two messages at least one has a turn, so that those that the topic keeps have all
+        self._turned = not (urgent and self._turned)
+        data = self._writer.write(self._tables, self._status, self._texts, now, Share(
+            turn=self._turn * self._turned, turns=TURNS * self._turned, again=self._again,
+            most=0 if urgent else MOST_CHANGED,
+        ))
+        self._turn = (self._turn + self._turned) % TURNS
         self._told = now
         self._levels = [item.level for item in self._status.near]
         self._publish(self._summary, data)
@@ -303,14 +297,20 @@ class Stream:
             self._arrived = self._now()
 
     def _step(self) -> None:
-        """Say an alarm again where that is due; send as much of the corridor as there is room."""
+        """
+        Say an alarm again where that is due.
+
+        Then send the rows and as much of the corridor as there is room for.
+        """
         now = self._now()
-        if self._echoes and now >= self._echoes[0]:
-            self._echoes = [due for due in self._echoes if due > now]
+        self._budget.rate = self._settings().max_kbps * 125.0
+        due = bool(self._echoes) and now >= self._echoes[0]
+        room = self._budget.balance > 0.0 or not self._budget.rate
+        if due or (self._writer.behind and room):
+            self._echoes = [later for later in self._echoes if later > now]
             self._tell(now)
             if not self._echoes:
                 self._again = frozenset()
-        self._budget.rate = self._settings().max_kbps * 125.0
         if not self._corridor.get_subscription_count() or not self._budget.rate:
             if self._listened:
                 self._map.forget_listeners()

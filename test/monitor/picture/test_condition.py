@@ -12,7 +12,7 @@ from plc_inspect.core.live.proximity import Level, Thing
 from plc_inspect.monitor.picture.condition import judge, LANDED_TIME
 from plc_inspect.monitor.picture.model import Monitor
 from plc_inspect.stream.nearness import Nearness
-from plc_inspect.stream.summary import SummaryWriter
+from plc_inspect.stream.summary_writer import SummaryWriter
 
 WIRE = Nearness(
     thing=Thing.CONDUCTOR, level=Level.CLEAR, distance=20.0, way=(1.0, 2.0, -3.0), closest=20.0,
@@ -37,8 +37,8 @@ class Texts:
     def __init__(self, texts):
         self.writer, self.texts = SummaryWriter(7), texts
 
-    def write(self, tables, status, _, uptime, *, keyframe):
-        return self.writer.write(tables, status, self.texts, uptime, keyframe=keyframe)
+    def write(self, tables, status, _, uptime, share):
+        return self.writer.write(tables, status, self.texts, uptime, share)
 
 
 def test_it_is_good_where_all_is_well():

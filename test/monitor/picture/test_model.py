@@ -26,7 +26,7 @@ def source():
 
 @pytest.fixture
 def monitor(source):
-    """Return a monitor that has had a keyframe at time 100."""
+    """Return a monitor that has had everything at time 100."""
     monitor = Monitor()
     assert monitor.take_summary(source.summary(5.0, keyframe=True), 100.0)
     return monitor
@@ -40,7 +40,7 @@ def test_before_anything_came_in():
     assert np.isnan([picture.ages.link, picture.ages.data, picture.ages.vehicle]).all()
 
 
-def test_a_keyframe_is_a_full_picture(monitor, source):
+def test_a_message_may_be_a_full_picture(monitor, source):
     picture = monitor.look(100.2)
     assert (picture.link, picture.complete) == (Link.LIVE, True)
     assert len(picture.spans) == 6
@@ -108,7 +108,7 @@ def test_a_silent_link_is_told(monitor, source):
     assert tell(picture)[-1] == 'link is back after 20 s'
 
 
-def test_lost_messages_make_it_incomplete_until_a_keyframe(monitor, source):
+def test_lost_messages_make_it_incomplete_until_everything_came(monitor, source):
     rows = make_rows(6, 2)
     source.summary(6.0, tables=rows)
     source.summary(7.0)

@@ -44,7 +44,7 @@ while True:
 
 
 def record(path, monkeypatch):
-    """Record a keyframe, a change and some of the corridor; return the source."""
+    """Record everything, a change and some of the corridor; return the source."""
     monkeypatch.setattr(recorder_module, 'FLUSH_PERIOD', 0.0)
     monitor, source = Monitor(), Source()
     with Recorder(path, '/plc_inspect') as recorder:

@@ -5,27 +5,31 @@
 
 from unittest.mock import MagicMock
 
+import numpy as np
 import pytest
 from stream_pieces import make_rows
 
 from plc_inspect.core.live.proximity import Level, Thing
 from plc_inspect.monitor.picture.model import Monitor
 from plc_inspect.node_config import StreamSettings
-from plc_inspect.ros.results import thin_link
-from plc_inspect.ros.results.thin_link import ECHOES, News, PERIOD, Stream
+from plc_inspect.ros.graph.qos import SUMMARY
+from plc_inspect.ros.results.thin_link import DEPTH, ECHOES, News, PERIOD, Stream
+from plc_inspect.stream.budget import OVERHEAD
 from plc_inspect.stream.nearness import Nearness
 from plc_inspect.stream.summary import read_summary
+from plc_inspect.stream.thin_map import MESSAGE_SIZE
 
 
 class Told:
     """A stream without a graph, and when it told what."""
 
-    def __init__(self, monkeypatch):
+    def __init__(self, monkeypatch, settings=None):
         self.now, self.times, self.data = 100.0, [], []
         node, intake = MagicMock(), MagicMock(told_vehicle=None)
         node.create_publisher.return_value.get_subscription_count.return_value = 0
         node.create_publisher.return_value.publish = self._take
-        self.stream = Stream(node, StreamSettings, intake, lambda name, call: call)
+        settings = settings or StreamSettings()
+        self.stream = Stream(node, lambda: settings, intake, lambda name, call: call)
         monkeypatch.setattr(self.stream, '_now', lambda: self.now)
 
     def _take(self, message):
@@ -91,23 +95,68 @@ def test_an_alarm_is_told_by_each_of_its_messages_alone(told):
         assert alarm.key == 'hazard 0'
 
 
-def test_an_alarm_waits_for_no_keyframe_and_for_no_spans(told, monkeypatch):
-    monkeypatch.setattr(thin_link, 'KEYFRAME_EVERY', 2)
+def test_an_alarm_waits_for_no_other_rows(told):
     told.publish(0)
     told.publish(0)
-    told.stream.publish(News(tables=make_rows(40, 1), cells=None, frame_id='odom', stamp_ns=1,
+    told.stream.publish(News(tables=make_rows(40, 3), cells=None, frame_id='odom', stamp_ns=1,
                              held=False))
     told.pass_time(1.0)
     messages = list(map(read_summary, told.data))
     alarm, *echoes = messages[2:]
-    assert not alarm.keyframe
-    assert (len(alarm.tables.spans), len(alarm.tables.hazards)) == (0, 1)
-    assert len(echoes[0].tables.spans) == 38
-    assert [item.keyframe for item in echoes] == [False, False, True]
+    assert alarm.turns == 0
+    assert len(alarm.tables.spans) == 0
+    assert alarm.tables.hazards['hazard_id'].tolist() == [0]
+    assert {(*row,) for row in echoes[0].tables.spans[['line_id', 'span_id']].tolist()} >= {
+        (*row,) for row in make_rows(40).spans[['line_id', 'span_id']].tolist()[2:]}
     monitor = Monitor()
     for data in told.data:
         assert monitor.take_summary(data, 1.0)
     assert len(monitor.look(1.0).spans) == 40
+
+
+@pytest.mark.parametrize('max_kbps', [192.0, 0.0])
+def test_nothing_is_told_at_once_that_an_alarm_would_wait_for(monkeypatch, max_kbps):
+    told = Told(monkeypatch, StreamSettings(max_kbps=max_kbps))
+    budget = told.stream._budget
+    monkeypatch.setattr(budget, '_clock', lambda: told.now)
+    budget._last = told.now
+    told.publish(0)
+    told.pass_time(2.0)
+    before = len(told.data)
+    many = make_rows(600, 3)
+    for name in ('start_x', 'end_x', 'num_points'):  # as measured ones, not easily compressed
+        many.spans[name] = np.random.default_rng(1).integers(0, 1 << 20, 600)
+    told.stream.publish(News(tables=many, cells=None, frame_id='odom', stamp_ns=1, held=False))
+    assert len(read_summary(told.data[-1]).tables.spans) == 0
+    while told.stream._writer.behind:
+        told.pass_time(PERIOD)
+    sizes, times = [len(data) for data in told.data[before:]], told.times[before:]
+    assert max(sizes) <= 2 * MESSAGE_SIZE
+    assert np.diff(times).min() >= 0.99 * PERIOD
+    if max_kbps:  # no more than the budget, what it had saved, and one message
+        spent = np.cumsum(np.array(sizes) + OVERHEAD)
+        room = 125.0 * max_kbps * (np.array(times) - times[0] + DEPTH)
+        assert (spent <= room + max(sizes) + OVERHEAD).all()
+    assert times[-1] - times[0] < 3.0
+    monitor = Monitor()
+    for data in told.data:
+        assert monitor.take_summary(data, 1.0)
+    assert len(monitor.look(1.0).spans) == 600
+
+
+def test_what_is_kept_has_everything_however_many_alarms_were_told(told):
+    for number in range(60):
+        rows = make_rows(30, 1)
+        rows.hazards['hazard_id'] = number // 2
+        told.stream.publish(News(tables=rows, cells=None, frame_id='odom', stamp_ns=1,
+                                 held=False))
+        told.pass_time(PERIOD * (number % 3))
+        late = Monitor()
+        for data in told.data[-SUMMARY.depth:]:
+            assert late.take_summary(data, 1.0)
+        picture = late.look(1.0)
+        assert picture.complete
+        assert len(picture.spans) == 30 or told.stream._writer.behind
 
 
 def test_what_comes_too_near_is_told_again_and_what_leaves_is_not(told):

@@ -3,6 +3,7 @@
 
 """The stream of the real node: for who comes late, within its budget, through resets."""
 
+from itertools import pairwise
 import math
 import time
 
@@ -16,16 +17,16 @@ from std_msgs.msg import UInt8MultiArray
 
 from plc_inspect.core.live.proximity import Level
 from plc_inspect.core.setup.looks import Spread
+from plc_inspect.monitor.picture.admission import KEPT
 from plc_inspect.monitor.picture.causes import name_thing
 from plc_inspect.monitor.picture.model import Monitor
 from plc_inspect.monitor.picture.picture import Link
 from plc_inspect.monitor.station import Station
 from plc_inspect.ros.graph.qos import PROXIMITY, SUMMARY, THIN_CORRIDOR
 from plc_inspect.ros.node.diagnostics import describe_segmentation, Health
-from plc_inspect.ros.results import thin_link
 from plc_inspect.stream.blocks import place_cells, read_cloud
 from plc_inspect.stream.budget import OVERHEAD
-from plc_inspect.stream.summary import HEALTH, read_summary
+from plc_inspect.stream.summary import HEALTH, read_summary, TURNS
 
 FULL = 2.0
 """Whoever comes late has everything within this [s]."""
@@ -185,21 +186,20 @@ def test_it_speaks_every_second_also_when_nothing_is_new(found, late):
     assert picture.counts.lost_summary == picture.counts.lost_cloud == 0
 
 
-def test_a_keyframe_is_always_among_what_is_kept(found, monkeypatch):
-    assert SUMMARY.depth > thin_link.KEYFRAME_EVERY + thin_link.MOST_DEFERRED
-    monkeypatch.setattr(thin_link, 'KEYFRAME_EVERY', 3)
+def test_what_is_kept_has_all_turns(found):
+    assert SUMMARY.depth == KEPT >= 2 * TURNS
     found.reset()
     seen = len(found.received['summary'])
     for _ in range(6):
         found.feed(1)
         found.call('segment')
-    wait_for(lambda: len(found.received['summary']) >= seen + 12, 'messages')
+    wait_for(lambda: len(found.received['summary']) >= seen + TURNS + 1, 'messages')
     messages = [read_summary(m.data.tobytes()) for m in found.received['summary']]
     own = [m for m in messages if m.frame.session == messages[-1].frame.session]
-    keyframes = [m.frame.sequence for m in own if m.keyframe]
-    assert keyframes[0] == 0
-    assert len(keyframes) >= 3
-    assert set(np.diff(keyframes)) <= {3, 4, 5, 6}  # an alarm goes first
+    assert own[0].frame.sequence == 0
+    turns = [m.turn for m in own if m.turns]
+    assert turns == [k % TURNS for k in range(len(turns))]
+    assert all(one.turns or other.turns for one, other in pairwise(own))
 
 
 def test_a_reset_clears_the_monitors(found, late):
@@ -263,7 +263,7 @@ def test_what_is_subscribed_to_anew_comes_anew(found, monkeypatch):
 
         spin(lambda p: p.complete and p.cloud_cells and p.cloud_blocks >= p.cloud_total)
         # As if messages had been lost on the way.
-        station.monitor._complete = False
+        station.monitor._rows.miss()
         station.monitor._wishes.want_summary(0.0)
         station.monitor._wishes.want_cloud(0.0)
         station.monitor.cloud.clear()
