@@ -7,12 +7,13 @@ Live updates: each browser is sent the newest state that it lacks, text before p
 A browser on a slow link skips states that were replaced meanwhile; nothing queues up.  State and
 alarms are sent at once; rows of tables and points of the corridor at the pace at which the browser
 answers, the nearest to the vehicle first, and of each block a thinned copy before the rest.
-Alarms are also sent over a second connection: after a lost packet, TCP holds back all that
+Alarms are also sent over two other connections: after a lost packet, TCP holds back all that
 follows, for a second on a slow link; the browser shows whichever copy comes first.
 """
 
 import asyncio
 from collections.abc import Container, Iterable, Mapping, Sequence
+import contextlib
 import json
 import math
 import secrets
@@ -120,8 +121,10 @@ class Hub:
                 event.clear()
                 if alarms:
                     await self._send_parts(socket, visitor, {ALARMS})
-                if alarms or not await self._send_news(socket, visitor):
-                    await event.wait()
+                wait = None if alarms else await self._send_news(socket, visitor)
+                if wait != 0.0:
+                    with contextlib.suppress(TimeoutError):
+                        await asyncio.wait_for(event.wait(), wait)
         except ConnectionError:
             pass  # it left
         finally:
@@ -131,31 +134,31 @@ class Hub:
 
     async def _send_parts(
         self, socket: web.WebSocketResponse, visitor: Visitor, names: Container[str] | None = None
-    ) -> bool:
-        """Send the parts that a browser lacks; return whether there were any."""
+    ) -> None:
+        """Send the parts that a browser lacks."""
         with self._lock:
             parts = [(name, *item) for name, item in self._parts.items()
                      if visitor.parts.get(name) != item[0] and (names is None or name in names)]
         for name, version, text in parts:
             await socket.send_str(_pack(name, text, version))
             visitor.parts[name] = version
-        return bool(parts)
 
-    async def _send_news(self, socket: web.WebSocketResponse, visitor: Visitor) -> bool:
-        """Send urgent parts and one other message; return whether anything was sent."""
-        found = await self._send_parts(socket, visitor)
-        if visitor.pace.room <= 0:
-            return found
+    async def _send_news(self, socket: web.WebSocketResponse, visitor: Visitor) -> float | None:
+        """Send urgent parts and another message; return how long to wait [s], None: for news."""
+        await self._send_parts(socket, visitor)
+        wait = visitor.pace.wait(time.monotonic())
+        if wait > 0.0:
+            return None if math.isinf(wait) else wait
         with self._lock:
             message = self._choose_rows(visitor) or self._choose_points(visitor)
         if message is None:
-            return found
+            return None
         visitor.pace.send(len(message), time.monotonic())
         if isinstance(message, str):
             await socket.send_str(message)
         else:
             await socket.send_bytes(message)
-        return True
+        return 0.0
 
     def _choose_rows(self, visitor: Visitor) -> str | None:
         """Return rows of one table that a browser lacks, and mark them as sent."""
@@ -194,8 +197,7 @@ class Hub:
             return None
         (stage, *_), version, block, sent = best
         most = block.count if stage == len(STAGES) else STAGES[stage]
-        # an answer is waited for half a window before the next message is due
-        room = max(LEAST_POINTS, visitor.pace.window // 2 // block.bytes_each)
+        room = max(LEAST_POINTS, visitor.pace.piece // block.bytes_each)
         count = min(block.count, most, sent + room) - sent
         if block.count - sent - count < LEAST_POINTS:
             count = block.count - sent
