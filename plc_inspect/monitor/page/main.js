@@ -28,7 +28,7 @@ const rows = {
   supports: new Rows(items => draw('showSupports', items)),
 };
 let track = [], life = null, whole = false;
-let express = null; // a connection of its own for alarms
+let express = null; // connections of their own for alarms
 
 const parts = {
   me(value) {
@@ -39,7 +39,8 @@ const parts = {
     }
     life = value.life;
     alarms.redraw();
-    express ??= connect(`vehicle=${encodeURIComponent(me.vehicle)}&alarms=1`, data => take(data));
+    // TCP sends a lost packet again only after a second of a slow link; two are seldom lost at once.
+    express ??= [1, 2].map(() => connect(`vehicle=${encodeURIComponent(me.vehicle)}&alarms=1`, data => take(data)));
   },
   state(value) {
     state = value;
