@@ -12,7 +12,7 @@ const SCALE = 90; // greatest length of the scale bar [px]
 export function drawAround(scene) {
   const box = scene.canvas.getBoundingClientRect();
   drawLabels(scene, box);
-  drawScale(scene, box);
+  drawScale(scene);
 }
 
 function drawLabels(scene, box) {
@@ -50,10 +50,10 @@ function drawLabels(scene, box) {
   });
 }
 
-function drawScale(scene, box) {
+function drawScale(scene) {
   const {camera, controls} = scene;
   const apart = camera.position.distanceTo(controls.target);
-  const perPixel = 2 * apart * Math.tan(camera.fov / 2 * Math.PI / 180) / Math.max(box.height, 1);
+  const perPixel = scene.perPixel(apart);
   const raw = SCALE * perPixel, unit = 10 ** Math.floor(Math.log10(raw));
   const length = [5, 2, 1].map(k => k * unit).find(value => value <= raw) ?? unit;
   document.getElementById('scale-bar').style.width = `${(length / perPixel).toFixed(0)}px`;

@@ -12,7 +12,7 @@ const HEAD = 52; // bytes before the points of a message
 // A frame may take so long [ms], else fewer points are drawn; below quick more are. While the picture is
 // turned: 20 frames in a second, and a little to spare. At rest: four in a second, and the processor half idle.
 const FRAMES = {turned: {slow: 44, aim: 36, quick: 30}, still: {slow: 130, aim: 100, quick: 80}};
-const LEAST = 8000, MOST = 600000, FIRST_SOFT = {turned: 15000, still: 40000};
+const LEAST = 3000, MOST = 600000, FIRST_SOFT = {turned: 15000, still: 40000};
 // Where fewer points do not help the picture gets coarser, down to so many pixels for each of the screen.
 const COARSEST = 0.6, FINEST = 1.5;
 // Points so far from the camera [m] are drawn half as densely as those beside it.

@@ -13,8 +13,10 @@ import {drawAround} from './around.js';
 import {Points} from './points.js';
 import {corners, order, table} from './symbols.js';
 
-// Curves farther than this [m] are drawn with fewer pieces, in software sooner; of all at most so many.
-const FINE = 150, FINE_SOFT = 75, MOST_PIECES = 4000;
+// A curve has so many pieces that none is farther from it than this [px]; all curves at most so many.
+const STRAY = 1, MOST_PIECES = 4000;
+// The flown way is drawn without places nearer than this [m] to the straight line between others.
+const WAY_STRAY = 0.3;
 // Ground below the line is drawn so near to the camera [m].
 const GROUND_REACH = 800;
 const SIGN = 0.05; // of the height of the picture
@@ -23,6 +25,9 @@ const REST = 400; // the picture is at rest after so long [ms]
 const BEHIND = [-30, 22], NEAR = [-13, 9];
 const VEHICLE = 0x3f8fe0, TOWER = 0x9999a6, GROUND = 0x8a6d5a;
 const SKY = {dark: 0x18202a, light: 0xdfe7ee};
+// Conductors have dark edges, or light colours are not seen before a light sky: a share of their width.
+const EDGE = 0.34, EDGED = `#include <color_fragment>
+  if (abs(vUv.x) > ${1 - EDGE}) diffuseColor.rgb = vec3(0.02);`;
 
 export class Scene {
   constructor(canvas, chooseHazard) {
@@ -40,7 +45,6 @@ export class Scene {
     this.turned = -Infinity;
     this.pace = 'still';
     const soft = drawsInSoftware();
-    this.fine = soft ? FINE_SOFT : FINE;
     // Without alpha the browser need not blend the picture with what is behind it.
     const context = canvas.getContext('webgl2', {alpha: false, antialias: !soft, stencil: false});
     if (!context) throw new Error('WebGL 2 is missing');
@@ -129,13 +133,17 @@ export class Scene {
     this.dirty = true;
   }
 
-  lines(places, colors, width, {dashed = false, depth = true} = {}) {
+  lines(places, colors, width, {dashed = false, depth = true, edged = false} = {}) {
     if (!places.length) return null;
     const geometry = new LineSegmentsGeometry();
     geometry.setPositions(places);
     if (Array.isArray(colors)) geometry.setColors(colors);
     const material = new LineMaterial({linewidth: width, vertexColors: Array.isArray(colors), dashed, dashSize: 1, gapSize: 0.7,
       ...(Array.isArray(colors) ? {} : {color: colors})});
+    if (edged) {
+      material.customProgramCacheKey = () => 'edged';
+      material.onBeforeCompile = shader => { shader.fragmentShader = shader.fragmentShader.replace('#include <color_fragment>', EDGED); };
+    }
     const box = this.canvas.parentElement;
     material.resolution.set(box.clientWidth, box.clientHeight);
     const result = new LineSegments2(geometry, material);
@@ -153,13 +161,18 @@ export class Scene {
     this.drawSpans();
   }
 
-  // Curves far away are drawn with fewer pieces.
+  // Metres of a pixel at a distance from the camera [m].
+  perPixel(apart) {
+    return 2 * apart * Math.tan(this.camera.fov / 2 * Math.PI / 180) / Math.max(this.canvas.clientHeight, 1);
+  }
+
+  // Flat curves, and those far away, are drawn with fewer pieces: n of them stray by sag / n^2 from a parabola.
   drawSpans() {
     this.spansSeen = this.camera.position.clone();
     this.spansDrawn = performance.now();
     const curves = this.spans.map(item => this.local3(item));
-    const apart = curves.map(curve => curve.middle.distanceTo(this.camera.position));
-    const wanted = curves.map((curve, k) => Math.max(1, (curve.places.length - 1) * Math.min(1, this.fine / apart[k])));
+    const apart = curves.map(({places}) => Math.max(1, Math.min(...places.map(place => place.distanceTo(this.camera.position)))));
+    const wanted = curves.map(({places, sag}, k) => Math.min(places.length - 1, Math.ceil(Math.sqrt(sag / (STRAY * this.perPixel(apart[k]))))));
     const share = Math.min(1, MOST_PIECES / Math.max(1, wanted.reduce((sum, count) => sum + count, 0)));
     const places = [], colors = [], ground = [];
     curves.forEach((curve, k) => {
@@ -172,7 +185,7 @@ export class Scene {
       if (apart[k] > GROUND_REACH) return;
       for (let at = 1; at < curve.ground.length; at++) ground.push(...curve.ground[at - 1].toArray(), ...curve.ground[at].toArray());
     });
-    this.put('spans', this.lines(places, colors, 4, {depth: false}));
+    this.put('spans', this.lines(places, colors, 6, {depth: false, edged: true}));
     this.put('ground', this.lines(ground, GROUND, 3));
   }
 
@@ -182,7 +195,7 @@ export class Scene {
     if (known?.origin === this.origin) return known;
     const places = item.curve.map(place => this.local(place));
     const found = {
-      origin: this.origin, places, middle: places[places.length >> 1],
+      origin: this.origin, places, sag: Math.max(item.sag, 0),
       ground: item.ground_line.map(place => this.local(place)), color: new THREE.Color(table[item.severity].color).toArray(),
     };
     this.curves.set(item, found);
@@ -217,7 +230,7 @@ export class Scene {
 
   showTrack(places) {
     if (!this.origin) return;
-    const own = places.map(place => this.local(place).toArray());
+    const own = straighten(places.map(place => this.local(place))).map(place => place.toArray());
     this.put('track', own.length > 1 ? this.lines(own.slice(1).flatMap((place, k) => [...own[k], ...place]), VEHICLE, 2) : null);
   }
 
@@ -244,7 +257,7 @@ export class Scene {
     const wire = near.find(item => item.thing === 'conductor' && item.place);
     if (wire) {
       const end = this.local(wire.place);
-      group.add(this.lines([...at.toArray(), ...end.toArray()], new THREE.Color(table[wire.tone].color), 3, {dashed: true, depth: false}));
+      group.add(this.lines([...at.toArray(), ...end.toArray()], new THREE.Color(table[wire.tone].color), 5, {dashed: true, depth: false, edged: true}));
     }
     this.wire = wire;
     this.put('vehicle', group);
@@ -387,6 +400,24 @@ export class Scene {
     const middle = [...spent].sort((a, b) => a - b)[spent.length >> 1];
     if (this.points.adapt(middle, this.pace, devicePixelRatio)) this.resize();
   }
+}
+
+// A way without the places that lie on the straight line between others (Ramer, Douglas and Peucker).
+export function straighten(places) {
+  if (places.length < 3) return places;
+  const kept = new Set([0, places.length - 1]), open = [[0, places.length - 1]], near = new THREE.Vector3();
+  while (open.length) {
+    const [first, last] = open.pop(), line = new THREE.Line3(places[first], places[last]);
+    let [far, stray] = [0, WAY_STRAY];
+    for (let k = first + 1; k < last; k++) {
+      const own = line.closestPointToPoint(places[k], true, near).distanceTo(places[k]);
+      if (own > stray) [far, stray] = [k, own];
+    }
+    if (!far) continue;
+    kept.add(far);
+    open.push([first, far], [far, last]);
+  }
+  return places.filter((_, k) => kept.has(k));
 }
 
 // Whether a processor draws the picture.

@@ -5,6 +5,7 @@
 
 import io
 import itertools
+import json
 from pathlib import Path
 import threading
 import time
@@ -172,6 +173,27 @@ def test_the_picture_is_steered_by_pointer_and_keyboard(station, browse):
     desk.page.keyboard.press('ArrowLeft')
     desk.page.keyboard.press('+')
     assert desk.run('station.scene.camera.position.toArray()') != before
+
+
+def test_ways_and_curves_are_drawn_with_few_pieces(station, browse):
+    desk = browse(station.page.address, 1280, 800, token='token to be shown')
+    desk.wait("performance.getEntriesByName('picture').length")
+    way = [(float(x), 0.1 * (x % 2), 30.0) for x in range(300)]  # straight, as measured
+    way += [(299.0, float(y), 30.0) for y in range(1, 50)]
+    short = desk.run(f"""(async () => {{
+      const {{straighten}} = await import('/scene.js'), {{Vector3}} = await import('three');
+      const places = {json.dumps(way)}.map(place => new Vector3(...place));
+      return straighten(places).map(place => place.toArray());
+    }})()""")
+    np.testing.assert_allclose(short[0], way[0])
+    np.testing.assert_allclose(short[-1], way[-1])
+    assert len(short) <= 4
+    assert min(np.linalg.norm(np.subtract(place, (299.0, 0.0, 30.0))) for place in short) < 0.5
+    pieces = 'station.scene.parts.spans.geometry.instanceCount'
+    desk.run('station.scene.goTo(station.tables.spans[0].curve[0]); station.scene.drawSpans()')
+    near = desk.run(pieces)
+    desk.run('station.scene.camera.position.z += 3000; station.scene.drawSpans()')
+    assert desk.run(pieces) == 6 < near  # straight, each of its six spans
 
 
 def test_a_page_that_gets_nothing_says_so(station, browse):
