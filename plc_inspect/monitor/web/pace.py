@@ -24,9 +24,9 @@ busy over 80 ms.
 AHEAD = 0.15
 """
 Usual wait of an urgent message behind data in flight [s].
-Source: derivation: with 2 % loss 9 of 10 wait less than 0.4 s (test_live.py); an alarm has a second
-from the node's message to the screen, of which link and page take half.  More than the time between
-two looks of a browser that draws at rest, 0.1 s, or that would be taken for a full link.
+Source: derivation: with 2 % loss 9 of 10 wait less than 0.4 s (test_live.py); an alarm has a
+second from the node's message to the screen, of which link and page take half.  More than the time
+between two looks of a browser that draws at rest, 0.1 s, or that would be taken for a full link.
 """
 GROWTH = 2.0
 """

@@ -67,10 +67,10 @@ class Flight:
         self.processes.append(process)
         return process
 
-    def start_node(self, space=''):
+    def start_node(self, space='', *words):
         return self.start('plc_inspect.ros.node.onboard', '--ros-args', '--log-level', 'warn',
                           '-p', f'output.directory:={self.folder}/out{space}',
-                          '-p', 'output.record:=false', *_put_into(space))
+                          '-p', 'output.record:=false', *words, *_put_into(space))
 
     def start_page(self, *arguments):
         """Start the monitor, and return its process and address."""

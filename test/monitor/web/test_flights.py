@@ -118,6 +118,19 @@ def test_every_state_of_a_flight_is_told(flight, browse):
     assert chrome.run(TONE) == 'notice'
 
 
+def test_a_map_that_is_not_sharp_is_told(flight, browse):
+    _, address = flight.start_page()
+    chrome = browse(address, 1024, 768)
+    flight.start_node('', '-p', 'input.lidar_rpy_deg:=[0.0, 10.0, 0.0]')  # as nobody mounted it
+    flight.play()
+    chrome.wait(f"{STATE}.startsWith('map: map is not sharp')", 90.0)
+    assert chrome.run(TONE) == 'critical'
+    age = "document.querySelector('#hazards-age').textContent"
+    chrome.wait(f"{age}.includes('HELD BACK')")
+    chrome.wait("document.querySelector('#notes').textContent.includes('not sharp')")
+    assert not [text for _, text in chrome.run(ALARMS) if text.startswith('hazard')]
+
+
 def land(flight, message):
     """Sink to the ground from the last pose, and stay there."""
     publisher = flight.node.create_publisher(Odometry, '/odometry', 10)
