@@ -21,12 +21,12 @@ Least and greatest number of unacknowledged bytes.
 Source: derivation: the least is an eighth of a second at 256 kbit/s; the greatest keeps 100 Mbit/s
 busy over 80 ms.
 """
-AHEAD = 0.15
+AHEAD, ANSWER = 0.15, 0.4
 """
-Usual wait of an urgent message behind data in flight [s].
+Usual wait of an urgent message behind data in flight, and the time that an answer may take at
+least, so that a near browser that draws for 0.3 s at a time is not taken for a full link [s].
 Source: derivation: with 2 % loss 9 of 10 wait less than 0.4 s (test_live.py); an alarm has a
-second from the node's message to the screen, of which link and page take half.  More than the time
-between two looks of a browser that draws at rest, 0.1 s, or that would be taken for a full link.
+second from the node's message to the screen, of which link and page take half.
 """
 GROWTH = 2.0
 """
@@ -57,6 +57,11 @@ class Pace:
         self._full = False
 
     @property
+    def _wanted(self) -> float:
+        """Time that an answer is to take [s]."""
+        return max(self._quickest + AHEAD, ANSWER)
+
+    @property
     def piece(self) -> int:
         """Number of bytes of a message."""
         return self.window // PIECES
@@ -72,7 +77,7 @@ class Pace:
         self._waiting.append((size, now))
         self._on_way += size
         if math.isfinite(self._quickest):
-            rate = HURRY * self.window / (self._quickest + AHEAD)
+            rate = HURRY * self.window / self._wanted
             self._next = max(self._next, now) + size / rate
 
     def answer(self, now: float) -> None:
@@ -88,7 +93,7 @@ class Pace:
         self._spent.append(spent)
         if self._waiting and now - self._since < 2.0 * min(self._spent):
             return
-        share = min((self._quickest + AHEAD) / statistics.median(self._spent), GROWTH)
+        share = min(self._wanted / statistics.median(self._spent), GROWTH)
         if share < 1.0 or self._full:
             self.window = round(min(max(share * self.window, LEAST_WINDOW), MOST_WINDOW))
         self._since, self._full = now, False
