@@ -34,9 +34,9 @@ Source: derived: three of them are half of LEAST_APART.
 LEAST_SHARE = 0.1
 """Share of the points on each of them, at least.  Source: judgement."""
 STRETCH = 3.0
-"""Both are looked for in every stretch of this length [m].  Source: judgement."""
-BOTH = 0.8
-"""Share of the stretches that show both, at least.  Source: judgement."""
+"""All of them are looked for in every stretch of this length [m].  Source: judgement."""
+SEEN_SHARE = 0.8
+"""Share of the stretches that show all of them, at least.  Source: judgement."""
 LEAST_POINTS = 2
 """Points of each in a stretch that shows it, at least.  Source: judgement."""
 
@@ -68,8 +68,8 @@ def part_twins(
     """
     result: list[Curve] = []
     for curve in curves:
-        may_be_two = is_thick(curve) and curve.length < settings.bundle_length
-        result.extend(_part(points, curve) if may_be_two else (curve,))
+        may_be_more = is_thick(curve) and curve.length < settings.bundle_length
+        result.extend(_part(points, curve) if may_be_more else (curve,))
     result.sort(key=lambda curve: (-curve.length, *curve.origin))
     return tuple(result)
 
@@ -129,5 +129,5 @@ def _run_along(x: Float64, group: Int64) -> bool:
     counts = np.zeros((int(stretch.max()) + 1, int(group.max()) + 1))
     np.add.at(counts, (stretch, group), 1)
     seen = counts.sum(axis=1) >= counts.shape[1] * LEAST_POINTS
-    both = (counts >= LEAST_POINTS).all(axis=1)
-    return bool(both.sum() >= max(BOTH * seen.sum(), 2))
+    full = (counts >= LEAST_POINTS).all(axis=1)
+    return bool(full.sum() >= max(SEEN_SHARE * seen.sum(), 2))

@@ -74,6 +74,7 @@ A change of the keep-out that raises no alarm is told no sooner after the last m
 something is too near, the summary says how near at least this often [s].
 """
 
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class News:
     """What one tick has to tell."""
