@@ -210,6 +210,15 @@ class Rig:
         with contextlib.suppress(ExternalShutdownException):
             executor.spin()
 
+    def in_turn(self, action):
+        """Run something between callbacks of the client, as it ends what its thread waits for."""
+        wait_for(self.executors[1].create_task(action).done, 'turn of the client')
+
+    def destroy(self, node):
+        """Take another node of the client's thread out of the graph."""
+        self.executors[1].remove_node(node)
+        self.in_turn(node.destroy_node)
+
     def listen(self, name, kind, topic, qos):
         """Keep all messages of a topic."""
         self.received[name] = []

@@ -4,6 +4,7 @@
 """The real node on a real graph: what it publishes, its services, its parameters."""
 
 from array import array
+from functools import partial
 import json
 from types import SimpleNamespace
 
@@ -160,8 +161,7 @@ def test_who_comes_late_gets_the_last(found):
     node.create_subscription(PointCloud2, '/plc_inspect/catenaries', late.append, RESULTS)
     wait_for(lambda: late, 'kept message')
     assert len(read_rows(late[0])) == 6
-    found.executors[1].remove_node(node)
-    node.destroy_node()
+    found.destroy(node)
 
 
 def test_markers_are_stable_and_stale_ones_are_deleted(found):
@@ -380,7 +380,7 @@ def test_integers_remappings_and_qos_overrides_at_the_start(shared):
         source = node.intake.accepts.__self__
         wait_for(lambda: source.num_publishers == 2, 'both drivers are counted')
         for driver in drivers:
-            shared.client.destroy_publisher(driver)
+            shared.in_turn(partial(shared.client.destroy_publisher, driver))
         heard = []
         node.get_logger = lambda: SimpleNamespace(warning=heard.append, info=str)
         shared.client.create_subscription(

@@ -120,7 +120,7 @@ def test_two_hundred_calls_are_answered(rig, service):
     futures = [client.call_async(Trigger.Request()) for _ in range(200)]
     wait_for(lambda: all(future.done() for future in futures), '200 answers')
     assert all(future.result().success for future in futures)
-    rig.client.destroy_client(client)
+    rig.in_turn(lambda: rig.client.destroy_client(client))
 
 
 def test_end_is_bounded_where_the_map_takes_for_ever(rig, tmp_path, monkeypatch, capfd):

@@ -86,8 +86,7 @@ class Late:
         return time.monotonic() - self.began
 
     def close(self):
-        self.rig.executors[1].remove_node(self.node)
-        self.node.destroy_node()
+        self.rig.destroy(self.node)
 
 
 @pytest.fixture
@@ -280,8 +279,7 @@ def test_cells_lie_where_the_points_are(found, late):
     node.create_subscription(UInt8MultiArray, '/plc_inspect/thin_corridor', frames.append,
                              THIN_CORRIDOR)
     wait_for(lambda: len(frames) > 1, 'refresh for the new listener')
-    found.executors[1].remove_node(node)
-    node.destroy_node()
+    found.destroy(node)
     messages = [read_cloud(m.data.tobytes()) for m in frames]
     assert messages[0].overview
     points = np.concatenate([
