@@ -28,7 +28,16 @@ const rows = {
   supports: new Rows(items => draw('showSupports', items)),
 };
 let track = [], life = null, whole = false;
-let express = null; // connections of their own for alarms
+let express = false; // connections of their own for alarms
+const link = new Worker('/link.js'), receivers = [];
+link.onmessage = ({data: {id, data}}) => {
+  const taken = data.length ?? data.byteLength;
+  try {
+    receivers[id](data);
+  } finally {
+    link.postMessage({id, taken});
+  }
+};
 
 const parts = {
   me(value) {
@@ -40,7 +49,8 @@ const parts = {
     life = value.life;
     alarms.redraw();
     // TCP sends a lost packet again only after a second of a slow link; two are seldom lost at once.
-    express ??= [1, 2].map(() => connect(`vehicle=${encodeURIComponent(me.vehicle)}&alarms=1`, data => take(data)));
+    if (!express) for (const _ of [1, 2]) connect(`vehicle=${encodeURIComponent(me.vehicle)}&alarms=1`, take);
+    express = true;
   },
   state(value) {
     state = value;
@@ -137,30 +147,22 @@ function showFleet(rows) {
 // What comes over both connections is taken once, and nothing old after what is new.
 function take(data) {
   const {part, version, value} = JSON.parse(data);
-  if (version && version <= (newest[part] ?? 0)) return part;
+  if (version && version <= (newest[part] ?? 0)) return;
   if (version) newest[part] = version;
   parts[part]?.(value);
-  return part;
 }
 
-function takeAll(data, socket) {
+function takeAll(data) {
   heard = performance.now();
-  if (typeof data !== 'string') {
-    if (scene.now) scene.now.takeBlock(data);
-    else blocks.push(data);
-    socket.send('.'); // it is here: more may come
-  } else if (take(data) in rows) socket.send('.');
+  if (typeof data === 'string') take(data);
+  else if (scene.now) scene.now.takeBlock(data);
+  else blocks.push(data);
 }
 
-// Open a connection, and again whenever it ends.
-function connect(query, receive, wait = 500) {
-  const scheme = location.protocol === 'https:' ? 'wss' : 'ws';
-  const socket = new WebSocket(`${scheme}://${location.host}/live?${query}`);
-  socket.binaryType = 'arraybuffer';
-  socket.onopen = () => { wait = 250; };
-  socket.onmessage = ({data}) => receive(data, socket);
-  socket.onclose = () => setTimeout(() => connect(query, receive, Math.min(2 * wait, 5000)), wait);
-  return socket;
+// Open a connection; the worker opens it again whenever it ends.
+function connect(query, receive) {
+  receivers.push(receive);
+  link.postMessage({query});
 }
 
 // Where nothing replaces what is shown, it says so by itself.

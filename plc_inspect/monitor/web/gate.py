@@ -46,7 +46,8 @@ HEADERS = {
 }
 """With no referrer at all, browsers would send forms with an origin of ``null``."""
 POLICY = (
-    "default-src 'none'; script-src 'self' 'nonce-{nonce}'; connect-src 'self'; "
+    "default-src 'none'; script-src 'self' 'nonce-{nonce}'; worker-src 'self'; "
+    "connect-src 'self'; "
     "img-src 'self' data:; style-src 'self' 'nonce-{nonce}'; form-action 'self'; "
     "base-uri 'none'; frame-ancestors 'none'"
 )

@@ -31,6 +31,11 @@ STAGES = (500, 4_000)
 """Points of every block that are sent before more of any block [count]."""
 ROWS_BYTES = 3_000
 """Approximate size of a message of rows [bytes]."""
+QUEUE_AGE = 0.5
+"""
+Blocks are queued anew after this [s].
+Source: measured: 20 ms for 20,000 blocks, and what changed near the vehicle waits no longer.
+"""
 LEAST_POINTS = 100
 """Least points of a message, except the last of a block."""
 
@@ -46,6 +51,10 @@ class Visitor:
         self.rows: dict[tuple[str, str], int] = {}
         self.blocks: dict[BlockKey, tuple[int, int]] = {}
         """Version of each block, and number of its points sent."""
+        self.queue: list[tuple[int, BlockKey]] = []
+        """Stages and keys of the blocks that come next, the last first."""
+        self.queued = -math.inf
+        """When they were queued [s]."""
         self.pace = Pace()
 
 
@@ -179,30 +188,48 @@ class Hub:
 
     def _choose_points(self, visitor: Visitor) -> bytes | None:
         """Return points that a browser lacks, and mark them as sent."""
-        best = None
-        for home, (version, block) in self._blocks.items():
-            known, sent = visitor.blocks.get(home, (0, 0))
-            if known != version:
-                sent = 0
-            elif sent >= block.count:
+        now = time.monotonic()
+        while True:
+            if not visitor.queue or now >= visitor.queued + QUEUE_AGE:
+                visitor.queue, visitor.queued = self._queue_blocks(visitor), now
+            if not visitor.queue:
+                return None
+            queued, home = visitor.queue[-1]
+            stage, sent = self._find_stage(visitor, home)
+            if stage is None or stage > queued:
+                visitor.queue.pop()
                 continue
-            stage = next((k for k, most in enumerate(STAGES) if sent < most), len(STAGES))
-            apart = 0.0 if self._vehicle is None else math.dist(
-                block.middle[:2], self._vehicle[:2]
-            )
-            rank = stage, apart, home
-            if best is None or rank < best[0]:
-                best = rank, version, block, sent
-        if best is None:
-            return None
-        (stage, *_), version, block, sent = best
-        most = block.count if stage == len(STAGES) else STAGES[stage]
-        room = max(LEAST_POINTS, visitor.pace.piece // block.bytes_each)
-        count = min(block.count, most, sent + room) - sent
-        if block.count - sent - count < LEAST_POINTS:
-            count = block.count - sent
-        visitor.blocks[block.home] = version, sent + count
-        return block.pack(version, sent, count)
+            version, block = self._blocks[home]
+            most = min((*STAGES, block.count)[stage], block.count)
+            room = max(LEAST_POINTS, visitor.pace.piece // block.bytes_each)
+            count = min(most, sent + room) - sent
+            if block.count - sent - count < LEAST_POINTS:
+                count = block.count - sent
+            visitor.blocks[home] = version, sent + count
+            return block.pack(version, sent, count)
+
+    def _queue_blocks(self, visitor: Visitor) -> list[tuple[int, BlockKey]]:
+        """Return the blocks of which a browser lacks points, with their stages; the next last."""
+        found = []
+        for home, (_, block) in self._blocks.items():
+            stage, _ = self._find_stage(visitor, home)
+            if stage is not None:
+                apart = 0.0 if self._vehicle is None else math.dist(
+                    block.middle[:2], self._vehicle[:2]
+                )
+                found.append((stage, apart, home))
+        found.sort(reverse=True)
+        return [(stage, home) for stage, _, home in found]
+
+    def _find_stage(self, visitor: Visitor, home: BlockKey) -> tuple[int | None, int]:
+        """Return the stage of a block's next points, None if all are sent, and how many are."""
+        version, block = self._blocks[home]
+        known, sent = visitor.blocks.get(home, (0, 0))
+        if known != version:
+            return 0, 0
+        if sent >= block.count:
+            return None, sent
+        return next((k for k, most in enumerate(STAGES) if sent < most), len(STAGES)), sent
 
 
 async def _read(socket: web.WebSocketResponse, event: asyncio.Event, pace: Pace) -> None:

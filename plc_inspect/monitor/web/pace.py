@@ -4,11 +4,11 @@
 """
 Congestion control of one browser: limits the data in flight, so that alarms never queue for long.
 
-The browser acknowledges each large message.  As in FAST TCP (Jin et al. 2004), once per round trip
-the data in flight grow or shrink by the ratio of the wanted time of an answer, the shortest ever
-and a little more, to the median seen.  After a lost packet all that follows it is acknowledged at
-once, so messages are also spaced in time, or as many would follow at once.  A full link and a busy
-browser have the same effect.
+A worker of the page acknowledges each large message, however long the page draws.  As in FAST TCP
+(Jin et al. 2004), once per round trip the data in flight grow or shrink by the ratio of the wanted
+time of an answer, the shortest ever and a little more, to the median seen.  After a lost packet
+all that follows it is acknowledged at once, so messages are also spaced in time, or as many would
+follow at once.
 """
 
 from collections import deque
@@ -24,7 +24,7 @@ busy over 80 ms.
 AHEAD, ANSWER = 0.15, 0.4
 """
 Usual wait of an urgent message behind data in flight, and the time that an answer may take at
-least, so that a near browser that draws for 0.3 s at a time is not taken for a full link [s].
+least, so that a near browser on a busy machine is not taken for a full link [s].
 Source: derivation: with 2 % loss 9 of 10 wait less than 0.4 s (test_live.py); an alarm has a
 second from the node's message to the screen, of which link and page take half.
 """

@@ -23,6 +23,7 @@ from plc_inspect.monitor.picture.model import Monitor
 from plc_inspect.monitor.replay.replay import Replay
 from plc_inspect.monitor.replay.tape import Entry, Tape
 from plc_inspect.monitor.web.access import NO_TOKENS, Role, Tokens
+from plc_inspect.monitor.web.pace import Pace
 from plc_inspect.monitor.web.page import Page
 from plc_inspect.stream.nearness import Nearness
 
@@ -81,6 +82,23 @@ def station():
     station = Station(Tokens({Role.ACKNOWLEDGE: 'token to be shown', Role.VIEW: 'only looking'}))
     yield station
     station.close()
+
+
+def test_a_page_that_draws_long_answers_at_once(station, browse, monkeypatch):
+    answered, answer = [], Pace.answer
+
+    def note(pace, now):
+        answered.append(now)
+        answer(pace, now)
+
+    monkeypatch.setattr(Pace, 'answer', note)
+    desk = browse(station.page.address, token='only looking')
+    desk.wait(f'{ALARMS}.length == 1')
+    threading.Timer(1.0, setattr, (station, 'tables', make_rows(6, 5))).start()
+    began = time.monotonic()
+    desk.run('(end => { while (performance.now() < end); })(performance.now() + 5000)')
+    assert [now for now in answered if began + 1.0 < now < began + 4.0]
+    desk.wait(f'{HAZARDS}.length == 5')
 
 
 def test_alarms_are_seen_acknowledged_and_cleared(station, browse):
