@@ -30,6 +30,7 @@ from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.core.setup.looks import LookWindow, Spread
 from plc_inspect.core.setup.sharpness import Sharpness, SharpnessBook
 from plc_inspect.core.tracking.hazard_tracking import (
+    carry_numbers,
     HazardBook,
     HazardNews,
     KeptHazards,
@@ -206,12 +207,12 @@ class Session:
         self._finish_spans(window, vehicle)
         keys = {item.key for item in self._registry.spans if item.confirmed}
         told = {old: new for old, new in numbered.items() if new in keys}
+        supports = self._supports.update(result.supports, told, window.holds)
         news = HazardNews() if self._book.judge().poor else self._hazards.update(
-            result.hazards, told, window.spans, window.holds,
+            carry_numbers(result.hazards, told, supports), told, window.spans, window.holds,
             views=[int(self._views.count(item.position[None])[0]) for item in result.hazards],
         )
         news = news.clear(self._hazards.keep(keys), SPAN_GONE)
-        self._supports.update(result.supports, told, window.holds)
         self._keep_corridor(result, window, numbered, vehicle)
         self._surroundings.update(
             [item.span for item in self._registry.spans], window, result, vehicle
@@ -276,12 +277,13 @@ class Session:
         )
         fresh = set(numbered.values())
         holds = _hold_all if complete else _hold_none
+        supports = self._supports.update(result.supports, numbered, holds, final=complete)
         news = HazardNews() if self._book.judge().poor else self._hazards.update(
-            result.hazards, numbered, fresh, holds, final=complete
+            carry_numbers(result.hazards, numbered, supports), numbered, fresh, holds,
+            final=complete,
         )
         keys = {item.key for item in self._registry.spans}
         news = news.clear(self._hazards.keep(keys), SPAN_GONE)
-        self._supports.update(result.supports, numbered, holds, final=complete)
         state = self._describe(news, result, sequence, started)
         final = replace(
             renumber(result, numbered),

@@ -237,6 +237,44 @@ class HazardBook:
         return None if best is None else best[2]
 
 
+def carry_numbers(
+    hazards: Sequence[Hazard], numbered: Mapping[SpanKey, SpanKey], supports: Mapping[int, int]
+) -> list[Hazard]:
+    """
+    Return hazards that name supports and other lines by their lasting numbers.
+
+    Parameters
+    ----------
+    hazards : sequence of Hazard
+        With the tick's numbers.
+    numbered, supports : mapping
+        The tick's numbers of spans and of supports to the lasting ones; -1 where there is none.
+
+    Returns
+    -------
+    list of Hazard
+        Their own lines and spans have the tick's numbers still.
+
+    """
+    lines = _list_lines(numbered)
+    return [
+        replace(
+            item, support_id=supports.get(item.support_id, -1),
+            other_line_id=min(lines.get(item.other_line_id, {-1})),
+        )
+        for item in hazards
+    ]
+
+
+def _list_lines(numbered: Mapping[SpanKey, SpanKey]) -> dict[int, set[int]]:
+    """Return the lasting numbers of each line of a tick."""
+    lines: dict[int, set[int]] = {}
+    for (line, _), (number, _) in numbered.items():
+        if number >= 0:
+            lines.setdefault(line, set()).add(number)
+    return lines
+
+
 def _follow(item: TrackedHazard, hazard: Hazard, seen: int, final: bool) -> TrackedHazard:
     """Return a known hazard as some views showed it, less severe only after several ticks."""
     known, hits = item.hazard, item.hits + seen
@@ -292,7 +330,7 @@ class SupportBook:
         holds: Holds,
         *,
         final: bool = False,
-    ) -> None:
+    ) -> dict[int, int]:
         """
         Update with the supports of one tick.
 
@@ -307,11 +345,14 @@ class SupportBook:
         final : bool
             Accept the tick at once.
 
+        Returns
+        -------
+        dict of int to int
+            The tick's numbers of supports to the lasting ones, of those that are kept.
+
         """
-        lines: dict[int, set[int]] = {}
-        for (line, _), (number, _) in numbered.items():
-            if number >= 0:
-                lines.setdefault(line, set()).add(number)
+        lines = _list_lines(numbered)
+        told: dict[int, int] = {}
         taken: set[int] = set()
         for support in supports:
             carried = {number for line in support.line_ids for number in lines.get(line, ())}
@@ -323,6 +364,7 @@ class SupportBook:
             else:
                 number = found
             taken.add(number)
+            told[support.support_id] = number
             if found is not None and not final and not holds(support.position[None])[0]:
                 continue
             self._misses[number] = 0
@@ -335,6 +377,7 @@ class SupportBook:
             self._misses[number] += 1
             if final or self._misses[number] >= MAX_MISSES:
                 del self._known[number], self._misses[number]
+        return told
 
     def _find(self, support: Support, taken: Collection[int]) -> int | None:
         apart = {

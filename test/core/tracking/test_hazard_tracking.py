@@ -3,12 +3,15 @@
 
 """Supports and hazards keep their numbers, and change only when several ticks agree."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from spans import make_hazard, make_support
 
 from plc_inspect.core.hazards.confidence import AT_END, IN_DOUBT
 from plc_inspect.core.tracking.hazard_tracking import (
+    carry_numbers,
     CONFIRMATIONS,
     END_CONFIRMATIONS,
     HazardBook,
@@ -217,6 +220,29 @@ def test_life_of_a_support():
     assert len(book.supports) == 2
     support_tick(book, make_support((0, 0, 0)))
     assert [item.support_id for item in book.supports] == [0]
+
+
+def test_a_hazard_names_support_and_other_line_by_their_lasting_numbers():
+    book = SupportBook()
+    told = {(7, 0): (0, 0), (8, 0): (3, 0)}
+    near = dataclasses.replace(make_support((0, 0, 0), (7,)), support_id=0)
+    far = dataclasses.replace(make_support((60, 0, 0), (7,)), support_id=1)
+    book.update([near, far], told, everywhere)
+    # the next tick sees from the other side, and what it has not seen before comes first
+    seen = [dataclasses.replace(far, support_id=0),
+            dataclasses.replace(make_support((120, 0, 0), (99,)), support_id=1),
+            dataclasses.replace(near, support_id=2)]
+    numbers = book.update(seen, told, everywhere)
+    assert numbers == {0: 1, 2: 0}
+    hazards = [
+        dataclasses.replace(make_hazard((1, 0, 5), 7, 0), support_id=support, other_line_id=other)
+        for support, other in ((0, 8), (2, -1), (1, 55))
+    ]
+    carried = carry_numbers(hazards, told, numbers)
+    assert [(item.support_id, item.other_line_id) for item in carried] == [
+        (1, 3), (0, -1), (-1, -1)
+    ]
+    assert [(item.line_id, item.span_id) for item in carried] == [(7, 0)] * 3
 
 
 def test_supports_elsewhere_are_left_as_they_are_known():
