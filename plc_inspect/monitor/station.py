@@ -4,13 +4,14 @@
 """A station: listener and model of one node, in one thread."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 import time
 from types import TracebackType
 from typing import TYPE_CHECKING
 
 from plc_inspect.monitor.listener import Listener
 from plc_inspect.monitor.picture.model import Monitor
-from plc_inspect.monitor.picture.picture import Picture
+from plc_inspect.monitor.picture.picture import Link, Picture
 from plc_inspect.monitor.seen_runs import SeenRuns
 
 if TYPE_CHECKING:
@@ -26,6 +27,8 @@ MOST_LEFT = 16
 Participants that may be abandoned at that rate.  Each costs threads and memory until the process
 ends, so every further one doubles the least wait: some thirty in a day of silence.
 """
+SEARCH_PERIOD = 2.0
+"""Period of the search for other nodes while nothing is heard of this one [s]."""
 RECORD_PERIOD = 1.0
 """Period of recorded pictures [s]."""
 
@@ -59,7 +62,8 @@ class Station:
         self._seen = SeenRuns()
         self.monitor = Monitor(cloud=cloud, admission=self._seen.admission)
         self._recorder = recorder
-        self._recorded = self._heard = 0.0
+        self._recorded = self._heard = self._searched = 0.0
+        self._others: tuple[str, ...] = ()
         take = {'summary': self._take_summary, 'ahead': self._take_ahead}
         if cloud:
             take['cloud'] = self._take_cloud
@@ -98,8 +102,14 @@ class Station:
         return self._listener.find_nodes()
 
     def look(self) -> Picture:
-        """Return the current picture."""
-        return self.monitor.look(time.monotonic())
+        """Return the current picture; while nothing was heard, with the nodes that are there."""
+        now = time.monotonic()
+        picture = self.monitor.look(now)
+        if picture.link is not Link.WAITING:
+            return picture
+        if now - self._searched >= SEARCH_PERIOD:
+            self._searched, self._others = now, tuple(self.find_nodes())
+        return replace(picture, others=self._others)
 
     def acknowledge(self, numbers: Iterable[int], who: str) -> None:
         """Acknowledge alarms, also in the record."""

@@ -16,7 +16,7 @@ from plc_inspect.errors import DataError
 
 NEARNESS = np.dtype([
     ('thing', 'u1'), ('level', 'u1'), ('extended', 'u1'), ('line_id', '<i4'), ('span_id', '<i4'),
-    *((name, '<f4') for name in ('distance', 'closest', 'closest_in', 'sigma')),
+    *((name, '<f4') for name in ('distance', 'limit', 'closest', 'closest_in', 'sigma')),
     *((axis, '<f4') for axis in ('from_x', 'from_y', 'from_z')),
 ])
 """from_: the way from the vehicle to the place, so that float32 is enough far from the origin."""
@@ -43,9 +43,13 @@ class Nearness:
     span_id: int = -1
     extended: bool = False
     """It is beyond what was seen of the conductor."""
+    limit: float = math.nan
+    """Distance within which the level is critical, NaN unknown."""
 
 
-def tell_nearness(found: Sequence[Proximity], vehicle: Place) -> tuple[Nearness, ...]:
+def tell_nearness(
+    found: Sequence[Proximity], vehicle: Place, limit: float
+) -> tuple[Nearness, ...]:
     """Return what the stream tells of proximities, measured with the vehicle at a place [m]."""
     result = []
     for item in found:
@@ -53,7 +57,7 @@ def tell_nearness(found: Sequence[Proximity], vehicle: Place) -> tuple[Nearness,
         result.append(Nearness(
             thing=item.thing, level=item.level, distance=item.distance, way=(x, y, z),
             closest=item.closest, closest_in=item.closest_in, sigma=item.sigma,
-            line_id=item.line_id, span_id=item.span_id, extended=item.extended,
+            line_id=item.line_id, span_id=item.span_id, extended=item.extended, limit=limit,
         ))
     return tuple(result)
 
@@ -62,8 +66,8 @@ def pack_nearness(near: Sequence[Nearness]) -> NDArray[Any]:
     """Return one row (N,) NEARNESS for each thing."""
     rows = np.zeros(len(near), NEARNESS)
     for row, item in zip(rows, near, strict=True):
-        for name in ('thing', 'level', 'extended', 'line_id', 'span_id', 'distance', 'closest',
-                     'closest_in', 'sigma'):
+        for name in ('thing', 'level', 'extended', 'line_id', 'span_id', 'distance', 'limit',
+                     'closest', 'closest_in', 'sigma'):
             row[name] = getattr(item, name)
         for axis, value in zip('xyz', item.way, strict=True):
             row[f'from_{axis}'] = value
@@ -93,6 +97,6 @@ def read_nearness(rows: NDArray[Any]) -> tuple[Nearness, ...]:
             way=(float(row['from_x']), float(row['from_y']), float(row['from_z'])),
             closest=float(row['closest']), closest_in=float(row['closest_in']),
             sigma=float(row['sigma']), line_id=int(row['line_id']), span_id=int(row['span_id']),
-            extended=bool(row['extended']),
+            extended=bool(row['extended']), limit=float(row['limit']),
         ))
     return tuple(result)

@@ -65,6 +65,8 @@ KEYS = {
 OPEN_START, OPEN_END, FINISHED = 1, 2, 4
 SUPPORT_KINDS = ('unseen', 'tower', 'pole')
 STATUSES = ('input', 'map', 'segmentation')
+NOT_READY = 'NOT READY'
+"""So begins the text of a node that looks for nothing yet."""
 HEALTH = {
     'scan_rate': ('input', 'scan rate [Hz]'),
     'scans': ('input', 'scans'),

@@ -9,7 +9,8 @@ import pytest
 
 from plc_inspect.monitor import station as station_module
 from plc_inspect.monitor.picture.admission import Admission
-from plc_inspect.monitor.station import MOST_LEFT, REJOIN_AFTER, Station
+from plc_inspect.monitor.picture.condition import Condition, judge
+from plc_inspect.monitor.station import MOST_LEFT, REJOIN_AFTER, SEARCH_PERIOD, Station
 
 HOUR = 3600
 
@@ -33,6 +34,18 @@ def silent(monkeypatch):
             station.spin(1.0)
 
     return station, wait
+
+
+def test_nodes_that_are_there_are_named_while_this_one_is_not(silent):
+    station, wait = silent
+    station._listener.find_nodes = lambda: ['/uav1/plc_inspect']
+    assert judge(station.look(), '/uav9') == Condition(
+        'warning', 'nothing heard of /uav9; on the graph: /uav1/plc_inspect'
+    )
+    station._listener.find_nodes = list
+    assert station.look().others  # they are not looked for each time
+    wait(int(SEARCH_PERIOD) + 1)
+    assert judge(station.look(), '/uav9').text == 'waiting for /uav9: nothing heard yet'
 
 
 def test_graph_is_joined_anew_soon_and_not_for_ever(silent):

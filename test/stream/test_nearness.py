@@ -24,7 +24,7 @@ VEHICLE = 500_000.0, 5_650_000.0, 100.0
 
 
 def test_it_comes_back_as_it_was_measured():
-    near = tell_nearness(FOUND, VEHICLE)
+    near = tell_nearness(FOUND, VEHICLE, 8.0)
     message = read_summary(Source().summary(1.0, keyframe=True, near=near, heading=0.5,
                                             near_uptime=0.75))
     wire, support = message.status.near
@@ -34,6 +34,7 @@ def test_it_comes_back_as_it_was_measured():
     assert wire.way == (12.0, 4.0, 3.0)  # the way is short however far the origin is
     assert wire.extended
     assert (wire.distance, wire.closest, wire.closest_in) == (13.0, 9.5, 3.0)
+    assert wire.limit == 8.0
     assert wire.sigma == pytest.approx(0.07)
     assert support.level == Level.CLEAR
     assert math.isnan(support.distance)
@@ -46,7 +47,7 @@ def test_it_comes_back_as_it_was_measured():
     ('thing', 9, 'thing 9'), ('level', 7, 'level 7'), ('distance', np.nan, 'distance of nan'),
 ])
 def test_what_cannot_be_is_refused(name, value, problem):
-    rows = pack_nearness(tell_nearness(FOUND[:1], VEHICLE))
+    rows = pack_nearness(tell_nearness(FOUND[:1], VEHICLE, 8.0))
     assert rows.dtype == NEARNESS
     rows[name] = value
     with pytest.raises(DataError, match=problem):

@@ -5,7 +5,7 @@
 
 import {clock, iconOf, make, shape} from './symbols.js';
 
-const MOST_SHOWN = 6;
+const MOST_ROWS = 200;
 const BEEP_PERIOD = 2000;
 
 export class Alarms {
@@ -19,6 +19,10 @@ export class Alarms {
     this.audio = null;
     this.bar = document.getElementById('alarms');
     this.list = document.getElementById('alarm-list');
+    this.rows = new Map(); // by number: what is clicked must not be drawn anew meanwhile
+    this.more = document.getElementById('alarm-more');
+    this.more.onclick = () => this.unfold(this.bar.dataset.whole !== 'yes');
+    addEventListener('resize', () => this.fit());
     this.dialog = document.getElementById('who');
     this.muted = localStorage.getItem('muted') === 'yes';
     document.getElementById('acknowledge-all').onclick = () => this.acknowledge(this.unseen());
@@ -57,29 +61,65 @@ export class Alarms {
 
   draw() {
     const unseen = this.unseen(), may = this.getMe().acknowledges;
+    const unsure = this.open.filter(item => item.state === 'unsure').length;
     this.bar.hidden = !this.open.length;
     this.bar.dataset.unseen = unseen.length;
     const {critical, warning} = this.counts;
-    document.getElementById('alarm-sum').textContent =
-      `${critical} critical, ${warning} warning${warning === 1 ? '' : 's'}` +
-      (unseen.length ? `, ${unseen.length} not acknowledged` : ', all acknowledged');
+    document.getElementById('alarm-sum').textContent = [
+      `${critical} critical`, ...(unsure ? [`${unsure} may still be there`] : []), `${warning} warning${warning === 1 ? '' : 's'}`,
+      unseen.length ? `${unseen.length} not acknowledged` : 'all acknowledged'].join(', ');
     document.getElementById('acknowledge-all').hidden = !unseen.length || !may;
-    this.list.replaceChildren(...this.open.slice(0, MOST_SHOWN).map(item => this.drawOne(item, may)));
-    if (this.open.length > MOST_SHOWN) this.list.append(make('li', {}, `and ${this.open.length - MOST_SHOWN} more, in the table`));
+    const shown = this.open.slice(0, MOST_ROWS), numbers = new Set(shown.map(item => item.number));
+    for (const number of this.rows.keys()) if (!numbers.has(number)) this.rows.delete(number);
+    const rows = shown.map(item => this.drawOne(item, may));
+    if (rows.length !== this.list.children.length || rows.some((row, k) => row !== this.list.children[k])) this.list.replaceChildren(...rows);
+    this.fit();
+  }
+
+  // Rows that the bar has no room for are counted, never cut off silently.
+  fit() {
+    const rows = [...this.list.children], whole = this.bar.dataset.whole === 'yes';
+    for (const row of rows) row.hidden = false;
+    let shown = rows.length;
+    const tell = () => {
+      this.more.hidden = !whole && shown === this.open.length;
+      this.more.textContent = whole ? 'Fewer' : `+ ${this.open.length - shown} more`;
+    };
+    tell();
+    while (!whole && shown > 1 && this.bar.scrollHeight > this.bar.clientHeight + 1) {
+      rows[--shown].hidden = true;
+      tell();
+    }
+    this.more.setAttribute('aria-expanded', String(whole));
+  }
+
+  unfold(whole) {
+    this.bar.dataset.whole = whole ? 'yes' : 'no';
+    this.fit();
   }
 
   drawOne(item, may) {
-    const seen = item.who ? `seen by ${item.who} ${clock(item.acknowledged)}`
-      : item.stands ? `NEW ${clock(item.raised)}` : `cleared ${clock(item.cleared)}, nobody saw it`;
-    const since = [item.who || !item.stands ? `since ${clock(item.raised)}` : '', item.times > 1 ? `${item.times} times` : '', item.stands ? '' : item.reason];
-    const row = make('li', {'data-state': item.state, 'data-alarm': item.number},
-      shape('critical', '#fff'), make('span', {class: 'mark'}, seen),
-      make('button', {type: 'button', class: 'what', onclick: () => this.goTo(item)}, item.text),
-      make('span', {class: 'since'}, since.filter(Boolean).join(', ')));
-    if (!item.who && may) {
-      row.append(make('button', {type: 'button', class: 'seen', 'aria-label': `Acknowledge ${item.text}`,
-        onclick: () => this.acknowledge([item.number])}, 'Acknowledge'));
+    const marks = {acknowledged: `seen by ${item.who} ${clock(item.acknowledged)}`, new: `NEW ${clock(item.raised)}`,
+      cleared: `cleared ${clock(item.cleared)}, nobody saw it`, unsure: 'MAY STILL BE THERE'};
+    const since = [item.state === 'new' ? '' : `since ${clock(item.raised)}`, item.times > 1 ? `${item.times} times` : '', item.stands ? '' : item.reason];
+    const row = this.rows.get(item.number) ?? this.makeRow(item.number);
+    row.item = item;
+    row.dataset.state = item.state;
+    for (const [name, text] of [['mark', marks[item.state]], ['what', item.text], ['since', since.filter(Boolean).join(', ')]]) {
+      const part = row.querySelector(`.${name}`);
+      if (part.textContent !== text) part.textContent = text;
     }
+    const button = row.querySelector('.seen');
+    button.hidden = Boolean(item.who) || !may;
+    button.setAttribute('aria-label', `Acknowledge ${item.text}`);
+    return row;
+  }
+
+  makeRow(number) {
+    const row = make('li', {'data-alarm': number}, shape('critical', '#fff'), make('span', {class: 'mark'}),
+      make('button', {type: 'button', class: 'what', onclick: () => this.goTo(row.item)}), make('span', {class: 'since'}),
+      make('button', {type: 'button', class: 'seen', onclick: () => this.acknowledge([number])}, 'Acknowledge'));
+    this.rows.set(number, row);
     return row;
   }
 

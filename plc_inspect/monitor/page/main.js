@@ -117,7 +117,8 @@ function showInstruments({near, height, heading, old}) {
   const wire = near.find(item => item.thing === 'conductor');
   const others = near.filter(item => item.thing !== 'conductor' && item.tone === 'critical');
   const words = {clear: '', unknown: 'not all seen', warning: 'near', critical: 'TOO NEAR'};
-  const show = item => chip(item.tone, `${item.thing === 'conductor' ? '' : item.thing + ' '}${metres(item.distance)} ${words[item.level]}`.trim());
+  const word = item => item.level === 'critical' && item.limit !== null && item.distance > item.limit ? 'was TOO NEAR' : words[item.level];
+  const show = item => chip(item.tone, `${item.thing === 'conductor' ? '' : item.thing + ' '}${metres(item.distance)} ${word(item)}`.trim());
   $('nearest').replaceChildren(...(wire && wire.distance !== null ? [show(wire)] : wire ? [chip(wire.tone, wire.level === 'clear' ? 'none near' : 'unknown')] : ['-']));
   $('others').hidden = !others.length;
   $('other').replaceChildren(...others.map(show));
@@ -184,6 +185,7 @@ function setTheme(theme) {
 
 function setSize(size) {
   document.documentElement.dataset.size = size;
+  alarms.fit();
   localStorage.setItem('size', size);
 }
 

@@ -17,6 +17,7 @@ export class Tables {
     this.spans = [];
     this.hazard = this.span = null;
     this.held = ''; // why hazards are held back
+    this.none = '';
     for (const name of TABS) {
       $(`tab-${name}`).onclick = () => this.open(name);
       $(`tab-${name}`).onkeydown = event => {
@@ -77,9 +78,10 @@ export class Tables {
     $('hazard').replaceChildren(...(item ? [
       make('h2', {'data-hazard': item.id}, chip(item.severity, table[item.severity].word), ` ${item.kind} ${item.id}`),
       make('p', {}, `${item.stretch}, ${item.conductor} `,
-        make('button', {type: 'button', 'data-focus': 'profile', onclick: () => { this.open('spans'); this.chooseSpan(item.span, false); }}, 'Profile')),
+        make('button', {type: 'button', 'data-focus': 'profile', onclick: () => { this.open('spans'); this.chooseSpan(item.span, false); }}, 'Profile'), ' ',
+        make('button', {type: 'button', 'data-focus': 'copy', onclick: event => copy(item.position.join(' '), event.target)}, 'Copy position')),
       make('table', {class: 'pairs'}, make('tbody', {}, ...pairs(item.rows))),
-    ] : [make('p', {}, this.hazards.length ? 'Choose a hazard in the table or in the picture.' : this.held || 'No hazard so far.')]));
+    ] : [make('p', {}, this.hazards.length ? 'Choose a hazard in the table or in the picture.' : this.held || this.none)]));
   }
 
   showSpans(items) {
@@ -136,8 +138,10 @@ export class Tables {
   }
 
   showAges(state) {
-    if (this.held !== state.held_back) {
+    const none = state.ages.data === null ? 'No result yet: nobody knows whether there are hazards.' : 'No hazard so far.';
+    if (this.held !== state.held_back || this.none !== none) {
       this.held = state.held_back;
+      this.none = none;
       this.showHazard();
     }
     for (const [id, kind, what] of [['hazards', 'data', count(this.hazards, 'hazard')], ['spans', 'data', count(this.spans, 'span')], ['health', 'health', 'health']]) {
@@ -147,6 +151,16 @@ export class Tables {
       line.classList.toggle('stale', old);
       $(`panel-${id}`).querySelector('table').classList.toggle('aged', old);
     }
+  }
+}
+
+// Browsers let only pages of this machine or of HTTPS copy.
+async function copy(text, button) {
+  try {
+    await navigator.clipboard.writeText(text);
+    button.textContent = 'Copied';
+  } catch {
+    button.textContent = text;
   }
 }
 

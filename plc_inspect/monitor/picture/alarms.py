@@ -5,6 +5,8 @@
 Alarms: each stays open until its cause is gone and somebody has acknowledged it.
 
 A cleared alarm is shown until it is acknowledged, and an acknowledged one until it clears.
+Numbers of hazards hold for one run of the node: after another began, an alarm goes on only where a
+hazard of the same number is at the same place.
 """
 
 from collections import deque
@@ -23,6 +25,12 @@ MOST_PAST = 200
 """Most closed alarms that are remembered, the newest [count]."""
 MOST_OPEN = 200
 """Most open alarms listed [count]; of more, those that cleared first are dropped from the list."""
+SAME_PLACE = 5.0
+"""
+A hazard of the same number this near to where it was is the same after a restart of the node [m].
+Source: judgement: the place of a hazard moves within a tree as more of it is seen.
+"""
+BEGAN_ANEW = 'the node began anew: it may still be there'
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,19 +90,28 @@ class Alarm:
         return bool(self.who)
 
     @property
+    def unsure(self) -> bool:
+        """Whether the node began anew, and has not told of its cause since."""
+        return self.reason == BEGAN_ANEW
+
+    @property
     def state(self) -> str:
-        """``new``, ``acknowledged``, or ``cleared`` but not acknowledged."""
+        """``new``, ``acknowledged``, or not acknowledged: ``unsure`` or ``cleared``."""
         if self.seen:
             return 'acknowledged'
-        return 'new' if self.stands else 'cleared'
+        return 'new' if self.stands else 'unsure' if self.unsure else 'cleared'
 
 
 class AlarmBook:
     """All alarms of one node."""
 
     def __init__(self) -> None:
-        self._open: dict[str, Alarm] = {}
+        self._open: dict[int, Alarm] = {}
         self._past: deque[Alarm] = deque(maxlen=MOST_PAST)
+        self._numbers: dict[str, int] = {}
+        """Numbers of open alarms of this run of the node, by key."""
+        self._before: dict[str, Alarm] = {}
+        """Alarms that stood when the run before ended, as they were, by key."""
         self._count = 0
         self.raises = 0
         """How often alarms were raised, repetitions included."""
@@ -111,11 +128,17 @@ class AlarmBook:
         """Closed alarms, newest first."""
         return tuple(reversed(self._past))
 
-    def update(
-        self, causes: Mapping[str, Cause], now: float, reason: str = 'no longer there'
-    ) -> None:
+    def begin_anew(self, now: float) -> None:
+        """Note that another run of the node began, which knows other hazards or the same again."""
+        standing = [item for item in self._open.values() if item.stands]
+        self._before |= {item.key: item for item in standing}
+        self._numbers.clear()
+        for item in standing:
+            self._put(replace(item, cleared=now, reason=BEGAN_ANEW))
+
+    def update(self, causes: Mapping[str, Cause], now: float) -> tuple[Alarm, ...]:
         """
-        Set the present causes; alarms whose cause is absent clear.
+        Set the present causes; alarms of this run whose cause is absent clear.
 
         Parameters
         ----------
@@ -123,32 +146,40 @@ class AlarmBook:
             By key.
         now : float
             Steady time [s].
-        reason : str
-            Why the other alarms clear.
+
+        Returns
+        -------
+        tuple of Alarm
+            Those that were raised.
 
         """
+        raised = []
         for key, cause in causes.items():
-            old = self._open.get(key)
+            old = self._open.get(self._numbers.get(key, 0)) or self._find_again(key, cause)
             if old is None:
                 self._count += 1
-                self.raises += 1
-                self._open[key] = Alarm(
+                self._put(Alarm(
                     number=self._count, key=key, cause=cause, raised=now, worst=cause
-                )
-            elif old.stands:
-                self._open[key] = replace(old, cause=cause, worst=_find_worse(old, cause))
+                ))
+            elif old.stands or old.unsure:
+                self._put(replace(
+                    old, cause=cause, cleared=math.nan, reason='', worst=_find_worse(old, cause)
+                ))
             else:  # nobody had seen the one before: they are one
-                self.raises += 1
-                self._open[key] = replace(
+                self._put(replace(
                     old, cause=cause, cleared=math.nan, reason='', times=old.times + 1,
                     worst=_find_worse(old, cause),
-                )
-        for key in [key for key, item in self._open.items() if item.stands]:
-            if key not in causes:
-                self._put(replace(self._open[key], cleared=now, reason=reason))
+                ))
+            if old is None or not (old.stands or old.unsure):
+                raised.append(self._open[self._numbers[key]])
+        self.raises += len(raised)
+        for key, number in list(self._numbers.items()):
+            if key not in causes and self._open[number].stands:
+                self._put(replace(self._open[number], cleared=now, reason='no longer there'))
         gone = [item for item in self._open.values() if not item.stands]
         for item in gone[:max(0, len(self._open) - MOST_OPEN)]:
-            self._past.append(self._open.pop(item.key))
+            self._close(item)
+        return tuple(raised)
 
     def acknowledge(self, numbers: Iterable[int], who: str, now: float) -> tuple[Alarm, ...]:
         """
@@ -178,13 +209,41 @@ class AlarmBook:
                 self._put(seen)
         return tuple(result)
 
+    def _find_again(self, key: str, cause: Cause) -> Alarm | None:
+        """Return the alarm of the run before that a cause goes on with, and take it up again."""
+        before = self._before.get(key)
+        if before is None or not _is_same(before.cause, cause):
+            return None
+        del self._before[key]
+        for item in self._open.values():
+            if item.number == before.number:
+                return item
+        for item in self._past:  # it was acknowledged, before or after the restart
+            if item.number == before.number:
+                self._past.remove(item)
+                return item
+        return before
+
     def _put(self, item: Alarm) -> None:
         """Store an alarm among the open or the closed ones."""
-        if item.stands or not item.seen:
-            self._open[item.key] = item
-        else:
-            del self._open[item.key]
-            self._past.append(item)
+        self._open[item.number] = item
+        if not item.unsure:
+            self._numbers[item.key] = item.number
+        if item.seen and not item.stands:
+            self._close(item)
+
+    def _close(self, item: Alarm) -> None:
+        del self._open[item.number]
+        if self._numbers.get(item.key) == item.number:
+            del self._numbers[item.key]
+        self._past.append(item)
+
+
+def _is_same(before: Cause, now: Cause) -> bool:
+    """Return whether causes of one key in two runs of the node are one; keep-outs always are."""
+    if now.hazard_id < 0 or before.place is None or now.place is None:
+        return now.hazard_id < 0
+    return math.dist(before.place, now.place) <= SAME_PLACE
 
 
 def _find_worse(old: Alarm, cause: Cause) -> Cause:

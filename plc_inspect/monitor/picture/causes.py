@@ -30,6 +30,14 @@ FEET_REACH = 120.0
 Feet of structures and ground below conductors within this distance give an estimate of it [m].
 Source: judgement: half a span of high voltage.
 """
+LEAST_WAY = 1.0
+"""
+Less than this to the side or in height is not named [m].
+Source: judgement: the accuracy with which somebody looks.
+"""
+COMPASS = ('north', 'north-east', 'east', 'south-east', 'south', 'south-west', 'west',
+           'north-west')
+"""Directions by eighths of a turn from north, the y axis of the map."""
 LEAST_FEET, MOST_FEET = 3, 7
 """
 Least number of them needed, and most used.
@@ -74,9 +82,27 @@ def describe_nearness(
     if math.isnan(near.distance):
         return f'{name_thing(near.thing)}: none known'
     text = f'{name_thing(near.thing)} {near.distance:.1f} m from the vehicle'
+    if near.level == Level.CRITICAL and not math.isnan(near.limit):
+        text += f', {near.limit:.1f} m required'
+    text += _name_way(near.way)
     if near.thing == Thing.CONDUCTOR:
         text += _name_span(near.line_id, near.span_id, stretches)
     return text
+
+
+def _name_way(way: Place) -> str:
+    """Return the way from the vehicle by compass and height, '' where it is not known."""
+    if not all(map(math.isfinite, way)):
+        return ''
+    east, north, up = way
+    flat = math.hypot(east, north)
+    words = []
+    if flat >= LEAST_WAY:
+        turn = round(math.degrees(math.atan2(east, north)) / 45.0) % 8
+        words.append(COMPASS[turn])
+    if abs(up) >= LEAST_WAY:
+        words.append(f'{abs(up):.0f} m {"above" if up > 0.0 else "below"}')
+    return ''.join(f', {word}' for word in words)
 
 
 def _name_span(

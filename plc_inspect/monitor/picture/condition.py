@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import math
 
 from plc_inspect.monitor.picture.picture import format_age, Link, Picture, STALE
-from plc_inspect.stream.summary import STATUSES
+from plc_inspect.stream.summary import NOT_READY, STATUSES
 
 PAUSE = 2.0
 """Pause after which scans or poses count as stopped, as in the node [s]."""
@@ -67,9 +67,10 @@ def judge(picture: Picture, name: str = 'the node') -> Condition:
     if found is not None:
         return found
     for level, tone in ((ERROR, 'critical'), (WARNING, 'warning')):
-        for title, own, text in zip(STATUSES, picture.levels, picture.texts, strict=False):
-            if own == level:
-                return Condition(tone, f'{title}: {text or "the node is in error"}')
+        for name, told, text in zip(STATUSES, picture.levels, picture.texts, strict=False):
+            if told == level:
+                title = '' if text.startswith(NOT_READY) else f'{name}: '
+                return Condition(tone, f'{title}{text or "the node is in error"}')
         if picture.held:  # the node's health may tell of it a second later
             return Condition('critical', f'map: {picture.held_back}')
     return _judge_results(picture)
@@ -86,13 +87,19 @@ def has_landed(picture: Picture) -> bool:
 def _judge_link(picture: Picture, name: str) -> Condition | None:
     ages = picture.ages
     if picture.link is Link.WAITING:
-        return Condition('notice', f'waiting for {name}: nothing heard yet')
+        if not picture.others:
+            return Condition('notice', f'waiting for {name}: nothing heard yet')
+        return Condition(
+            'warning', f'nothing heard of {name}; on the graph: {", ".join(picture.others)}'
+        )
+    preparing = any(text.startswith(NOT_READY) for text in picture.texts)
+    busy = ', or the node is busy preparing' if preparing else ''
     if picture.link is Link.LOST:
         return Condition(
-            'critical', f'LINK LOST {format_age(ages.link)} ago: all of this is old'
+            'critical', f'LINK LOST {format_age(ages.link)} ago{busy}: all of this is old'
         )
     if picture.link is Link.LATE:
-        return Condition('warning', f'link late: nothing for {format_age(ages.link)}')
+        return Condition('warning', f'link late{busy}: nothing for {format_age(ages.link)}')
     if not picture.complete:
         return Condition('warning', 'incomplete: part of the summary was lost, asked for anew')
     if math.isnan(ages.health):
@@ -131,7 +138,8 @@ def _find_hint(picture: Picture) -> str:
 def _judge_results(picture: Picture) -> Condition:
     ages, health = picture.ages, picture.health
     if math.isnan(ages.data):
-        return Condition('notice', 'scans and poses come in; no result yet')
+        kept = ': shown is what was known before the restart' if picture.spans else ''
+        return Condition('notice', f'scans and poses come in; no result yet{kept}')
     if ages.data > STALE:
         return Condition('warning', f'no new result for {format_age(ages.data)}')
     if picture.near and ages.near > STALE:

@@ -25,6 +25,7 @@ from plc_inspect.monitor.picture.node_clock import NodeClock
 from plc_inspect.monitor.picture.picture import (
     Ages,
     Event,
+    format_age,
     HazardItem,
     Link,
     make_hazard,
@@ -84,6 +85,8 @@ class Monitor:
         self._events: deque[Event] = deque(maxlen=MOST_EVENTS)
         self.alarms = AlarmBook()
         self._causes: dict[str, Cause] = {}
+        self._former: set[tuple[int, int]] = set()
+        """Spans of the run before, until the first tick: what is known by then was kept."""
         self._ahead = Ahead()
         self._moved, self._flown = math.nan, 0.0
         self._wishes = Wishes()
@@ -254,7 +257,9 @@ class Monitor:
             )
             self._tally.add('restarts')
             self._tell(now, 1, 'the node was told to forget everything: cleared' if same else
-                       'the node was started anew: what it knew before is gone')
+                       'the node was started anew: cleared until it tells what it kept')
+            fresh = same or not math.isnan(message.status.tick_uptime)
+            self._former = set() if fresh else {item.key for item in self._items[0]}
             if not same:
                 self._clock = NodeClock()
         self._rows.clear()
@@ -268,11 +273,13 @@ class Monitor:
         self._moved, self._flown = now, 0.0
         self._causes = {}
         self._ahead.clear()
-        self.alarms.update({}, now, 'the node began anew: it may still be there')
+        self.alarms.begin_anew(now)
         self._wishes.want_summary(now if taken_over else now + 1.0)
 
     def _apply(self, message: SummaryMessage, now: float) -> None:
         before = self._items[2]
+        if self._former and not math.isnan(message.status.tick_uptime):
+            self._tell_kept(now)
         changed = self._rows.take(message)
         old, self._status = self._status, message.status
         if message.texts is not None:
@@ -298,7 +305,16 @@ class Monitor:
             self._track.append(place)
 
     def _raise_alarms(self, now: float) -> None:
-        self.alarms.update(self._causes | self._ahead.causes, now)
+        for item in self.alarms.update(self._causes | self._ahead.causes, now):
+            if item.cause.hazard_id < 0:  # hazards are told with the table
+                self._tell(now, 2, item.cause.text)
+
+    def _tell_kept(self, now: float) -> None:
+        """Report how much the node knows again after it was started anew."""
+        kept = len(self._former & {item.key for item in self._items[0]})
+        self._tell(now, 0 if kept else 1,
+                   f'the node went on with {kept} of the {len(self._former)} spans from before')
+        self._former = set()
 
     def _compare_cloud(self, now: float) -> None:
         """Request the corridor anew if blocks are missing and none arrive."""
@@ -346,7 +362,7 @@ class Monitor:
                 self._tell(now, 1 if level else 0, word)
         back = (old.stamp_ns - new.stamp_ns) * 1e-9
         if back > 0.0 and new.stamp_ns > 0 and old.stamp_ns > 0:
-            self._tell(now, 1, f'the time of the data went back by {back:.1f} s')
+            self._tell(now, 1, f'the time of the data went back by {format_age(back)}')
 
     def _watch(self, now: float) -> None:
         """Check how long the link has been silent."""

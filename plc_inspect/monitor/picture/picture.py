@@ -248,6 +248,8 @@ class Picture:
     """Open alarms, unacknowledged first."""
     past_alarms: tuple[Alarm, ...]
     """Closed alarms, newest first."""
+    others: tuple[str, ...] = ()
+    """Nodes on the graph, while nothing was heard of this one."""
 
     @property
     def problem(self) -> str:

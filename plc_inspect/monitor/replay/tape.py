@@ -16,6 +16,7 @@ import numpy as np
 from rosbags.typesys import get_typestore, Stores
 
 from plc_inspect.errors import DataError
+from plc_inspect.flight_record.layout import SUFFIX
 from plc_inspect.offline.records.results_reader import (
     parse_hazard,
     parse_span,
@@ -92,6 +93,11 @@ def read_tape(path: Path) -> Tape:
         It is neither, or damaged before its first summary.
 
     """
+    if path.is_dir() and path.suffix == SUFFIX:
+        raise DataError(
+            f'{path} is the flight record of a node: "plc_recover {path} -o OUT" makes a results '
+            'folder of it, which can be opened'
+        )
     return _read_folder(path) if path.is_dir() else _read_record(path)
 
 

@@ -85,7 +85,8 @@ def make_rows(picture: Picture) -> Rows:
     stretches = name_stretches(picture.spans, picture.supports)
     return {
         'hazards': [
-            (str(item.hazard_id), _make_hazard(item, stretches)) for item in picture.hazards
+            (str(item.hazard_id), _make_hazard(item, stretches, picture.supports))
+            for item in picture.hazards
         ],
         'supports': [
             (str(item.support_id), {
@@ -120,7 +121,8 @@ def make_replay(state: Mapping[str, Any], replay: Replay) -> dict[str, Any]:
         text = '; '.join(filter(None, (f'results of {tape.name}', tape.note)))
         return {
             'state': {**state, 'time': now, 'tone': 'notice', 'text': text, 'link': 'live',
-                      'old': dict.fromkeys(state['old'], False)},
+                      'old': dict.fromkeys(state['old'], False),
+                      'age_texts': dict.fromkeys(state['age_texts'], 'as saved')},
             'alarms': [], 'past': [],  # when they were raised is not known
             'clock': None,
         }
@@ -148,10 +150,15 @@ def _make_state(picture: Picture, condition: Condition, name: str) -> dict[str, 
             'health': _round(ages.health, 1),
         },
         'old': {
-            'data': lost or ages.data > STALE, 'vehicle': lost or ages.vehicle > STALE,
+            'data': lost or _is_old(ages.data, picture.spans),
+            'vehicle': lost or _is_old(ages.vehicle, picture.vehicle),
             'health': lost or ages.health > STALE, 'near': lost or ages.near > STALE,
         },
-        'age_texts': {'data': _say_age(ages.data), 'health': _say_age(ages.health)},
+        'age_texts': {
+            'data': 'from before the restart of the node'
+            if math.isnan(ages.data) and picture.spans else _say_age(ages.data),
+            'health': _say_age(ages.health),
+        },
         'vehicle': None if picture.vehicle is None else _place(picture.vehicle),
         'heading': _round(picture.heading, 3), 'height': _round(picture.height, 1),
         'near': [
@@ -161,6 +168,7 @@ def _make_state(picture: Picture, condition: Condition, name: str) -> dict[str, 
                 'closest': _round(item.closest, 1), 'closest_in': _round(item.closest_in, 0),
                 'sigma': _round(item.sigma, 2), 'text': describe_nearness(item),
                 'place': _place(locate(item, picture.vehicle)),
+                'limit': _round(item.limit, 1),
                 'conductor': name_conductor(item.line_id)
                 if item.thing == Thing.CONDUCTOR and item.line_id >= 0 else None,
             }
@@ -183,9 +191,11 @@ def _make_alarm(item: Alarm, wall: float) -> dict[str, Any]:
     }
 
 
-def _make_hazard(item: HazardItem, stretches: dict[tuple[int, int], str]) -> dict[str, Any]:
+def _make_hazard(
+    item: HazardItem, stretches: dict[tuple[int, int], str], supports: Sequence[SupportItem]
+) -> dict[str, Any]:
     key = item.line_id, item.span_id
-    support = f' {item.support_id}' if item.support_id >= 0 else ''
+    known = item.support_id in {support.support_id for support in supports}
     return {
         'id': item.hazard_id, 'kind': item.kind, 'severity': item.severity_name,
         'clearance': _round(item.clearance), 'required': _round(item.required),
@@ -195,11 +205,14 @@ def _make_hazard(item: HazardItem, stretches: dict[tuple[int, int], str]) -> dic
             ['measured', format_metres(item.clearance, item.sigma)],
             ['required', format_metres(item.required)],
             ['confidence', f'{round(100 * item.confidence)} %'],
-            ['position', ' '.join(f'{value:.1f}' for value in item.position)],
+            ['position', ', '.join(
+                f'{axis} {value:.1f}' for axis, value in zip('xyz', item.position, strict=True)
+            )],
             ['horizontal', format_metres(item.horizontal)],
             ['vertical', format_metres(item.vertical)],
             ['along the span', format_metres(item.along_span)],
-            [f'from structure{support}', format_metres(item.from_support)],
+            [f'from structure {item.support_id}' if known else 'from the nearest structure',
+             format_metres(item.from_support)],
             ['height of the object', format_metres(item.height)],
             ['points', str(item.num_points)],
             ['line / span of the files', f'{item.line_id} / {item.span_id}'],
@@ -242,6 +255,11 @@ def _make_health(picture: Picture) -> dict[str, Any]:
             text for text, level in zip(picture.texts, picture.levels, strict=False) if level
         ],
     }
+
+
+def _is_old(age: float, thing: object) -> bool:
+    """Return whether a thing that is known is old; where nobody knows its age, it is."""
+    return bool(thing) and not age <= STALE
 
 
 def _say_age(seconds: float) -> str:

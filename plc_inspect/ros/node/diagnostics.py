@@ -21,6 +21,7 @@ from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
 from plc_inspect.flight_record.recording import Condition
 from plc_inspect.ros.graph.transport import ADVICE
 from plc_inspect.ros.results.teller import count_found
+from plc_inspect.stream.summary import NOT_READY
 
 SILENCE = 2.0
 """Scans or odometry that pause longer are reported [s]."""
@@ -55,6 +56,8 @@ class Health:
     last_scan: float | None = None
     """Steady time of the last scan [s]."""
     last_pose: float | None = None
+    preparing: float | None = field(default_factory=time.monotonic)
+    """Steady time since which the node gets ready to look for anything [s], None: it is."""
     _durations: dict[str, deque[float]] = field(default_factory=dict)
 
     @contextmanager
@@ -278,6 +281,12 @@ def describe_segmentation(
             values[f'stage {stage.name} [ms]'] = round(stage.seconds * 1e3, 1)
     if health.last_error:
         level, text = DiagnosticStatus.WARN, f'{text}; last error: {health.last_error}'
+    if health.preparing is not None:  # scans that come in are kept, and nobody looks at them
+        level = DiagnosticStatus.WARN if health.last_scan is None else DiagnosticStatus.ERROR
+        text = (
+            f'{NOT_READY}: preparing for {time.monotonic() - health.preparing:.0f} s, no line and '
+            'no hazard is looked for yet'
+        )
     values['last error'] = health.last_error or 'none'
     for name, (middle, high, most) in health.percentiles().items():
         values[f'callback {name} [ms]: median, p99, greatest'] = (

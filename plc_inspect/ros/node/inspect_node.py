@@ -274,7 +274,8 @@ class InspectNode(Node):
     def _publish(self, state: LiveState, frame_id: str) -> None:
         now = self.get_clock().now().nanoseconds
         told = move_state(state, self._intake.move.inverse())
-        self._results.publish(make_bundle(told, frame_id, now, self.settings.stream))
+        bundle = make_bundle(told, frame_id, now, self.settings.stream)
+        self._results.publish(bundle, kept=not self._health.num_ticks)
 
     def _submit(self, job: str, work: Callable[[], Any]) -> None:
         self._job = job
@@ -339,7 +340,7 @@ class InspectNode(Node):
             return
         if job == 'start':
             self._intake.take_memory()
-            self._rest_is_due = True
+            self._rest_is_due, self._health.preparing = True, None
         if error is not None:
             self._health.num_failed += job == 'tick'
             self._fail(job, error)

@@ -118,7 +118,10 @@ class KeepOut:
         header = Header(stamp=Time(sec=seconds, nanosec=nanoseconds), frame_id=pose.frame_id)
         place = told[0], told[1], told[2]
         self._rows.publish(make_cloud(header, make_proximity(found, place)))
-        self._share(tell_nearness(found, place), find_heading(pose.quaternion))
+        self._share(
+            tell_nearness(found, place, settings.proximity.critical),
+            find_heading(pose.quaternion),
+        )
         if 0 <= pose.stamp_ns - self._drawn < MARKER_PERIOD_NS:
             return
         self._drawn = pose.stamp_ns

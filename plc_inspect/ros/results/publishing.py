@@ -102,10 +102,10 @@ class ResultPublishers:
         )
         self._seen: set[MarkerKey] = set()
 
-    def publish(self, bundle: Bundle) -> None:
-        """Send all messages of one state."""
+    def publish(self, bundle: Bundle, *, kept: bool = False) -> None:
+        """Send all messages of one state; it may be kept of an earlier run of the node."""
         for name, publisher in self._clouds.items():
             publisher.publish(getattr(bundle, name))
         markers, self._seen = add_deletions(bundle.header, bundle.markers, self._seen)
         self._markers.publish(markers)
-        self._stream.publish(bundle.news)
+        self._stream.publish(bundle.news, kept=kept)

@@ -205,15 +205,19 @@ class Stream:
         self._blank = True
         self._begin()
 
-    def publish(self, news: News) -> None:
-        """Tell what a tick found."""
+    def publish(self, news: News, *, kept: bool = False) -> None:
+        """Tell what a tick found, or what was kept of an earlier run of the node."""
         now = self._now()
         self._texts[0] = news.frame_id or self._texts[0]
-        stamp_ns = 0 if self._blank else news.stamp_ns
-        self._blank = False
+        blank, self._blank = self._blank, False
         self._status = replace(
-            self._status, stamp_ns=stamp_ns, tick_uptime=now, held=news.held
+            self._status, stamp_ns=0 if blank else news.stamp_ns, held=news.held,
+            tick_uptime=math.nan if blank or kept else now,
         )
+        if kept and (vehicle := self._intake.told_vehicle) is not None:
+            self._vehicle = vehicle  # where it was, which is no news either
+            x, y, z = vehicle.tolist()
+            self._status = replace(self._status, vehicle=(x, y, z), vehicle_uptime=math.nan)
         if news.cells is not None:
             self._map.update(news.cells, self._intake.told_vehicle, now)
         hazards = news.tables.hazards

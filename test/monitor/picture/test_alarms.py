@@ -3,13 +3,22 @@
 
 """Alarms stand until they are cleared and acknowledged, in whatever order."""
 
+from dataclasses import replace
 import itertools
 
 from hypothesis import given, settings, strategies
+import pytest
 
-from plc_inspect.monitor.picture.alarms import AlarmBook, Cause, MOST_OPEN, MOST_PAST
+from plc_inspect.monitor.picture.alarms import (
+    AlarmBook,
+    BEGAN_ANEW,
+    Cause,
+    MOST_OPEN,
+    MOST_PAST,
+)
 
-TREE, WIRE = Cause(text='a tree', hazard_id=7), Cause(text='a wire')
+TREE = Cause(text='a tree', hazard_id=7, place=(10.0, 0.0, 5.0))
+WIRE = Cause(text='a wire')
 
 
 def states(book):
@@ -35,7 +44,7 @@ def test_an_alarm_stands_until_it_is_cleared_and_acknowledged():
 def test_what_cleared_unseen_is_told_until_somebody_sees_it():
     book = AlarmBook()
     book.update({'tree': TREE}, 1.0)
-    book.update({}, 2.0, 'the node began anew')
+    book.update({}, 2.0)
     assert states(book) == [('tree', 'cleared', False)]
     book.update({'tree': TREE}, 3.0)  # the same alarm, raised again before anybody saw it
     assert states(book) == [('tree', 'new', True)]
@@ -46,6 +55,54 @@ def test_what_cleared_unseen_is_told_until_somebody_sees_it():
     book.update({'tree': TREE}, 6.0)  # after it was seen and over: another one
     assert [item.number for item in book.open] == [2]
     assert states(book) == [('tree', 'new', True)]
+
+
+def test_another_run_of_the_node_takes_no_alarm_of_the_one_before():
+    book = AlarmBook()
+    (raised,) = book.update({'hazard 7': TREE}, 1.0)
+    assert raised.number == 1
+    book.begin_anew(2.0)
+    assert states(book) == [('hazard 7', 'unsure', False)]
+    assert book.open[0].reason == BEGAN_ANEW
+    elsewhere = replace(TREE, place=(90.0, 0.0, 5.0), text='another tree')
+    (raised,) = book.update({'hazard 7': elsewhere}, 3.0)
+    assert raised.number == 2
+    assert {item.number: item.state for item in book.open} == {1: 'unsure', 2: 'new'}
+    assert book.update({}, 4.0) == ()
+    assert {item.number: item.state for item in book.open} == {1: 'unsure', 2: 'cleared'}
+    book.acknowledge([1, 2], 'crew', 5.0)
+    assert book.open == ()
+    assert [(item.number, item.reason) for item in reversed(book.past)] == [
+        (1, BEGAN_ANEW), (2, 'no longer there')
+    ]
+
+
+@pytest.mark.parametrize('when', ['never', 'before', 'after'])
+def test_what_the_node_kept_goes_on_as_it_was(when):
+    book = AlarmBook()
+    book.update({'hazard 7': TREE}, 1.0)
+    if when == 'before':
+        book.acknowledge([1], 'crew', 1.5)
+    book.begin_anew(2.0)
+    if when == 'after':
+        book.acknowledge([1], 'crew', 2.5)
+    book.begin_anew(2.7)  # it was killed again before it told of anything
+    moved = replace(TREE, place=(12.0, 0.0, 5.0))
+    assert book.update({'hazard 7': moved}, 3.0) == ()  # no bell for what is known
+    (alarm,) = book.open
+    assert (alarm.number, alarm.raised, alarm.times, alarm.stands) == (1, 1.0, 1, True)
+    assert alarm.state == ('new' if when == 'never' else 'acknowledged')
+    assert book.past == ()
+    book.update({}, 4.0)
+    assert len(book.past) == (when != 'never')
+
+
+def test_what_is_near_the_vehicle_goes_on_wherever_it_is():
+    book = AlarmBook()
+    book.update({'keep-out conductor': replace(WIRE, place=(0.0, 0.0, 0.0))}, 1.0)
+    book.begin_anew(2.0)
+    assert book.update({'keep-out conductor': replace(WIRE, place=(50.0, 0.0, 0.0))}, 3.0) == ()
+    assert states(book) == [('keep-out conductor', 'new', True)]
 
 
 def test_new_ones_stand_before_those_that_were_seen():

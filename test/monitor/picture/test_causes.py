@@ -22,7 +22,7 @@ from plc_inspect.stream.nearness import Nearness
 
 WIRE = Nearness(
     thing=Thing.CONDUCTOR, level=Level.CRITICAL, distance=4.2, way=(1.0, 2.0, -3.0), closest=4.0,
-    closest_in=2.0, sigma=0.1, line_id=1, span_id=0,
+    closest_in=2.0, sigma=0.1, line_id=1, span_id=0, limit=8.0,
 )
 
 
@@ -38,7 +38,8 @@ def test_a_keep_out_is_an_alarm_until_somebody_has_seen_it():
     picture = feed(monitor, source, 1.0, WIRE, tables=make_rows(6, 0))
     (alarm,) = picture.alarms
     assert alarm.cause.text == (
-        'keep-out: conductor 4.2 m from the vehicle; structure 0 to 1, conductor 2'
+        'keep-out: conductor 4.2 m from the vehicle, 8.0 m required, north-east, 3 m below; '
+        'structure 0 to 1, conductor 2'
     )
     np.testing.assert_allclose(alarm.cause.place, np.array(picture.vehicle) + WIRE.way, atol=1e-5)
     assert picture.count_severities() == {'critical': 1, 'warning': 0}
@@ -59,7 +60,7 @@ def test_a_node_that_begins_anew_clears_no_alarm_silently():
     other = Source(session=99)
     monitor.take_summary(other.summary(1.0, keyframe=True, tables=make_rows(6, 0)), 120.0)
     (alarm,) = monitor.look(120.0).alarms
-    assert alarm.state == 'cleared'
+    assert alarm.state == 'unsure'
     assert alarm.reason == 'the node began anew: it may still be there'
 
 
@@ -109,7 +110,17 @@ def test_ground_below_the_vehicle_comes_first():
 
 
 def test_what_is_not_confirmed_has_no_number():
-    assert describe_nearness(dataclasses.replace(WIRE, line_id=-3, span_id=-7)) == (
-        'conductor 4.2 m from the vehicle'
-    )
-    assert describe_nearness(WIRE).endswith('vehicle; span 0, conductor 2')
+    told = 'conductor 4.2 m from the vehicle, 8.0 m required, north-east, 3 m below'
+    assert describe_nearness(dataclasses.replace(WIRE, line_id=-3, span_id=-7)) == told
+    assert describe_nearness(WIRE) == f'{told}; span 0, conductor 2'
+
+
+@pytest.mark.parametrize(('way', 'words'), [
+    ((0.0, 5.0, 0.4), ', north'), ((5.0, -5.0, 2.0), ', south-east, 2 m above'),
+    ((-5.0, 0.1, 0.0), ', west'), ((0.3, 0.3, -4.0), ', 4 m below'),
+    ((math.nan, math.nan, math.nan), ''),
+])
+def test_an_obstacle_is_somewhere(way, words):
+    tree = Nearness(thing=Thing.OBSTACLE, level=Level.WARNING, distance=5.0, way=way, closest=5.0,
+                    closest_in=0.0, sigma=0.1)
+    assert describe_nearness(tree) == f'obstacle 5.0 m from the vehicle{words}'

@@ -67,7 +67,10 @@ def test_it_is_good_where_all_is_well():
      {'held': True, 'levels': (1, 2, 0), 'texts': (*TEXTS[:2], 'walls are seen twice', '')}),
     ('notice', 'scans at 10.0 Hz and poses come in; sharpness of the map not known yet',
      {'health': {'sharpness': math.nan}}),
-    ('notice', 'scans and poses come in; no result yet', {'tick_uptime': math.nan}),
+    ('notice', 'scans and poses come in; no result yet: shown is what was known before the '
+     'restart', {'tick_uptime': math.nan}),
+    ('critical', 'NOT READY: preparing for 9 s',
+     {'levels': (0, 0, 2), 'texts': (*TEXTS[:3], 'NOT READY: preparing for 9 s')}),
     ('warning', 'no new result for 5.9 s', {'tick_uptime': 0.0, 'later': 0.9}),
     ('warning', 'keep-out not measured for 5.9 s',
      {'near': (WIRE,), 'near_uptime': 0.0, 'later': 0.9}),

@@ -3,6 +3,8 @@
 
 """The monitor's knowledge, message by message, with every way a link or a node can fail."""
 
+import math
+
 import numpy as np
 import pytest
 from stream_pieces import make_rows, NO_TABLES, Source, TEXTS
@@ -11,6 +13,7 @@ from plc_inspect.monitor.picture.model import LATE, LOST, Monitor
 from plc_inspect.monitor.picture.node_clock import NodeClock
 from plc_inspect.monitor.picture.picture import Link
 from plc_inspect.monitor.picture.wishes import CLOUD_PATIENCE, OVERTAKEN, PATIENCE
+from plc_inspect.monitor.web.values import make_parts
 
 
 def tell(picture):
@@ -170,9 +173,27 @@ def test_a_node_that_was_started_anew_clears_everything(monitor):
     assert picture.spans == picture.hazards == ()
     assert picture.cloud_cells == 0
     assert picture.counts.restarts == 1
-    assert 'the node was started anew: what it knew before is gone' in tell(picture)
+    assert 'the node was started anew: cleared until it tells what it kept' in tell(picture)
     assert picture.ages.data == pytest.approx(0.0)
     assert picture.track == ((10.5, 2.0, 30.0),)
+
+
+def test_what_a_node_kept_is_old_until_the_first_result(monitor):
+    other, rows = Source(session=999), make_rows(4, 1)
+    monitor.take_summary(other.summary(
+        0.5, keyframe=True, tables=rows, tick_uptime=math.nan, vehicle_uptime=math.nan,
+    ), 130.0)
+    picture = monitor.look(130.0)
+    assert (len(picture.spans), len(picture.hazards)) == (4, 1)
+    assert math.isnan(picture.ages.data)
+    assert math.isnan(picture.ages.vehicle)
+    state = make_parts(picture, 'node', 0.0)['state']
+    assert state['old'] == {'data': True, 'vehicle': True, 'health': False, 'near': False}
+    assert state['age_texts']['data'] == 'from before the restart of the node'
+    monitor.take_summary(other.summary(1.5, tables=rows), 131.0)
+    picture = monitor.look(131.0)
+    assert 'the node went on with 4 of the 6 spans from before' in tell(picture)
+    assert make_parts(picture, 'node', 0.0)['state']['old']['data'] is False
 
 
 def test_a_reset_is_told_from_a_restart(monitor):
@@ -261,7 +282,7 @@ def test_a_node_that_begins_anew_ends_what_was_ahead(monitor, source):
     monitor.take_ahead(other.summary(1.0, keyframe=True, tables=make_rows(6, 6)), 104.0)
     assert {item.key for item in monitor.look(104.0).alarms} == {'hazard 0', 'hazard 3'}
     assert monitor.take_summary(other.summary(1.5, keyframe=True, tables=NO_TABLES), 104.0)
-    assert {item.state for item in monitor.look(104.0).alarms} == {'cleared'}
+    assert {item.state for item in monitor.look(104.0).alarms} == {'unsure'}
 
 
 def test_hazards_that_are_held_back_are_not_cleared(monitor, source):
@@ -308,7 +329,7 @@ def test_health_and_time_that_jumps_are_told(monitor, source):
     monitor.take_summary(source.summary(6.0, levels=(2, 0, 0), stamp_ns=900_000_000_000), 101.0)
     texts = tell(monitor.look(101.0))
     assert 'input: scans and odometry come in' in texts
-    assert 'the time of the data went back by 105.0 s' in texts
+    assert 'the time of the data went back by 105 s' in texts
     monitor.take_summary(source.summary(7.0), 102.0)
     assert tell(monitor.look(102.0))[-1] == 'input: good again'
 

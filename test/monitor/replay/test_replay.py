@@ -118,6 +118,9 @@ def test_a_record_is_read_back(tmp_path, monkeypatch):
     assert picture.cloud_cells == 1
     whole = path.read_bytes()
     path.write_bytes(whole[:-300])
+    (tmp_path / 'flight.record').mkdir()
+    with pytest.raises(DataError, match=r'flight record of a node: "plc_recover .*flight\.record'):
+        read_tape(tmp_path / 'flight.record')
     with pytest.raises(DataError, match='cannot be read: '):
         read_tape(path)
 

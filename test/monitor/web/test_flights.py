@@ -17,6 +17,7 @@ from plc_inspect.monitor.picture.condition import LANDED_TIME
 from plc_inspect.ros.graph.qos import ODOMETRY
 
 PAST = "document.querySelector('#past').textContent"
+RECORDED = '-p', 'output.record:=true'
 FLEET = """[...document.querySelectorAll('#fleet button')].map(item =>
 [item.dataset.vehicle, item.textContent, item.getAttribute('aria-pressed')])"""
 
@@ -26,7 +27,7 @@ def test_it_shows_what_is_published_and_recovers(flight, browse, tmp_path):
     assert address.startswith('http://127.0.0.1:')
     chrome = browse(address, 900, 500)
     chrome.wait(f"{STATE} == 'waiting for /plc_inspect: nothing heard yet'")
-    node = flight.start_node()
+    node = flight.start_node('', *RECORDED)
     chrome.wait(f"{STATE} == 'waiting for the lidar: nobody publishes /velodyne_points; '"
                 " + 'nobody publishes /odometry'")
     assert chrome.run(TONE) == 'critical'
@@ -55,17 +56,24 @@ def test_it_shows_what_is_published_and_recovers(flight, browse, tmp_path):
     assert 'all of this is old' in chrome.run(STATE)
     assert chrome.run("document.querySelector('#hazards-age').textContent").endswith(': OLD')
 
-    flight.newest.clear()
-    flight.start_node()
+    known = chrome.run(HAZARDS)
+    chrome.page.keyboard.press('a')
+    chrome.page.keyboard.type('crew')
+    chrome.page.keyboard.press('Enter')
+    chrome.wait(f"{ALARMS}.every(([state]) => state == 'acknowledged')")
+    flight.start_node('', *RECORDED)  # it goes on from its record
     chrome.wait(f"{STATE}.startsWith('waiting for the lidar')")
-    chrome.wait(f'!{HAZARDS}.length')
-    states = {state for state, _ in chrome.run(ALARMS)}
-    assert states == {'cleared'}  # what nobody has seen stands, though the node forgot it
-    assert 'started anew' in chrome.run("document.querySelector('#events').textContent")
-    flight.play('--start', '1')
-    wait_for(lambda: 'catenaries' in flight.newest and len(flight.rows('catenaries')), 'spans',
-             60.0)
-    wait_for(lambda: shows_what_is_published(chrome, flight), 'agreement again')
+    events = "document.querySelector('#events').textContent"
+    chrome.wait(f"{events}.includes('started anew')")
+    wait_for(lambda: chrome.run(HAZARDS) == known, 'hazards that were kept')
+    assert {state for state, _ in chrome.run(ALARMS)} == {'acknowledged'}
+    age = chrome.run("document.querySelector('#hazards-age').textContent")
+    assert age.endswith('from before the restart of the node: OLD')
+    flight.newest.clear()
+    flight.play('--start', '30')
+    chrome.wait(f"{events}.includes('the node went on with ')", 60.0)
+    wait_for(lambda: {'hazards', 'catenaries'} <= set(flight.newest), 'results')
+    wait_for(lambda: shows_what_is_published(chrome, flight), 'agreement again', 60.0)
 
 
 def test_every_state_of_a_flight_is_told(flight, browse):

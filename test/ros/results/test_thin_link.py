@@ -7,6 +7,7 @@ from itertools import pairwise
 import math
 import time
 
+from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 import pytest
 from rclpy.node import Node
@@ -52,6 +53,17 @@ def found(shared):
     assert shared.call('segment').message.startswith('3 lines, 6 spans')
     wait_for(lambda: len(shared.rows('catenaries')) == 6, 'catenaries')
     return shared
+
+
+def test_a_node_that_prepares_is_not_ready(shared):
+    health = Health()
+    status = describe_segmentation(None, health, True)
+    assert status.level == DiagnosticStatus.WARN
+    assert status.message.startswith('NOT READY: preparing for 0 s')
+    health.last_scan = 1.0  # it flies, and nobody looks
+    assert describe_segmentation(None, health, True).level == DiagnosticStatus.ERROR
+    assert shared.node.health.preparing is None
+    assert describe_segmentation(None, shared.node.health, True).message == 'no tick yet'
 
 
 class Late:
