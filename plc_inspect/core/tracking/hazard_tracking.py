@@ -187,7 +187,12 @@ class HazardBook:
                 own = TrackedHazard(hazard=hazard, hits=seen)
             else:
                 before = self._known.pop(number)
-                own = _follow(before, hazard, seen if held else 0, final)
+                # a tick that did not see what was nearest saw the rest of the object
+                fair = held and (
+                    final or hazard.clearance <= before.hazard.clearance
+                    or _is_expected(before.hazard, expected, holds)
+                )
+                own = _follow(before, hazard, seen if fair else 0, final)
                 if number >= 0 and own.hazard.severity != before.hazard.severity:
                     updated.append(replace(own.hazard, hazard_id=number))
             enough = END_CONFIRMATIONS if _is_at_end(hazard) else CONFIRMATIONS

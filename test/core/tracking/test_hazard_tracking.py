@@ -98,6 +98,23 @@ def test_worse_at_once_better_only_in_the_end():
     assert book.hazards[0].hazard_id == 0
 
 
+def test_the_rest_of_a_tree_does_not_replace_what_was_nearest():
+    book = HazardBook()
+    near = dataclasses.replace(make_hazard((10, 0, 5)), clearance=1.4)
+    raise_hazard(book, near)
+    rest = dataclasses.replace(make_hazard((10.8, 0, 5)), clearance=2.7)
+
+    def beyond(points):
+        return points[:, 0] > 10.5
+
+    tick(book, rest, holds=beyond)
+    assert book.hazards[0].clearance == 1.4
+    tick(book, dataclasses.replace(rest, clearance=1.1), holds=beyond)  # nearer counts
+    assert book.hazards[0].clearance == 1.1
+    tick(book, rest)  # all of it was seen: it has been cut back
+    assert book.hazards[0].clearance == 2.7
+
+
 def test_what_the_tick_did_not_see_stays():
     book = HazardBook()
     raise_hazard(book, make_hazard((10, 0, 5)))
