@@ -100,7 +100,7 @@ export class Alarms {
 
   drawOne(item, may) {
     const marks = {acknowledged: `seen by ${item.who} ${clock(item.acknowledged)}`, new: `NEW ${clock(item.raised)}`,
-      cleared: `cleared ${clock(item.cleared)}, nobody saw it`, unsure: 'MAY STILL BE THERE'};
+      cleared: `cleared ${clock(item.cleared)}, nobody saw it`, unsure: item.who ? `MAY STILL BE THERE, seen by ${item.who} before` : 'MAY STILL BE THERE'};
     const since = [item.state === 'new' ? '' : `since ${clock(item.raised)}`, item.times > 1 ? `${item.times} times` : '', item.stands ? '' : item.reason];
     const row = this.rows.get(item.number) ?? this.makeRow(item.number);
     row.item = item;
@@ -110,7 +110,7 @@ export class Alarms {
       if (part.textContent !== text) part.textContent = text;
     }
     const button = row.querySelector('.seen');
-    button.hidden = Boolean(item.who) || !may;
+    button.hidden = item.state === 'acknowledged' || !may;
     button.setAttribute('aria-label', `Acknowledge ${item.text}`);
     return row;
   }
@@ -129,6 +129,8 @@ export class Alarms {
     const name = localStorage.getItem('name');
     if (name) return this.send(name);
     this.dialog.returnValue = '';
+    const asked = this.open.filter(item => numbers.includes(item.number));
+    document.getElementById('who-what').textContent = asked.length === 1 ? asked[0].text : `${asked.length} alarms: ${asked[0].text}; …`;
     this.dialog.showModal();
   }
 

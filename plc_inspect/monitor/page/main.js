@@ -47,6 +47,8 @@ const parts = {
       for (const name of Object.keys(newest)) delete newest[name];
     }
     life = value.life;
+    $('view-only').hidden = me.acknowledges;
+    for (const item of document.querySelectorAll('.acknowledges')) item.hidden = !me.acknowledges;
     alarms.redraw();
     // TCP sends a lost packet again only after a second of a slow link; two are seldom lost at once.
     if (!express) for (const _ of [1, 2]) connect(`vehicle=${encodeURIComponent(me.vehicle)}&alarms=1`, take);

@@ -73,7 +73,9 @@ export class Scene {
     canvas.addEventListener('pointerup', event => this.pick(event));
     canvas.addEventListener('keydown', event => this.turn(event));
     canvas.addEventListener('webglcontextlost', event => event.preventDefault());
-    new ResizeObserver(() => { this.resize(); }).observe(canvas.parentElement);
+    const sizes = new ResizeObserver(() => { this.resize(); });
+    sizes.observe(canvas.parentElement);
+    sizes.observe(document.getElementById('instruments'));
     this.resize();
     requestAnimationFrame(time => this.loop(time));
   }
@@ -88,6 +90,10 @@ export class Scene {
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, this.points.finest));
     this.renderer.setSize(box.clientWidth, box.clientHeight, false);
     this.camera.aspect = box.clientWidth / Math.max(box.clientHeight, 1);
+    // Where the numbers reach over the middle, the middle of the picture is below them.
+    const numbers = document.getElementById('instruments');
+    const covered = numbers.offsetWidth > 0.5 * box.clientWidth ? numbers.offsetTop + numbers.offsetHeight : 0;
+    this.camera.setViewOffset(box.clientWidth, Math.max(box.clientHeight, 1), 0, -covered / 2, box.clientWidth, Math.max(box.clientHeight, 1));
     for (const look of Object.values(this.materials)) look.size = SIGN * box.clientHeight;
     for (const part of Object.values(this.parts)) part?.material?.resolution?.set(box.clientWidth, box.clientHeight);
     this.dirty = true;
@@ -236,6 +242,10 @@ export class Scene {
 
   showVehicle(place, heading, height, near) {
     this.find(place);
+    if (!place && this.vehicle) { // of another run of the node nobody knows it yet
+      this.vehicle = this.vehicleText = this.wire = this.body = null;
+      this.put('vehicle', null);
+    }
     if (!this.origin || !place) return;
     const moved = !this.vehicle || place.some((value, k) => Math.abs(value - this.vehicle[k]) > 0.02);
     const before = this.vehicle;

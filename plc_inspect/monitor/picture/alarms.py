@@ -27,7 +27,8 @@ MOST_OPEN = 200
 """Most open alarms listed [count]; of more, those that cleared first are dropped from the list."""
 SAME_PLACE = 5.0
 """
-A hazard of the same number this near to where it was is the same after a restart of the node [m].
+A hazard of the same number this near to where it was is the same after a restart of the node, and
+so is what stands that near to where the vehicle was too near before [m].
 Source: judgement: the place of a hazard moves within a tree as more of it is seen.
 """
 BEGAN_ANEW = 'the node began anew: it may still be there'
@@ -45,6 +46,8 @@ class Cause:
     """-1 for the keep-out."""
     distance: float = math.nan
     """Distance [m]."""
+    fixed: bool = True
+    """It is at its place; a conductor that is too near goes along with the vehicle."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,8 +89,8 @@ class Alarm:
 
     @property
     def seen(self) -> bool:
-        """Whether somebody has acknowledged it."""
-        return bool(self.who)
+        """Whether somebody has acknowledged it, as it is now."""
+        return self.acknowledged >= self.cleared if self.unsure else bool(self.who)
 
     @property
     def unsure(self) -> bool:
@@ -131,10 +134,13 @@ class AlarmBook:
     def begin_anew(self, now: float) -> None:
         """Note that another run of the node began, which knows other hazards or the same again."""
         standing = [item for item in self._open.values() if item.stands]
-        self._before |= {item.key: item for item in standing}
-        self._numbers.clear()
+        self._before |= {item.key: item for item in standing if item.cause.hazard_id >= 0}
         for item in standing:
-            self._put(replace(item, cleared=now, reason=BEGAN_ANEW))
+            gone = item.cause.hazard_id < 0  # how near the vehicle is, the node tells anew
+            self._put(replace(
+                item, cleared=now, reason='the node began anew' if gone else BEGAN_ANEW
+            ))
+        self._numbers.clear()
 
     def update(self, causes: Mapping[str, Cause], now: float) -> tuple[Alarm, ...]:
         """
@@ -156,6 +162,8 @@ class AlarmBook:
         raised = []
         for key, cause in causes.items():
             old = self._open.get(self._numbers.get(key, 0)) or self._find_again(key, cause)
+            if old is not None and not (old.stands or old.unsure or _is_one(old.cause, cause)):
+                old = None
             if old is None:
                 self._count += 1
                 self._put(Alarm(
@@ -175,7 +183,9 @@ class AlarmBook:
         self.raises += len(raised)
         for key, number in list(self._numbers.items()):
             if key not in causes and self._open[number].stands:
-                self._put(replace(self._open[number], cleared=now, reason='no longer there'))
+                cause = self._open[number].cause
+                reason = 'no longer near' if cause.hazard_id < 0 else 'no longer there'
+                self._put(replace(self._open[number], cleared=now, reason=reason))
         gone = [item for item in self._open.values() if not item.stands]
         for item in gone[:max(0, len(self._open) - MOST_OPEN)]:
             self._close(item)
@@ -212,7 +222,7 @@ class AlarmBook:
     def _find_again(self, key: str, cause: Cause) -> Alarm | None:
         """Return the alarm of the run before that a cause goes on with, and take it up again."""
         before = self._before.get(key)
-        if before is None or not _is_same(before.cause, cause):
+        if before is None or not _is_near(before.cause, cause):
             return None
         del self._before[key]
         for item in self._open.values():
@@ -239,10 +249,14 @@ class AlarmBook:
         self._past.append(item)
 
 
-def _is_same(before: Cause, now: Cause) -> bool:
-    """Return whether causes of one key in two runs of the node are one; keep-outs always are."""
-    if now.hazard_id < 0 or before.place is None or now.place is None:
-        return now.hazard_id < 0
+def _is_one(before: Cause, now: Cause) -> bool:
+    """Return whether a cause that comes back in the same run is the one that had cleared."""
+    return now.hazard_id >= 0 or not now.fixed or _is_near(before, now)
+
+
+def _is_near(before: Cause, now: Cause) -> bool:
+    if before.place is None or now.place is None:
+        return False
     return math.dist(before.place, now.place) <= SAME_PLACE
 
 

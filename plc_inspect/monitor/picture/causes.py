@@ -64,6 +64,7 @@ def list_causes(
             causes[f'keep-out {name_thing(near.thing)}'] = Cause(
                 text=f'keep-out: {describe_nearness(near, stretches)}',
                 place=locate(near, status.vehicle), distance=near.distance,
+                fixed=near.thing != Thing.CONDUCTOR,
             )
     return causes
 

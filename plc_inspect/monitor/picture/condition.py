@@ -64,13 +64,16 @@ def judge(picture: Picture, name: str = 'the node') -> Condition:
             return Condition('critical', f'landed: {picture.held_back}')
         return Condition('notice', 'landed: the results stand, nothing new comes in')
     found = _judge_input(picture)
+    unready = next((text for text in picture.texts if text.startswith(NOT_READY)), '')
+    if unready:
+        more = '' if found is None else f'; {found.text}'
+        return Condition('critical' if found is None else found.tone, unready + more)
     if found is not None:
         return found
     for level, tone in ((ERROR, 'critical'), (WARNING, 'warning')):
         for name, told, text in zip(STATUSES, picture.levels, picture.texts, strict=False):
             if told == level:
-                title = '' if text.startswith(NOT_READY) else f'{name}: '
-                return Condition(tone, f'{title}{text or "the node is in error"}')
+                return Condition(tone, f'{name}: {text or "the node is in error"}')
         if picture.held:  # the node's health may tell of it a second later
             return Condition('critical', f'map: {picture.held_back}')
     return _judge_results(picture)

@@ -13,6 +13,7 @@ from plc_inspect.results import Severity
 def list_news(
     before: Sequence[HazardItem], hazards: Sequence[HazardItem],
     stretches: Mapping[tuple[int, int], str], *, was_held: bool, held: bool,
+    kept: bool = False,
 ) -> Iterator[tuple[int, str]]:
     """
     Yield the changes of the hazards.
@@ -25,6 +26,8 @@ def list_news(
         Names of spans by line and span.
     was_held, held : bool
         Whether the node held hazards back before, and does now.
+    kept : bool
+        The node tells what it kept of an earlier run.
 
     Yields
     ------
@@ -45,8 +48,10 @@ def list_news(
         if known is not None and known.severity == item.severity:
             continue
         critical = item.severity >= Severity.CRITICAL
-        word = 'new' if known is None else f'was {name_severity(known.severity)}, is'
+        word = 'kept' if kept else 'new' if known is None else (
+            f'was {name_severity(known.severity)}, is'
+        )
         text = describe_hazard(item, stretches)
-        yield 2 if critical else 0, f'{word} {item.severity_name} {text}'
+        yield 2 if critical and not kept else 0, f'{word} {item.severity_name} {text}'
     for number in sorted(old):
         yield 0, f'hazard {number} cleared'

@@ -196,7 +196,7 @@ class Monitor:
         """Acknowledge alarms, and return those that were not yet acknowledged."""
         seen = self.alarms.acknowledge(numbers, who, now)
         for item in seen:
-            self._tell(now, 0, f'{who} acknowledged: {item.cause.text}')
+            self._tell(now, 0, f'{who} acknowledged: {item.text}')
         return seen
 
     def rejoin(self) -> None:
@@ -289,7 +289,7 @@ class Monitor:
         spans, supports, hazards = self._items
         for level, text in list_news(
             before, hazards, name_stretches(spans, supports), was_held=old.held,
-            held=self._status.held,
+            held=self._status.held, kept=math.isnan(message.status.tick_uptime),
         ):
             self._tell(now, level, text)
         self._causes = list_causes(hazards, spans, supports, self._status)

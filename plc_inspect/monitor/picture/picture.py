@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from plc_inspect.core.live.proximity import Level
 from plc_inspect.monitor.picture.alarms import Alarm
 from plc_inspect.results import catenary_heights, Float64, HazardKind, Severity
 from plc_inspect.stream.nearness import Nearness
@@ -270,14 +269,13 @@ class Picture:
 
     def count_severities(self) -> dict[str, int]:
         """
-        Return how many hazards and proximities are critical, and how many are warnings.
+        Return how many hazards and proximities are critical, and how many hazards are warnings.
 
         A critical one raises an alarm, which may arrive before the tables hold it.
         """
         return {
             'critical': sum(item.stands for item in self.alarms),
-            'warning': sum(item.severity == Severity.WARNING for item in self.hazards)
-            + sum(item.level == Level.WARNING for item in self.near),
+            'warning': sum(item.severity == Severity.WARNING for item in self.hazards),
         }
 
 

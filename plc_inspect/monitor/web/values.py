@@ -127,8 +127,9 @@ def make_replay(state: Mapping[str, Any], replay: Replay) -> dict[str, Any]:
             'clock': None,
         }
     tone = 'notice' if state['tone'] == 'ok' else state['tone']
+    text = f'replay: {state["text"].removeprefix("live: ")}'
     return {
-        'state': {**state, 'time': now, 'tone': tone, 'text': f'replay: {state["text"]}'},
+        'state': {**state, 'time': now, 'tone': tone, 'text': text},
         'clock': {
             'start': round(tape.start, 1), 'length': round(tape.length, 1),
             'time': round(replay.time, 1), 'playing': replay.playing, 'speed': replay.speed,
@@ -160,7 +161,8 @@ def _make_state(picture: Picture, condition: Condition, name: str) -> dict[str, 
             'health': _say_age(ages.health),
         },
         'vehicle': None if picture.vehicle is None else _place(picture.vehicle),
-        'heading': _round(picture.heading, 3), 'height': _round(picture.height, 1),
+        'heading': _round(picture.heading, 3),
+        'height': None if math.isnan(ages.vehicle) else _round(picture.height, 1),
         'near': [
             {
                 'thing': name_thing(item.thing), 'tone': TONES[item.level],

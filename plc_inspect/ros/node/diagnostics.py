@@ -284,8 +284,8 @@ def describe_segmentation(
     if health.preparing is not None:  # scans that come in are kept, and nobody looks at them
         level = DiagnosticStatus.WARN if health.last_scan is None else DiagnosticStatus.ERROR
         text = (
-            f'{NOT_READY}: preparing for {time.monotonic() - health.preparing:.0f} s, no line and '
-            'no hazard is looked for yet'
+            f'{NOT_READY}: preparing for {time.monotonic() - health.preparing:.0f} s, nothing '
+            'is looked for yet; a first start takes minutes'
         )
     values['last error'] = health.last_error or 'none'
     for name, (middle, high, most) in health.percentiles().items():

@@ -354,7 +354,7 @@ class InspectNode(Node):
         self._intake.accumulator.map.label(done.slots, done.points, done.labels)
         self._known.add(self._intake.accumulator.last_inserted or 0, done.state)
         self._keeper.keep(done.kept)
-        self._results.publish(done.bundle)
+        self._results.publish(done.bundle, kept=self._health.last_scan is None)
         self._teller.tell(done.state)
         if done.state.sharpness.poor:
             self._complaints.complain('sharpness', done.state.sharpness.describe())

@@ -18,7 +18,7 @@ from plc_inspect.monitor.picture.alarms import (
 )
 
 TREE = Cause(text='a tree', hazard_id=7, place=(10.0, 0.0, 5.0))
-WIRE = Cause(text='a wire')
+WIRE = Cause(text='a wire', fixed=False)
 
 
 def states(book):
@@ -97,12 +97,47 @@ def test_what_the_node_kept_goes_on_as_it_was(when):
     assert len(book.past) == (when != 'never')
 
 
-def test_what_is_near_the_vehicle_goes_on_wherever_it_is():
+def test_an_acknowledged_hazard_that_the_node_forgot_is_to_be_acknowledged_again():
     book = AlarmBook()
-    book.update({'keep-out conductor': replace(WIRE, place=(0.0, 0.0, 0.0))}, 1.0)
+    book.update({'hazard 7': TREE}, 1.0)
+    book.acknowledge([1], 'crew', 1.5)
     book.begin_anew(2.0)
-    assert book.update({'keep-out conductor': replace(WIRE, place=(50.0, 0.0, 0.0))}, 3.0) == ()
-    assert states(book) == [('keep-out conductor', 'new', True)]
+    assert states(book) == [('hazard 7', 'unsure', False)]
+    assert (book.open[0].who, book.past) == ('crew', ())
+    book.update({}, 3.0)
+    assert states(book) == [('hazard 7', 'unsure', False)]
+    book.acknowledge([1], 'chief', 4.0)
+    assert book.open == ()
+    assert (book.past[0].who, book.past[0].reason) == ('chief', BEGAN_ANEW)
+
+
+@pytest.mark.parametrize('who', ['', 'crew'])
+def test_what_is_too_near_in_another_run_of_the_node_is_new(who):
+    book = AlarmBook()
+    near = replace(WIRE, distance=0.7, place=(0.0, 0.0, 0.0))
+    book.update({'keep-out conductor': near}, 1.0)
+    if who:
+        book.acknowledge([1], who, 1.5)
+    book.begin_anew(2.0)
+    assert [item.state for item in book.open] == ([] if who else ['cleared'])
+    (raised,) = book.update({'keep-out conductor': replace(near, distance=6.0)}, 3.0)
+    assert (raised.number, raised.state, raised.raised, raised.worst.distance) == (
+        2, 'new', 3.0, 6.0
+    )
+
+
+@pytest.mark.parametrize(('fixed', 'away', 'numbers'), [
+    (True, 60.0, {1, 2}), (True, 2.0, {1}), (False, 60.0, {1}),
+])
+def test_another_thing_that_is_too_near_is_another_alarm(fixed, away, numbers):
+    book = AlarmBook()
+    first = Cause(text='a tree', distance=5.5, place=(0.0, 0.0, 0.0), fixed=fixed)
+    book.update({'keep-out obstacle': first}, 1.0)
+    book.update({}, 2.0)
+    assert book.open[0].reason == 'no longer near'
+    book.update({'keep-out obstacle': replace(first, distance=3.6, place=(away, 0.0, 0.0))}, 3.0)
+    assert {item.number for item in book.open} == numbers
+    assert max(item.times for item in book.open) == 3 - len(numbers)
 
 
 def test_new_ones_stand_before_those_that_were_seen():

@@ -69,6 +69,9 @@ def test_it_is_good_where_all_is_well():
      {'health': {'sharpness': math.nan}}),
     ('notice', 'scans and poses come in; no result yet: shown is what was known before the '
      'restart', {'tick_uptime': math.nan}),
+    ('critical', 'NOT READY: preparing for 9 s; waiting for poses',
+     {'levels': (0, 0, 1), 'texts': (*TEXTS[:3], 'NOT READY: preparing for 9 s'),
+      'health': {'odometry_age': math.nan}}),
     ('critical', 'NOT READY: preparing for 9 s',
      {'levels': (0, 0, 2), 'texts': (*TEXTS[:3], 'NOT READY: preparing for 9 s')}),
     ('warning', 'no new result for 5.9 s', {'tick_uptime': 0.0, 'later': 0.9}),
