@@ -24,7 +24,11 @@ const alarms = new Alarms(item => tables.chooseHazard(item.hazard) || draw('goTo
 const blocks = []; // points that came before the picture
 const rows = {
   hazards: new Rows(items => { draw('showHazards', items); tables.showHazards(items); }),
-  spans: new Rows(items => { draw('showSpans', items); tables.showSpans(items); }),
+  spans: new Rows(items => {
+    draw('showSpans', items);
+    tables.showSpans(items);
+    if (whole && scene.now?.view === 'overview') draw('setView', 'overview');
+  }),
   supports: new Rows(items => draw('showSupports', items)),
 };
 let track = [], life = null, whole = false;

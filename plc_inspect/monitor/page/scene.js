@@ -15,6 +15,8 @@ import {corners, order, table} from './symbols.js';
 
 // A curve has so many pieces that none is farther from it than this [px]; all curves at most so many.
 const STRAY = 1, MOST_PIECES = 4000;
+// Overviews fill so much of the picture, from its middle to its edge.
+const FITS = 4, FILLED = 0.9;
 // The flown way is drawn without places nearer than this [m] to the straight line between others.
 const WAY_STRAY = 0.3;
 // Ground below the line is drawn so near to the camera [m].
@@ -327,7 +329,23 @@ export class Scene {
     if (view === 'top') this.camera.position.add(new THREE.Vector3(0, -0.001 * far, 0.9 * far));
     if (view === 'side') this.camera.position.addScaledVector(across, -0.8 * far).add(new THREE.Vector3(0, 0, 0.02 * far));
     if (view === 'overview') this.camera.position.addScaledVector(across, -0.5 * far).addScaledVector(along, -0.23 * far).add(new THREE.Vector3(0, 0, 0.34 * far));
+    this.fit();
     this.dirty = true;
+  }
+
+  // Move the camera to where the ends of all spans are just in the picture.
+  fit() {
+    const places = this.spans.flatMap(span => [span.curve[0], span.curve.at(-1)]);
+    if (this.vehicle) places.push(this.vehicle);
+    for (let k = 0; places.length && k < FITS; k++) {
+      this.camera.lookAt(this.controls.target);
+      this.aim();
+      const most = Math.max(...places.map(place => {
+        const at = this.local(place).project(this.camera);
+        return Math.max(Math.abs(at.x), Math.abs(at.y));
+      }));
+      this.camera.position.sub(this.controls.target).multiplyScalar(Math.max(most, 0.1) / FILLED).add(this.controls.target);
+    }
   }
 
   turn(event) {

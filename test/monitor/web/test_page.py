@@ -40,6 +40,10 @@ item => item.checkVisibility()).map(item => item.textContent)"""
 SHOWN = """(bar => [...document.querySelectorAll('#alarm-list li')].filter(
 row => row.checkVisibility() && row.getBoundingClientRect().bottom
 <= bar.getBoundingClientRect().bottom).length)(document.querySelector('#alarms'))"""
+FARTHEST = """Math.max(...station.scene.spans.flatMap(
+span => [span.curve[0], span.curve.at(-1)]).map(
+place => station.scene.local(place).project(station.scene.camera)).flatMap(
+at => [Math.abs(at.x), Math.abs(at.y)]))"""
 WITHIN = 1.0
 """An alarm is on the screen so soon after the node's message [s]."""
 
@@ -227,6 +231,8 @@ def test_the_picture_is_steered_by_pointer_and_keyboard(station, browse):
         desk.page.keyboard.press(key)
         pressed = "[...document.querySelectorAll('[data-view][aria-pressed=true]')]"
         assert desk.run(f'{pressed}.map(item => item.dataset.view)') == [view]
+        if view != 'follow':
+            assert 0.7 < desk.run(FARTHEST) < 0.95
     desk.page.keyboard.press('2')
     desk.page.click('#spans tr[data-span="1/0"] button')
     desk.wait("document.querySelector('#profile h2')?.dataset.span == '1/0'")
