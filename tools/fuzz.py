@@ -17,22 +17,24 @@ import sys
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
-GUIDED = [
-    'plc_inspect.messages', 'plc_inspect.stream', 'plc_inspect.flight_record',
-    'plc_inspect.offline.records', 'plc_inspect.offline.readers.bags',
-    'plc_inspect.offline.readers.parameter_file', 'plc_inspect.offline.readers.catalogue',
-    'plc_inspect.offline.readers.text_file', 'plc_inspect.mcap_file',
-    *(f'plc_inspect.offline.readers.{name}' for name in ('copc', 'e57', 'ply', 'xyz')), 'plyfile',
-    'plc_inspect.monitor.picture', 'laspy', 'mcap', 'rosbags', 'yaml',
-]
-"""Packages whose branches guide the search; numba cannot compile what is traced."""
+GUIDED = ['plc_inspect', 'plyfile', 'laspy', 'mcap', 'rosbags', 'yaml']
+"""Packages whose branches guide the search."""
+
+
+def list_compiled() -> list[str]:
+    """Return the modules that hold kernels: numba cannot compile what is traced."""
+    return [
+        '.'.join(path.relative_to(ROOT).with_suffix('').parts)
+        for path in (ROOT / 'plc_inspect').rglob('*.py')
+        if 'njit' in path.read_text(encoding='utf-8')
+    ]
 
 
 def run(name: str, seconds: int) -> None:
     """Fuzz one target in this process, which ends with it."""
     import atheris
 
-    with atheris.instrument_imports(include=GUIDED):
+    with atheris.instrument_imports(include=GUIDED, exclude=list_compiled()):
         from tools.fuzz_targets import run_target
 
     def take(data: bytes) -> None:

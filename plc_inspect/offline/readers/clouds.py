@@ -18,7 +18,7 @@ from pyproj.exceptions import CRSError
 from plc_inspect.core.extraction.ground_surface import bounds
 from plc_inspect.core.numerics.arrays import MOST_COORDINATE
 from plc_inspect.errors import ConfigError, DataError
-from plc_inspect.offline.readers.laz import read_las
+from plc_inspect.offline.readers.laz import open_las
 from plc_inspect.offline.readers.plain_clouds import (
     find_named_crs,
     is_plain,
@@ -221,7 +221,9 @@ def load_las(path: Path) -> tuple[laspy.LasData, Float64]:
     """
     try:
         check_las_header(path)
-        las = read_las(path)
+        with open_las(path) as reader:
+            check_count(path, reader.header)  # before there is room made for what it counts
+            las = reader.read()
     except DataError:
         raise
     except OSError as error:
@@ -235,7 +237,6 @@ def load_las(path: Path) -> tuple[laspy.LasData, Float64]:
             f'{path} is truncated: {len(las.points)} points, its header says {expected}'
         )
     header = las.header
-    check_count(path, header)
     return las, scale_grid(las.X, las.Y, las.Z, np.array(header.scales), np.array(header.offsets))
 
 

@@ -25,6 +25,11 @@ process with a segmentation fault on some truncated files.
 """
 MOST_IN_CHUNK = 10_000_000
 """Greatest number of points of a chunk; writers use 50,000."""
+MOST_RATIO = 1000
+"""
+Times the size of a file that its points may take at most.
+Source: judgement: LAZ packs points of real clouds to a tenth, and equal ones to some hundredth.
+"""
 ITEMS = 34
 """Offset of the list of a point's items in the LASzip record [bytes]."""
 _ANY_SIZE = 2**32 - 1
@@ -92,6 +97,9 @@ def read_classes(path: Path) -> UInt8:
 def _check_chunks(file: BinaryIO, header: laspy.LasHeader) -> None:
     """Refuse impossible sizes and numbers of chunks; leave all else to the decoder."""
     place, size = file.tell(), os.fstat(file.fileno()).st_size
+    if header.point_count * header.point_format.size > MOST_RATIO * size:
+        raise ValueError(f'{header.point_count} points in {size} bytes')
+    in_chunk = _ANY_SIZE
     options = b''.join(vlr.record_data for vlr in header.vlrs.get('LasZipVlr')[:1])
     if len(options) >= 16:
         (in_chunk,) = struct.unpack_from('<I', options, 12)
@@ -109,7 +117,8 @@ def _check_chunks(file: BinaryIO, header: laspy.LasHeader) -> None:
     if 0 <= table <= size:
         file.seek(table + 4)
         num_chunks = _read(file, '<I')
-        if num_chunks > min(header.point_count, size):
+        too_few = num_chunks * in_chunk < header.point_count
+        if too_few or num_chunks > min(header.point_count, size):
             raise ValueError(f'{num_chunks} chunks for {header.point_count} points')
     file.seek(place)
 

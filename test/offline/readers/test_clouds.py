@@ -220,6 +220,25 @@ def test_damaged_chunks_do_not_end_the_process(tmp_path):
         assert '\n' not in str(error.value)
 
 
+@pytest.mark.parametrize(('suffix', 'count', 'message'), [
+    ('.las', 350_000_000, 'its header counts 350000000 points'),
+    ('.laz', 350_000_000, '350000000 points in '),
+    ('.laz', 60_000, '1 chunks for 60000 points'),
+])
+def test_no_room_is_made_for_points_that_are_not_there(
+    tmp_path, monkeypatch, suffix, count, message
+):
+    path = write_las(tmp_path / f'cloud{suffix}', make_points(2000))
+    data = bytearray(path.read_bytes())
+    at, kind = (247, '<Q') if data[25] >= 4 else (107, '<I')
+    assert struct.unpack_from(kind, data, at) == (2000,)
+    struct.pack_into(kind, data, at, count)
+    path.write_bytes(data)
+    monkeypatch.setattr(laspy.LasReader, 'read', None)
+    with pytest.raises(DataError, match=message):
+        read_cloud(path)
+
+
 def test_place_of_the_chunks_may_stand_at_the_end(tmp_path):
     # So it does in a file that was written as a stream.
     points = make_points(2000)
