@@ -40,6 +40,8 @@ def run(name: str, seconds: int) -> None:
     def take(data: bytes) -> None:
         run_target(name, data)
 
+    for seed in (ROOT / 'tools' / 'corpus' / name).iterdir():
+        take(seed.read_bytes())  # kernels are compiled before the time of an input counts
     found = ROOT / 'build' / 'fuzz' / name
     found.mkdir(parents=True, exist_ok=True)
     atheris.Setup([
