@@ -61,7 +61,7 @@ def judge_confidence(
     limit : Limit
         What is broken.
     values : dict
-        Kind, severity, clearance, its parts, and sigma of the hazard.
+        Kind, severity, clearance, its parts, sigma and note of the hazard.
 
     Returns
     -------
@@ -77,8 +77,9 @@ def judge_confidence(
     )
     above = -1.0 if values['kind'] == HazardKind.SAG else 1.0
     doubts = _list_doubts(model, x)
+    num = len(doubts) + bool(find_doubts(values.get('note', '')))
     severity, hazard = (
-        DOUBTED ** len(doubts) * _judge_margin(above * (distance - measured), values['sigma'])
+        DOUBTED ** num * _judge_margin(above * (distance - measured), values['sigma'])
         for distance in (own, limit.reach)
     )
     return Confidence(severity=severity, hazard=hazard, doubts=doubts)

@@ -11,6 +11,7 @@ from functools import partial
 import numpy as np
 
 from plc_inspect.config import HazardSettings
+from plc_inspect.core.extraction.ground_planes import find_planes
 from plc_inspect.core.hazards.clearance_rules import PLAIN, plain_rules, RuleSet
 from plc_inspect.core.hazards.conductor_hazards import (
     find_abnormal_sag,
@@ -22,7 +23,7 @@ from plc_inspect.core.hazards.falling_trees import Fallible, find_fallible, find
 from plc_inspect.core.hazards.line_parts import DoubtfulCurves, find_line_parts
 from plc_inspect.core.hazards.low_conductors import (
     find_low_conductors,
-    find_planes,
+    find_low_wires,
     measure_ground,
 )
 from plc_inspect.core.hazards.strands import find_strands, measure_distances
@@ -139,9 +140,11 @@ def find_hazards(
             fallible, models, supports, rules, settings, found,
             partial(find_planes, points, height),
         )
+    low_wires = find_low_wires([own[wire] for wire in parts.wires], models)
     lowest = max((limit.reach for limit in rules.find('ground')), default=0.0)
+    lowest += max((wire.below for wire in low_wires), default=0.0)
     ground_below = measure_ground(points, height, models, spans.ground_below, lowest)
-    found += find_low_conductors(models, ground_below, supports, rules)
+    found += find_low_conductors(models, ground_below, supports, rules, low_wires)
     wires = [doubtful.every[k] for k in parts.curves]
     found += find_crossings(models, supports, rules, wires)
     found += find_interference(models, supports, rules, settings)

@@ -137,6 +137,8 @@ class LineParts:
     """Doubtful curves that have points, and wires told by their dots; scraps are not counted."""
     curves: tuple[int, ...] = ()
     """Which of all doubtful curves are wires that hang free, or rows of such."""
+    wires: tuple[Int64, ...] = ()
+    """(W,) which points, of each wire or row that was told by its dots."""
 
 
 def find_line_parts(
@@ -191,9 +193,9 @@ def find_line_parts(
             own=own, unmodelled=unmodelled, column=column, num_wires=num_wires, curves=curves
         )
     places, ends = _lay_out(points[near], owner[near], models)
-    for wire in find_wires(places):
-        unmodelled[near[wire]] = True
-        num_wires += 1
+    dots = tuple(near[wire] for wire in find_wires(places))
+    for wire in dots:
+        unmodelled[wire] = True
     rest = np.flatnonzero(~unmodelled[near])
     debris, pieces = _find_scraps(places[rest], distance[near[rest]], ends)
     drops, lines = find_straight(points[near[rest]], owner[near[rest]], models)
@@ -201,8 +203,8 @@ def find_line_parts(
     column[near[rest[lines]]] = True
     unmodelled[near[rest[pieces]]] = True
     return LineParts(
-        own=own, unmodelled=unmodelled & ~own, column=column & ~unmodelled, num_wires=num_wires,
-        curves=curves,
+        own=own, unmodelled=unmodelled & ~own, column=column & ~unmodelled,
+        num_wires=num_wires + len(dots), curves=curves, wires=dots,
     )
 
 

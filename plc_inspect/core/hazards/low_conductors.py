@@ -4,18 +4,18 @@
 """Conductors that hang too low above the ground, where that was seen."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 import math
 from typing import Any
 
-from numba import njit, prange
 import numpy as np
 
+from plc_inspect.core.extraction.ground_planes import find_planes
 from plc_inspect.core.hazards.clearance_rules import Limit, RuleSet
+from plc_inspect.core.hazards.confidence import IN_DOUBT
 from plc_inspect.core.hazards.encroachments import describe_hazard
-from plc_inspect.core.numerics.arrays import take_rows
-from plc_inspect.core.numerics.plan_index import build_plan_index
 from plc_inspect.core.spans.span_model import SpanModel
-from plc_inspect.results import Bool, Float32, Float64, HazardKind, Severity, Support
+from plc_inspect.results import Float32, Float64, HazardKind, Severity, Support
 
 LEAST_GROUND = 0.5
 """
@@ -41,36 +41,6 @@ The same where the lowest of the points about a place is all that is known [m].
 Source: derived: the lowest point of a cell of 1 m lies that far below its middle on a slope of
 31 degrees.
 """
-ABOVE_LOWEST = 0.5
-"""
-Height above the lowest points about it up to which a point may be of the ground [m].
-Source: derived: as labels.GROUND_BAND.
-"""
-REACHES = (1.5, 3.0)
-"""
-Distance in plan within which points lie on the plane of the ground, the first that has enough [m].
-Source: judgement; more than a cell of the ground surface, and less than its bends.
-"""
-LEAST_POINTS = 8
-"""Points that a plane of the ground rests on at least.  Source: judgement; not measured."""
-ROUNDS = 4
-"""Fits of a plane at most.  Source: numerical: few change after the third."""
-ABOVE_PLANE = 2.5
-"""
-Standard deviations above the plane from which a point is of what grows on the ground.
-Source: derived: 0.6 % of normal errors lie above.
-"""
-LEAST_SPREAD = 0.3
-"""
-Standard deviation in plan, along its narrower axis, of the points that fix a plane at least [m].
-Source: judgement; one scan line shows no slope across it.
-"""
-MOST_SPREAD = 0.3
-"""
-Standard deviation of the points of the ground about their plane at most [m].
-Source: measured: 0.1 at most in bench/studies/planted_hazards.py, 0.24 at 99 % of the places below
-conductors of real clouds (bench/hazards.py); 0.37 on the lower side of a crown (bags/demo).
-"""
 MOST_ERROR = 0.1
 """
 Standard deviation of the plane at a place at most; beyond, the ground there was not seen [m].
@@ -83,7 +53,85 @@ Places that are this much higher above ground than the lowest of their span are 
 Source: derived: more than a plane differs from the lowest points about it.
 """
 
+HANGS = 2.0
+"""
+A wire hangs as a conductor does where it scatters about a straight line this many times as much
+as about the sag of that, at least.
+Source: judgement; a fence or rail does not.
+"""
+LEAST_BELOW = 0.3
+"""
+Distance below a conductor at which a wire is another one [m].
+Source: derived: as wires.TUBE.
+"""
+BELOW = IN_DOUBT + 'a wire that was not modelled hangs below'
+"""Note of a hazard by such a wire: its height is that of the conductor, less its distance."""
+
 Records = list[dict[str, Any]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LowWire:
+    """A wire that was not modelled and hangs below a conductor, as that sags."""
+
+    model: int
+    """Number of the conductor."""
+    below: float
+    """How far it hangs below the conductor [m]."""
+    sigma: float
+    """Standard deviation of its points about that [m]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Hanging:
+    """A conductor, or a wire below it, and where it hangs above which ground."""
+
+    model: SpanModel
+    stations: Float64
+    """(S, 3) distance from its start, height of the conductor above ground, and sigma [m]."""
+    below: float
+    """How far what is measured hangs below the conductor [m]."""
+    note: str = ''
+
+    @property
+    def clearance(self) -> float:
+        """The least [m]."""
+        return float(self.stations[:, 1].min()) - self.below
+
+
+def find_low_wires(wires: Sequence[Float64], models: Sequence[SpanModel]) -> list[LowWire]:
+    """
+    Find the wires below conductors that were not modelled, and hang as these do.
+
+    Parameters
+    ----------
+    wires : sequence of (W, 3) float64
+        Points of each [m].
+    models : sequence of SpanModel
+        Spans with their curves.
+
+    Returns
+    -------
+    list of LowWire
+        Each below the nearest conductor above it.
+
+    """
+    result = []
+    for points in wires:
+        found: list[LowWire] = []
+        for number, model in enumerate(models):
+            x, across = model.curve.local(points)
+            if not model.low <= np.median(x) <= model.high:
+                continue
+            below = model.curve.fit.height(x) - points[:, 2]
+            middle, aside = float(np.median(below)), float(np.median(np.abs(across)))
+            if middle < max(aside, LEAST_BELOW):
+                continue
+            straight = points[:, 2] - np.polyval(np.polyfit(x, points[:, 2], 1), x)
+            if HANGS * below.std() <= straight.std():
+                found.append(LowWire(model=number, below=middle, sigma=float(below.std())))
+        result += sorted(found, key=lambda wire: wire.below)[:1]
+    return result
 
 
 def find_low_conductors(
@@ -91,6 +139,7 @@ def find_low_conductors(
     ground_below: Sequence[Float64],
     supports: Sequence[Support],
     rules: RuleSet,
+    low_wires: Sequence[LowWire] = (),
 ) -> Records:
     """
     Find the spans that hang too low above the ground: one hazard a span, at its lowest place.
@@ -105,6 +154,8 @@ def find_low_conductors(
         Towers and poles.
     rules : RuleSet
         Limits that apply.
+    low_wires : sequence of LowWire
+        Hang below conductors, and are not modelled.
 
     Returns
     -------
@@ -119,19 +170,32 @@ def find_low_conductors(
     seen = [
         keep_seen(model, stations) for model, stations in zip(models, ground_below, strict=True)
     ]
+    hanging = [
+        _Hanging(model=model, stations=stations, below=-model.lowest_strand)
+        for model, stations in zip(models, seen, strict=True)
+    ]
+    hanging += [
+        _Hanging(
+            model=models[wire.model], stations=_blur(seen[wire.model], wire), below=wire.below,
+            note=BELOW,
+        ) for wire in low_wires
+    ]
     for limit in limits:
-        for model, stations in zip(models, seen, strict=True):
-            if not len(stations):
+        for item in hanging:
+            if not len(item.stations):
                 continue
-            clearance = float(stations[:, 1].min()) + model.lowest_strand
-            severity = limit.judge(clearance)
-            known = worst.get(model.span.span_id)
-            if severity is None or (known and known['clearance'] <= clearance):
+            severity, span_id = limit.judge(item.clearance), item.model.span.span_id
+            known = worst.get(span_id)
+            if severity is None or (known and known['clearance'] <= item.clearance):
                 continue
-            worst[model.span.span_id] = _describe_low(
-                model, stations, severity, limit, supports, rules
-            )
+            worst[span_id] = _describe_low(item, severity, limit, supports, rules)
     return list(worst.values())
+
+
+def _blur(stations: Float64, wire: LowWire) -> Float64:
+    """Return the (T, 3) places of a span above whose ground a wire hangs, less sure by it."""
+    result = stations[stations[:, 1] - wire.below >= LEAST_GROUND]
+    return np.column_stack([result[:, :2], np.hypot(result[:, 2], wire.sigma)])
 
 
 def measure_ground(
@@ -194,39 +258,6 @@ def measure_ground(
     return tuple(result)
 
 
-def find_planes(
-    points: Float64, height: Float32, places: Float64
-) -> tuple[Float64, Float64]:
-    """
-    Fit planes to the ground about some places.
-
-    Parameters
-    ----------
-    points : (N, 3) float64
-        Positions [m].
-    height : (N,) float32
-        Above the ground surface [m].
-    places : (P, 3) float64
-        Places about at the ground [m].
-
-    Returns
-    -------
-    ground : (P,) float64
-        Height of the ground [m], NaN where it was not seen.
-    sigma : (P,) float64
-        Its standard deviation by the scatter of the points about the plane [m].
-
-    """
-    low = _choose_low(points, height, _mark_cells(places))
-    index = build_plan_index(points, np.flatnonzero(low), REACHES[0])
-    start, order, origin, edge, rows, columns = index.grid
-    own = take_rows(points, order)  # neighbours in space are neighbours in memory
-    ground, sigma = _fit_planes(
-        own, places, start, origin, edge, rows, columns, np.array(REACHES)
-    )
-    return ground, sigma
-
-
 def keep_seen(model: SpanModel, stations: Float64) -> Float64:
     """
     Leave out the places of a span whose ground is not the ground.
@@ -259,13 +290,12 @@ def keep_seen(model: SpanModel, stations: Float64) -> Float64:
 
 
 def _describe_low(
-    model: SpanModel, stations: Float64, severity: Severity, limit: Limit,
-    supports: Sequence[Support], rules: RuleSet,
+    item: _Hanging, severity: Severity, limit: Limit, supports: Sequence[Support], rules: RuleSet
 ) -> dict[str, Any]:
+    model, stations = item.model, item.stations
     along, height, ground_sigma = stations[int(np.argmin(stations[:, 1]))].tolist()
-    clearance = height + model.lowest_strand
     x = float(model.at(np.array(along)))
-    below = stations[:, 1] + model.lowest_strand < limit.reach
+    below = stations[:, 1] - item.below < limit.reach
     run = model.curve.position(model.at(stations[below, 0]))
     run[:, 2] -= stations[below, 1]
     return describe_hazard(
@@ -273,113 +303,11 @@ def _describe_low(
         kind=HazardKind.GROUND,
         severity=severity,
         position=model.curve.position(np.array(x))[0] - np.array([0.0, 0.0, height]),
-        clearance=clearance,
+        clearance=item.clearance,
         horizontal=0.0,
-        vertical=clearance,
+        vertical=item.clearance,
         sigma=math.hypot(model.sigma(x), ground_sigma),
         num_points=int(below.sum()),
         offending=run,
+        note='; '.join(filter(None, (limit.note, item.note))),
     )
-
-
-def _mark_cells(places: Float64) -> tuple[Bool, float, float, float]:
-    """Return the plan cells within reach of places, their lower corner and their edge [m]."""
-    edge = REACHES[-1]
-    x, y = (np.floor(places[:, :2].min(axis=0) / edge) * edge - edge).tolist()
-    column, row = ((places[:, :2] - (x, y)) / edge).astype(np.int64).T
-    marked = np.zeros((int(row.max()) + 2, int(column.max()) + 2), dtype=bool)
-    for up in (-1, 0, 1):
-        for right in (-1, 0, 1):
-            marked[row + up, column + right] = True
-    return marked, x, y, edge
-
-
-def _choose_low(
-    points: Float64, height: Float32, cells: tuple[Bool, float, float, float]
-) -> Bool:
-    """Tell the points in marked cells that may be of the ground."""
-    result: Bool = _are_low(points.ravel(), height, *cells)
-    return result
-
-
-@njit(cache=True, parallel=True, nogil=True)
-def _are_low(flat, height, marked, x0, y0, edge):  # type: ignore[no-untyped-def]
-    result = np.zeros(len(height), dtype=np.bool_)
-    rows, columns = marked.shape
-    for i in prange(len(height)):
-        if height[i] <= ABOVE_LOWEST and math.isfinite(flat[3 * i + 2]):
-            column, row = (flat[3 * i] - x0) / edge, (flat[3 * i + 1] - y0) / edge
-            if 0.0 <= column < columns and 0.0 <= row < rows:
-                result[i] = marked[int(row), int(column)]
-    return result
-
-
-@njit(cache=True, parallel=True, nogil=True)
-def _fit_planes(  # type: ignore[no-untyped-def]
-    points, places, start, origin, edge, rows, columns, reaches
-):
-    """Return the (P,) heights of the ground at places, NaN where unknown, and their sigma [m]."""
-    ground, sigma = np.full(len(places), np.nan), np.full(len(places), np.nan)
-    for k in prange(len(places)):
-        for reach in reaches:
-            # the points about the foot, in its own frame
-            first_row = max(math.floor((places[k, 1] - reach - origin[1]) / edge), 0)
-            last_row = min(math.floor((places[k, 1] + reach - origin[1]) / edge), rows - 1)
-            first = max(math.floor((places[k, 0] - reach - origin[0]) / edge), 0)
-            last = min(math.floor((places[k, 0] + reach - origin[0]) / edge), columns - 1)
-            most = 0
-            for row in range(first_row, last_row + 1):
-                if first <= last:
-                    most += start[row * columns + last + 1] - start[row * columns + first]
-            own, num = np.empty((most, 3)), 0
-            for row in range(first_row, last_row + 1):
-                if first > last:
-                    break
-                for i in range(start[row * columns + first], start[row * columns + last + 1]):
-                    dx, dy = points[i, 0] - places[k, 0], points[i, 1] - places[k, 1]
-                    if dx * dx + dy * dy <= reach * reach:
-                        own[num, 0], own[num, 1] = dx, dy
-                        own[num, 2] = points[i, 2] - places[k, 2]
-                        num += 1
-            rise, error = _fit_plane(own[:num])
-            if math.isfinite(rise):
-                ground[k], sigma[k] = places[k, 2] + rise, error
-                break
-    return ground, sigma
-
-
-@njit(cache=True, nogil=True)
-def _fit_plane(own):  # type: ignore[no-untyped-def]
-    """Return the height at the origin of the plane through points, and its sigma; NaN if none."""
-    most = np.inf
-    a, b, c, rise, error, spread, before = 0.0, 0.0, 0.0, np.nan, np.nan, np.nan, -1
-    for _ in range(ROUNDS):
-        # places are from the foot, so moments about it lose nothing against those about the mean
-        num, mx, my, mz = 0, 0.0, 0.0, 0.0
-        xx, xy, yy, xz, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for i in range(len(own)):
-            x, y, z = own[i, 0], own[i, 1], own[i, 2]
-            if z - (a + b * x + c * y) <= most:
-                num += 1
-                mx, my, mz = mx + x, my + y, mz + z
-                xx, xy, yy = xx + x * x, xy + x * y, yy + y * y
-                xz, yz, zz = xz + x * z, yz + y * z, zz + z * z
-        if num < LEAST_POINTS:
-            return np.nan, np.nan
-        if num == before:
-            break  # none was left out since the round before
-        before = num
-        mx, my, mz = mx / num, my / num, mz / num
-        xx, xy, yy = xx - num * mx * mx, xy - num * mx * my, yy - num * my * my
-        xz, yz, zz = xz - num * mx * mz, yz - num * my * mz, zz - num * mz * mz
-        narrow = 0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy)
-        if narrow <= LEAST_SPREAD * LEAST_SPREAD * num:
-            return np.nan, np.nan
-        det = xx * yy - xy * xy
-        b, c = (xz * yy - yz * xy) / det, (yz * xx - xz * xy) / det
-        a = mz - b * mx - c * my
-        spread = math.sqrt(max(zz - b * xz - c * yz, 0.0) / (num - 3))
-        leverage = 1.0 / num + (mx * mx * yy - 2.0 * mx * my * xy + my * my * xx) / det
-        rise, error = a, spread * math.sqrt(leverage)
-        most = ABOVE_PLANE * spread
-    return (rise, error) if spread <= MOST_SPREAD else (np.nan, np.nan)

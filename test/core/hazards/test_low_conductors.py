@@ -12,7 +12,9 @@ import pytest
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.hazards.clearance_rules import plain_rules
 from plc_inspect.core.hazards.low_conductors import (
+    BELOW,
     find_low_conductors,
+    find_low_wires,
     GROUND_SIGMA,
     keep_seen,
     measure_ground,
@@ -167,3 +169,48 @@ def test_the_ground_far_below_is_not_measured_anew():
     changed = found[:, 1] != raw[:, 1]
     assert changed[np.argmin(raw[:, 1])]
     assert not changed[raw[:, 1] > raw[:, 1].min() + 1.0].any()
+
+
+def make_low_wire(below, first=30.0, last=60.0, sags=True, num=40, seed=2):
+    """Return points below the conductor of CONSTANT that hang as it does, or are straight."""
+    rng = np.random.default_rng(seed)
+    model = make_model(*ENDS, c=400.0)
+    along = rng.uniform(first, last, num)
+    height = model.curve.fit.height(model.at(along if sags else np.array([first, last])))
+    if not sags:
+        height = np.interp(along, [first, last], height)
+    points = model.curve.position(model.at(along))
+    points[:, 2] = height - below
+    return model, points + rng.normal(0.0, 0.02, points.shape)
+
+
+def test_a_wire_below_that_was_not_modelled_is_what_hangs_too_low():
+    model, points = make_low_wire(1.5)
+    ground = measure(model, lambda along: 3.5 + 0.0 * along)
+    lowest = ground[:, 1].min()
+    assert lowest > 5.0 > lowest - 1.5
+    assert find_low_conductors([model], [ground], (), RULES) == []
+    (wire,) = find_low_wires([points], [model])
+    (found,) = find_low_conductors([model], [ground], (), RULES, [wire])
+    assert found['clearance'] == pytest.approx(lowest - 1.5, abs=0.02)
+    assert found['note'] == BELOW
+    assert found['confidence'] <= 0.5
+    assert found['position'][2] == pytest.approx(3.5, abs=0.01)
+
+
+def test_fences_and_what_hangs_beside_or_above_are_no_wires_below():
+    model, fence = make_low_wire(3.0, sags=False)
+    assert find_low_wires([fence], [model]) == []
+    _, above = make_low_wire(-1.0)
+    _, beside = make_low_wire(0.5)
+    beside[:, 1] += 2.0
+    assert find_low_wires([above, beside], [model]) == []
+    assert find_low_wires([], [model]) == find_low_wires([fence], []) == []
+
+
+def test_the_wire_hangs_below_the_nearest_conductor_above_it():
+    model, points = make_low_wire(1.5)
+    high = make_model((0.0, 0.0, 14.0), (100.0, 0.0, 14.0), c=400.0)
+    (wire,) = find_low_wires([points], [high, model])
+    assert wire.model == 1
+    assert wire.below == pytest.approx(1.5, abs=0.02)
