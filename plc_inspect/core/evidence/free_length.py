@@ -202,8 +202,39 @@ def measure_free_length(
 @njit(cache=True, nogil=True, error_model='numpy')
 def _measure(points, grid, row, ignore, seen, corner_seen, cell_seen):  # type: ignore[no-untyped-def]
     """Metres of evidence by the close ring, the wide one and above what was seen; and against."""
-    start, order, corner, cell, num_rows, num_columns = grid
     low, high = row[LOW], row[HIGH]
+    num = max(int((high - low) / STEP), 1)
+    is_open = _see_ground(row, num, seen, corner_seen, cell_seen)
+    distance, across, part, core = place_about(points, grid, row, ignore, is_open)
+    if core == 0.0:
+        return 0.0, 0.0, 0.0, 0.0, 0.0
+    inner, outer = ring_about(core)
+
+    # evidence of each part in both rings; where nothing was seen below, only that against it
+    scale = (high - low) / num / STEP
+    close, _ = _weigh(
+        distance, across, part, num, core, CLOSE_RING[0] * core, CLOSE_RING[1] * core, 0.0
+    )
+    wide, is_line = _weigh(distance, across, part, num, core, inner, outer, HELD_SPREAD)
+    against = -scale * np.minimum(wide, 0.0)
+    return (
+        scale * np.where(is_open, close, np.minimum(close, 0.0)).sum(), scale * wide.sum(),
+        scale * np.where(is_open, wide, np.minimum(wide, 0.0)).sum(),
+        against.sum(), against[is_line].sum(),
+    )
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def place_about(points, grid, row, ignore, is_open):  # type: ignore[no-untyped-def]
+    """
+    List what lies on a row's curve and within a metre of it.
+
+    Returned are (K,) distances from the curve, (K, 2) places beside and above it [m], (K,) the
+    part of it, as many as ``is_open`` has, and the radius of the core, 0 without a point in it
+    [m].  Parts below which something lies are set open.
+    """
+    start, order, corner, cell, num_rows, num_columns = grid
+    low, high, num = row[LOW], row[HIGH], len(is_open)
     near = gather_strip(
         start, order, corner, cell, num_rows, num_columns,
         row[ORIGIN_X] + row[COS] * low, row[ORIGIN_Y] + row[SIN] * low,
@@ -211,8 +242,6 @@ def _measure(points, grid, row, ignore, seen, corner_seen, cell_seen):  # type: 
     )
 
     # distance from the curve of each point, and the part that it lies beside
-    num = max(int((high - low) / STEP), 1)
-    is_open = _see_ground(row, num, seen, corner_seen, cell_seen)
     steepest = math.hypot(1.0, max(abs(slope_of(row, low)), abs(slope_of(row, high))))
     distance, across = np.empty(len(near)), np.empty((len(near), 2))
     part = np.empty(len(near), dtype=np.int64)
@@ -242,28 +271,19 @@ def _measure(points, grid, row, ignore, seen, corner_seen, cell_seen):  # type: 
         across[count, 0], across[count, 1] = y, above
         part[count] = place
         count += 1
-    if num_own == 0:
-        return 0.0, 0.0, 0.0, 0.0, 0.0
+    core = 0.0
+    if num_own > 0:
+        # the core is as thick as the points scatter
+        scatter = np.median(own[:num_own]) / RAYLEIGH_MEDIAN
+        core = min(max(CORE_SIGMAS * scatter, LEAST_CORE), max(tolerance, LEAST_CORE))
+    return distance[:count], across[:count], part[:count], core
 
-    # the core is as thick as the points scatter
-    scatter = np.median(own[:num_own]) / RAYLEIGH_MEDIAN
-    core = min(max(CORE_SIGMAS * scatter, LEAST_CORE), max(row[TOLERANCE], LEAST_CORE))
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def ring_about(core):  # type: ignore[no-untyped-def]
+    """Inner and outer radius of the wide ring about a core [m]."""
     inner = max(RING_RATIO * core, RING[0])
-    outer = max(RING[1], inner + core)
-
-    # evidence of each part in both rings; where nothing was seen below, only that against it
-    scale = (high - low) / num / STEP
-    distance, across, part = distance[:count], across[:count], part[:count]
-    close, _ = _weigh(
-        distance, across, part, num, core, CLOSE_RING[0] * core, CLOSE_RING[1] * core, 0.0
-    )
-    wide, is_line = _weigh(distance, across, part, num, core, inner, outer, HELD_SPREAD)
-    against = -scale * np.minimum(wide, 0.0)
-    return (
-        scale * np.where(is_open, close, np.minimum(close, 0.0)).sum(), scale * wide.sum(),
-        scale * np.where(is_open, wide, np.minimum(wide, 0.0)).sum(),
-        against.sum(), against[is_line].sum(),
-    )
+    return inner, max(RING[1], inner + core)
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
