@@ -31,8 +31,9 @@ from plc_inspect.core.catenary.growing import extend
 from plc_inspect.core.catenary.track_fit import fit_tracks
 from plc_inspect.core.catenary.twins import part_twins
 from plc_inspect.core.clustering.clustering import ClusteringResult
+from plc_inspect.core.evidence.endings import cut_ends
 from plc_inspect.core.evidence.free_length import Sight
-from plc_inspect.core.evidence.judge import Judge, Verdict
+from plc_inspect.core.evidence.judge import Judge, RAIL, Verdict
 from plc_inspect.core.evidence.validation import BUILT, list_evidence
 from plc_inspect.core.numerics.arrays import merge_ascending
 from plc_inspect.core.numerics.plan_index import PlanIndex
@@ -82,8 +83,8 @@ def model_conductors(
     Model every conductor of the tracks by a catenary, span by span.
 
     Curves take in the points along them, sub-conductors that cannot be told apart become one,
-    the model bridges gaps, and what lacks the evidence of a conductor is dropped.  Of what is
-    left, a curve over several conductors gives way to one for each.
+    the model bridges gaps, and what lacks the evidence of a conductor is dropped.  What is left
+    ends where it was last seen, and a curve over several conductors gives way to one for each.
 
     Parameters
     ----------
@@ -107,19 +108,25 @@ def model_conductors(
     """
     curves, judge = judge_curves(points, index, clustering, sight, settings, rng)
     kept: list[Curve] = []
-    doubtful: list[Curve] = []
-    crowded: list[Curve] = []
+    waiting: list[int] = []
     objections: dict[str, int] = {}
-    for curve, verdict in zip(curves, judge.verdicts, strict=True):
+    for number, (curve, verdict) in enumerate(zip(curves, judge.verdicts, strict=True)):
         if not verdict.objection:
             kept.append(curve)
             continue
         objections[verdict.objection] = objections.get(verdict.objection, 0) + 1
         if _may_continue(curve, verdict, settings):
-            crowding = verdict.profile.crowding
-            (doubtful if crowding <= settings.max_crowding else crowded).append(curve)
+            waiting.append(number)
+    doubtful: list[Curve] = []
+    crowded: list[Curve] = []
+    # what may go on a conductor may pass below a roof
+    built = judge.name_built(np.array(waiting, dtype=np.int64), below=RAIL)
+    for number, name in zip(waiting, built, strict=True):
+        if not name:
+            crowding = judge.verdicts[number].profile.crowding
+            (doubtful if crowding <= settings.max_crowding else crowded).append(curves[number])
     return ConductorResult(
-        curves=part_twins(points, kept, settings),
+        curves=part_twins(points, cut_ends(points, index, kept, judge.wire), settings),
         doubtful=part_twins(points, doubtful, settings), crowded=tuple(crowded), wire=judge.wire,
         objections=dict(sorted(objections.items())),
     )

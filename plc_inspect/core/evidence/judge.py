@@ -14,6 +14,7 @@ from plc_inspect.core.catenary.curve import Curve, pack_curves
 from plc_inspect.core.catenary.curve_row import CURVATURE, SLOPE
 from plc_inspect.core.catenary.duplicates import find_along, is_thick
 from plc_inspect.core.catenary.profile import Profile, profile_curve
+from plc_inspect.core.evidence.bars import is_bar
 from plc_inspect.core.evidence.edges import find_edges
 from plc_inspect.core.evidence.free_length import (
     FreeLength,
@@ -21,9 +22,10 @@ from plc_inspect.core.evidence.free_length import (
     Sight,
     UNKNOWN,
 )
-from plc_inspect.core.evidence.stays import find_fans, find_held, find_stays
+from plc_inspect.core.evidence.stays import find_fans, find_held, find_stays, LEAST_EVEN
 from plc_inspect.core.evidence.ties import find_tied
 from plc_inspect.core.evidence.validation import (
+    BAR,
     BUILT,
     CROWDED,
     find_objection,
@@ -73,6 +75,11 @@ DEEPEST = 200.0
 A cable with a proven curvature that is held is no conductor below this catenary constant [m].
 Source: derived: main cables of bridges sag by a tenth of their span, those of 150 m have 190 m;
 conductors with spacers or diverters, and messengers of railways, have 300 m and more.
+"""
+CABLE_EVEN = 2
+"""
+Even intervals between hangers that show a cable as deep as that, at least.
+Source: derived: one more that agrees with one; service drops, as deep, touch nothing evenly.
 """
 RAIL = 1.5
 """
@@ -194,22 +201,40 @@ class Judge:
             self.verdicts[number] = replace(self.verdicts[number], objection=STAY)
 
     def _unhold(self) -> None:
-        """Take back what is held at regular intervals, or lies along an edge or on a surface."""
-        known = np.flatnonzero([
-            not verdict.objection and may_be_held(curve, self._settings)
-            for curve, verdict in zip(self._curves, self.verdicts, strict=True)
-        ])
-        curves = [self._curves[k] for k in known.tolist()]
-        held = find_held(self._points, self._index, curves, self.wire, LONGEST_BAY)
+        """Take back what is held evenly, lies along an edge or on a surface, or is a bar."""
+        known = np.flatnonzero([not verdict.objection for verdict in self.verdicts])
+        for number, objection in zip(known.tolist(), self.name_built(known), strict=True):
+            if objection:
+                self.verdicts[number] = replace(self.verdicts[number], objection=objection)
+
+    def name_built(self, numbers: Int64, below: float = math.inf) -> list[str]:
+        """
+        Return of curves, by their numbers, what they are part of, empty for conductors.
+
+        What runs below the edge of a deck or roof, by ``below`` at most [m], is on its wall.
+        """
+        result = [''] * len(numbers)
+        at = [
+            k for k, number in enumerate(numbers.tolist())
+            if may_be_held(self._curves[number], self._settings)
+        ]
+        curves = [self._curves[numbers[k]] for k in at]
+        proofs = [prove_sag(curve, self._settings) for curve in curves]
+        least = [CABLE_EVEN if proof == 1.0 else LEAST_EVEN for proof in proofs]
+        held = find_held(self._points, self._index, curves, self.wire, LONGEST_BAY, least)
         edge = find_edges(self._points, self._index, curves, self.wire)
         rows = pack_curves(curves)
-        hung = (rows[:, CURVATURE] > 1.0 / DEEPEST) | (np.abs(rows[:, SLOPE]) > STEEP)
-        held |= (edge < RAIL) | ((edge >= RAIL) & hung)
-        for number, curve, is_held in zip(known.tolist(), curves, held.tolist(), strict=True):
-            if is_held or is_scan_line(curve):
-                self.verdicts[number] = replace(
-                    self.verdicts[number], objection=HELD if is_held else SCAN_LINE
-                )
+        hung = (np.array(proofs) == 1.0) & (rows[:, CURVATURE] > 1.0 / DEEPEST)
+        hung |= np.abs(rows[:, SLOPE]) > STEEP
+        held |= ((edge < RAIL) & (edge > -below)) | ((edge >= RAIL) & hung)
+        for k, curve, proof, is_held in zip(at, curves, proofs, held.tolist(), strict=True):
+            if is_held:
+                result[k] = HELD
+            elif is_scan_line(curve):
+                result[k] = SCAN_LINE
+            elif proof < 1.0 and is_bar(self._points, curve):
+                result[k] = BAR
+        return result
 
     def _is_beam(self, number: int) -> bool:
         """Whether a curve is straight and part of something solid."""

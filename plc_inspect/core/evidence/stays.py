@@ -193,7 +193,8 @@ def find_fans(curves: Sequence[Curve], sure: Bool, free: Bool) -> Bool:
 
 
 def find_held(
-    points: Float64, index: PlanIndex, curves: Sequence[Curve], wire: Bool, longest: float
+    points: Float64, index: PlanIndex, curves: Sequence[Curve], wire: Bool, longest: float,
+    least: Sequence[int],
 ) -> Bool:
     """
     Tell which curves touch something below them at regular short intervals.
@@ -210,6 +211,8 @@ def find_held(
         Points of conductors.
     longest : float
         Greatest interval [m].
+    least : sequence of int
+        Even intervals of each curve, at least.
 
     Returns
     -------
@@ -220,7 +223,9 @@ def find_held(
     contacts = call_each(
         lambda k: _list_contacts(points, index.grid, curves[k].row, wire), len(curves)
     )
-    return np.array([is_regular(np.diff(x), longest) for x in contacts], dtype=bool)
+    return np.array([
+        is_regular(np.diff(x), longest, num) for x, num in zip(contacts, least, strict=True)
+    ], dtype=bool)
 
 
 def is_regular(interval: Float64, longest: float, least: int = LEAST_EVEN) -> bool:

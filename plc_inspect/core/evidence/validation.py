@@ -19,10 +19,11 @@ TIED = 'tied to another line along its length'
 STAY = 'a stay: of a beam below it, of a mast, or steep and straight'
 HELD = 'touched from below at regular intervals, or along the edge of a deck or roof'
 SCAN_LINE = 'one scan line over a surface: its points lie in a plane'
-BUILT = (TIED, STAY, HELD, SCAN_LINE)
+BAR = 'a bar or pipe: its points lie on one side of it'
+BUILT = (TIED, STAY, HELD, SCAN_LINE, BAR)
 """
 Parts of something else: no evidence of a conductor helps them.
-Source: derived: the four above.
+Source: derived: the five above.
 """
 PLANE_RATIO = 0.1
 """

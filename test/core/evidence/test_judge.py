@@ -11,7 +11,7 @@ from toys import make_curve, make_index, make_sight, make_wire
 
 from plc_inspect.config import CatenarySettings
 from plc_inspect.core.evidence.judge import Judge
-from plc_inspect.core.evidence.validation import CROWDED, HELD, STAY, TIED, UNPROVEN
+from plc_inspect.core.evidence.validation import BAR, CROWDED, HELD, STAY, TIED, UNPROVEN
 
 
 def judge(wires, others=(), seen=True):
@@ -175,3 +175,43 @@ def test_a_conductor_with_diverters_at_even_distances_is_kept():
 def test_a_steep_straight_bar_is_a_stay_and_a_level_one_is_not():
     assert judge([make_bar(8.0, 26.0)]) == [STAY]
     assert judge([make_bar(12.0, 12.5)]) == ['']
+
+
+def test_a_pipe_seen_from_above_is_a_bar():
+    rng = np.random.default_rng(4)
+    around = rng.uniform(0.0, np.pi, 160)
+    round_top = 0.14 * np.column_stack([np.cos(around), np.sin(around)])
+    noise = rng.normal(0.0, 0.03, (160, 2))
+    for spread, expected in ((round_top, BAR), (2.0 * noise, '')):
+        points = np.column_stack([rng.uniform(0.0, 34.0, 160), spread + noise])
+        points[:, 2] += 12.0
+        found = Judge(
+            points, make_index(points), make_sight(points), [make_curve(points, tolerance=0.35)],
+            CatenarySettings(),
+        )
+        found.decide()
+        assert [verdict.objection for verdict in found.verdicts] == [expected]
+
+
+def test_three_hangers_hold_a_cable_as_deep_as_those_of_bridges():
+    cable = make(c=150.0, length=40.0)
+    places = (12.0, 18.0, 24.0)
+    rods = make_rods(places, lambda x: float(cable[np.argmin(np.abs(cable[:, 0] - x)), 2]))
+    assert judge([cable], rods) == [HELD]
+    assert judge([make(c=400.0, length=40.0)], rods) == ['']
+
+
+def test_what_may_go_on_a_conductor_passes_below_a_roof_and_is_not_its_edge():
+    rng = np.random.default_rng(6)
+    roof = np.column_stack([
+        rng.uniform(0.0, 9.0, 900), rng.uniform(0.3, 5.0, 900), rng.normal(12.0, 0.02, 900)
+    ])
+    for z, expected in ((11.8, HELD), (8.0, '')):
+        piece = make_bar(z, z, high=9.0)
+        points = np.vstack([piece, roof])
+        found = Judge(
+            points, make_index(points), make_sight(points),
+            [make_curve(points, np.arange(len(piece)))], CatenarySettings(),
+        )
+        assert found.name_built(np.array([0]), below=1.5) == [expected]
+        assert found.name_built(np.array([0])) == [HELD]

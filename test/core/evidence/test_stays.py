@@ -122,7 +122,7 @@ def touch(places, thick=0.03):
 def test_what_is_touched_at_regular_intervals_is_no_conductor(places, thick, held):
     points, wire = touch(places, thick)
     curve = make_curve(points, np.flatnonzero(wire))
-    assert find_held(points, make_index(points), [curve], wire, 8.0).tolist() == [held]
+    assert find_held(points, make_index(points), [curve], wire, 8.0, [3]).tolist() == [held]
 
 
 @pytest.mark.parametrize(('spacing', 'held'), [(6.5, True), (11.0, False)])
@@ -142,7 +142,7 @@ def test_posts_are_told_from_the_pipe_that_they_bear(spacing, held):
     curve = make_curve(points, top)
     wire = np.zeros(len(points), dtype=bool)
     wire[top] = True
-    assert find_held(points, make_index(points), [curve], wire, 8.0).tolist() == [held]
+    assert find_held(points, make_index(points), [curve], wire, 8.0, [3]).tolist() == [held]
 
 
 def test_another_line_below_that_is_seen_in_scan_lines_holds_nothing():
@@ -152,7 +152,7 @@ def test_another_line_below_that_is_seen_in_scan_lines_holds_nothing():
     points = np.vstack([points, below - [0.0, 0.0, 0.5]])
     curve = make_curve(points, np.arange(len(cable)))
     wire = np.arange(len(points)) < len(cable)
-    assert find_held(points, make_index(points), [curve], wire, 8.0).tolist() == [False]
+    assert find_held(points, make_index(points), [curve], wire, 8.0, [3]).tolist() == [False]
 
 
 def test_a_line_above_a_row_of_trees_at_even_distances_is_kept():
@@ -169,9 +169,9 @@ def test_a_line_above_a_row_of_trees_at_even_distances_is_kept():
     points = np.vstack([points, *trees])
     wire = np.arange(len(points)) < wire.sum()
     curve = make_curve(points, np.flatnonzero(wire))
-    assert find_held(points, make_index(points), [curve], wire, 8.0).tolist() == [False]
+    assert find_held(points, make_index(points), [curve], wire, 8.0, [3]).tolist() == [False]
 
 
 def test_without_curves_nothing_is_held():
     points, wire = touch((5.0, 12.0))
-    assert find_held(points, make_index(points), [], wire, 8.0).tolist() == []
+    assert find_held(points, make_index(points), [], wire, 8.0, []).tolist() == []
