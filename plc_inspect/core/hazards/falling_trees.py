@@ -14,14 +14,14 @@ import numpy as np
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.catenary.nearest_span import find_near
 from plc_inspect.core.hazards.clearance_rules import RuleSet
-from plc_inspect.core.hazards.columns import THICK
+from plc_inspect.core.hazards.columns import LEAST_SLENDER, THICK
 from plc_inspect.core.hazards.encroachments import describe_hazard, is_held, ROOM
 from plc_inspect.core.hazards.grouping import group_cells
 from plc_inspect.core.hazards.line_parts import POLE_WIDTH
 from plc_inspect.core.hazards.low_conductors import ROUGH_SIGMA
 from plc_inspect.core.hazards.strands import measure_distances
 from plc_inspect.core.hazards.trees import segment_trees
-from plc_inspect.core.hazards.wires import FREE_LENGTH
+from plc_inspect.core.hazards.wires import find_lines, FREE_LENGTH
 from plc_inspect.core.spans.span_model import SpanModel, tabulate
 from plc_inspect.core.spans.spans import SpanResult
 from plc_inspect.results import Bool, Float32, Float64, HazardKind, Int64, Support
@@ -216,6 +216,8 @@ def find_falling_trees(
         sigma[~(error <= SURE_GROUND)] = math.hypot(TREE_SIGMA, ROUGH_SIGMA)
     width, length = _measure_plan(points, tree)
     wire = (width <= POLE_WIDTH) & (length >= FREE_LENGTH)
+    # so are, or of poles and stays, a few points on one straight line
+    wire |= find_lines(points, tree, LEAST_SLENDER) & (size < FEW_POINTS)
     pole = (slender > MOST_SLENDER) | ((length <= THICK) & (size >= FEW_POINTS))
     lattice = (slender > LATTICE) & (size >= LATTICE_POINTS) & (length > POLE_WIDTH)
     taken = _trees_at(points, tree, [item['position'] for item in known

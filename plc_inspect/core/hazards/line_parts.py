@@ -66,10 +66,7 @@ Source: chosen on bench/hazards.py and bench/studies/planted_hazards.py: beyond 
 pole goes on as the pole, and below 0.5 foliage seen thinly ends.
 """
 STRAYS = 0.02
-"""
-Share of the points on either side of a row that do not count for its width.
-Source: judgement; not measured.
-"""
+"""Share of the points on either side of a row that are not of it.  Source: judgement."""
 PIECE_LENGTH = 1.0
 """Length of a piece of wire at least [m].  Source: judgement; not measured."""
 PIECE_POINTS = 5
@@ -77,6 +74,8 @@ PIECE_POINTS = 5
 Points of a piece of wire at least.
 Source: derived: as columns.LEAST_DROP: two lie on any line, three leaves do once in fifty times.
 """
+FEW = 10
+"""Fewer points may be of the next span.  Source: judgement; roofs and trees have more."""
 PARALLEL = 0.3
 """
 Slope against the conductor, across or vertically, of a piece of wire at most.
@@ -197,7 +196,8 @@ def find_line_parts(
     for wire in dots:
         unmodelled[wire] = True
     rest = np.flatnonzero(~unmodelled[near])
-    debris, pieces = _find_scraps(places[rest], distance[near[rest]], ends)
+    beside = _measure_beside(points[near[rest]], distance[near[rest]], owner[near[rest]], models)
+    debris, pieces = _find_scraps(places[rest], distance[near[rest]], beside, ends)
     drops, lines = find_straight(points[near[rest]], owner[near[rest]], models)
     own[near[rest[debris | drops]]] = True
     column[near[rest[lines]]] = True
@@ -247,8 +247,22 @@ def _find_continued(points: Float64, models: Sequence[SpanModel]) -> Int64:
     return found
 
 
+def _measure_beside(
+    points: Float64, distance: Float64, owner: Int64, models: Sequence[SpanModel]
+) -> Float64:
+    """Return distances (K,) of points to conductors that go on level [m]."""
+    result = distance.copy()
+    for number in np.unique(owner).tolist():
+        mine, model = np.flatnonzero(owner == number), models[number]
+        x, across = model.curve.local(points[mine])
+        end = np.clip(x, model.low, model.high)
+        above, beyond = points[mine, 2] - model.curve.fit.height(end), x != end
+        result[mine[beyond]] = np.hypot(across, above)[beyond]
+    return np.minimum(result, distance)
+
+
 def _find_scraps(
-    places: Float64, distance: Float64, ends: Float64
+    places: Float64, distance: Float64, beside: Float64, ends: Float64
 ) -> tuple[Bool, Bool]:
     """
     Tell what is by itself, and is no hazard.
@@ -261,8 +275,8 @@ def _find_scraps(
     ----------
     places : (K, 3) float64
         Along the span, across it and above its sag [m].
-    distance : (K,) float64
-        To the nearest conductor [m].
+    distance, beside : (K,) float64
+        To the nearest conductor, and to it as if it went on beyond its ends [m].
     ends : (E,) float64
         Where along the span conductors end [m].
 
@@ -276,8 +290,9 @@ def _find_scraps(
     thing = group_cells(places, np.array(GAP))
     mean, low, high, slope, spread = measure_groups(places, thing)
     farthest, nearest = np.zeros(len(mean)), np.full(len(mean), np.inf)
-    np.maximum.at(farthest, thing, distance)
     np.minimum.at(nearest, thing, distance)
+    distance = np.where((np.bincount(thing) < FEW)[thing], beside, distance)
+    np.maximum.at(farthest, thing, distance)
     extent = high - low
     piece = (spread <= THIN).all(axis=1) & (np.abs(slope) <= PARALLEL).all(axis=1)
     piece &= (extent[:, 0] >= PIECE_LENGTH) & (np.bincount(thing) >= PIECE_POINTS)

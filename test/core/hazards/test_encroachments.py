@@ -250,6 +250,16 @@ def test_wires_that_were_not_found_do_not_fall(num, falls):
     assert [record['kind'] for record in records] == [HazardKind.FALL_IN] * falls
 
 
+@pytest.mark.parametrize(('aside', 'falls'), [(0.0, False), (0.5, True)])
+def test_a_few_points_on_one_straight_line_do_not_fall(aside, falls):
+    points = np.column_stack([np.full(5, 50.0), np.full(5, 4.0), np.linspace(2.0, 10.0, 5)])
+    points[::2, 0] += aside
+    records = find_falling_trees(
+        make_fallible(points), [make_model(*ENDS)], (), RULES, SETTINGS, []
+    )
+    assert [record['kind'] for record in records] == [HazardKind.FALL_IN] * falls
+
+
 def test_pieces_of_wires_high_up_do_not_fall_with_the_tree_below():
     tree = make_tree(50.0, 6.0, 11.0, bottom=3.0)
     piece = np.array([[50.0, 6.0, 30.0], [50.5, 6.2, 30.1], [51.0, 6.4, 30.0]])

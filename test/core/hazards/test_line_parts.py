@@ -246,3 +246,14 @@ def test_a_few_leaves_in_line_are_no_piece_of_a_wire(num, is_wire):
     _, unmodelled, _ = find(leaves)
     assert unmodelled.all() == unmodelled.any() == is_wire
     assert bool(raise_hazards(leaves)) != is_wire
+
+
+@pytest.mark.parametrize(('num', 'own'), [(6, True), (12, False)])
+def test_a_few_points_of_the_next_span_are_no_hazard(num, own):
+    model = fit_model(open_start=False, open_end=False)
+    x = np.linspace(102.6, 104.4, num)
+    places = np.arange(num)
+    points = np.column_stack([x, 0.5 + 0.2 * (places % 3), 11.5 + 0.2 * (places % 2)])
+    found, _, _ = find(points, model)
+    assert found.all() == own
+    assert len(raise_hazards(points, model)) == (not own)
