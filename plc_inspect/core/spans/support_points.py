@@ -16,6 +16,14 @@ POLE_SLICE, TOWER_SLICE = (0.8, 0.8), (2.0, 2.0)
 Half thickness along the line, and reach beyond the attachments across it, of supports [m].
 Source: judgement; holds at half and twice on bench/constants.py.
 """
+UNSEEN_SLICE = (2.0, 0.8)
+"""
+The same where no structure was recognised: nothing shows arms that reach beyond the ends [m].
+Source: chosen on bench/frames.py and bench/studies/planted_hazards.py; with 0.8 along the line
+oakland_part3_ao falls by 0.004, with 2.0 across it a crown was taken for the support.
+"""
+SLICES = {'pole': POLE_SLICE, 'tower': TOWER_SLICE, None: UNSEEN_SLICE}
+"""The three.  Source: derived: those above."""
 HOLD_RADIUS = 3.0
 """
 Within this of a conductor's end insulators and arms leave points [m].
@@ -35,7 +43,7 @@ def list_structure(
     place: Float64,
     azimuth: float,
     attachments: Float64,
-    is_pole: bool,
+    kind: str | None,
 ) -> Int64:
     """
     List the points of a structure: a slice across the line as wide as the attachments.
@@ -54,8 +62,8 @@ def list_structure(
         Direction of the line there [rad].
     attachments : (K, 3) float64
         Where conductors end at it [m].
-    is_pole : bool
-        Poles have thinner slices than towers.
+    kind : str or None
+        'tower', 'pole', or None where no structure was recognised.
 
     Returns
     -------
@@ -63,7 +71,7 @@ def list_structure(
         With the points of conductors in it.
 
     """
-    along_arm, beside = POLE_SLICE if is_pole else TOWER_SLICE
+    along_arm, beside = SLICES[kind]
     unit = np.array([math.cos(azimuth), math.sin(azimuth)])
     left = np.array([-unit[1], unit[0]])
     half = float(np.abs((attachments[:, :2] - place) @ left).max()) + beside

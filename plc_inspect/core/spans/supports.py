@@ -217,10 +217,10 @@ def _place(cloud: OffGround, wire: Bool, item: Standing, route: Route, mask: Boo
     place = _settle(item.position, structure, azimuth)
     foot = float(ground_at(cloud.height, place[None, :])[0])
     top = float(attachments[:, 2].max())
-    is_pole = len(item.ends) < POLE_ENDS
+    kind = 'pole' if len(item.ends) < POLE_ENDS else None
     if structure is not None:
-        top, is_pole = max(top, structure.top), structure.kind == 'pole'
-    own = list_structure(cloud.points, cloud.index, place, azimuth, attachments, is_pole)
+        top, kind = max(top, structure.top), structure.kind
+    own = list_structure(cloud.points, cloud.index, place, azimuth, attachments, kind)
     reached = cloud.points[own[~wire[own]], 2].max(initial=-math.inf)
     # a tree or a house below the ends holds nothing
     if structure is not None or reached >= float(attachments[:, 2].min()) - MAX_BELOW:

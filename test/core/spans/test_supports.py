@@ -127,6 +127,15 @@ def test_only_what_stands_in_the_slice_of_a_support_is_its_own():
     assert not mask[far].any()
 
 
+def test_a_tree_beside_a_support_that_was_not_seen_is_not_of_it():
+    # 1.2 m and more beside the outermost conductor
+    tree = make_tree(100.0, 4.8, 15.5, bottom=9.0, radius=0.5)
+    points, label = make_line(poles=False, offsets=(-3.0, 0.0, 3.0), more=[tree])
+    supports, _, mask = place(points, label)
+    assert [support.kind for support in supports] == ['unseen']
+    assert not mask[np.flatnonzero(np.isin(points, tree).all(axis=1))].any()
+
+
 def test_the_input_is_not_changed():
     points, label = make_line()
     before = points.copy()
