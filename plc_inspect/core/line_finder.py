@@ -11,6 +11,7 @@ from plc_inspect.config import Settings
 from plc_inspect.core.catenary.duplicates import find_along
 from plc_inspect.core.clustering.clustering import cluster, ClusteringResult
 from plc_inspect.core.evidence.conductors import ConductorResult, model_conductors
+from plc_inspect.core.evidence.endings import cut_ends
 from plc_inspect.core.evidence.free_length import find_sight, Sight
 from plc_inspect.core.evidence.judge import SIDE
 from plc_inspect.core.extraction.alignment import align, AlignmentResult
@@ -278,6 +279,10 @@ def _hang(
     """Find spans and supports."""
     poles = find_poles(cloud, conductors.curves, conductors.wire)
     conductors = drop_borne(conductors, poles, settings.catenary)
+    conductors = replace(conductors, curves=cut_ends(
+        cloud.points, cloud.index, conductors.curves, conductors.wire,
+        np.array([pole.position for pole in poles]).reshape(-1, 2),
+    ))
     layout = find_layout(
         cloud.points, conductors.curves, adopt(cloud, conductors, settings), settings.supports,
         poles,

@@ -112,3 +112,15 @@ def test_all_places_with_enough_freed_points_are_searched_again():
     before = extract_high(points, SETTINGS)
     after = revise_ground(points, before, curves, SETTINGS)
     assert raise_ground(points, before, after, SETTINGS) is after
+
+
+def test_a_crown_beyond_the_dead_end_of_a_wire_is_not_of_it():
+    wire = make_wire((0.0, 0.0, 12.0), (60.0, 0.0, 12.0), parts=((0.0, 0.7),))
+    height = make_wire((0.0, 0.0, 12.0), (60.0, 0.0, 12.0), noise=0.0, per_metre=100.0)
+    rng = np.random.default_rng(3)
+    leaves = np.column_stack([rng.uniform(46.0, 52.0, 200), *rng.uniform(-1.5, 1.5, (2, 200))])
+    leaves[:2] = [[47.7, 0.0, 0.0], [51.1, 0.0, 0.0]]
+    leaves[:, 2] += np.interp(leaves[:, 0], *height[:, [0, 2]].T)
+    ground = make_ground((-20.0, -30.0), (80.0, 30.0))
+    (span,) = Pipeline(Settings()).run(np.vstack([wire, leaves, ground])).spans
+    assert span.length == pytest.approx(42.0, abs=1.5)

@@ -31,7 +31,6 @@ from plc_inspect.core.catenary.growing import extend
 from plc_inspect.core.catenary.track_fit import fit_tracks
 from plc_inspect.core.catenary.twins import part_twins
 from plc_inspect.core.clustering.clustering import ClusteringResult
-from plc_inspect.core.evidence.endings import cut_ends
 from plc_inspect.core.evidence.free_length import Sight
 from plc_inspect.core.evidence.judge import Judge, RAIL, Verdict
 from plc_inspect.core.evidence.validation import BUILT, list_evidence
@@ -83,8 +82,8 @@ def model_conductors(
     Model every conductor of the tracks by a catenary, span by span.
 
     Curves take in the points along them, sub-conductors that cannot be told apart become one,
-    the model bridges gaps, and what lacks the evidence of a conductor is dropped.  What is left
-    ends where it was last seen, and a curve over several conductors gives way to one for each.
+    the model bridges gaps, and what lacks the evidence of a conductor is dropped.  Of what is
+    left, a curve over several conductors gives way to one for each.
 
     Parameters
     ----------
@@ -126,7 +125,7 @@ def model_conductors(
             crowding = judge.verdicts[number].profile.crowding
             (doubtful if crowding <= settings.max_crowding else crowded).append(curves[number])
     return ConductorResult(
-        curves=part_twins(points, cut_ends(points, index, kept, judge.wire), settings),
+        curves=part_twins(points, kept, settings),
         doubtful=part_twins(points, doubtful, settings), crowded=tuple(crowded), wire=judge.wire,
         objections=dict(sorted(objections.items())),
     )

@@ -177,19 +177,6 @@ def test_a_tree_across_a_wire_costs_nothing():
     assert found.curves[0].length == pytest.approx(100.0, abs=1.0)
 
 
-def test_a_crown_beyond_the_end_of_a_wire_is_not_of_it():
-    wire = make(z=12.0, length=60.0, parts=((0.0, 0.7),))
-    rng = np.random.default_rng(3)
-    x = rng.uniform(46.0, 52.0, 200)
-    leaves = np.column_stack([x, *rng.uniform(-1.5, 1.5, (2, 200))])
-    leaves[:2] = [[47.7, 0.0, 0.0], [51.1, 0.0, 0.0]]
-    leaves[:, 2] += hang(leaves[:, 0], 60.0, 12.0, 12.0, 800.0)
-    points = np.vstack([wire, leaves])
-    found = model(points, tracks=find_tracks(points, np.arange(len(wire))))
-    assert len(found.curves) == 1
-    assert found.curves[0].length == pytest.approx(42.0, abs=1.5)
-
-
 def test_the_eave_of_a_roof_is_not_even_doubtful():
     rng = np.random.default_rng(3)
     eave = make(length=9.0, c=1200.0, per_metre=8.0)

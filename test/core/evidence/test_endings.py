@@ -15,7 +15,10 @@ def make(y=0.0, length=60.0, per_metre=8.0, seed=0, parts=((0.0, 1.0),)):
                      parts=parts)
 
 
-def cut(wires, others, grown):
+NO_POLES = np.zeros((0, 2))
+
+
+def cut(wires, others, grown, poles=NO_POLES):
     """Cut curves of wires, with those of the other points that lie on the first one if grown."""
     points = np.vstack([*wires, *others])
     first = np.cumsum([0, *map(len, wires)])
@@ -30,7 +33,7 @@ def cut(wires, others, grown):
             own = np.concatenate([own, rest[on]])
         curves.append(make_curve(points, own, 0.2))
     wire = np.arange(len(points)) < first[-1]
-    return curves, cut_ends(points, make_index(points), curves, wire)
+    return curves, cut_ends(points, make_index(points), curves, wire, poles)
 
 
 def make_crown(x):
@@ -58,6 +61,33 @@ def test_one_beside_that_was_seen_as_far_spares_it():
     assert other is curves[1]
 
 
+def test_what_ends_at_a_pole_is_not_cut_there():
+    wires = [make(parts=((0.0, 0.7),))]
+    curves, (curve,) = cut(wires, [make_crown(52.0)], grown=True)
+    end = curves[0].position(curves[0].high)[0, :2]
+    assert curve.length < curves[0].length - 5.0
+    _, (held,) = cut(wires, [make_crown(52.0)], grown=True, poles=end[None] + 0.5)
+    assert held.length == curves[0].length
+
+
+def test_more_must_speak_for_what_goes_on_beyond_one_beside_that_ended():
+    """Leaves without a gap before them, a few of which lie on the curve by chance."""
+    rng = np.random.default_rng(5)
+    leaves = np.column_stack([
+        rng.uniform(42.0, 50.0, 200), rng.uniform(-1.2, 1.2, 200), rng.uniform(-1.2, 1.2, 200)
+    ])
+    leaves = leaves[np.hypot(leaves[:, 1], leaves[:, 2]) > 0.25]
+    leaves[:2] = [[45.5, 0.0, 0.0], [49.5, 0.0, 0.0]]
+    leaves[:, 2] += np.interp(leaves[:, 0], *make(per_metre=60.0, seed=7)[:, [0, 2]].T)
+    alone = make(parts=((0.0, 0.7),))
+    curves, (curve,) = cut([alone], [leaves], grown=True)
+    assert curve is curves[0]
+    assert curve.length > 48.0
+    beside = [alone, make(y=2.0, parts=((0.0, 0.7),), seed=1)]
+    _, (curve, _) = cut(beside, [leaves], grown=True)
+    assert curve.length == pytest.approx(42.0, abs=1.0)
+
+
 def test_gaps_within_and_few_points_cut_nothing():
     for wire in (make(parts=((0.0, 0.4), (0.6, 1.0))), make(per_metre=0.7)):
         (before,), (after,) = cut([wire], [], grown=False)
@@ -66,4 +96,5 @@ def test_gaps_within_and_few_points_cut_nothing():
 
 def test_without_curves_there_is_nothing_to_cut():
     points = make()
-    assert cut_ends(points, make_index(points), [], np.zeros(len(points), dtype=bool)) == ()
+    assert cut_ends(
+        points, make_index(points), [], np.zeros(len(points), dtype=bool), NO_POLES) == ()
