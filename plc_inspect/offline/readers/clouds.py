@@ -180,7 +180,7 @@ def check_las_header(path: Path) -> None:
 
 def check_count(path: Path, header: laspy.LasHeader) -> None:
     """Refuse an uncompressed file whose size does not match the number of points in its header."""
-    if header.are_points_compressed or header.point_format.has_waveform_packet:
+    if header.are_points_compressed:
         return
     size = path.stat().st_size
     held = max(size - header.offset_to_point_data, 0) // header.point_format.size
@@ -189,8 +189,8 @@ def check_count(path: Path, header: laspy.LasHeader) -> None:
             f'{path} is truncated: its header counts {header.point_count} points,'
             f' {size} bytes hold {held}'
         )
-    num_evlrs = getattr(header, 'number_of_evlrs', 0) or 0
-    if held > header.point_count and not num_evlrs:
+    follows = getattr(header, 'number_of_evlrs', 0) or header.point_format.has_waveform_packet
+    if held > header.point_count and not follows:
         raise DataError(
             f'{path} holds {held} points and its header counts {header.point_count}:'
             ' which is right? Write the file again'
