@@ -66,6 +66,12 @@ Passes over the grid, forth and back, that compute the envelope.
 Source: judgement; not measured.
 """
 
+STEPS_MORE = 3
+"""
+Cells beyond those in which a slope rises half the way from the lowest to the highest cell.
+Source: numerical: one for the part of a cell, the others for rounding.
+"""
+
 
 def estimate_ground(
     lowest: Float32, cell: float, max_slope: float
@@ -91,10 +97,7 @@ def estimate_ground(
 
     """
     surface = _drop_stray_lows(lowest, cell, max_slope)
-    envelope = _lower_envelope(surface, cell, max_slope)
-    seen = np.isfinite(surface) & (
-        surface <= envelope + SEEN_BAND + SEEN_SLOPE * cell * max_slope
-    )
+    seen = _find_seen(surface, cell, max_slope)
     seen, sure = _is_areal(seen, AREAL_SHARE) & seen, _is_areal(seen, SURE_SHARE) & seen
     if sure.any() and (seen & ~sure).any():
         # drop what is thin and far above sure ground: a row of wires with nothing seen below it
@@ -227,17 +230,68 @@ def _drop_stray_lows(lowest, cell, max_slope):  # type: ignore[no-untyped-def]
     return result
 
 
-@njit(cache=True, nogil=True)
-def _lower_envelope(surface, cell, max_slope):  # type: ignore[no-untyped-def]
-    """Return the highest surface below the given one that is nowhere steeper than max_slope."""
+@njit(cache=True, parallel=True, nogil=True)
+def _find_seen(surface, cell, max_slope):  # type: ignore[no-untyped-def]
+    """Tell the cells that lie little above the lower envelope of a surface: they show ground."""
     rows, columns = surface.shape
-    result = np.where(np.isnan(surface), np.float32(np.inf), surface)
+    first, last = _limit_sweeps(surface, cell, max_slope)
+    envelope = _lower_envelope(surface, cell, max_slope, first, last)
+    band, slope = np.float32(SEEN_BAND), np.float32(SEEN_SLOPE * cell * max_slope)
+    seen = np.zeros((rows, columns), dtype=np.bool_)
+    for row in prange(rows):
+        for column in range(first[row], last[row]):
+            seen[row, column] = surface[row, column] <= envelope[row, column] + band + slope
+    return seen
+
+
+@njit(cache=True, parallel=True, nogil=True)
+def _limit_sweeps(surface, cell, max_slope):  # type: ignore[no-untyped-def]
+    """
+    Return the first cell of each row that matters to the envelope, and that behind the last.
+
+    A slope that starts at the lowest cell is above the highest one ``steps`` cells away.  No
+    longer way leads from one known cell to another, and all of it is near one of the two.
+    """
+    rows, columns = surface.shape
+    begin, end = np.full(rows, columns), np.zeros(rows, dtype=np.int64)
+    low, high = np.full(rows, np.inf), np.full(rows, -np.inf)
+    for row in prange(rows):
+        for column in range(columns):
+            z = surface[row, column]
+            if not np.isnan(z):
+                begin[row], end[row] = min(begin[row], column), column + 1
+                low[row], high[row] = min(low[row], z), max(high[row], z)
+    first, last = np.zeros(rows, dtype=np.int64), np.full(rows, columns)
+    steps = (high.max() - low.min()) / (max_slope * cell)
+    if not steps < max(rows, columns):  # also NaN, where no cell is known
+        return first, last
+    reach = int(steps / 2) + STEPS_MORE
+    for row in prange(rows):
+        near = slice(max(row - reach, 0), row + reach + 1)
+        first[row] = max(begin[near].min() - reach, 0)
+        last[row] = min(end[near].max() + reach, columns)
+    return first, last
+
+
+@njit(cache=True, nogil=True)
+def _lower_envelope(surface, cell, max_slope, first, last):  # type: ignore[no-untyped-def]
+    """
+    Return the highest surface below the given one that is nowhere steeper than max_slope.
+
+    Of each row only the cells from ``first`` to ``last`` are computed.
+    """
+    rows, columns = surface.shape
+    result = np.full((rows, columns), np.inf, dtype=np.float32)
     straight = np.float32(max_slope * cell)
     diagonal = np.float32(max_slope * cell * np.sqrt(2.0))
+    for row in range(rows):
+        for column in range(first[row], last[row]):
+            if not np.isnan(surface[row, column]):
+                result[row, column] = surface[row, column]
     for _ in range(NUM_SWEEPS):
         # forth: from the neighbours before each cell
         for row in range(rows):
-            for column in range(columns):
+            for column in range(first[row], last[row]):
                 value = result[row, column]
                 if column > 0:
                     value = min(value, result[row, column - 1] + straight)
@@ -250,7 +304,7 @@ def _lower_envelope(surface, cell, max_slope):  # type: ignore[no-untyped-def]
                 result[row, column] = value
         # back: from the neighbours behind it
         for row in range(rows - 1, -1, -1):
-            for column in range(columns - 1, -1, -1):
+            for column in range(last[row] - 1, first[row] - 1, -1):
                 value = result[row, column]
                 if column < columns - 1:
                     value = min(value, result[row, column + 1] + straight)

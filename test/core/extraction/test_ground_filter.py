@@ -7,6 +7,8 @@ import pytest
 from plc_inspect.core.extraction.ground_filter import (
     _fill,
     _is_areal,
+    _limit_sweeps,
+    _lower_envelope,
     AREAL_REACH,
     AREAL_SHARE,
     estimate_ground,
@@ -50,6 +52,25 @@ def test_a_hole_in_a_slope_is_filled_by_the_slope():
     hole[20:28, 30:38] = np.nan
     assert np.abs(_fill(hole) - slope).max() < 3.0
     assert np.abs(_fill(hole) - slope).mean() < 0.02
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_what_is_far_from_known_cells_does_not_matter_to_the_envelope(seed):
+    rng = np.random.default_rng(seed)
+    rows = columns = 300
+    place = np.arange(5, rows - 5, 20)
+    aside = rng.integers(-4, 5, len(place))
+    surface = np.full((rows, columns), np.nan, dtype=np.float32)
+    surface[place, place + aside] = rng.uniform(-930.0, -900.0, len(place))
+    known = np.isfinite(surface)
+    cell, slope = rng.uniform(0.8, 1.2), rng.uniform(0.8, 1.2)
+    first, last = _limit_sweeps(surface, cell, slope)
+    assert (last - first).sum() < 0.8 * rows * columns
+    all_first, all_last = np.zeros(rows, dtype=np.int64), np.full(rows, columns)
+    np.testing.assert_array_equal(
+        _lower_envelope(surface, cell, slope, first, last)[known],
+        _lower_envelope(surface, cell, slope, all_first, all_last)[known],
+    )
 
 
 def test_nothing_known_stays_unknown():
