@@ -4,7 +4,10 @@
 """Tasks that workers of other processes import."""
 
 import os
+import resource
 import time
+
+import numpy as np
 
 from plc_inspect.errors import DataError
 
@@ -29,3 +32,12 @@ def fail():
 def refuse():
     """Fail by bad data."""
     raise DataError('no such thing')
+
+
+def fill_twice(num, size):
+    """Tell how many pages are mapped while arrays are filled a second time."""
+    for _ in range(2):
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+        arrays = [np.ones(size, dtype=np.uint8) for _ in range(num)]
+        del arrays
+    return {'mapped': resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before}

@@ -9,7 +9,7 @@ import time
 
 from grid.clusters import start_cluster
 from grid.grids import inspect, make_line, open_run, write_las
-from grid.tasks import DEADLINE, fail, refuse, sleep_and_tell
+from grid.tasks import DEADLINE, fail, fill_twice, refuse, sleep_and_tell
 import numpy as np
 import pytest
 
@@ -105,6 +105,13 @@ def test_a_run_that_was_stopped_goes_on(tmp_path):
         assert len(run.run('stage', tasks, keys)) == 5
     assert told[0] == ('stage', 2, 5, 0)
     assert told[-1] == ('stage', 5, 5, 0)
+
+
+def test_a_worker_keeps_freed_memory_for_the_next_arrays():
+    with open_engine(2, None, MEMORY) as engine:
+        task = Task(name='fill', function=fill_twice, arguments=(100, 3_000_000))
+        (outcome,) = engine.run([task])
+    assert outcome.answer['mapped'] < 1000  # of 73,000 pages
 
 
 def test_no_scheduler_is_one_clear_error():
