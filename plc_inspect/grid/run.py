@@ -66,8 +66,6 @@ MOST_STEP = 1000
 Of the points of a grid every so many, at least, is one by which radii of the corridor are chosen.
 Source: derived: as in a single cloud of a hundred million points, more than memory holds.
 """
-HALO = 500.0
-"""Initial halo around a tile [m]. Source: judgement: a span of 400 m and its neighbour."""
 
 Tell = Callable[[str, int, int, int], None]
 """Progress callback: step, number of its tasks done, in all, and failed."""
@@ -77,8 +75,8 @@ Tell = Callable[[str, int, int, int], None]
 class GridOptions:
     """How a grid is divided."""
 
-    halo: float = HALO
-    """Initial halo around a tile [m]."""
+    halo: float | None = None
+    """Initial halo around a tile [m], None: see `lay_tiles`."""
     edge: float | None = None
     """Edge of the cells that points are cut into [m], None: derived from their density."""
     tile_edge: float = math.inf
@@ -380,7 +378,7 @@ def inspect_tiles(
 
     return run.run('tile', [
         Task(name=job.tile.name, function=inspect_tile, arguments=(
-            job, whole, run.settings, run.rules, run.options.halo, run.allowed,
+            job, whole, run.settings, run.rules, run.allowed,
         )) for job in jobs
     ], dict.fromkeys(tiles, ''), render_key)
 

@@ -14,11 +14,11 @@ from plc_inspect.grid.cells.layout import CellGrid, lay_cells, lay_tiles, LEAST_
 EDGE, HALO = 200.0, 500.0
 
 
-def lay(counts, **limits):
+def lay(counts, halo=HALO, **limits):
     """Divide cells, given as rows, with all the memory that may be."""
     rows, columns = counts.shape
     grid = CellGrid(origin=(0.0, 0.0), edge=EDGE, columns=columns, rows=rows)
-    tiles = lay_tiles(grid, counts.ravel(), HALO, limits.pop('allowed', 10**9), **limits)
+    tiles = lay_tiles(grid, counts.ravel(), halo, limits.pop('allowed', 10**9), **limits)
     assert sum(tile.num_points for tile in tiles) == counts.sum()
     return grid, tiles
 
@@ -52,6 +52,23 @@ def test_memory_bounds_what_is_read(allowed):
     corridor[40:42] = 1000
     _, tiles = lay(corridor, allowed=allowed)
     assert max(tile.num_near for tile in tiles) <= allowed
+
+
+def test_a_halo_is_wide_from_the_first_where_few_points_are_more():
+    corridor = np.zeros((80, 80), dtype=np.int64)
+    corridor[40:42] = 1000
+    grid, tiles = lay(corridor, halo=None)
+    assert {tile.halo for tile in tiles} == {750.0}
+    for tile in tiles:
+        assert tile.num_near == corridor.ravel()[tile.cells(grid, 750.0)].sum()
+    assert {tile.halo for tile in lay(corridor)[1]} == {HALO}
+    _, plain = lay(np.full((80, 80), 1000), halo=None)
+    inner = [tile for tile in plain if min(tile.first) > 3 and max(tile.last) < 76]
+    assert {tile.halo for tile in inner} == {500.0}
+    allowed = max(tile.num_near for tile in lay(corridor)[1])
+    bounded = lay(corridor, halo=None, allowed=allowed)[1]
+    assert {tile.halo for tile in bounded} == {500.0, 750.0}  # that at the end is nearer to it
+    assert max(tile.num_near for tile in bounded) <= allowed
 
 
 def test_cells_that_are_too_dense_are_refused_with_figures():

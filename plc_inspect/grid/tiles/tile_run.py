@@ -21,15 +21,13 @@ from plc_inspect.config import Settings
 from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.core.whole import Whole
-from plc_inspect.grid.cells.layout import BASE_BYTES, BYTES_PER_POINT
+from plc_inspect.grid.cells.layout import BASE_BYTES, BYTES_PER_POINT, WIDEN
 from plc_inspect.grid.tiles.plain_results import is_within, write_found
 from plc_inspect.grid.tiles.tile_job import TileJob
 from plc_inspect.offline.export.files import measure_peak_memory
 from plc_inspect.offline.records.inspection import measure_clearances
 from plc_inspect.results import Bool, Float64, InspectionResult, Span
 
-WIDEN = 1.5
-"""Factor by which a halo that cuts off a span is widened.  Source: judgement; not measured."""
 MOST_HALO = 2000.0
 """Widest halo [m].  Source: judgement: the longest spans except crossings of fjords and rivers."""
 NEAR_EDGE = 25.0
@@ -71,8 +69,7 @@ class _Look:
 
 
 def inspect_tile(
-    job: TileJob, whole: Whole, settings: Settings, rules: RuleSet | None, halo: float,
-    most_points: int,
+    job: TileJob, whole: Whole, settings: Settings, rules: RuleSet | None, most_points: int
 ) -> dict[str, Any]:
     """
     Inspect one tile and write its results to its files.
@@ -87,8 +84,6 @@ def inspect_tile(
         Of all stages.
     rules : RuleSet or None
         Clearance rules.
-    halo : float
-        Initial halo [m].
     most_points : int
         The halo is not widened beyond this number of points.
 
@@ -102,7 +97,7 @@ def inspect_tile(
     pipeline = Pipeline(settings, rules)
     (x, y), edge = job.grid.origin, job.grid.edge
     bound = (x, y, x + job.grid.columns * edge, y + job.grid.rows * edge)
-    looks = 0
+    halo, looks = job.tile.halo, 0
     while True:
         found = job.read(halo)
         looks += 1

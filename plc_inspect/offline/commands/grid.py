@@ -45,7 +45,8 @@ def add_grid_arguments(parser: argparse.ArgumentParser) -> None:
         '--tile', type=float, metavar='M', help='greatest edge of a tile (default: by memory)'
     )
     group.add_argument(
-        '--halo', type=float, metavar='M', help='looked at around a tile at first (default 500)'
+        '--halo', type=float, metavar='M',
+        help='looked at around a tile at first (default 500, or 750 where few points are more)',
     )
 
 
@@ -99,16 +100,14 @@ def run_grid(
 
     """
     from plc_inspect.grid.engine import open_engine
-    from plc_inspect.grid.run import GridOptions, HALO
+    from plc_inspect.grid.run import GridOptions
     from plc_inspect.grid.survey_grid import GridInputs, survey_grid
 
     inputs = GridInputs(
         items=tuple(arguments.clouds), folder=arguments.output, crs=arguments.crs,
         force=arguments.force, unit=parse_unit(arguments.units), baseline=baseline,
     )
-    options = GridOptions(
-        halo=arguments.halo or HALO, tile_edge=arguments.tile or math.inf,
-    )
+    options = GridOptions(halo=arguments.halo, tile_edge=arguments.tile or math.inf)
     memory = None if arguments.memory is None else arguments.memory * GIGABYTE
     with (
         open_engine(arguments.workers or 1, arguments.scheduler, memory) as engine,
