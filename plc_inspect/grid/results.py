@@ -179,7 +179,7 @@ def _write_points(
         units=sources[0].units,
         scales=first.scales if first else (1e-3, 1e-3, 1e-3),
         offsets=first.offsets if first else (float(low[0]), float(low[1]), float(low[2])),
-        colours=True,
+        colours=any(source.has_colours for source in sources),
     )
     tasks, keys = [], {}
     for job in jobs:

@@ -168,6 +168,21 @@ def test_a_grid_of_surveyed_points_keeps_the_class_of_before(cloud, tmp_path):
     np.testing.assert_array_equal(again[:, 6], before[:, 6])
 
 
+def test_points_have_colours_where_those_of_an_input_do(cloud, tmp_path):
+    def read_formats():
+        return {
+            laspy.open(path).header.point_format.id
+            for path in tmp_path.glob('out/tiles/*/points.laz')
+        }
+
+    inspect(tmp_path / 'out', [cloud], halo=250.0)
+    assert read_formats() == {6}
+    coloured = laspy.convert(laspy.read(cloud), point_format_id=7)
+    coloured.write(tmp_path / 'coloured.laz')
+    inspect(tmp_path / 'out', [cloud, tmp_path / 'coloured.laz'], halo=250.0)
+    assert read_formats() == {7}
+
+
 def test_the_folder_holds_tables_layers_and_a_page(cloud, tmp_path):
     points = read_cloud(cloud).points
     first = write_las(tmp_path / 'a.las', points[::2], 'EPSG:25832')
