@@ -67,7 +67,7 @@ def read_points(
     own = set(core)
     points, order, marks = [], [], []
     for piece in pieces:
-        xyz = _load(folder, piece, 'xyz', np.dtype('<f8')).reshape(-1, 3)
+        xyz = read_piece(folder, piece)
         key = _load(folder, piece, 'idx', np.dtype('<u4')).astype(np.int64)
         if len(xyz) != len(key):
             raise DataError(f'{folder / piece.part}: cell {piece.cell} is damaged')
@@ -93,13 +93,18 @@ def read_points(
     )
 
 
+def read_piece(folder: Path, piece: Piece) -> Float64:
+    """Return the (N, 3) points of a piece [m]."""
+    return _load(folder, piece, 'xyz', np.dtype('<f8')).reshape(-1, 3)
+
+
 def read_attributes(
     folder: Path, pieces: Sequence[Piece]
 ) -> tuple[Float64, np.ndarray]:
     """Return coordinates (N, 3) [m] and (N,) ATTRIBUTES of the points, in order of the inputs."""
     points, order, attributes = [], [], []
     for piece in pieces:
-        points.append(_load(folder, piece, 'xyz', np.dtype('<f8')).reshape(-1, 3))
+        points.append(read_piece(folder, piece))
         key = _load(folder, piece, 'idx', np.dtype('<u4')).astype(np.int64)
         order.append(key + piece.first)
         attributes.append(_load(folder, piece, 'att', ATTRIBUTES))

@@ -44,8 +44,9 @@ Answer = dict[str, Any]
 
 def measure_bounds(job: TileJob, frame: CloudFrame) -> Answer:
     """Return least x, y, z and greatest of a tile's points in the frame [m], infinite if none."""
-    low, high, _ = bounds(frame.enter(job.read(0.0).points))
-    return {'bounds': [*low.tolist(), *high.tolist()]}
+    parts = [bounds(frame.enter(points)) for points in job.iterate()]
+    region = join_bounds({'bounds': [*low.tolist(), *high.tolist()]} for low, high, _ in parts)
+    return {'bounds': region.ravel().tolist()}
 
 
 def join_bounds(answers: Iterable[Answer]) -> Float64:

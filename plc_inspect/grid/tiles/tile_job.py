@@ -3,7 +3,7 @@
 
 """The input of a task on one tile, and how it reads its points."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 import json
 from pathlib import Path
@@ -15,8 +15,8 @@ from plc_inspect.core.cloud_frame import CloudFrame
 from plc_inspect.core.extraction.stray_points import StrayGrid
 from plc_inspect.core.whole import Whole
 from plc_inspect.grid.cells.layout import CellGrid, Tile
-from plc_inspect.grid.cells.pieces import Piece, Points, read_points
-from plc_inspect.results import Bool
+from plc_inspect.grid.cells.pieces import Piece, Points, read_piece, read_points
+from plc_inspect.results import Bool, Float64
 
 CELLS, TILES = 'cells', 'tiles'
 """Folders of the cells, and of the results of each tile."""
@@ -54,9 +54,19 @@ class TileJob:
             Path(self.folder) / CELLS, list_pieces(Path(self.folder), cells),
             self.tile.cells(self.grid), self.tile.rectangle(self.grid, halo),
         )
-        for step in self.strays:
-            step.grid.erase(found.points, step.marked)
+        self._erase_strays(found.points)
         return found
+
+    def iterate(self) -> Iterator[Float64]:
+        """Yield the (N, 3) points of the tile, cell by cell [m]; stray points are NaN."""
+        for piece in list_pieces(Path(self.folder), self.tile.cells(self.grid)):
+            points = read_piece(Path(self.folder) / CELLS, piece)
+            self._erase_strays(points)
+            yield points
+
+    def _erase_strays(self, points: Float64) -> None:
+        for step in self.strays:
+            step.grid.erase(points, step.marked)
 
 
 def write_catalogue(
