@@ -30,7 +30,7 @@ from plc_inspect.results import Float64, UInt8
 
 CHUNK = 1_000_000
 """Points read at a time."""
-PART = 20_000_000
+PART = 10_000_000
 """Points of an input that one task cuts; a larger file is cut by several."""
 ATTRIBUTES = np.dtype([
     ('intensity', '<u2'), ('returns', 'u1'), ('flags', 'u1'), ('classification', 'u1'),
