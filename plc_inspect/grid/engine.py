@@ -45,6 +45,8 @@ class Task:
     name: str
     function: Callable[..., dict[str, Any]]
     arguments: tuple[Any, ...]
+    size: int = 0
+    """Roughly what it has to do; the largest run first, so that no worker idles at the end."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -188,7 +188,7 @@ def _write_points(
         numbers = [(*own, *new) for own, new in sorted(joined.numbers[job.tile.number].items())]
         inspected = run.ledger.find_task('tile', name)
         tasks.append(Task(
-            name=name, function=write_tile_points,
+            name=name, size=job.tile.num_points, function=write_tile_points,
             arguments=(job, str(place), form, numbers),
         ))
         keys[name] = make_key(inspected, numbers, asdict(form))

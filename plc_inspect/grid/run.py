@@ -3,7 +3,7 @@
 
 """The run over a grid: cut inputs into cells, survey the whole, inspect tile by tile."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 import json
 import math
@@ -143,7 +143,7 @@ class GridRun:
         self.ledger.drop_others(stage, [task.name for task in tasks])
         done, failed = len(answers), 0
         self.tell(stage, done, len(tasks), failed)
-        for outcome in self.engine.run(todo):
+        for outcome in self.engine.run(sorted(todo, key=lambda task: -task.size)):
             done += 1
             key = keys[outcome.name]
             if outcome.answer is None:
@@ -319,27 +319,25 @@ def _measure_whole(
         answers = run.run(stage, listed, own)
         return [answers[task.name] for task in listed if task.name in answers]
 
+    def for_each(function: Callable[..., dict[str, Any]], *more: Any) -> Iterator[Task]:
+        for job in jobs:
+            yield Task(name=job.tile.name, size=job.tile.num_points, function=function,
+                       arguments=(job, *more))
+
     extent = [(job.tile.first, job.tile.last) for job in jobs]
-    region = join_bounds(ask('bounds', (
-        Task(name=job.tile.name, function=measure_bounds, arguments=(job, frame)) for job in jobs
-    ), extent))
-    extremes = join_extremes(ask('ground', (
-        Task(name=job.tile.name, function=measure_ground, arguments=(
-            job, frame, region, settings.height,
-        )) for job in jobs
-    ), extent))
+    region = join_bounds(ask('bounds', for_each(measure_bounds, frame), extent))
+    extremes = join_extremes(ask(
+        'ground', for_each(measure_ground, frame, region, settings.height), extent
+    ))
     peak = 0.0
     if extremes[0] <= extremes[1]:
-        peak = find_peak(ask('histogram', (
-            Task(name=job.tile.name, function=count_tile, arguments=(
-                str(job.place), extremes, settings.height,
-            )) for job in jobs
-        ), extent, extremes), extremes, settings.height)
-    candidates = ask('candidates', (
-        Task(name=job.tile.name, function=measure_candidates, arguments=(
-            job, frame, region, peak, settings,
-        )) for job in jobs
-    ), extent, extremes, peak)
+        peak = find_peak(ask(
+            'histogram', for_each(count_tile, extremes, settings.height), extent, extremes
+        ), extremes, settings.height)
+    candidates = ask(
+        'candidates', for_each(measure_candidates, frame, region, peak, settings),
+        extent, extremes, peak,
+    )
     folder, num = run.work / TILES, settings.outliers.num_neighbors
     write_candidate_boxes(folder, candidates)
     spacings = ask('spacing', (
@@ -377,7 +375,7 @@ def inspect_tiles(
         return make_key(common, tile.first, tile.last, used, run.options.halo)
 
     return run.run('tile', [
-        Task(name=job.tile.name, function=inspect_tile, arguments=(
+        Task(name=job.tile.name, size=job.tile.num_near, function=inspect_tile, arguments=(
             job, whole, run.settings, run.rules, run.allowed,
         )) for job in jobs
     ], dict.fromkeys(tiles, ''), render_key)

@@ -79,7 +79,7 @@ def write_reports(
             (*own, *new) for own, new in sorted(joined.numbers[jobs[k].tile.number].items())
         )) for k in near]
         tasks.append(Task(
-            name=name, function=write_section_report,
+            name=name, size=len(section.spans), function=write_section_report,
             arguments=(str(folder / name), section, tiles),
         ))
         keys[name] = make_key(

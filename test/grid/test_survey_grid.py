@@ -8,7 +8,7 @@ import json
 import re
 
 from factories import make_inspection
-from grid.grids import inspect, make_line, ORIGIN, write_las
+from grid.grids import GIGABYTES, inspect, make_line, open_run, ORIGIN, write_las
 import laspy
 import numpy as np
 from pyarrow import parquet
@@ -22,6 +22,7 @@ from plc_inspect.core.extraction.height import extract_high
 from plc_inspect.core.line_finder import find_lines
 from plc_inspect.core.pipeline import enter_frame, Pipeline
 from plc_inspect.core.stage_log import StageLog
+from plc_inspect.grid.engine import OwnProcess, Task
 from plc_inspect.grid.ledger import Ledger
 from plc_inspect.offline.readers.clouds import read_cloud
 from plc_inspect.offline.records.coverage_record import ENOUGH, review_coverage
@@ -181,6 +182,22 @@ def test_points_have_colours_where_those_of_an_input_do(cloud, tmp_path):
     coloured.write(tmp_path / 'coloured.laz')
     inspect(tmp_path / 'out', [cloud, tmp_path / 'coloured.laz'], halo=250.0)
     assert read_formats() == {7}
+
+
+def test_the_largest_tasks_run_first(tmp_path):
+    class Recorder(OwnProcess):
+        def run(self, tasks):
+            ran.extend(task.size for task in tasks)
+            return iter(())
+
+    ran = []
+    with Ledger(tmp_path, __version__) as ledger:
+        run = open_run(tmp_path, ledger, engine=Recorder(GIGABYTES))
+        tasks = [
+            Task(name=str(size), function=dict, arguments=(), size=size) for size in (3, 9, 1, 7)
+        ]
+        run.run('tile', tasks, {task.name: '' for task in tasks})
+    assert ran == [9, 7, 3, 1]
 
 
 def test_the_folder_holds_tables_layers_and_a_page(cloud, tmp_path):

@@ -95,10 +95,12 @@ def measure_ground(
     }
 
 
-def count_tile(place: str, extremes: tuple[float, float], settings: HeightSettings) -> Answer:
+def count_tile(
+    job: TileJob, extremes: tuple[float, float], settings: HeightSettings
+) -> Answer:
     """Return the histogram of the heights stored with a tile."""
     edges = lay_edges(np.array(extremes, dtype=np.float32), settings)
-    with np.load(f'{place}{HEIGHTS}') as kept:
+    with np.load(f'{job.place}{HEIGHTS}') as kept:
         return {'counts': count_heights(kept['known'], edges).tolist()}
 
 
