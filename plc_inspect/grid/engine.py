@@ -212,10 +212,7 @@ def open_engine(
         yield from _connect(Client, scheduler, memory, timeout)
         return
     each = memory or measure_available() / num_workers
-    threads = max((os.cpu_count() or 1) // num_workers, 1)
-    dask.config.set({'distributed.nanny.pre-spawn-environ': KEEP_FREED | {
-        'NUMBA_NUM_THREADS': str(threads), 'OMP_NUM_THREADS': '1',
-    }})
+    dask.config.set({'distributed.nanny.pre-spawn-environ': make_environment(num_workers)})
     with _without_interrupts():
         local = LocalCluster(  # type: ignore[no-untyped-call]
             n_workers=num_workers, threads_per_worker=1, processes=True, memory_limit=int(each),
@@ -223,6 +220,20 @@ def open_engine(
         )
     with local as cluster, Client(cluster) as client:  # type: ignore[no-untyped-call]
         yield DaskEngine(client, each)
+
+
+def make_environment(num_workers: int) -> dict[str, str]:
+    """
+    Return the environment of each worker of this machine; what this process has set stays.
+
+    The workers share the cores: kernels and the coder of LAZ have that many threads, so that all
+    workers together have one for each core.
+    """
+    threads = str(max(len(os.sched_getaffinity(0)) // num_workers, 1))
+    wish = KEEP_FREED | {
+        'NUMBA_NUM_THREADS': threads, 'RAYON_NUM_THREADS': threads, 'OMP_NUM_THREADS': '1',
+    }
+    return {name: os.environ.get(name, value) for name, value in wish.items()}
 
 
 @contextmanager

@@ -16,7 +16,7 @@ import pytest
 from plc_inspect import __version__
 from plc_inspect.errors import DataError
 from plc_inspect.grid import engine
-from plc_inspect.grid.engine import open_engine, OwnProcess, Task
+from plc_inspect.grid.engine import make_environment, open_engine, OwnProcess, Task
 from plc_inspect.grid.ledger import Ledger
 
 pytest.importorskip('distributed')
@@ -105,6 +105,17 @@ def test_a_run_that_was_stopped_goes_on(tmp_path):
         assert len(run.run('stage', tasks, keys)) == 5
     assert told[0] == ('stage', 2, 5, 0)
     assert told[-1] == ('stage', 5, 5, 0)
+
+
+def test_workers_share_the_cores(monkeypatch):
+    names = ('NUMBA_NUM_THREADS', 'RAYON_NUM_THREADS')
+    for name in names:
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr('os.sched_getaffinity', lambda _: set(range(12)))
+    for num, threads in ((1, '12'), (5, '2'), (12, '1'), (40, '1')):
+        assert [make_environment(num)[name] for name in names] == [threads, threads]
+    monkeypatch.setenv('NUMBA_NUM_THREADS', '3')
+    assert make_environment(2)['NUMBA_NUM_THREADS'] == '3'
 
 
 def test_a_worker_keeps_freed_memory_for_the_next_arrays():
