@@ -3,6 +3,7 @@
 
 """A real scheduler with two workers: one is killed, an input is damaged, a run goes on."""
 
+import os
 import signal
 import threading
 import time
@@ -122,6 +123,7 @@ def test_a_worker_keeps_freed_memory_for_the_next_arrays():
     with open_engine(2, None, MEMORY) as engine:
         task = Task(name='fill', function=fill_twice, arguments=(100, 3_000_000))
         (outcome,) = engine.run([task])
+    assert 'MALLOC_ARENA_MAX' not in os.environ
     assert outcome.answer['mapped'] < 1000  # of 73,000 pages
 
 

@@ -209,8 +209,9 @@ def _load(settings: 'Settings') -> None:
 
 def _run(argv: Sequence[str] | None) -> int:
     arguments = _parse(argv)
-    keep_freed_memory()
-    if is_grid(arguments):
+    has_tiles = is_grid(arguments)
+    keep_freed_memory(of_any_size=has_tiles)
+    if has_tiles:
         return _run_grid(arguments)
     cloud = Path(arguments.clouds[0])
     check_memory(cloud)
