@@ -64,7 +64,7 @@ def iterate_xyz(path: Path, most: int) -> Iterator[Float64]:
         while lines := list(islice(rows, min(most, _MOST_LINES))):
             points = _parse(path, lines, mark, columns, before)
             before += len(lines)
-            if not lines[-1].endswith('\n') and _is_cut_off(lines[-2:], mark):
+            if not lines[-1].endswith('\n') and _is_cut_off(lines, mark):
                 raise DataError(
                     f'{path}, row {before}, the last, has fewer decimals than others and no line'
                     ' break: is it truncated? If not, end it with a line break'
@@ -113,22 +113,33 @@ def _parse(
     longest = max(map(len, lines))
     if longest > _MOST_LINE:
         raise DataError(f'{path} is not a text file of points: a row has {longest} characters')
-    if not any(line.strip() and not line.lstrip().startswith(_COMMENTS) for line in lines):
+    rows = [line for line in lines if not line.isspace()]
+    if all(line.lstrip().startswith(_COMMENTS) for line in rows):
         return np.zeros((0, 3))
-    marks = _COMMENTS if any('#' in line or '//' in line for line in lines) else None
+    marks = _COMMENTS if any('#' in line or '//' in line for line in rows) else None
     try:
         return np.loadtxt(
-            lines, delimiter=mark, usecols=columns, comments=marks, ndmin=2, dtype=np.float64
+            rows, delimiter=mark, usecols=columns, comments=marks, ndmin=2, dtype=np.float64
         )
     except ValueError as error:
         raise DataError(f'{path}, {_find_fault(lines, mark, columns, before, error)}') from error
 
 
 def _is_cut_off(lines: Sequence[str], mark: str | None) -> bool:
-    """Tell whether the last number has fewer decimals than that of the row before."""
-    before, last = (len(line.strip().split(mark)[-1].partition('.')[2])
-                    for line in (lines[0], lines[-1]))
-    return last < before
+    """Tell whether the last number has fewer decimals than that of the point before."""
+    points = filter(None, map(_drop_comment, reversed(lines)))
+    if not _drop_comment(lines[-1]):
+        return False
+    last = next(points)
+    return _count_decimals(last, mark) < _count_decimals(next(points, last), mark)
+
+
+def _count_decimals(point: str, mark: str | None) -> int:
+    return len(point.split(mark)[-1].partition('.')[2])
+
+
+def _drop_comment(line: str) -> str:
+    return line.partition('#')[0].partition('//')[0].strip()
 
 
 def _find_fault(
@@ -136,8 +147,8 @@ def _find_fault(
 ) -> str:
     """Describe the first faulty row."""
     for number, line in enumerate(lines, start=before + 1):
-        text = line.partition('#')[0].partition('//')[0]
-        parts = text.split(mark) if text.strip() else []
+        text = _drop_comment(line)
+        parts = text.split(mark) if text else []
         if not parts:
             continue
         shown = make_one_line(line.strip())[:_MOST_TEXT]

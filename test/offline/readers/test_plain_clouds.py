@@ -95,6 +95,7 @@ def test_the_reference_system_of_e57_is_read(tmp_path):
     ('a,b,c\n1,2,3\n', "has no column 'x' in its first row: a, b, c"),
     ('x,y,x,z\n1,2,3,4\n', "has 2 columns 'x' in its first row"),
     ('1.00 2.00 3.00\n4.00 5.00 6.0', 'row 2, the last, has fewer decimals than others'),
+    ('1.00 2.00 3.00\n \n#\n4.00 5.00 6.0', 'row 4, the last, has fewer decimals than others'),
     ('\0\1\2\n', 'has no column'),
     ('9' * 200_000, 'a row has 100001 characters'),
 ])
@@ -102,6 +103,14 @@ def test_text_that_is_wrong_is_refused_with_its_row(rows, message, tmp_path):
     path = tmp_path / 'a.xyz'
     path.write_text(rows)
     assert message in refuse(path)
+
+
+@pytest.mark.parametrize('mark', [' ', ','])
+@pytest.mark.parametrize('end', ['', ' ', '\n ', '\n\n  ', '\n# the end', ' # 2 points'])
+def test_what_is_no_point_is_not_cut_off(end, mark, tmp_path):
+    path = tmp_path / 'a.xyz'
+    path.write_text(f'1.00 2.00 3.00\n4.00 5.00 6.00{end}'.replace(' ', mark, 4))
+    assert read_cloud(path).points.shape == (2, 3)
 
 
 def test_what_is_not_finite_is_counted(tmp_path):
