@@ -76,11 +76,14 @@ class Part:
         if self.by == BY_RATE:
             return f'{self.cause}: the map began anew with that corrected; check the odometry'
         if not self.aligned:
-            return f'{self.cause}: what was seen before and after cannot be brought together'
+            return (
+                f'{self.cause}: what was seen before and after cannot be brought together; fly '
+                'over it again for one map'
+            )
         x, y, z = self.move.shift.tolist()
         return (
             f'{self.cause}: scans are moved by {x:.2f}, {y:.2f}, {z:.2f} m to where the map is, '
-            f'sure to {self.sigma:.2f} m, by {self.by}'
+            f'sure to {self.sigma:.2f} m, by {self.by}; results go on'
         )
 
 

@@ -7,7 +7,7 @@
 import {Alarms, showState} from './alarms.js';
 import {showClock} from './clock.js';
 import {Rows} from './rows.js';
-import {chip, make, metres, shape, shapeSvg} from './symbols.js';
+import {chip, clock, make, metres, shape, shapeSvg} from './symbols.js';
 import {Tables} from './tables.js';
 
 const FROZEN = 3000;
@@ -83,6 +83,7 @@ const parts = {
   fleet: value => showFleet(value),
   clock(value) {
     alarms.silent = true;
+    $('now').hidden = true; // the time of the flight is beside its line
     showClock(value);
     whole = !value;
     if (whole) draw('setView', 'overview'); // results without a flight
@@ -174,6 +175,7 @@ function connect(query, receive) {
 
 // Where nothing replaces what is shown, it says so by itself.
 setInterval(() => {
+  $('now').textContent = clock(Date.now() / 1000);
   const silence = performance.now() - heard;
   if (heard && silence < FROZEN) return;
   document.body.classList.add('old');

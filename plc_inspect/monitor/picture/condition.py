@@ -10,11 +10,9 @@ The worst problem comes first.
 from dataclasses import dataclass
 import math
 
-from plc_inspect.monitor.picture.picture import format_age, Link, Picture, STALE
+from plc_inspect.monitor.picture.picture import format_age, Link, PAUSE, Picture, STALE
 from plc_inspect.stream.summary import NOT_READY, STATUSES
 
-PAUSE = 2.0
-"""Pause after which scans or poses count as stopped, as in the node [s]."""
 LANDED_HEIGHT, LANDED_TIME = 3.0, 8.0
 """
 Height above ground [m] below which, and time without motion [s] after which, the vehicle has
@@ -117,10 +115,9 @@ def _judge_input(picture: Picture) -> Condition | None:
     rows = (('scan_age', 'the lidar', 'scans'), ('odometry_age', 'poses', 'poses'))
     stopped = []
     for name, source, things in rows:
-        age = picture.health.get(name, math.nan)
+        age = picture.health_now[name]
         if math.isnan(age):
             return Condition('critical', f'waiting for {source}{hint}')
-        age += picture.ages.health
         if age > PAUSE + 1.0 or (age > PAUSE and picture.levels and picture.levels[0] == ERROR):
             stopped.append((age, things))
     if stopped:

@@ -30,6 +30,8 @@ ERROR = 2
 """Level of diagnostics."""
 STALE = 5.0
 """Age from which a value is marked as stale [s]."""
+PAUSE = 2.0
+"""Pause after which scans or poses count as stopped, as in the node [s]."""
 
 
 class Link(enum.Enum):
@@ -236,6 +238,7 @@ class Picture:
     """Levels of the node's diagnostics: 0 good, 1 warning, 2 error."""
     texts: tuple[str, ...]
     health: Mapping[str, float]
+    """As the node told it last."""
     cloud_blocks: int
     """Blocks of the thinned corridor received."""
     cloud_total: int
@@ -257,6 +260,16 @@ class Picture:
             (text or 'the node is in error'
              for level, text in zip(self.levels, self.texts, strict=False) if level >= ERROR), '',
         )
+
+    @property
+    def health_now(self) -> dict[str, float]:
+        """Health as it is now: ages also grow while nothing is heard of the node."""
+        ages = {
+            name: self.health.get(name, math.nan) + self.ages.health
+            for name in ('scan_age', 'odometry_age')
+        }
+        rate = math.nan if ages['scan_age'] > PAUSE else self.health.get('scan_rate', math.nan)
+        return {**self.health, **ages, 'scan_rate': rate}
 
     @property
     def held_back(self) -> str:

@@ -153,7 +153,7 @@ def _draw_alarm(picture: Picture) -> Text:
 
 
 def _draw_health(picture: Picture, width: int) -> RenderableType:
-    health = picture.health
+    health = picture.health_now
 
     def number(name: str, form: str = '.0f') -> str:
         value = health.get(name, math.nan)

@@ -141,6 +141,7 @@ def make_replay(state: Mapping[str, Any], replay: Replay) -> dict[str, Any]:
 def _make_state(picture: Picture, condition: Condition, name: str) -> dict[str, Any]:
     ages = picture.ages
     lost = picture.link is Link.LOST
+    late = lost or picture.link is Link.LATE  # the vehicle flies on
     return {
         'time': round(picture.time, 2), 'node': name,
         'tone': condition.tone, 'text': condition.text, 'link': picture.link.value,
@@ -152,8 +153,8 @@ def _make_state(picture: Picture, condition: Condition, name: str) -> dict[str, 
         },
         'old': {
             'data': lost or _is_old(ages.data, picture.spans),
-            'vehicle': lost or _is_old(ages.vehicle, picture.vehicle),
-            'health': lost or ages.health > STALE, 'near': lost or ages.near > STALE,
+            'vehicle': late or _is_old(ages.vehicle, picture.vehicle),
+            'health': lost or ages.health > STALE, 'near': late or ages.near > STALE,
         },
         'age_texts': {
             'data': 'from before the restart of the node'
@@ -207,7 +208,7 @@ def _make_hazard(
             ['measured', format_metres(item.clearance, item.sigma)],
             ['required', format_metres(item.required)],
             ['confidence', f'{round(100 * item.confidence)} %'],
-            ['position', ', '.join(
+            ['position in the map', ', '.join(
                 f'{axis} {value:.1f}' for axis, value in zip('xyz', item.position, strict=True)
             )],
             ['horizontal', format_metres(item.horizontal)],
@@ -240,8 +241,9 @@ def _make_span(
 
 def _make_health(picture: Picture) -> dict[str, Any]:
     rows = []
+    health = picture.health_now
     for title, (name, form) in HEALTH.items():
-        value = picture.health.get(name, math.nan)
+        value = health.get(name, math.nan)
         rows.append([title, '-' if math.isnan(value) else form.format(value)])
     place = '-' if picture.vehicle is None else ' '.join(f'{v:.1f}' for v in picture.vehicle)
     counts = picture.counts

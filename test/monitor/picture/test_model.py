@@ -196,6 +196,22 @@ def test_what_a_node_kept_is_old_until_the_first_result(monitor):
     assert make_parts(picture, 'node', 0.0)['state']['old']['data'] is False
 
 
+def test_a_vehicle_and_its_health_grow_old_with_the_link(monitor):
+    def look(now):
+        parts = make_parts(monitor.look(now), 'node', 0.0)
+        return parts['state']['old'], dict(parts['health']['rows'])
+
+    old, health = look(100.0)
+    assert not any(old.values())
+    age = float(health['last scan'].split()[0])
+    assert health['scan rate'].endswith('Hz')
+    old, health = look(100.0 + LATE + 0.1)
+    assert old == {'data': False, 'vehicle': True, 'health': False, 'near': True}
+    assert health['scan rate'] == '-'
+    assert float(health['last scan'].split()[0]) == pytest.approx(age + LATE + 0.1, abs=0.11)
+    assert all(look(100.0 + LOST + 0.1)[0].values())
+
+
 def test_a_reset_is_told_from_a_restart(monitor):
     after = Source(session=8, resets=1)
     monitor.take_summary(after.summary(9.0, keyframe=True, tables=NO_TABLES), 104.0)
