@@ -11,6 +11,7 @@ import numpy as np
 
 from plc_inspect.config import ClusteringSettings
 from plc_inspect.core.clustering.clusterers import cluster_plane
+from plc_inspect.core.clustering.cross_section import find_skew
 from plc_inspect.core.clustering.segment_fit import judge_clusters, LEAST_POINTS
 from plc_inspect.results import Bool, Float64, Int64
 
@@ -19,6 +20,13 @@ NUM_EPS = 3
 Attempts that cluster: with eps, and what is too thick with half and a quarter of it.
 Source: judgement; not measured.
 """
+FINENESS = (0, 1, 2, 1, 2, 0)
+"""
+How often each attempt halves eps: after NUM_EPS attempts, what none divided is clustered along
+its own direction; the last takes the clusters of the first.
+"""
+NUM_ATTEMPTS = 5
+"""Attempts that cluster, and after which one takes as a bundle what none divided."""
 BUNDLE_RATIO = 2.0
 """
 Greatest rms of a bundle that no attempt divided, by that of one conductor.
@@ -34,9 +42,12 @@ class Attempt:
     """One attempt, before its clusters are judged."""
 
     number: int
-    """From 0; NUM_EPS is the one that takes as a bundle what was not divided."""
+    """From 0; NUM_ATTEMPTS is the one that takes as a bundle what was not divided."""
     chosen: Int64
     """(m,) points of the window that it clusters."""
+    across: Float64
+    up: Float64
+    """(m,) where they lie as it clusters them [m]."""
     label: Int64
     """(m,) their clusters, -1 noise."""
     limit: float
@@ -71,13 +82,14 @@ def choose_points(  # type: ignore[no-untyped-def]
     """
     Return the points of one attempt on a window.
 
-    The attempts before the last one take what was too thick so far, to be clustered finer; the
-    last takes as one what no attempt divided, which may be a bundle.
+    The attempts before the last one take what was too thick so far, to be clustered finer, and
+    from attempt NUM_EPS on along its own direction; that one takes all that no attempt divided,
+    and so does the last, as one, which may be a bundle.
 
     Parameters
     ----------
     attempt : int
-        From 0 to NUM_EPS.
+        From 0 to NUM_ATTEMPTS.
     owner, too_thick, first_label
         State of `open_window`, as the attempts before left it.
     max_thickness : float
@@ -86,14 +98,14 @@ def choose_points(  # type: ignore[no-untyped-def]
     Returns
     -------
     chosen : (m,) int64
-        Points; fewer than LEAST_POINTS end the attempts.
+        Points; fewer than LEAST_POINTS end the attempts before NUM_EPS.
     label : int64
         (m,) clusters in the last attempt; before it (0,), they are to be found.
     limit : float
         Greatest rms of a segment in this attempt [m].
 
     """
-    if attempt < NUM_EPS:
+    if attempt < NUM_ATTEMPTS and attempt != NUM_EPS:
         chosen = np.flatnonzero(too_thick)
         return chosen, chosen[:0].copy(), max_thickness
     chosen = np.flatnonzero((owner < 0) & (first_label >= 0))
@@ -102,8 +114,43 @@ def choose_points(  # type: ignore[no-untyped-def]
     for k in range(len(owner)):
         if owner[k] >= 0 and first_label[k] >= 0:
             divided[first_label[k]] = True
+    if attempt == NUM_EPS:
+        return chosen[~divided[label] | too_thick[chosen]], label[:0], max_thickness
     label[divided[label]] = -1
     return chosen, label, BUNDLE_RATIO * max_thickness
+
+
+@njit(cache=True, nogil=True)
+def straighten(x, y, w, chosen, too_thick):  # type: ignore[no-untyped-def]
+    """
+    Turn a window into the direction of those of its points that no attempt divided.
+
+    The azimuth of a window is the mean of its candidates', and those of conductors side by side
+    see their neighbours too: dots that are smeared by more than they are apart are one.
+
+    Parameters
+    ----------
+    x, y, w : (n,) float64
+        Points along, across and up [m].
+    chosen : (m,) int64
+        Those that no attempt divided.
+    too_thick : (n,) bool
+        Cleared where they lie no sharper along another direction.
+
+    Returns
+    -------
+    across, up : (n,) float64
+        [m]
+    chosen : (m,) int64
+        Points to cluster anew; none where they lie no sharper.
+
+    """
+    skew_y = find_skew(x[chosen], y[chosen])
+    skew_w = find_skew(x[chosen], w[chosen])
+    if skew_y == 0.0 and skew_w == 0.0:
+        too_thick[:] = False
+        chosen = chosen[:0]
+    return y - skew_y * x, w - skew_w * x, chosen
 
 
 def attempt_window(
@@ -134,19 +181,27 @@ def attempt_window(
     x, y, w = places
     owner, first_label, too_thick, fits = state
     found = 0
-    for number in range(NUM_EPS + 1):
+    u, v = y, w
+    for number in range(NUM_ATTEMPTS + 1):
         chosen, label, limit = choose_points(
             number, owner, too_thick, first_label, settings.max_thickness
         )
+        if number == NUM_EPS:
+            u, v, chosen = straighten(x, y, w, chosen, too_thick)
         if len(chosen) < LEAST_POINTS:
-            return
-        if number < NUM_EPS:
+            if number < NUM_EPS:
+                return
+            continue
+        if number < NUM_ATTEMPTS:
             label = cluster_plane(
-                settings.method, y[chosen], w[chosen], settings.eps, needed, number
+                settings.method, u[chosen], v[chosen], settings.eps, needed, FINENESS[number]
             )
         if number == 0:
             first_label[:] = label
-        yield Attempt(number=number, chosen=chosen, label=label, limit=limit)
+        yield Attempt(
+            number=number, chosen=chosen, across=u[chosen], up=v[chosen], label=label,
+            limit=limit,
+        )
         found = judge_clusters(
             x, y, w, chosen, label, limit, half, settings.max_crowding, owner, too_thick, fits,
             found,

@@ -21,8 +21,11 @@ from plc_inspect.core.clustering.cross_section import (
 from plc_inspect.core.clustering.refinement import (
     attempt_window,
     choose_points,
+    FINENESS,
+    NUM_ATTEMPTS,
     NUM_EPS,
     open_window,
+    straighten,
 )
 from plc_inspect.core.clustering.segment_fit import judge_clusters, LEAST_POINTS
 from plc_inspect.core.extraction.alignment import AlignmentResult
@@ -156,14 +159,21 @@ def cluster_window(  # type: ignore[no-untyped-def]
     """
     owner, first_label, too_thick, fits = open_window(len(x))
     found = 0
-    for attempt in range(NUM_EPS + 1):
+    u, v = y, w
+    for attempt in range(NUM_ATTEMPTS + 1):
         chosen, label, limit = choose_points(
             attempt, owner, too_thick, first_label, max_thickness
         )
+        if attempt == NUM_EPS:
+            u, v, chosen = straighten(x, y, w, chosen, too_thick)
         if len(chosen) < LEAST_POINTS:
-            break
-        if attempt < NUM_EPS:
-            label = label_plane(method, y[chosen], w[chosen], eps, min_points, attempt)
+            if attempt < NUM_EPS:
+                break
+            continue
+        if attempt < NUM_ATTEMPTS:
+            label = label_plane(
+                method, u[chosen], v[chosen], eps, min_points, FINENESS[attempt]
+            )
         if attempt == 0:
             put(label, first_label)
         found = judge_clusters(

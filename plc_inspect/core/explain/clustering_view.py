@@ -18,7 +18,12 @@ from plc_inspect.core.clustering.cross_section import (
     MAX_WINDOW_POINTS,
     thin_window,
 )
-from plc_inspect.core.clustering.refinement import attempt_window, NUM_EPS, open_window
+from plc_inspect.core.clustering.refinement import (
+    attempt_window,
+    FINENESS,
+    NUM_ATTEMPTS,
+    open_window,
+)
 from plc_inspect.core.clustering.segment_fit import (
     find_apart,
     find_pieces,
@@ -222,10 +227,10 @@ class Windows:
             place = np.flatnonzero(rows == own)
             if not len(place):
                 continue
-            # the last attempt takes the clusters of the first
-            fineness = attempt.number if attempt.number < NUM_EPS else 0
+            fineness = FINENESS[attempt.number]
             neighbors = count_neighbors(
-                limits.method, y[rows], w[rows], int(place[0]), limits.eps, needed, fineness
+                limits.method, attempt.across, attempt.up, int(place[0]), limits.eps, needed,
+                fineness,
             )
             view = ClusterView(
                 window=window, neighbors=neighbors[0], needed=neighbors[1], is_own=is_own,
@@ -238,7 +243,7 @@ class Windows:
                 pieces, piece, _ = find_pieces(x, y, w, rows, label, attempt.limit, half)
                 apart = find_apart(len(pieces), piece, state[0])
                 view = self._judge(view, (x, y, w), member, apart, own, attempt.limit)
-            if number >= 0 or attempt.number < NUM_EPS:
+            if number >= 0 or attempt.number < NUM_ATTEMPTS:
                 yield view
 
     def _judge(
