@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Duplicates: curves that have their points, or their course, from better seen ones."""
+"""Duplicates: curves that have their points from better seen ones."""
 
 from collections.abc import Sequence
 import math
@@ -37,11 +37,6 @@ Source: judgement; not measured: most of it is theirs.
 """
 NUM_STATIONS = 21
 """Places along a curve that tell its course.  Source: numerical: one in 5 % of its length."""
-COURSE_SHARE = 0.6
-"""
-Curves within this share of their tolerance of each other have the same course.
-Source: judgement; not measured.
-"""
 SLACK = 0.5
 """A curve counts this far beyond its ends [m].  Source: judgement; not measured."""
 ALONG = 0.3
@@ -61,10 +56,11 @@ def drop_duplicates(
     sure: Sequence[Curve] = (),
 ) -> tuple[Curve, ...]:
     """
-    Drop each curve that has most of its points, or of its course, from better seen ones.
+    Drop each curve that has most of its points from better seen ones.
 
     A line laid across several conductors at a small angle meets points of each, but has none
-    of its own.  What is sure goes before all others.
+    of its own.  A bundle is no duplicate of one of its conductors, however wide it reaches.  What
+    is sure goes before all others.
     """
     if not curves and not sure:
         return ()
@@ -108,28 +104,22 @@ def measure_thickness(curve: Curve) -> float:
 
 @njit(cache=True, nogil=True, error_model='numpy')
 def _choose(points, rows, own, start, near):  # type: ignore[no-untyped-def]
-    """Tell which curves, best seen first, have points and a course of their own."""
+    """Tell which curves, best seen first, have points of their own."""
     kept = np.zeros(len(rows), dtype=np.bool_)
     for number in range(len(rows)):
-        row = rows[number]
-        on_course = np.zeros(NUM_STATIONS, dtype=np.bool_)
         mine = own[start[number] : start[number + 1]]
         shared = np.zeros(len(mine), dtype=np.bool_)
         for k in near.item[near.start[number] : near.start[number + 1]]:
             if not kept[k]:  # nor is what comes later
                 continue
             other = rows[k]
-            reach = COURSE_SHARE * max(row[TOLERANCE], other[TOLERANCE])
-            mark_course(row, other, other[LOW] - SLACK, other[HIGH] + SLACK, reach, on_course)
             for m in range(len(mine)):
                 i = mine[m]
                 shared[m] = shared[m] or _lies_on(
                     points[i, 0], points[i, 1], points[i, 2], other, other[LOW] - SLACK,
                     other[HIGH] + SLACK, other[TOLERANCE],
                 )
-        kept[number] = (
-            on_course.mean() < 0.5 and len(mine) > 0 and shared.mean() <= MAX_SHARED
-        )
+        kept[number] = len(mine) > 0 and shared.mean() <= MAX_SHARED
     return kept
 
 

@@ -138,6 +138,18 @@ def test_a_line_across_others_has_no_points_of_its_own():
     assert across not in kept
 
 
+def test_the_rest_of_a_bundle_is_no_duplicate_of_a_conductor_that_is_told_apart():
+    wires = [make(y=y, seed=number) for number, y in enumerate((0.3, 0.0, 0.6))]
+    points, num = np.vstack(wires), len(wires[0])
+    alone = make_curve(points, np.arange(num))
+    # the rest was fitted to a sample, so it has fewer points than the one that is alone
+    rest = make_curve(points, np.arange(num, 3 * num, 3), tolerance=0.6)
+    inside = make_curve(points, np.arange(num, 2 * num, 4))
+    for order in ([alone, rest, inside], [inside, rest, alone]):
+        kept = drop_duplicates(points, order, SETTINGS)
+        assert {id(curve) for curve in kept} == {id(alone), id(rest)}
+
+
 def test_an_edge_with_other_things_all_along_it_is_no_conductor():
     # an edge that sags like a wire, with a sheet hanging from 0.25 m beside it
     edge = make(length=60.0, c=500.0, per_metre=12.0)
