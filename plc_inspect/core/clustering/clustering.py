@@ -84,6 +84,7 @@ def cluster(
     ``eps`` and ``min_points`` finds the dots.  ``min_points`` holds where a window is well
     sampled and is lowered with the sampling.  A cluster too thick for one conductor is divided
     with a smaller eps, and if that fails, along the direction in which its points lie sharpest.
+    What lies in no cluster is looked at once more, at its own sampling.
     Second stage: segments of different windows are joined if each, extended
     to half way, meets the other; the sag cancels there because both deviate by the same amount.
 

@@ -171,6 +171,41 @@ def count_needed(y, w, eps, min_points):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
+def find_rest(y, w, eps, label, rest):  # type: ignore[no-untyped-def]
+    """
+    Find the points that lie in no cluster, nor in a place beside one.
+
+    Parameters
+    ----------
+    y, w : (n,) float64
+        Points across and up [m].
+    eps : float
+        Edge of a place [m].
+    label : (n,) int64
+        Cluster of each point, -1 none.
+    rest : (n,) bool
+        Set for those points.
+
+    Returns
+    -------
+    int
+        The core threshold at their own sampling.
+
+    """
+    taken = np.zeros((TABLE, TABLE), dtype=np.bool_)
+    for k in range(len(y)):
+        if label[k] >= 0:
+            i, j = math.floor(y[k] / eps), math.floor(w[k] / eps)
+            for a in range(i - 1, i + 2):
+                for b in range(j - 1, j + 2):
+                    taken[a & (TABLE - 1), b & (TABLE - 1)] = True
+    for k in range(len(y)):
+        i, j = math.floor(y[k] / eps), math.floor(w[k] / eps)
+        rest[k] = not taken[i & (TABLE - 1), j & (TABLE - 1)]
+    return count_needed(y[rest], w[rest], eps, len(y))
+
+
+@njit(cache=True, nogil=True)
 def find_skew(x, v):  # type: ignore[no-untyped-def]
     """
     Return the slope along which points lie sharpest: few bins across it hold most of them.

@@ -22,14 +22,15 @@ from plc_inspect.core.clustering.refinement import (
     attempt_window,
     choose_points,
     FINENESS,
+    look_again,
     NUM_ATTEMPTS,
     NUM_EPS,
+    NUM_LOOKS,
     open_window,
     straighten,
 )
 from plc_inspect.core.clustering.segment_fit import judge_clusters, LEAST_POINTS
 from plc_inspect.core.extraction.alignment import AlignmentResult
-from plc_inspect.core.numerics.arrays import put
 from plc_inspect.core.numerics.plan_index import PlanIndex
 from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.results import Float64, Int32, Int64
@@ -158,28 +159,34 @@ def cluster_window(  # type: ignore[no-untyped-def]
 
     """
     owner, first_label, too_thick, fits = open_window(len(x))
-    found = 0
-    u, v = y, w
-    for attempt in range(NUM_ATTEMPTS + 1):
-        chosen, label, limit = choose_points(
-            attempt, owner, too_thick, first_label, max_thickness
-        )
-        if attempt == NUM_EPS:
-            u, v, chosen = straighten(x, y, w, chosen, too_thick)
-        if len(chosen) < LEAST_POINTS:
-            if attempt < NUM_EPS:
-                break
-            continue
-        if attempt < NUM_ATTEMPTS:
-            label = label_plane(
-                method, u[chosen], v[chosen], eps, min_points, FINENESS[attempt]
+    found, num_clusters = 0, 0
+    for look in range(NUM_LOOKS):
+        if look:
+            num_clusters = first_label.max() + 1
+            min_points, half, max_crowding = look_again(
+                y, w, eps, min_points, half, first_label, too_thick
             )
-        if attempt == 0:
-            put(label, first_label)
-        found = judge_clusters(
-            x, y, w, chosen, label, limit, half, max_crowding, owner, too_thick, fits, found
-        )
-    return fits[:found], owner, first_label.max() + 1
+        u, v = y, w
+        for attempt in range(NUM_ATTEMPTS + 1):
+            chosen, label, limit = choose_points(
+                attempt, owner, too_thick, first_label, max_thickness
+            )
+            if attempt == NUM_EPS:
+                u, v, chosen = straighten(x, y, w, chosen, too_thick)
+            if len(chosen) < LEAST_POINTS:
+                if attempt < NUM_EPS:
+                    break
+                continue
+            if attempt < NUM_ATTEMPTS:
+                label = label_plane(
+                    method, u[chosen], v[chosen], eps, min_points, FINENESS[attempt]
+                )
+            if attempt == 0:
+                first_label[chosen] = label
+            found = judge_clusters(
+                x, y, w, chosen, label, limit, half, max_crowding, owner, too_thick, fits, found
+            )
+    return fits[:found], owner, num_clusters
 
 
 @njit(cache=True, nogil=True)
@@ -259,10 +266,13 @@ def _cluster_window_by_tree(
     near, x, y, w = thin_window(*gather_points(points, index, seeds, alignment, window))
     state = open_window(len(x))
     needed = int(count_needed(y, w, settings.eps, settings.min_points))
-    deque(attempt_window((x, y, w), state, needed, alignment.half_length, settings), maxlen=0)
-    owner, first_label, _, fits = state
+    attempts = attempt_window((x, y, w), state, needed, alignment.half_length, settings)
+    first = next(attempts, None)
+    num_clusters = 0 if first is None else int(first.label.max(initial=-1)) + 1
+    deque(attempts, maxlen=0)
+    owner, _, _, fits = state
     segments = _lift(
         fits[: owner.max(initial=-1) + 1], alignment.center[window], alignment.azimuth[window],
         alignment.slope[window],
     )
-    return segments, *_collect(owner, near, len(segments)), int(first_label.max(initial=-1)) + 1
+    return segments, *_collect(owner, near, len(segments)), num_clusters

@@ -19,6 +19,7 @@ from plc_inspect.core.clustering.cross_section import (
     thin_window,
 )
 from plc_inspect.core.clustering.refinement import (
+    Attempt,
     attempt_window,
     FINENESS,
     NUM_ATTEMPTS,
@@ -86,6 +87,9 @@ class ClusterView:
     limit: float = math.nan
     """Limit of the rms in this attempt [m]."""
     crowding: float = math.nan
+    least_length: float = math.nan
+    max_crowding: float = math.nan
+    """Limits of length [m] and crowding; the second look at a window is stricter."""
     is_own: bool = True
     """The cluster is the point's own; else that of the nearest point that was not thinned out."""
 
@@ -135,14 +139,14 @@ class Windows:
                     Check(name=f'{name}: points of the cluster', value=view.size,
                           limit=LEAST_POINTS),
                     Check(name=f'{name}: length', value=view.length,
-                          limit=LEAST_SHARE * self.alignment.half_length, unit='m',
+                          limit=view.least_length, unit='m',
                           setting='alignment.half_length'),
                     Check(name=f'{name}: share of metres filled', value=view.filling,
                           limit=MIN_FILLING),
                     Check(name=f'{name}: thickness (rms)', value=view.rms, limit=view.limit,
                           is_least=False, unit='m', setting='clustering.max_thickness'),
                     Check(name=f'{name}: crowding', value=view.crowding,
-                          limit=limits.max_crowding, is_least=False,
+                          limit=view.max_crowding, is_least=False,
                           setting='clustering.max_crowding'),
                 ]
             notes.append(f'{name}: {view.outcome}')
@@ -181,7 +185,7 @@ class Windows:
                     settings, 'clustering.max_thickness', view.rms * share, False,
                     f'{figure}: thickness', view.rms,
                 )
-        if view.crowding > settings.clustering.max_crowding:
+        if view.crowding > view.max_crowding:
             yield from propose(
                 settings, 'clustering.max_crowding', view.crowding, False,
                 f'{figure}: crowding', view.crowding,
@@ -229,8 +233,8 @@ class Windows:
                 continue
             fineness = FINENESS[attempt.number]
             neighbors = count_neighbors(
-                limits.method, attempt.across, attempt.up, int(place[0]), limits.eps, needed,
-                fineness,
+                limits.method, attempt.across, attempt.up, int(place[0]), limits.eps,
+                attempt.needed, fineness,
             )
             view = ClusterView(
                 window=window, neighbors=neighbors[0], needed=neighbors[1], is_own=is_own,
@@ -240,20 +244,21 @@ class Windows:
             if number >= 0:
                 member = np.zeros(len(x), dtype=bool)
                 member[rows[label == number]] = True
-                pieces, piece, _ = find_pieces(x, y, w, rows, label, attempt.limit, half)
+                pieces, piece, _ = find_pieces(
+                    x, y, w, rows, label, attempt.limit, attempt.half
+                )
                 apart = find_apart(len(pieces), piece, state[0])
-                view = self._judge(view, (x, y, w), member, apart, own, attempt.limit)
+                view = self._judge(view, (x, y, w), member, apart, own, attempt)
             if number >= 0 or attempt.number < NUM_ATTEMPTS:
                 yield view
 
     def _judge(
         self, view: ClusterView, places: tuple[Float64, Float64, Float64], member: Bool,
-        apart: Bool, own: int, limit: float,
+        apart: Bool, own: int, attempt: Attempt,
     ) -> ClusterView:
         """Return the view with the figures of the point's cluster, where others lie ``apart``."""
         x, y, w = places
-        half = self.alignment.half_length
-        limits, crowding = self.settings.clustering, math.nan
+        half, limit, crowding = attempt.half, attempt.limit, math.nan
         mx, my, mw, ky, kw, rms, low, high = fit_trimmed(x, y, w, member)
         size, length = int(member.sum()), float(high - low)
         filling = float(measure_filling(x, member, low, high)) if size >= LEAST_POINTS else 0.0
@@ -269,12 +274,13 @@ class Windows:
             crowding = float(measure_crowding(
                 x, y, w, mx, my, mw, ky, kw, rms, low, high, apart
             ))
-            outcome = 'crowded' if crowding > limits.max_crowding else 'segment'
+            outcome = 'crowded' if crowding > attempt.max_crowding else 'segment'
         if outcome == 'segment' and not member[own]:
             outcome = 'trimmed off a segment'
         return replace(
             view, outcome=outcome, size=size, length=length, filling=filling, rms=float(rms),
-            limit=limit, crowding=crowding,
+            limit=limit, crowding=crowding, least_length=LEAST_SHARE * half,
+            max_crowding=attempt.max_crowding,
         )
 
     def _is_in_segment(self, limits: ClusteringSettings) -> bool:

@@ -29,7 +29,8 @@ def find_all(x, y, w, method='dbscan'):
     )[1]
     state = open_window(len(x))
     attempts = list(attempt_window((x, y, w), state, 20, HALF, LIMITS))
-    assert [item.number for item in attempts] == sorted({item.number for item in attempts})
+    numbers = [item.number for item in attempts]
+    assert len(set(zip(numbers, [item.half for item in attempts], strict=True))) == len(numbers)
     return kernel, state[0], attempts
 
 
@@ -61,6 +62,22 @@ def test_conductors_side_by_side_are_told_apart_though_their_window_is_askew(ske
         assert found.max() > 0.9 * len(conductor)
     assert len({np.bincount(conductor[conductor >= 0]).argmax() for conductor in row}) == 5
     assert all(len(item.across) == len(item.chosen) == len(item.label) for item in attempts)
+
+
+@pytest.mark.parametrize('crossing', [False, True])
+def test_a_far_conductor_is_found_beside_one_with_sixty_times_the_points(crossing):
+    rng = np.random.default_rng(4)
+    near = rng.uniform(-HALF, HALF, 1000)
+    far = np.linspace(-HALF, HALF, 15) / (2.0 if crossing else 1.0)
+    x = np.concatenate([near, far])
+    y = np.concatenate([rng.normal(0.0, 0.02, 1000), rng.normal(7.0, 0.05, 15)])
+    w = np.concatenate([rng.normal(0.0, 0.02, 1000), rng.normal(3.0, 0.05, 15)])
+    kernel, owner, attempts = find_all(x, y, w)
+    np.testing.assert_array_equal(kernel, owner)
+    assert (owner[:1000] == 0).mean() > 0.9
+    assert attempts[-1].needed < attempts[0].needed
+    # what does not run through the window may be anything
+    assert (owner[1000:] == (-1 if crossing else 1)).mean() > 0.9
 
 
 def test_a_crown_has_no_conductor_in_any_direction():
