@@ -95,8 +95,10 @@ def read_points(folder: Path, *needed: str) -> tuple[laspy.LasData, Float64]:
 
 
 def parse_units(metres_per_unit: Sequence[float]) -> Units:
-    """Return the units of a folder from ``metres_per_unit``."""
+    """Return the units of a folder from ``metres_per_unit``; see `understanding` for errors."""
     horizontal, vertical = map(float, metres_per_unit)
+    if not (0.0 < horizontal < math.inf and 0.0 < vertical < math.inf):
+        raise ValueError(f'metres_per_unit is {horizontal:g}, {vertical:g}, not above 0')
     return Units(horizontal=horizontal, vertical=vertical)
 
 
@@ -142,7 +144,7 @@ def understanding(path: Path) -> Iterator[None]:
     """Raise DataError if a file lacks the keys and values that the block reads."""
     try:
         yield
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         text = make_one_line(error)
         text = f'it has no {text}' if isinstance(error, KeyError) else text
         raise DataError(f'{path} is not understood: {text}') from error

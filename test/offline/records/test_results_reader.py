@@ -4,6 +4,7 @@
 """A results folder read back is what was written, and what is wrong with one is told."""
 
 import dataclasses
+import math
 import shutil
 
 from factories import make_inspection
@@ -139,3 +140,16 @@ def test_what_a_record_lacks_is_told(folders, tmp_path):
     with pytest.raises(DataError, match='is not understood: not enough'), \
             understanding(tmp_path / 'x'):
         parse_units([1.0])
+
+
+@pytest.mark.parametrize('units', [[0.0, 1.0], [1.0, -0.3048], [math.nan, 1.0], [1.0, math.inf]])
+def test_units_that_no_cloud_has_are_refused(units, tmp_path):
+    with pytest.raises(DataError, match=r'metres_per_unit is .*, not above 0'), \
+            understanding(tmp_path / 'x'):
+        parse_units(units)
+
+
+def test_a_count_beyond_all_numbers_is_refused(folders, tmp_path):
+    row = read_table(folders / 'metres', 'spans')['spans'][0] | {'num_points': math.inf}
+    with pytest.raises(DataError, match='is not understood: '), understanding(tmp_path / 'x'):
+        parse_span(row, Units())
