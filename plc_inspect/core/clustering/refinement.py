@@ -26,7 +26,7 @@ How often each attempt halves eps: after NUM_EPS attempts, what none divided is 
 its own direction; the last takes the clusters of the first.
 Source: judgement; not measured.
 """
-NUM_ATTEMPTS = 5
+NUM_ATTEMPTS = len(FINENESS) - 1
 """
 Attempts that cluster, and after which one takes as a bundle what none divided.
 Source: derived: FINENESS has one more.
@@ -71,7 +71,7 @@ class Attempt:
     needed: int
     """Points of a core neighbourhood."""
     half: float
-    """Half the length of a window that a segment must fill half of [m]."""
+    """A segment is half as long as this at least [m]; at the first look, half a window."""
     max_crowding: float
     """Greatest share of its parts in which a segment may be crowded."""
 
