@@ -17,7 +17,7 @@ from numba import njit
 import numpy as np
 
 from plc_inspect.core.catenary.curve import Curve, find_near, fit_curve
-from plc_inspect.core.catenary.curve_row import HIGH, LOW
+from plc_inspect.core.catenary.curve_row import HIGH, LOW, ROUNDING
 from plc_inspect.core.evidence.free_length import CLOSE_RING, place_about, ring_about, STEP
 from plc_inspect.core.numerics.plan_index import PlanIndex
 from plc_inspect.core.numerics.threads import call_each
@@ -158,10 +158,10 @@ def _compare(
 def _cut(points: Float64, curve: Curve, low: float, high: float) -> Curve:
     """Return a curve through the points between two x; the curve where these make none."""
     x, _ = curve.local(points[curve.points])
+    kept = (x >= low - ROUNDING) & (x <= high + ROUNDING)
     try:
         return fit_curve(
-            points, curve.points[(x >= low) & (x <= high)], tolerance=curve.tolerance,
-            azimuth=curve.azimuth,
+            points, curve.points[kept], tolerance=curve.tolerance, azimuth=curve.azimuth
         )
     except FitError:
         return curve

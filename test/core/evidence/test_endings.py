@@ -49,6 +49,27 @@ def test_what_grew_into_a_crown_beyond_a_gap_is_cut(num):
     assert len(curve.points) == pytest.approx(len(wires[0]), abs=3)
 
 
+@pytest.mark.parametrize('seed', range(8))
+def test_rounding_takes_no_point_from_the_other_end(seed):
+    points = make_wire((0.0, 0.0, 12.0), (60.0, 0.0, 12.0), c=700.0, parts=((0.0, 0.7),))
+    first, num = int(np.argmin(points[:, 0])), len(points)
+    points = np.vstack([points, make_crown(52.0)])
+    turn = 0.1 + 0.7 * seed
+    points[:, :2] = points[:, :2] @ np.array([
+        [np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)],
+    ]) + 3000.0 * np.array([np.cos(seed), np.sin(seed)])
+    curve = make_curve(points, np.arange(num), 0.2)
+    x, y = curve.local(points)
+    on = np.hypot(y, points[:, 2] - curve.fit.height(x)) <= 0.1
+    on[:num] = True
+    curve = make_curve(points, np.flatnonzero(on), 0.2)
+    (after,) = cut_ends(
+        points, make_index(points), [curve], np.arange(len(points)) < num, NO_POLES
+    )
+    assert after.length < curve.length - 5.0
+    assert first in after.points
+
+
 def test_a_conductor_that_ends_in_a_crown_is_kept():
     (before,), (after,) = cut([make()], [make_crown(58.0)], grown=False)
     assert after is before
