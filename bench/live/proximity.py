@@ -74,13 +74,15 @@ class Watcher:
     motion: Motion = field(default_factory=Motion)
     levels: HeldLevels = field(default_factory=HeldLevels)
     around: Surroundings = field(default_factory=Surroundings)
-    coming: list[tuple[float, Surroundings]] = field(default_factory=list)
+    coming: list[tuple[float, int, Surroundings]] = field(default_factory=list)
     told: list[tuple[float, np.ndarray, tuple[Proximity, ...]]] = field(default_factory=list)
     held: list[tuple[Proximity, ...]] = field(default_factory=list)
     """As told, with levels that fall late."""
     seen: list[tuple[float, int, float]] = field(default_factory=list)
     """Time, conductor and distance along it of returns, one a metre and scan."""
     due: float = 0.0
+    known: int = 0
+    """Newest insertion that a tick has looked at."""
 
     def __post_init__(self) -> None:
         self.accumulator = Accumulator(self.settings)
@@ -113,7 +115,7 @@ class Watcher:
         )
         self.motion.add(stamp, position)
         while self.coming and self.coming[0][0] <= time:
-            self.around = self.coming.pop(0)[1]
+            _, self.known, self.around = self.coming.pop(0)
         if time >= self.due:
             self.due = time + PERIOD
             self._tick(time, position)
@@ -122,8 +124,12 @@ class Watcher:
                 self.accumulator.map.cells, position, self.settings.proximity.warning,
                 self.settings.height.beta,
             )
+            entry = self.accumulator.entry
+            fresh = entry.near.find(
+                position, self.settings.proximity.critical, entry.map.cells, self.known
+            )
             found = measure_proximity(
-                self.around, seen, position, self.motion.velocity, self.settings.proximity
+                self.around, seen, position, self.motion.velocity, self.settings.proximity, fresh
             )
             self.told.append((time, position.copy(), found))
             self.held.append(self.levels.hold(found, stamp, position, self.settings.proximity))
@@ -137,7 +143,7 @@ class Watcher:
         window = next(item for item in copy_window(voxels, plan) if item is not None)
         done = self.session.tick(window, self.settings, position)
         voxels.label(window.slots, window.points, done.labels)
-        self.coming.append((time + DELAY, done.state.around))
+        self.coming.append((time + DELAY, done.state.sequence, done.state.around))
 
 
 def _to_quaternion(rpy: np.ndarray) -> tuple[float, float, float, float]:

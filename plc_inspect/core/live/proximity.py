@@ -29,6 +29,13 @@ LEAST_SPEED = 0.1
 """Slower than this the vehicle stands [m/s].  Source: judgement: the drift of an odometry."""
 NEWTON_STEPS = 8
 """Steps to the nearest point of a catenary.  Source: numerical: to less than 1 mm."""
+SAME = 1.0
+"""
+Fresh returns within this of a known conductor or support are of it [m].
+Source: judgement: sag and drift between two ticks.
+"""
+NO_POINTS: Float64 = np.zeros((0, 3))
+"""No fresh returns.  Source: numerical."""
 LEAST_SLOPE = 0.1
 """Divisor of a step, at least.  Source: numerical: below far curves the distance is flat."""
 
@@ -78,7 +85,7 @@ class Proximity:
 
 def measure_proximity(
     around: Surroundings, seen: bool, position: Float64, velocity: Float64,
-    settings: ProximitySettings,
+    settings: ProximitySettings, fresh: Float64 = NO_POINTS,
 ) -> tuple[Proximity, ...]:
     """
     Return the nearest thing of each kind.
@@ -95,6 +102,8 @@ def measure_proximity(
         [m/s]; NaN unknown.
     settings : ProximitySettings
         Distances of the levels.
+    fresh : (K, 3) float64
+        What no tick has looked at yet, map frame [m]; an obstacle where it is no known thing.
 
     Returns
     -------
@@ -110,9 +119,11 @@ def measure_proximity(
     for thing in Thing:
         if thing == Thing.CONDUCTOR:
             found = _find_conductor(around, position, way)
+        elif thing == Thing.SUPPORT:
+            found = _find_point(around.supports, position, way)
         else:
-            points = around.supports if thing == Thing.SUPPORT else around.obstacles
-            found = _find_point(points, position, way)
+            strange = fresh[_are_strange(fresh, around.courses, around.supports)]
+            found = _find_point(np.concatenate((around.obstacles, strange)), position, way)
         if found is None:
             level = Level.CLEAR if seen else Level.UNKNOWN
             result.append(Proximity(thing=thing, level=level, position=np.full(3, np.nan)))
@@ -173,6 +184,25 @@ def _nearest_on(row, px, py, pz):  # type: ignore[no-untyped-def]
         x = min(max(x - first / max(second, LEAST_SLOPE), row[4]), row[5])
     above = row[6] + row[8] * math.cosh((x - row[7]) / row[8]) - pz
     return x, math.sqrt((x - along) ** 2 + across**2 + above**2)
+
+
+@njit(cache=True, nogil=True, error_model='numpy')
+def _are_strange(points, rows, supports):  # type: ignore[no-untyped-def]
+    """Tell which points are near no row's curve and no point of a support."""
+    result = np.ones(len(points), dtype=np.bool_)
+    for k in range(len(points)):
+        for row in range(len(rows)):
+            _, apart = _nearest_on(rows[row], points[k, 0], points[k, 1], points[k, 2])
+            if apart <= SAME:
+                result[k] = False
+                break
+        for m in range(len(supports)):
+            x, y = supports[m, 0] - points[k, 0], supports[m, 1] - points[k, 1]
+            z = supports[m, 2] - points[k, 2]
+            if x * x + y * y + z * z <= SAME * SAME:
+                result[k] = False
+                break
+    return result
 
 
 @njit(cache=True, nogil=True, error_model='numpy')

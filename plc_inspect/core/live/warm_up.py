@@ -81,6 +81,7 @@ def warm_up_intake() -> None:
     for number in range(3):
         cells.add(sample_points(points.astype(np.float64)), number)
     cells.compare(points.astype(np.float64), RigidMove(), 2 * OPEN_NS, 1)
+    accumulator.entry.near.find(points[0].astype(np.float64), 8.0, accumulator.map.cells, 0)
     voxels = accumulator.map
     plan = WindowPlanner(4.0).plan(voxels, (), None)
     if plan is not None:
@@ -119,5 +120,5 @@ def warm_up_pipeline(settings: Settings, *, rare: bool = False) -> int:
     _, result, _ = Session().conclude(points, settings, 0, complete=True)
     find_dust(points[:1000], points[:1])
     around = surround(result.spans, points)
-    measure_proximity(around, True, points[0], np.ones(3), settings.proximity)
+    measure_proximity(around, True, points[0], np.ones(3), settings.proximity, points[:9])
     return len(result.spans)

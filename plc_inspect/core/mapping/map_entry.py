@@ -7,6 +7,7 @@ import numpy as np
 
 from plc_inspect.config import MapSettings
 from plc_inspect.core.alignment.parts import Seen
+from plc_inspect.core.mapping.near_returns import NearReturns
 from plc_inspect.core.numerics.arrays import MOST_COORDINATE
 from plc_inspect.core.setup.looks import SharpnessMeter
 from plc_inspect.core.voxel_buffer.voxel_map import Insertion, VoxelMap
@@ -26,6 +27,8 @@ class MapEntry:
         self.map = VoxelMap(settings)
         self.meter = SharpnessMeter()
         """Measures how sharp the map is."""
+        self.near = NearReturns()
+        """What came from near the vehicle last."""
         self.num_restarts = 0
         """Times the map began anew."""
         self.cause = ''
@@ -40,6 +43,7 @@ class MapEntry:
         """Forget everything in the map."""
         self.map.clear()
         self.meter.clear()
+        self.near.clear()
         self._beyond_since = None
 
     def begin_anew(self, cause: str) -> None:
@@ -56,6 +60,7 @@ class MapEntry:
             return None
         self._beyond_since = None
         self.meter.add(scan.points, scan.stamps, scan.apart)
+        self.near.add(scan, found.sequence)
         return found
 
     def is_away(self, scan: Seen) -> bool:

@@ -22,11 +22,11 @@ from plc_inspect.core.live.window import NEAR
 from plc_inspect.core.mapping.accumulator import Accumulator
 from plc_inspect.core.mapping.eviction import Evictor
 from plc_inspect.core.mapping.flown_way import FlownWay
+from plc_inspect.core.mapping.map_entry import MapEntry
 from plc_inspect.core.mapping.scan_counters import Counters, DropReason
 from plc_inspect.core.mapping.standstill import explain_standstill
 from plc_inspect.core.setup.mount import Mount
 from plc_inspect.core.setup.moving_frames import MovingFrames
-from plc_inspect.core.voxel_buffer.cell_index import CellIndex
 from plc_inspect.core.voxel_buffer.voxel_changes import StoredMap
 from plc_inspect.errors import DataError
 from plc_inspect.flight_record.plain_values import from_plain
@@ -80,7 +80,7 @@ class Intake:
         """Called when the map has begun anew."""
         self.accepts: Callable[[Mapping[str, Any], float], bool] = lambda info, now: True
         """Tells whether a scan is of the driver that is listened to."""
-        self.on_pose: Callable[[StampedPose, RigidMove | None, CellIndex, bool], None] = (
+        self.on_pose: Callable[[StampedPose, RigidMove | None, MapEntry, bool], None] = (
             lambda pose, move, cells, late: None
         )
         """
@@ -215,7 +215,7 @@ class Intake:
             if move is not None:
                 self.vehicle = move.apply(np.array(pose.position, dtype=np.float64))
                 self.way.add(pose.stamp_ns, self.vehicle)
-            self.on_pose(pose, move, self.accumulator.map.cells, late)
+            self.on_pose(pose, move, self.accumulator.entry, late)
             self._follow_parts(now)
         self._follow_restart()
 

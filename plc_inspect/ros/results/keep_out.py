@@ -20,7 +20,7 @@ from plc_inspect.core.live.motion import Motion
 from plc_inspect.core.live.proximity import measure_proximity
 from plc_inspect.core.live.session import LiveState
 from plc_inspect.core.live.surroundings import Surroundings
-from plc_inspect.core.voxel_buffer.cell_index import CellIndex
+from plc_inspect.core.mapping.map_entry import MapEntry
 from plc_inspect.messages.markers import mark_proximity
 from plc_inspect.messages.poses import StampedPose
 from plc_inspect.messages.rows import make_proximity
@@ -71,7 +71,7 @@ class KeepOut:
         self._seen: set[MarkerKey] = set()
 
     def tell(
-        self, pose: StampedPose, move: RigidMove | None, cells: CellIndex, late: bool = False
+        self, pose: StampedPose, move: RigidMove | None, entry: MapEntry, late: bool = False
     ) -> None:
         """
         Tell how near the vehicle is at a pose; a map that is not sharp is taken as unseen.
@@ -85,8 +85,8 @@ class KeepOut:
         move : RigidMove or None
             From its frame into that of the map; None where nobody knows the vehicle's place:
             then all is unknown, and only the levels stand for a while.
-        cells : CellIndex
-            Of the map.
+        entry : MapEntry
+            The map, and what came into it last.
         late : bool
             Newer poses wait: only the motion is taken, as telling costs more than all else.
 
@@ -104,12 +104,16 @@ class KeepOut:
         self._told = pose.stamp_ns
         blurred = state is None or state.sharpness.poor
         around = NOTHING if state is None or blurred or move is None else state.around
+        limits = settings.proximity
         seen = not blurred and around.is_seen(
-            cells, vehicle, settings.proximity.warning, settings.height.beta
+            entry.map.cells, vehicle, limits.warning, settings.height.beta
+        )
+        fresh = entry.near.find(
+            vehicle, limits.critical, entry.map.cells, 0 if state is None else state.sequence
         )
         found = self._levels.hold(
-            measure_proximity(around, seen, vehicle, self._motion.velocity, settings.proximity),
-            pose.stamp_ns, vehicle, settings.proximity,
+            measure_proximity(around, seen, vehicle, self._motion.velocity, limits, fresh),
+            pose.stamp_ns, vehicle, limits,
         )
         if move is not None:
             back = move.inverse()

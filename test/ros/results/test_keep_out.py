@@ -11,10 +11,11 @@ import pytest
 
 from plc_inspect.config import Settings
 from plc_inspect.core.alignment.follower import Follower
+from plc_inspect.core.alignment.parts import Seen
 from plc_inspect.core.live.held_levels import HOLD_NS
 from plc_inspect.core.live.proximity import Level, Thing
 from plc_inspect.core.live.surroundings import surround
-from plc_inspect.core.voxel_buffer.cell_index import CellIndex
+from plc_inspect.core.mapping.map_entry import MapEntry
 from plc_inspect.messages.poses import StampedPose
 from plc_inspect.messages.rows import PROXIMITY
 from plc_inspect.ros.results.keep_out import KeepOut
@@ -33,12 +34,9 @@ class Flight:
         self.told, self.count = [], 0
         node = MagicMock()
         node.create_publisher.side_effect = self._publish
-        self.follower, self.cells = Follower(), MagicMock(spec=CellIndex)
-        self.cells.locate.return_value = np.zeros((2, 2), dtype=np.int64)
-        self.cells.cell_size = 5.0
-        self.cells.find.return_value = np.array([-1])
+        self.follower, self.entry = Follower(), MapEntry(Settings().map)
         self.state = SimpleNamespace(
-            sharpness=SimpleNamespace(poor=False), around=surround([], TREE[None]),
+            sharpness=SimpleNamespace(poor=False), around=surround([], TREE[None]), sequence=0,
         )
         self.keep_out = KeepOut(node, lambda: (self.state, Settings()), lambda near, yaw: None)
 
@@ -57,7 +55,7 @@ class Flight:
             self.keep_out.tell(StampedPose(
                 stamp_ns=stamp, position=np.array(place), quaternion=UPRIGHT,
                 frame_id='odom', child_frame_id='base_link',
-            ), self.follower.likely_move, self.cells)
+            ), self.follower.likely_move, self.entry)
         rows = np.frombuffer(bytes(self.told[-1].data), PROXIMITY)
         return rows[rows['thing'] == Thing.OBSTACLE][0]
 
@@ -95,3 +93,19 @@ def test_a_map_that_begins_anew_holds_no_level_of_another_frame():
     assert flight.fly(*along(0.0, 55.0))['level'] == Level.CRITICAL
     flight.state = None
     assert flight.fly((55.0, 0.0, 10.0))['level'] == Level.UNKNOWN
+
+
+def test_a_wire_is_an_obstacle_before_a_tick_has_looked_at_it():
+    flight = Flight()
+    flight.state = None
+    assert flight.fly(*along(0.0, 2.0))['level'] == Level.UNKNOWN
+    wire = np.column_stack((np.full(41, 9.0), np.linspace(-2.0, 2.0, 41), np.full(41, 10.5)))
+    ground = np.array([[9.0, 0.0, 0.0]])
+    for number in range(2):
+        points = np.concatenate((wire, ground))
+        flight.entry.enter(Seen(
+            points, np.full(42, START), np.linalg.norm(points, axis=1), START + number,
+        ))
+    row = flight.fly(*along(2.0, 3.0))
+    assert row['level'] == Level.CRITICAL
+    assert row['distance'] == pytest.approx(6.1, abs=0.05)
