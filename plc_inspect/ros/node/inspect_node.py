@@ -34,6 +34,7 @@ from plc_inspect.offline.records.flight import Flight
 from plc_inspect.ros.graph.guard import Guard
 from plc_inspect.ros.graph.qos import DIAGNOSTICS, watched
 from plc_inspect.ros.graph.requests import refuse, Requests
+from plc_inspect.ros.graph.voices import Voices
 from plc_inspect.ros.node.complaints import Complaints
 from plc_inspect.ros.node.diagnostics import (
     describe_input,
@@ -99,16 +100,16 @@ class InspectNode(Node):
         settings = self.settings
         self._door = Guard(settings.security)
         warm_up_intake()
-        self._health = Health()
-        self._intake = Intake(settings, self._health, self.get_logger().warning)
+        self._health, self._log = Health(), Voices(self.get_logger())
+        self._intake = Intake(settings, self._health, self._log.warning)
         self._planner = make_planner(settings, self._live_parameters.rules)
         self._session = Session()
         self._known = KnownStates(self._session.state)
         self._copy: tuple[Iterator[Window | None], str] | None = None
         self._job = ''
         self._wants_tick = self._rest_is_due = False
-        self._complaints = Complaints(self.get_logger().warning)
-        self._teller = Teller(self.get_logger().info, self.get_logger().warning)
+        self._complaints = Complaints(self._log.warning)
+        self._teller = Teller(self._log.info, self._log.warning)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._stream = Stream(self, lambda: self.settings.stream, self._intake, self._guard)
         self._results = ResultPublishers(self, self._stream)
@@ -143,7 +144,7 @@ class InspectNode(Node):
         self._intake.on_pose = keep_out.tell
         self._submit('start', partial(prepare, settings))
         self._keeper = Keeper(
-            settings, self._live_parameters.rules, self._intake, self.get_logger(), self._forget
+            settings, self._live_parameters.rules, self._intake, self._log, self._forget
         )
         if self._keeper.resume(self._session):
             known = self._session.state
@@ -197,7 +198,7 @@ class InspectNode(Node):
     def _on_clock_jump(self, jump: TimeJump) -> None:
         self._health.num_clock_jumps += 1
         self._intake.accumulator.reset(keep_map=True)
-        self.get_logger().warning(
+        self._log.warning(
             f'time jumped by {jump.delta.nanoseconds * 1e-9:.3f} s: poses and waiting scans were '
             'reset, the map was kept; call ~/reset to forget it too'
         )
@@ -247,19 +248,19 @@ class InspectNode(Node):
             response.success, response.message = False, f'not reset: {error}'
             return response
         self._intake.reset()
-        self.get_logger().info('reset: map, lines and hazards are forgotten')
+        self._log.info('reset: map, lines and hazards are forgotten')
         response.success, response.message = True, 'map, lines and hazards are forgotten'
         return response
 
     def _on_map_restart(self) -> None:
         """Save what was found in the map that was given up, and begin anew."""
-        self.get_logger().error(f'{self._intake.accumulator.entry.cause}: the map begins anew')
+        self._log.error(f'{self._intake.accumulator.entry.cause}: the map begins anew')
         self._forget('the map began anew')
 
     def _forget(self, reason: str, *, lose: bool = True) -> None:
         """Save what was found and forget it, and whatever is being worked on."""
         if kept := keep_state(self._describe_flight(), self.state, reason, lose=lose):
-            self.get_logger().error(kept)
+            self._log.error(kept)
         self._session = Session()
         self._copy = None
         if self._job in ('tick', 'save'):
@@ -349,7 +350,7 @@ class InspectNode(Node):
             return
         if done is None:
             if job == 'start':
-                self.get_logger().info('ready')
+                self._log.info('ready')
             return
         self._intake.accumulator.map.label(done.slots, done.points, done.labels)
         self._known.add(self._intake.accumulator.last_inserted or 0, done.state)
@@ -359,7 +360,7 @@ class InspectNode(Node):
         if done.state.sharpness.poor:
             self._complaints.complain('sharpness', done.state.sharpness.describe())
         if done.saved is not None:
-            tell = self.get_logger().error if done.saved.problem else self.get_logger().info
+            tell = self._log.error if done.saved.problem else self._log.info
             tell(done.saved.describe())
             self._saving.answer(done.saved.folder is not None, done.saved.describe())
         else:
@@ -383,17 +384,16 @@ class InspectNode(Node):
         """
         self._intake.leave_memory()
         stopped = self._worker.stop(STOP_TIMEOUT)
-        log = self.get_logger()
         if not save or not len(self._intake.accumulator.map):
             self._keeper.close(None, wanted=False)
             if not save:
                 return True
             lost = self._intake.explain_nothing()
-            (log.error if lost else log.info)('nothing to save' + lost)
+            (self._log.error if lost else self._log.info)('nothing to save' + lost)
             return not lost
         self._keeper.flush()
         late = '' if stopped else f'the running job did not end within {STOP_TIMEOUT:g} s'
-        final = FinalSave(log.info, log.error)
+        final = FinalSave(self._log.info, self._log.error)
         whole = final.save(self._session, self._intake, self._describe_flight(), self.state, late)
         self._keeper.close(final.saved)
         return whole

@@ -9,8 +9,6 @@ from pathlib import Path
 import time
 from typing import Any
 
-from rclpy.impl.rcutils_logger import RcutilsLogger
-
 from plc_inspect.config import Settings
 from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.live.session import CORRIDOR_REACH, Kept, Session
@@ -28,6 +26,7 @@ from plc_inspect.flight_record.resumption import (
     name_record,
 )
 from plc_inspect.messages.poses import StampedPose
+from plc_inspect.ros.graph.voices import Voices
 from plc_inspect.ros.node.intake import Intake
 from plc_inspect.ros.node.saving import choose_folder, Saved
 from plc_inspect.setting_names import to_mapping
@@ -50,7 +49,7 @@ class Keeper:
         At the start.
     intake : Intake
         Owns the map.
-    log : RcutilsLogger
+    log : Voices
         Of the node.
     forget : callable
         Takes why: odometry showed that it is another flight, the map is empty now.
@@ -58,7 +57,7 @@ class Keeper:
     """
 
     def __init__(
-        self, settings: Settings, rules: RuleSet, intake: Intake, log: RcutilsLogger,
+        self, settings: Settings, rules: RuleSet, intake: Intake, log: Voices,
         forget: Callable[[str], object],
     ) -> None:
         self._settings, self._intake = settings, intake
