@@ -202,6 +202,8 @@ def fly(seed: int, busy: bool, settings: tuple[str, ...], seconds: float) -> Flo
         sink.flush()
         if code or not out.is_dir():
             raise SystemExit(f'the node ended with {code}:\n{log.read_text()[-2000:]}')
+        if failed := [line for line in log.read_text().splitlines() if ': failed in ' in line]:
+            raise SystemExit(f'{len(failed)} callbacks of the node failed:\n{failed[0]}')
         final = {row['hazard_id']: row for row in read_table(out, 'hazards')['hazards']}
         flown = compare(seed, busy, settings, final, (probe, witness, log.read_text()))
         return replace(flown, played=played)
