@@ -242,6 +242,19 @@ def test_a_small_corridor_hides_no_hazard(cloud, result):
     assert len(other.corridor) < len(result.corridor)
 
 
+@pytest.mark.parametrize('offsets', [(-1.2, 0.0, 1.2), (-2.0, -1.0, 0.0, 1.0), (-6.0, 0.0, 6.0)])
+@pytest.mark.parametrize('degrees', [0.0, 45.0, 70.0])
+def test_conductors_side_by_side_over_a_valley_are_not_the_ground(offsets, degrees):
+    """No ground was seen, or only where the vehicle took off."""
+    points, label = make_line_cloud(spans=(100.0, 80.0), offsets=offsets)
+    points = turn(points, np.radians(degrees))
+    start = np.hypot(*points[:, :2].T) < 20.0
+    for kept in (label != 2, (label != 2) | start):
+        found = Pipeline().run(points[kept])
+        wire = found.classification[label[kept] == 14] == PointClass.WIRE
+        assert wire.mean() > 0.98
+
+
 def test_dense_shrubs_do_not_hide_a_low_line():
     shrubs = np.random.default_rng(0).uniform((-20, -12, 2.9), (110, 12, 3.1), (30_000, 3))
     points, _ = make_line_cloud(

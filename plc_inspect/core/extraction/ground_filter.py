@@ -15,11 +15,12 @@ Source: judgement; not measured.
 """
 AREAL_SHARE = 0.2
 """Least share of ground cells in that square.  Source: judgement; not measured."""
-SURE_SHARE, LEAST_RAISED = 0.35, 4.0
+SURE_SHARE, LEAST_RAISED = 0.55, 4.0
 """
-Share below which cells are no ground where they lie this far above the ground about them [m].
-Source: derived: a row of wires is up to four cells wide, 0.27 of the square; the least height of
-conductors.
+Share below which cells are no ground where they lie this far above the ground about them [m], or
+where no whole square of the grid has as much.
+Source: derived: four wires side by side, aslant to the grid, fill 0.53 of the square; one return
+a square metre fills 0.63, and scan lines 1.5 m apart 0.67; the least height of conductors.
 """
 AREAL_LEAST = 0.5
 """
@@ -98,6 +99,7 @@ def estimate_ground(
     """
     surface = _drop_stray_lows(lowest, cell, max_slope)
     seen = _find_seen(surface, cell, max_slope)
+    seen &= (_is_areal(seen, SURE_SHARE, 1.0) & seen).any()  # else nothing is a surface
     seen, sure = _is_areal(seen, AREAL_SHARE) & seen, _is_areal(seen, SURE_SHARE) & seen
     if sure.any() and (seen & ~sure).any():
         # drop what is thin and far above sure ground: a row of wires with nothing seen below it
@@ -115,7 +117,7 @@ def _fill(values: Float32) -> Float32:
 
 
 @njit(cache=True, parallel=True, nogil=True)
-def _is_areal(seen, share):  # type: ignore[no-untyped-def]
+def _is_areal(seen, share, available_least=AREAL_LEAST):  # type: ignore[no-untyped-def]
     """
     Tell the cells that have seen cells on all sides from those in thin lines.
 
@@ -135,7 +137,7 @@ def _is_areal(seen, share):  # type: ignore[no-untyped-def]
                 along[row, column] = count
     # add the rows of the square up, and compare with the cells that the grid has there
     result = np.empty((rows, columns), dtype=np.bool_)
-    least = np.float32((2 * AREAL_REACH + 1) ** 2 * AREAL_LEAST)
+    least = np.float32((2 * AREAL_REACH + 1) ** 2 * available_least)
     for row in prange(rows):
         first, last = max(row - AREAL_REACH, 0), min(row + AREAL_REACH, rows - 1)
         area = np.zeros(columns, dtype=np.int32)

@@ -94,6 +94,25 @@ def test_a_row_of_wires_alone_is_no_ground_and_a_scan_line_on_it_is(height, seen
     assert (np.abs(ground[37]).max() < 0.5) != seen
 
 
+@pytest.mark.parametrize('num', [1, 3, 4])
+def test_rows_of_wires_are_no_ground_where_nothing_else_was_seen(num):
+    row, column = np.mgrid[:80, :80]
+    aslant = np.full((80, 80), np.nan, dtype=np.float32)
+    for wire in range(num):
+        aslant[np.isin(row - column, (3 * wire, 3 * wire + 1))] = 12.0  # two cells a row
+    ground, found = estimate_ground(aslant, 1.0, 1.0)
+    assert not found.any()
+    assert np.isnan(ground).all()
+
+
+def test_a_patch_of_ground_is_ground_among_rows_of_wires():
+    lowest = lay_rows(8.0)
+    lowest[-20:] = np.nan
+    _, found = estimate_ground(lowest, 1.0, 1.0)
+    assert found[:20].all()
+    assert not found[36:39].any()
+
+
 def test_a_plateau_is_ground_however_high():
     lowest = lay_rows(8.0)
     lowest[30:46] = 8.0
