@@ -133,11 +133,12 @@ class SpanRegistry:
             Numbers of spans in the result to those in the registry.
 
         """
-        found = list(result.spans)
-        expected = set(expected)
+        self._names.clear()
+        found, expected = list(result.spans), set(expected)
         known = self._look_about(found, expected, final)
         pairs = match_spans(found, [item.span for item in known])
         if self._merge(found, known, pairs, final):
+            expected = {self._renamed(key) for key in expected}
             known = self._look_about(found, expected, final)
             pairs = match_spans(found, [item.span for item in known])
         keys = self._number(found, known, pairs)
@@ -219,14 +220,12 @@ class SpanRegistry:
                 line, span = (new, key[1]) if attribute == 'line_id' else (key[0], new)
                 item = replace(item, span=replace(item.span, line_id=line, span_id=span))
                 self._spans[item.key] = item
-        if old < -1:
-            self._names[attribute, old] = new
+        self._names[attribute, old] = new
 
     def _number(
         self, found: Sequence[Span], known: Sequence[TrackedSpan], pairs: Sequence[Overlap]
     ) -> list[SpanKey]:
         """Give a result's spans the registry's numbers, and new ones provisional numbers."""
-        self._names.clear()
         lines = self._number_lines(found, known, pairs)
         groups = self._number_groups(found, known, pairs)
         same = {
@@ -301,8 +300,7 @@ class SpanRegistry:
             item for j, item in zip(piece.known, items, strict=True)
             if sum(p.length for p in piece.pairs if p.second == j) < NOT_LESS * item.span.length
         ]
-        length = sum(tick.found[i].length for i in own)
-        longer = length >= sum(item.span.length for item in items)
+        longer = sum(tick.found[i].length for i in own) >= sum(item.span.length for item in items)
         expected = any(item.key in tick.expected for item in items)
         if items and not tick.final and not expected:
             return
@@ -315,26 +313,25 @@ class SpanRegistry:
             for item in items:
                 misses = item.misses + 1 if item in less else 0
                 if own or item.key in tick.expected:
-                    self._spans[item.key] = replace(
-                        item, misses=misses, hits=item.hits + shown
+                    key = self._renamed(item.key)
+                    self._spans[key] = replace(
+                        self._spans[key], misses=misses, hits=item.hits + shown
                     )
             return
         for item in items:
-            del self._spans[item.key]
+            del self._spans[self._renamed(item.key)]
         for i in own:
             matched = [tick.known[p.second] for p in piece.pairs if p.first == i]
             self._insert(tick, i, matched)
 
-    def _insert(
-        self, tick: _Tick, place: int, matched: Sequence[TrackedSpan]
-    ) -> None:
-        span, key = tick.found[place], tick.keys[place]
+    def _insert(self, tick: _Tick, place: int, matched: Sequence[TrackedSpan]) -> None:
+        span, key = tick.found[place], self._renamed(tick.keys[place])
+        lines = {self._renamed(item.key)[0] for item in matched if item.confirmed}
+        for other in sorted(lines - {key[0]}):
+            self._unite('line_id', key[0], other)
+            self.num_merges += 1
         if key in self._spans:
             key = key[0], self._take_provisional()
-        for other in sorted({item.span.line_id for item in matched if item.confirmed}):
-            if other != key[0]:
-                self._unite('line_id', key[0], other)
-                self.num_merges += 1
         points, residual = tick.wires.take(span)
         numbered = replace(span, line_id=key[0], span_id=key[1])
         self._spans[key] = TrackedSpan(
@@ -389,8 +386,10 @@ class SpanRegistry:
         return not places[0] & places[1]
 
     def _renamed(self, key: SpanKey) -> SpanKey:
+        """Return the numbers that an update has given those of a key."""
         line, span = key
-        return self._names.get(('line_id', line), line), self._names.get(('span_id', span), span)
+        now = self._names.get(('line_id', line), line), self._names.get(('span_id', span), span)
+        return now if now == key else self._renamed(now)
 
 
 def _distance(first: Span, second: Span) -> float:

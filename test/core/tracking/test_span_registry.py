@@ -380,3 +380,43 @@ def test_thinning_keeps_one_point_a_cube():
     points = np.array([[0.1, 0, 0], [0.2, 0, 0], [0.6, 0, 0], [-0.1, 0, 0]])
     assert thin_points(points, 0.5).tolist() == [0, 2, 3]
     assert thin_points(np.empty((0, 3)), 0.5).tolist() == []
+
+
+def test_a_span_over_two_lines_takes_along_the_next_of_the_second():
+    registry = SpanRegistry()
+    apart = [make_span(at(0), at(40), 0, 0), make_span(at(60), at(100), 1, 1),
+             make_span(at(100), at(150), 1, 2)]
+    for _ in range(CONFIRMATIONS):
+        tick(registry, *apart)
+    assert {line for line, _ in known(registry)} == {0, 1}
+    for _ in range(MAX_MISSES):
+        numbered = tick(
+            registry, make_span(at(0), at(100), 0, 0), make_span(at(100), at(150), 0, 1)
+        )
+    assert len({line for line, _ in known(registry)}) == 1
+    assert sorted(known(registry).values()) == [(0, 100), (100, 150)]
+    assert set(numbered.values()) == set(known(registry))
+
+
+@pytest.mark.parametrize('seed', range(20))
+def test_whatever_ticks_say_each_span_is_there_once_by_its_numbers(seed):
+    rng = np.random.default_rng(seed)
+    registry = SpanRegistry()
+    for _ in range(12):
+        spans = []
+        for y in (LEFT, RIGHT):
+            edges = np.sort(rng.choice(np.arange(0, 320, 20), rng.integers(2, 7), replace=False))
+            lines = np.cumsum(rng.random(len(edges)) < 0.3)  # spans of one line, or of several
+            spans += [
+                make_span(at(a, y), at(b, y), 2 * int(line) + (y > 0), number)
+                for number, (line, (a, b)) in enumerate(
+                    zip(lines, itertools.pairwise(edges), strict=False)
+                ) if rng.random() < 0.9
+            ]
+        keys = [item.key for item in registry.spans]
+        expected = [key for key in keys if rng.random() < 0.8]
+        numbered = tick(registry, *spans, expected=expected)
+        now = registry.spans
+        assert len({item.key for item in now}) == len(now)
+        assert all((item.span.line_id, item.span.span_id) == item.key for item in now)
+        assert len(set(numbered.values())) == len(numbered)
