@@ -46,10 +46,10 @@ def searches(monkeypatch):
 
 def test_what_was_freed_stays_free_when_others_are_searched_again(searches):
     """Where nothing is low any more, wires do not lie for ground again."""
-    far = np.vstack(make_place(0.0, 60.0, 7, 1.5))
+    far = np.vstack(make_place(0.0, 60.0, 15, 2.0))
     Pipeline().find_lines(far)
     num_far = len(searches)
-    wires, ground = make_place(600.0, 50.0, 7, 1.2)
+    wires, ground = make_place(600.0, 50.0, 12, 1.5)
     own = slice(0, len(wires))
     before = extract_high(np.vstack([wires, ground]), SETTINGS)
     assert not before.high[own].all()
