@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from plc_inspect.core.live.session import Kept
 from plc_inspect.core.setup.looks import Spread
-from plc_inspect.core.tracking.hazard_tracking import KeptHazards, KeptSupports, TrackedHazard
+from plc_inspect.core.tracking.hazard_tracking import KeptHazards, TrackedHazard
+from plc_inspect.core.tracking.support_tracking import KeptSupports
 from plc_inspect.core.tracking.tracked_span import KeptSpans, TrackedSpan
 from plc_inspect.errors import DataError
 from plc_inspect.flight_record.plain_values import from_plain, to_plain

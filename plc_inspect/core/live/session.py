@@ -7,7 +7,7 @@ The work of the node's worker: windows of the map in, the state of the inspectio
 One thread owns a session; the states that it returns never change.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import time
 
@@ -34,11 +34,10 @@ from plc_inspect.core.tracking.hazard_tracking import (
     HazardBook,
     HazardNews,
     KeptHazards,
-    KeptSupports,
     SPAN_GONE,
-    SupportBook,
 )
 from plc_inspect.core.tracking.span_registry import SpanRegistry
+from plc_inspect.core.tracking.support_tracking import KeptSupports, SupportBook
 from plc_inspect.core.tracking.tracked_span import KeptSpans, TrackedSpan
 from plc_inspect.results import (
     Bool,
@@ -204,12 +203,13 @@ class Session:
                 int(self._views.count(sample_span(span, SPACING)).max()) for span in result.spans
             ],
         )
-        self._finish_spans(window, vehicle)
+        expected = self._follow_renamed(window.spans)
+        self._finish_spans(expected, vehicle)
         keys = {item.key for item in self._registry.spans if item.confirmed}
         told = {old: new for old, new in numbered.items() if new in keys}
         supports = self._supports.update(result.supports, told, window.holds)
         news = HazardNews() if self._book.judge().poor else self._hazards.update(
-            carry_numbers(result.hazards, told, supports), told, window.spans, window.holds,
+            carry_numbers(result.hazards, told, supports), told, expected, window.holds,
             views=[int(self._views.count(item.position[None])[0]) for item in result.hazards],
         )
         news = news.clear(self._hazards.keep(keys), SPAN_GONE)
@@ -275,6 +275,7 @@ class Session:
         numbered = self._registry.update(
             result, points, known, final=True, complete=complete
         )
+        self._follow_renamed(())
         fresh = set(numbered.values())
         holds = _hold_all if complete else _hold_none
         supports = self._supports.update(result.supports, numbered, holds, final=complete)
@@ -306,12 +307,19 @@ class Session:
             seconds=time.perf_counter() - started,
         )
 
-    def _finish_spans(self, window: Window, vehicle: Float64 | None) -> None:
+    def _follow_renamed(self, keys: Collection[SpanKey]) -> set[SpanKey]:
+        """Rename what the registry has renamed in its update; return spans by their new keys."""
+        renamed = self._registry.find_renamed
+        self._hazards.follow(renamed)
+        self._supports.follow(renamed)
+        return {renamed(key) for key in keys}
+
+    def _finish_spans(self, expected: Collection[SpanKey], vehicle: Float64 | None) -> None:
         if vehicle is None:
             return
         behind = []
         for item in self._registry.spans:
-            if item.finished or item.key in window.spans:
+            if item.finished or item.key in expected:
                 continue
             apart = sample_span(item.span, FINISHED_SPACING) - vehicle[:2]
             if float(np.hypot(apart[:, 0], apart[:, 1]).min()) > FINISHED_DISTANCE:

@@ -1,25 +1,19 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Tracks supports and hazards over ticks, so that each keeps its number for the whole flight."""
+"""Tracks hazards over ticks, so that each keeps its number for the whole flight."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from plc_inspect.core.hazards.confidence import AT_END
 from plc_inspect.core.numerics.boxes import measure_box_gap
-from plc_inspect.results import Bool, Float64, Hazard, HazardKind, SpanKey, Support
+from plc_inspect.core.tracking.support_tracking import Holds, list_lines, MAX_MISSES
+from plc_inspect.results import Hazard, HazardKind, SpanKey
 
 HAZARD_DISTANCE = 2.0
 """
 Greatest distance between the boxes of the same hazard in two ticks [m].
-Source: judgement; not measured.
-"""
-SUPPORT_DISTANCE = 4.0
-"""
-Greatest distance in plan between the same support in two ticks [m].
 Source: judgement; not measured.
 """
 CONFIRMATIONS = 2
@@ -34,19 +28,10 @@ END = 4.0
 Distance along the span from a support within which hazards wait [m].
 Source: judgement; not measured.
 """
-MAX_MISSES = 3
-"""
-Consecutive ticks that must miss a hazard, or find it less severe, before it changes.
-Source: judgement; not measured.
-"""
-
 NOT_SEEN = f'{MAX_MISSES} consecutive looks at its place did not find it'
 NOT_FINAL = 'it is not in the final result'
 SPAN_GONE = 'its conductor no longer exists'
 """Why a hazard is taken back."""
-
-Holds = Callable[[Float64], Bool]
-"""Tells which of (N, 2+) points lie where the tick saw all there is."""
 
 _ONE_PER_SPAN = (HazardKind.GROUND, HazardKind.INTERFERENCE, HazardKind.SAG)
 _OF_SPAN = (HazardKind.INTERFERENCE, HazardKind.SAG)
@@ -92,16 +77,6 @@ class KeptHazards:
     """Hazards with negative numbers were not raised yet."""
     next_number: int = 0
     next_provisional: int = -1
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class KeptSupports:
-    """State of the book of supports between ticks."""
-
-    supports: tuple[Support, ...] = ()
-    misses: tuple[int, ...] = ()
-    """Consecutive ticks that did not find each support."""
-    next_number: int = 0
 
 
 @dataclass(slots=True)
@@ -215,6 +190,15 @@ class HazardBook:
         news = HazardNews(raised=tuple(raised), updated=tuple(updated))
         return news.clear(cleared, NOT_FINAL if final else NOT_SEEN)
 
+    def follow(self, renamed: Callable[[SpanKey], SpanKey]) -> None:
+        """Give all hazards the numbers that their lines and spans have now."""
+        for number, item in self._known.items():
+            own = item.hazard
+            line, span = renamed((own.line_id, own.span_id))
+            self._known[number] = replace(item, hazard=replace(
+                own, line_id=line, span_id=span, other_line_id=renamed((own.other_line_id, -1))[0],
+            ))
+
     def keep(self, keys: Collection[SpanKey]) -> tuple[Hazard, ...]:
         """Clear the hazards of all other spans, and return those that had been raised."""
         gone = [
@@ -261,7 +245,7 @@ def carry_numbers(
         Their own lines and spans have the tick's numbers still.
 
     """
-    lines = _list_lines(numbered)
+    lines = list_lines(numbered)
     return [
         replace(
             item, support_id=supports.get(item.support_id, -1),
@@ -269,15 +253,6 @@ def carry_numbers(
         )
         for item in hazards
     ]
-
-
-def _list_lines(numbered: Mapping[SpanKey, SpanKey]) -> dict[int, set[int]]:
-    """Return the lasting numbers of each line of a tick."""
-    lines: dict[int, set[int]] = {}
-    for (line, _), (number, _) in numbered.items():
-        if number >= 0:
-            lines.setdefault(line, set()).add(number)
-    return lines
 
 
 def _follow(item: TrackedHazard, hazard: Hazard, seen: int, final: bool) -> TrackedHazard:
@@ -300,94 +275,3 @@ def _is_expected(hazard: Hazard, expected: Collection[SpanKey], holds: Holds) ->
     if hazard.kind in _OF_SPAN:
         return (hazard.line_id, hazard.span_id) in expected
     return bool(holds(hazard.position[None])[0])
-
-
-@dataclass(slots=True)
-class SupportBook:
-    """Tracks supports over ticks; owned by one thread."""
-
-    _known: dict[int, Support] = field(default_factory=dict)
-    _misses: dict[int, int] = field(default_factory=dict)
-    _next: int = 0
-
-    @property
-    def supports(self) -> tuple[Support, ...]:
-        """All supports, ordered by number."""
-        return tuple(self._known[number] for number in sorted(self._known))
-
-    def remember(self) -> KeptSupports:
-        """Return all that the book keeps from tick to tick."""
-        return KeptSupports(
-            supports=tuple(self._known.values()), next_number=self._next,
-            misses=tuple(self._misses[number] for number in self._known),
-        )
-
-    def restore(self, kept: KeptSupports) -> None:
-        """Go on from what a book kept."""
-        self._known = {item.support_id: item for item in kept.supports}
-        self._misses = dict(zip(self._known, kept.misses, strict=True))
-        self._next = kept.next_number
-
-    def update(
-        self,
-        supports: Sequence[Support],
-        numbered: Mapping[SpanKey, SpanKey],
-        holds: Holds,
-        *,
-        final: bool = False,
-    ) -> dict[int, int]:
-        """
-        Update with the supports of one tick.
-
-        Parameters
-        ----------
-        supports : sequence of Support
-            With the tick's numbers of lines.
-        numbered : mapping
-            The tick's numbers of spans to the lasting ones.
-        holds : callable
-            Where the tick saw all there is; supports elsewhere are kept.
-        final : bool
-            Accept the tick at once.
-
-        Returns
-        -------
-        dict of int to int
-            The tick's numbers of supports to the lasting ones, of those that are kept.
-
-        """
-        lines = _list_lines(numbered)
-        told: dict[int, int] = {}
-        taken: set[int] = set()
-        for support in supports:
-            carried = {number for line in support.line_ids for number in lines.get(line, ())}
-            if not carried:
-                continue
-            found = self._find(support, taken)
-            if found is None:
-                number, self._next = self._next, self._next + 1
-            else:
-                number = found
-            taken.add(number)
-            told[support.support_id] = number
-            if found is not None and not final and not holds(support.position[None])[0]:
-                continue
-            self._misses[number] = 0
-            self._known[number] = replace(
-                support, support_id=number, line_ids=tuple(sorted(carried))
-            )
-        for number in sorted(set(self._known) - taken):
-            if not final and not holds(self._known[number].position[None])[0]:
-                continue
-            self._misses[number] += 1
-            if final or self._misses[number] >= MAX_MISSES:
-                del self._known[number], self._misses[number]
-        return told
-
-    def _find(self, support: Support, taken: Collection[int]) -> int | None:
-        apart = {
-            number: float(np.linalg.norm(known.position[:2] - support.position[:2]))
-            for number, known in self._known.items() if number not in taken
-        }
-        near = min(apart, key=lambda number: (apart[number], number), default=None)
-        return near if near is not None and apart[near] <= SUPPORT_DISTANCE else None

@@ -138,7 +138,7 @@ class SpanRegistry:
         known = self._look_about(found, expected, final)
         pairs = match_spans(found, [item.span for item in known])
         if self._merge(found, known, pairs, final):
-            expected = {self._renamed(key) for key in expected}
+            expected = {self.find_renamed(key) for key in expected}
             known = self._look_about(found, expected, final)
             pairs = match_spans(found, [item.span for item in known])
         keys = self._number(found, known, pairs)
@@ -152,7 +152,7 @@ class SpanRegistry:
         self._confirm(final)
         numbered = {}
         for span, key in zip(found, keys, strict=True):
-            numbered[span.line_id, span.span_id] = self._renamed(key)
+            numbered[span.line_id, span.span_id] = self.find_renamed(key)
         return numbered
 
     def _look_about(
@@ -313,20 +313,20 @@ class SpanRegistry:
             for item in items:
                 misses = item.misses + 1 if item in less else 0
                 if own or item.key in tick.expected:
-                    key = self._renamed(item.key)
+                    key = self.find_renamed(item.key)
                     self._spans[key] = replace(
                         self._spans[key], misses=misses, hits=item.hits + shown
                     )
             return
         for item in items:
-            del self._spans[self._renamed(item.key)]
+            del self._spans[self.find_renamed(item.key)]
         for i in own:
             matched = [tick.known[p.second] for p in piece.pairs if p.first == i]
             self._insert(tick, i, matched)
 
     def _insert(self, tick: _Tick, place: int, matched: Sequence[TrackedSpan]) -> None:
-        span, key = tick.found[place], self._renamed(tick.keys[place])
-        lines = {self._renamed(item.key)[0] for item in matched if item.confirmed}
+        span, key = tick.found[place], self.find_renamed(tick.keys[place])
+        lines = {self.find_renamed(item.key)[0] for item in matched if item.confirmed}
         for other in sorted(lines - {key[0]}):
             self._unite('line_id', key[0], other)
             self.num_merges += 1
@@ -385,11 +385,11 @@ class SpanRegistry:
         ]
         return not places[0] & places[1]
 
-    def _renamed(self, key: SpanKey) -> SpanKey:
-        """Return the numbers that an update has given those of a key."""
+    def find_renamed(self, key: SpanKey) -> SpanKey:
+        """Return the numbers that the last update has given those of a key."""
         line, span = key
         now = self._names.get(('line_id', line), line), self._names.get(('span_id', span), span)
-        return now if now == key else self._renamed(now)
+        return now if now == key else self.find_renamed(now)
 
 
 def _distance(first: Span, second: Span) -> float:

@@ -15,11 +15,10 @@ from plc_inspect.core.tracking.hazard_tracking import (
     CONFIRMATIONS,
     END_CONFIRMATIONS,
     HazardBook,
-    MAX_MISSES,
     NOT_FINAL,
     NOT_SEEN,
-    SupportBook,
 )
+from plc_inspect.core.tracking.support_tracking import MAX_MISSES, SupportBook
 from plc_inspect.results import HazardKind, Severity
 
 NUMBERED = {(0, 0): (0, 0), (1, 0): (1, 0), (5, 5): (-3, -3)}
@@ -277,3 +276,25 @@ def test_supports_without_known_lines_are_left_out():
     assert book.supports == ()
     support_tick(book, make_support((0, 0, 0), (0, 5)))
     assert book.supports[0].line_ids == (0,)
+
+
+def test_hazards_and_supports_follow_lines_that_prove_to_be_one():
+    """A hazard behind the vehicle is not taken back since its line has another number now."""
+    hazards, supports = HazardBook(), SupportBook()
+    for _ in range(CONFIRMATIONS):
+        hazards.update(
+            [make_hazard((1.0, 2.0, 3.0), line_id=1, span_id=0)], NUMBERED, [(1, 0)], everywhere
+        )
+    supports.update([make_support((0.0, 0.0, 0.0), line_ids=(0, 1))], NUMBERED, everywhere)
+    (before,) = hazards.hazards
+
+    def rename(key):
+        return 0 if key[0] == 1 else key[0], 7 if key == (1, 0) else key[1]
+
+    hazards.follow(rename)
+    supports.follow(rename)
+    assert hazards.keep([(0, 7)]) == ()
+    (after,) = hazards.hazards
+    assert (after.hazard_id, after.line_id, after.span_id) == (before.hazard_id, 0, 7)
+    assert after.other_line_id == before.other_line_id
+    assert supports.supports[0].line_ids == (0,)
