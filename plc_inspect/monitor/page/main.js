@@ -141,15 +141,21 @@ function showFleet(rows) {
   const text = JSON.stringify([rows, me.vehicle]);
   if (text === showFleet.drawn) return;
   showFleet.drawn = text;
-  const focused = document.activeElement?.dataset?.vehicle;
-  $('fleet').replaceChildren(...rows.map(row => {
+  // a button that is pressed while its text changes must stay, or the click is lost
+  const known = new Map([...$('fleet').children].map(item => [item.dataset.vehicle, item]));
+  const buttons = rows.map(row => known.get(row.name) ?? make('button', {type: 'button', 'data-vehicle': row.name,
+    onclick: () => location.assign(`?vehicle=${encodeURIComponent(row.name)}`)}));
+  rows.forEach((row, place) => {
     const worst = row.critical || row.unseen ? 'critical' : row.tone;
     const words = [row.text, ...(row.critical ? [`${row.critical} critical`] : []), ...(row.unseen ? [`${row.unseen} not acknowledged`] : [])];
-    return make('button', {type: 'button', 'data-vehicle': row.name, 'aria-pressed': String(row.name === me.vehicle),
-      onclick: () => location.assign(`?vehicle=${encodeURIComponent(row.name)}`)},
-    shape(worst, 'currentColor'), ` ${row.name}: ${words.join(', ')}`);
-  }));
-  if (focused) $('fleet').querySelector(`[data-vehicle="${focused}"]`)?.focus();
+    buttons[place].setAttribute('aria-pressed', String(row.name === me.vehicle));
+    buttons[place].replaceChildren(shape(worst, 'currentColor'), ` ${row.name}: ${words.join(', ')}`);
+  });
+  if (buttons.length !== known.size || buttons.some((item, place) => item !== $('fleet').children[place])) {
+    const focused = document.activeElement?.dataset?.vehicle;
+    $('fleet').replaceChildren(...buttons);
+    if (focused) $('fleet').querySelector(`[data-vehicle="${focused}"]`)?.focus();
+  }
 }
 
 // What comes over both connections is taken once, and nothing old after what is new.

@@ -171,7 +171,8 @@ def test_three_vehicles_on_one_page_are_not_mixed(flight, browse):
     for space in spaces:
         name = f'{space}/plc_inspect'
         chrome.page.click(f'#fleet [data-vehicle="{name}"]')
-        chrome.wait(f"{FLEET}.some(([name,, pressed]) => name == '{name}' && pressed == 'true')")
+        is_chosen = f"{FLEET}.some(([name,, pressed]) => name == '{name}' && pressed == 'true')"
+        chrome.wait(is_chosen, 90.0)  # the page is loaded anew
         wait_for(lambda space=space: shows_what_is_published(chrome, flight, space), space, 30.0)
         told[space] = flight.published(space)
         bar = chrome.run("document.querySelector('#alarm-sum').textContent").split(',')[0]
