@@ -122,8 +122,8 @@ def measure_proximity(
         elif thing == Thing.SUPPORT:
             found = _find_point(around.supports, position, way)
         else:
-            strange = fresh[_are_strange(fresh, around.courses, around.supports)]
-            found = _find_point(np.concatenate((around.obstacles, strange)), position, way)
+            strange = _are_strange(fresh, around.courses, around.supports, position)
+            found = _find_point(np.concatenate((around.obstacles, fresh[strange])), position, way)
         if found is None:
             level = Level.CLEAR if seen else Level.UNKNOWN
             result.append(Proximity(thing=thing, level=level, position=np.full(3, np.nan)))
@@ -187,21 +187,25 @@ def _nearest_on(row, px, py, pz):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _are_strange(points, rows, supports):  # type: ignore[no-untyped-def]
-    """Tell which points are near no row's curve and no point of a support."""
-    result = np.ones(len(points), dtype=np.bool_)
+def _are_strange(points, rows, supports, place):  # type: ignore[no-untyped-def]
+    """Tell which points about a place are near no row's curve and no point of a support."""
+    reach = 0.0
     for k in range(len(points)):
-        for row in range(len(rows)):
-            _, apart = _nearest_on(rows[row], points[k, 0], points[k, 1], points[k, 2])
-            if apart <= SAME:
-                result[k] = False
-                break
-        for m in range(len(supports)):
+        x, y, z = points[k, 0] - place[0], points[k, 1] - place[1], points[k, 2] - place[2]
+        reach = max(reach, math.sqrt(x * x + y * y + z * z))
+    result = np.ones(len(points), dtype=np.bool_)
+    for row in rows:
+        if _nearest_on(row, place[0], place[1], place[2])[1] > reach + SAME:
+            continue
+        for k in range(len(points)):
+            if result[k]:
+                apart = _nearest_on(row, points[k, 0], points[k, 1], points[k, 2])[1]
+                result[k] = apart > SAME
+    for m in range(len(supports)):
+        for k in range(len(points)):
             x, y = supports[m, 0] - points[k, 0], supports[m, 1] - points[k, 1]
             z = supports[m, 2] - points[k, 2]
-            if x * x + y * y + z * z <= SAME * SAME:
-                result[k] = False
-                break
+            result[k] &= x * x + y * y + z * z > SAME * SAME
     return result
 
 

@@ -176,6 +176,26 @@ def test_the_way_to_a_pole_and_a_tree():
     assert math.isnan(pole.closest_in)
 
 
+def test_fresh_returns_are_obstacles_where_they_are_of_no_known_thing():
+    span, pole = make_span((0.0, 0.0, 10.0), (100.0, 0.0, 10.0)), (52.0, 4.0, 10.0)
+    around = make_around(
+        [make_span((0.0, 300.0, 10.0), (100.0, 300.0, 10.0), 1), span], [pole], [Decision.SUPPORT]
+    )
+    on = span.positions(np.linspace(45.0, 55.0, 50))
+    position, aside = np.array([50.0, 3.0, 10.0]), np.array([0.0, 1.0, 1.0])
+    fresh = [on + 0.3 * aside, np.array([pole]) + 0.4]
+
+    def look_at(points):
+        found = measure_proximity(around, True, position, STANDING, SETTINGS, points)
+        return found[Thing.OBSTACLE]
+
+    assert look_at(np.concatenate(fresh)).level == Level.CLEAR
+    other = on - [[0.0, 2.0, 0.0]]
+    found = look_at(np.concatenate((*fresh, other)))
+    assert found.level == Level.CRITICAL
+    assert found.distance == pytest.approx(np.linalg.norm(other - position, axis=1).min())
+
+
 def test_ticks_replace_what_they_saw_whole():
     book = SurroundingsBook()
     cells = np.array([[0, 0], [1, 0]])
