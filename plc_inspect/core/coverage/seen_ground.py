@@ -5,8 +5,17 @@
 
 from dataclasses import dataclass
 
+from numba import njit
 import numpy as np
 
+from plc_inspect.core.numerics.arrays import put
+from plc_inspect.core.numerics.hash_table import (
+    hash_key,
+    index_keys,
+    make_entry,
+    make_table,
+    probe,
+)
 from plc_inspect.results import Bool, Float64, Int64
 
 CELL = 2.5
@@ -18,6 +27,11 @@ LEAST_POINTS = 2
 """
 Least number of points of a seen cell.
 Source: judgement: a single point may be a stray.
+"""
+INITIAL_CELLS = 1 << 12
+"""
+Initial capacity, in cells.
+Source: numerical: the room doubles whenever it is full.
 """
 _SHIFT = 1 << 31
 """
@@ -109,14 +123,48 @@ def see_ground(points: Float64, is_wire: Bool) -> SeenGround:
     SeenGround
 
     """
-    good = np.isfinite(points).all(axis=1)
-    points, is_wire = points[good], is_wire[good]
-    keys, home = np.unique(_pack(points), return_inverse=True)
-    top = np.full(len(keys), -np.inf)
-    np.maximum.at(top, home, points[:, 2])
-    return SeenGround(
-        keys=keys, num_points=np.bincount(home, ~is_wire, len(keys)).astype(np.int64), top=top,
-    )
+    keys, num_points, top = _gather(points, is_wire)
+    order = np.argsort(keys)
+    return SeenGround(keys=keys[order], num_points=num_points[order], top=top[order])
+
+
+@njit(cache=True, nogil=True)
+def _gather(points, is_wire):  # type: ignore[no-untyped-def]
+    """Return the key of each cell in order of its first point, its points and its top."""
+    keys, num_points, top = _make_room(INITIAL_CELLS)
+    table = make_table(len(keys))
+    used = 0
+    slot = -1
+    for i in range(len(points)):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        if 0.0 * (x + y + z) != 0.0:
+            continue
+        key = np.int64(np.floor(x / CELL)) * _SHIFT + np.int64(np.floor(y / CELL))
+        # most points lie in the cell of the one before
+        if slot < 0 or keys[slot] != key:
+            hashed = hash_key(key)
+            slot, place = probe(key, hashed, hashed & (len(table) - 1), table, keys)
+            if slot < 0:
+                if used == len(keys):
+                    more_keys, more_points, more_top = _make_room(2 * used)
+                    put(keys, more_keys)
+                    put(num_points, more_points)
+                    put(top, more_top)
+                    keys, num_points, top = more_keys, more_points, more_top
+                    table = index_keys(keys[:used], len(keys))
+                    _, place = probe(key, hashed, hashed & (len(table) - 1), table, keys)
+                slot = used
+                used += 1
+                table[place] = make_entry(hashed, slot, len(table) - 1)
+                keys[slot] = key
+        num_points[slot] += not is_wire[i]
+        top[slot] = max(top[slot], z)
+    return keys[:used], num_points[:used], top[:used]
+
+
+@njit(cache=True, nogil=True)
+def _make_room(num):  # type: ignore[no-untyped-def]
+    return np.empty(num, np.int64), np.zeros(num, np.int64), np.full(num, -np.inf)
 
 
 def _pack(places: Float64) -> Int64:
