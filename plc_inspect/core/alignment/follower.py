@@ -263,7 +263,8 @@ class Follower:
         """Yield a scan in the map frame, and compare it with the reference."""
         self._batch.append(scan)
         yield replace(scan, points=self._move_at(scan.stamp_ns).apply(scan.points))
-        if scan.stamp_ns - self._batch[0].stamp_ns >= BATCH_NS:
+        # the map may have begun anew with it, and the batch with the map
+        if self._batch and scan.stamp_ns - self._batch[0].stamp_ns >= BATCH_NS:
             batch, self._batch = self._batch, []
             yield from self._note(self._learn(batch))
 

@@ -372,9 +372,9 @@ class Intake:
 
     def disown(self) -> None:
         """Forget a flight that was resumed wrongly, its counts too."""
-        self.reset()
         self.accumulator.resume(None, None, None)
         self.evictor.resume(0, math.inf)
+        self.reset()
         self._health.malformed.clear()
         self._interrupted, self._pose_before = [], None
         self.vehicle = self.told_vehicle = None
