@@ -310,7 +310,7 @@ class Session:
     def _follow_renamed(self, keys: Collection[SpanKey]) -> set[SpanKey]:
         """Rename what the registry has renamed in its update; return spans by their new keys."""
         renamed = self._registry.find_renamed
-        self._hazards.follow(renamed)
+        self._hazards.follow(self._registry.find_heir)
         self._supports.follow(renamed)
         return {renamed(key) for key in keys}
 

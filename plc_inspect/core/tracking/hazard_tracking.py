@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from plc_inspect.core.hazards.confidence import AT_END
 from plc_inspect.core.numerics.boxes import measure_box_gap
 from plc_inspect.core.tracking.support_tracking import Holds, list_lines, MAX_MISSES
-from plc_inspect.results import Hazard, HazardKind, SpanKey
+from plc_inspect.results import Float64, Hazard, HazardKind, SpanKey
 
 HAZARD_DISTANCE = 2.0
 """
@@ -190,13 +190,14 @@ class HazardBook:
         news = HazardNews(raised=tuple(raised), updated=tuple(updated))
         return news.clear(cleared, NOT_FINAL if final else NOT_SEEN)
 
-    def follow(self, renamed: Callable[[SpanKey], SpanKey]) -> None:
-        """Give all hazards the numbers that their lines and spans have now."""
+    def follow(self, find_heir: Callable[[SpanKey, Float64], SpanKey]) -> None:
+        """Give all hazards the numbers that the spans and lines of their places have now."""
         for number, item in self._known.items():
             own = item.hazard
-            line, span = renamed((own.line_id, own.span_id))
+            line, span = find_heir((own.line_id, own.span_id), own.position)
+            other, _ = find_heir((own.other_line_id, -1), own.position)
             self._known[number] = replace(item, hazard=replace(
-                own, line_id=line, span_id=span, other_line_id=renamed((own.other_line_id, -1))[0],
+                own, line_id=line, span_id=span, other_line_id=other,
             ))
 
     def keep(self, keys: Collection[SpanKey]) -> tuple[Hazard, ...]:
@@ -259,7 +260,8 @@ def _follow(item: TrackedHazard, hazard: Hazard, seen: int, final: bool) -> Trac
     """Return a known hazard as some views showed it, less severe only after several ticks."""
     known, hits = item.hazard, item.hits + seen
     if not seen:
-        return replace(item, misses=0)
+        own = replace(known, line_id=hazard.line_id, span_id=hazard.span_id)
+        return replace(item, hazard=own, misses=0)
     if hazard.severity < known.severity and not final and item.softer + 1 < MAX_MISSES:
         kept = replace(hazard, severity=known.severity)
         return TrackedHazard(hazard=kept, hits=hits, softer=item.softer + 1)

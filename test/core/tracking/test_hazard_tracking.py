@@ -291,7 +291,7 @@ def test_hazards_and_supports_follow_lines_that_prove_to_be_one():
     def rename(key):
         return 0 if key[0] == 1 else key[0], 7 if key == (1, 0) else key[1]
 
-    hazards.follow(rename)
+    hazards.follow(lambda key, place: rename(key))
     supports.follow(rename)
     assert hazards.keep([(0, 7)]) == ()
     (after,) = hazards.hazards
