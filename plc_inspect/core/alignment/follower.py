@@ -90,8 +90,10 @@ class Follower:
         self.watch, self.steady = PoseWatch(), SteadyErrors()
         self._cells = NormalCells()
         self._filter: DriftFilter | None = None
-        self._place = np.zeros(3)
-        self._stamp = 0
+        self._place, self._stamp = np.zeros(3), 0
+        self.num_given_up = 0
+        """Scans that waited for registration and were given up, since the start."""
+        self._waiting: list[Seen] = []
         self.clear()
 
     def clear(self) -> None:
@@ -108,14 +110,14 @@ class Follower:
         self._filter, self._following = None, False
         self._onset_ns, self._setting_in, self._lag = 0, 0.0, RigidMove()
         self._pending: PendingBreak | None = None
-        self._waiting: list[Seen] = []
+        self._give_up_waiting()
         self._batch: list[Seen] = []
         self._doubts = self._strays = 0
         self.steady.clear()
 
     def resume(
         self, move: RigidMove, points: Float64, stamp_ns: int, place: Float64 | None,
-        parts: list[Part],
+        parts: list[Part], doubt: str = '',
     ) -> None:
         """
         Resume the state of another process.
@@ -129,13 +131,12 @@ class Follower:
         stamp_ns : int
             Of the newest scan [ns].
         place : Float64 or None
-            (3,) last position of the vehicle in the map [m]; only points near it become the
-            reference.
-        parts : list of Part
-            Up to then.
+            (3,) last position of the vehicle in the map [m]; what is near becomes the reference.
+        parts, doubt : list of Part, str
+            As of then.
 
         """
-        self._held, self.parts = move, parts
+        self._held, self.parts, self.steady.doubt = move, parts, doubt
         if place is not None:
             near = points[((points[:, :2] - place[:2]) ** 2).sum(axis=1) < SEEDED**2]
             for look in range(LEAST_LOOKS):
@@ -217,10 +218,14 @@ class Follower:
             return found
         waiting = self._pending
         waiting.add(found, self._place)
-        self._waiting.clear()
+        self._give_up_waiting()
         if waiting.quick and waiting.size < SAME:
             self._pending = None
         return found
+
+    def _give_up_waiting(self) -> None:
+        self.num_given_up += len(self._waiting)
+        self._waiting = []
 
     def take(self, scan: Seen) -> Iterator[Seen | Part]:
         """
@@ -263,7 +268,6 @@ class Follower:
         """Yield a scan in the map frame, and compare it with the reference."""
         self._batch.append(scan)
         yield replace(scan, points=self._move_at(scan.stamp_ns).apply(scan.points))
-        # the map may have begun anew with it, and the batch with the map
         if self._batch and scan.stamp_ns - self._batch[0].stamp_ns >= BATCH_NS:
             batch, self._batch = self._batch, []
             yield from self._note(self._learn(batch))

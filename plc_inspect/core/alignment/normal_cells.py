@@ -87,7 +87,7 @@ class NormalCells:
     def clear(self) -> None:
         """Remove all cells."""
         self._origin: Float64 | None = None
-        self._num = 0
+        self._num = self._newest = 0
         self._make_room(1 << 12)
 
     def _make_room(self, capacity: int) -> None:
@@ -111,6 +111,7 @@ class NormalCells:
         """
         if not len(points):
             return
+        self._follow_time(stamp_ns)
         if self._origin is None:
             self._origin = np.floor(points[0])
         if self._num >= MOST_CELLS:
@@ -121,6 +122,13 @@ class NormalCells:
             np.ascontiguousarray(points - self._origin), stamp_ns, self._keys, self._sums,
             self._counts, self._times, self._table, self._num,
         )
+
+    def _follow_time(self, stamp_ns: int) -> None:
+        """Close all cells where time went back, as they are from before."""
+        if stamp_ns < self._newest - OPEN_NS:
+            times = self._times[: self._num]
+            np.minimum(times[:, 0], stamp_ns - OPEN_NS - 1, out=times[:, 0])
+        self._newest = stamp_ns
 
     def _grow(self, least: int) -> None:
         old = self._keys, self._sums, self._counts, self._times
@@ -173,6 +181,7 @@ class NormalCells:
         """
         if self._origin is None:
             return np.zeros((4, 4)), np.zeros(4), 0, 0, 0.0
+        self._follow_time(stamp_ns)
         moved = move.apply(points) - self._origin
         about = move.centre + move.shift - self._origin
         matrix, slope, matched, fitting, age = _compare(

@@ -183,9 +183,7 @@ class Accumulator:
         if status.accepted:
             self.pose_gate.frames = pose.frames
             if status is PoseStatus.RESTARTED:
-                self._gate.forget_times()
-                self.pose_gate.forget_times()
-                self.follower.forget_times()
+                self._forget_times()
             break_odd(self.poses, self.follower)
             self._drain()
             self._enter(self.follower.settle(pose.stamp_ns))
@@ -270,15 +268,7 @@ class Accumulator:
         self._dropped[reason] += 1
 
     def expire(self, now: float | None) -> None:
-        """
-        Drop the scans that have waited longer than ``max_wait``.
-
-        Parameters
-        ----------
-        now : float or None
-            Time by the clock of arrival [s]; None: nothing is dropped.
-
-        """
+        """Drop the scans that have waited longer than ``max_wait`` [s]; none where it is None."""
         if now is None:
             return
         heard = self._waits.hear(now, self._max_wait)
@@ -307,15 +297,12 @@ class Accumulator:
 
         """
         self.poses.clear()
-        self.pose_gate.forget_times()
         self._clock = self._clock.restarted()
-        self._gate.forget_times()
         self._leads.clear()
         self.entry.forget_times()
-        if lost := self.follower.num_waiting + len(self._queue):
-            self._dropped[DropReason.RESET] += lost
+        self._dropped[DropReason.RESET] += len(self._queue)
         self._queue.clear()
-        self.follower.forget_times()
+        self._forget_times()
         if not keep_map:
             self.follower.clear()
             self.entry.clear()
@@ -323,6 +310,13 @@ class Accumulator:
             self._last_inserted = self.mount = None
             self._gate = ScanGate()
             self.timing.clear()
+
+    def _forget_times(self) -> None:
+        """Take poses and scans of any time from now on."""
+        self._gate.forget_times()
+        self.pose_gate.forget_times()
+        self.timing.forget_times()
+        self.follower.forget_times()
 
     def _take_waiting(self) -> Iterator[WaitingScan]:
         """Yield the scans that wait now, and take each out of the queue."""
@@ -350,6 +344,7 @@ class Accumulator:
         if cause := self.timing.look(scan, self.placer, self.poses):
             self.follower.clear()
             self.entry.begin_anew(cause)
+            self._dropped[DropReason.BEGUN_ANEW] += 1
             return
         self.follower.steady.hear(self.timing.steady)
         self._counts['too near'] += found.num_near
@@ -390,8 +385,9 @@ class Accumulator:
 
     def counters(self) -> Counters:
         """Return the counts since the start."""
+        dropped = self._dropped + Counter({DropReason.BEGUN_ANEW: self.follower.num_given_up})
         now = gather_counters(
-            self._counts, self._dropped, self.poses, self._clock, self._leads,
+            self._counts, dropped, self.poses, self._clock, self._leads,
             len(self._queue) + self.follower.num_waiting, self.entry.num_restarts,
         )
         return now if self._before is None else now.add(self._before)

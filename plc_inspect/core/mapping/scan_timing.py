@@ -64,6 +64,19 @@ class ScanTiming:
         """Forget the scans compared so far, as after a break in the odometry."""
         self._fit.clear()
 
+    def forget_times(self) -> None:
+        """Forget how the clocks drift, as after time went back; keep the offset."""
+        self._since, self._rate = None, 0.0
+        self.forget_looks()
+
+    def remember(self) -> list[float | int | None]:
+        """Return offset [s], drift and when it was found [ns], for ``resume``."""
+        return [self._offset, self._rate, self._since]
+
+    def resume(self, offset: float, rate: float, since: int | None) -> None:
+        """Go on with what another process remembered."""
+        self._offset, self._rate, self._since = offset, rate, since
+
     @property
     def steady(self) -> Steady | None:
         """Steady errors that make planes coincide; None while unknown."""
@@ -77,7 +90,8 @@ class ScanTiming:
     def _find_offset(self, stamp_ns: int) -> float:
         if self._since is None:
             return self._offset
-        return self._offset + self._rate * (stamp_ns - self._since) * 1e-9
+        offset = self._offset + self._rate * (stamp_ns - self._since) * 1e-9
+        return min(max(offset, -MOST_OFFSET), MOST_OFFSET)
 
     def look(self, scan: WaitingScan, placer: Placer, poses: PoseBuffer) -> str:
         """

@@ -31,7 +31,13 @@ class KnownStates:
         return self._states[-1][1] if self._states else None
 
     def add(self, stamp_ns: int, state: LiveState) -> None:
-        """Add the state after a tick, and the stamp of the newest scan in it [ns]."""
+        """
+        Add the state after a tick, and the stamp of the newest scan in it [ns].
+
+        What is from later was before time went back, and is forgotten.
+        """
+        while self._states and self._states[-1][0] > stamp_ns:
+            self._states.pop()
         self._states.append((stamp_ns, state))
         while len(self._states) > 1 and stamp_ns - self._states[1][0] >= TRUSTED_NS:
             self._states.popleft()

@@ -401,3 +401,48 @@ def test_map_does_not_follow_to_no_place(offset):
     fly_away(accumulator, offset, 10)
     assert accumulator.counters().num_map_restarts == 0
     np.testing.assert_allclose(accumulator.map.centroids(), [[10, 0, 0]], atol=1e-6)
+
+
+@pytest.mark.parametrize('gap', [0, 1, 6])
+def test_a_map_is_left_with_the_scan_in_hand(gap):
+    """The vehicle is far away before its new place can be compared with the map."""
+    accumulator = make_accumulator()
+    fly_away(accumulator, (0.0, 0.0, 0.0), 3)
+    for ms in range(3000 + 1000 * gap, 9000 + 1000 * gap, 20):
+        accumulator.add_pose(START + ms * MS, (150_000.0, 0.0, 20.0), UPRIGHT)
+        if ms % 100 == 40:
+            add_plain_scan(accumulator, ms)
+    counters = accumulator.counters()
+    assert counters.num_map_restarts == 1
+    assert np.abs(accumulator.map.centroids() - (150_010.0, 0.0, 20.0)).max() < 1e-3
+    assert counters.num_scans_inserted + sum(counters.scans_dropped.values()) == 90
+
+
+@pytest.mark.parametrize('seed', range(8))
+def test_every_scan_is_accounted_for_whatever_the_odometry_does(seed):
+    rng = np.random.default_rng(seed)
+    accumulator = make_accumulator()
+    cloud = rng.uniform(-15, 15, (400, 3)).astype(np.float32)
+    start, place, offset = START, np.array([0.0, 0.0, 20.0]), np.zeros(3)
+    for _ in range(100):
+        fault = rng.random()
+        if fault < 0.06:
+            offset = offset + rng.normal(0.0, 1.0, 3) * rng.choice([0.3, 1.0, 5.0, 3e5])
+        elif fault < 0.08:
+            start -= int(rng.uniform(0.1, 30.0) * 1e9)
+        elif fault < 0.10:
+            start += int(rng.uniform(0.1, 12.0) * 1e9)
+        elif fault < 0.12:
+            accumulator.reset(keep_map=fault < 0.11)
+        speed = 0.05 * (rng.random() > 0.05)
+        for number in range(10):
+            place[0] += speed
+            accumulator.add_pose(start + 10 * number * MS, place + offset, UPRIGHT)
+        stamp = start + int(rng.uniform(60, 100)) * MS
+        accumulator.add_scan(stamp, cloud, np.linspace(-0.09, 0.0, 400))
+        start += 100 * MS
+        counters = accumulator.counters()
+        assert counters.num_scans == (
+            counters.num_scans_inserted + counters.num_scans_waiting
+            + sum(counters.scans_dropped.values())
+        )

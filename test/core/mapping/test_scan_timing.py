@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from plc_inspect.config import Settings
 from plc_inspect.core.mapping.accumulator import Accumulator
+from plc_inspect.core.mapping.scan_timing import MOST_OFFSET, ScanTiming
 from plc_inspect.setting_names import update
 
 START = 1_700_000_000_000_000_000
@@ -129,3 +130,26 @@ def test_what_was_seen_by_another_mount_is_forgotten():
         )
     assert accumulator.timing.steady is None
     assert not accumulator.doubt
+
+
+def test_where_time_goes_back_the_drift_of_the_clock_is_forgotten():
+    timing = ScanTiming()
+    timing.resume(0.05, 0.002, START)
+    later, before = (START + seconds * 10**9 for seconds in (10, -600))
+    assert timing.shift(later, np.zeros(1, dtype=np.int64))[0] == 70_000_000
+    timing.forget_times()
+    assert timing.shift(before, np.zeros(1, dtype=np.int64))[0] == 50_000_000
+
+
+def test_a_drift_of_the_clock_is_followed_only_so_far():
+    timing = ScanTiming()
+    timing.resume(0.05, 0.002, START)
+    far = START + 10_000 * 10**9
+    assert timing.shift(far, np.zeros(1, dtype=np.int64))[0] == round(MOST_OFFSET * 1e9)
+
+
+def test_an_offset_survives_its_record():
+    timing, other = ScanTiming(), ScanTiming()
+    timing.resume(-0.2, 0.001, START)
+    other.resume(*timing.remember())
+    assert other.describe() == timing.describe() != ''

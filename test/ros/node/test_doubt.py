@@ -56,3 +56,10 @@ def test_a_tick_that_ends_after_the_doubt_is_held_back_too():
 
 def test_few_states_are_kept():
     assert len(fly(600)._states) < 12
+
+
+def test_what_was_before_time_went_back_is_forgotten():
+    known = fly(600)
+    for stamp in range(0, 300 * SECOND, 2 * SECOND):
+        known.add(stamp, NOTHING)
+        assert len(known._states) < 12
