@@ -186,7 +186,7 @@ def judge_pose(
     if not 0.0 <= seconds <= MOST_AWAY:
         return f'the odometry is {seconds:.0f} s after the last one in the record'
     apart = math.dist(place, position)
-    if apart > ROOM + MOST_SPEED * seconds:
+    if not apart <= ROOM + MOST_SPEED * seconds:  # NaN is no place
         return f'the vehicle is {apart:.0f} m from where it was {seconds:.1f} s before'
     near, was = math.hypot(*position), math.hypot(*place)
     if near <= ORIGIN and was >= FAR:
