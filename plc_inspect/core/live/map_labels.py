@@ -35,8 +35,10 @@ def measure_reach(settings: Settings, rules: RuleSet | None = None) -> float:
 
 
 def make_planner(settings: Settings, rules: RuleSet | None = None) -> WindowPlanner:
-    """Return a planner of windows that hold whatever the rules may reach."""
-    return WindowPlanner(settings.height.beta, measure_reach(settings, rules))
+    """Return a planner of windows that hold what the rules, and warnings, may reach."""
+    return WindowPlanner(
+        settings.height.beta, measure_reach(settings, rules), settings.proximity.critical
+    )
 
 
 def label_points(

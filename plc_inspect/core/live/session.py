@@ -281,7 +281,7 @@ class Session:
         supports = self._supports.update(result.supports, numbered, holds, final=complete)
         news = HazardNews() if self._book.judge().poor else self._hazards.update(
             carry_numbers(result.hazards, numbered, supports), numbered, fresh, holds,
-            final=complete,
+            final=True, complete=complete,
         )
         keys = {item.key for item in self._registry.spans}
         news = news.clear(self._hazards.keep(keys), SPAN_GONE)

@@ -66,10 +66,7 @@ GROUND_SAMPLES = 2
 SUPPORT_SAMPLES = 4
 """Samples of supports in any other cell.  Source: judgement; not measured."""
 WIRE_SAMPLES = 1
-"""
-Samples of wire in any other cell, for each conductor in it.
-Source: judgement; not measured.
-"""
+"""Samples of wire in any other cell, a conductor in it.  Source: judgement; not measured."""
 UNSURE_SAMPLES = 10
 """Samples of unseen voxels and of outliers in any other cell.  Source: judgement; not measured."""
 
@@ -174,13 +171,14 @@ class WindowPlanner:
     beta : float
         A cell with something this far above the lowest place around it is high [m].
     reach : float
-        Conductors this near to a fresh cell are taken with it, as a rule may hold between them
-        and what stands in it [m].
+        Conductors this near to a fresh cell are taken with it, as a rule may hold there [m].
+    close : float
+        A cell this near to the vehicle is fresh with anything new in it; -inf: none is [m].
 
     """
 
-    def __init__(self, beta: float, reach: float = 0.0) -> None:
-        self._beta, self._reach = beta, reach
+    def __init__(self, beta: float, reach: float = 0.0, close: float = -math.inf) -> None:
+        self._beta, self._reach, self._close = beta, reach, close
 
     def plan(
         self,
@@ -247,7 +245,8 @@ class WindowPlanner:
         due = num_new > GROWTH * (cells.count[new] - num_new)
         if vehicle is not None:
             apart = np.linalg.norm(cells.centers[new] - vehicle[:2], axis=1)
-            due &= apart <= NEAR
+            close = apart <= self._close + cells.cell_size * math.sqrt(0.5)
+            due = close | (due & (apart <= NEAR))
         quiet = sequence - cells.touched[new] > QUIET
         cells.settle(new[quiet & ~high])
         return new[high & (quiet | due | at_once)]

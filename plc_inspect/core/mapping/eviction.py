@@ -49,6 +49,8 @@ class Evictor:
 
     def clear(self) -> None:
         """Start over, as after the map was cleared."""
+        self.complete = True
+        """Whether the map holds all that was put into it."""
         self.nearest = math.inf
         """Least distance from the vehicle at which voxels were removed [m]."""
         self._order: Int64 = np.empty(0, dtype=np.int64)
@@ -59,6 +61,7 @@ class Evictor:
     def resume(self, num_evicted: int, nearest: float) -> None:
         """Continue with the counts of an earlier process."""
         self.num_evicted, self.nearest = num_evicted, nearest
+        self.complete = num_evicted == 0
 
     def step(self, vehicle: Float64 | None) -> int:
         """
@@ -99,6 +102,7 @@ class Evictor:
         if not self._active:
             voxels.order_free()
         self.num_evicted += removed
+        self.complete &= not removed
         return removed
 
     def _begin(self, vehicle: Float64 | None, kept: Bool) -> None:

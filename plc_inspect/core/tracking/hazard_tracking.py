@@ -115,6 +115,7 @@ class HazardBook:
         *,
         views: Sequence[int] | None = None,
         final: bool = False,
+        complete: bool = True,
     ) -> HazardNews:
         """
         Update with the hazards of one tick.
@@ -138,6 +139,8 @@ class HazardBook:
             For how many views of each hazard the tick counts, by default for one.
         final : bool
             Accept the tick at once.
+        complete : bool
+            A final tick saw all there is; else a hazard that it found milder stays as it was.
 
         Returns
         -------
@@ -164,7 +167,7 @@ class HazardBook:
                 before = self._known.pop(number)
                 # a tick that did not see what was nearest saw the rest of the object
                 fair = held and (
-                    final or hazard.clearance <= before.hazard.clearance
+                    (final and complete) or hazard.clearance <= before.hazard.clearance
                     or _is_expected(before.hazard, expected, holds)
                 )
                 own = _follow(before, hazard, seen if fair else 0, final)

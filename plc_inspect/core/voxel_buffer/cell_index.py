@@ -125,10 +125,17 @@ class CellIndex:
         """Count no voxel of these cells as new from now on."""
         self._state[cells, 1] = 0
 
-    def renew(self, xy: Float64, reach: float) -> None:
-        """Count all voxels of the cells within reach of a (2+,) position as new [m]."""
-        near = np.linalg.norm(self.centers - xy[:2], axis=1) <= reach
-        self._state[: self._num][near, 1] = self.count[near]
+    def renew(self, cells: Int32) -> None:
+        """Count all voxels of these cells as new; -1 is none."""
+        cells = cells[cells >= 0]
+        self._state[cells, 1] = self._state[cells, 0]
+
+    def find_near(self, xy: Float64, reach: float) -> Int32:
+        """Return the cells whose centres are within reach of a (2+,) position [m]."""
+        near: Int32 = np.flatnonzero(
+            np.linalg.norm(self.centers - xy[:2], axis=1) <= reach
+        ).astype(np.int32)
+        return near
 
     def link(
         self, slots: Int32, voxels: VoxelArrays, origin: Int64, sequence: int

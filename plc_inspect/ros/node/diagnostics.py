@@ -16,7 +16,6 @@ import numpy as np
 
 from plc_inspect.core.live.session import LiveState
 from plc_inspect.core.mapping.scan_counters import Counters
-from plc_inspect.core.setup.sharpness import Sharpness
 from plc_inspect.core.voxel_buffer.voxel_map import VoxelMap
 from plc_inspect.flight_record.recording import Condition
 from plc_inspect.ros.graph.transport import ADVICE
@@ -221,8 +220,7 @@ def describe_input(
 
 
 def describe_map(
-    voxels: VoxelMap, num_evicted: int, refused: int, doubt: str,
-    sharpness: Sharpness | None,
+    voxels: VoxelMap, num_evicted: int, refused: int, doubt: str, state: LiveState | None
 ) -> DiagnosticStatus:
     """
     Describe size and sharpness of the map, and the size of the process.
@@ -230,6 +228,7 @@ def describe_map(
     A doubt about the map is an error, and so is a map that is not sharp.
     """
     share = len(voxels) / voxels.max_voxels
+    sharpness = state.sharpness if state else None
     level, text = DiagnosticStatus.OK, f'{share:.0%} of the map in use'
     if doubt:
         level, text = DiagnosticStatus.ERROR, doubt

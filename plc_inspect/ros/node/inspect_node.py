@@ -106,8 +106,7 @@ class InspectNode(Node):
         self._session = Session()
         self._known = KnownStates(self._session.state)
         self._copy: tuple[Iterator[Window | None], str] | None = None
-        self._job = ''
-        self._wants_tick = self._rest_is_due = False
+        self._job, self._wants_tick, self._rest_is_due = '', False, False
         self._complaints = Complaints(self._log.warning)
         self._teller = Teller(self._log.info, self._log.warning)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -212,8 +211,7 @@ class InspectNode(Node):
         self._timer.reset()
 
     def _on_timer(self) -> None:
-        if self._wants_tick:
-            self._health.num_postponed += 1
+        self._health.num_postponed += self._wants_tick
         self._wants_tick = True
         self._advance_guard.trigger()
 
@@ -229,8 +227,7 @@ class InspectNode(Node):
             ),
             describe_map(
                 self._intake.accumulator.map, self._intake.evictor.num_evicted,
-                counters.points_dropped.get('map full', 0), self._intake.doubt,
-                self.state.sharpness if self.state else None,
+                counters.points_dropped.get('map full', 0), self._intake.doubt, self.state,
             ),
             describe_segmentation(self.state, self._health, self._worker.busy),
             self._door.describe(),
@@ -296,39 +293,41 @@ class InspectNode(Node):
     def _begin(self) -> None:
         """Start a save or a tick, if one is wanted, else what there is time for now."""
         voxels = self._intake.accumulator.map
-        plan: WindowPlan | None
         spans = [item.span for item in self.state.spans] if self.state else []
         if doubt := self._intake.doubt:
             self._wants_tick = False
             refuse(doubt, self._segmenting, self._saving)
             if held := self._known.hold_back(self._intake.accumulator):
                 self._publish(held, self._intake.accumulator.frame_id)
-        if self._saving:
-            if not len(voxels):
-                self._saving.answer(False, 'nothing to save: the map is empty')
-                return
-            plan, job = plan_everything(voxels, spans), 'save'
+        if self._saving and not len(voxels):
+            self._saving.answer(False, 'nothing to save: the map is empty')
+        elif self._saving:
+            self._copy_out(plan_everything(voxels, spans), 'save')
         elif self._wants_tick or self._segmenting:
             asked = bool(self._segmenting)
             plan = self._planner.plan(voxels, spans, self._intake.vehicle, at_once=asked)
-            job, self._wants_tick = 'tick', False
+            self._wants_tick = False
             if plan is None:
                 self._segmenting.answer(True, 'nothing is new since the last tick')
-                return
-        else:
-            if self._rest_is_due:
-                self._rest_is_due = False
-                self._submit('rest', partial(prepare, self.settings, rare=True))
-            return
-        self._copy = copy_window(voxels, plan), job
+            else:
+                self._copy_out(plan, 'tick')
+        elif self._rest_is_due:
+            self._rest_is_due = False
+            self._submit('rest', partial(prepare, self.settings, rare=True))
+
+    def _copy_out(self, plan: WindowPlan, job: str) -> None:
+        self._copy = copy_window(self._intake.accumulator.map, plan), job
         self._advance_guard.trigger()
 
     def _step_copy(self, copy: Iterator[Window | None], job: str) -> None:
+        self._copy = None  # also where the next line fails
         if (window := next(copy)) is None:
+            self._copy = copy, job
             self._advance_guard.trigger()
             return
-        self._copy = None
         run = run_save if job == 'save' else run_tick
+        if job == 'tick':
+            self._intake.owed.begin(window)
         snapshot = take_snapshot(self._intake, window, self._describe_flight())
         self._submit(job, partial(run, self._session, snapshot))
 
@@ -342,15 +341,17 @@ class InspectNode(Node):
         if job == 'start':
             self._intake.take_memory()
             self._rest_is_due, self._health.preparing = True, None
+            if error is None:
+                self._log.info('ready')
+        elif job == 'tick':
+            in_vain = done is None or done.state.sharpness.poor
+            self._intake.owed.end(self._intake.accumulator.map.cells, in_vain=in_vain)
         if error is not None:
             self._health.num_failed += job == 'tick'
             self._fail(job, error)
             if job in ('tick', 'save'):
                 (self._saving if job == 'save' else self._segmenting).answer(False, str(error))
-            return
         if done is None:
-            if job == 'start':
-                self._log.info('ready')
             return
         self._intake.accumulator.map.label(done.slots, done.points, done.labels)
         self._known.add(self._intake.accumulator.last_inserted or 0, done.state)
@@ -360,8 +361,7 @@ class InspectNode(Node):
         if done.state.sharpness.poor:
             self._complaints.complain('sharpness', done.state.sharpness.describe())
         if done.saved is not None:
-            tell = self._log.error if done.saved.problem else self._log.info
-            tell(done.saved.describe())
+            (self._log.error if done.saved.problem else self._log.info)(done.saved.describe())
             self._saving.answer(done.saved.folder is not None, done.saved.describe())
         else:
             self._health.num_ticks += 1

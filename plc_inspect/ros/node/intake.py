@@ -18,6 +18,7 @@ from sensor_msgs.msg import PointCloud2
 from plc_inspect.config import Settings
 from plc_inspect.core.alignment.parts import Part
 from plc_inspect.core.alignment.rigid_move import RigidMove
+from plc_inspect.core.live.owed_cells import OwedCells
 from plc_inspect.core.live.window import NEAR
 from plc_inspect.core.mapping.accumulator import Accumulator
 from plc_inspect.core.mapping.eviction import Evictor
@@ -69,7 +70,7 @@ class Intake:
     ) -> None:
         self.accumulator = Accumulator(settings)
         self.evictor = Evictor(self.accumulator.map)
-        self.way = FlownWay()
+        self.way, self.owed = FlownWay(), OwedCells()
         self.vehicle: Float64 | None = None
         """(3,) where the vehicle is in the map [m], None before the first pose."""
         self.told_vehicle: Float64 | None = None
@@ -298,16 +299,11 @@ class Intake:
         """Return what came in so far, JSON-serialisable, as in the results of a replay."""
         return asdict(self.accumulator.counters()) | {
             'skipped': dict(self._health.malformed), 'first_errors': {},
-            'num_voxels_evicted': self.num_evicted, 'interrupted': self._interrupted,
+            'num_voxels_evicted': self.evictor.num_evicted, 'interrupted': self._interrupted,
             'mount': self.accumulator.placer.mount.describe(),
             'mount_doubt': self.accumulator.placer.mount.doubt,
             'parts': [part.record() for part in self.accumulator.follower.parts],
         }
-
-    @property
-    def num_evicted(self) -> int:
-        """Voxels removed from the map since the start of the flight."""
-        return self.evictor.num_evicted
 
     def remember(self) -> dict[str, Any]:
         """Return what ``resume`` needs beside the map, JSON-serialisable."""
@@ -322,6 +318,7 @@ class Intake:
             'nearest_evicted': self.evictor.nearest, 'doubt': self.doubt,
             'judged_from': [self._refused_before, self._inserted_before],
             'move': self.move.record(), 'counts': self.describe(),
+            'odometry_doubt': accumulator.follower.doubt, 'clock': accumulator.timing.remember(),
         }
 
     def resume(self, state: Mapping[str, Any], stored: StoredMap) -> None:
@@ -359,7 +356,9 @@ class Intake:
         self.accumulator.follower.resume(
             move, self.accumulator.map.centroids(), stamp or 0, self.vehicle,
             [Part.from_record(item) for item in counts.get('parts', [])],
+            state.get('odometry_doubt', ''),
         )
+        self.accumulator.timing.resume(*state.get('clock', (0.0, 0.0, None)))
         self._num_parts = len(self.accumulator.follower.parts)
         nearest = state['nearest_evicted']
         self.evictor.resume(
@@ -393,6 +392,7 @@ class Intake:
     def _begin_map(self) -> None:
         """Judge the new map by what comes from now on."""
         self.way.clear()
+        self.owed = OwedCells()
         counters = self.accumulator.counters()
         self._refused_before = counters.points_dropped.get('map full', 0)
         self._inserted_before = counters.num_points_inserted

@@ -104,7 +104,7 @@ def take_snapshot(intake: Intake, window: Window, flight: Flight) -> Snapshot:
         flight=flight,
         stamp_ns=intake.accumulator.last_inserted or 0,
         vehicle=intake.vehicle,
-        complete=intake.num_evicted == 0,
+        complete=intake.evictor.complete,
         looks=intake.accumulator.meter.take(),
     )
 

@@ -126,7 +126,8 @@ class Keeper:
             return f'it is damaged: {type(error).__name__}: {error}'
         session.restore(flight.kept)
         if intake.vehicle is not None:
-            intake.accumulator.map.cells.renew(intake.vehicle, CORRIDOR_REACH)
+            cells = intake.accumulator.map.cells
+            cells.renew(cells.find_near(intake.vehicle, CORRIDOR_REACH))
         self._recording.begin(found.folder, self._header, fresh=False)
         self._recording.keep(flight.kept)
         self._flight, intake.judge_pose = flight, self._judge

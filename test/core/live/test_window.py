@@ -12,6 +12,7 @@ from spans import make_span, sample_points
 
 from plc_inspect.config import MapSettings, Settings
 from plc_inspect.core.live.corridor_points import map_numbers
+from plc_inspect.core.live.owed_cells import OwedCells
 from plc_inspect.core.live.warm_up import make_sample
 from plc_inspect.core.live.window import (
     CLOSE,
@@ -85,6 +86,38 @@ def test_a_little_more_of_the_same_is_not_fresh_until_it_is_quiet():
     assert copy(voxels, planner.plan(voxels, (), vehicle)).fresh.tolist() == [[0, 0]]
     voxels.insert(make_block(0, 0, num=1500, seed=2))
     assert planner.plan(voxels, (), vehicle) is not None
+
+
+def test_whatever_is_new_about_the_vehicle_is_looked_at():
+    """A wire beside it is little in a cell of a house that was seen before."""
+    voxels = make_map(make_block(0, 0, num=4000))
+    planner = WindowPlanner(4.0, close=8.0)
+    vehicle = np.array([5.0, 5.0, 20.0])
+    assert planner.plan(voxels, (), vehicle) is not None
+    assert planner.plan(voxels, (), vehicle) is None
+    wire = np.column_stack((np.arange(0, 9.9, 0.5), np.full(20, 5.0), np.full(20, 16.0)))
+    voxels.insert(wire)
+    assert planner.plan(voxels, (), np.array([25.0, 5.0, 20.0])) is None
+    window = copy(voxels, planner.plan(voxels, (), vehicle))
+    assert window.holds(wire).all()
+
+
+def test_cells_of_ticks_in_vain_are_looked_at_again():
+    voxels = make_map(np.concatenate([make_block(20 * number, 0) for number in range(3)]))
+    planner, owed = WindowPlanner(4.0), OwedCells()
+    owed.begin(copy(voxels, planner.plan(voxels, (), None)))
+    owed.end(voxels.cells, in_vain=True)
+    assert planner.plan(voxels, (), None) is None  # nobody asks while all is in vain
+    voxels.insert(make_block(40, 0, seed=1))
+    window = copy(voxels, planner.plan(voxels, (), None))
+    assert window.fresh.tolist() == [[4, 0]]
+    owed.begin(window)
+    owed.end(voxels.cells, in_vain=False)
+    again = copy(voxels, planner.plan(voxels, (), None))
+    assert sorted(again.fresh.tolist()) == [[0, 0], [2, 0]]
+    owed.begin(again)
+    owed.end(voxels.cells, in_vain=False)
+    assert planner.plan(voxels, (), None) is None
 
 
 def test_far_cells_wait_until_they_are_quiet():
@@ -241,6 +274,7 @@ def test_eviction_takes_the_farthest_first_and_wires_last():
     assert size > START * 40_000
     removed = evictor.step(np.array([190.0, 0, 0]))
     assert removed == size - len(voxels) == evictor.num_evicted
+    assert not evictor.complete
     assert len(voxels) <= STOP * 40_000 + 2000
     points = voxels.centroids()
     far, near = points[points[:, 0] < 10], points[points[:, 0] > 150]

@@ -298,3 +298,17 @@ def test_hazards_and_supports_follow_lines_that_prove_to_be_one():
     assert (after.hazard_id, after.line_id, after.span_id) == (before.hazard_id, 0, 7)
     assert after.other_line_id == before.other_line_id
     assert supports.supports[0].line_ids == (0,)
+
+
+def test_the_end_of_a_flight_raises_what_is_new_though_voxels_were_evicted():
+    book = HazardBook()
+    raise_hazard(book, make_hazard((10, 0, 5), clearance=1.0, severity=Severity.CRITICAL))
+    news = tick(
+        book, make_hazard((10, 0, 5), clearance=3.0), make_hazard((40, 0, 5)),
+        holds=nowhere, final=True, complete=False,
+    )
+    assert [item.hazard_id for item in news.raised] == [1]
+    assert news.cleared == ()
+    assert book.hazards[0].severity is Severity.CRITICAL  # its nearest part may be gone
+    tick(book, make_hazard((10, 0, 5), clearance=3.0), final=True)
+    assert book.hazards[0].severity is Severity.WARNING
