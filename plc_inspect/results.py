@@ -67,6 +67,10 @@ class HazardKind(enum.IntEnum):
     FALL_IN = 7
 
 
+MEASURE_NOTES = {'horizontal': 'measured horizontally', 'vertical': 'measured vertically'}
+"""Notes of hazards whose rule measures a part of the distance."""
+
+
 class Severity(enum.IntEnum):
     """Severity of a hazard; ``severity`` in files and messages."""
 
@@ -246,6 +250,14 @@ class Hazard:
     """Assumptions."""
     confidence: float = 1.0
     """Probability that the limit is broken, 0 to 1."""
+
+    @property
+    def measured(self) -> float:
+        """What the rule measures, against ``required``: the clearance, or a part of it [m]."""
+        notes = self.note.split('; ')
+        parts = {'horizontal': self.horizontal, 'vertical': abs(self.vertical)}
+        own = (part for name, part in parts.items() if MEASURE_NOTES[name] in notes)
+        return next(own, self.clearance)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,6 +11,7 @@ import numpy as np
 from plc_inspect.config import Settings
 from plc_inspect.core.cloud_frame import CloudFrame, find_cloud_frame
 from plc_inspect.core.corridor import CorridorResult, extract_corridor
+from plc_inspect.core.evidence.roof_rows import are_roof_rows
 from plc_inspect.core.extraction.dust import find_dust, find_lone
 from plc_inspect.core.extraction.stray_points import leave_out_strays
 from plc_inspect.core.hazards.clearance_rules import RuleSet
@@ -22,7 +23,6 @@ from plc_inspect.core.hazards.hazards import (
     HazardResult,
 )
 from plc_inspect.core.hazards.line_parts import DoubtfulCurves
-from plc_inspect.core.hazards.roof_rows import are_roof_rows
 from plc_inspect.core.labels import choose_surroundings, label, Labels
 from plc_inspect.core.line_finder import find_lines, FoundLines
 from plc_inspect.core.numerics.arrays import take_rows

@@ -25,10 +25,20 @@ UNSEEN = {'water': 'water', 'road': 'roads'}
 """Features that coordinates alone cannot tell; their limits are reported as not applied."""
 MEASURES = ('distance', 'horizontal', 'vertical')
 PLACES = ('any', 'under', 'beside')
+KNOWN_PARTS = {
+    'fall_in': {('distance', 'any')}, 'line': {('distance', 'any')},
+    'ground': {('distance', 'any'), ('vertical', 'any')},
+}
+"""How limits of features are measured and where, of those that are not any way."""
 FOOT = 0.3048
 """The international foot [m].  Source: definition of 1959."""
 LEAST_ELEVATION = -500.0
 """Elevations below this mean that it is unknown [m].  Source: judgement; not measured."""
+HIGHEST = 25.0
+"""
+Height of a conductor above what it is near to horizontally, up to which that is looked for [m].
+Source: derived: rules that are measured horizontally hold up to 55 kV, whose lines are lower.
+"""
 SAME_VOLTAGE = 1e-6
 """
 Relative difference up to which nominal voltages are equal.
@@ -63,8 +73,13 @@ class Limit:
 
     @property
     def reach(self) -> float:
-        """Greatest distance at which anything is reported [m]."""
+        """Greatest value of the measure at which anything is reported [m]."""
         return self.tiers[-1][1]
+
+    @property
+    def radius(self) -> float:
+        """Greatest distance in space at which anything is reported [m]."""
+        return math.hypot(self.reach, HIGHEST) if self.measure == 'horizontal' else self.reach
 
     def judge(self, value: float) -> Severity | None:
         """Return how severe a measured value [m] is, None where the limit is kept."""
@@ -103,8 +118,8 @@ class RuleSet:
         return tuple(limit for limit in self.limits if limit.feature == feature)
 
     def reach(self, *features: str) -> float:
-        """Return the greatest distance at which any of some features is reported [m]."""
-        return max((item.reach for item in self.limits if item.feature in features), default=0.0)
+        """Return the greatest distance in space at which any of some features is reported [m]."""
+        return max((item.radius for item in self.limits if item.feature in features), default=0.0)
 
 
 def plain_rules(settings: HazardSettings) -> RuleSet:
@@ -286,6 +301,11 @@ def _read_limit(
     ):
         if value not in known:
             raise ConfigError(f'{where}: {key} must be one of {", ".join(known)}, got {value!r}')
+    if (measure, place) not in KNOWN_PARTS.get(str(feature), {(measure, place)}):
+        raise ConfigError(
+            f'{where}: a limit of {feature} cannot be {measure} and {place}: leave out'
+            ' measure and where'
+        )
     distance = unit * _read_distance(row.get('distance'), content, settings, where)
     tiers = row.get('tiers', content.get('tiers', {'critical': 1.0}))
     if not isinstance(tiers, Mapping) or not tiers:

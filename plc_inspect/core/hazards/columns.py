@@ -16,8 +16,8 @@ import math
 
 import numpy as np
 
-from plc_inspect.core.hazards.grouping import group_cells
 from plc_inspect.core.hazards.wires import find_lines
+from plc_inspect.core.numerics.grouping import group_cells
 from plc_inspect.core.spans.span_model import SpanModel
 from plc_inspect.results import Bool, Float64, Int64
 

@@ -12,16 +12,18 @@ import numpy as np
 
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.hazards.blur import choose_worst, measure_reach
+from plc_inspect.core.hazards.breaches import Breaches, find_breaches
 from plc_inspect.core.hazards.clearance_rules import Limit, RuleSet
 from plc_inspect.core.hazards.confidence import IN_DOUBT, judge_confidence
-from plc_inspect.core.hazards.grouping import group_cells, group_points
 from plc_inspect.core.hazards.trees import segment_trees, stand_near
+from plc_inspect.core.numerics.grouping import group_cells, group_points
 from plc_inspect.core.spans.span_model import find_kind, find_support, SpanModel
 from plc_inspect.results import (
     Bool,
     Float64,
     HazardKind,
     Int64,
+    MEASURE_NOTES,
     Severity,
     Support,
 )
@@ -70,11 +72,6 @@ SPREAD_OF_ZERO = math.sqrt(3.0)
 """
 What is anywhere between a conductor and a distance from it deviates by this share of it.
 Source: derived: the root mean square of what is evenly distributed over it, from its end.
-"""
-LEAST_DISTANCE = 1e-9
-"""
-Required distance at least, where a measured one is divided by it [m].
-Source: numerical: avoids a division by 0.
 """
 
 
@@ -166,8 +163,7 @@ def find_encroachments(
     for kind, asked in limits.items():
         if asked:
             own = _find_near(around, asked, around.surface == (kind == HazardKind.STRUCTURE))
-            _, score = _score(around.take(own), models, asked)
-            offends[own] |= np.isfinite(score)
+            offends[own] |= _find_breaches(around.take(own), models, asked).limit >= 0
     explained = np.zeros(len(offends), dtype=bool)
     if not offends.any():
         return [], explained
@@ -285,29 +281,10 @@ def _find_near(around: Surroundings, limits: Sequence[Limit], chosen: Bool) -> I
     return np.flatnonzero(chosen)
 
 
-def _score(
+def _find_breaches(
     near: Surroundings, models: Sequence[SpanModel], limits: Sequence[Limit]
-) -> tuple[Int64, Float64]:
-    """Return for each point the limit it breaks most, or all but breaks, and the share kept."""
-    num = len(near.points)
-    which, best = np.full(num, -1, dtype=np.int64), np.full(num, np.inf)
-    horizontal, vertical = np.zeros(num), np.zeros(num)
-    if not all(item.measure == 'distance' and item.where == 'any' for item in limits):
-        for number in np.unique(near.owner).tolist():
-            mine = np.flatnonzero(near.owner == number)
-            _, horizontal[mine], vertical[mine] = models[number].part(near.points[mine])
-    values = {
-        'distance': near.distance, 'horizontal': horizontal, 'vertical': np.abs(vertical),
-    }
-    under = (vertical > 0) & (vertical >= horizontal)
-    places = {'any': np.ones(num, dtype=bool), 'under': under, 'beside': ~under}
-    for number, item in enumerate(limits):
-        value = values[item.measure]
-        share = value / max(item.distance, LEAST_DISTANCE)
-        better = places[item.where] & (value < item.reach) & (share < best)
-        best[better] = share[better]
-        which[better] = number
-    return which, best
+) -> Breaches:
+    return find_breaches(near.points, near.distance, near.owner, models, limits)
 
 
 def _describe(
@@ -319,21 +296,22 @@ def _describe(
     rules: RuleSet,
     settings: HazardSettings,
 ) -> dict[str, Any] | None:
-    which, share = _score(near, models, limits)
-    offends = np.isfinite(share)
+    found = _find_breaches(near, models, limits)
+    offends = found.limit >= 0
     if offends.sum() < settings.min_points:
         return None
-    near, which, share = near.take(offends), which[offends], share[offends]
-    worst = choose_worst(share, near.distance, near.owner, models)
-    model, limit = models[int(near.owner[worst])], limits[int(which[worst])]
+    near, found = near.take(offends), found.take(offends)
+    worst = choose_worst(found.rank(), near.distance, near.owner, models)
+    limit, value = limits[int(found.limit[worst])], float(found.value[worst])
+    model = models[int(found.owner[worst])]
     position = near.points[worst]
-    x, horizontal, vertical = (float(value[0]) for value in model.part(position[None, :]))
-    clearance = float(near.distance[worst])
-    value = {'distance': clearance, 'horizontal': horizontal, 'vertical': abs(vertical)}
-    severity = limit.judge(value[limit.measure])
+    x, horizontal, vertical = (float(part[0]) for part in model.part(position[None, :]))
+    is_nearest = found.owner[worst] == near.owner[worst]
+    clearance = float(near.distance[worst]) if is_nearest else math.hypot(horizontal, vertical)
+    severity = limit.judge(value)
     years = math.nan
     if kind == HazardKind.VEGETATION and settings.growth > 0:
-        years = max(value[limit.measure] - limit.tiers[0][1], 0.0) / settings.growth
+        years = max(value - limit.tiers[0][1], 0.0) / settings.growth
     sigma = model.sigma(x)
     nearer = limit.measure == 'distance' and float(near.distance.min()) < clearance - SURE * sigma
     reach = np.array([measure_reach(other) for other in models])
@@ -352,6 +330,7 @@ def _describe(
         num_points=len(near.points),
         offending=near.points,
         years=years,
+        note='; '.join(filter(None, (limit.note, MEASURE_NOTES.get(limit.measure)))),
     )
 
 

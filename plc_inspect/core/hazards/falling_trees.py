@@ -16,12 +16,12 @@ from plc_inspect.core.catenary.nearest_span import find_near
 from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.hazards.columns import LEAST_SLENDER, THICK
 from plc_inspect.core.hazards.encroachments import describe_hazard, is_held, ROOM
-from plc_inspect.core.hazards.grouping import group_cells
 from plc_inspect.core.hazards.line_parts import POLE_WIDTH
 from plc_inspect.core.hazards.low_conductors import ROUGH_SIGMA
 from plc_inspect.core.hazards.strands import measure_distances
 from plc_inspect.core.hazards.trees import segment_trees
 from plc_inspect.core.hazards.wires import find_lines, FREE_LENGTH
+from plc_inspect.core.numerics.grouping import group_cells
 from plc_inspect.core.spans.span_model import SpanModel, tabulate
 from plc_inspect.core.spans.spans import SpanResult
 from plc_inspect.results import Bool, Float32, Float64, HazardKind, Int64, Support
@@ -172,7 +172,7 @@ def find_falling_trees(
     models, supports, rules, settings
         As in `encroachments.find_encroachments`.
     known : sequence
-        Hazards found before; their trees are left out.
+        Hazards found before; trees that are as severe by themselves are left out.
     find_ground : callable or None
         As `low_conductors.find_planes` of a cloud; by default the ground is where the heights
         say.
@@ -220,8 +220,7 @@ def find_falling_trees(
     wire |= find_lines(points, tree, LEAST_SLENDER) & (size < FEW_POINTS)
     pole = (slender > MOST_SLENDER) | ((length <= THICK) & (size >= FEW_POINTS))
     lattice = (slender > LATTICE) & (size >= LATTICE_POINTS) & (length > POLE_WIDTH)
-    taken = _trees_at(points, tree, [item['position'] for item in known
-                                     if item['kind'] == HazardKind.VEGETATION])
+    taken = _find_known(points, tree, known)
     result = []
     for number, reach, span, error in zip(
         found.tolist(), gaps.tolist(), owner.tolist(), sigma.tolist(), strict=True
@@ -230,7 +229,9 @@ def find_falling_trees(
         clearance = reach - tall
         severity = limit.judge(clearance)
         solid = flat[number] > MOST_FLAT * size[number] or size[number] < settings.min_points
-        if severity is None or solid or wire[number] or lattice[number] or number in taken:
+        if severity is None or solid or wire[number] or lattice[number]:
+            continue
+        if taken.get(number, 0) >= severity:
             continue
         model, own = models[span], points[tree == number]
         if is_held(own, model, supports).all():
@@ -313,15 +314,25 @@ def _measure_plan(points: Float64, tree: Int64) -> tuple[Float64, Float64]:
             WIDTH_OF_SIGMA * np.sqrt(mean + apart))
 
 
-def _trees_at(points: Float64, tree: Int64, places: Sequence[Float64]) -> set[int]:
-    """Return the trees that the points nearest to some places belong to."""
-    if not places:
-        return set()
+def _find_known(
+    points: Float64, tree: Int64, known: Sequence[dict[str, Any]]
+) -> dict[int, int]:
+    """Return the trees that are hazards by themselves, and how severe each is."""
+    known = [item for item in known if item['kind'] == HazardKind.VEGETATION]
+    if not known:
+        return {}
     # Few rule sets need it, and its import takes longer than a tick.
     from scipy.spatial import cKDTree
 
-    _, nearest = cKDTree(points).query(np.array(places))
-    return set(tree[nearest].tolist())
+    apart, nearest = cKDTree(points).query(
+        np.array([item['position'] for item in known]), distance_upper_bound=TOUCH
+    )
+    found: dict[int, int] = {}
+    for item, place in zip(known, np.where(np.isfinite(apart), nearest, -1), strict=True):
+        if place >= 0:
+            own = int(tree[place])
+            found[own] = max(found.get(own, 0), int(item['severity']))
+    return found
 
 
 @njit(cache=True, parallel=True, nogil=True)

@@ -13,11 +13,8 @@ import numpy as np
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.extraction.ground_planes import find_planes
 from plc_inspect.core.hazards.clearance_rules import PLAIN, plain_rules, RuleSet
-from plc_inspect.core.hazards.conductor_hazards import (
-    find_abnormal_sag,
-    find_crossings,
-    find_interference,
-)
+from plc_inspect.core.hazards.conductor_hazards import find_abnormal_sag, find_interference
+from plc_inspect.core.hazards.crossings import find_crossings
 from plc_inspect.core.hazards.encroachments import find_encroachments, Nearby, Surroundings
 from plc_inspect.core.hazards.falling_trees import Fallible, find_fallible, find_falling_trees
 from plc_inspect.core.hazards.line_parts import DoubtfulCurves, find_line_parts
@@ -137,7 +134,8 @@ def find_hazards(
             surface=flat, slender=slender,
         )
         found += find_falling_trees(
-            fallible, models, supports, rules, settings, found,
+            fallible, models, supports, rules, settings,
+            [item for item in found if item['chance'] >= settings.min_confidence],
             partial(find_planes, points, height),
         )
     low_wires = find_low_wires([own[wire] for wire in parts.wires], models)

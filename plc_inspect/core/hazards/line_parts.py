@@ -18,7 +18,6 @@ from plc_inspect.core.catenary.curve import Curve
 from plc_inspect.core.catenary.nearest_span import find_near, span_table
 from plc_inspect.core.hazards.blur import find_blur
 from plc_inspect.core.hazards.columns import find_columns, find_straight
-from plc_inspect.core.hazards.grouping import group_cells
 from plc_inspect.core.hazards.wires import (
     CLEARING,
     find_free,
@@ -33,6 +32,7 @@ from plc_inspect.core.hazards.wires import (
     THIN,
     TUBE,
 )
+from plc_inspect.core.numerics.grouping import group_cells
 from plc_inspect.core.spans.point_claims import FREE_RADIUS
 from plc_inspect.core.spans.span_model import SpanModel
 from plc_inspect.results import Bool, Float64, Int64

@@ -14,8 +14,8 @@ from collections.abc import Sequence
 from numba import njit
 import numpy as np
 
-from plc_inspect.core.hazards.grouping import group_cells
 from plc_inspect.core.numerics.disjoint_sets import unite
+from plc_inspect.core.numerics.grouping import group_cells
 from plc_inspect.core.numerics.near_pairs import find_pairs
 from plc_inspect.results import Bool, Float64, Int64
 

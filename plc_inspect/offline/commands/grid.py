@@ -159,7 +159,7 @@ def render_grid(summary: 'GridSummary') -> str:
     if not joined.spans:
         return parts[0] + '\nno power line was found'
     worst = sorted(
-        joined.hazards, key=lambda item: (-item.severity, item.clearance - item.required)
+        joined.hazards, key=lambda item: (-item.severity, item.measured - item.required)
     )[:MOST_LISTED]
     if worst:
         parts.append(format_table(
@@ -169,7 +169,7 @@ def render_grid(summary: 'GridSummary') -> str:
                 [
                     str(item.hazard_id), item.severity.name.lower(), item.kind.name.lower(),
                     str(item.line_id), str(item.span_id),
-                    format_number(item.clearance / scale, 2),
+                    format_number(item.measured / scale, 2),
                     format_number(item.required / scale, 2),
                 ]
                 for item in worst

@@ -13,6 +13,7 @@ from plc_inspect.offline.records.inspection import (
     measure_clearances,
     Record,
 )
+from plc_inspect.offline.records.sentences import find_measured
 
 
 def render_summary(inspection: Inspection) -> str:
@@ -84,7 +85,7 @@ def _hazard_row(hazard: Record) -> list[str]:
         hazard['kind'],
         str(hazard['line_id']),
         str(hazard['span_id']),
-        format_number(hazard['clearance'], 2),
+        format_number(find_measured(hazard)[0], 2),
         format_number(hazard['required'], 2),
         format_number(hazard['along_span'], 1),
     ]

@@ -6,6 +6,7 @@
 from typing import Any
 
 from plc_inspect.core.hazards.confidence import find_doubts
+from plc_inspect.results import MEASURE_NOTES
 
 Record = dict[str, Any]
 _NAMES = {
@@ -43,7 +44,8 @@ def describe_place(
     along = f'{item["along_span"]:.0f} {unit} from the start of the span'
     if item['support_id'] >= 0 and item['from_support'] is not None:
         along = f'{item["from_support"]:.0f} {unit} from support {item["support_id"]}'
-    measured = f'{item["clearance"]:.2f} {unit}'
+    distance, way = find_measured(item)
+    measured = f'{distance:.2f} {unit}'
     required = f'{item["required"]:.2f} {unit}'
     kind = item['kind']
     if kind == 'sag':
@@ -64,7 +66,7 @@ def describe_place(
     elif kind == 'ground':
         text = f'hangs {measured} above the ground at {along}'
     else:
-        text = f'{_NAMES[kind]}{tall} at {along} is {measured} away'
+        text = f'{_NAMES[kind]}{tall} at {along} is {measured} away{way}'
     text += f', {required} required'
     for name, clearance in moved or []:
         if clearance == clearance:
@@ -76,3 +78,12 @@ def describe_place(
     if doubts := find_doubts(item.get('note', '')):
         text += f'; {doubts}'
     return f'{where}: {text}.'
+
+
+def find_measured(item: Record) -> tuple[float, str]:
+    """Return what the rule of a hazard measures, and in which way, as `Hazard.measured`."""
+    notes = item.get('note', '').split('; ')
+    for name, note in MEASURE_NOTES.items():
+        if note in notes:
+            return abs(item[name]), note.removeprefix('measured')
+    return item['clearance'], ''

@@ -11,6 +11,7 @@ import numpy as np
 from plc_inspect.colors import line_color, SEVERITY_COLORS
 from plc_inspect.core.hazards.confidence import find_doubts
 from plc_inspect.offline.records.inspection import Record
+from plc_inspect.offline.records.sentences import find_measured
 from plc_inspect.offline.report.drawing import Plot
 from plc_inspect.offline.report.point_scene import FIRST_STRUCTURE, FIRST_TREE, PALETTE, Scene
 from plc_inspect.offline.report.span_frame import find_frame
@@ -315,7 +316,7 @@ def rank(hazard: Record) -> tuple[int, bool, bool, float]:
     """
     doubtful = bool(find_doubts(hazard.get('note', '')))
     order = list(SEVERITY_COLORS).index(hazard['severity']), doubtful
-    clearance, required = hazard['clearance'], hazard['required']
+    (clearance, _), required = find_measured(hazard), hazard['required']
     if clearance is None or not required:
         return *order, True, math.inf if clearance is None else clearance
     if hazard['kind'] == 'sag':

@@ -8,9 +8,10 @@ from pathlib import Path
 from factories import find_nearby, make_model, make_span_result
 import numpy as np
 import pytest
+from toys import make_tree, make_wire
 import yaml
 
-from plc_inspect.config import HazardSettings
+from plc_inspect.config import CorridorSettings, HazardSettings, Settings
 from plc_inspect.core.hazards.clearance_rules import (
     describe_rules,
     Limit,
@@ -18,6 +19,7 @@ from plc_inspect.core.hazards.clearance_rules import (
     plain_rules,
 )
 from plc_inspect.core.hazards.hazards import find_hazards
+from plc_inspect.core.pipeline import Pipeline
 from plc_inspect.errors import ConfigError
 from plc_inspect.results import HazardKind, Severity
 
@@ -192,6 +194,39 @@ def test_sweden_measures_some_distances_on_the_level():
     assert 'Svenska kraftnat' in by_feature['fall_in'].source
 
 
+def test_sweden_holds_for_buildings_up_to_55_kv():
+    for voltage, features in ((54.9, 1), (55.0, 1), (56.0, 0)):
+        rules = parse_rules(read('sweden'), HazardSettings(voltage=voltage))
+        assert [limit.measure for limit in rules.find('building')].count('horizontal') == features
+
+
+@pytest.mark.parametrize(('aside', 'severity'), [
+    (1.4, Severity.CRITICAL), (2.5, Severity.WARNING), (3.3, None),
+])
+@pytest.mark.parametrize('radius', [0.6, 20.0])
+def test_what_is_near_horizontally_is_found_however_far_below(aside, severity, radius):
+    """The conductor that is nearest in space hangs lower and farther off."""
+    rng = np.random.default_rng(0)
+    ground = rng.uniform((-10, -30, 0), (110, 30, 0.02), (30_000, 3))
+    bush = make_tree(50.0, 1.5 + aside + 0.8, 6.3, bottom=3.0, radius=0.8)
+    wires = [
+        make_wire((0.0, 0.0, 11.0), (100.0, 0.0, 11.0), per_metre=40.0),
+        make_wire((0.0, 1.5, 13.5), (100.0, 1.5, 13.5), per_metre=40.0, seed=1),
+    ]
+    settings = Settings(
+        hazards=HazardSettings(voltage=20.0), corridor=CorridorSettings(radius=radius)
+    )
+    result = Pipeline(settings, parse_rules(read('sweden'), settings.hazards)).run(
+        np.concatenate([ground, bush, *wires])
+    )
+    assert len(result.spans) == 2
+    near = [item for item in result.hazards if item.kind == HazardKind.VEGETATION]
+    assert [item.severity for item in near] == [severity] * (severity is not None)
+    for item in near:
+        assert item.measured == item.horizontal == pytest.approx(aside, abs=0.1)
+        assert item.clearance > 5.0
+
+
 def test_czech_annex_tells_under_from_beside_and_leaves_roads_out():
     rules = parse_rules(read('en50423_cz'), HazardSettings())
     assert {limit.where: limit.distance for limit in rules.find('vegetation')} == {
@@ -244,6 +279,10 @@ def test_every_shipped_rule_set_names_itself_and_its_source():
     (make(tiers={'awful': 1.0}), "tier must be one of notice, warning, critical, got 'awful'"),
     (make(tiers={'critical': 2.0, 'warning': 1.0}), 'must not reach farther'),
     (make(tiers=[]), 'tiers must map'),
+    (make(limits=[{'feature': 'line', 'distance': 1, 'where': 'beside'}]),
+     'a limit of line cannot be distance and beside'),
+    (make(limits=[{'feature': 'fall_in', 'distance': 1, 'measure': 'horizontal'}]),
+     'a limit of fall_in cannot be horizontal and any'),
     (make(limits=[
         {'feature': 'ground', 'distance': 5, 'kv': [0, 50]},
         {'feature': 'ground', 'distance': 6, 'kv': [10, 110]},

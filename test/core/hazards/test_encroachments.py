@@ -13,7 +13,7 @@ from toys import make_tree
 
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.extraction.ground_planes import find_planes
-from plc_inspect.core.hazards.clearance_rules import plain_rules
+from plc_inspect.core.hazards.clearance_rules import parse_rules, plain_rules
 from plc_inspect.core.hazards.encroachments import find_encroachments, is_held, Surroundings
 from plc_inspect.core.hazards.falling_trees import Fallible, find_falling_trees
 from plc_inspect.core.hazards.surfaces import tell_shapes
@@ -304,3 +304,36 @@ def test_what_may_reach_another_conductor_says_so_in_sigma():
     assert record['line_id'] == 0
     assert record['clearance'] == pytest.approx(0.32, abs=0.05)
     assert record['clearance'] - 1.96 * record['sigma'] <= 0.0
+
+
+@pytest.mark.parametrize(('first', 'second'), [
+    (('horizontal', 3.0, 'warning'), ('distance', 2.0, 'critical')),
+    (('distance', 2.0, 'critical'), ('horizontal', 3.0, 'warning')),
+])
+def test_of_several_limits_the_severest_that_is_broken_counts(first, second):
+    tree = make_tree(50.0, 0.0, 9.5, bottom=4.0)
+    limits = [
+        {'feature': 'vegetation', 'measure': measure, 'distance': distance, 'tiers': {tier: 1.0}}
+        for measure, distance, tier in (first, second)
+    ]
+    rules = parse_rules(
+        {'name': 'x', 'title': 'x', 'edition': '1', 'source': 's', 'limits': limits}, SETTINGS
+    )
+    (record,), _ = search(tree, rules=rules)
+    assert record['severity'] is Severity.CRITICAL
+    assert record['clearance'] < 2.0
+
+
+@pytest.mark.parametrize(('place', 'kept'), [(0.0, 0), (100.0, 1)])
+@pytest.mark.parametrize('severity', [Severity.NOTICE, Severity.CRITICAL])
+def test_a_tree_that_is_as_severe_by_itself_does_not_fall_as_well(place, kept, severity):
+    """A bush elsewhere is no reason to leave out a tree, nor is a milder hazard of its own."""
+    tree = make_tree(50.0, 4.0, 20.0, bottom=2.0)
+    known = [{
+        'kind': HazardKind.VEGETATION, 'severity': severity,
+        'position': tree[0] + np.array([place, 0.0, 0.0]),
+    }]
+    records = find_falling_trees(
+        make_fallible(tree), [make_model(*ENDS)], (), RULES, SETTINGS, known
+    )
+    assert len(records) == max(kept, int(severity is Severity.NOTICE))

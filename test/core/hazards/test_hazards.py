@@ -8,9 +8,9 @@ from scipy.cluster.hierarchy import fcluster, linkage
 from toys import make_tree
 
 from plc_inspect.config import HazardSettings
-from plc_inspect.core.hazards.grouping import group_points
 from plc_inspect.core.hazards.hazards import find_hazards
 from plc_inspect.core.hazards.surfaces import is_surface
+from plc_inspect.core.numerics.grouping import group_points
 from plc_inspect.errors import ConfigError
 from plc_inspect.results import HazardKind, Severity
 
@@ -140,6 +140,41 @@ def test_a_conductor_that_sags_more_than_its_peers():
     assert find(np.zeros((0, 3)), peers) == ()
     # two conductors cannot tell which of them is the abnormal one
     assert find(np.zeros((0, 3)), [peers[0], iced]) == ()
+
+
+@pytest.mark.parametrize(('num_deep', 'raised'), [(1, 1), (2, 0), (3, 0)])
+def test_conductors_that_sag_as_a_third_of_their_peers_do_are_of_another_kind(num_deep, raised):
+    models = [
+        make_model((0.0, 5.0 * line, 15.0), (100.0, 5.0 * line, 15.0), line,
+                   c=500.0 if line < num_deep else 800.0)
+        for line in range(6 if num_deep == 3 else 4)
+    ]
+    hazards = find(np.zeros((0, 3)), models)
+    assert [item.kind for item in hazards] == [HazardKind.SAG] * raised
+
+
+@pytest.mark.parametrize('angle', [6.0, 10.0, 15.0, 20.0])
+def test_a_crossing_at_a_small_angle_is_none_of_its_neighbours(angle):
+    """Its poles stand aside, so that both lines may be numbered as one section."""
+    lower = [make_model((0.0, y, 15.0), (100.0, y, 15.0), k) for k, y in enumerate((-1.0, 1.0))]
+    way = 80.0 * np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle)), 0.0])
+    place = np.array([50.0, 0.0, 18.5])
+    upper = make_model(tuple(place - way), tuple(place + way), 2, c=2000.0)
+    hazards = find(np.zeros((0, 3)), [*lower, upper], crossing_distance=4.0)
+    assert [item.kind for item in hazards] == [HazardKind.CROSSING]
+
+
+@pytest.mark.parametrize('order', [1, -1])
+@pytest.mark.parametrize('rise', [0.0, 20.0, 36.0])
+def test_a_crossing_is_as_near_as_its_nearest_places_whatever_the_order(rise, order):
+    models = [
+        make_model((0.0, 0.0, 15.0), (100.0, 0.0, 15.0 + rise)),
+        make_model((50.0, -50.0, 18.0 + rise / 2), (50.0, 50.0, 18.0 + rise / 2), 1, 1),
+    ]
+    a, b = (model.curve.position(np.linspace(model.low, model.high, 4001)) for model in models)
+    truth = min(np.linalg.norm(a - place, axis=1).min() for place in b[::10])
+    (hazard,) = find(np.zeros((0, 3)), models[::order], crossing_distance=4.0)
+    assert hazard.clearance == pytest.approx(truth, abs=0.002)
 
 
 @pytest.mark.parametrize(('gap', 'num'), [(1.0, 1), (3.0, 0)])

@@ -10,7 +10,7 @@ from toys import make_curve, make_tree, make_wire
 
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.hazards.clearance_rules import plain_rules
-from plc_inspect.core.hazards.conductor_hazards import find_crossings
+from plc_inspect.core.hazards.crossings import find_crossings
 from plc_inspect.core.hazards.hazards import find_hazards
 from plc_inspect.core.hazards.line_parts import DoubtfulCurves, find_line_parts, WIDEST_TUBE
 from plc_inspect.results import HazardKind

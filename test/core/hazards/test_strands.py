@@ -12,7 +12,7 @@ from toys import make_wire
 
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.hazards.clearance_rules import plain_rules
-from plc_inspect.core.hazards.conductor_hazards import find_crossings
+from plc_inspect.core.hazards.crossings import find_crossings
 from plc_inspect.core.hazards.hazards import find_hazards
 from plc_inspect.core.hazards.strands import divide_section, find_strands, measure_distances
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from toys import make_curve, make_sight, make_wire
 
-from plc_inspect.core.hazards.roof_rows import are_roof_rows
+from plc_inspect.core.evidence.roof_rows import are_roof_rows
 
 EVERYWHERE = np.array([[-10.0, -10.0, 0.0], [20.0, 20.0, 0.0]])
 

@@ -1,0 +1,266 @@
+# Copyright 2026 plc_inspect contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Finds the places where one line crosses another too closely."""
+
+from collections.abc import Sequence
+import math
+from typing import Any
+
+import numpy as np
+
+from plc_inspect.core.catenary.curve import Curve
+from plc_inspect.core.hazards.clearance_rules import Limit, RuleSet
+from plc_inspect.core.hazards.encroachments import describe_hazard
+from plc_inspect.core.spans.span_model import SpanModel
+from plc_inspect.results import Bool, Float64, HazardKind, Int32, Support
+
+CROSSING_ANGLE_DEG = 5.0
+"""
+Conductors that meet in plan at a smaller angle run along each other [degrees].
+Source: judgement; not measured.
+"""
+ONE_PLACE = 15.0
+"""
+Distance within which crossings of conductors are one hazard [m].
+Source: judgement; not measured.
+"""
+AT_SUPPORT = 5.0
+"""
+Spans that meet this close to an end of both hang on one support [m].
+Source: judgement; not measured.
+"""
+NUM_ROUNDS = 4
+"""
+Rounds of the search for the closest approach of two spans.
+Source: numerical: each narrows the range 40 times, to 0.1 mm of 500 m at last.
+"""
+NUM_PROBES = 81
+"""Places of one such round.  Source: numerical: see NUM_ROUNDS."""
+WIRE_STEP = 0.25
+"""
+Step along a wire that is no span at which its distance to conductors is measured [m].
+Source: numerical: at a crossing the least distance is at most 0.02 m less at 1 m.
+"""
+WIRE_NOTE = 'the other line was seen, but not modelled'
+NUM_STEPS = 4
+"""Steps of Newton's to the closest places.  Source: numerical: two reach rounding."""
+SHORT = 0.01
+"""Length over which the direction of a curve is taken [m].  Source: numerical."""
+ARM = 12.0
+"""
+Distance in plan between ends of conductors that hang on one support [m].
+Source: as falling_trees.ARM.
+"""
+
+Records = list[dict[str, Any]]
+"""Values of Hazards without their numbers."""
+
+
+def find_crossings(
+    models: Sequence[SpanModel],
+    supports: Sequence[Support],
+    rules: RuleSet,
+    wires: Sequence[Curve] = (),
+) -> Records:
+    """
+    Find the places where one line crosses another too closely.
+
+    Conductors that cross at one place are one hazard, at the least distance; its position is on
+    the lower conductor.
+
+    Parameters
+    ----------
+    models : sequence of SpanModel
+        Spans with their curves.
+    supports : sequence of Support
+        Towers and poles.
+    rules : RuleSet
+        Limits that apply.
+    wires : sequence of Curve
+        Curves of wires that were not modelled as spans.
+
+    Returns
+    -------
+    list of dict
+        Values of Hazard without its number.
+
+    """
+    limits = rules.find('line')
+    if not limits:
+        return []
+    limit = limits[0]
+    worst: dict[tuple[int, int], dict[str, Any]] = {}
+    start, end, span_id = find_ends(models)
+    for i, first in enumerate(models):
+        beside = (span_id[:i] == span_id[i]) & hang_together(
+            start[i], end[i], start[:i], end[:i]
+        )
+        crossed = _cross(start[i], end[i], start[:i], end[:i]) & ~beside
+        for second in (models[k] for k in np.flatnonzero(crossed).tolist()):
+            upper, lower, x, other_x, clearance = _approach(first, second)
+            severity = limit.judge(clearance)
+            if severity is None:
+                continue
+            key = (upper.span.span_id, lower.span.span_id)
+            if key in worst and worst[key]['clearance'] <= clearance:
+                continue
+            above = upper.curve.position(np.array(x))[0]
+            below = lower.curve.position(np.array(other_x))[0]
+            worst[key] = describe_hazard(
+                upper, x, supports, rules, limit,
+                kind=HazardKind.CROSSING,
+                severity=severity,
+                position=below,
+                clearance=clearance,
+                horizontal=math.dist(above[:2], below[:2]),
+                vertical=float(above[2] - below[2]),
+                sigma=math.hypot(upper.sigma(x), lower.sigma(other_x)),
+                num_points=0,
+                offending=below[None],
+                other_line_id=lower.span.line_id,
+            )
+    kept: Records = []
+    found = [*worst.values(), *_cross_wires(models, wires, supports, rules, limit)]
+    for item in sorted(found, key=lambda item: float(item['clearance'])):
+        if all(math.dist(item['position'], other['position']) > ONE_PLACE for other in kept):
+            kept.append(item)
+    return kept
+
+
+def _cross_wires(
+    models: Sequence[SpanModel], wires: Sequence[Curve], supports: Sequence[Support],
+    rules: RuleSet, limit: Limit,
+) -> Records:
+    """Return where wires that are no spans cross conductors."""
+    result = []
+    for wire in wires:
+        at = wire.position(np.linspace(
+            wire.low, wire.high, max(NUM_PROBES, math.ceil(wire.length / WIRE_STEP))
+        ))
+        for model in models:
+            if abs(math.sin(wire.azimuth - model.curve.azimuth)) < math.sin(
+                math.radians(CROSSING_ANGLE_DEG)
+            ):
+                continue
+            x, horizontal, vertical = model.part(at)
+            best = int(np.argmin(np.hypot(horizontal, vertical)))
+            along = wire.low + best * (wire.high - wire.low) / (len(at) - 1)
+            _, own_x, clearance = _settle(wire, model, along, float(x[best]))
+            severity = limit.judge(clearance)
+            inside = model.low + AT_SUPPORT < own_x < model.high - AT_SUPPORT
+            if severity is None or not inside or best in (0, len(at) - 1):
+                continue
+            own = model.curve.position(np.array([own_x]))[0]
+            position = at[best] if vertical[best] > 0 else own
+            result.append(describe_hazard(
+                model, own_x, supports, rules, limit,
+                kind=HazardKind.CROSSING,
+                severity=severity,
+                position=position,
+                clearance=clearance,
+                horizontal=float(horizontal[best]),
+                vertical=float(vertical[best]),
+                sigma=math.hypot(model.sigma(own_x), wire.fit.rmse),
+                num_points=0,
+                offending=position[None],
+                note=WIRE_NOTE,
+            ))
+    return result
+
+
+def find_ends(models: Sequence[SpanModel]) -> tuple[Float64, Float64, Int32]:
+    """Return (C, 2) start and end in plan [m], and the number, of the span of each model."""
+    return (
+        np.array([model.span.start[:2] for model in models]).reshape(-1, 2),
+        np.array([model.span.end[:2] for model in models]).reshape(-1, 2),
+        np.array([model.span.span_id for model in models], dtype=np.int32),
+    )
+
+
+def hang_together(
+    start: Float64, end: Float64, others: Float64, other_ends: Float64
+) -> Bool:
+    """
+    Tell which spans hang on the supports of one, or on some beside those, at both ends.
+
+    Parameters
+    ----------
+    start, end : (2,) float64
+        Of the one in plan [m].
+    others, other_ends : (C, 2) float64
+        Of the others [m].
+
+    Returns
+    -------
+    (C,) bool
+
+    """
+    def apart(a: Float64, b: Float64) -> Float64:
+        return np.hypot(*np.moveaxis(a - b, -1, 0))
+
+    same = np.maximum(apart(others, start), apart(other_ends, end))
+    turned = np.maximum(apart(others, end), apart(other_ends, start))
+    result: Bool = np.minimum(same, turned) <= ARM
+    return result
+
+
+def _cross(start: Float64, end: Float64, others: Float64, other_ends: Float64) -> Bool:
+    """Tell which others a span crosses in plan, between the ends and not at a common support."""
+    (rx, ry), (sx, sy), (wx, wy) = end - start, (other_ends - others).T, (others - start).T
+    area = rx * sy - ry * sx
+    length, lengths = math.hypot(rx, ry), np.hypot(sx, sy)
+    steep = np.abs(area) >= math.sin(math.radians(CROSSING_ANGLE_DEG)) * length * lengths
+    steep &= area != 0.0
+    area = np.where(steep, area, 1.0)
+    t, u = (wx * sy - wy * sx) / area, (wx * ry - wy * rx) / area
+    inside = (t > 0.0) & (t < 1.0) & (u > 0.0) & (u < 1.0)
+    away = np.maximum(np.minimum(t, 1.0 - t) * length, np.minimum(u, 1.0 - u) * lengths)
+    result: Bool = steep & inside & (away > AT_SUPPORT)
+    return result
+
+
+def _approach(
+    first: SpanModel, second: SpanModel
+) -> tuple[SpanModel, SpanModel, float, float, float]:
+    """Return upper and lower span, x of the closest places on both, and their distance [m]."""
+    low, high = first.start_x, first.end_x
+    for _ in range(NUM_ROUNDS):
+        x = np.linspace(low, high, NUM_PROBES)
+        at = first.strand_positions(x)
+        other, horizontal, vertical = (
+            part.reshape(at.shape[:2]) for part in second.part(at.reshape(-1, 3))
+        )
+        strand, best = divmod(int(np.argmin(np.hypot(horizontal, vertical))), NUM_PROBES)
+        low, high = x[max(best - 1, 0)], x[min(best + 1, NUM_PROBES - 1)]
+    own, its, distance = _settle(first, second, float(x[best]), float(other[strand, best]))
+    pair = (first, second, own, its)
+    if vertical[strand, best] > 0:
+        pair = (second, first, its, own)
+    return *pair, distance
+
+
+def _settle(
+    first: SpanModel | Curve, second: SpanModel, x: float, other: float
+) -> tuple[float, float, float]:
+    """Return x of the closest places of two curves near given ones, and their distance [m]."""
+    for _ in range(NUM_STEPS):
+        at, way = _place(first, x)
+        its, its_way = _place(second, other)
+        gaps = (at[:, None] - its[None]).reshape(-1, 3)
+        gap = gaps[int(np.argmin((gaps**2).sum(axis=1)))]
+        step, *_ = np.linalg.lstsq(np.stack((way, -its_way), axis=1), -gap, rcond=None)
+        x = float(np.clip(x + step[0], first.low, first.high))
+        other = float(np.clip(other + step[1], second.low, second.high))
+    gaps = _place(first, x)[0][:, None] - _place(second, other)[0][None]
+    return x, other, float(np.linalg.norm(gaps, axis=2).min())
+
+
+def _place(model: SpanModel | Curve, x: float) -> tuple[Float64, Float64]:
+    """Return the (S, 3) places of the strands of a curve at x, and its (3,) direction there."""
+    near = np.array([x, x + SHORT])
+    if isinstance(model, SpanModel):
+        at = model.strand_positions(near)
+    else:
+        at = model.position(near)[None]
+    return at[:, 0], (at[0, 1] - at[0, 0]) / SHORT
