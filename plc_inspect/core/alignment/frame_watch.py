@@ -49,7 +49,10 @@ class FrameWatch:
         if self.frames is None or pose.frames == self.frames:
             self._others.clear()
             return [pose]
-        if self._others and self._others[-1].frames != pose.frames:
+        if self._others and (
+            self._others[-1].frames != pose.frames
+            or pose.stamp_ns < self._others[0].stamp_ns  # time went back
+        ):
             self._others.clear()
         self._others.append(pose)
         seconds = pose.stamp_ns - self._others[0].stamp_ns

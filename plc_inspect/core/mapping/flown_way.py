@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 
+from plc_inspect.core.numerics.arrays import MOST_COORDINATE
 from plc_inspect.results import Float64
 
 STEP = 2.0
@@ -27,7 +28,7 @@ class FlownWay:
 
     def add(self, stamp_ns: int, position: Float64) -> None:
         """
-        Add a position; those nearer than the step to the last one are left out.
+        Add a position; those nearer than the step to the last one, or at no place, are left out.
 
         Parameters
         ----------
@@ -38,6 +39,8 @@ class FlownWay:
 
         """
         x, y, z = position.tolist()
+        if not max(abs(x), abs(y), abs(z)) < MOST_COORDINATE:
+            return
         if self._places and math.dist((x, y, z), self._places[-1][1:]) < self._step:
             return
         self._places.append((stamp_ns * 1e-9, x, y, z))

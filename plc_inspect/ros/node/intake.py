@@ -258,8 +258,8 @@ class Intake:
             self._num_restarts = self.accumulator.entry.num_restarts
             self.evictor.clear()
             self.take_memory()
+            self.on_restart()  # results of the old map have its way
             self._begin_map()
-            self.on_restart()
 
     def explain_nothing(self) -> str:
         """Return why none of the scans that came in is in the map, '' where none came in."""
