@@ -246,10 +246,9 @@ def _smooth(points: Float64, surface: Bool) -> Bool:
     """Decide by the majority in each block, as crowns have flat patches."""
     if not len(points):
         return surface
-    _, block = np.unique(
-        np.floor(points / BLOCK).astype(np.int64), axis=0, return_inverse=True
-    )
-    block = block.ravel()
-    share = np.bincount(block, weights=surface) / np.bincount(block)
+    block = np.floor(points / BLOCK).astype(np.int64)
+    block -= block.min(axis=0)
+    block = np.ravel_multi_index(tuple(block.T), tuple(block.max(axis=0) + 1))
+    share = np.bincount(block, weights=surface) / np.maximum(np.bincount(block), 1)
     result: Bool = share[block] > MOST_OF
     return result
