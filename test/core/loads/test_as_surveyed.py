@@ -32,6 +32,10 @@ def tree_at_a_pole():
     return make_line_cloud(more=[make_tree(101.0, 5.0, 14.6, bottom=2.0)])[0]
 
 
+def tree_beyond_the_end():
+    return make_line_cloud(more=[make_tree(-5.0, 1.0, 17.0, bottom=8.0)])[0]
+
+
 def tree_over_unseen_ground():
     points, label = make_line_cloud(spans=(100.0,), height=8.0)
     return np.vstack([points[label != 2], make_tree(50.0, 0.0, 5.0, bottom=2.0)])
@@ -96,9 +100,10 @@ PLAIN = plain_rules(HazardSettings())
 
 
 @pytest.fixture(scope='module', params=[
-    (tree_at_a_pole, None), (tree_over_unseen_ground, None), (lorry, None),
-    (tree_below_bundle, None), (low_over_a_hollow, None), (house_beside, ('sweden', 20.0)),
-    (tree_touching_below, ('en50423_cz', 22.0)), (many_trees, None),
+    (tree_at_a_pole, None), (tree_beyond_the_end, None), (tree_over_unseen_ground, None),
+    (lorry, None), (tree_below_bundle, None), (low_over_a_hollow, None),
+    (house_beside, ('sweden', 20.0)), (many_trees, None),
+    (tree_touching_below, ('en50423_cz', 22.0)),
 ], ids=lambda item: item[0].__name__)
 def scene(request):
     """Return a cloud, its result and the rules."""
