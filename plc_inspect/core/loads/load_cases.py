@@ -297,10 +297,11 @@ def _follow_ground(
     gaps = moved.rise(share, below, GROUND_REACH)
     surveyed = gaps[0]
     own = np.append(0, 1 + np.flatnonzero(surveyed[1:] >= surveyed[0]))
+    first = float(surveyed[0]) if np.isfinite(surveyed[0]) else math.nan
     result = []
     for gap in gaps:
         least = own[np.argmin(gap[own])]
-        sunk = float(surveyed[0]) - float(gap[least]) if gap is not surveyed else 0.0
+        sunk = first - float(gap[least]) if gap is not surveyed else 0.0
         result.append((told - sunk, Reach(
             clearance=told - sunk, along=float(share[least]) * span.length,
             severity=_judge(limits, told - sunk + strand) if is_judged else None,

@@ -107,6 +107,18 @@ def test_ground_that_was_not_seen_has_no_height_in_any_case():
         assert all(math.isnan(outcome.ground.clearance) for outcome in row.outcomes)
 
 
+def test_heights_above_ground_that_is_no_longer_known_are_as_surveyed_alone():
+    inspection = make_inspection()
+    spans = tuple(dataclasses.replace(span, ground_clearance=4.0, ground_along=60.0)
+                  for span in inspection.result.spans)
+    unknown = np.full(len(inspection.points), np.nan, np.float32)
+    result = dataclasses.replace(inspection.result, spans=spans, ground_height=unknown)
+    for row in evaluate(dataclasses.replace(inspection, result=result), HOT, GALE).spans:
+        surveyed, *cases = [item.ground for item in row.outcomes]
+        assert surveyed.clearance == 4.0
+        assert all(math.isnan(item.clearance) and item.severity is None for item in cases)
+
+
 def test_a_stray_within_the_box_of_a_tree_is_not_of_it():
     plain = make_inspection()
     hazard, span = plain.result.hazards[0], plain.result.spans[0]
