@@ -3,7 +3,7 @@
 
 """Which limits points break, as each limit measures."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,29 +79,65 @@ def find_breaches(
         for number in np.unique(owner).tolist():
             mine = np.flatnonzero(owner == number)
             _, horizontal[mine], vertical[mine] = models[number].part(points[mine])
-    values = {'distance': (distance, owner), 'vertical': (np.abs(vertical), owner)}
-    aside = [item.reach for item in limits if item.measure == 'horizontal']
-    if aside:
-        values['horizontal'] = _measure_aside(points, models, max(aside))
-    under = (vertical > 0) & (vertical >= horizontal)
-    places = {'any': np.ones(num, dtype=np.bool_), 'under': under, 'beside': ~under}
-    result = Breaches(
-        limit=np.full(num, -1, dtype=np.int64), severity=np.zeros(num, dtype=np.int64),
-        share=np.full(num, np.inf), value=np.zeros(num), owner=owner.copy(),
+    under = are_under(horizontal, vertical)
+    reaches = [item.reach for item in limits if item.measure == 'horizontal']
+    beside = owner
+    if reaches:
+        horizontal, beside = _measure_aside(points, models, max(reaches))
+    values = {'distance': distance, 'horizontal': horizontal, 'vertical': np.abs(vertical)}
+    limit, severity, share = choose_limits(values, under, limits)
+    measure = np.array([*(item.measure for item in limits), ''])[limit]
+    return Breaches(
+        limit=limit, severity=severity, share=share,
+        value=np.select([measure == name for name in values], list(values.values())),
+        owner=np.where(measure == 'horizontal', beside, owner),
     )
+
+
+def are_under(horizontal: Float64, vertical: Float64) -> Bool:
+    """Tell which points are under a conductor rather than beside it, by parts of the distance."""
+    result: Bool = (vertical > 0) & (vertical >= horizontal)
+    return result
+
+
+def choose_limits(
+    values: Mapping[str, Float64], under: Bool, limits: Sequence[Limit]
+) -> tuple[Int64, Int64, Float64]:
+    """
+    Choose the limit that each point breaks most.
+
+    Parameters
+    ----------
+    values : mapping
+        Measure to (K,) what it is [m].
+    under : (K,) bool
+        From `are_under`.
+    limits : sequence of Limit
+        Of one feature.
+
+    Returns
+    -------
+    limit : (K,) int64
+        Which limit, the most severe, then that of which least is kept; -1 none.
+    severity : (K,) int64
+        By that limit, 0 none.
+    share : (K,) float64
+        Of its distance that is kept, inf none.
+
+    """
+    num = len(under)
+    places = {'any': np.ones(num, dtype=np.bool_), 'under': under, 'beside': ~under}
+    which, worst = np.full(num, -1, dtype=np.int64), np.zeros(num, dtype=np.int64)
+    least = np.full(num, np.inf)
     for number, item in enumerate(limits):
-        value, nearest = values[item.measure]
+        value = values[item.measure]
         share = value / max(item.distance, LEAST_DISTANCE)
         tier = np.searchsorted([reach for _, reach in item.tiers], value, side='right')
         severity = np.array([*(int(step) for step, _ in item.tiers), 0])[tier]
-        worse = (severity > result.severity) | (
-            (severity == result.severity) & (share < result.share)
-        )
+        worse = (severity > worst) | ((severity == worst) & (share < least))
         worse &= places[item.where] & (value < item.reach)
-        result.limit[worse], result.severity[worse] = number, severity[worse]
-        result.share[worse], result.value[worse] = share[worse], value[worse]
-        result.owner[worse] = nearest[worse]
-    return result
+        which[worse], worst[worse], least[worse] = number, severity[worse], share[worse]
+    return which, worst, least
 
 
 def _measure_aside(

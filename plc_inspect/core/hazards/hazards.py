@@ -21,6 +21,7 @@ from plc_inspect.core.hazards.line_parts import DoubtfulCurves, find_line_parts
 from plc_inspect.core.hazards.low_conductors import (
     find_low_conductors,
     find_low_wires,
+    keep_seen,
     measure_ground,
 )
 from plc_inspect.core.hazards.strands import find_strands, measure_distances
@@ -167,7 +168,7 @@ def add_ground_clearance(
     models: Sequence[SpanModel], ground_below: Sequence[Float64]
 ) -> tuple[Span, ...]:
     """
-    Return the spans with their least height above ground and its place along the span.
+    Return the spans with their least height above seen ground and its place along the span.
 
     Parameters
     ----------
@@ -183,7 +184,7 @@ def add_ground_clearance(
     """
     result = []
     for model, stations in zip(models, ground_below, strict=True):
-        span = model.span
+        span, stations = model.span, keep_seen(model, stations)
         if len(stations):
             along, clearance = stations[int(np.argmin(stations[:, 1])), :2].tolist()
             span = dataclasses.replace(span, ground_clearance=clearance, ground_along=along)

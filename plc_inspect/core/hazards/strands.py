@@ -18,7 +18,7 @@ import numpy as np
 
 from plc_inspect.core.spans.span_model import NO_STRANDS, SpanModel
 from plc_inspect.core.spans.spans import SpanResult
-from plc_inspect.results import Float64, Int64
+from plc_inspect.results import Float64, Int32, Int64, Span
 
 MOST_STRANDS = 4
 """
@@ -79,9 +79,12 @@ def find_strands(points: Float64, spans: SpanResult) -> tuple[SpanModel, ...]:
     if not spans.models:
         return ()
     wide = _find_wide(spans)
+    asked = [model.span for model, is_wide in zip(spans.models, wide, strict=True) if is_wide]
+    wires = iter(list_points(spans.line_id, spans.span_id, asked))
     found = []
-    for model, own, is_wide in zip(spans.models, _list_points(spans, wide), wide, strict=True):
-        if not is_wide or len(own) < LEAST_POINTS:
+    for model, is_wide in zip(spans.models, wide, strict=True):
+        own = next(wires) if is_wide else ()
+        if len(own) < LEAST_POINTS:
             single = math.hypot(model.curve.lateral_rmse, model.curve.fit.rmse) / math.sqrt(2.0)
             found.append((NO_STRANDS, single))
             continue
@@ -156,7 +159,8 @@ def _find_wide(spans: SpanResult) -> list[bool]:
     A curve may be of one sub-conductor, or of one of two conductors, and have the points of both.
     """
     wire = np.flatnonzero(spans.line_id >= 0)
-    key, wanted = _number_spans(spans, wire)
+    members = [model.span for model in spans.models]
+    key, wanted = _number_spans(spans.line_id[wire], spans.span_id[wire], members)
     size = int(max(key.max(initial=0), max(wanted))) + 1
     square = np.square(spans.residual[wire], dtype=np.float64)
     known = np.isfinite(square)
@@ -168,25 +172,42 @@ def _find_wide(spans: SpanResult) -> list[bool]:
     ]
 
 
-def _list_points(spans: SpanResult, wide: Sequence[bool]) -> list[Int64]:
-    """Return the points of each span, none where no span is wide."""
-    wire = np.flatnonzero(spans.line_id >= 0) if any(wide) else np.zeros(0, dtype=np.int64)
+def list_points(line_id: Int32, span_id: Int32, spans: Sequence[Span]) -> list[Int64]:
+    """
+    Return the points of the conductor of each span.
+
+    Parameters
+    ----------
+    line_id, span_id : (N,) int32
+        Of each point; no conductor's where line_id is -1.
+    spans : sequence of Span
+        Whose points are asked for.
+
+    Returns
+    -------
+    list of (K,) int64
+        Ascending.
+
+    """
+    wire = np.flatnonzero(line_id >= 0) if spans else np.zeros(0, dtype=np.int64)
     if not len(wire):
-        return [wire[:0]] * len(spans.models)
-    key, wanted = _number_spans(spans, wire)
+        return [wire[:0]] * len(spans)
+    key, wanted = _number_spans(line_id[wire], span_id[wire], spans)
     order = np.argsort(key, kind='stable')
     wire, key = wire[order], key[order]
     first, last = (np.searchsorted(key, wanted, side=side) for side in ('left', 'right'))
     return [wire[low:high] for low, high in zip(first.tolist(), last.tolist(), strict=True)]
 
 
-def _number_spans(spans: SpanResult, wire: Int64) -> tuple[Int64, list[int]]:
-    """Return the number of the span of each wire point (W,), and those of the models."""
-    width = 1 + max(model.span.span_id for model in spans.models)
-    if len(wire):
-        width = max(width, int(spans.span_id[wire].max()) + 1)
-    key = spans.line_id[wire].astype(np.int64) * width + spans.span_id[wire]
-    return key, [model.span.line_id * width + model.span.span_id for model in spans.models]
+def _number_spans(
+    line_id: Int32, span_id: Int32, spans: Sequence[Span]
+) -> tuple[Int64, list[int]]:
+    """Return the number of the span of each wire point (W,), and those of some spans."""
+    width = 1 + max(span.span_id for span in spans)
+    if len(span_id):
+        width = max(width, int(span_id.max()) + 1)
+    key = line_id.astype(np.int64) * width + span_id
+    return key, [span.line_id * width + span.span_id for span in spans]
 
 
 Fit = tuple[Float64, Float64, Int64, float, float]

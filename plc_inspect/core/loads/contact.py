@@ -8,17 +8,14 @@ import math
 
 import numpy as np
 
-from plc_inspect.core.loads.load_cases import change_span, SLACK
+from plc_inspect.core.hazards.clearance_rules import RuleSet
+from plc_inspect.core.loads.approach import MovedSpan
+from plc_inspect.core.loads.load_cases import change_span
+from plc_inspect.core.loads.obstacles import gather_obstacles, survey_state
 from plc_inspect.core.loads.sag_tension import Case, Conductor, height_at
 from plc_inspect.core.loads.sections import group_sections
 from plc_inspect.errors import DataError
-from plc_inspect.results import (
-    Float64,
-    HazardKind,
-    InspectionResult,
-    PointClass,
-    Span,
-)
+from plc_inspect.results import Float64, InspectionResult, Span
 
 HOTTEST = 120.0
 """
@@ -38,7 +35,8 @@ Source: numerical: far below the error of the surveyed temperature.
 
 
 def find_contacts(
-    points: Float64, result: InspectionResult, conductor: Conductor, temperature: float
+    points: Float64, result: InspectionResult, conductor: Conductor, temperature: float,
+    rules: RuleSet,
 ) -> dict[int, float]:
     """
     Find the temperatures at which conductors touch the objects below them.
@@ -56,6 +54,8 @@ def find_contacts(
         Of all spans.
     temperature : float
         Temperature of the conductors when surveyed [degrees Celsius].
+    rules : RuleSet
+        Those by which it judged.
 
     Returns
     -------
@@ -64,26 +64,26 @@ def find_contacts(
         [degrees Celsius]; hazards that are not touched are left out.
 
     """
-    hazards = [item for item in result.hazards
-               if item.kind in (HazardKind.VEGETATION, HazardKind.STRUCTURE)]
-    if not hazards:
-        return {}
-    solid = ~np.isin(result.classification, (PointClass.WIRE, PointClass.TOWER))
-    objects = points[solid & (result.ground_height > 0.0)]
+    obstacles = gather_obstacles(points, result, rules)
+    spans = {(span.line_id, span.span_id): span for span in result.spans}
     sections = {
         (result.spans[i].line_id, result.spans[i].span_id): [result.spans[k] for k in section]
         for section in group_sections(result.spans) for i in section
     }
     contacts: dict[int, float] = {}
-    for item in hazards:
-        low, high = item.extent
-        own = objects[((objects >= low - SLACK) & (objects <= high + SLACK)).all(axis=1)]
-        found = [
-            _heat(own, span, sections[span.line_id, span.span_id], conductor, temperature)
-            for span in result.spans if span.span_id == item.span_id
-        ]
+    for item in obstacles.objects:
+        hazard = item.hazard
+        found = []
+        for key, span in spans.items():
+            if key[1] != hazard.span_id:
+                continue
+            strands = obstacles.strands[key]
+            _, own = item.approach(MovedSpan(span, [survey_state(span)], strands))
+            # onto the lowest sub-conductor: as onto the curve, of what is as much higher
+            raised = item.points[own] - np.array([0.0, 0.0, strands[:, 2].min()])
+            found.append(_heat(raised, span, sections[key], conductor, temperature))
         if min(found, default=math.inf) <= HOTTEST:
-            contacts[item.hazard_id] = min(found)
+            contacts[hazard.hazard_id] = min(found)
     return contacts
 
 

@@ -4,61 +4,45 @@
 """Load cases: sag and clearances of every span at other temperatures, with ice and wind."""
 
 from collections.abc import Sequence
+import dataclasses
 from dataclasses import dataclass, field
 import math
 
 import numpy as np
 
 from plc_inspect.core.hazards.clearance_rules import Limit, RuleSet
-from plc_inspect.core.hazards.encroachments import MOST_OF, ROOM, THIN_ROOM
-from plc_inspect.core.hazards.surfaces import is_surface
-from plc_inspect.core.loads.blowout import SwungSpan
+from plc_inspect.core.loads.approach import Approach, MovedSpan
+from plc_inspect.core.loads.obstacles import (
+    FEATURES,
+    gather_obstacles,
+    is_of,
+    Obstacle,
+    Obstacles,
+    survey_state,
+)
 from plc_inspect.core.loads.sag_tension import (
     Case,
     change_state,
     Conductor,
-    LEAST_LENGTH,
-    measure_sag,
     ruling_span,
     State,
 )
 from plc_inspect.core.loads.sections import group_sections
-from plc_inspect.core.numerics.plan_index import build_plan_index, PlanIndex
-from plc_inspect.core.spans.span_model import find_kind
 from plc_inspect.errors import DataError
 from plc_inspect.results import (
-    Bool,
     Float64,
     Hazard,
     HazardKind,
     InspectionResult,
-    Int32,
-    PointClass,
     Severity,
     Span,
 )
 
 SURVEYED = 'as surveyed'
-OFF_GROUND = 0.5
-"""Greatest height of ground points [m].  Source: judgement; not measured."""
 GROUND_REACH = 3.0
 """Greatest distance in plan to the ground point used [m].  Source: judgement; not measured."""
-CELL = 4.0
-"""
-Edge of the plan cells of the index of points [m].
-Source: numerical: the search is exact; time alone depends on it.
-"""
-BLOCK = 3.0
-"""Edge of the blocks told as structure or vegetation [m].  Source: judgement; not measured."""
-MOST_GROUND = 200_000
-"""Greatest number of ground points below a span, about.  Source: numerical: bounds the time."""
 MARGIN = 2.0
 """Clearances are measured this far beyond the limits [m].  Source: judgement; not measured."""
-SLACK = 1e-6
-"""
-Margin of the box of a hazard's points [m].
-Source: numerical: rounding of coordinates in files.
-"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,6 +55,12 @@ class Reach:
     """Horizontal distance from the start of the span [m], NaN if unknown."""
     severity: Severity | None
     """Severity by the rules, None if they are kept or have no limit."""
+
+
+NOTHING = Reach(clearance=math.nan, along=math.nan, severity=None)
+"""Where nothing is near, or known."""
+Nearness = tuple[float, Reach]
+"""Rank, the worst the least (`Approach.judge`), and clearance."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -163,71 +153,32 @@ def evaluate_cases(
     names = [SURVEYED, *(case.name for case in cases)]
     if len(set(names)) != len(names):
         raise DataError(f'names of cases must differ, got {", ".join(names[1:])}')
-    # points of objects, and of the ground
-    height = result.ground_height
-    finite = np.isfinite(points).all(axis=1)
-    solid = finite & (height > OFF_GROUND) & ~np.isin(
-        result.classification, (PointClass.WIRE, PointClass.TOWER)
-    )
-    chosen = np.flatnonzero(solid)
-    objects = build_plan_index(points, chosen, CELL)
-    ground = build_plan_index(points, np.flatnonzero(finite & np.isfinite(height)), CELL)
-    kinds = (HazardKind.VEGETATION, HazardKind.STRUCTURE)
-    moved = {
-        item.hazard_id: [math.inf] * len(names) for item in result.hazards if item.kind in kinds
-    }
+    obstacles = gather_obstacles(points, result, rules)
+    nearest: dict[int, list[Nearness]] = {}
     rows = []
     for section in group_sections(result.spans):
-        ruling = ruling_span([result.spans[i].length for i in section])
-        for i in section:
-            span = result.spans[i]
-            # the span as surveyed and in each case
-            states = [_surveyed(span, conductor)] + [
-                change_span(span, [result.spans[k] for k in section], temperature, conductor,
-                            case)
-                for case in cases
+        members = [result.spans[i] for i in section]
+        ruling = ruling_span([span.length for span in members])
+        for span in members:
+            states = [survey_state(span, conductor.weight)] + [
+                change_span(span, members, temperature, conductor, case) for case in cases
             ]
-            # what is near it: objects, other than arms and insulators, and ground
-            reach = rules.reach('vegetation', 'building') + MARGIN
-            reach += max(item.sag * math.sin(item.swing) for item in states)
-            near = _gather(objects, span, reach)
-            near = near[~_is_held(points[near], span, result)]
-            around = points[near]
-            surface = _smooth(around, is_surface(around))
-            floor = _gather(ground, span, reach + GROUND_REACH)
-            floor = floor[:: 1 + len(floor) // MOST_GROUND]
-            below = points[floor].copy()
-            below[:, 2] -= height[floor]
-            # clearances in each case, and those of the objects of its hazards
-            own = [item for item in result.hazards if item.hazard_id in moved and
-                   item.span_id == span.span_id]
-            outcomes = []
-            for number, (name, state) in enumerate(zip(names, states, strict=True)):
-                frames = [SwungSpan(span, state, side) for side in
-                          ((1.0, -1.0) if state.swing else (1.0,))]
-                distance, x = _nearest(frames, points[near])
-                nearest = _Nearest(distance=distance, x=x, surface=surface)
-                outcomes.append(_describe(
-                    name, state, frames, nearest, below, rules, min_points
-                ))
-                for item in own:
-                    moved[item.hazard_id][number] = min(
-                        moved[item.hazard_id][number], _of_hazard(item, points[near], distance)
-                    )
+            reaches, own = _measure_span(span, states, obstacles, rules, min_points)
+            outcomes = tuple(
+                Outcome(case=name, sag=state.sag, c=state.c, tension=state.tension,
+                        swing=state.swing, **reach)
+                for name, state, reach in zip(names, states, reaches, strict=True)
+            )
             rows.append(SpanOutcomes(line_id=span.line_id, span_id=span.span_id,
-                                     ruling_span=ruling, outcomes=tuple(outcomes)))
+                                     ruling_span=ruling, outcomes=outcomes))
+            for key, found in own.items():
+                known = zip(nearest.get(key, found), found, strict=True)
+                nearest[key] = [min(pair, key=lambda item: item[0]) for pair in known]
     rows.sort(key=lambda row: (row.line_id, row.span_id))
     return WhatIf(
         conductor=conductor, temperature=temperature, cases=tuple(cases), spans=tuple(rows),
-        hazards={key: tuple(value if math.isfinite(value) else math.nan for value in values)
-                 for key, values in moved.items()},
-    )
-
-
-def _surveyed(span: Span, conductor: Conductor) -> State:
-    return State(
-        c=span.c, tension=span.c * conductor.weight, load=conductor.weight, swing=0.0,
-        length=span.length, rise=float(span.end[2] - span.start[2]),
+        hazards={key: tuple(reach.clearance for _, reach in found)
+                 for key, found in nearest.items()},
     )
 
 
@@ -249,118 +200,122 @@ def change_span(
                  length=own.length, rise=own.rise)
 
 
-def _gather(index: PlanIndex, span: Span, reach: float) -> Int32:
-    return np.sort(index.strip(span.start, span.end, reach))
+def _measure_span(
+    span: Span, states: Sequence[State], obstacles: Obstacles, rules: RuleSet, min_points: int
+) -> tuple[list[dict[str, Reach]], dict[int, list[Nearness]]]:
+    """Return what is near a span in each case by feature, and the objects of its hazards."""
+    swing = max(item.sag * math.sin(item.swing) for item in states)
+    reach = rules.reach(*FEATURES.values()) + MARGIN + swing
+    moved = MovedSpan(span, states, obstacles.strands[span.line_id, span.span_id])
+    found: dict[str, list[list[Nearness]]] = {}
+    objects = {}
+    for kind, points in obstacles.find_others(span, reach).items():
+        limits = rules.find(FEATURES[kind])
+        found[FEATURES[kind]] = [_follow_others(moved.approach(points), limits, min_points)]
+    for item in obstacles.find_objects(span, reach):
+        own = _follow_object(item, moved)
+        found[FEATURES[item.hazard.kind]].append(own)
+        if item.hazard.span_id == span.span_id:
+            objects[item.hazard.hazard_id] = own
+    found['ground'] = [_follow_ground(
+        moved, obstacles.find_ground(span, MARGIN + swing + GROUND_REACH),
+        obstacles.result.hazards, rules.find('ground'),
+    )]
+    return [
+        {feature: _find_worst([item[number] for item in items])
+         for feature, items in found.items()}
+        for number in range(len(states))
+    ], objects
 
 
-def _is_held(points: Float64, span: Span, result: InspectionResult) -> Bool:
-    """Tell the points that may be arms or insulators of a support."""
-    held = np.zeros(len(points), dtype=bool)
-    unit = (span.end - span.start)[:2] / max(span.length, LEAST_LENGTH)
-    along = (points[:, :2] - span.start[:2]) @ unit
-    for end, distance in ((span.start, along), (span.end, span.length - along)):
-        held |= distance <= ROOM.get(find_kind(span, end, result.supports), THIN_ROOM)
-    return held
-
-
-def _smooth(points: Float64, surface: Bool) -> Bool:
-    """Decide by the majority in each block, as crowns have flat patches."""
-    if not len(points):
-        return surface
-    _, block = np.unique(
-        np.floor(points / BLOCK).astype(np.int64), axis=0, return_inverse=True
-    )
-    block = block.ravel()
-    share = np.bincount(block, weights=surface) / np.bincount(block)
-    result: Bool = share[block] > MOST_OF
+def _follow_object(item: Obstacle, moved: MovedSpan) -> list[Nearness]:
+    """Return how near the object of a hazard is in each case."""
+    found, own = item.approach(moved)
+    result = []
+    for near in found:
+        rank, severity = near.judge(item.limits)
+        rank[~own] = math.inf
+        worst = int(np.argmin(rank))
+        result.append(_describe(near, worst, rank[worst], severity[worst]))
     return result
 
 
-def _nearest(frames: Sequence[SwungSpan], points: Float64) -> tuple[Float64, Float64]:
-    """Return the distance of each point to the nearest curve, and x there [m]."""
-    distance, x = frames[0].measure(points)
-    for frame in frames[1:]:
-        other, at = frame.measure(points)
-        x = np.where(other < distance, at, x)
-        distance = np.minimum(other, distance)
-    return distance, x
+def _follow_others(
+    approaches: Sequence[Approach], limits: Sequence[Limit], min_points: int
+) -> list[Nearness]:
+    """
+    Return how near points of no hazard are in each case.
+
+    Those that broke a limit as surveyed were found to be none, and count in no case.
+    """
+    own = approaches[0].judge(limits)[1] == 0
+    if own.sum() < min_points:
+        return [(math.inf, NOTHING)] * len(approaches)
+    result = []
+    for near in approaches:
+        rank, severity = near.judge(limits)
+        rank[~own] = math.inf
+        worst = int(np.argpartition(rank, min_points - 1)[min_points - 1])
+        result.append(_describe(
+            near, worst, rank[worst], np.sort(severity[own])[-min_points]
+        ))
+    return result
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Nearest:
-    """Distances of K points to the conductor in one load case."""
-
-    distance: Float64
-    """(K,) [m]"""
-    x: Float64
-    """(K,) distance along the span [m]."""
-    surface: Bool
-    """(K,) points of roofs and walls."""
-
-
-def _describe(
-    name: str, state: State, frames: Sequence[SwungSpan], around: _Nearest, below: Float64,
-    rules: RuleSet, min_points: int,
-) -> Outcome:
-    trees, buildings = rules.find('vegetation'), rules.find('building')
-    return Outcome(
-        case=name,
-        sag=measure_sag(state.length, state.rise, state.c),
-        c=state.c,
-        tension=state.tension,
-        swing=state.swing,
-        vegetation=_reach(around, ~around.surface, trees, min_points),
-        building=_reach(around, around.surface, buildings, min_points),
-        ground=_over_ground(frames, below, rules.find('ground')),
+def _describe(near: Approach, place: int, rank: float, severity: int) -> Nearness:
+    """Return the clearance at one of the points, none where its rank is infinite."""
+    if not math.isfinite(rank):
+        return math.inf, NOTHING
+    return float(rank), Reach(
+        clearance=float(near.distance[place]), along=float(near.along[place]),
+        severity=Severity(severity) if severity else None,
     )
 
 
-def _reach(
-    around: _Nearest, chosen: Bool, limits: Sequence[Limit], min_points: int
-) -> Reach:
-    distance, x = around.distance, around.x
-    own = np.flatnonzero(chosen)
-    if len(own) < min_points:
-        return Reach(clearance=math.nan, along=math.nan, severity=None)
-    order = own[np.argpartition(distance[own], min_points - 1)[:min_points]]
-    worst = int(order[np.argmax(distance[order])])
-    clearance = float(distance[worst])
-    return Reach(clearance=clearance, along=float(x[worst]), severity=_judge(limits, clearance))
+def _follow_ground(
+    moved: MovedSpan, below: Float64, hazards: Sequence[Hazard], limits: Sequence[Limit]
+) -> list[Nearness]:
+    """
+    Return the least height above ground in each case: that of the survey, less what it sinks.
+
+    It is that of the conductor's hazard, if it has one.  Places that hung lower as surveyed were
+    not above ground.  A height that broke a limit without a hazard is judged in no case.
+    """
+    span, strand = moved.span, float(moved.strands[:, 2].min())
+    of_span = [item for item in hazards
+               if item.kind == HazardKind.GROUND and item.span_id == span.span_id]
+    along, told = span.ground_along, span.ground_clearance
+    for item in of_span:
+        if is_of(item, span):
+            along, told, strand = item.along_span, item.clearance, 0.0
+    if not math.isfinite(told):
+        return [(math.inf, NOTHING)] * len(moved.frames)
+    worst = max((item.severity for item in of_span), default=0)
+    is_judged = (_judge(limits, told + strand) or 0) <= worst
+    num = max(int(span.length), 2) + 1
+    share = np.append(along / span.length, np.linspace(0.0, 1.0, num))
+    gaps = moved.rise(share, below, GROUND_REACH)
+    surveyed = gaps[0]
+    own = np.append(0, 1 + np.flatnonzero(surveyed[1:] >= surveyed[0]))
+    first = float(surveyed[0]) if np.isfinite(surveyed[0]) else math.nan
+    result = []
+    for gap in gaps:
+        least = own[np.argmin(gap[own])]
+        sunk = first - float(gap[least]) if gap is not surveyed else 0.0
+        result.append((told - sunk, Reach(
+            clearance=told - sunk, along=float(share[least]) * span.length,
+            severity=_judge(limits, told - sunk + strand) if is_judged else None,
+        )))
+    return result
 
 
-def _over_ground(
-    frames: Sequence[SwungSpan], below: Float64, limits: Sequence[Limit]
-) -> Reach:
-    """Return the least height above the ground, NaN where no ground was seen nearby."""
-    best = Reach(clearance=math.nan, along=math.nan, severity=None)
-    if not len(below):
-        return best
-    from scipy.spatial import cKDTree  # imported here, as it takes a moment
-
-    tree = cKDTree(below[:, :2])
-    for frame in frames:
-        x = np.linspace(0.0, frame.state.length, max(int(frame.state.length), 2) + 1)
-        at = frame.position(x)
-        apart, nearest = tree.query(at[:, :2], distance_upper_bound=GROUND_REACH)
-        known = np.isfinite(apart)
-        if not known.any():
-            continue
-        gap = at[known, 2] - below[nearest[known], 2]
-        worst = int(np.argmin(gap))
-        if not gap[worst] >= best.clearance:
-            clearance = float(gap[worst])
-            best = Reach(clearance=clearance, along=float(x[known][worst]),
-                         severity=_judge(limits, clearance))
-    return best
+def _find_worst(found: Sequence[Nearness]) -> Reach:
+    """Return the worst of some things in one case, with the greatest severity of all."""
+    _, worst = min(found, key=lambda item: item[0])
+    severities = [reach.severity for _, reach in found if reach.severity is not None]
+    return dataclasses.replace(worst, severity=max(severities, default=None))
 
 
 def _judge(limits: Sequence[Limit], clearance: float) -> Severity | None:
     found = [severity for limit in limits if (severity := limit.judge(clearance)) is not None]
     return max(found, default=None)
-
-
-def _of_hazard(hazard: Hazard, points: Float64, distance: Float64) -> float:
-    """Return the least distance of the points of a hazard [m]."""
-    low, high = hazard.extent
-    inside = ((points >= low - SLACK) & (points <= high + SLACK)).all(axis=1)
-    return float(distance[inside].min(initial=math.inf))

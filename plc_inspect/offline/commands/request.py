@@ -130,7 +130,8 @@ def complete(inspection: Inspection, request: Request) -> Inspection:
             request.cases, request.rules, settings.min_points,
         )
         contacts = find_contacts(
-            inspection.points, inspection.result, request.conductor, request.temperature
+            inspection.points, inspection.result, request.conductor, request.temperature,
+            request.rules,
         )
         what_if = dataclasses.replace(what_if, contacts=contacts)
         inspection = dataclasses.replace(inspection, what_if=what_if)

@@ -74,7 +74,9 @@ def describe_place(
     if contact is not None:
         text += f'; will touch at {contact:.0f} \u00b0C'
     if item['years'] is not None and item['years'] > 0:
-        text += f'; critical in {item["years"]:.1f} years'
+        # a notice grows into whichever of the others is the first tier of its rule
+        tier = 'critical' if item['severity'] == 'warning' else 'reaches the most severe tier'
+        text += f'; {tier} in {item["years"]:.1f} years'
     if doubts := find_doubts(item.get('note', '')):
         text += f'; {doubts}'
     return f'{where}: {text}.'

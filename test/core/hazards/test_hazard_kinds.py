@@ -260,6 +260,18 @@ def test_ground_is_told_once_a_span_at_its_lowest_place():
     assert all(math.isnan(span.ground_clearance) for span in unknown)
 
 
+def test_spans_hang_above_the_ground_that_hazards_are_judged_by():
+    models = three_lines()[:1]
+    # at 30 m, it would step up to the conductor, which was seen before what is below it
+    ground = [np.array([
+        [28.0, 9.0, 0.05], [30.0, 1.5, 0.05], [32.0, 9.0, 0.05], [50.0, 4.2, 0.05],
+    ])]
+    (hazard,) = find_low_conductors(models, ground, make_supports(), plain_rules(HazardSettings()))
+    (span,) = add_ground_clearance(models, ground)
+    assert span.ground_clearance == hazard['clearance'] == pytest.approx(4.2)
+    assert span.ground_along == hazard['along_span'] == 50.0
+
+
 @pytest.mark.parametrize(('gap', 'is_found'), [(1.8, True), (2.2, False)])
 def test_crossing_lines(gap, is_found):
     upper = hang(0, 0, (0, 0, HEIGHT), (100, 0, HEIGHT))

@@ -9,7 +9,11 @@ from factories import make_inspection, make_span
 import numpy as np
 import pytest
 
+from plc_inspect.config import HazardSettings
+from plc_inspect.core.hazards.clearance_rules import plain_rules
+from plc_inspect.core.loads.approach import MovedSpan
 from plc_inspect.core.loads.contact import ASIDE, find_contacts, HOTTEST
+from plc_inspect.core.loads.obstacles import survey_state
 from plc_inspect.core.loads.sag_tension import Case, change_state, Conductor, height_at
 from plc_inspect.results import HazardKind, PointClass
 
@@ -17,6 +21,7 @@ CONDUCTOR = Conductor(
     name='test', diameter=0.028, weight=15.0, stiffness=36e6, expansion=19.3e-6,
 )
 SURVEYED = 15.0
+RULES = plain_rules(HazardSettings())
 
 
 def place(degrees, aside=0.0, origin=(0.0, 0.0, 0.0), at=40.0):
@@ -29,17 +34,27 @@ def place(degrees, aside=0.0, origin=(0.0, 0.0, 0.0), at=40.0):
     return span, np.add(span.start, [at, aside, z])
 
 
-def contact(span, points, kind=HazardKind.VEGETATION, classes=PointClass.VEGETATION):
+def contact(span, points, kind=HazardKind.VEGETATION, classes=PointClass.VEGETATION, height=9.0):
+    """Return the temperature of contact with the vegetation among some points, one hazard."""
     result = make_inspection().result
     points = np.asarray(points, float).reshape(-1, 3)
-    extent = np.stack([points.min(axis=0), points.max(axis=0)])
-    hazard = dataclasses.replace(result.hazards[0], span_id=0, kind=kind, extent=extent)
+    classes = np.broadcast_to(np.uint8(classes), len(points))
+    near = MovedSpan(span, [survey_state(span)], np.zeros((1, 3))).approach(points)[0].values
+    at = int(np.argmin(np.where(classes == PointClass.VEGETATION, near[0], np.inf)))
+    clearance, horizontal, vertical, along = near[:, at]
+    hazard = dataclasses.replace(
+        result.hazards[0], span_id=0, kind=kind, position=points[at], clearance=clearance,
+        extent=np.stack([points.min(axis=0), points.max(axis=0)]), horizontal=horizontal,
+        vertical=vertical, along_span=along,
+    )
+    of_none = np.full(len(points), -1, dtype=np.int32)
     result = dataclasses.replace(
-        result, spans=(span,), hazards=(hazard,), ground_height=np.full(len(points), 9.0),
-        classification=np.full(len(points), classes, dtype=np.uint8),
+        result, spans=(span,), hazards=(hazard,), ground_height=np.full(len(points), height),
+        classification=classes, clearance=np.full(len(points), np.nan), line_id=of_none,
+        span_id=of_none,
     )
     before = points.copy()
-    found = find_contacts(points, result, CONDUCTOR, SURVEYED)
+    found = find_contacts(points, result, CONDUCTOR, SURVEYED, RULES)
     np.testing.assert_array_equal(points, before)
     return found.get(hazard.hazard_id)
 
@@ -69,10 +84,26 @@ def test_what_is_beside_above_or_too_low_is_never_touched():
 def test_only_objects_are_touched():
     span, point = place(60.0)
     assert contact(span, point, HazardKind.GROUND) is None
-    assert contact(span, point, classes=PointClass.WIRE) is None
-    assert contact(span, point, classes=PointClass.TOWER) is None
+    nearer = place(40.0)[1]
+    for kind in (PointClass.WIRE, PointClass.TOWER):
+        found = contact(span, [point, nearer], classes=[PointClass.VEGETATION, kind])
+        assert found == pytest.approx(60.0, abs=0.05)
+
+
+def test_what_is_nearer_than_the_hazard_is_not_of_its_object():
+    span, point = place(60.0)
+    stray = place(40.0)[1]
+    found = contact(span, [point, stray], classes=[PointClass.VEGETATION, PointClass.OTHER])
+    assert found == pytest.approx(60.0, abs=0.05)
+
+
+def test_objects_over_unseen_ground_are_touched():
+    span, point = place(60.0)
+    assert contact(span, point, height=np.nan) == pytest.approx(60.0, abs=0.05)
 
 
 def test_without_hazards_there_is_no_contact():
     result = dataclasses.replace(make_inspection().result, hazards=())
-    assert find_contacts(np.zeros((0, 3)), result, CONDUCTOR, SURVEYED) == {}
+    assert find_contacts(
+        make_inspection().points, result, CONDUCTOR, SURVEYED, RULES
+    ) == {}

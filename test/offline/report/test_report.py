@@ -259,6 +259,7 @@ def test_worst_places_are_said_in_words(page):
 @pytest.mark.parametrize(('changes', 'words'), [
     ({}, 'vegetation, 7.5 m high, at 12 m from support 3 is 1.90 m away, 2.50 m required;'
          ' 0.80 m at 80 C; critical in 3.0 years.'),
+    ({'severity': 'notice'}, '0.80 m at 80 C; reaches the most severe tier in 3.0 years.'),
     ({'support_id': -1, 'years': None, 'height': None},
      'vegetation at 40 m from the start of the span is 1.90 m away, 2.50 m required;'
      ' 0.80 m at 80 C.'),
@@ -275,7 +276,7 @@ def test_sentences(changes, words):
     item = {
         'span_id': 14, 'line_id': 2, 'along_span': 40.0, 'support_id': 3, 'from_support': 12.0,
         'clearance': 1.9, 'required': 2.5, 'kind': 'vegetation', 'height': 7.5, 'years': 3.0,
-        'other_line_id': -1,
+        'other_line_id': -1, 'severity': 'warning',
     }
     text = describe_place(item | changes, 'm', 1.0, [('80 C', 0.8)])
     assert text.startswith('Span 14, line 2: ')
