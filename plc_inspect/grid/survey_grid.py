@@ -14,8 +14,9 @@ from plc_inspect import __version__
 from plc_inspect.config import Settings
 from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.errors import DataError
+from plc_inspect.grid.cells.inputs import expand_inputs
 from plc_inspect.grid.cells.layout import count_allowed
-from plc_inspect.grid.cells.sources import expand_inputs, read_sources, Refusal, Source
+from plc_inspect.grid.cells.sources import read_sources, Refusal, Source
 from plc_inspect.grid.engine import Engine
 from plc_inspect.grid.ledger import Ledger
 from plc_inspect.grid.ledger import NAME as LEDGER

@@ -57,7 +57,7 @@ def is_grid(arguments: argparse.Namespace) -> bool:
     )
     if len(arguments.clouds) > 1 or any(option is not None for option in options):
         return True
-    from plc_inspect.grid.cells.sources import INDEX_SUFFIXES
+    from plc_inspect.grid.cells.inputs import INDEX_SUFFIXES
 
     path = Path(arguments.clouds[0])
     if path.is_dir() or path.suffix.lower() in INDEX_SUFFIXES:

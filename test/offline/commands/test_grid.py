@@ -16,7 +16,7 @@ import pytest
 
 from plc_inspect.grid import engine
 from plc_inspect.grid.cells import cut
-from plc_inspect.grid.cells.sources import expand_inputs
+from plc_inspect.grid.cells.inputs import expand_inputs
 from plc_inspect.offline.commands import survey
 from plc_inspect.offline.commands.compare import main as compare
 from plc_inspect.offline.commands.survey import main
