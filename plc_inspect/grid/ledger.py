@@ -12,8 +12,8 @@ import sqlite3
 from typing import Any, Self
 
 from plc_inspect.errors import DataError
+from plc_inspect.offline.export.results_folder import LEDGER
 
-NAME = 'ledger.sqlite'
 DONE, FAILED = 'done', 'failed'
 _TABLES = """
 CREATE TABLE IF NOT EXISTS fact (name TEXT PRIMARY KEY, value TEXT NOT NULL);
@@ -37,7 +37,7 @@ class Ledger:
     def __init__(self, folder: Path, version: str) -> None:
         """Open the ledger in an existing folder."""
         self._version = version
-        self._file = folder / NAME
+        self._file = folder / LEDGER
         try:
             self._database = sqlite3.connect(self._file, isolation_level=None, timeout=1.0)
             self._database.execute('PRAGMA journal_mode=WAL')

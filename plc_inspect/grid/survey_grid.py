@@ -19,7 +19,6 @@ from plc_inspect.grid.cells.layout import count_allowed
 from plc_inspect.grid.cells.sources import read_sources, Refusal, Source
 from plc_inspect.grid.engine import Engine
 from plc_inspect.grid.ledger import Ledger
-from plc_inspect.grid.ledger import NAME as LEDGER
 from plc_inspect.grid.ledger_table import TABLE
 from plc_inspect.grid.results import GridSummary, TILE_FOLDER, write_grid
 from plc_inspect.grid.run import (
@@ -35,6 +34,7 @@ from plc_inspect.grid.run import (
     WORK,
 )
 from plc_inspect.grid.tiles.tile_job import CELLS, TileJob
+from plc_inspect.offline.export.results_folder import LEDGER
 from plc_inspect.offline.records.changes import check_systems, Survey
 from plc_inspect.printable import make_one_line
 
@@ -122,7 +122,7 @@ def survey_grid(
         The CRS is not known.
 
     """
-    paths = expand_inputs(inputs.items)
+    paths = expand_inputs(inputs.items, inputs.folder)
     tell('headers', 0, len(paths), 0)
     sources, refusals = read_sources(paths, inputs.crs, inputs.unit)
     check_together(sources, refusals)

@@ -40,14 +40,19 @@ def are_many(arguments: argparse.Namespace) -> bool:
     return path.is_dir() and find_recordings(path) not in ([path], [])
 
 
-def expand_flights(items: Sequence[str]) -> list[Path]:
+def expand_flights(items: Sequence[str], folder: Path | None = None) -> list[Path]:
     """
     Find the recordings that arguments name.
+
+    A search, of a folder or by a pattern, passes over results: what lies in ``folder``, and
+    folders with a ``run.json``.
 
     Parameters
     ----------
     items : sequence of str
         Recordings, folders (searched at any depth), patterns.
+    folder : Path or None
+        Results folder of the run.
 
     Returns
     -------
@@ -69,13 +74,22 @@ def expand_flights(items: Sequence[str]) -> list[Path]:
                 raise DataError(
                     f'{item} ' + ('matches no file' if glob.has_magic(item) else 'does not exist')
                 )
-            own = [flight for name in names for flight in find_recordings(Path(name))]
+            searched = [flight for name in names for flight in find_recordings(Path(name))]
         else:
-            own = [path] if path.is_file() else find_recordings(path)
+            searched = [] if path.is_file() else find_recordings(path)
+        own = [flight for flight in searched if not _is_result(flight, folder)]
+        own += [path] if path.is_file() else []
         if not own:
             raise DataError(f'{item} holds no recording: none ends in .mcap, .db3 or .bag')
         found |= dict.fromkeys(flight.resolve() for flight in own)
     return list(found)
+
+
+def _is_result(path: Path, folder: Path | None) -> bool:
+    """Tell whether a recording is one that a run wrote, as results.mcap."""
+    home = path if path.is_dir() else path.parent
+    is_in_out = folder is not None and folder.resolve() in path.resolve().parents
+    return is_in_out or (home / 'run.json').is_file()
 
 
 def name_flights(paths: Iterable[Path]) -> dict[str, Path]:
@@ -155,13 +169,15 @@ def run_flights(
     from plc_inspect.grid.engine import open_engine
     from plc_inspect.grid.flights_page import write_flights
     from plc_inspect.grid.ledger import Ledger
-    from plc_inspect.grid.ledger import NAME as LEDGER
     from plc_inspect.grid.ledger_table import TABLE, write_ledger_table
     from plc_inspect.grid.run import GridOptions, GridRun
     from plc_inspect.grid.survey_grid import check_grid_folder, LOG, log_too
+    from plc_inspect.offline.export.results_folder import LEDGER
+    from plc_inspect.whole_files import check_outside
 
-    named = name_flights(expand_flights(arguments.bags))
+    named = name_flights(expand_flights(arguments.bags, arguments.output))
     folder = arguments.output
+    check_outside(list(named.values()), folder)
     check_grid_folder(folder, arguments.force, (
         LEDGER, f'{LEDGER}-wal', f'{LEDGER}-shm', f'{LEDGER}-journal', TABLE, LOG, 'run.json',
         'index.html', FLIGHTS,

@@ -8,6 +8,8 @@ import json
 from offline.commands.test_replay import pipeline, run, write_bag
 import pytest
 
+from plc_inspect.offline.commands.flights import expand_flights
+
 __all__ = ['pipeline']
 
 
@@ -57,6 +59,23 @@ def test_a_flight_is_replayed_once(bags, pipeline, tmp_path, capfd):
     assert pipeline.given is not None
     assert run(flights[0], '-o', out, '--quiet', '--memory', '2') == 0
     assert sorted(path.name for path in (out / 'flights').iterdir()) == ['flight']
+
+
+def test_a_search_passes_over_results(bags, pipeline, tmp_path, capfd):
+    """They hold a recording for playback, results.mcap."""
+    out = bags / 'out'
+    for _ in range(2):
+        assert run(bags, '-o', out, '--quiet') == 2
+    assert run(bags / 'monday/flight', '-o', bags / 'single', '--quiet') == 0
+    assert len(list(bags.rglob('results.mcap'))) == 3
+    own = [bags / name / 'flight' for name in ('monday', 'tuesday', 'wednesday')]
+    assert expand_flights([str(bags)], tmp_path / 'out') == own
+    assert expand_flights([f'{bags}/*'], tmp_path / 'out') == own
+    capfd.readouterr()
+    named = bags / 'single/results.mcap'
+    assert run(named, '-o', bags / 'single', '--force') == 2
+    assert 'where the results go: name another folder' in capfd.readouterr().err
+    assert expand_flights([str(named)], tmp_path / 'out') == [named]
 
 
 def test_what_is_no_recording_is_refused(bags, tmp_path, capfd):

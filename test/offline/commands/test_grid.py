@@ -186,6 +186,64 @@ def test_an_index_may_hold_urls_of_files(folder, tmp_path):
     assert expand_inputs([str(index)]) == [tile]
 
 
+def test_a_search_passes_over_results(folder, tmp_path, capsys):
+    """Else a second run would take the points of the first, and its cells as text."""
+    tiles = tmp_path / 'tiles'
+    shutil.copytree(folder, tiles)
+    for run, item in (('run', tiles), ('pattern', tiles / '**' / '*.laz')):
+        for _ in range(2):
+            assert main([str(item), '-o', str(tiles / run), *OPTIONS]) == 0
+    assert main([str(tiles / 'a.laz'), '-o', str(tiles / 'single'), '--quiet']) == 0
+    (tiles / '.hidden').mkdir()
+    for name in ('._a.laz', '.hidden/b.laz', '.points.laz.abc.partial'):
+        (tiles / name).write_bytes(b'no cloud')
+    own = [tiles / 'a.laz', tiles / 'b.las']
+    for out in (tmp_path / 'out', tiles / 'run'):
+        assert expand_inputs([str(tiles)], out) == own
+        assert expand_inputs([str(tiles / '**' / '*.la[sz]')], out) == own
+    assert expand_inputs([f'{tmp_path}/*']) == own
+    for pattern, expected in (
+        ('run/tiles/*/points.laz', {'run'}), ('**/points.laz', {'run', 'pattern', 'single'}),
+        ('run/tiles', {'run'}),
+    ):
+        found = expand_inputs([str(tiles / pattern)], tmp_path / 'out')
+        assert {path.relative_to(tiles).parts[0] for path in found} == expected
+        assert {path.name for path in found} <= {'points.laz'}
+    line = refuse(capsys, tiles / 'run', '-o', tmp_path / 'out', *OPTIONS)
+    assert line.endswith(
+        f"run holds no cloud beside results of earlier runs: name those as '{tiles}/run/**/"
+        "points.laz'"
+    )
+
+
+def test_inputs_in_the_folder_of_results_are_refused(folder, tmp_path, capsys):
+    """Its files are replaced: with --force the input would be lost."""
+    for name, options in (('single', ['--quiet']), ('grid', OPTIONS)):
+        out, link = tmp_path / name, tmp_path / f'{name}.laz'
+        assert main([str(folder / 'a.laz'), '-o', str(out), *options]) == 0
+        (points,) = out.rglob('points.laz')
+        link.symlink_to(points)
+        for item in (points, link):
+            line = refuse(capsys, item, '-o', out, '--force', *options)
+            assert line.endswith(
+                f'{item} lies in {out}, where the results go: name another folder'
+            )
+        assert points.is_file()
+
+
+def test_a_link_is_taken_by_its_own_name(folder, tmp_path):
+    """Stores of large files name them by a digest, without a suffix."""
+    tiles = tmp_path / 'tiles'
+    tiles.mkdir()
+    shutil.copy(folder / 'a.laz', tmp_path / 'd41d8cd9')
+    for name in ('a.laz', 'b.laz'):
+        (tiles / name).symlink_to(tmp_path / 'd41d8cd9')
+    out = tmp_path / 'out'
+    assert expand_inputs([str(tiles / 'b.laz'), str(tiles)], out) == [tiles / 'b.laz']
+    assert main([str(tiles), '-o', str(out), *OPTIONS]) == 0
+    assert json.loads((out / 'run.json').read_text())['num_spans'] == 3
+
+
 def test_inputs_of_which_none_is_usable_leave_nothing(folder, tmp_path, capsys):
     out = tmp_path / 'out'
     text = tmp_path / 'a.xyz'
