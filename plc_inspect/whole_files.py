@@ -135,6 +135,13 @@ def _make_room(place: Path) -> Iterator[Path]:
             os.close(number)
 
 
+def find_target(name: str) -> str:
+    """Return the name of the file that is half-written as ``name``, '' if it is none such."""
+    if not (name.startswith('.') and name.endswith(PARTIAL)):
+        return ''
+    return name[1 : -len(PARTIAL)].rpartition('.')[0]
+
+
 def sweep_partial(folder: Path, name: str = '') -> list[Path]:
     """
     Remove half-written leftovers of killed runs, and restore what they had moved away.
@@ -154,7 +161,7 @@ def sweep_partial(folder: Path, name: str = '') -> list[Path]:
     """
     removed = []
     for room in sorted(folder.glob(f'.{glob.escape(name) or "*"}.*{PARTIAL}')):
-        own = name or room.name[1 : -len(PARTIAL)].rpartition('.')[0]
+        own = name or find_target(room.name)
         with suppress(OSError):
             number = os.open(room, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
             try:

@@ -4,7 +4,7 @@
 """The ledger of a grid: finished tasks with what they depend on, and failures; an SQLite file."""
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, ExitStack
 import hashlib
 import json
 from pathlib import Path
@@ -25,6 +25,11 @@ CREATE TABLE IF NOT EXISTS task (
   version TEXT NOT NULL, finished TEXT NOT NULL, seconds REAL, worker TEXT, error TEXT,
   answer TEXT, PRIMARY KEY (stage, name));
 """
+_DROP = 'DROP TABLE IF EXISTS fact; DROP TABLE IF EXISTS source; DROP TABLE IF EXISTS task;'
+
+
+class _Damaged(DataError):
+    """The file is no database."""
 
 
 class Ledger:
@@ -34,21 +39,34 @@ class Ledger:
     A context manager.  Each call returns when its entry is on disk.
     """
 
-    def __init__(self, folder: Path, version: str) -> None:
-        """Open the ledger in an existing folder."""
+    def __init__(self, folder: Path, version: str, is_new: bool = False) -> None:
+        """Open the ledger in an existing folder, or a new one in place of what it holds."""
         self._version = version
         self._file = folder / LEDGER
         try:
-            self._database = sqlite3.connect(self._file, isolation_level=None, timeout=1.0)
-            self._database.execute('PRAGMA journal_mode=WAL')
-            self._database.execute('PRAGMA locking_mode=EXCLUSIVE')
-            self._database.executescript(_TABLES)
-        except sqlite3.OperationalError as error:
-            if 'locked' in str(error):
-                raise DataError(f'{folder} is in use by another run') from error
-            raise DataError(f'{self._file} cannot be opened: {error}') from error
-        except sqlite3.DatabaseError as error:
-            raise DataError(f'{self._file} is damaged: {error}; --force begins anew') from error
+            self._open(is_new)
+        except _Damaged as error:
+            if not is_new:
+                raise DataError(f'{error}; --force begins anew') from error
+            for path in folder.glob(f'{LEDGER}*'):
+                path.unlink()
+            self._open(is_new)
+
+    def _open(self, is_new: bool) -> None:
+        with ExitStack() as opened:
+            try:
+                self._database = sqlite3.connect(self._file, isolation_level=None, timeout=1.0)
+                opened.callback(self._database.close)
+                self._database.execute('PRAGMA journal_mode=WAL')
+                self._database.execute('PRAGMA locking_mode=EXCLUSIVE')
+                self._database.executescript(_DROP + _TABLES if is_new else _TABLES)
+            except sqlite3.OperationalError as error:
+                if 'locked' in str(error):
+                    raise DataError(f'{self._file.parent} is in use by another run') from error
+                raise DataError(f'{self._file} cannot be opened: {error}') from error
+            except sqlite3.DatabaseError as error:
+                raise _Damaged(f'{self._file} is damaged: {error}') from error
+            opened.pop_all()
 
     def __enter__(self) -> Self:
         """Return the ledger."""

@@ -3,14 +3,11 @@
 
 """Survey a grid, from its inputs to its results folder."""
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-import shutil
 import time
 
-from plc_inspect import __version__
 from plc_inspect.config import Settings
 from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.errors import DataError
@@ -18,9 +15,9 @@ from plc_inspect.grid.cells.inputs import expand_inputs
 from plc_inspect.grid.cells.layout import count_allowed
 from plc_inspect.grid.cells.sources import read_sources, Refusal, Source
 from plc_inspect.grid.engine import Engine
-from plc_inspect.grid.ledger import Ledger
+from plc_inspect.grid.grid_folder import LOG, open_grid_folder
 from plc_inspect.grid.ledger_table import TABLE
-from plc_inspect.grid.results import GridSummary, TILE_FOLDER, write_grid
+from plc_inspect.grid.results import GridSummary, write_grid
 from plc_inspect.grid.run import (
     cut_sources,
     estimate_memory,
@@ -31,20 +28,11 @@ from plc_inspect.grid.run import (
     plan_tiles,
     renumber,
     Tell,
-    WORK,
 )
-from plc_inspect.grid.tiles.tile_job import CELLS, TileJob
-from plc_inspect.offline.export.results_folder import LEDGER
+from plc_inspect.grid.tiles.tile_job import TileJob
 from plc_inspect.offline.records.changes import check_systems, Survey
 from plc_inspect.printable import make_one_line
 
-LOG = 'progress.log'
-FILES = (
-    LEDGER, f'{LEDGER}-wal', f'{LEDGER}-shm', f'{LEDGER}-journal', TABLE, LOG, 'run.json',
-    'spans.json', 'spans.csv', 'supports.json', 'supports.csv', 'hazards.json', 'hazards.csv',
-    'grid.gpkg', 'changes.json', 'index.html', WORK, TILE_FOLDER,
-)
-"""Files of a results folder of a grid."""
 LOG_PERIOD = 5.0
 """Seconds between two lines of the log."""
 
@@ -63,29 +51,6 @@ class GridInputs:
     """An earlier survey to compare with."""
     force: bool = False
     """Start over if the folder holds a grid."""
-
-
-def check_grid_folder(folder: Path, force: bool, files: Sequence[str] = FILES) -> None:
-    """
-    Raise DataError unless a grid can be written to, or resumed in, a folder.
-
-    With ``force`` an earlier grid there is removed.  Its folder holds ``files`` and nothing else.
-    """
-    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
-        raise DataError(f'{folder} exists and is not a folder')
-    if not folder.exists():
-        return
-    held = {item.name for item in folder.iterdir()}
-    foreign = sorted(held - set(files))
-    if held and (foreign or LEDGER not in held):
-        raise DataError(
-            f'{folder} holds no grid that can be resumed: {(foreign or sorted(held))[0]}'
-            ' is not one of its files; name another folder'
-        )
-    if force:
-        for name in held:
-            path = folder / name
-            shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
 def survey_grid(
@@ -130,8 +95,7 @@ def survey_grid(
         first = next(source for source in sources if source.num_points)
         check_systems(inputs.baseline, first.path, first.crs)
     count_allowed(engine.memory)
-    check_grid_folder(inputs.folder, inputs.force)
-    with _make_folder(inputs.folder), Ledger(inputs.folder, __version__) as ledger:
+    with open_grid_folder(inputs.folder, inputs.force) as ledger:
         for name in ('index.html', TABLE):  # not whole any more
             (inputs.folder / name).unlink(missing_ok=True)
         run = GridRun(
@@ -143,19 +107,6 @@ def survey_grid(
         for refusal in refusals:
             ledger.describe_source(refusal.path, error=refusal.error)
         return inspect_sources(run, renumber(sources, numbers), refusals)[0]
-
-
-@contextmanager
-def _make_folder(folder: Path) -> Iterator[None]:
-    """Make the folder; remove it if an error leaves nothing in it that a run could resume."""
-    is_new = not folder.exists()
-    folder.mkdir(parents=True, exist_ok=True)
-    try:
-        yield
-    except DataError:
-        if is_new and not any((folder / WORK / CELLS).glob('s*')):
-            shutil.rmtree(folder)
-        raise
 
 
 def inspect_sources(

@@ -168,26 +168,27 @@ def run_flights(
     """
     from plc_inspect.grid.engine import open_engine
     from plc_inspect.grid.flights_page import write_flights
-    from plc_inspect.grid.ledger import Ledger
+    from plc_inspect.grid.grid_folder import (
+        check_grid_folder,
+        LEDGER_FILES,
+        LOG,
+        open_grid_folder,
+    )
     from plc_inspect.grid.ledger_table import TABLE, write_ledger_table
     from plc_inspect.grid.run import GridOptions, GridRun
-    from plc_inspect.grid.survey_grid import check_grid_folder, LOG, log_too
-    from plc_inspect.offline.export.results_folder import LEDGER
+    from plc_inspect.grid.survey_grid import log_too
     from plc_inspect.whole_files import check_outside
 
     named = name_flights(expand_flights(arguments.bags, arguments.output))
     folder = arguments.output
     check_outside(list(named.values()), folder)
-    check_grid_folder(folder, arguments.force, (
-        LEDGER, f'{LEDGER}-wal', f'{LEDGER}-shm', f'{LEDGER}-journal', TABLE, LOG, 'run.json',
-        'index.html', FLIGHTS,
-    ))
-    folder.mkdir(parents=True, exist_ok=True)
+    files = (*LEDGER_FILES, TABLE, LOG, 'run.json', 'index.html', FLIGHTS)
+    check_grid_folder(folder, files)
     memory = None if arguments.memory is None else arguments.memory * GIGABYTE
     with (
         open_engine(arguments.workers or 1, arguments.scheduler, memory) as engine,
         show_progress(arguments.quiet, time_left=True) as progress,
-        Ledger(folder, __version__) as ledger,
+        open_grid_folder(folder, arguments.force, files) as ledger,
     ):
         for name in ('index.html', TABLE):  # outdated from here on
             (folder / name).unlink(missing_ok=True)

@@ -68,7 +68,7 @@ def is_grid(arguments: argparse.Namespace) -> bool:
 def check_grid_arguments(arguments: argparse.Namespace) -> None:
     """Raise ConfigError if options conflict, DataError if OUT cannot be used."""
     from plc_inspect.errors import ConfigError
-    from plc_inspect.grid.survey_grid import check_grid_folder
+    from plc_inspect.grid.grid_folder import check_grid_folder
 
     for name in ('cases', 'pdf'):
         if getattr(arguments, name):
@@ -78,7 +78,7 @@ def check_grid_arguments(arguments: argparse.Namespace) -> None:
         value = getattr(arguments, name)
         if value is not None and not (math.isfinite(value) and value >= least):
             raise ConfigError(f'--{name} must be {least:g} or more, got {value:g}')
-    check_grid_folder(arguments.output, force=False)
+    check_grid_folder(arguments.output)
 
 
 def run_grid(

@@ -3,7 +3,9 @@
 
 """``plc_survey`` over a grid: what makes one, exit codes, messages."""
 
+import fcntl
 import json
+import os
 import shutil
 import struct
 
@@ -14,9 +16,11 @@ import pyogrio
 import pyproj
 import pytest
 
+from plc_inspect import __version__
 from plc_inspect.grid import engine
 from plc_inspect.grid.cells import cut
 from plc_inspect.grid.cells.inputs import expand_inputs
+from plc_inspect.grid.ledger import Ledger
 from plc_inspect.offline.commands import survey
 from plc_inspect.offline.commands.compare import main as compare
 from plc_inspect.offline.commands.survey import main
@@ -229,6 +233,38 @@ def test_inputs_in_the_folder_of_results_are_refused(folder, tmp_path, capsys):
                 f'{item} lies in {out}, where the results go: name another folder'
             )
         assert points.is_file()
+
+
+def test_force_leaves_a_running_grid_alone(folder, tmp_path, capsys):
+    out = tmp_path / 'out'
+    assert main([str(folder), '-o', str(out), *OPTIONS]) == 0
+    before = {path: path.stat().st_mtime_ns for path in out.rglob('*') if path.is_file()}
+    with Ledger(out, __version__):
+        line = refuse(capsys, folder, '-o', out, *OPTIONS, '--force')
+    assert line.endswith('out is in use by another run')
+    after = {path: path.stat().st_mtime_ns for path in out.rglob('*') if path.is_file()}
+    assert {path for path in before if path.suffix != '.sqlite' and 'sqlite-' not in path.name} \
+        <= {path for path, stamp in after.items() if before.get(path) == stamp}
+    assert main([str(folder), '-o', str(out), *OPTIONS, '--force']) == 0
+    assert (out / 'run.json').stat().st_mtime_ns > before[out / 'run.json']
+
+
+def test_a_grid_killed_in_a_write_is_resumed(folder, tmp_path):
+    """What was half-written is removed, but for what another process holds."""
+    out = tmp_path / 'out'
+    assert main([str(folder), '-o', str(out), *OPTIONS]) == 0
+    (tile,) = {path.parent for path in out.glob('tiles/*/points.laz')}
+    rooms = [out / '.grid.gpkg.abc.partial', tile / '.points.laz.abc.partial']
+    for options in ([], ['--force']):
+        for room in rooms:
+            room.mkdir(exist_ok=True, parents=True)
+        held = os.open(rooms[0], os.O_RDONLY)
+        fcntl.flock(held, fcntl.LOCK_SH)
+        assert main([str(folder), '-o', str(out), *OPTIONS, *options]) == 0
+        os.close(held)
+        assert [room.exists() for room in rooms] == [True, False]
+        assert main([str(folder), '-o', str(out), *OPTIONS]) == 0
+        assert not list(out.rglob('*.partial'))
 
 
 def test_a_link_is_taken_by_its_own_name(folder, tmp_path):
