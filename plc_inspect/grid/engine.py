@@ -89,7 +89,8 @@ def call(task: Task) -> Outcome:
     except MemoryError as fault:
         error = f'not enough memory: {make_one_line(fault)}'
     except OSError as fault:
-        error = f'{fault.filename or ""}: {fault.strerror or fault}'
+        where = f'{fault.filename}: ' if fault.filename else ''
+        error = f'{where}{fault.strerror or make_one_line(fault)}'
     except Exception as fault:  # one tile may not end the others
         error, is_defect = f'{type(fault).__name__}: {make_one_line(fault)}', True
     return Outcome(

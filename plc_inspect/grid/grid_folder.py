@@ -5,6 +5,7 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+import errno
 from pathlib import Path
 import shutil
 
@@ -26,6 +27,8 @@ FILES = (
     'grid.gpkg', 'changes.json', 'index.html', WORK, TILE_FOLDER,
 )
 """Files of a results folder of a grid."""
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
+"""Errors that say that nothing can be written, and not where."""
 
 
 def check_grid_folder(folder: Path, files: Sequence[str] = FILES) -> None:
@@ -71,7 +74,7 @@ def open_grid_folder(
     Raises
     ------
     DataError
-        The folder holds something else, or another run works in it.
+        The folder holds something else or cannot be written, or another run works in it.
 
     """
     check_grid_folder(folder, files)
@@ -102,7 +105,9 @@ def _make_folder(folder: Path) -> Iterator[None]:
     folder.mkdir(parents=True, exist_ok=True)
     try:
         yield
-    except DataError:
+    except (DataError, OSError) as error:
         if is_new and not any((folder / WORK / CELLS).glob('s*')):
-            shutil.rmtree(folder)
+            shutil.rmtree(folder, ignore_errors=True)
+        if isinstance(error, OSError) and error.errno in NO_ROOM:
+            raise DataError(f'{folder} cannot be written: {error.strerror}') from error
         raise

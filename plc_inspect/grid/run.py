@@ -209,7 +209,7 @@ def cut_sources(run: GridRun, sources: Sequence[Source]) -> CutGrid:
             shutil.rmtree(path, ignore_errors=True)
     if not answers:
         error = run.ledger.list_failures()[0][2]
-        raise DataError(f'none of {len(sources)} inputs can be read: {error}')
+        raise DataError(f'none of {len(sources)} inputs can be used: {error}')
     names = sorted(answers)
     for source in sources:
         own = answers.get(name_part(source.number, 0))

@@ -125,16 +125,16 @@ def cut_part(
     Raises
     ------
     DataError
-        The input cannot be read.
+        The input cannot be read, or the folder not written.
 
     """
     name = name_part(source.number, part)
     aside, place = Path(folder) / f'{name}.partial', Path(folder) / name
     shutil.rmtree(aside, ignore_errors=True)
-    aside.mkdir(parents=True)
     stats = _Stats(grid, np.array(reference), strays)
     written = 0
     try:
+        aside.mkdir(parents=True)
         for points, attributes in read_part(source, part):
             stats.add(points, source)
             _write(aside, points, attributes, stats, np.arange(written, written + len(points)))
@@ -144,19 +144,25 @@ def cut_part(
                 f'{source.path}: {stats.num_outside} of {written} points lie outside the bounds '
                 'in its header, by more than 1 m: rewrite the file'
             )
+        result = stats.render(name, written) | {'sha256': _hash(source.path) if part == 0 else ''}
+        (aside / 'stats.json').write_text(json.dumps(result), encoding='utf-8')
+        shutil.rmtree(place, ignore_errors=True)
+        aside.rename(place)
+    except OSError as error:  # those of the input are DataError
+        shutil.rmtree(aside, ignore_errors=True)
+        raise DataError(f'{folder} cannot be written: {error.strerror or error}') from error
     except BaseException:
         shutil.rmtree(aside, ignore_errors=True)
         raise
-    result = stats.render(name, written) | {'sha256': _hash(source.path) if part == 0 else ''}
-    (aside / 'stats.json').write_text(json.dumps(result), encoding='utf-8')
-    shutil.rmtree(place, ignore_errors=True)
-    aside.rename(place)
     return result
 
 
 def _hash(path: str) -> str:
-    with open(path, 'rb') as file:
-        return hashlib.file_digest(file, 'sha256').hexdigest()
+    try:
+        with open(path, 'rb') as file:
+            return hashlib.file_digest(file, 'sha256').hexdigest()
+    except OSError as error:
+        raise DataError(f'{path} cannot be read: {error.strerror or error}') from error
 
 
 class _Stats:

@@ -3,6 +3,7 @@
 
 """``plc_survey`` over a grid: what makes one, exit codes, messages."""
 
+import errno
 import fcntl
 import json
 import os
@@ -18,6 +19,7 @@ import pytest
 
 from plc_inspect import __version__
 from plc_inspect.grid import engine
+from plc_inspect.grid import run as grid_run
 from plc_inspect.grid.cells import cut
 from plc_inspect.grid.cells.inputs import expand_inputs
 from plc_inspect.grid.ledger import Ledger
@@ -299,12 +301,29 @@ def test_inputs_of_which_none_is_usable_leave_nothing(folder, tmp_path, capsys):
     content = (folder / 'a.laz').read_bytes()
     tile.write_bytes(content[:len(content) // 2])
     line = refuse(capsys, tile, '-o', out, *OPTIONS)
-    assert f'none of 1 inputs can be read: {tile} cannot be read, is it truncated?' in line
+    assert f'none of 1 inputs can be used: {tile} cannot be read, is it truncated?' in line
     assert not out.exists()
     assert main([str(folder / 'a.laz'), str(text), '-o', str(out), *OPTIONS]) == 0
     capsys.readouterr()
-    assert 'none of 1 inputs can be read' in refuse(capsys, tile, '-o', out, *OPTIONS)
+    assert 'none of 1 inputs can be used' in refuse(capsys, tile, '-o', out, *OPTIONS)
     assert (out / 'ledger.sqlite').exists()  # of an earlier run
+
+
+def test_a_full_disk_is_told(folder, tmp_path, monkeypatch, capsys):
+    """Neither the input nor the program is to blame."""
+    def fail(*arguments):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    out = tmp_path / 'out'
+    for module, name, text in (
+        (cut, '_write', f'none of 1 inputs can be used: {out}/work/cells'),
+        (grid_run, 'write_catalogue', out),
+    ):
+        with monkeypatch.context() as patch:
+            patch.setattr(module, name, fail)
+            line = refuse(capsys, folder / 'a.laz', '-o', out, *OPTIONS)
+        assert line == f'plc_survey: {text} cannot be written: No space left on device'
+    assert main([str(folder / 'a.laz'), '-o', str(out), *OPTIONS]) == 0
 
 
 def test_an_error_names_its_file_once(folder, tmp_path, capsys):
