@@ -88,6 +88,17 @@ def open_grid_folder(
         yield ledger
 
 
+def check_all_named(folder: Path, held: Sequence[str], paths: Sequence[Path]) -> None:
+    """Raise DataError if results of inputs that are held would be lost: they are not named."""
+    named = {str(path) for path in paths}
+    lost = [path for path in held if path not in named]
+    if lost:
+        raise DataError(
+            f'{folder} holds results of {len(lost)} of {len(held)} inputs that are not named any'
+            f' more, as {lost[0]}: name them as well, or another folder; --force begins anew'
+        )
+
+
 def _empty(folder: Path, files: Sequence[str]) -> None:
     """Remove all but the ledger, which is locked."""
     for name in files:

@@ -112,11 +112,19 @@ class Ledger:
         """Enter a fact of the grid, JSON-serialisable."""
         self._ask('INSERT OR REPLACE INTO fact VALUES (?, ?)', name, json.dumps(value))
 
+    def list_sources(self) -> list[str]:
+        """Return the paths of the inputs that were read."""
+        return [row['path'] for row in self._ask(
+            "SELECT path FROM source WHERE sha256 <> '' ORDER BY number"
+        )]
+
     def number_sources(self, paths: Sequence[str]) -> dict[str, int]:
-        """Return the numbers of inputs: known inputs keep theirs, new ones follow."""
+        """Return the numbers of inputs: known ones keep theirs, new ones follow, others go."""
         known = {row['path']: row['number'] for row in self._ask('SELECT * FROM source')}
         following = 1 + max(known.values(), default=-1)
         with self.at_once():
+            for path in sorted(known.keys() - set(paths)):
+                self._ask('DELETE FROM source WHERE path = ?', path)
             for path in paths:
                 if path not in known:
                     known[path] = following
@@ -129,10 +137,9 @@ class Ledger:
     def describe_source(
         self, path: str, num_points: int | None = None, sha256: str = '', error: str = ''
     ) -> None:
-        """Enter what is known of an input; arguments left out keep their old value."""
+        """Enter what is known of an input, in place of what was."""
         self._ask(
-            'UPDATE source SET num_points = COALESCE(?, num_points), '
-            "sha256 = COALESCE(NULLIF(?, ''), sha256), error = ? WHERE path = ?",
+            'UPDATE source SET num_points = ?, sha256 = ?, error = ? WHERE path = ?',
             num_points, sha256, error, path,
         )
 

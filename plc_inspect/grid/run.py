@@ -207,13 +207,11 @@ def cut_sources(run: GridRun, sources: Sequence[Source]) -> CutGrid:
     for path in folder.glob('s*'):
         if path.name not in answers:
             shutil.rmtree(path, ignore_errors=True)
+    _describe_sources(run, sources, answers)
     if not answers:
         error = run.ledger.list_failures()[0][2]
         raise DataError(f'none of {len(sources)} inputs can be used: {error}')
     names = sorted(answers)
-    for source in sources:
-        own = answers.get(name_part(source.number, 0))
-        run.ledger.describe_source(source.path, source.num_points, own['sha256'] if own else '')
     rows = [
         (int(cell), place, num)
         for place, name in enumerate(names) for cell, num in answers[name]['cells'].items()
@@ -231,6 +229,18 @@ def cut_sources(run: GridRun, sources: Sequence[Source]) -> CutGrid:
         num_points=sum(part['num_points'] for part in parts),
         num_lost=sum(part['num_lost'] for part in parts),
     )
+
+
+def _describe_sources(
+    run: GridRun, sources: Sequence[Source], answers: dict[str, dict[str, Any]]
+) -> None:
+    """Enter each input: with its digest if all of it was cut, else with the error."""
+    failed = {name: error for stage, name, error in run.ledger.list_failures() if stage == 'cut'}
+    for source in sources:
+        names = [name_part(source.number, part) for part in range(count_parts(source))]
+        error = next((failed[name] for name in names if name in failed), '')
+        digest = '' if error else answers[names[0]]['sha256']
+        run.ledger.describe_source(source.path, source.num_points, digest, error)
 
 
 def _choose_cells(run: GridRun, sources: Sequence[Source]) -> CellGrid:

@@ -15,7 +15,7 @@ from plc_inspect.grid.cells.inputs import expand_inputs
 from plc_inspect.grid.cells.layout import count_allowed
 from plc_inspect.grid.cells.sources import read_sources, Refusal, Source
 from plc_inspect.grid.engine import Engine
-from plc_inspect.grid.grid_folder import LOG, open_grid_folder
+from plc_inspect.grid.grid_folder import check_all_named, LOG, open_grid_folder
 from plc_inspect.grid.ledger_table import TABLE
 from plc_inspect.grid.results import GridSummary, write_grid
 from plc_inspect.grid.run import (
@@ -96,6 +96,7 @@ def survey_grid(
         check_systems(inputs.baseline, first.path, first.crs)
     count_allowed(engine.memory)
     with open_grid_folder(inputs.folder, inputs.force) as ledger:
+        check_all_named(inputs.folder, ledger.list_sources(), paths)
         for name in ('index.html', TABLE):  # not whole any more
             (inputs.folder / name).unlink(missing_ok=True)
         run = GridRun(

@@ -4,7 +4,7 @@
 """``plc_replay`` over many recordings: each flight by itself, and an index page."""
 
 import argparse
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 import dataclasses
 import glob
 from pathlib import Path
@@ -92,10 +92,16 @@ def _is_result(path: Path, folder: Path | None) -> bool:
     return is_in_out or (home / 'run.json').is_file()
 
 
-def name_flights(paths: Iterable[Path]) -> dict[str, Path]:
-    """Return recordings by the names of their results folders, made unique."""
-    named: dict[str, Path] = {}
-    for path in paths:
+def name_flights(
+    paths: Iterable[Path], known: Mapping[str, str] | None = None
+) -> dict[str, Path]:
+    """Return recordings by the names of their results folders: those known, or made unique."""
+    names = {path: name for name, path in (known or {}).items()}
+    wanted = list(paths)
+    named = {names[str(path)]: path for path in wanted if str(path) in names}
+    for path in wanted:
+        if str(path) in names:
+            continue
         name, number = path.stem if path.is_file() else path.name, 1
         own = name
         while own in named:
@@ -169,6 +175,7 @@ def run_flights(
     from plc_inspect.grid.engine import open_engine
     from plc_inspect.grid.flights_page import write_flights
     from plc_inspect.grid.grid_folder import (
+        check_all_named,
         check_grid_folder,
         LEDGER_FILES,
         LOG,
@@ -179,9 +186,9 @@ def run_flights(
     from plc_inspect.grid.survey_grid import log_too
     from plc_inspect.whole_files import check_outside
 
-    named = name_flights(expand_flights(arguments.bags, arguments.output))
     folder = arguments.output
-    check_outside(list(named.values()), folder)
+    paths = expand_flights(arguments.bags, folder)
+    check_outside(paths, folder)
     files = (*LEDGER_FILES, TABLE, LOG, 'run.json', 'index.html', FLIGHTS)
     check_grid_folder(folder, files)
     memory = None if arguments.memory is None else arguments.memory * GIGABYTE
@@ -190,6 +197,12 @@ def run_flights(
         show_progress(arguments.quiet, time_left=True) as progress,
         open_grid_folder(folder, arguments.force, files) as ledger,
     ):
+        known = ledger.find_fact(FLIGHTS) or {}
+        check_all_named(folder, [
+            path for name, path in known.items() if _find_result(folder, name).is_file()
+        ], paths)
+        named = name_flights(paths, known)
+        ledger.keep_fact(FLIGHTS, {name: str(path) for name, path in named.items()})
         for name in ('index.html', TABLE):  # outdated from here on
             (folder / name).unlink(missing_ok=True)
         run = GridRun(
@@ -201,15 +214,19 @@ def run_flights(
         )
         tasks = list(_make_tasks(named, folder, settings, request))
         for task in tasks:
-            if not (folder / FLIGHTS / task.name / 'run.json').is_file():
+            if not _find_result(folder, task.name).is_file():
                 ledger.forget(STAGE, task.name)
         answers = run.run(STAGE, tasks, {
             task.name: _make_key(named[task.name], settings, request) for task in tasks
         })
-        failures = [(name, error) for _, name, error in ledger.list_failures()]
+        failures = [
+            (name, f'{error}; its earlier result is kept'
+             if _find_result(folder, name).is_file() else error)
+            for _, name, error in ledger.list_failures()
+        ]
         missing = write_ledger_table(ledger, folder, settings)
     for path in (folder / FLIGHTS).iterdir() if (folder / FLIGHTS).is_dir() else ():
-        if path.name not in answers:
+        if path.name not in named:
             shutil.rmtree(path)
     failures += [(name, answer['held_back']) for name, answer in sorted(answers.items())
                  if answer['held_back']]
@@ -224,6 +241,11 @@ def run_flights(
     if failures:
         return DEFECT if run.num_defects else BAD_INPUT
     return DONE
+
+
+def _find_result(folder: Path, name: str) -> Path:
+    """Return the path of a file that a flight has once it is replayed."""
+    return folder / FLIGHTS / name / 'run.json'
 
 
 def _make_tasks(

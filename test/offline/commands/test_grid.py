@@ -7,12 +7,14 @@ import errno
 import fcntl
 import json
 import os
+from pathlib import Path
 import shutil
 import struct
 
 from grid.formats import write_copc, write_e57, write_ply, write_xyz
 from grid.grids import make_line, ORIGIN, write_las
 import numpy as np
+from pyarrow import parquet
 import pyogrio
 import pyproj
 import pytest
@@ -305,8 +307,42 @@ def test_inputs_of_which_none_is_usable_leave_nothing(folder, tmp_path, capsys):
     assert not out.exists()
     assert main([str(folder / 'a.laz'), str(text), '-o', str(out), *OPTIONS]) == 0
     capsys.readouterr()
-    assert 'none of 1 inputs can be used' in refuse(capsys, tile, '-o', out, *OPTIONS)
+    line = refuse(capsys, folder / 'b.las', '-o', out, *OPTIONS)
+    assert line.endswith(
+        f'out holds results of 1 of 1 inputs that are not named any more, as {folder}/a.laz: name'
+        ' them as well, or another folder; --force begins anew'
+    )
+    assert (out / 'index.html').exists()
+    assert 'none of 1 inputs can be used' in refuse(capsys, tile, '-o', out, *OPTIONS, '--force')
     assert (out / 'ledger.sqlite').exists()  # of an earlier run
+
+
+def test_the_ledger_tells_which_inputs_are_in_the_grid_now(folder, tmp_path, capsys):
+    def list_inputs():
+        rows = parquet.read_table(out / 'ledger.parquet').to_pylist()
+        return {
+            Path(row['name']).name: (row['state'], bool(row['sha256']), row['error'] or '')
+            for row in rows if row['stage'] == 'input'
+        }
+
+    tiles, out = tmp_path / 'tiles', tmp_path / 'out'
+    shutil.copytree(folder, tiles)
+    arguments = [str(tiles), '-o', str(out), *OPTIONS]
+    assert main(arguments) == 0
+    assert list_inputs() == dict.fromkeys(('a.laz', 'b.las'), ('done', True, ''))
+    for name, what in (('a.laz', 'cannot be read, is it truncated?'), ('b.las', 'is truncated')):
+        content = (tiles / name).read_bytes()
+        (tiles / name).write_bytes(content[:len(content) - 2000])
+        assert main(arguments) == 2
+        state, has_digest, error = list_inputs()[name]
+        assert (state, has_digest) == ('failed', False)
+        assert what in error
+        (tiles / name).write_bytes(content)
+    (tiles / 'b.las').write_bytes(b'')
+    assert main(arguments) == 2
+    (tiles / 'b.las').unlink()
+    assert main(arguments) == 0
+    assert list_inputs() == {'a.laz': ('done', True, '')}
 
 
 def test_a_full_disk_is_told(folder, tmp_path, monkeypatch, capsys):
