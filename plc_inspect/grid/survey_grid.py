@@ -24,12 +24,12 @@ from plc_inspect.grid.run import (
     GridOptions,
     GridRun,
     inspect_tiles,
-    know_whole,
     plan_tiles,
     renumber,
     Tell,
 )
 from plc_inspect.grid.tiles.tile_job import TileJob
+from plc_inspect.grid.whole_values import know_whole
 from plc_inspect.offline.records.changes import check_systems, Survey
 from plc_inspect.printable import make_one_line
 
