@@ -18,7 +18,14 @@ from plc_inspect.core.extraction.stray_points import lay_stray_grid, StrayGrid
 from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.whole import Whole
 from plc_inspect.errors import DataError
-from plc_inspect.grid.cells.cut import count_parts, cut_part, find_miscounted, name_part
+from plc_inspect.grid.cells.cut import (
+    count_parts,
+    cut_part,
+    describe_lost,
+    find_unusable,
+    name_part,
+    STATISTICS,
+)
 from plc_inspect.grid.cells.layout import (
     BASE_BYTES,
     BYTES_PER_POINT,
@@ -157,6 +164,8 @@ class CutGrid:
     strays: tuple[StrayCells, ...]
     num_points: int
     num_lost: int
+    notes: tuple[str, ...]
+    """On points that were left out."""
 
 
 def cut_sources(run: GridRun, sources: Sequence[Source]) -> CutGrid:
@@ -175,9 +184,9 @@ def cut_sources(run: GridRun, sources: Sequence[Source]) -> CutGrid:
                 str(folder), source, part, grid, tuple(reference.tolist()), plane,
             )))
             keys[name] = make_key(__version__, source.state, source.units, part, asdict(grid),
-                                  reference.tolist(), low.tolist(), high.tolist())
+                                  reference.tolist(), low.tolist(), high.tolist(), STATISTICS)
     answers = run.run('cut', tasks, keys)
-    for name, error in find_miscounted(sources, answers).items():
+    for name, error in find_unusable(sources, answers).items():
         del answers[name]
         run.failures.append(f'cut {name}: {error}')
         run.ledger.keep_task('cut', name, '', None, error)
@@ -205,6 +214,7 @@ def cut_sources(run: GridRun, sources: Sequence[Source]) -> CutGrid:
         moments=np.sum([part['moments'] for part in parts], axis=0),
         num_points=sum(part['num_points'] for part in parts),
         num_lost=sum(part['num_lost'] for part in parts),
+        notes=tuple(describe_lost(sources, answers)),
     )
 
 

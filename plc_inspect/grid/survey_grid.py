@@ -4,7 +4,7 @@
 """Survey a grid, from its inputs to its results folder."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 import time
 
@@ -142,9 +142,25 @@ def inspect_sources(
     jobs = plan_tiles(run, cut)
     run.tell(f'memory: {estimate_memory(jobs) / 1e9:.1f} GB for the largest of', 0, len(jobs), 0)
     answers = inspect_tiles(run, cut, jobs, know_whole(run, cut, jobs))
-    summary = write_grid(run, held, refusals, cut, jobs, answers)
-    empty = [f'{source.path} holds no point' for source in sources if not source.num_points]
-    return replace(summary, notes=(*summary.notes, *empty)), jobs
+    notes = [
+        *(source.note for source in held if source.note), *cut.notes, *find_twins(held),
+        *(f'{source.path} holds no point' for source in sources if not source.num_points),
+    ]
+    return write_grid(run, held, refusals, cut, jobs, answers, notes), jobs
+
+
+def find_twins(sources: Sequence[Source]) -> list[str]:
+    """Return a note on each input with as many points and the same bounds as one before."""
+    seen: dict[tuple[object, ...], str] = {}
+    notes = []
+    for source in sources:
+        first = seen.setdefault((source.num_points, source.low, source.high), source.path)
+        if first != source.path:
+            notes.append(
+                f'{first} and {source.path} hold {source.num_points} points within the same'
+                ' bounds: if they are one tile, its points are counted twice; leave one out'
+            )
+    return notes
 
 
 def check_together(sources: Sequence[Source], refusals: Sequence[Refusal]) -> None:

@@ -13,6 +13,7 @@ import struct
 
 from grid.formats import write_copc, write_e57, write_ply, write_xyz
 from grid.grids import make_line, ORIGIN, write_las
+import laspy
 import numpy as np
 from pyarrow import parquet
 import pyogrio
@@ -136,6 +137,49 @@ def test_bounds_that_lie_are_told(tmp_path, capsys):
     line = refuse(capsys, path, '-o', tmp_path / 'none', '--halo', '60')
     assert 'its header holds bounds from' in line
     assert not (tmp_path / 'none').exists()
+
+
+def test_points_on_no_earth_are_told_and_too_many_are_refused(tmp_path, capsys):
+    points = make_line(1)
+    single, out = tmp_path / 'a.xyz', tmp_path / 'out'
+    points[:90] = 1e12
+    points[90:100] = np.nan
+    write_xyz(single, points)
+    assert main([str(single), '-o', str(out), *OPTIONS[:-1]]) == 0
+    note = (
+        f'{single}: 100 of {len(points)} points were left out: 10 are not finite, 90 lie farther'
+        ' out than any place on Earth'
+    )
+    head = json.loads((out / 'run.json').read_text())
+    assert (head['num_not_on_earth'], head['notes'][1:]) == (100, [note])
+    assert '(and 1 others)' in capsys.readouterr().out
+    num_far = len(points) // 2
+    points[:num_far] = 1e12
+    write_xyz(single, points)
+    text = (
+        f'{single}: {num_far} of {len(points)} points have coordinates up to 1e+12 m, which no'
+        ' coordinate reference system has'
+    )
+    for options, head in (([], ''), (OPTIONS, 'none of 1 inputs can be used: ')):
+        line = refuse(capsys, single, '-o', tmp_path / 'none', *options)
+        assert line == f'plc_survey: {head}{text}'
+    good = write_las(tmp_path / 'b.las', make_line(1))
+    assert main([str(single), str(good), '-o', str(out), *OPTIONS]) == 2
+    assert capsys.readouterr().err.splitlines()[0] == f'plc_survey: {text}'
+    head = json.loads((out / 'run.json').read_text())
+    assert (head['num_points'], head['num_not_on_earth']) == (len(points), 0)
+
+
+def test_a_tile_that_is_delivered_twice_is_told(folder, tmp_path):
+    paths = [folder / 'a.laz', folder / 'b.las', tmp_path / 'a.las']
+    laspy.read(paths[0]).write(paths[2])
+    out = tmp_path / 'out'
+    assert main([*map(str, paths), '-o', str(out), *OPTIONS]) == 0
+    *_, note = json.loads((out / 'run.json').read_text())['notes']
+    assert note == (
+        f'{paths[0]} and {paths[2]} hold {len(make_line(1))} points within the same bounds: if'
+        ' they are one tile, its points are counted twice; leave one out'
+    )
 
 
 def test_an_index_names_its_tiles(folder, tmp_path):
