@@ -153,6 +153,10 @@ class CutGrid:
     """All points, in cells on disk."""
 
     grid: CellGrid
+    crs: str
+    """WKT of all inputs, '' where none is known."""
+    units: tuple[float, float]
+    """Metres in one horizontal and one vertical unit of the inputs."""
     counts: np.ndarray
     """Points in each cell."""
     pieces: np.ndarray
@@ -209,7 +213,8 @@ def cut_sources(run: GridRun, sources: Sequence[Source]) -> CutGrid:
     ).astype(np.int64)
     parts = [answers[name] for name in names]
     return CutGrid(
-        grid=grid, counts=counts, pieces=pieces, part_keys=tuple(keys[name] for name in names),
+        grid=grid, crs=sources[0].crs, units=sources[0].units, counts=counts,
+        pieces=pieces, part_keys=tuple(keys[name] for name in names),
         reference=reference, strays=_find_strays(parts, plane),
         moments=np.sum([part['moments'] for part in parts], axis=0),
         num_points=sum(part['num_points'] for part in parts),
@@ -233,7 +238,8 @@ def _describe_sources(
 def _choose_cells(run: GridRun, sources: Sequence[Source]) -> CellGrid:
     """Return the cells of an earlier run if all inputs lie in them, else new ones."""
     options = run.options
-    wish = [options.edge, *options.shift]
+    first = sources[0]
+    wish = [options.edge, *options.shift, first.crs, *first.units]
     boxes = [(*source.low[:2], *source.high[:2]) for source in sources]
     known = run.ledger.find_fact('cells')
     if known is not None and known['wish'] == wish:

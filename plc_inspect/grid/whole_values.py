@@ -43,14 +43,14 @@ def know_whole(run: GridRun, cut: CutGrid, jobs: Sequence[TileJob]) -> Whole:
     """
     Measure what the result of each tile depends on beyond its own points.
 
-    Values of an earlier run with the same settings are kept, so that a changed input changes only
-    its own tiles.
+    Values of an earlier run with the same settings, CRS and units are kept, so that a changed
+    input changes only its own tiles.
     """
     settings = run.settings
     stages = [asdict(item) for item in (
         settings.height, settings.linearity, settings.outliers, settings.segment,
     )]
-    key = make_key(__version__, stages, asdict(cut.grid))
+    key = make_key(__version__, stages, asdict(cut.grid), cut.crs, cut.units)
     known = run.ledger.find_fact('whole')
     if known is not None and known['key'] == key:
         return parse_whole(json.dumps(known['whole']))

@@ -182,6 +182,27 @@ def test_a_tile_that_is_delivered_twice_is_told(folder, tmp_path):
     )
 
 
+def test_a_grid_in_other_units_is_that_of_a_first_run(tmp_path):
+    """What was measured of the whole in the old ones is measured anew."""
+    path = tmp_path / 'a.xyz'
+    write_xyz(path, (make_line(1) - ORIGIN + 50.0) / 0.3048)
+    arguments = [str(path), '-o', str(tmp_path / 'out'), *OPTIONS]
+    assert main(arguments) == 0
+    for options in (['--units', 'ft'], ['--crs', 'EPSG:2992']):
+        assert main([*arguments, *options]) == 0
+        own = [str(path), '-o', str(tmp_path / 'fresh'), *OPTIONS, '--force', *options]
+        assert main(own) == 0
+        whole, other = (
+            json.loads((folder / 'run.json').read_text())['whole']['whole']
+            for folder in (tmp_path / 'out', tmp_path / 'fresh')
+        )
+        assert whole == other
+        for name in ('spans.json', 'hazards.json'):
+            assert (tmp_path / 'out' / name).read_bytes() == (
+                tmp_path / 'fresh' / name
+            ).read_bytes()
+
+
 def test_an_index_names_its_tiles(folder, tmp_path):
     features = [
         {'type': 'Feature', 'geometry': None, 'properties': {'location': str(folder / name)}}
