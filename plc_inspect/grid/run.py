@@ -34,6 +34,7 @@ from plc_inspect.grid.cells.layout import (
     lay_cells,
     lay_tiles,
     LEAST_EDGE,
+    TooDense,
 )
 from plc_inspect.grid.cells.sources import Source
 from plc_inspect.grid.engine import Engine, Outcome, Task
@@ -166,6 +167,8 @@ class CutGrid:
     reference: np.ndarray
     moments: np.ndarray
     strays: tuple[StrayCells, ...]
+    held: np.ndarray
+    """Numbers of the cells with points that are not stray."""
     num_points: int
     num_lost: int
     notes: tuple[str, ...]
@@ -212,10 +215,11 @@ def cut_sources(run: GridRun, sources: Sequence[Source]) -> CutGrid:
         pieces[:, 0], weights=pieces[:, 2], minlength=grid.rows * grid.columns
     ).astype(np.int64)
     parts = [answers[name] for name in names]
+    strays, held = _find_strays(parts, plane, grid, np.flatnonzero(counts))
     return CutGrid(
         grid=grid, crs=sources[0].crs, units=sources[0].units, counts=counts,
         pieces=pieces, part_keys=tuple(keys[name] for name in names),
-        reference=reference, strays=_find_strays(parts, plane),
+        reference=reference, strays=strays, held=held,
         moments=np.sum([part['moments'] for part in parts], axis=0),
         num_points=sum(part['num_points'] for part in parts),
         num_lost=sum(part['num_lost'] for part in parts),
@@ -236,37 +240,79 @@ def _describe_sources(
 
 
 def _choose_cells(run: GridRun, sources: Sequence[Source]) -> CellGrid:
-    """Return the cells of an earlier run if all inputs lie in them, else new ones."""
+    """Return the cells of an earlier run if they do for the inputs, else new ones."""
     options = run.options
-    first = sources[0]
-    wish = [options.edge, *options.shift, first.crs, *first.units]
     boxes = [(*source.low[:2], *source.high[:2]) for source in sources]
     known = run.ledger.find_fact('cells')
-    if known is not None and known['wish'] == wish:
+    if known is not None and known['wish'] == _render_wish(run, sources):
         grid = CellGrid(**known['grid'] | {'origin': tuple(known['grid']['origin'])})
-        if grid.holds(boxes) and grid.edge <= max(options.tile_edge, LEAST_EDGE):
+        is_over_all = grid.holds(boxes) or known['sources'] == _digest(sources)
+        if is_over_all and grid.edge <= max(options.tile_edge, LEAST_EDGE):
             return grid
     grid = lay_cells(
         boxes, sum(source.num_points for source in sources), run.allowed, options.edge,
         options.shift, options.tile_edge,
     )
-    run.ledger.keep_fact('cells', {'wish': wish, 'grid': asdict(grid)})
-    run.ledger.keep_fact('whole', None)
+    _keep_cells(run, sources, grid)
     return grid
 
 
+def _keep_cells(run: GridRun, sources: Sequence[Source], grid: CellGrid) -> None:
+    run.ledger.keep_fact('cells', {
+        'wish': _render_wish(run, sources), 'grid': asdict(grid), 'sources': _digest(sources),
+    })
+    run.ledger.keep_fact('whole', None)
+
+
+def _render_wish(run: GridRun, sources: Sequence[Source]) -> list[Any]:
+    """Return what the cells depend on besides the bounds of the inputs."""
+    return [run.options.edge, *run.options.shift, sources[0].crs, *sources[0].units]
+
+
+def _digest(sources: Sequence[Source]) -> str:
+    return make_key([source.state for source in sources])
+
+
 def _find_strays(
-    parts: Sequence[dict[str, Any]], plane: StrayGrid | None
-) -> tuple[StrayCells, ...]:
-    """Return the cells of stray points, which are few and far from the rest."""
+    parts: Sequence[dict[str, Any]], plane: StrayGrid | None, grid: CellGrid, used: np.ndarray
+) -> tuple[tuple[StrayCells, ...], np.ndarray]:
+    """Return the cells of stray points, which are few and far from the rest, and what is left."""
     if plane is None:
-        return ()
+        return (), used
     counts = np.zeros(int(np.prod(plane.shape)), dtype=np.int64)
     for part in parts:
         for cell, count in part['strays'].items():
             counts[int(cell)] += count
     marked = plane.find_strays(counts)
-    return (StrayCells(grid=plane, marked=marked),) if marked.any() else ()
+    if not marked.any():
+        return (), used
+    columns = np.asarray(((counts > 0) & ~marked).reshape(plane.shape).any(axis=2))
+    corners = grid.outline(used)[:, [[0, 1], [0, 3], [2, 1], [2, 3]]]
+    place = ((corners - plane.low[:2]) / plane.cell).astype(np.int64)
+    place = place.clip(0, np.array(columns.shape) - 1)
+    left = columns[place[..., 0], place[..., 1]].any(axis=1)
+    return (StrayCells(grid=plane, marked=marked),), used[left]
+
+
+def cut_and_plan(run: GridRun, sources: Sequence[Source]) -> tuple[CutGrid, list[TileJob]]:
+    """
+    Cut all inputs into cells, and divide these into tiles that fit in memory.
+
+    The cells are laid by the bounds of the inputs.  Where these tell less than they should of the
+    density, as one stray point does, cells are laid anew by those that hold points.
+    """
+    while True:
+        cut = cut_sources(run, sources)
+        try:
+            return cut, plan_tiles(run, cut)
+        except TooDense:
+            grid = lay_cells(
+                cut.grid.outline(cut.held), cut.num_points, run.allowed, run.options.edge,
+                run.options.shift, run.options.tile_edge,
+            )
+            if grid.edge >= cut.grid.edge:
+                raise
+            _keep_cells(run, sources, grid)
 
 
 def plan_tiles(run: GridRun, cut: CutGrid) -> list[TileJob]:

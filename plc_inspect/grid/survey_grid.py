@@ -19,12 +19,11 @@ from plc_inspect.grid.grid_folder import check_all_named, LOG, open_grid_folder
 from plc_inspect.grid.ledger_table import TABLE
 from plc_inspect.grid.results import GridSummary, write_grid
 from plc_inspect.grid.run import (
-    cut_sources,
+    cut_and_plan,
     estimate_memory,
     GridOptions,
     GridRun,
     inspect_tiles,
-    plan_tiles,
     renumber,
     Tell,
 )
@@ -138,8 +137,7 @@ def inspect_sources(
 
     """
     held = [source for source in sources if source.num_points]  # others have no bounds
-    cut = cut_sources(run, held)
-    jobs = plan_tiles(run, cut)
+    cut, jobs = cut_and_plan(run, held)
     run.tell(f'memory: {estimate_memory(jobs) / 1e9:.1f} GB for the largest of', 0, len(jobs), 0)
     answers = inspect_tiles(run, cut, jobs, know_whole(run, cut, jobs))
     notes = [

@@ -23,7 +23,7 @@ import pytest
 from plc_inspect import __version__
 from plc_inspect.grid import engine
 from plc_inspect.grid import run as grid_run
-from plc_inspect.grid.cells import cut
+from plc_inspect.grid.cells import cut, layout
 from plc_inspect.grid.cells.inputs import expand_inputs
 from plc_inspect.grid.ledger import Ledger
 from plc_inspect.offline.commands import survey
@@ -180,6 +180,35 @@ def test_a_tile_that_is_delivered_twice_is_told(folder, tmp_path):
         f'{paths[0]} and {paths[2]} hold {len(make_line(1))} points within the same bounds: if'
         ' they are one tile, its points are counted twice; leave one out'
     )
+
+
+def test_one_far_point_does_not_make_cells_too_large(tmp_path, monkeypatch, capsys):
+    """Cells laid by the bounds of the input would hold the whole line, more than is allowed."""
+    monkeypatch.setattr(grid_run, 'count_allowed', lambda memory: 25_000)
+    monkeypatch.setattr(layout, 'MOST_CELLS', 100_000)
+    points = make_line()
+    far = points[:1] + np.array([-400_000.0, 90_000.0, 0.0])
+    paths = [write_las(tmp_path / 'a.las', points), tmp_path / 'b.xyz']
+    write_xyz(paths[1], far)
+    options = ['--halo', '60', '--memory', '2', '--quiet']
+    out, plain = tmp_path / 'out', tmp_path / 'plain'
+    assert main([*map(str, paths), '-o', str(out), *options]) == 0
+    assert main([str(paths[0]), '-o', str(plain), *options]) == 0
+    head, other = (
+        json.loads((folder / 'run.json').read_text()) for folder in (out, plain)
+    )
+    assert head['num_points'] == len(points) + 1
+    assert head['num_tiles'] > 3
+    for name in ('num_spans', 'num_supports', 'num_hazards'):
+        assert head[name] == other[name] > 0
+    assert sum(
+        laspy.open(path).header.point_count for path in out.glob('tiles/*/points.laz')
+    ) == len(points) + 1
+    stamps = {path: path.stat().st_mtime_ns for path in out.glob('work/*/*/stats.json')}
+    assert main([*map(str, paths), '-o', str(out), *options]) == 0  # nothing is cut again
+    assert stamps == {path: path.stat().st_mtime_ns for path in stamps}
+    monkeypatch.setattr(grid_run, 'count_allowed', lambda memory: 1_000)
+    assert 'points lie within 60 m of a tile of' in refuse(capsys, *paths, '-o', out, *options)
 
 
 def test_a_grid_in_other_units_is_that_of_a_first_run(tmp_path):
