@@ -260,7 +260,13 @@ def _without_interrupts() -> Iterator[None]:
 def _connect(
     make_client: Any, scheduler: str, memory: float | None, timeout: float
 ) -> Iterator[Engine]:
-    named = {'scheduler_file': scheduler} if os.path.isfile(scheduler) else {'address': scheduler}
+    is_file = os.path.isfile(scheduler)
+    if not is_file and ':' not in scheduler:
+        raise DataError(
+            f'--scheduler {scheduler}: there is no such file; name that which the scheduler wrote,'
+            ' or its address, as tcp://host:8786'
+        )
+    named = {'scheduler_file' if is_file else 'address': scheduler}
     try:
         client = make_client(**named, timeout=timeout)
     except (OSError, ValueError, TimeoutError) as error:

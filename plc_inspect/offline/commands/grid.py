@@ -99,18 +99,23 @@ def run_grid(
         See `survey_grid`.
 
     """
-    from plc_inspect.grid.engine import open_engine
+    from plc_inspect.grid.cells.layout import count_allowed
+    from plc_inspect.grid.engine import measure_available, open_engine
     from plc_inspect.grid.run import GridOptions
     from plc_inspect.grid.survey_grid import GridInputs, survey_grid
 
     inputs = GridInputs(
-        items=tuple(arguments.clouds), folder=arguments.output, crs=arguments.crs,
+        items=tuple(arguments.clouds), folder=arguments.output.absolute(), crs=arguments.crs,
         force=arguments.force, unit=parse_unit(arguments.units), baseline=baseline,
     )
     options = GridOptions(halo=arguments.halo, tile_edge=arguments.tile or math.inf)
-    memory = None if arguments.memory is None else arguments.memory * GIGABYTE
+    memory, workers = None, arguments.workers or 1
+    if arguments.memory is not None:
+        memory = arguments.memory * GIGABYTE
+    if arguments.scheduler is None:  # before they are started
+        count_allowed(memory or measure_available() / workers)
     with (
-        open_engine(arguments.workers or 1, arguments.scheduler, memory) as engine,
+        open_engine(workers, arguments.scheduler, memory) as engine,
         show_progress(arguments.quiet, time_left=True) as progress,
     ):
         if engine.address and not arguments.quiet:

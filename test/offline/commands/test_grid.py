@@ -3,6 +3,7 @@
 
 """``plc_survey`` over a grid: what makes one, exit codes, messages."""
 
+from contextlib import chdir, nullcontext
 import errno
 import fcntl
 import json
@@ -209,6 +210,37 @@ def test_one_far_point_does_not_make_cells_too_large(tmp_path, monkeypatch, caps
     assert stamps == {path: path.stat().st_mtime_ns for path in stamps}
     monkeypatch.setattr(grid_run, 'count_allowed', lambda memory: 1_000)
     assert 'points lie within 60 m of a tile of' in refuse(capsys, *paths, '-o', out, *options)
+
+
+def test_workers_may_run_elsewhere(folder, tmp_path, monkeypatch):
+    """A relative folder of results is that of the command, and not of the worker."""
+    class Elsewhere(engine.OwnProcess):
+        def run(self, tasks):
+            for task in tasks:
+                with chdir(tmp_path / 'elsewhere'):
+                    outcome = engine.call(task)
+                yield outcome
+
+    (tmp_path / 'elsewhere').mkdir()
+    monkeypatch.setattr(engine, 'open_engine', lambda *_: nullcontext(Elsewhere(2e9)))
+    monkeypatch.chdir(tmp_path)
+    assert main([str(folder), '-o', 'out', *OPTIONS]) == 0
+    assert (tmp_path / 'out/index.html').is_file()
+    assert not list((tmp_path / 'elsewhere').iterdir())
+
+
+def test_memory_is_asked_before_workers_start(folder, tmp_path, monkeypatch, capsys):
+    def start(*_):
+        raise AssertionError
+
+    monkeypatch.setattr(engine, 'open_engine', start)
+    monkeypatch.setattr(engine, 'measure_available', lambda: 8e9)
+    for options, each in ((['--workers', '1000'], '0.01'), (['--memory', '0.3'], '0.30')):
+        line = refuse(capsys, folder, '-o', tmp_path / 'out', *options)
+        assert line.endswith(
+            f'{each} GB for a worker are too few: allow 1.0 GB or more (--memory), or fewer'
+            ' workers'
+        )
 
 
 def test_a_grid_in_other_units_is_that_of_a_first_run(tmp_path):
