@@ -167,7 +167,7 @@ def _read_index(path: Path) -> list[str]:
     """Return the paths that a tile index holds."""
     if path.suffix.lower() in ('.geojson', '.json', '.vpc'):
         try:
-            features = json.loads(path.read_text(encoding='utf-8'))['features']
+            features = json.loads(path.read_text(encoding='utf-8-sig'))['features']
             rows = [
                 {'href': _find_asset(item.get('assets') or {})} | (item.get('properties') or {})
                 for item in features
@@ -193,8 +193,9 @@ def _read_index(path: Path) -> list[str]:
 
 def _find_asset(assets: dict[str, Any]) -> Any:
     """Return the path of the cloud among the assets of a feature, as a virtual point cloud has."""
-    chosen: Any = assets.get('data') or next(iter(assets.values()), {})
-    return chosen.get('href')
+    places = [item.get('href') for item in (*filter(None, [assets.get('data')]), *assets.values())]
+    clouds = [item for item in places if Path(str(item)).suffix.lower() in SUFFIXES]
+    return next(iter([*clouds, *places]), None)
 
 
 def _read_table(path: Path) -> list[dict[str, Any]]:

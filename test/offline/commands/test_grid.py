@@ -294,6 +294,9 @@ def test_inputs_that_are_none_are_refused(folder, tmp_path, capsys):
     ('{"features": [{"properties": {"location": 5}}]}', 'feature 1: 5 is not the path of a tile'),
     ('{"features": [{"properties": {"location": "x.las"}}]}',
      'names x.las, which does not exist'),
+    ('{"features": [{"assets": {"thumbnail": {"href": "x.png"}}}]}',
+     'names x.png, which does not exist'),
+    ('{"features": [{"assets": [5]}]}', 'is not a tile index: no GeoJSON features'),
     ('{"features": [{"properties": {"location": "."}}]}', 'names ., which is not a file'),
     ('{"features": [{"properties": {"location": "https://a.org/x.las"}}]}',
      'names https://a.org/x.las, which is not a file'),
@@ -408,6 +411,17 @@ def test_a_link_is_taken_by_its_own_name(folder, tmp_path):
     assert expand_inputs([str(tiles / 'b.laz'), str(tiles)], out) == [tiles / 'b.laz']
     assert main([str(tiles), '-o', str(out), *OPTIONS]) == 0
     assert json.loads((out / 'run.json').read_text())['num_spans'] == 3
+
+
+def test_the_cloud_of_an_index_is_the_asset_that_is_one(folder, tmp_path):
+    """Beside it there may be a picture; and the file may begin with a byte order mark."""
+    index = tmp_path / 'index.vpc'
+    picture, cloud = {'href': 'a.png'}, {'href': str(folder / 'a.laz')}
+    for assets in (
+        {'thumbnail': picture, 'cloud': cloud}, {'data': cloud}, {'data': picture, 'more': cloud},
+    ):
+        index.write_text(json.dumps({'features': [{'assets': assets}]}), encoding='utf-8-sig')
+        assert expand_inputs([str(index)]) == [folder / 'a.laz']
 
 
 def test_inputs_of_which_none_is_usable_leave_nothing(folder, tmp_path, capsys):
