@@ -29,7 +29,8 @@ from plc_inspect.grid.run import (
 )
 from plc_inspect.grid.tiles.tile_job import TileJob
 from plc_inspect.grid.whole_values import know_whole
-from plc_inspect.offline.records.changes import check_systems, Survey
+from plc_inspect.offline.records.changes import check_systems, is_same_system, Survey
+from plc_inspect.offline.records.georeference import require_horizontal
 from plc_inspect.printable import make_one_line
 
 LOG_PERIOD = 5.0
@@ -48,6 +49,8 @@ class GridInputs:
     """Metres in one unit of inputs without a CRS."""
     baseline: Survey | None = None
     """An earlier survey to compare with."""
+    geo: bool = False
+    """Files for geographic information systems are required."""
     force: bool = False
     """Start over if the folder holds a grid."""
 
@@ -83,15 +86,17 @@ def survey_grid(
     DataError
         No input is usable, the inputs have different CRS, or memory is too small.
     ConfigError
-        The CRS is not known.
+        The CRS is not known, though files for geographic information systems are required.
 
     """
     paths = expand_inputs(inputs.items, inputs.folder)
     tell('headers', 0, len(paths), 0)
     sources, refusals = read_sources(paths, inputs.crs, inputs.unit)
     check_together(sources, refusals)
+    first = next(source for source in sources if source.num_points)
+    if inputs.geo:
+        require_horizontal(first.path, first.crs)
     if inputs.baseline is not None:
-        first = next(source for source in sources if source.num_points)
         check_systems(inputs.baseline, first.path, first.crs)
     count_allowed(engine.memory)
     with open_grid_folder(inputs.folder, inputs.force) as ledger:
@@ -169,8 +174,11 @@ def check_together(sources: Sequence[Source], refusals: Sequence[Refusal]) -> No
     if not held:
         raise DataError(f'none of {len(sources)} inputs holds a point')
     first = held[0]
+    same = {first.crs}
     for other in held[1:]:
-        if other.crs != first.crs or other.units != first.units:
+        if other.crs not in same and is_same_system(first.crs, other.crs):
+            same.add(other.crs)
+        if other.crs not in same or other.units != first.units:
             raise DataError(
                 f'{first.path} and {other.path} have different coordinate reference systems '
                 f'({_name(first)}, {_name(other)}): convert them to one, or give --crs'

@@ -106,7 +106,8 @@ def run_grid(
 
     inputs = GridInputs(
         items=tuple(arguments.clouds), folder=arguments.output.absolute(), crs=arguments.crs,
-        force=arguments.force, unit=parse_unit(arguments.units), baseline=baseline,
+        force=arguments.force, geo=arguments.geo, unit=parse_unit(arguments.units),
+        baseline=baseline,
     )
     options = GridOptions(halo=arguments.halo, tile_edge=arguments.tile or math.inf)
     memory, workers = None, arguments.workers or 1

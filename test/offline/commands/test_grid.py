@@ -543,6 +543,29 @@ def test_systems_must_agree(tmp_path, capsys):
     assert not (tmp_path / 'out').exists()
 
 
+def test_one_system_may_be_spelled_in_two_ways(tmp_path, capsys):
+    points = make_line(1)
+    first = write_las(tmp_path / 'a.las', points[::2], 'EPSG:25832')
+    text = pyproj.CRS(25832).to_wkt('WKT1_GDAL')
+    second = write_las(
+        tmp_path / 'b.las', points[1::2], text.replace('ETRS89 / UTM zone 32N', 'Zone 32', 1)
+    )
+    arguments = [str(first), str(second), '-o', str(tmp_path / 'out'), *OPTIONS]
+    assert main([*arguments, '--geo']) == 0
+    assert json.loads((tmp_path / 'out/run.json').read_text())['num_spans'] == 3
+
+
+def test_a_grid_that_must_have_a_place_is_refused_without_one(tmp_path, capsys):
+    path = write_las(tmp_path / 'a.las', make_line(1))
+    for options, name in ((['--quiet'], 'a.las'), (OPTIONS, str(path))):
+        line = refuse(capsys, path, '-o', tmp_path / 'out', '--geo', *options)
+        assert line == (
+            f'plc_survey: {name} has no projected coordinate reference system: give one (--crs for'
+            ' a cloud, --origin for a flight)'
+        )
+    assert not (tmp_path / 'out').exists()
+
+
 def test_a_header_must_count_its_points(tmp_path, capsys):
     path = write_las(tmp_path / 'a.las', make_line(1))
     data = bytearray(path.read_bytes())
