@@ -13,7 +13,7 @@ from urllib.parse import unquote
 import warnings
 
 from plc_inspect.errors import DataError
-from plc_inspect.offline.export.results_folder import LEDGER, POINTS
+from plc_inspect.offline.export.results_folder import FILES, LEDGER, POINTS
 from plc_inspect.offline.readers.clouds import SUFFIXES
 from plc_inspect.printable import make_one_line
 from plc_inspect.whole_files import check_outside
@@ -31,8 +31,8 @@ def expand_inputs(items: Sequence[str], folder: Path | None = None) -> list[Path
     Find the files that the arguments name.
 
     A search, of a folder or by a pattern, passes over hidden files and over results: what lies in
-    ``folder``, or below a folder with a ledger, and ``points.laz`` beside ``run.json``.  A pattern
-    that ends in ``points.laz`` asks for results, and finds all but those in ``folder``.
+    ``folder``, or below a folder with a ledger, and files of a survey beside its ``run.json``.  A
+    pattern that ends in ``points.laz`` asks for results, and finds all but those in ``folder``.
 
     Parameters
     ----------
@@ -54,16 +54,15 @@ def expand_inputs(items: Sequence[str], folder: Path | None = None) -> list[Path
         lies in ``folder``.
 
     """
-    search = _Search(folder)
     found: dict[Path, Path] = {}
     for item in items:
+        search = _Search(folder)
         own = list(_expand(item, search))
+        if not own and search.num_skipped:
+            advice = f": name those as '{item}/**/{POINTS}'" if Path(item).is_dir() else ''
+            raise DataError(f'{item} holds no cloud beside results of earlier runs{advice}')
         if not own:
-            raise DataError(
-                f'{item} holds no cloud beside results of earlier runs: name those as'
-                f" '{item}/**/{POINTS}'" if search.num_skipped else
-                f'{item} holds no cloud: none ends in {", ".join(SUFFIXES)}'
-            )
+            raise DataError(f'{item} holds no cloud: none ends in {", ".join(SUFFIXES)}')
         for path in own:
             found.setdefault(path.resolve(), path.parent.resolve() / path.name)
     if folder is not None:
@@ -106,17 +105,17 @@ class _Search:
         num_plain = next(number for number, part in enumerate(parts) if glob.has_magic(part))
         wants_results = parts[-1] == POINTS
         for path in map(Path, names):
+            near = [path, *path.parents][:len(path.parts) - num_plain + 1]
+            if wants_results:
+                is_result = self._is_in_out(path)
+            else:
+                is_result = any(map(self._is_skipped, near)) or self._is_survey(path)
+            if is_result:
+                continue
             if path.is_dir():
                 yield from self.find(path)
             elif path.suffix.lower() in SUFFIXES:
-                above = [path.parent, *path.parent.parents]
-                near = above[:max(len(path.parts) - num_plain, 1)]
-                if wants_results:
-                    is_result = self._is_in_out(path)
-                else:
-                    is_result = any(map(self._is_skipped, near)) or self._is_survey(path)
-                if not is_result:
-                    yield path
+                yield path
 
     def _is_skipped(self, folder: Path) -> bool:
         """Tell whether a run writes into a folder, or has written a ledger there."""
@@ -127,8 +126,8 @@ class _Search:
         return is_skipped
 
     def _is_survey(self, path: Path) -> bool:
-        """Tell whether points are those of a single survey."""
-        is_survey = path.name == POINTS and (path.parent / 'run.json').is_file()
+        """Tell whether a file is one of the results of a single survey."""
+        is_survey = path.name in FILES and (path.parent / 'run.json').is_file()
         self.num_skipped += is_survey
         return is_survey
 

@@ -22,6 +22,7 @@ import pyproj
 import pytest
 
 from plc_inspect import __version__
+from plc_inspect.errors import DataError
 from plc_inspect.grid import engine
 from plc_inspect.grid import run as grid_run
 from plc_inspect.grid.cells import cut, layout
@@ -338,7 +339,12 @@ def test_a_search_passes_over_results(folder, tmp_path, capsys):
     for out in (tmp_path / 'out', tiles / 'run'):
         assert expand_inputs([str(tiles)], out) == own
         assert expand_inputs([str(tiles / '**' / '*.la[sz]')], out) == own
-    assert expand_inputs([f'{tmp_path}/*']) == own
+    for pattern in ('*', '**', '*/*', '*/*/*'):
+        if pattern == '*/*/*':  # only results are as deep
+            with pytest.raises(DataError, match=r'holds no cloud beside results of earlier runs$'):
+                expand_inputs([f'{tmp_path}/{pattern}'])
+        else:
+            assert expand_inputs([f'{tmp_path}/{pattern}']) == own
     for pattern, expected in (
         ('run/tiles/*/points.laz', {'run'}), ('**/points.laz', {'run', 'pattern', 'single'}),
         ('run/tiles', {'run'}),
