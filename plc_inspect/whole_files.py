@@ -8,7 +8,7 @@ They are written beside their target and renamed, so they are never seen half-wr
 is removed only when the new one is complete.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 import fcntl
 import glob
@@ -29,6 +29,17 @@ def check_folder(folder: Path, force: bool) -> None:
         raise DataError(f'{folder} exists and is not a folder')
     if folder.exists() and not force:
         raise DataError(f'{folder} exists; --force replaces it')
+
+
+def check_outside(paths: Sequence[Path], folder: Path) -> None:
+    """Raise DataError if one of the inputs lies in the folder that is to be written."""
+    place = folder.resolve()
+    for path in paths:
+        for own in (path.absolute(), path.resolve()):  # of a link, the file that it leads to
+            if place in own.parents or (place == own and own.is_dir()):
+                raise DataError(
+                    f'{path} lies in {folder}, where the results go: name another folder'
+                )
 
 
 def check_file(path: Path, force: bool) -> None:
@@ -124,6 +135,13 @@ def _make_room(place: Path) -> Iterator[Path]:
             os.close(number)
 
 
+def find_target(name: str) -> str:
+    """Return the name of the file that is half-written as ``name``, '' if it is none such."""
+    if not (name.startswith('.') and name.endswith(PARTIAL)):
+        return ''
+    return name[1 : -len(PARTIAL)].rpartition('.')[0]
+
+
 def sweep_partial(folder: Path, name: str = '') -> list[Path]:
     """
     Remove half-written leftovers of killed runs, and restore what they had moved away.
@@ -143,7 +161,7 @@ def sweep_partial(folder: Path, name: str = '') -> list[Path]:
     """
     removed = []
     for room in sorted(folder.glob(f'.{glob.escape(name) or "*"}.*{PARTIAL}')):
-        own = name or room.name[1 : -len(PARTIAL)].rpartition('.')[0]
+        own = name or find_target(room.name)
         with suppress(OSError):
             number = os.open(room, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
             try:

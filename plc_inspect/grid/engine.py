@@ -89,7 +89,8 @@ def call(task: Task) -> Outcome:
     except MemoryError as fault:
         error = f'not enough memory: {make_one_line(fault)}'
     except OSError as fault:
-        error = f'{fault.filename or ""}: {fault.strerror or fault}'
+        where = f'{fault.filename}: ' if fault.filename else ''
+        error = f'{where}{fault.strerror or make_one_line(fault)}'
     except Exception as fault:  # one tile may not end the others
         error, is_defect = f'{type(fault).__name__}: {make_one_line(fault)}', True
     return Outcome(
@@ -259,7 +260,13 @@ def _without_interrupts() -> Iterator[None]:
 def _connect(
     make_client: Any, scheduler: str, memory: float | None, timeout: float
 ) -> Iterator[Engine]:
-    named = {'scheduler_file': scheduler} if os.path.isfile(scheduler) else {'address': scheduler}
+    is_file = os.path.isfile(scheduler)
+    if not is_file and ':' not in scheduler:
+        raise DataError(
+            f'--scheduler {scheduler}: there is no such file; name that which the scheduler wrote,'
+            ' or its address, as tcp://host:8786'
+        )
+    named = {'scheduler_file' if is_file else 'address': scheduler}
     try:
         client = make_client(**named, timeout=timeout)
     except (OSError, ValueError, TimeoutError) as error:

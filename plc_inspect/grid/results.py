@@ -76,7 +76,7 @@ class GridSummary:
 
 def write_grid(
     run: GridRun, sources: Sequence[Source], refusals: Sequence[Refusal], cut: CutGrid,
-    jobs: Sequence[TileJob], answers: dict[str, dict[str, Any]],
+    jobs: Sequence[TileJob], answers: dict[str, dict[str, Any]], notes: Sequence[str] = (),
 ) -> GridSummary:
     """
     Join the inspected tiles and write the results folder.
@@ -93,6 +93,8 @@ def write_grid(
         All tiles.
     answers : dict
         Answers of the inspected tiles, by name.
+    notes : sequence of str
+        On the inputs.
 
     Returns
     -------
@@ -114,7 +116,7 @@ def write_grid(
         kilometres=measure_kilometres(joined), units=units, failures=failures,
         num_defects=run.num_defects,
         sight=_sum_sight(reports, joined),
-        notes=tuple(source.note for source in sources if source.note),
+        notes=tuple(notes),
     )
     inspection = _make_inspection(run, sources, joined, units)
     names = {job.tile.number: job.tile.name for job in jobs}

@@ -3,9 +3,8 @@
 
 """The run over a grid: cut inputs into cells, survey the whole, inspect tile by tile."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
-import json
 import math
 from pathlib import Path
 import shutil
@@ -15,13 +14,18 @@ import numpy as np
 
 from plc_inspect import __version__
 from plc_inspect.config import Settings
-from plc_inspect.core.cloud_frame import CloudFrame, derive_frame, sum_moments
-from plc_inspect.core.corridor import choose_step
 from plc_inspect.core.extraction.stray_points import lay_stray_grid, StrayGrid
 from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.whole import Whole
 from plc_inspect.errors import DataError
-from plc_inspect.grid.cells.cut import count_parts, cut_part, find_miscounted, name_part
+from plc_inspect.grid.cells.cut import (
+    count_parts,
+    cut_part,
+    describe_lost,
+    find_unusable,
+    name_part,
+    STATISTICS,
+)
 from plc_inspect.grid.cells.layout import (
     BASE_BYTES,
     BYTES_PER_POINT,
@@ -30,26 +34,13 @@ from plc_inspect.grid.cells.layout import (
     lay_cells,
     lay_tiles,
     LEAST_EDGE,
+    TooDense,
 )
 from plc_inspect.grid.cells.sources import Source
 from plc_inspect.grid.engine import Engine, Outcome, Task
 from plc_inspect.grid.ledger import Ledger, make_key
-from plc_inspect.grid.tiles.survey_whole import (
-    count_tile,
-    find_peak,
-    join_bounds,
-    join_extremes,
-    join_spacing,
-    measure_bounds,
-    measure_candidates,
-    measure_distances,
-    measure_ground,
-    remove_kept,
-    write_candidate_boxes,
-)
 from plc_inspect.grid.tiles.tile_job import (
     CELLS,
-    parse_whole,
     render_whole,
     StrayCells,
     TileJob,
@@ -61,12 +52,6 @@ from plc_inspect.offline.records.changes import Survey
 
 WORK = 'work'
 """Folder of the cells and of the results of each tile; the final results do not need it."""
-MOST_STEP = 1000
-"""
-Of the points of a grid every so many, at least, is one by which radii of the corridor are chosen.
-Source: derived: as in a single cloud of a hundred million points, more than memory holds.
-"""
-
 Tell = Callable[[str, int, int, int], None]
 """Progress callback: step, number of its tasks done, in all, and failed."""
 
@@ -169,6 +154,10 @@ class CutGrid:
     """All points, in cells on disk."""
 
     grid: CellGrid
+    crs: str
+    """WKT of all inputs, '' where none is known."""
+    units: tuple[float, float]
+    """Metres in one horizontal and one vertical unit of the inputs."""
     counts: np.ndarray
     """Points in each cell."""
     pieces: np.ndarray
@@ -178,8 +167,12 @@ class CutGrid:
     reference: np.ndarray
     moments: np.ndarray
     strays: tuple[StrayCells, ...]
+    held: np.ndarray
+    """Numbers of the cells with points that are not stray."""
     num_points: int
     num_lost: int
+    notes: tuple[str, ...]
+    """On points that were left out."""
 
 
 def cut_sources(run: GridRun, sources: Sequence[Source]) -> CutGrid:
@@ -198,22 +191,20 @@ def cut_sources(run: GridRun, sources: Sequence[Source]) -> CutGrid:
                 str(folder), source, part, grid, tuple(reference.tolist()), plane,
             )))
             keys[name] = make_key(__version__, source.state, source.units, part, asdict(grid),
-                                  reference.tolist(), low.tolist(), high.tolist())
+                                  reference.tolist(), low.tolist(), high.tolist(), STATISTICS)
     answers = run.run('cut', tasks, keys)
-    for name, error in find_miscounted(sources, answers).items():
+    for name, error in find_unusable(sources, answers).items():
         del answers[name]
         run.failures.append(f'cut {name}: {error}')
         run.ledger.keep_task('cut', name, '', None, error)
     for path in folder.glob('s*'):
         if path.name not in answers:
             shutil.rmtree(path, ignore_errors=True)
+    _describe_sources(run, sources, answers)
     if not answers:
         error = run.ledger.list_failures()[0][2]
-        raise DataError(f'none of {len(sources)} inputs can be read: {error}')
+        raise DataError(f'none of {len(sources)} inputs can be used: {error}')
     names = sorted(answers)
-    for source in sources:
-        own = answers.get(name_part(source.number, 0))
-        run.ledger.describe_source(source.path, source.num_points, own['sha256'] if own else '')
     rows = [
         (int(cell), place, num)
         for place, name in enumerate(names) for cell, num in answers[name]['cells'].items()
@@ -224,46 +215,104 @@ def cut_sources(run: GridRun, sources: Sequence[Source]) -> CutGrid:
         pieces[:, 0], weights=pieces[:, 2], minlength=grid.rows * grid.columns
     ).astype(np.int64)
     parts = [answers[name] for name in names]
+    strays, held = _find_strays(parts, plane, grid, np.flatnonzero(counts))
     return CutGrid(
-        grid=grid, counts=counts, pieces=pieces, part_keys=tuple(keys[name] for name in names),
-        reference=reference, strays=_find_strays(parts, plane),
+        grid=grid, crs=sources[0].crs, units=sources[0].units, counts=counts,
+        pieces=pieces, part_keys=tuple(keys[name] for name in names),
+        reference=reference, strays=strays, held=held,
         moments=np.sum([part['moments'] for part in parts], axis=0),
         num_points=sum(part['num_points'] for part in parts),
         num_lost=sum(part['num_lost'] for part in parts),
+        notes=tuple(describe_lost(sources, answers)),
     )
 
 
+def _describe_sources(
+    run: GridRun, sources: Sequence[Source], answers: dict[str, dict[str, Any]]
+) -> None:
+    """Enter each input: with its digest if all of it was cut, else with the error."""
+    failed = {name: error for stage, name, error in run.ledger.list_failures() if stage == 'cut'}
+    for source in sources:
+        names = [name_part(source.number, part) for part in range(count_parts(source))]
+        error = next((failed[name] for name in names if name in failed), '')
+        digest = '' if error else answers[names[0]]['sha256']
+        run.ledger.describe_source(source.path, source.num_points, digest, error)
+
+
 def _choose_cells(run: GridRun, sources: Sequence[Source]) -> CellGrid:
-    """Return the cells of an earlier run if all inputs lie in them, else new ones."""
+    """Return the cells of an earlier run if they do for the inputs, else new ones."""
     options = run.options
-    wish = [options.edge, *options.shift]
     boxes = [(*source.low[:2], *source.high[:2]) for source in sources]
     known = run.ledger.find_fact('cells')
-    if known is not None and known['wish'] == wish:
+    if known is not None and known['wish'] == _render_wish(run, sources):
         grid = CellGrid(**known['grid'] | {'origin': tuple(known['grid']['origin'])})
-        if grid.holds(boxes) and grid.edge <= max(options.tile_edge, LEAST_EDGE):
+        is_over_all = grid.holds(boxes) or known['sources'] == _digest(sources)
+        if is_over_all and grid.edge <= max(options.tile_edge, LEAST_EDGE):
             return grid
     grid = lay_cells(
         boxes, sum(source.num_points for source in sources), run.allowed, options.edge,
         options.shift, options.tile_edge,
     )
-    run.ledger.keep_fact('cells', {'wish': wish, 'grid': asdict(grid)})
-    run.ledger.keep_fact('whole', None)
+    _keep_cells(run, sources, grid)
     return grid
 
 
+def _keep_cells(run: GridRun, sources: Sequence[Source], grid: CellGrid) -> None:
+    run.ledger.keep_fact('cells', {
+        'wish': _render_wish(run, sources), 'grid': asdict(grid), 'sources': _digest(sources),
+    })
+    run.ledger.keep_fact('whole', None)
+
+
+def _render_wish(run: GridRun, sources: Sequence[Source]) -> list[Any]:
+    """Return what the cells depend on besides the bounds of the inputs."""
+    return [run.options.edge, *run.options.shift, sources[0].crs, *sources[0].units]
+
+
+def _digest(sources: Sequence[Source]) -> str:
+    return make_key([source.state for source in sources])
+
+
 def _find_strays(
-    parts: Sequence[dict[str, Any]], plane: StrayGrid | None
-) -> tuple[StrayCells, ...]:
-    """Return the cells of stray points, which are few and far from the rest."""
+    parts: Sequence[dict[str, Any]], plane: StrayGrid | None, grid: CellGrid, used: np.ndarray
+) -> tuple[tuple[StrayCells, ...], np.ndarray]:
+    """Return the cells of stray points, which are few and far from the rest, and what is left."""
     if plane is None:
-        return ()
+        return (), used
     counts = np.zeros(int(np.prod(plane.shape)), dtype=np.int64)
     for part in parts:
         for cell, count in part['strays'].items():
             counts[int(cell)] += count
     marked = plane.find_strays(counts)
-    return (StrayCells(grid=plane, marked=marked),) if marked.any() else ()
+    if not marked.any():
+        return (), used
+    columns = np.asarray(((counts > 0) & ~marked).reshape(plane.shape).any(axis=2))
+    corners = grid.outline(used)[:, [[0, 1], [0, 3], [2, 1], [2, 3]]]
+    place = ((corners - plane.low[:2]) / plane.cell).astype(np.int64)
+    place = place.clip(0, np.array(columns.shape) - 1)
+    left = columns[place[..., 0], place[..., 1]].any(axis=1)
+    return (StrayCells(grid=plane, marked=marked),), used[left]
+
+
+def cut_and_plan(run: GridRun, sources: Sequence[Source]) -> tuple[CutGrid, list[TileJob]]:
+    """
+    Cut all inputs into cells, and divide these into tiles that fit in memory.
+
+    The cells are laid by the bounds of the inputs.  Where these tell less than they should of the
+    density, as one stray point does, cells are laid anew by those that hold points.
+    """
+    while True:
+        cut = cut_sources(run, sources)
+        try:
+            return cut, plan_tiles(run, cut)
+        except TooDense:
+            grid = lay_cells(
+                cut.grid.outline(cut.held), cut.num_points, run.allowed, run.options.edge,
+                run.options.shift, run.options.tile_edge,
+            )
+            if grid.edge >= cut.grid.edge:
+                raise
+            _keep_cells(run, sources, grid)
 
 
 def plan_tiles(run: GridRun, cut: CutGrid) -> list[TileJob]:
@@ -275,80 +324,6 @@ def plan_tiles(run: GridRun, cut: CutGrid) -> list[TileJob]:
         TileJob(folder=str(run.work), tile=tile, grid=cut.grid, strays=cut.strays)
         for tile in tiles
     ]
-
-
-def know_whole(run: GridRun, cut: CutGrid, jobs: Sequence[TileJob]) -> Whole:
-    """
-    Measure what the result of each tile depends on beyond its own points.
-
-    Values of an earlier run with the same settings are kept, so that a changed input changes only
-    its own tiles.
-    """
-    settings = run.settings
-    stages = [asdict(item) for item in (
-        settings.height, settings.linearity, settings.outliers, settings.segment,
-    )]
-    key = make_key(__version__, stages, asdict(cut.grid))
-    known = run.ledger.find_fact('whole')
-    if known is not None and known['key'] == key:
-        return parse_whole(json.dumps(known['whole']))
-    frame = derive_frame(cut.reference, cut.moments)
-    if cut.strays:
-        frame = _derive_without_strays(jobs, cut)
-    found = _measure_whole(run, jobs, frame, key + make_key(cut.part_keys))
-    whole = replace(found, probe_step=min(choose_step(cut.num_points), MOST_STEP))
-    run.ledger.keep_fact('whole', {'key': key, 'whole': render_whole(whole)})
-    return whole
-
-
-def _derive_without_strays(jobs: Sequence[TileJob], cut: CutGrid) -> CloudFrame:
-    moments = np.zeros_like(cut.moments)
-    for job in jobs:
-        moments += sum_moments(job.read(0.0).points, cut.reference)
-    return derive_frame(cut.reference, moments)
-
-
-def _measure_whole(
-    run: GridRun, jobs: Sequence[TileJob], frame: CloudFrame, key: str
-) -> Whole:
-    settings = run.settings
-
-    def ask(stage: str, tasks: Iterable[Task], *more: Any) -> list[dict[str, Any]]:
-        listed = list(tasks)
-        own = {task.name: make_key(key, task.name, more) for task in listed}
-        answers = run.run(stage, listed, own)
-        return [answers[task.name] for task in listed if task.name in answers]
-
-    def for_each(function: Callable[..., dict[str, Any]], *more: Any) -> Iterator[Task]:
-        for job in jobs:
-            yield Task(name=job.tile.name, size=job.tile.num_points, function=function,
-                       arguments=(job, *more))
-
-    extent = [(job.tile.first, job.tile.last) for job in jobs]
-    region = join_bounds(ask('bounds', for_each(measure_bounds, frame), extent))
-    extremes = join_extremes(ask(
-        'ground', for_each(measure_ground, frame, region, settings.height), extent
-    ))
-    peak = 0.0
-    if extremes[0] <= extremes[1]:
-        peak = find_peak(ask(
-            'histogram', for_each(count_tile, extremes, settings.height), extent, extremes
-        ), extremes, settings.height)
-    candidates = ask(
-        'candidates', for_each(measure_candidates, frame, region, peak, settings),
-        extent, extremes, peak,
-    )
-    folder, num = run.work / TILES, settings.outliers.num_neighbors
-    write_candidate_boxes(folder, candidates)
-    spacings = ask('spacing', (
-        Task(name=own['name'], function=measure_distances, arguments=(
-            str(folder), own['name'], num,
-        )) for own in candidates
-    ), make_key(candidates, num))
-    remove_kept(folder)
-    spacing, anchor = join_spacing(spacings, candidates, num)
-    return Whole(frame=frame, region=region, peak=peak, anchor=anchor, spacing=spacing,
-                 probe_step=1)
 
 
 def inspect_tiles(

@@ -3,47 +3,36 @@
 
 """Survey a grid, from its inputs to its results folder."""
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-import shutil
 import time
 
-from plc_inspect import __version__
 from plc_inspect.config import Settings
 from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.errors import DataError
+from plc_inspect.grid.cells.inputs import expand_inputs
 from plc_inspect.grid.cells.layout import count_allowed
-from plc_inspect.grid.cells.sources import expand_inputs, read_sources, Refusal, Source
+from plc_inspect.grid.cells.sources import read_sources, Refusal, Source
 from plc_inspect.grid.engine import Engine
-from plc_inspect.grid.ledger import Ledger
-from plc_inspect.grid.ledger import NAME as LEDGER
+from plc_inspect.grid.grid_folder import check_all_named, LOG, open_grid_folder
 from plc_inspect.grid.ledger_table import TABLE
-from plc_inspect.grid.results import GridSummary, TILE_FOLDER, write_grid
+from plc_inspect.grid.results import GridSummary, write_grid
 from plc_inspect.grid.run import (
-    cut_sources,
+    cut_and_plan,
     estimate_memory,
     GridOptions,
     GridRun,
     inspect_tiles,
-    know_whole,
-    plan_tiles,
     renumber,
     Tell,
-    WORK,
 )
-from plc_inspect.grid.tiles.tile_job import CELLS, TileJob
-from plc_inspect.offline.records.changes import check_systems, Survey
+from plc_inspect.grid.tiles.tile_job import TileJob
+from plc_inspect.grid.whole_values import know_whole
+from plc_inspect.offline.records.changes import check_systems, is_same_system, Survey
+from plc_inspect.offline.records.georeference import require_horizontal
 from plc_inspect.printable import make_one_line
 
-LOG = 'progress.log'
-FILES = (
-    LEDGER, f'{LEDGER}-wal', f'{LEDGER}-shm', f'{LEDGER}-journal', TABLE, LOG, 'run.json',
-    'spans.json', 'spans.csv', 'supports.json', 'supports.csv', 'hazards.json', 'hazards.csv',
-    'grid.gpkg', 'changes.json', 'index.html', WORK, TILE_FOLDER,
-)
-"""Files of a results folder of a grid."""
 LOG_PERIOD = 5.0
 """Seconds between two lines of the log."""
 
@@ -60,31 +49,10 @@ class GridInputs:
     """Metres in one unit of inputs without a CRS."""
     baseline: Survey | None = None
     """An earlier survey to compare with."""
+    geo: bool = False
+    """Files for geographic information systems are required."""
     force: bool = False
     """Start over if the folder holds a grid."""
-
-
-def check_grid_folder(folder: Path, force: bool, files: Sequence[str] = FILES) -> None:
-    """
-    Raise DataError unless a grid can be written to, or resumed in, a folder.
-
-    With ``force`` an earlier grid there is removed.  Its folder holds ``files`` and nothing else.
-    """
-    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
-        raise DataError(f'{folder} exists and is not a folder')
-    if not folder.exists():
-        return
-    held = {item.name for item in folder.iterdir()}
-    foreign = sorted(held - set(files))
-    if held and (foreign or LEDGER not in held):
-        raise DataError(
-            f'{folder} holds no grid that can be resumed: {(foreign or sorted(held))[0]}'
-            ' is not one of its files; name another folder'
-        )
-    if force:
-        for name in held:
-            path = folder / name
-            shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
 def survey_grid(
@@ -118,19 +86,21 @@ def survey_grid(
     DataError
         No input is usable, the inputs have different CRS, or memory is too small.
     ConfigError
-        The CRS is not known.
+        The CRS is not known, though files for geographic information systems are required.
 
     """
-    paths = expand_inputs(inputs.items)
+    paths = expand_inputs(inputs.items, inputs.folder)
     tell('headers', 0, len(paths), 0)
     sources, refusals = read_sources(paths, inputs.crs, inputs.unit)
     check_together(sources, refusals)
+    first = next(source for source in sources if source.num_points)
+    if inputs.geo:
+        require_horizontal(first.path, first.crs)
     if inputs.baseline is not None:
-        first = next(source for source in sources if source.num_points)
         check_systems(inputs.baseline, first.path, first.crs)
     count_allowed(engine.memory)
-    check_grid_folder(inputs.folder, inputs.force)
-    with _make_folder(inputs.folder), Ledger(inputs.folder, __version__) as ledger:
+    with open_grid_folder(inputs.folder, inputs.force) as ledger:
+        check_all_named(inputs.folder, ledger.list_sources(), paths)
         for name in ('index.html', TABLE):  # not whole any more
             (inputs.folder / name).unlink(missing_ok=True)
         run = GridRun(
@@ -142,19 +112,6 @@ def survey_grid(
         for refusal in refusals:
             ledger.describe_source(refusal.path, error=refusal.error)
         return inspect_sources(run, renumber(sources, numbers), refusals)[0]
-
-
-@contextmanager
-def _make_folder(folder: Path) -> Iterator[None]:
-    """Make the folder; remove it if an error leaves nothing in it that a run could resume."""
-    is_new = not folder.exists()
-    folder.mkdir(parents=True, exist_ok=True)
-    try:
-        yield
-    except DataError:
-        if is_new and not any((folder / WORK / CELLS).glob('s*')):
-            shutil.rmtree(folder)
-        raise
 
 
 def inspect_sources(
@@ -185,13 +142,28 @@ def inspect_sources(
 
     """
     held = [source for source in sources if source.num_points]  # others have no bounds
-    cut = cut_sources(run, held)
-    jobs = plan_tiles(run, cut)
+    cut, jobs = cut_and_plan(run, held)
     run.tell(f'memory: {estimate_memory(jobs) / 1e9:.1f} GB for the largest of', 0, len(jobs), 0)
     answers = inspect_tiles(run, cut, jobs, know_whole(run, cut, jobs))
-    summary = write_grid(run, held, refusals, cut, jobs, answers)
-    empty = [f'{source.path} holds no point' for source in sources if not source.num_points]
-    return replace(summary, notes=(*summary.notes, *empty)), jobs
+    notes = [
+        *(source.note for source in held if source.note), *cut.notes, *find_twins(held),
+        *(f'{source.path} holds no point' for source in sources if not source.num_points),
+    ]
+    return write_grid(run, held, refusals, cut, jobs, answers, notes), jobs
+
+
+def find_twins(sources: Sequence[Source]) -> list[str]:
+    """Return a note on each input with as many points and the same bounds as one before."""
+    seen: dict[tuple[object, ...], str] = {}
+    notes = []
+    for source in sources:
+        first = seen.setdefault((source.num_points, source.low, source.high), source.path)
+        if first != source.path:
+            notes.append(
+                f'{first} and {source.path} hold {source.num_points} points within the same'
+                ' bounds: if they are one tile, its points are counted twice; leave one out'
+            )
+    return notes
 
 
 def check_together(sources: Sequence[Source], refusals: Sequence[Refusal]) -> None:
@@ -202,8 +174,11 @@ def check_together(sources: Sequence[Source], refusals: Sequence[Refusal]) -> No
     if not held:
         raise DataError(f'none of {len(sources)} inputs holds a point')
     first = held[0]
+    same = {first.crs}
     for other in held[1:]:
-        if other.crs != first.crs or other.units != first.units:
+        if other.crs not in same and is_same_system(first.crs, other.crs):
+            same.add(other.crs)
+        if other.crs not in same or other.units != first.units:
             raise DataError(
                 f'{first.path} and {other.path} have different coordinate reference systems '
                 f'({_name(first)}, {_name(other)}): convert them to one, or give --crs'

@@ -131,6 +131,9 @@ def test_no_scheduler_is_one_clear_error():
     with pytest.raises(DataError, match=r'no Dask scheduler answers at tcp://127.0.0.1:9'), \
             open_engine(1, 'tcp://127.0.0.1:9', MEMORY, timeout=0.5):
         pass
+    with pytest.raises(DataError, match=r'^--scheduler none.json: there is no such file; name'), \
+            open_engine(1, 'none.json', MEMORY):
+        pass
 
 
 def test_a_scheduler_without_workers_is_one_clear_error(tmp_path, monkeypatch):

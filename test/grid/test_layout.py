@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 
 from plc_inspect.errors import DataError
-from plc_inspect.grid.cells.layout import CellGrid, lay_cells, lay_tiles, LEAST_EDGE, MOST_REACH
+from plc_inspect.grid.cells.layout import (
+    CellGrid,
+    lay_cells,
+    lay_tiles,
+    LEAST_EDGE,
+    MOST_POINTS,
+    MOST_REACH,
+)
 
 EDGE, HALO = 200.0, 500.0
 
@@ -78,6 +85,10 @@ def test_cells_that_are_too_dense_are_refused_with_figures():
         r' 100000 points are allowed: give more --memory, fewer --workers or a narrower --halo'
     )):
         lay(dense, allowed=100_000)
+    with pytest.raises(DataError, match=(
+        f' {MOST_POINTS} points are allowed: give a narrower --halo$'
+    )):
+        lay(dense * 100, allowed=MOST_POINTS)  # more memory would allow no more
 
 
 @pytest.mark.parametrize(('most', 'edge'), [(math.inf, 1000.0), (90.0, 90.0), (3.0, LEAST_EDGE)])

@@ -21,7 +21,12 @@ from plc_inspect.errors import DataError
 from plc_inspect.grid.cells.layout import CellGrid
 from plc_inspect.grid.cells.sources import Source
 from plc_inspect.offline.export.points_file import ORIGINAL
-from plc_inspect.offline.readers.clouds import convert_to_metres, scale_grid
+from plc_inspect.offline.readers.clouds import (
+    convert_to_metres,
+    MOST_FAR,
+    MOST_FAR_SHARE,
+    scale_grid,
+)
 from plc_inspect.offline.readers.copc import iterate_copc
 from plc_inspect.offline.readers.laz import open_las
 from plc_inspect.offline.readers.plain_clouds import is_plain, iterate_points
@@ -44,6 +49,11 @@ _LOW_FLAGS, _CHANNEL_BITS = np.uint8(0b1111), np.uint8(2)
 _SCAN_ANGLE_STEP = 0.006
 """Degrees in one unit of ``scan_angle`` (LAS 1.4 R15, table 15)."""
 
+STATISTICS = (
+    'part', 'num_points', 'num_lost', 'num_far', 'farthest', 'moments', 'strays', 'cells',
+    'sha256',
+)
+"""What is known of a part; cells of a version that knew less are cut anew."""
 Stats = dict[str, Any]
 """Statistics of the points that one task cut, JSON-serialisable."""
 
@@ -60,9 +70,12 @@ def count_parts(source: Source) -> int:
     return max(-(-source.num_points // PART), 1)
 
 
-def find_miscounted(sources: Sequence[Source], answers: dict[str, Stats]) -> dict[str, str]:
+def find_unusable(sources: Sequence[Source], answers: dict[str, Stats]) -> dict[str, str]:
     """
-    Find indexed inputs whose parts together do not hold the number of points in their header.
+    Find inputs that are wrong as a whole, though each of their parts was cut.
+
+    They are indexed and their parts together do not hold the number of points in their header; or
+    more of their points lie beyond MOST_COORDINATE than strays do, as in `read_cloud`.
 
     Parameters
     ----------
@@ -80,15 +93,37 @@ def find_miscounted(sources: Sequence[Source], answers: dict[str, Stats]) -> dic
     found: dict[str, str] = {}
     for source in sources:
         names = [name_part(source.number, part) for part in range(count_parts(source))]
-        if not source.is_indexed or not all(name in answers for name in names):
-            continue
-        held = sum(answers[name]['num_points'] for name in names)
-        if held != source.num_points:
+        parts = [answers[name] for name in names if name in answers]
+        held, num_far = (sum(part[name] for part in parts) for name in ('num_points', 'num_far'))
+        if source.is_indexed and len(parts) == len(names) and held != source.num_points:
             found |= dict.fromkeys(names, (
                 f'{source.path}: by its index {held} points lie within its bounds, its header'
                 f' counts {source.num_points}: write it anew'
             ))
+        elif num_far > max(MOST_FAR, MOST_FAR_SHARE * held):
+            farthest = max(part['farthest'] for part in parts)
+            found |= {name: (
+                f'{source.path}: {num_far} of {held} points have coordinates up to'
+                f' {farthest:.3g} m, which no coordinate reference system has'
+            ) for name in names if name in answers}
     return found
+
+
+def describe_lost(sources: Sequence[Source], answers: dict[str, Stats]) -> list[str]:
+    """Return a note on each input of which points were left out."""
+    notes = []
+    for source in sources:
+        names = [name_part(source.number, part) for part in range(count_parts(source))]
+        parts = [answers[name] for name in names if name in answers]
+        held, num_lost, num_far = (
+            sum(part[name] for part in parts) for name in ('num_points', 'num_lost', 'num_far')
+        )
+        if num_lost:
+            notes.append(
+                f'{source.path}: {num_lost} of {held} points were left out: {num_lost - num_far}'
+                f' are not finite, {num_far} lie farther out than any place on Earth'
+            )
+    return notes
 
 
 def cut_part(
@@ -125,16 +160,16 @@ def cut_part(
     Raises
     ------
     DataError
-        The input cannot be read.
+        The input cannot be read, or the folder not written.
 
     """
     name = name_part(source.number, part)
     aside, place = Path(folder) / f'{name}.partial', Path(folder) / name
     shutil.rmtree(aside, ignore_errors=True)
-    aside.mkdir(parents=True)
     stats = _Stats(grid, np.array(reference), strays)
     written = 0
     try:
+        aside.mkdir(parents=True)
         for points, attributes in read_part(source, part):
             stats.add(points, source)
             _write(aside, points, attributes, stats, np.arange(written, written + len(points)))
@@ -144,19 +179,25 @@ def cut_part(
                 f'{source.path}: {stats.num_outside} of {written} points lie outside the bounds '
                 'in its header, by more than 1 m: rewrite the file'
             )
+        result = stats.render(name, written) | {'sha256': _hash(source.path) if part == 0 else ''}
+        (aside / 'stats.json').write_text(json.dumps(result), encoding='utf-8')
+        shutil.rmtree(place, ignore_errors=True)
+        aside.rename(place)
+    except OSError as error:  # those of the input are DataError
+        shutil.rmtree(aside, ignore_errors=True)
+        raise DataError(f'{folder} cannot be written: {error.strerror or error}') from error
     except BaseException:
         shutil.rmtree(aside, ignore_errors=True)
         raise
-    result = stats.render(name, written) | {'sha256': _hash(source.path) if part == 0 else ''}
-    (aside / 'stats.json').write_text(json.dumps(result), encoding='utf-8')
-    shutil.rmtree(place, ignore_errors=True)
-    aside.rename(place)
     return result
 
 
 def _hash(path: str) -> str:
-    with open(path, 'rb') as file:
-        return hashlib.file_digest(file, 'sha256').hexdigest()
+    try:
+        with open(path, 'rb') as file:
+            return hashlib.file_digest(file, 'sha256').hexdigest()
+    except OSError as error:
+        raise DataError(f'{path} cannot be read: {error.strerror or error}') from error
 
 
 class _Stats:
@@ -169,12 +210,16 @@ class _Stats:
         self._stray_counts: np.ndarray | None = None
         self.cells: Counter[int] = Counter()
         """Points in each cell."""
-        self.num_lost, self.num_outside = 0, 0
+        self.num_lost, self.num_far, self.num_outside = 0, 0, 0
+        self.farthest = 0.0
+        """Greatest coordinate of a point too far out [m]."""
 
     def add(self, points: Float64, source: Source) -> None:
         """Convert coordinates to metres, set impossible ones to NaN, and count all."""
-        not_finite, far, _ = convert_to_metres(points, *source.units)
+        not_finite, far, farthest = convert_to_metres(points, *source.units)
         self.num_lost += not_finite + far
+        self.num_far += far
+        self.farthest = max(self.farthest, farthest)
         self._moments += sum_moments(points, self._reference)
         if self._strays is not None:
             counts = self._strays.count(points)
@@ -194,6 +239,7 @@ class _Stats:
                               strict=True))
         return {
             'part': name, 'num_points': num, 'num_lost': self.num_lost,
+            'num_far': self.num_far, 'farthest': self.farthest,
             'moments': self._moments.tolist(),
             'strays': strays,
             'cells': {str(cell): num for cell, num in sorted(self.cells.items())},

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from plc_inspect.errors import DataError
-from plc_inspect.results import Int64
+from plc_inspect.results import Float64, Int64
 
 BYTES_PER_POINT = 300
 """
@@ -56,6 +56,10 @@ core.extraction.ground_surface; a square of 2800 m and a corridor of 5300 m do.
 """
 
 
+class TooDense(DataError):
+    """More points lie in a cell with its halo than a tile may hold."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CellGrid:
     """Square cells in the plan of the map frame."""
@@ -74,6 +78,12 @@ class CellGrid:
             x <= box[0] and y <= box[1] and box[2] < x + self.columns * edge
             and box[3] < y + self.rows * edge for box in boxes
         )
+
+    def outline(self, cells: Int64) -> Float64:
+        """Return least x and y, greatest x and y (K, 4) of cells (K,), by their numbers [m]."""
+        place = np.column_stack([cells % self.columns, cells // self.columns])
+        low = np.array(self.origin) + place * self.edge
+        return np.column_stack([low, low + self.edge])
 
     def number(self, x: np.ndarray, y: np.ndarray) -> Int64:
         """Return the cells (N,) of positions x, y (N,) [m]; outside the grid, the nearest cell."""
@@ -146,7 +156,7 @@ def count_allowed(memory: float) -> int:
 
 
 def lay_cells(
-    boxes: Sequence[tuple[float, float, float, float]],
+    boxes: Sequence[tuple[float, float, float, float]] | Float64,
     num_points: int,
     allowed: int,
     edge: float | None = None,
@@ -154,12 +164,12 @@ def lay_cells(
     most_edge: float = MOST_EDGE,
 ) -> CellGrid:
     """
-    Lay cells over the bounds of all inputs.
+    Lay cells over the bounds of all inputs, or over those parts of them that hold points.
 
     Parameters
     ----------
-    boxes : sequence of tuple
-        Least x and y, greatest x and y of each input [m].
+    boxes : sequence of tuple, or (K, 4) float64
+        Least x and y, greatest x and y of each [m].
     num_points : int
         Points of all inputs.
     allowed : int
@@ -223,7 +233,7 @@ def lay_tiles(
 
     Raises
     ------
-    DataError
+    TooDense
         A single cell with its halo holds too many.
 
     """
@@ -261,11 +271,13 @@ def lay_tiles(
         fits = near <= allowed and edge <= most_edge and reach(column, row, width) <= MOST_REACH
         if fits or width == 1:
             if near > allowed:
-                raise DataError(
+                advice = 'a' if allowed >= MOST_POINTS else (
+                    'more --memory, fewer --workers or a'
+                )
+                raise TooDense(
                     f'{near} points lie within {least:g} m of a tile of {edge:g} m, '
                     f'{(near * BYTES_PER_POINT + BASE_BYTES) / 1e9:.1f} GB of memory; '
-                    f'{allowed} points are allowed: give more --memory, fewer --workers or a '
-                    'narrower --halo'
+                    f'{allowed} points are allowed: give {advice} narrower --halo'
                 )
             wide = count(column, row, width, math.ceil(WIDEN * least / grid.edge))
             if halo is None and wide <= min((1.0 + WIDE_SHARE) * near, allowed):

@@ -4,7 +4,7 @@
 """``plc_replay`` over many recordings: each flight by itself, and an index page."""
 
 import argparse
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 import dataclasses
 import glob
 from pathlib import Path
@@ -40,14 +40,19 @@ def are_many(arguments: argparse.Namespace) -> bool:
     return path.is_dir() and find_recordings(path) not in ([path], [])
 
 
-def expand_flights(items: Sequence[str]) -> list[Path]:
+def expand_flights(items: Sequence[str], folder: Path | None = None) -> list[Path]:
     """
     Find the recordings that arguments name.
+
+    A search, of a folder or by a pattern, passes over results: what lies in ``folder``, and
+    folders with a ``run.json``.
 
     Parameters
     ----------
     items : sequence of str
         Recordings, folders (searched at any depth), patterns.
+    folder : Path or None
+        Results folder of the run.
 
     Returns
     -------
@@ -69,19 +74,34 @@ def expand_flights(items: Sequence[str]) -> list[Path]:
                 raise DataError(
                     f'{item} ' + ('matches no file' if glob.has_magic(item) else 'does not exist')
                 )
-            own = [flight for name in names for flight in find_recordings(Path(name))]
+            searched = [flight for name in names for flight in find_recordings(Path(name))]
         else:
-            own = [path] if path.is_file() else find_recordings(path)
+            searched = [] if path.is_file() else find_recordings(path)
+        own = [flight for flight in searched if not _is_result(flight, folder)]
+        own += [path] if path.is_file() else []
         if not own:
             raise DataError(f'{item} holds no recording: none ends in .mcap, .db3 or .bag')
         found |= dict.fromkeys(flight.resolve() for flight in own)
     return list(found)
 
 
-def name_flights(paths: Iterable[Path]) -> dict[str, Path]:
-    """Return recordings by the names of their results folders, made unique."""
-    named: dict[str, Path] = {}
-    for path in paths:
+def _is_result(path: Path, folder: Path | None) -> bool:
+    """Tell whether a recording is one that a run wrote, as results.mcap."""
+    home = path if path.is_dir() else path.parent
+    is_in_out = folder is not None and folder.resolve() in path.resolve().parents
+    return is_in_out or (home / 'run.json').is_file()
+
+
+def name_flights(
+    paths: Iterable[Path], known: Mapping[str, str] | None = None
+) -> dict[str, Path]:
+    """Return recordings by the names of their results folders: those known, or made unique."""
+    names = {path: name for name, path in (known or {}).items()}
+    wanted = list(paths)
+    named = {names[str(path)]: path for path in wanted if str(path) in names}
+    for path in wanted:
+        if str(path) in names:
+            continue
         name, number = path.stem if path.is_file() else path.name, 1
         own = name
         while own in named:
@@ -154,25 +174,35 @@ def run_flights(
     """
     from plc_inspect.grid.engine import open_engine
     from plc_inspect.grid.flights_page import write_flights
-    from plc_inspect.grid.ledger import Ledger
-    from plc_inspect.grid.ledger import NAME as LEDGER
+    from plc_inspect.grid.grid_folder import (
+        check_all_named,
+        check_grid_folder,
+        LEDGER_FILES,
+        LOG,
+        open_grid_folder,
+    )
     from plc_inspect.grid.ledger_table import TABLE, write_ledger_table
     from plc_inspect.grid.run import GridOptions, GridRun
-    from plc_inspect.grid.survey_grid import check_grid_folder, LOG, log_too
+    from plc_inspect.grid.survey_grid import log_too
+    from plc_inspect.whole_files import check_outside
 
-    named = name_flights(expand_flights(arguments.bags))
     folder = arguments.output
-    check_grid_folder(folder, arguments.force, (
-        LEDGER, f'{LEDGER}-wal', f'{LEDGER}-shm', f'{LEDGER}-journal', TABLE, LOG, 'run.json',
-        'index.html', FLIGHTS,
-    ))
-    folder.mkdir(parents=True, exist_ok=True)
+    paths = expand_flights(arguments.bags, folder)
+    check_outside(paths, folder)
+    files = (*LEDGER_FILES, TABLE, LOG, 'run.json', 'index.html', FLIGHTS)
+    check_grid_folder(folder, files)
     memory = None if arguments.memory is None else arguments.memory * GIGABYTE
     with (
         open_engine(arguments.workers or 1, arguments.scheduler, memory) as engine,
         show_progress(arguments.quiet, time_left=True) as progress,
-        Ledger(folder, __version__) as ledger,
+        open_grid_folder(folder, arguments.force, files) as ledger,
     ):
+        known = ledger.find_fact(FLIGHTS) or {}
+        check_all_named(folder, [
+            path for name, path in known.items() if _find_result(folder, name).is_file()
+        ], paths)
+        named = name_flights(paths, known)
+        ledger.keep_fact(FLIGHTS, {name: str(path) for name, path in named.items()})
         for name in ('index.html', TABLE):  # outdated from here on
             (folder / name).unlink(missing_ok=True)
         run = GridRun(
@@ -184,15 +214,19 @@ def run_flights(
         )
         tasks = list(_make_tasks(named, folder, settings, request))
         for task in tasks:
-            if not (folder / FLIGHTS / task.name / 'run.json').is_file():
+            if not _find_result(folder, task.name).is_file():
                 ledger.forget(STAGE, task.name)
         answers = run.run(STAGE, tasks, {
             task.name: _make_key(named[task.name], settings, request) for task in tasks
         })
-        failures = [(name, error) for _, name, error in ledger.list_failures()]
+        failures = [
+            (name, f'{error}; its earlier result is kept'
+             if _find_result(folder, name).is_file() else error)
+            for _, name, error in ledger.list_failures()
+        ]
         missing = write_ledger_table(ledger, folder, settings)
     for path in (folder / FLIGHTS).iterdir() if (folder / FLIGHTS).is_dir() else ():
-        if path.name not in answers:
+        if path.name not in named:
             shutil.rmtree(path)
     failures += [(name, answer['held_back']) for name, answer in sorted(answers.items())
                  if answer['held_back']]
@@ -207,6 +241,11 @@ def run_flights(
     if failures:
         return DEFECT if run.num_defects else BAD_INPUT
     return DONE
+
+
+def _find_result(folder: Path, name: str) -> Path:
+    """Return the path of a file that a flight has once it is replayed."""
+    return folder / FLIGHTS / name / 'run.json'
 
 
 def _make_tasks(

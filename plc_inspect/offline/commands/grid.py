@@ -57,7 +57,7 @@ def is_grid(arguments: argparse.Namespace) -> bool:
     )
     if len(arguments.clouds) > 1 or any(option is not None for option in options):
         return True
-    from plc_inspect.grid.cells.sources import INDEX_SUFFIXES
+    from plc_inspect.grid.cells.inputs import INDEX_SUFFIXES
 
     path = Path(arguments.clouds[0])
     if path.is_dir() or path.suffix.lower() in INDEX_SUFFIXES:
@@ -68,7 +68,7 @@ def is_grid(arguments: argparse.Namespace) -> bool:
 def check_grid_arguments(arguments: argparse.Namespace) -> None:
     """Raise ConfigError if options conflict, DataError if OUT cannot be used."""
     from plc_inspect.errors import ConfigError
-    from plc_inspect.grid.survey_grid import check_grid_folder
+    from plc_inspect.grid.grid_folder import check_grid_folder
 
     for name in ('cases', 'pdf'):
         if getattr(arguments, name):
@@ -78,7 +78,7 @@ def check_grid_arguments(arguments: argparse.Namespace) -> None:
         value = getattr(arguments, name)
         if value is not None and not (math.isfinite(value) and value >= least):
             raise ConfigError(f'--{name} must be {least:g} or more, got {value:g}')
-    check_grid_folder(arguments.output, force=False)
+    check_grid_folder(arguments.output)
 
 
 def run_grid(
@@ -99,18 +99,24 @@ def run_grid(
         See `survey_grid`.
 
     """
-    from plc_inspect.grid.engine import open_engine
+    from plc_inspect.grid.cells.layout import count_allowed
+    from plc_inspect.grid.engine import measure_available, open_engine
     from plc_inspect.grid.run import GridOptions
     from plc_inspect.grid.survey_grid import GridInputs, survey_grid
 
     inputs = GridInputs(
-        items=tuple(arguments.clouds), folder=arguments.output, crs=arguments.crs,
-        force=arguments.force, unit=parse_unit(arguments.units), baseline=baseline,
+        items=tuple(arguments.clouds), folder=arguments.output.absolute(), crs=arguments.crs,
+        force=arguments.force, geo=arguments.geo, unit=parse_unit(arguments.units),
+        baseline=baseline,
     )
     options = GridOptions(halo=arguments.halo, tile_edge=arguments.tile or math.inf)
-    memory = None if arguments.memory is None else arguments.memory * GIGABYTE
+    memory, workers = None, arguments.workers or 1
+    if arguments.memory is not None:
+        memory = arguments.memory * GIGABYTE
+    if arguments.scheduler is None:  # before they are started
+        count_allowed(memory or measure_available() / workers)
     with (
-        open_engine(arguments.workers or 1, arguments.scheduler, memory) as engine,
+        open_engine(workers, arguments.scheduler, memory) as engine,
         show_progress(arguments.quiet, time_left=True) as progress,
     ):
         if engine.address and not arguments.quiet:

@@ -123,7 +123,7 @@ def _run(argv: Sequence[str] | None) -> int:
     from plc_inspect.offline.commands.result_table import render_summary
     from plc_inspect.offline.export.results_folder import check_results, write_results
 
-    check_results(arguments.output, arguments.force)
+    check_results(arguments.output, arguments.force, [arguments.record])
     recovered = recover(arguments.record)
     write_results(arguments.output, recovered.inspection, arguments.force)
     if not arguments.quiet:

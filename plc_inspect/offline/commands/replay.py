@@ -171,7 +171,7 @@ def _run(argv: Sequence[str] | None) -> int:
         check_flights(arguments)
         return run_flights(arguments, settings, request)
     bag, origin = Path(arguments.bags[0]), locate_flight(arguments.origin)
-    check_results(arguments.output, arguments.force)
+    check_results(arguments.output, arguments.force, [bag])
     with show_progress(arguments.quiet) as progress:
         inspection = replay(bag, settings, progress, request.rules)
         inspection = dataclasses.replace(inspection, **origin)

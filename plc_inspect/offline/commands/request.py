@@ -21,7 +21,7 @@ from plc_inspect.offline.commands.command_line import Progress
 from plc_inspect.offline.export.results_folder import write_results
 from plc_inspect.offline.readers.catalogue import load_conductor, load_rules, parse_case
 from plc_inspect.offline.records.changes import find_changes, read_survey, Survey, to_survey
-from plc_inspect.offline.records.georeference import find_horizontal, make_origin_crs
+from plc_inspect.offline.records.georeference import make_origin_crs, require_horizontal
 from plc_inspect.offline.records.inspection import Inspection
 from plc_inspect.offline.report.paper import check_printing
 from plc_inspect.setting_names import update
@@ -118,11 +118,8 @@ def complete(inspection: Inspection, request: Request) -> Inspection:
 
     """
     inspection = dataclasses.replace(inspection, rules=request.rules)
-    if request.geo and find_horizontal(inspection) is None:
-        raise ConfigError(
-            f'{inspection.source} has no projected coordinate reference system: give one'
-            ' (--crs for a cloud, --origin for a flight)'
-        )
+    if request.geo:
+        require_horizontal(inspection.source, inspection.crs or inspection.georeference)
     settings = inspection.settings.hazards
     if request.cases and request.conductor is not None:
         what_if = evaluate_cases(

@@ -223,7 +223,7 @@ def _run(argv: Sequence[str] | None) -> int:
 
     settings = read_settings(arguments.params, arguments.assignments)
     request, settings = read_request(arguments, settings)
-    check_results(arguments.output, arguments.force)
+    check_results(arguments.output, arguments.force, [cloud])
     with show_progress(arguments.quiet) as progress:
         inspection = survey(
             cloud, settings, arguments.crs, progress, request.rules, reading

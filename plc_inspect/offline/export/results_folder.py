@@ -3,13 +3,18 @@
 
 """Writes a results folder atomically."""
 
+from collections.abc import Sequence
 import os
 from pathlib import Path
 
 from plc_inspect.errors import DataError
 from plc_inspect.offline.records.inspection import Inspection
-from plc_inspect.whole_files import check_folder, replace_folder
+from plc_inspect.whole_files import check_folder, check_outside, replace_folder
 
+POINTS = 'points.laz'
+"""The points of a survey, or of a tile of a grid."""
+LEDGER = 'ledger.sqlite'
+"""The ledger of a grid, or of many flights."""
 FILES = (
     'run.json',
     'spans.json',
@@ -17,7 +22,7 @@ FILES = (
     'supports.json',
     'hazards.json',
     'hazards.csv',
-    'points.laz',
+    POINTS,
     'report.html',
     'supports.csv',
     'coverage.json',
@@ -41,13 +46,16 @@ OPTIONAL_FILES = (
 """Further files, if requested or possible."""
 
 
-def check_results(folder: Path, force: bool = False) -> None:
+def check_results(
+    folder: Path, force: bool = False, inputs: Sequence[Path] = ()
+) -> None:
     """
     Raise DataError unless a results folder can be written at ``folder``.
 
     An existing folder needs ``force`` and may hold only the files of a results folder, because
-    no other file is ever removed.
+    no other file is ever removed.  None of the inputs may lie in it.
     """
+    check_outside(inputs, folder)
     check_folder(folder, force)
     if folder.exists():
         foreign = sorted({item.name for item in folder.iterdir()} - {*FILES, *OPTIONAL_FILES})

@@ -195,7 +195,7 @@ def find_changes(before: Survey, after: Survey, sag_deviation: float) -> Changes
 
 def check_systems(before: Survey, name: str, crs: str) -> None:
     """Raise DataError if two surveys have different reference systems."""
-    if not _is_same(before.crs, crs):
+    if not is_same_system(before.crs, crs):
         raise DataError(
             f'{before.name} is in {_name_crs(before.crs)} and {name} in {_name_crs(crs)}: surveys'
             ' are compared in one reference system'
@@ -289,7 +289,8 @@ def _find_tops(canopy: Float64) -> tuple[Int64, Int64]:
     return cell[top], top
 
 
-def _is_same(first: str, second: str) -> bool:
+def is_same_system(first: str, second: str) -> bool:
+    """Tell whether two reference systems, as WKT or '', are one, however they are spelled."""
     if first == second:
         return True
     if not first or not second:

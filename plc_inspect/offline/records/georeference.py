@@ -44,7 +44,20 @@ def make_origin_crs(latitude: float, longitude: float) -> str:
 
 def find_horizontal(inspection: Inspection) -> pyproj.CRS | None:
     """Return the horizontal CRS of the coordinates, None where it is unknown."""
-    wkt = inspection.crs or inspection.georeference
+    return parse_horizontal(inspection.crs or inspection.georeference)
+
+
+def require_horizontal(name: str, wkt: str) -> None:
+    """Raise ConfigError where the horizontal CRS of an input is unknown."""
+    if parse_horizontal(wkt) is None:
+        raise ConfigError(
+            f'{name} has no projected coordinate reference system: give one (--crs for a cloud,'
+            ' --origin for a flight)'
+        )
+
+
+def parse_horizontal(wkt: str) -> pyproj.CRS | None:
+    """Return the horizontal part of a CRS, None where that is '' or not projected."""
     if not wkt:
         return None
     try:

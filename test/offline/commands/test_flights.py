@@ -8,6 +8,8 @@ import json
 from offline.commands.test_replay import pipeline, run, write_bag
 import pytest
 
+from plc_inspect.offline.commands.flights import expand_flights
+
 __all__ = ['pipeline']
 
 
@@ -55,8 +57,47 @@ def test_a_flight_is_replayed_once(bags, pipeline, tmp_path, capfd):
     assert {path: path.stat().st_mtime_ns for path in stamp} == stamp
     assert run(*flights, '-o', out, '--quiet', '--set', 'map.min_points=2') == 0
     assert pipeline.given is not None
-    assert run(flights[0], '-o', out, '--quiet', '--memory', '2') == 0
+
+
+def test_results_of_flights_are_lost_by_force_alone(bags, pipeline, tmp_path, capfd):
+    out = tmp_path / 'out'
+    monday, tuesday = bags / 'monday/flight', bags / 'tuesday/flight'
+    assert run(monday, tuesday, '-o', out, '--quiet') == 0
+    assert run(tuesday, '-o', out, '--memory', '2') == 2
+    assert capfd.readouterr().err == (
+        f'plc_replay: {out} holds results of 1 of 2 inputs that are not named any more, as '
+        f'{monday}: name them as well, or another folder; --force begins anew\n'
+    )
+    stamp = {path: path.stat().st_mtime_ns for path in out.glob('flights/*/run.json')}
+    assert len(stamp) == 2
+    # in another order they keep their names, and a flight that fails keeps its result
+    (file,) = monday.rglob('*.mcap')
+    file.write_bytes(file.read_bytes()[:900])
+    assert run(tuesday, monday, '-o', out) == 2
+    error = capfd.readouterr().err
+    assert error.startswith('plc_replay: flight: ')
+    assert error.endswith('; its earlier result is kept\n')
+    assert json.loads((out / 'run.json').read_text())['totals']['flights'] == 1
+    assert {path: path.stat().st_mtime_ns for path in stamp} == stamp
+    assert run(tuesday, '-o', out, '--memory', '2', '--quiet', '--force') == 0
     assert sorted(path.name for path in (out / 'flights').iterdir()) == ['flight']
+
+
+def test_a_search_passes_over_results(bags, pipeline, tmp_path, capfd):
+    """They hold a recording for playback, results.mcap."""
+    out = bags / 'out'
+    for _ in range(2):
+        assert run(bags, '-o', out, '--quiet') == 2
+    assert run(bags / 'monday/flight', '-o', bags / 'single', '--quiet') == 0
+    assert len(list(bags.rglob('results.mcap'))) == 3
+    own = [bags / name / 'flight' for name in ('monday', 'tuesday', 'wednesday')]
+    assert expand_flights([str(bags)], tmp_path / 'out') == own
+    assert expand_flights([f'{bags}/*'], tmp_path / 'out') == own
+    capfd.readouterr()
+    named = bags / 'single/results.mcap'
+    assert run(named, '-o', bags / 'single', '--force') == 2
+    assert 'where the results go: name another folder' in capfd.readouterr().err
+    assert expand_flights([str(named)], tmp_path / 'out') == [named]
 
 
 def test_what_is_no_recording_is_refused(bags, tmp_path, capfd):

@@ -3,20 +3,31 @@
 
 """``plc_survey`` over a grid: what makes one, exit codes, messages."""
 
+from contextlib import chdir, nullcontext
+import errno
+import fcntl
 import json
+import os
+from pathlib import Path
 import shutil
 import struct
 
 from grid.formats import write_copc, write_e57, write_ply, write_xyz
 from grid.grids import make_line, ORIGIN, write_las
+import laspy
 import numpy as np
+from pyarrow import parquet
 import pyogrio
 import pyproj
 import pytest
 
+from plc_inspect import __version__
+from plc_inspect.errors import DataError
 from plc_inspect.grid import engine
-from plc_inspect.grid.cells import cut
-from plc_inspect.grid.cells.sources import expand_inputs
+from plc_inspect.grid import run as grid_run
+from plc_inspect.grid.cells import cut, layout
+from plc_inspect.grid.cells.inputs import expand_inputs
+from plc_inspect.grid.ledger import Ledger
 from plc_inspect.offline.commands import survey
 from plc_inspect.offline.commands.compare import main as compare
 from plc_inspect.offline.commands.survey import main
@@ -130,6 +141,130 @@ def test_bounds_that_lie_are_told(tmp_path, capsys):
     assert not (tmp_path / 'none').exists()
 
 
+def test_points_on_no_earth_are_told_and_too_many_are_refused(tmp_path, capsys):
+    points = make_line(1)
+    single, out = tmp_path / 'a.xyz', tmp_path / 'out'
+    points[:90] = 1e12
+    points[90:100] = np.nan
+    write_xyz(single, points)
+    assert main([str(single), '-o', str(out), *OPTIONS[:-1]]) == 0
+    note = (
+        f'{single}: 100 of {len(points)} points were left out: 10 are not finite, 90 lie farther'
+        ' out than any place on Earth'
+    )
+    head = json.loads((out / 'run.json').read_text())
+    assert (head['num_not_on_earth'], head['notes'][1:]) == (100, [note])
+    assert '(and 1 others)' in capsys.readouterr().out
+    num_far = len(points) // 2
+    points[:num_far] = 1e12
+    write_xyz(single, points)
+    text = (
+        f'{single}: {num_far} of {len(points)} points have coordinates up to 1e+12 m, which no'
+        ' coordinate reference system has'
+    )
+    for options, head in (([], ''), (OPTIONS, 'none of 1 inputs can be used: ')):
+        line = refuse(capsys, single, '-o', tmp_path / 'none', *options)
+        assert line == f'plc_survey: {head}{text}'
+    good = write_las(tmp_path / 'b.las', make_line(1))
+    assert main([str(single), str(good), '-o', str(out), *OPTIONS]) == 2
+    assert capsys.readouterr().err.splitlines()[0] == f'plc_survey: {text}'
+    head = json.loads((out / 'run.json').read_text())
+    assert (head['num_points'], head['num_not_on_earth']) == (len(points), 0)
+
+
+def test_a_tile_that_is_delivered_twice_is_told(folder, tmp_path):
+    paths = [folder / 'a.laz', folder / 'b.las', tmp_path / 'a.las']
+    laspy.read(paths[0]).write(paths[2])
+    out = tmp_path / 'out'
+    assert main([*map(str, paths), '-o', str(out), *OPTIONS]) == 0
+    *_, note = json.loads((out / 'run.json').read_text())['notes']
+    assert note == (
+        f'{paths[0]} and {paths[2]} hold {len(make_line(1))} points within the same bounds: if'
+        ' they are one tile, its points are counted twice; leave one out'
+    )
+
+
+def test_one_far_point_does_not_make_cells_too_large(tmp_path, monkeypatch, capsys):
+    """Cells laid by the bounds of the input would hold the whole line, more than is allowed."""
+    monkeypatch.setattr(grid_run, 'count_allowed', lambda memory: 25_000)
+    monkeypatch.setattr(layout, 'MOST_CELLS', 100_000)
+    points = make_line()
+    far = points[:1] + np.array([-400_000.0, 90_000.0, 0.0])
+    paths = [write_las(tmp_path / 'a.las', points), tmp_path / 'b.xyz']
+    write_xyz(paths[1], far)
+    options = ['--halo', '60', '--memory', '2', '--quiet']
+    out, plain = tmp_path / 'out', tmp_path / 'plain'
+    assert main([*map(str, paths), '-o', str(out), *options]) == 0
+    assert main([str(paths[0]), '-o', str(plain), *options]) == 0
+    head, other = (
+        json.loads((folder / 'run.json').read_text()) for folder in (out, plain)
+    )
+    assert head['num_points'] == len(points) + 1
+    assert head['num_tiles'] > 3
+    for name in ('num_spans', 'num_supports', 'num_hazards'):
+        assert head[name] == other[name] > 0
+    assert sum(
+        laspy.open(path).header.point_count for path in out.glob('tiles/*/points.laz')
+    ) == len(points) + 1
+    stamps = {path: path.stat().st_mtime_ns for path in out.glob('work/*/*/stats.json')}
+    assert main([*map(str, paths), '-o', str(out), *options]) == 0  # nothing is cut again
+    assert stamps == {path: path.stat().st_mtime_ns for path in stamps}
+    monkeypatch.setattr(grid_run, 'count_allowed', lambda memory: 1_000)
+    assert 'points lie within 60 m of a tile of' in refuse(capsys, *paths, '-o', out, *options)
+
+
+def test_workers_may_run_elsewhere(folder, tmp_path, monkeypatch):
+    """A relative folder of results is that of the command, and not of the worker."""
+    class Elsewhere(engine.OwnProcess):
+        def run(self, tasks):
+            for task in tasks:
+                with chdir(tmp_path / 'elsewhere'):
+                    outcome = engine.call(task)
+                yield outcome
+
+    (tmp_path / 'elsewhere').mkdir()
+    monkeypatch.setattr(engine, 'open_engine', lambda *_: nullcontext(Elsewhere(2e9)))
+    monkeypatch.chdir(tmp_path)
+    assert main([str(folder), '-o', 'out', *OPTIONS]) == 0
+    assert (tmp_path / 'out/index.html').is_file()
+    assert not list((tmp_path / 'elsewhere').iterdir())
+
+
+def test_memory_is_asked_before_workers_start(folder, tmp_path, monkeypatch, capsys):
+    def start(*_):
+        raise AssertionError
+
+    monkeypatch.setattr(engine, 'open_engine', start)
+    monkeypatch.setattr(engine, 'measure_available', lambda: 8e9)
+    for options, each in ((['--workers', '1000'], '0.01'), (['--memory', '0.3'], '0.30')):
+        line = refuse(capsys, folder, '-o', tmp_path / 'out', *options)
+        assert line.endswith(
+            f'{each} GB for a worker are too few: allow 1.0 GB or more (--memory), or fewer'
+            ' workers'
+        )
+
+
+def test_a_grid_in_other_units_is_that_of_a_first_run(tmp_path):
+    """What was measured of the whole in the old ones is measured anew."""
+    path = tmp_path / 'a.xyz'
+    write_xyz(path, (make_line(1) - ORIGIN + 50.0) / 0.3048)
+    arguments = [str(path), '-o', str(tmp_path / 'out'), *OPTIONS]
+    assert main(arguments) == 0
+    for options in (['--units', 'ft'], ['--crs', 'EPSG:2992']):
+        assert main([*arguments, *options]) == 0
+        own = [str(path), '-o', str(tmp_path / 'fresh'), *OPTIONS, '--force', *options]
+        assert main(own) == 0
+        whole, other = (
+            json.loads((folder / 'run.json').read_text())['whole']['whole']
+            for folder in (tmp_path / 'out', tmp_path / 'fresh')
+        )
+        assert whole == other
+        for name in ('spans.json', 'hazards.json'):
+            assert (tmp_path / 'out' / name).read_bytes() == (
+                tmp_path / 'fresh' / name
+            ).read_bytes()
+
+
 def test_an_index_names_its_tiles(folder, tmp_path):
     features = [
         {'type': 'Feature', 'geometry': None, 'properties': {'location': str(folder / name)}}
@@ -160,6 +295,9 @@ def test_inputs_that_are_none_are_refused(folder, tmp_path, capsys):
     ('{"features": [{"properties": {"location": 5}}]}', 'feature 1: 5 is not the path of a tile'),
     ('{"features": [{"properties": {"location": "x.las"}}]}',
      'names x.las, which does not exist'),
+    ('{"features": [{"assets": {"thumbnail": {"href": "x.png"}}}]}',
+     'names x.png, which does not exist'),
+    ('{"features": [{"assets": [5]}]}', 'is not a tile index: no GeoJSON features'),
     ('{"features": [{"properties": {"location": "."}}]}', 'names ., which is not a file'),
     ('{"features": [{"properties": {"location": "https://a.org/x.las"}}]}',
      'names https://a.org/x.las, which is not a file'),
@@ -186,6 +324,112 @@ def test_an_index_may_hold_urls_of_files(folder, tmp_path):
     assert expand_inputs([str(index)]) == [tile]
 
 
+def test_a_search_passes_over_results(folder, tmp_path, capsys):
+    """Else a second run would take the points of the first, and its cells as text."""
+    tiles = tmp_path / 'tiles'
+    shutil.copytree(folder, tiles)
+    for run, item in (('run', tiles), ('pattern', tiles / '**' / '*.laz')):
+        for _ in range(2):
+            assert main([str(item), '-o', str(tiles / run), *OPTIONS]) == 0
+    assert main([str(tiles / 'a.laz'), '-o', str(tiles / 'single'), '--quiet']) == 0
+    (tiles / '.hidden').mkdir()
+    for name in ('._a.laz', '.hidden/b.laz', '.points.laz.abc.partial'):
+        (tiles / name).write_bytes(b'no cloud')
+    own = [tiles / 'a.laz', tiles / 'b.las']
+    for out in (tmp_path / 'out', tiles / 'run'):
+        assert expand_inputs([str(tiles)], out) == own
+        assert expand_inputs([str(tiles / '**' / '*.la[sz]')], out) == own
+    for pattern in ('*', '**', '*/*', '*/*/*'):
+        if pattern == '*/*/*':  # only results are as deep
+            with pytest.raises(DataError, match=r'holds no cloud beside results of earlier runs$'):
+                expand_inputs([f'{tmp_path}/{pattern}'])
+        else:
+            assert expand_inputs([f'{tmp_path}/{pattern}']) == own
+    for pattern, expected in (
+        ('run/tiles/*/points.laz', {'run'}), ('**/points.laz', {'run', 'pattern', 'single'}),
+        ('run/tiles', {'run'}),
+    ):
+        found = expand_inputs([str(tiles / pattern)], tmp_path / 'out')
+        assert {path.relative_to(tiles).parts[0] for path in found} == expected
+        assert {path.name for path in found} <= {'points.laz'}
+    line = refuse(capsys, tiles / 'run', '-o', tmp_path / 'out', *OPTIONS)
+    assert line.endswith(
+        f"run holds no cloud beside results of earlier runs: name those as '{tiles}/run/**/"
+        "points.laz'"
+    )
+
+
+def test_inputs_in_the_folder_of_results_are_refused(folder, tmp_path, capsys):
+    """Its files are replaced: with --force the input would be lost."""
+    for name, options in (('single', ['--quiet']), ('grid', OPTIONS)):
+        out, link = tmp_path / name, tmp_path / f'{name}.laz'
+        assert main([str(folder / 'a.laz'), '-o', str(out), *options]) == 0
+        (points,) = out.rglob('points.laz')
+        link.symlink_to(points)
+        for item in (points, link):
+            line = refuse(capsys, item, '-o', out, '--force', *options)
+            assert line.endswith(
+                f'{item} lies in {out}, where the results go: name another folder'
+            )
+        assert points.is_file()
+
+
+def test_force_leaves_a_running_grid_alone(folder, tmp_path, capsys):
+    out = tmp_path / 'out'
+    assert main([str(folder), '-o', str(out), *OPTIONS]) == 0
+    before = {path: path.stat().st_mtime_ns for path in out.rglob('*') if path.is_file()}
+    with Ledger(out, __version__):
+        line = refuse(capsys, folder, '-o', out, *OPTIONS, '--force')
+    assert line.endswith('out is in use by another run')
+    after = {path: path.stat().st_mtime_ns for path in out.rglob('*') if path.is_file()}
+    assert {path for path in before if path.suffix != '.sqlite' and 'sqlite-' not in path.name} \
+        <= {path for path, stamp in after.items() if before.get(path) == stamp}
+    assert main([str(folder), '-o', str(out), *OPTIONS, '--force']) == 0
+    assert (out / 'run.json').stat().st_mtime_ns > before[out / 'run.json']
+
+
+def test_a_grid_killed_in_a_write_is_resumed(folder, tmp_path):
+    """What was half-written is removed, but for what another process holds."""
+    out = tmp_path / 'out'
+    assert main([str(folder), '-o', str(out), *OPTIONS]) == 0
+    (tile,) = {path.parent for path in out.glob('tiles/*/points.laz')}
+    rooms = [out / '.grid.gpkg.abc.partial', tile / '.points.laz.abc.partial']
+    for options in ([], ['--force']):
+        for room in rooms:
+            room.mkdir(exist_ok=True, parents=True)
+        held = os.open(rooms[0], os.O_RDONLY)
+        fcntl.flock(held, fcntl.LOCK_SH)
+        assert main([str(folder), '-o', str(out), *OPTIONS, *options]) == 0
+        os.close(held)
+        assert [room.exists() for room in rooms] == [True, False]
+        assert main([str(folder), '-o', str(out), *OPTIONS]) == 0
+        assert not list(out.rglob('*.partial'))
+
+
+def test_a_link_is_taken_by_its_own_name(folder, tmp_path):
+    """Stores of large files name them by a digest, without a suffix."""
+    tiles = tmp_path / 'tiles'
+    tiles.mkdir()
+    shutil.copy(folder / 'a.laz', tmp_path / 'd41d8cd9')
+    for name in ('a.laz', 'b.laz'):
+        (tiles / name).symlink_to(tmp_path / 'd41d8cd9')
+    out = tmp_path / 'out'
+    assert expand_inputs([str(tiles / 'b.laz'), str(tiles)], out) == [tiles / 'b.laz']
+    assert main([str(tiles), '-o', str(out), *OPTIONS]) == 0
+    assert json.loads((out / 'run.json').read_text())['num_spans'] == 3
+
+
+def test_the_cloud_of_an_index_is_the_asset_that_is_one(folder, tmp_path):
+    """Beside it there may be a picture; and the file may begin with a byte order mark."""
+    index = tmp_path / 'index.vpc'
+    picture, cloud = {'href': 'a.png'}, {'href': str(folder / 'a.laz')}
+    for assets in (
+        {'thumbnail': picture, 'cloud': cloud}, {'data': cloud}, {'data': picture, 'more': cloud},
+    ):
+        index.write_text(json.dumps({'features': [{'assets': assets}]}), encoding='utf-8-sig')
+        assert expand_inputs([str(index)]) == [folder / 'a.laz']
+
+
 def test_inputs_of_which_none_is_usable_leave_nothing(folder, tmp_path, capsys):
     out = tmp_path / 'out'
     text = tmp_path / 'a.xyz'
@@ -205,12 +449,63 @@ def test_inputs_of_which_none_is_usable_leave_nothing(folder, tmp_path, capsys):
     content = (folder / 'a.laz').read_bytes()
     tile.write_bytes(content[:len(content) // 2])
     line = refuse(capsys, tile, '-o', out, *OPTIONS)
-    assert f'none of 1 inputs can be read: {tile} cannot be read, is it truncated?' in line
+    assert f'none of 1 inputs can be used: {tile} cannot be read, is it truncated?' in line
     assert not out.exists()
     assert main([str(folder / 'a.laz'), str(text), '-o', str(out), *OPTIONS]) == 0
     capsys.readouterr()
-    assert 'none of 1 inputs can be read' in refuse(capsys, tile, '-o', out, *OPTIONS)
+    line = refuse(capsys, folder / 'b.las', '-o', out, *OPTIONS)
+    assert line.endswith(
+        f'out holds results of 1 of 1 inputs that are not named any more, as {folder}/a.laz: name'
+        ' them as well, or another folder; --force begins anew'
+    )
+    assert (out / 'index.html').exists()
+    assert 'none of 1 inputs can be used' in refuse(capsys, tile, '-o', out, *OPTIONS, '--force')
     assert (out / 'ledger.sqlite').exists()  # of an earlier run
+
+
+def test_the_ledger_tells_which_inputs_are_in_the_grid_now(folder, tmp_path, capsys):
+    def list_inputs():
+        rows = parquet.read_table(out / 'ledger.parquet').to_pylist()
+        return {
+            Path(row['name']).name: (row['state'], bool(row['sha256']), row['error'] or '')
+            for row in rows if row['stage'] == 'input'
+        }
+
+    tiles, out = tmp_path / 'tiles', tmp_path / 'out'
+    shutil.copytree(folder, tiles)
+    arguments = [str(tiles), '-o', str(out), *OPTIONS]
+    assert main(arguments) == 0
+    assert list_inputs() == dict.fromkeys(('a.laz', 'b.las'), ('done', True, ''))
+    for name, what in (('a.laz', 'cannot be read, is it truncated?'), ('b.las', 'is truncated')):
+        content = (tiles / name).read_bytes()
+        (tiles / name).write_bytes(content[:len(content) - 2000])
+        assert main(arguments) == 2
+        state, has_digest, error = list_inputs()[name]
+        assert (state, has_digest) == ('failed', False)
+        assert what in error
+        (tiles / name).write_bytes(content)
+    (tiles / 'b.las').write_bytes(b'')
+    assert main(arguments) == 2
+    (tiles / 'b.las').unlink()
+    assert main(arguments) == 0
+    assert list_inputs() == {'a.laz': ('done', True, '')}
+
+
+def test_a_full_disk_is_told(folder, tmp_path, monkeypatch, capsys):
+    """Neither the input nor the program is to blame."""
+    def fail(*arguments):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    out = tmp_path / 'out'
+    for module, name, text in (
+        (cut, '_write', f'none of 1 inputs can be used: {out}/work/cells'),
+        (grid_run, 'write_catalogue', out),
+    ):
+        with monkeypatch.context() as patch:
+            patch.setattr(module, name, fail)
+            line = refuse(capsys, folder / 'a.laz', '-o', out, *OPTIONS)
+        assert line == f'plc_survey: {text} cannot be written: No space left on device'
+    assert main([str(folder / 'a.laz'), '-o', str(out), *OPTIONS]) == 0
 
 
 def test_an_error_names_its_file_once(folder, tmp_path, capsys):
@@ -251,6 +546,29 @@ def test_systems_must_agree(tmp_path, capsys):
     assert "unknown coordinate reference system 'EPSG:1'" in refuse(
         capsys, first, *options, '--crs', 'EPSG:1'
     )
+    assert not (tmp_path / 'out').exists()
+
+
+def test_one_system_may_be_spelled_in_two_ways(tmp_path, capsys):
+    points = make_line(1)
+    first = write_las(tmp_path / 'a.las', points[::2], 'EPSG:25832')
+    text = pyproj.CRS(25832).to_wkt('WKT1_GDAL')
+    second = write_las(
+        tmp_path / 'b.las', points[1::2], text.replace('ETRS89 / UTM zone 32N', 'Zone 32', 1)
+    )
+    arguments = [str(first), str(second), '-o', str(tmp_path / 'out'), *OPTIONS]
+    assert main([*arguments, '--geo']) == 0
+    assert json.loads((tmp_path / 'out/run.json').read_text())['num_spans'] == 3
+
+
+def test_a_grid_that_must_have_a_place_is_refused_without_one(tmp_path, capsys):
+    path = write_las(tmp_path / 'a.las', make_line(1))
+    for options, name in ((['--quiet'], 'a.las'), (OPTIONS, str(path))):
+        line = refuse(capsys, path, '-o', tmp_path / 'out', '--geo', *options)
+        assert line == (
+            f'plc_survey: {name} has no projected coordinate reference system: give one (--crs for'
+            ' a cloud, --origin for a flight)'
+        )
     assert not (tmp_path / 'out').exists()
 
 
