@@ -5,8 +5,8 @@
 
 import struct
 
-from grid.formats import write_copc
-from grid.grids import make_line
+from grid.formats import write_copc, write_xyz
+from grid.grids import inspect, make_line, ORIGIN, write_las
 import laspy
 import numpy as np
 import pytest
@@ -15,6 +15,7 @@ from plc_inspect.errors import DataError
 from plc_inspect.grid.cells.cut import FLAG_NAMES, read_part
 from plc_inspect.grid.cells.pieces import Piece, read_points
 from plc_inspect.grid.cells.sources import read_sources
+from plc_inspect.grid.results import choose_format
 from plc_inspect.grid.tiles.section_report import is_near
 from plc_inspect.grid.tiles.tile_points import _put_attributes
 from plc_inspect.offline.export.points_file import describe_original, ORIGINAL
@@ -101,3 +102,72 @@ def test_an_index_of_copc_must_lead_to_what_the_header_counts(tmp_path):
     path.write_bytes(data)
     _, (refusal,) = read_sources([path])
     assert 'a.copc.laz has no readable index of COPC: its index has 4294967296' in refusal.error
+
+
+def read_tiles(folder):
+    """Return the coordinates in the points files of all tiles, sorted."""
+    return sort(np.concatenate([laspy.read(path).xyz for path in folder.glob('tiles/*/*.laz')]))
+
+
+def sort(points):
+    """Return points in an order that the last bits do not change."""
+    return points[np.lexsort(np.round(points, 3).T)]
+
+
+def test_a_point_far_away_leaves_the_others_exact(tmp_path):
+    """It is farther from them than 32 bits hold millimetres."""
+    first, second = np.array_split(make_line(1), 2)
+    first = np.concatenate([first, [ORIGIN - [0.0, 2.2e6, 0.0]]])
+    paths = [write_xyz(tmp_path / 'a.xyz', first), write_xyz(tmp_path / 'b.xyz', second)]
+    inspect(tmp_path / 'out', paths)
+    np.testing.assert_allclose(
+        read_tiles(tmp_path / 'out'), sort(np.concatenate([first, second])), rtol=0, atol=1e-6
+    )
+
+
+def test_tiles_are_as_fine_as_the_finest_input_that_they_can_hold(tmp_path):
+    """Two tiles whose own grids use all of the 32 bits: no grid of that scale holds both."""
+    points = make_line(1)
+    middle = np.median(points[:, 0])
+    paths = []
+    for name, own in (('a', points[points[:, 0] < middle]), ('b', points[points[:, 0] >= middle])):
+        center = np.round((own.min(axis=0) + own.max(axis=0)) / 2)
+        scale = np.ptp(own[:, 0]) / 2**32 * 1.1
+        paths.append(write_las(tmp_path / f'{name}.laz', own, scales=np.full(3, scale),
+                               offsets=center))
+    inspect(tmp_path / 'out', paths)
+    np.testing.assert_allclose(read_tiles(tmp_path / 'out'), sort(points), rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize('order', [1, -1])
+def test_a_coarse_input_does_not_coarsen_the_others(order, tmp_path):
+    points = make_line(1)
+    coarse = np.round(points[:500] * 4) / 4
+    paths = [
+        write_las(tmp_path / 'a.las', coarse, scales=np.full(3, 0.25), offsets=np.zeros(3)),
+        write_las(tmp_path / 'b.las', points[500:]),
+    ][::order]
+    inspect(tmp_path / 'out', paths)
+    found = read_tiles(tmp_path / 'out')
+    np.testing.assert_allclose(
+        found, sort(np.concatenate([coarse, points[500:]])), rtol=0, atol=1e-6
+    )
+
+
+def test_the_format_of_tiles_is_that_of_the_first_of_the_finest_inputs(tmp_path):
+    points = make_line(1)[:10]
+    scales = [(0.01, 0.01, 0.001), (0.001, 0.01, 0.01)]
+    paths = [
+        write_las(tmp_path / f'{number}.las', points, scales=np.array(own),
+                  offsets=np.floor(ORIGIN) + number)
+        for number, own in enumerate(scales)
+    ]
+    sources, _ = read_sources(paths)
+    form = choose_format(sources)
+    assert form.scales == (0.001, 0.01, 0.001)
+    assert form.offsets == (500_001.0, 5_700_000.0, 40.0)
+    with_text, _ = read_sources([write_xyz(tmp_path / 'c.xyz', points), *paths[::-1]])
+    assert choose_format(with_text).scales == (0.001, 0.001, 0.001)
+    assert choose_format(with_text).offsets == (500_001.0, 5_700_001.0, 40.0)
+    only_text = choose_format(with_text[:1])
+    assert only_text.offsets == tuple(np.floor(points.min(axis=0)))
