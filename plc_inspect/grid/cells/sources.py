@@ -18,8 +18,6 @@ import numpy as np
 from plc_inspect.core.numerics.arrays import MOST_COORDINATE
 from plc_inspect.errors import DataError
 from plc_inspect.offline.readers.clouds import (
-    check_count,
-    check_las_header,
     choose_units,
     find_las_crs,
     find_plain_crs,
@@ -29,6 +27,7 @@ from plc_inspect.offline.readers.clouds import (
     SUFFIXES,
 )
 from plc_inspect.offline.readers.copc import count_indexed, is_copc
+from plc_inspect.offline.readers.laz import open_checked
 from plc_inspect.offline.readers.plain_clouds import is_plain, iterate_points
 from plc_inspect.offline.readers.plausibility import question_place
 from plc_inspect.printable import make_one_line
@@ -257,10 +256,13 @@ def _read_source(
         low, high = low * [units[0], units[0], units[1]], high * [units[0], units[0], units[1]]
         scales = offsets = np.zeros(3)
     else:
-        header = _read_header(path)
+        with open_checked(path) as reader:
+            header = reader.header
+        if is_copc(header):
+            _check_index(path, header)
         num = int(header.point_count)
-        _check_count(path, header)
-        key = b''.join(vlr.record_data_bytes() for vlr in header.vlrs if _is_crs(vlr))
+        records = [*header.vlrs, *(header.evlrs or [])]
+        key = b''.join(vlr.record_data_bytes() for vlr in records if _is_crs(vlr))
         if given is None and key not in known:
             known[key] = find_las_crs(header, path)
         wkt, units = given or known[key]
@@ -325,18 +327,6 @@ def _is_crs(vlr: Any) -> bool:
     return str(vlr.user_id).startswith('LASF_Projection')
 
 
-def _read_header(path: Path) -> laspy.LasHeader:
-    try:
-        check_las_header(path)
-        with path.open('rb') as file:
-            return laspy.LasHeader.read_from(file)
-    except (DataError, OSError):
-        raise
-    except Exception as error:  # laspy lets errors of struct and numpy through
-        text = make_one_line(error) or type(error).__name__
-        raise DataError(f'{path} has no readable LAS header: {text}') from error
-
-
 def _find_bounds(path: Path, header: laspy.LasHeader, scale: Float64) -> tuple[Float64, Float64]:
     """Return the bounds in a header [m]; DataError if they are invalid."""
     low, high = np.array(header.mins) * scale, np.array(header.maxs) * scale
@@ -354,17 +344,15 @@ def _render(values: Any) -> str:
     return '(' + ', '.join(f'{value:.6g}' for value in values) + ')'
 
 
-def _check_count(path: Path, header: laspy.LasHeader) -> None:
-    """Refuse a file with more or fewer points than its header counts, as far as that shows."""
-    if is_copc(header):
-        try:
-            indexed = count_indexed(path)
-        except Exception as error:  # laspy lets errors of struct and numpy through
-            text = make_one_line(error) or type(error).__name__
-            raise DataError(f'{path} has no readable index of COPC: {text}') from error
-        if indexed != header.point_count:
-            raise DataError(
-                f'{path} is damaged: its index leads to {indexed} points, its header counts'
-                f' {header.point_count}'
-            )
-    check_count(path, header)
+def _check_index(path: Path, header: laspy.LasHeader) -> None:
+    """Refuse a COPC file whose index leads to other points than its header counts."""
+    try:
+        indexed = count_indexed(path)
+    except Exception as error:  # laspy lets errors of struct and numpy through
+        text = make_one_line(error) or type(error).__name__
+        raise DataError(f'{path} has no readable index of COPC: {text}') from error
+    if indexed != header.point_count:
+        raise DataError(
+            f'{path} is damaged: its index leads to {indexed} points, its header counts'
+            f' {header.point_count}'
+        )

@@ -180,16 +180,13 @@ def check_memory(path: Path) -> None:
         return
     if path.stat().st_size < LARGEST_UNASKED:
         return
-    import laspy
-
     from plc_inspect.grid.engine import measure_available
-    from plc_inspect.offline.readers.clouds import check_las_header
+    from plc_inspect.offline.readers.laz import open_checked
 
     try:
-        check_las_header(path)
-        with path.open('rb') as file:
-            num_points = int(laspy.LasHeader.read_from(file).point_count)
-    except Exception:  # reported when the file is read
+        with open_checked(path) as reader:
+            num_points = int(reader.header.point_count)
+    except DataError:  # reported when the file is read
         return
     free, needed = measure_available(), BASE_BYTES + BYTES_PER_POINT * num_points
     if needed > free:

@@ -5,7 +5,6 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-import struct
 from typing import Any
 
 import laspy
@@ -18,7 +17,7 @@ from pyproj.exceptions import CRSError
 from plc_inspect.core.extraction.ground_surface import bounds
 from plc_inspect.core.numerics.arrays import MOST_COORDINATE
 from plc_inspect.errors import ConfigError, DataError
-from plc_inspect.offline.readers.laz import open_las
+from plc_inspect.offline.readers.laz import open_checked
 from plc_inspect.offline.readers.plain_clouds import (
     find_named_crs,
     is_plain,
@@ -152,51 +151,6 @@ def choose_units(
     return unit, unit
 
 
-def _not_read(path: Path, error: OSError) -> DataError:
-    return DataError(f'{path} cannot be read: {error.strerror or error}')
-
-
-def check_las_header(path: Path) -> None:
-    """Refuse a LAS header with impossible counts of records, which laspy would believe."""
-    size = path.stat().st_size
-    with path.open('rb') as file:
-        head = file.read(375)
-    if head[:4] != b'LASF' or len(head) < 227:
-        raise DataError(f'{path} is not a LAS file')
-    header_size, first_point, num_vlrs = struct.unpack_from('<HII', head, 94)
-    records = [('variable length', num_vlrs, header_size, first_point, 54)]
-    if head[25] >= 4 and len(head) == 375:
-        first_evlr, num_evlrs = struct.unpack_from('<QI', head, 235)
-        records.append(('extended', num_evlrs, first_evlr, size, 60))
-    for name, count, start, end, smallest in records:
-        if count and start + count * smallest > end:
-            raise DataError(
-                f'{path} is damaged: no room for {count} {name} records between byte {start} '
-                f'and {end}'
-            )
-    if first_point > size:
-        raise DataError(f'{path} is truncated: points from byte {first_point}, size {size}')
-
-
-def check_count(path: Path, header: laspy.LasHeader) -> None:
-    """Refuse an uncompressed file whose size does not match the number of points in its header."""
-    if header.are_points_compressed:
-        return
-    size = path.stat().st_size
-    held = max(size - header.offset_to_point_data, 0) // header.point_format.size
-    if held < header.point_count:
-        raise DataError(
-            f'{path} is truncated: its header counts {header.point_count} points,'
-            f' {size} bytes hold {held}'
-        )
-    follows = getattr(header, 'number_of_evlrs', 0) or header.point_format.has_waveform_packet
-    if held > header.point_count and not follows:
-        raise DataError(
-            f'{path} holds {held} points and its header counts {header.point_count}:'
-            ' which is right? Write the file again'
-        )
-
-
 def load_las(path: Path) -> tuple[laspy.LasData, Float64]:
     """
     Read a LAS or LAZ file unchanged.
@@ -219,18 +173,8 @@ def load_las(path: Path) -> tuple[laspy.LasData, Float64]:
         The file cannot be read, is truncated or damaged.
 
     """
-    try:
-        check_las_header(path)
-        with open_las(path) as reader:
-            check_count(path, reader.header)  # before there is room made for what it counts
-            las = reader.read()
-    except DataError:
-        raise
-    except OSError as error:
-        raise _not_read(path, error) from error
-    except Exception as error:  # laspy passes errors of lazrs, struct and numpy on
-        text = make_one_line(error) or type(error).__name__
-        raise DataError(f'{path} cannot be read, is it truncated? {text}') from error
+    with open_checked(path) as reader:
+        las = reader.read()
     expected = las.header.point_count
     if len(las.points) != expected:
         raise DataError(

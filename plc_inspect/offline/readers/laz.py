@@ -14,6 +14,7 @@ import laspy
 import numpy as np
 
 from plc_inspect.errors import DataError
+from plc_inspect.printable import make_one_line
 from plc_inspect.results import UInt8
 
 BACKENDS = (laspy.LazBackend.LazrsParallel, laspy.LazBackend.Lazrs)
@@ -55,6 +56,27 @@ def open_las(path: Path) -> Iterator[laspy.LasReader]:
 
 
 @contextmanager
+def open_checked(path: Path) -> Iterator[laspy.LasReader]:
+    """
+    Open a LAS or LAZ file whose header agrees with its size; DataError for all that fails.
+
+    Its extended records are read, which may hold the CRS.
+    """
+    try:
+        _check_records(path)
+        with open_las(path) as reader:
+            _check_count(path, reader.header)  # before there is room made for what it counts
+            yield reader
+    except DataError:
+        raise
+    except OSError as error:
+        raise DataError(f'{path} cannot be read: {error.strerror or error}') from error
+    except Exception as error:  # laspy passes errors of lazrs, struct and numpy on
+        text = make_one_line(error) or type(error).__name__
+        raise DataError(f'{path} cannot be read, is it truncated? {text}') from error
+
+
+@contextmanager
 def panics_as_errors() -> Iterator[None]:
     """Raise RuntimeError if lazrs panics, which no handler of errors would catch."""
     try:
@@ -92,6 +114,47 @@ def read_classes(path: Path) -> UInt8:
         return np.array(read_las(path).classification, dtype=np.uint8)
     except Exception as error:  # laspy passes errors of its decoders on
         raise DataError(f'{path} is not a readable LAS file: {error}') from error
+
+
+def _check_records(path: Path) -> None:
+    """Refuse a LAS header with impossible counts of records, which laspy would believe."""
+    size = path.stat().st_size
+    with path.open('rb') as file:
+        head = file.read(375)
+    if head[:4] != b'LASF' or len(head) < 227:
+        raise DataError(f'{path} is not a LAS file')
+    header_size, first_point, num_vlrs = struct.unpack_from('<HII', head, 94)
+    records = [('variable length', num_vlrs, header_size, first_point, 54)]
+    if head[25] >= 4 and len(head) == 375:
+        first_evlr, num_evlrs = struct.unpack_from('<QI', head, 235)
+        records.append(('extended', num_evlrs, first_evlr, size, 60))
+    for name, count, start, end, smallest in records:
+        if count and start + count * smallest > end:
+            raise DataError(
+                f'{path} is damaged: no room for {count} {name} records between byte {start} '
+                f'and {end}'
+            )
+    if first_point > size:
+        raise DataError(f'{path} is truncated: points from byte {first_point}, size {size}')
+
+
+def _check_count(path: Path, header: laspy.LasHeader) -> None:
+    """Refuse an uncompressed file whose size does not match the number of points in its header."""
+    if header.are_points_compressed:
+        return
+    size = path.stat().st_size
+    held = max(size - header.offset_to_point_data, 0) // header.point_format.size
+    if held < header.point_count:
+        raise DataError(
+            f'{path} is truncated: its header counts {header.point_count} points,'
+            f' {size} bytes hold {held}'
+        )
+    follows = getattr(header, 'number_of_evlrs', 0) or header.point_format.has_waveform_packet
+    if held > header.point_count and not follows:
+        raise DataError(
+            f'{path} holds {held} points and its header counts {header.point_count}:'
+            ' which is right? Write the file again'
+        )
 
 
 def _check_chunks(file: BinaryIO, header: laspy.LasHeader) -> None:

@@ -9,6 +9,7 @@ import struct
 
 from grid.formats import write_copc, write_e57, write_ply, write_xyz
 from grid.grids import make_line, ORIGIN, write_las
+import laspy
 import numpy as np
 import pyogrio
 import pyproj
@@ -16,7 +17,7 @@ import pytest
 
 from plc_inspect.grid import engine
 from plc_inspect.grid.cells import cut
-from plc_inspect.grid.cells.sources import expand_inputs
+from plc_inspect.grid.cells.sources import expand_inputs, read_sources
 from plc_inspect.offline.commands import survey
 from plc_inspect.offline.commands.compare import main as compare
 from plc_inspect.offline.commands.survey import main
@@ -200,7 +201,7 @@ def test_inputs_of_which_none_is_usable_leave_nothing(folder, tmp_path, capsys):
     content = bytearray((folder / 'b.las').read_bytes())
     content[104] = 99  # the point format
     header.write_bytes(content)
-    assert 'a.las has no readable LAS header' in refuse(capsys, header, '-o', out, *OPTIONS)
+    assert 'a.las cannot be read, is it truncated? ' in refuse(capsys, header, '-o', out, *OPTIONS)
     tile = tmp_path / 'a.laz'
     content = (folder / 'a.laz').read_bytes()
     tile.write_bytes(content[:len(content) // 2])
@@ -252,6 +253,23 @@ def test_systems_must_agree(tmp_path, capsys):
         capsys, first, *options, '--crs', 'EPSG:1'
     )
     assert not (tmp_path / 'out').exists()
+
+
+@pytest.mark.parametrize('kind', ['las', 'laz'])
+def test_a_grid_takes_the_system_in_an_extended_record(kind, tmp_path):
+    las = laspy.read(write_las(
+        tmp_path / 'a.las', make_line(1) / 0.3048, offsets=np.floor(ORIGIN / 0.3048)
+    ))
+    wkt = pyproj.CRS('EPSG:2992').to_wkt('WKT1_GDAL').encode() + b'\0'
+    las.evlrs = laspy.vlrs.vlrlist.VLRList([laspy.VLR('LASF_Projection', 2112, '', wkt)])
+    las.header.global_encoding.wkt = True
+    path = tmp_path / f'b.{kind}'
+    las.write(path)
+    (with_system, without), _ = read_sources([path, tmp_path / 'a.las'])
+    assert pyproj.CRS(with_system.crs).to_epsg() == 2992
+    assert with_system.units == (0.3048, 0.3048)
+    assert with_system.low == pytest.approx(make_line(1).min(axis=0), abs=1e-3)
+    assert without.crs == ''
 
 
 def test_a_header_must_count_its_points(tmp_path, capsys):
