@@ -38,6 +38,8 @@ _Grid = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Offsets and scales (3,) of a LAS file."""
 _COPC = 'copc'
 """User of records that index the points of a COPC file; those that are written lie elsewhere."""
+_PROJECTION = 'LASF_Projection'
+"""User of records that hold a coordinate reference system."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -138,8 +140,9 @@ def _write_las(path: Path, las: laspy.LasData, inspection: Inspection) -> None:
                 record.array[ORIGINAL] = source['classification'][chunk]
             _put_result(record.array, inspection.result, chunk)
             writer.write_points(record)
+        dropped = (_COPC, _PROJECTION) if inspection.crs else (_COPC,)
         evlrs = laspy.vlrs.vlrlist.VLRList([
-            vlr for vlr in las.evlrs or () if vlr.user_id != _COPC
+            vlr for vlr in las.evlrs or () if vlr.user_id not in dropped
         ])
         if evlrs:
             writer.write_evlrs(evlrs)

@@ -144,6 +144,24 @@ def test_crs_replaces_that_of_the_input(tmp_path):
     assert out.header.global_encoding.wkt
 
 
+@pytest.mark.parametrize('crs', ['EPSG:2992', ''])
+def test_crs_replaces_that_in_an_extended_record(crs, tmp_path):
+    import pyproj
+
+    las = make_las(6)
+    old = pyproj.CRS.from_epsg(25832).to_wkt('WKT1_GDAL').encode() + b'\0'
+    las.evlrs = laspy.vlrs.vlrlist.VLRList([
+        laspy.VLR('LASF_Projection', 2112, '', old), laspy.VLR('someone', 7, '', b'kept'),
+    ])
+    wkt = pyproj.CRS(crs).to_wkt('WKT1_GDAL') if crs else ''
+    write_points(tmp_path / 'points.laz', inspect_las(las, crs=wkt))
+    out = laspy.read(tmp_path / 'points.laz')
+    assert out.header.parse_crs().to_epsg() == (2992 if crs else 25832)
+    assert [vlr.user_id for vlr in out.evlrs] == (
+        ['someone'] if crs else ['LASF_Projection', 'someone']
+    )
+
+
 def test_coordinates_are_in_units_of_the_input(tmp_path):
     foot = 1200.0 / 3937.0
     points = np.array([[100.0, 200.0, 30.0], [101.0, 202.0, 33.0]])
