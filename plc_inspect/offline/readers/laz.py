@@ -33,6 +33,8 @@ Source: judgement: LAZ packs points of real clouds to a tenth, and equal ones to
 """
 ITEMS = 34
 """Offset of the list of a point's items in the LASzip record [bytes]."""
+_PLACE = 8
+"""Length of the place of the table of chunks, before the first chunk [bytes]."""
 _ANY_SIZE = 2**32 - 1
 """Marks chunks of different sizes."""
 
@@ -42,9 +44,10 @@ def open_las(path: Path) -> Iterator[laspy.LasReader]:
     """
     Open a LAS or LAZ file for reading in parts.
 
-    Raises the errors of laspy, lazrs, struct, numpy and the system; ValueError if a damaged file
-    would make lazrs allocate more memory than there is, which ends the process; and RuntimeError
-    if lazrs panics, which no handler of errors would catch.
+    Raises the errors of laspy, lazrs, struct, numpy and the system; DataError if chunks hold more
+    points than the header counts; ValueError if a damaged file would make lazrs allocate more
+    memory than there is, which ends the process; and RuntimeError if lazrs panics, which no
+    handler of errors would catch.
     """
     with (
         panics_as_errors(), path.open('rb') as file,
@@ -142,17 +145,18 @@ def _check_count(path: Path, header: laspy.LasHeader) -> None:
     """Refuse an uncompressed file whose size does not match the number of points in its header."""
     if header.are_points_compressed:
         return
-    size = path.stat().st_size
-    held = max(size - header.offset_to_point_data, 0) // header.point_format.size
-    if held < header.point_count:
+    first, size = header.offset_to_point_data, path.stat().st_size
+    step, counted = header.point_format.size, header.point_count
+    held = max(size - first, 0) // step
+    if held < counted:
         raise DataError(
-            f'{path} is truncated: its header counts {header.point_count} points,'
-            f' {size} bytes hold {held}'
+            f'{path} is truncated: its header counts {counted} points, {size} bytes hold {held}'
         )
-    follows = getattr(header, 'number_of_evlrs', 0) or header.point_format.has_waveform_packet
-    if held > header.point_count and not follows:
+    if getattr(header, 'number_of_evlrs', 0) and header.start_of_first_evlr >= first:
+        held = min(held, (header.start_of_first_evlr - first) // step)
+    if held > counted and not header.point_format.has_waveform_packet:
         raise DataError(
-            f'{path} holds {held} points and its header counts {header.point_count}:'
+            f'{path} holds {held} points and its header counts {counted}:'
             ' which is right? Write the file again'
         )
 
@@ -180,9 +184,18 @@ def _check_chunks(file: BinaryIO, header: laspy.LasHeader) -> None:
     if 0 <= table <= size:
         file.seek(table + 4)
         num_chunks = _read(file, '<I')
-        too_few = num_chunks * in_chunk < header.point_count
-        if too_few or num_chunks > min(header.point_count, size):
+        if num_chunks * in_chunk < header.point_count or num_chunks > size:
             raise ValueError(f'{num_chunks} chunks for {header.point_count} points')
+        # all chunks but the last are full; each begins with a point as it is, and the only one of
+        # an empty file with less
+        full = 1 if in_chunk == _ANY_SIZE else in_chunk
+        packed = table - header.offset_to_point_data - _PLACE
+        if (num_chunks - 1) * full >= header.point_count and packed >= header.point_format.size:
+            raise DataError(
+                f'{file.name} holds more than the {header.point_count} points that its header'
+                f' counts: {num_chunks} chunks of {"any size" if full == 1 else f"{full} points"}:'
+                ' write it anew'
+            )
     file.seek(place)
 
 

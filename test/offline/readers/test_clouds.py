@@ -239,6 +239,43 @@ def test_no_room_is_made_for_points_that_are_not_there(
         read_cloud(path)
 
 
+@pytest.mark.parametrize('count', [0, 40_000, 50_000])
+def test_more_chunks_than_a_header_counts_are_told(count, tmp_path):
+    path = write_las(tmp_path / 'cloud.laz', make_points(60_000))
+    data = bytearray(path.read_bytes())
+    struct.pack_into('<Q', data, 247, count)
+    path.write_bytes(data)
+    with pytest.raises(DataError) as error:
+        read_cloud(path)
+    assert str(error.value) == (
+        f'{path} holds more than the {count} points that its header counts: 2 chunks of 50000'
+        ' points: write it anew'
+    )
+
+
+@pytest.mark.parametrize('backend', [laspy.LazBackend.Lazrs, laspy.LazBackend.LazrsParallel])
+@pytest.mark.parametrize('version', ['1.2', '1.4'])
+@pytest.mark.parametrize('num_points', [0, 50_000, 100_000])
+def test_chunks_may_be_full_or_none(backend, version, num_points, tmp_path):
+    """The one backend writes a chunk of no points into an empty file."""
+    las = laspy.read(write_las(tmp_path / 'cloud.las', make_points(num_points), version=version))
+    las.write(tmp_path / 'cloud.laz', laz_backend=backend)
+    assert len(read_cloud(tmp_path / 'cloud.laz').points) == num_points
+
+
+def test_points_up_to_the_extended_records_are_counted(tmp_path):
+    las = laspy.read(write_las(tmp_path / 'cloud.las', make_points(20)))
+    las.evlrs = laspy.vlrs.vlrlist.VLRList([laspy.VLR('someone', 7, '', b'x' * 1000)])
+    path = tmp_path / 'more.las'
+    las.write(path)
+    assert len(read_cloud(path).points) == 20
+    data = bytearray(path.read_bytes())
+    struct.pack_into('<Q', data, 247, 19)
+    path.write_bytes(data)
+    with pytest.raises(DataError, match='holds 20 points and its header counts 19: which is righ'):
+        read_cloud(path)
+
+
 def test_place_of_the_chunks_may_stand_at_the_end(tmp_path):
     # So it does in a file that was written as a stream.
     points = make_points(2000)

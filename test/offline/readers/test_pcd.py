@@ -141,6 +141,25 @@ def test_truncated_anywhere(encoding, tmp_path):
             read_pcd(path)
 
 
+@pytest.mark.parametrize(('encoding', 'count', 'message'), [
+    ('ascii', 3, 'holds 4 points, its header says 3'),
+    ('ascii', 0, 'holds 4 points, its header says 0'),
+    ('binary', 3, 'holds 30 bytes behind the 3 points that its header counts, of 30 bytes each'),
+    ('binary', 0, 'holds 120 bytes behind the 0 points'),
+    ('binary_compressed', 3, 'unpacks to 120 bytes, its header says 90'),
+])
+def test_more_points_than_the_header_counts(encoding, count, message, tmp_path):
+    path = write(tmp_path, make_header(encoding, count) + make_data(encoding))
+    with pytest.raises(DataError, match=message):
+        read_pcd(path)
+
+
+def test_a_last_page_of_zeros_holds_no_points(tmp_path):
+    """PCL before 1.8 made files longer than their points, and mapped them."""
+    path = write(tmp_path, make_header('binary') + make_data('binary') + bytes(4000))
+    np.testing.assert_array_equal(read_pcd(path), POINTS)
+
+
 def test_damaged_compressed_data_never_read_or_write_outside(tmp_path):
     rng = np.random.default_rng(1)
     header, data = make_header('binary_compressed'), make_data('binary_compressed')
