@@ -92,7 +92,7 @@ def write_grid(
     run : GridRun
         The run.
     sources, refusals : sequence
-        The inputs, and those that could not be used.
+        The inputs, also those without points, and those that could not be used.
     cut : CutGrid
         Their points.
     jobs : sequence of TileJob
@@ -105,6 +105,8 @@ def write_grid(
     GridSummary
 
     """
+    notes = tuple(source.note for source in sources if source.note)
+    sources = [source for source in sources if source.num_points]
     done = [job for job in jobs if job.tile.name in answers]
     joined = join_tiles([read_found(job.place, job.tile.number) for job in done])
     units = Units(horizontal=sources[0].units[0], vertical=sources[0].units[1])
@@ -119,8 +121,7 @@ def write_grid(
         joined=joined, num_points=cut.num_points, num_tiles=len(jobs),
         kilometres=measure_kilometres(joined), units=units, failures=failures,
         num_defects=run.num_defects,
-        sight=_sum_sight(reports, joined),
-        notes=tuple(source.note for source in sources if source.note),
+        sight=_sum_sight(reports, joined), notes=notes,
     )
     inspection = _make_inspection(run, sources, joined, units)
     names = {job.tile.number: job.tile.name for job in jobs}

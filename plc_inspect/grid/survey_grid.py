@@ -5,7 +5,7 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 import shutil
 import time
@@ -189,9 +189,7 @@ def inspect_sources(
     jobs = plan_tiles(run, cut)
     run.tell(f'memory: {estimate_memory(jobs) / 1e9:.1f} GB for the largest of', 0, len(jobs), 0)
     answers = inspect_tiles(run, cut, jobs, know_whole(run, cut, jobs))
-    summary = write_grid(run, held, refusals, cut, jobs, answers)
-    empty = [f'{source.path} holds no point' for source in sources if not source.num_points]
-    return replace(summary, notes=(*summary.notes, *empty)), jobs
+    return write_grid(run, sources, refusals, cut, jobs, answers), jobs
 
 
 def check_together(sources: Sequence[Source], refusals: Sequence[Refusal]) -> None:

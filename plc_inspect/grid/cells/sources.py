@@ -302,7 +302,9 @@ def _find_plain_system(path: Path) -> tuple[str, tuple[float, float]]:
 def _question(source: Source, unit: float | None) -> Source:
     """Return an input in the given unit; DataError if its coordinates are impossible in it."""
     units = choose_units(Path(source.path), source.crs, source.units, unit)
-    if source.crs or not source.num_points:
+    if not source.num_points:
+        return replace(source, note=f'{source.path} holds no point')
+    if source.crs:
         return source
     scale = units[0] / source.units[0]
     said = unit or (units[0] if units[0] != 1.0 else None)

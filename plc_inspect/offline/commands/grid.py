@@ -123,8 +123,9 @@ def run_grid(
         summary = survey_grid(inputs, settings, rules, options, engine, tell)
     if not arguments.quiet:
         if summary.notes:
-            more = f' (and {len(summary.notes) - 1} others)' if len(summary.notes) > 1 else ''
-            print(make_one_line(f'note: {summary.notes[0]}{more}') + '\n')
+            more = len(summary.notes) - 1
+            others = f' (and {more} more, see run.json)' if more else ''
+            print(make_one_line(f'note: {summary.notes[0]}{others}') + '\n')
         if summary.missing:
             print(f'note: {summary.missing}\n')
         print(make_printable(render_grid(summary)))

@@ -113,6 +113,26 @@ def test_an_empty_tile_is_no_place(tmp_path, capsys):
                  *OPTIONS[:-1]]) == 0
     run = json.loads((out / 'run.json').read_text())
     assert (run['num_points'], run['num_spans'], run['num_tiles']) == (len(points), 3, 1)
+    assert run['input']['num_sources'] == 1
+    assert run['notes'] == [
+        f'{first} has no coordinate reference system: metres assumed',
+        f'{second} holds no point', f'{tmp_path / "c.xyz"} holds no point',
+    ]
+    assert f'{run["notes"][0]} (and 2 more, see run.json)' in capsys.readouterr().out
+
+
+def test_chunks_that_the_header_does_not_count_are_told(tmp_path, capsys):
+    points = make_line(1)
+    path, out = tmp_path / 'a.laz', tmp_path / 'out'
+    data = bytearray(write_las(path, points).read_bytes())
+    data[247:255] = bytes(8)
+    path.write_bytes(data)
+    write_las(tmp_path / 'b.laz', points)
+    assert main([str(path), str(tmp_path / 'b.laz'), '-o', str(out), *OPTIONS]) == 2
+    assert (
+        f'{path} holds more than the 0 points that its header counts: 1 chunks of 50000 points:'
+        ' write it anew'
+    ) in capsys.readouterr().err
 
 
 def test_bounds_that_lie_are_told(tmp_path, capsys):
