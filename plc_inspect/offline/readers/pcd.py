@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plc_inspect.errors import DataError
+from plc_inspect.offline.readers.plausibility import check_precision
 from plc_inspect.results import Float64, UInt8
 
 _KINDS = {'F': 'f', 'I': 'i', 'U': 'u'}
@@ -53,8 +54,8 @@ def read_pcd(path: Path) -> Float64:
     Raises
     ------
     DataError
-        The file is not a PCD file with x, y and z, is truncated or damaged, or holds more than its
-        header counts.
+        The file is not a PCD file with x, y and z, is truncated or damaged, holds more than its
+        header counts, or its coordinates are too coarse.
     OSError
         The file cannot be opened.
 
@@ -66,11 +67,10 @@ def read_pcd(path: Path) -> Float64:
         raise DataError(f'{path} has no field {missing[0]!r}, only {", ".join(header.names)}')
     if header.encoding == 'ascii':
         return _read_ascii(path, header, data)
-    if header.encoding == 'binary':
-        return _read_binary(path, header, data)
-    if header.num_points == 0:
-        return np.empty((0, 3))
-    return _read_compressed(path, header, data)
+    read = _read_binary if header.encoding == 'binary' else _read_compressed
+    points = read(path, header, data)
+    check_precision(path, points, [header.formats[header.names.index(name)] for name in 'xyz'])
+    return points
 
 
 def _parse_header(path: Path, data: bytes) -> _Header:
@@ -139,6 +139,8 @@ def _read_binary(path: Path, header: _Header, data: bytes) -> Float64:
 
 
 def _read_compressed(path: Path, header: _Header, data: bytes) -> Float64:
+    if header.num_points == 0:
+        return np.empty((0, 3))
     _check_size(path, len(data) - header.size, 8)
     packed_size, size = (int(n) for n in np.frombuffer(data, '<u4', 2, header.size))
     needed = header.num_points * sum(header.widths)

@@ -6,6 +6,7 @@
 from collections.abc import Sequence
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -111,25 +112,33 @@ def question_place(
     return '; '.join(notes)
 
 
-def check_precision(path: Path, points: Float64) -> None:
+def check_precision(path: Path, points: Float64, kinds: Sequence[Any]) -> None:
     """
     Refuse coordinates that are too coarse in single precision.
+
+    Points beyond MOST_COORDINATE are left to others.
 
     Parameters
     ----------
     path : Path
         The file.
     points : (N, 3) float64
-        Its coordinates in single precision.
+        Its coordinates.
+    kinds : sequence of 3 dtypes
+        Type of x, y and z in the file, of either byte order.
 
     Raises
     ------
     DataError
-        They are so large that their steps exceed COARSEST.
+        Those in single precision are so large that their steps exceed COARSEST.
 
     """
-    largest = float(np.abs(points).max(initial=0.0, where=np.isfinite(points)))
-    step = float(np.spacing(np.float32(largest))) if largest < np.finfo(np.float32).max else 0.0
+    from plc_inspect.core.numerics.arrays import MOST_COORDINATE  # with numba, which --help lacks
+
+    single = [np.dtype(kind).kind == 'f' and np.dtype(kind).itemsize <= 4 for kind in kinds]
+    sizes = np.abs(points[:, single])
+    largest = float(sizes.max(initial=0.0, where=sizes < MOST_COORDINATE))
+    step = float(np.spacing(np.float32(largest)))
     if step > COARSEST:
         raise DataError(
             f'{path}: coordinates up to {largest:.7g} in single precision have steps of {step:g}'

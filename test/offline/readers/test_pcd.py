@@ -127,6 +127,22 @@ def test_large_coordinates_in_double_precision(tmp_path):
     np.testing.assert_array_equal(read_pcd(write(tmp_path, header + points.tobytes())), points)
 
 
+@pytest.mark.parametrize('encoding', ['binary', 'binary_compressed'])
+def test_decimals_lost_in_single_precision_are_told(encoding, tmp_path):
+    records = np.zeros(2, [(name, '<f4') for name in 'xyz'])
+    records['y'] = 5_400_000.123
+    header = make_header(
+        encoding, 2, fields='x y z', sizes='4 4 4', types='F F F', counts='1 1 1'
+    )
+    path = write(tmp_path, header + (records.tobytes() if encoding == 'binary' else pack(records)))
+    with pytest.raises(DataError) as error:
+        read_pcd(path)
+    assert str(error.value) == (
+        f'{path}: coordinates up to 5400000 in single precision have steps of 0.5: write them in'
+        ' double precision, or relative to a nearby origin'
+    )
+
+
 @pytest.mark.parametrize('encoding', ['ascii', 'binary', 'binary_compressed'])
 def test_no_points(encoding, tmp_path):
     assert read_pcd(write(tmp_path, make_header(encoding, 0))).shape == (0, 3)

@@ -158,7 +158,8 @@ def test_a_damaged_e57_file_is_refused(tmp_path):
 
 def test_decimals_lost_in_single_precision_are_told(tmp_path):
     ply = write_ply(tmp_path / 'a.ply', FAR, kind='f4')
-    for path in (ply, write_e57(tmp_path / 'a.e57', FAR)):
+    big = write_ply(tmp_path / 'big.ply', FAR, kind='>f4')
+    for path in (ply, big, write_e57(tmp_path / 'a.e57', FAR)):
         assert 'in single precision have steps of 0.5:' in refuse(path)
     near = read_cloud(write_ply(tmp_path / 'b.ply', POINTS, kind='f4'))
     np.testing.assert_allclose(near.points, POINTS, atol=1e-4)

@@ -3,10 +3,18 @@
 
 """Coordinates that cannot be metres are refused, and assumptions are told."""
 
+from contextlib import nullcontext
+from pathlib import Path
+
+import numpy as np
 import pytest
 
 from plc_inspect.errors import ConfigError, DataError
-from plc_inspect.offline.readers.plausibility import parse_unit, question_place
+from plc_inspect.offline.readers.plausibility import (
+    check_precision,
+    parse_unit,
+    question_place,
+)
 
 
 @pytest.mark.parametrize(('low', 'high', 'unit', 'text'), [
@@ -40,3 +48,20 @@ def test_units_have_names():
     assert parse_unit('ft') == 0.3048
     with pytest.raises(ConfigError, match="--units must be one of m, ft, us-ft, got 'yard'"):
         parse_unit('yard')
+
+
+@pytest.mark.parametrize(('kinds', 'is_coarse'), [
+    ('f8 f8 f8', False), ('f8 f8 f4', False), ('i4 f8 f8', False), ('f4 f8 f8', True),
+    ('f8 >f4 f8', True), ('f8 f2 f8', True),
+])
+def test_only_columns_in_single_precision_can_be_coarse(kinds, is_coarse):
+    points = np.array([[500_000.0, 5_400_000.0, 100.0]])
+    with pytest.raises(DataError, match='in single precis') if is_coarse else nullcontext():
+        check_precision(Path('a.ply'), points, kinds.split())
+
+
+@pytest.mark.parametrize('value', [np.nan, np.inf, 3e38, 1e9])
+def test_what_is_not_on_earth_says_nothing_about_precision(value):
+    points = np.array([[1.0, 2.0, 3.0], [value, 2.0, 3.0]])
+    check_precision(Path('a.ply'), points, ['f4'] * 3)
+    check_precision(Path('a.ply'), points[:0], ['f4'] * 3)
