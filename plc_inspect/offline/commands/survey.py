@@ -227,9 +227,11 @@ def _run(argv: Sequence[str] | None) -> int:
         )
         inspection = deliver(inspection, request, arguments, progress)
     if not arguments.quiet:
+        from plc_inspect.offline.export.points_file import describe_steps
+
         print(make_printable(render_summary(inspection)))
-        if reading.result().note:
-            print('\n' + make_one_line(f'note: {reading.result().note}'))
+        for note in filter(None, (reading.result().note, describe_steps(inspection))):
+            print('\n' + make_one_line(f'note: {note}'))
         print(f'\nreport: {arguments.output / "report.html"}')
     return DONE
 

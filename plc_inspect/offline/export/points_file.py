@@ -11,6 +11,7 @@ from lazrs import LazrsError
 import numpy as np
 from numpy.typing import NDArray
 
+from plc_inspect.core.extraction.ground_surface import bounds
 from plc_inspect.errors import DataError
 from plc_inspect.offline.records.inspection import Inspection
 from plc_inspect.results import InspectionResult
@@ -29,6 +30,11 @@ _MODERN_FORMAT = {0: 6, 1: 6, 2: 7, 3: 7, 4: 9, 5: 10}
 _SCAN_ANGLE_STEP = 0.006
 """Degrees in one unit of ``scan_angle`` (LAS 1.4 R15, table 15)."""
 _LARGEST = 2**31 - 1
+_FINE, _WIDE = 1e-4, 1e-3
+"""
+Steps of coordinates, and those of clouds wider than 214 km [units of the file].
+Source: judgement: a hundredth and a tenth of the noise of a lidar.
+"""
 _STRIDE = 1_000_000
 """
 An offset moves by a multiple of so many steps.
@@ -152,7 +158,10 @@ def _write_coordinates(path: Path, inspection: Inspection) -> int:
     rows = np.flatnonzero(np.isfinite(inspection.points).all(axis=1))
     header = laspy.LasHeader(version='1.4', point_format=6)
     points = inspection.units.from_metres(inspection.points[rows])
-    header.offsets, header.scales = _choose_grid(points)
+    if len(points):
+        header.offsets, header.scales = _choose_grid(points.min(axis=0), points.max(axis=0))
+    else:
+        header.offsets, header.scales = np.zeros(3), np.full(3, _WIDE)
     header.creation_date = None  # equal points give equal bytes on any day
     finish_header(header, inspection.crs)
     with open_points(path, header) as writer:
@@ -170,12 +179,25 @@ def _write_coordinates(path: Path, inspection: Inspection) -> int:
     return len(rows)
 
 
-def _choose_grid(points: NDArray[np.float64]) -> _Grid:
+def describe_steps(inspection: Inspection) -> str:
+    """Say how coarse the coordinates of ``points.laz`` are for a wide cloud, '' up to 1 mm."""
+    if inspection.las is not None:
+        return ''
+    low, high, num = bounds(inspection.points)
+    if not num:
+        return ''
+    low, high = inspection.units.from_metres(low), inspection.units.from_metres(high)
+    step = float(_choose_grid(low, high)[1].max())
+    return '' if step <= _WIDE else (
+        f'coordinates span {(high - low).max():.6g}, which LAS holds in steps of {step:g} in'
+        ' points.laz: is a point far from all others?'
+    )
+
+
+def _choose_grid(low: NDArray[np.float64], high: NDArray[np.float64]) -> _Grid:
     """Return offsets and scales of a grid of 0.1 mm, or 1 mm and more for large extents."""
-    if not len(points):
-        return np.zeros(3), np.full(3, 1e-3)
-    low, high = np.floor(points.min(axis=0)), points.max(axis=0)
-    scale = 1e-4 if float(np.max(high - low)) / 1e-4 < _LARGEST else 1e-3
+    low = np.floor(low)
+    scale = _FINE if float(np.max(high - low)) / _FINE < _LARGEST else _WIDE
     return lay_grid(low, high, np.full(3, scale), low)
 
 

@@ -97,6 +97,19 @@ def check_refusal(code, capfd, *words):
         assert str(word) in err
 
 
+def test_a_point_far_from_all_others_costs_decimals_only(tmp_path, pipeline, capfd):
+    points = np.concatenate([make_inspection(origin=UTM).points, np.zeros((1, 3))])
+    cloud = tmp_path / 'cloud.xyz'
+    np.savetxt(cloud, points, fmt='%.3f')
+    assert run(cloud, '-o', tmp_path / 'out') == 0
+    assert (
+        f'\nnote: coordinates span {points[:, 1].max():.6g}, which LAS holds in steps of 0.01 in'
+        ' points.laz: is a point far from all others?\n'
+    ) in capfd.readouterr().out
+    found = laspy.read(tmp_path / 'out' / 'points.laz').xyz
+    np.testing.assert_allclose(found, points, rtol=0, atol=0.0056)
+
+
 def test_folder_table_and_report(tmp_path, pipeline, capfd):
     inspection = make_inspection(origin=UTM)
     pipeline.result = inspection.result
