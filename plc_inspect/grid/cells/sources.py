@@ -306,17 +306,18 @@ def _question(source: Source, unit: float | None) -> Source:
         return replace(source, note=f'{source.path} holds no point')
     if source.crs:
         return source
-    scale = units[0] / source.units[0]
-    said = unit or (units[0] if units[0] != 1.0 else None)
+    horizontal, vertical = (new / old for new, old in zip(units, source.units, strict=True))
+    scales = (horizontal, horizontal, vertical)
+    is_said = unit is not None or units[0] != 1.0
     low, high = (
         [value / size for value, size in zip(ends, (*source.units[:1] * 2, source.units[1]),
                                              strict=True)]
         for ends in (source.low, source.high)
     )
     return replace(
-        source, units=units, low=_triple([value * scale for value in source.low]),
-        high=_triple([value * scale for value in source.high]),
-        note=question_place(source.path, low, high, said),
+        source, units=units, low=_triple(np.multiply(source.low, scales)),
+        high=_triple(np.multiply(source.high, scales)),
+        note=question_place(source.path, low, high, units, is_said),
     )
 
 

@@ -42,7 +42,14 @@ Greatest number and share of points beyond MOST_COORDINATE that are strays.
 Source: judgement: as core.extraction.stray_points; more mean a wrong unit or CRS.
 """
 
-_HORIZONTAL_UNIT_KEY, _VERTICAL_SYSTEM_KEY, _VERTICAL_UNIT_KEY = 3076, 4096, 4099
+_PROJECTED_KEY, _HORIZONTAL_UNIT_KEY = 3072, 3076
+_VERTICAL_SYSTEM_KEY, _VERTICAL_UNIT_KEY = 4096, 4099
+
+_SAME_UNIT = 1e-5
+"""
+Relative difference up to which two units are the same.
+Source: derived: the two feet differ by 2e-6, which no length of a line shows.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -126,9 +133,9 @@ def read_cloud(
     if not wkt:
         low, high, num_finite = bounds(points)
         if num_finite:
-            said = unit or (units[0] if units[0] != 1.0 else None)
             scale = np.array([units[0], units[0], units[1]])
-            note = question_place(str(path), low / scale, high / scale, said)
+            is_said = unit is not None or units[0] != 1.0
+            note = question_place(str(path), low / scale, high / scale, units, is_said)
     return Cloud(
         path=path,
         points=points,
@@ -259,6 +266,8 @@ def find_las_crs(header: laspy.LasHeader, path: Path) -> tuple[str, tuple[float,
         text = make_one_line(error)[:120]
         raise DataError(f'{path} has an unreadable CRS (use --crs): {text}') from error
     keys = _read_unit_keys(header)
+    if system is not None and not _has_wkt(header):
+        _check_keys(system, header, path)
     if system is None:
         horizontal = keys.get(_HORIZONTAL_UNIT_KEY, 1.0)
         return '', (horizontal, keys.get(_VERTICAL_UNIT_KEY, horizontal))
@@ -267,6 +276,31 @@ def find_las_crs(header: laspy.LasHeader, path: Path) -> tuple[str, tuple[float,
     if len(system.axis_info) < 3:
         vertical = keys.get(_VERTICAL_UNIT_KEY, vertical)
     return render_wkt(system), (horizontal, vertical)
+
+
+def _check_keys(system: pyproj.CRS, header: laspy.LasHeader, path: Path) -> None:
+    """Refuse GeoTIFF keys that do not say where the points are."""
+    codes = [key.value_offset for key in _list_geo_keys(header) if key.id == _PROJECTED_KEY]
+    if system.is_geographic and codes:
+        raise DataError(
+            f'{path}: its CRS is user-defined (GeoTIFF key {_PROJECTED_KEY} is {codes[0]}), based'
+            f' on {system.name}: give --crs'
+        )
+    unit = _read_unit_keys(header).get(_HORIZONTAL_UNIT_KEY)
+    if unit is None or system.is_geographic or system.is_geocentric:
+        return
+    metres, _ = measure_units(system, path)
+    if abs(unit - metres) > _SAME_UNIT * metres:
+        raise DataError(
+            f'{path}: its GeoTIFF keys contradict: one unit of {system.name} is {metres:.6g} m, of'
+            f' key {_HORIZONTAL_UNIT_KEY} {unit:.6g} m: give --crs'
+        )
+
+
+def _has_wkt(header: laspy.LasHeader) -> bool:
+    """Tell whether the CRS is that of a WKT record, which goes before GeoTIFF keys."""
+    records = [*header.vlrs, *(header.evlrs or [])]
+    return any(isinstance(item, laspy.vlrs.known.WktCoordinateSystemVlr) for item in records)
 
 
 def _add_vertical(

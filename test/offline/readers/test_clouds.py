@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 from pathlib import Path
+import re
 import struct
 
 import hypothesis
@@ -13,6 +14,7 @@ import pyproj
 import pytest
 
 from plc_inspect.errors import ConfigError, DataError
+from plc_inspect.grid.cells.sources import read_sources
 from plc_inspect.offline.readers.clouds import read_cloud
 
 REAL = Path(__file__).parents[4] / 'shared' / 'data' / 'real'
@@ -96,6 +98,60 @@ def test_units_of_geotiff_keys(keys, units, tmp_path):
     las.x, las.y, las.z = np.ones((3, 4))
     las.write(tmp_path / 'cloud.las')
     assert read_cloud(tmp_path / 'cloud.las').metres_per_unit == pytest.approx(units, rel=1e-12)
+
+
+def write_keys(path, *keys):
+    """Write points with GeoTIFF keys."""
+    header = laspy.LasHeader(point_format=1, version='1.2')
+    header.vlrs.append(make_geo_keys(*keys))
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = np.full((3, 4), 12_000.0)
+    las.write(path)
+    return path
+
+
+@pytest.mark.parametrize(('keys', 'message'), [
+    ([(3072, 26910), (3076, 9003)],
+     'its GeoTIFF keys contradict: one unit of NAD83 / UTM zone 10N is 1 m, of key 3076 0.304801 m'
+     ': give --crs'),
+    ([(3072, 2992), (3076, 9001)], 'is 0.3048 m, of key 3076 1 m: give --crs'),
+    ([(2048, 4269), (3072, 32767), (3076, 9003)],
+     'its CRS is user-defined (GeoTIFF key 3072 is 32767), based on NAD83: give --crs'),
+    ([(2048, 4269)], 'coordinates in NAD83 are not lengths east, north and up'),
+])
+def test_keys_that_do_not_say_where_points_are(keys, message, tmp_path):
+    path = write_keys(tmp_path / 'cloud.las', *keys)
+    with pytest.raises(DataError, match=re.escape(message)):
+        read_cloud(path)
+    assert read_cloud(path, 'EPSG:2992').metres_per_unit == (0.3048, 0.3048)
+
+
+def test_the_two_feet_do_not_contradict(tmp_path):
+    path = write_keys(tmp_path / 'cloud.las', (3072, 2992), (3076, 9003))
+    assert read_cloud(path).metres_per_unit == (0.3048, 0.3048)
+
+
+def test_wkt_goes_before_keys(tmp_path):
+    las = laspy.read(write_keys(tmp_path / 'cloud.las', (3072, 26910), (3076, 9003)))
+    wkt = pyproj.CRS('EPSG:2992').to_wkt('WKT1_GDAL')
+    las.header.vlrs.append(laspy.vlrs.known.WktCoordinateSystemVlr(wkt))
+    las.write(tmp_path / 'both.las')
+    assert read_cloud(tmp_path / 'both.las').metres_per_unit == (0.3048, 0.3048)
+
+
+def test_a_unit_of_z_alone_is_told(tmp_path):
+    path = write_keys(tmp_path / 'cloud.las', (4099, 9002))
+    cloud = read_cloud(path)
+    text = 'metres assumed for x and y, z is in units of 0.3048 m by its GeoTIFF key'
+    assert cloud.note.endswith(text)
+    assert cloud.metres_per_unit == (1.0, 0.3048)
+    ((source,), _) = read_sources([path])
+    assert source.note.endswith(text)
+    assert source.low == pytest.approx((12_000.0, 12_000.0, 3657.6))
+    cloud = read_cloud(path, unit=0.3048)
+    ((source,), _) = read_sources([path], unit=0.3048)
+    assert cloud.note == source.note == ''
+    assert source.low == tuple(cloud.points[0]) == pytest.approx((3657.6,) * 3)
 
 
 @pytest.mark.parametrize(('keys', 'heights', 'units'), [

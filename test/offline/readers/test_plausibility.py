@@ -25,7 +25,7 @@ from plc_inspect.offline.readers.plausibility import (
 ])
 def test_what_cannot_be_is_refused(low, high, unit, text):
     with pytest.raises(DataError, match=text):
-        question_place('a.las', low, high, unit)
+        question_place('a.las', low, high, (unit or 1.0,) * 2, unit is not None)
 
 
 @pytest.mark.parametrize(('low', 'high', 'unit', 'expected'), [
@@ -36,11 +36,22 @@ def test_what_cannot_be_is_refused(low, high, unit, text):
     ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), None, 'metres assumed'),
 ])
 def test_what_may_be_is_told(low, high, unit, expected):
-    assert expected in question_place('a.las', low, high, unit)
+    assert expected in question_place('a.las', low, high, (unit or 1.0,) * 2, unit is not None)
+
+
+def test_a_unit_of_z_alone_is_told():
+    low, high = (5e5, 5e6, 3000.0), (5.01e5, 5.001e6, 12_000.0)
+    assert question_place('a.las', low, high, (1.0, 0.3048), False) == (
+        'a.las has no coordinate reference system: metres assumed for x and y, z is in units of'
+        ' 0.3048 m by its GeoTIFF key'
+    )
+    with pytest.raises(DataError, match='z from 30000 to 39000 is not a height on Earth in that'):
+        question_place('a.las', (*low[:2], 3e4), (*high[:2], 3.9e4), (1.0, 0.3048), False)
 
 
 def test_what_was_said_is_not_told():
-    assert question_place('a.las', (1.91e6, 6.06e5, 9e3), (1.92e6, 6.07e5, 2e4), 0.3048) == ''
+    low, high = (1.91e6, 6.06e5, 9e3), (1.92e6, 6.07e5, 2e4)
+    assert question_place('a.las', low, high, (0.3048, 0.3048), True) == ''
 
 
 def test_units_have_names():
