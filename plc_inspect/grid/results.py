@@ -191,7 +191,7 @@ def choose_format(sources: Sequence[Source]) -> PointsFormat:
     x, y, z = (min(own, key=itemgetter(0)) for own in zip(*grids, strict=True))
     return PointsFormat(
         crs=sources[0].crs, units=sources[0].units, scales=(x[0], y[0], z[0]),
-        offsets=(x[1], y[1], z[1]), colours=any(source.has_colours for source in sources),
+        offsets=(x[1], y[1], z[1]), point_format=max(source.point_format for source in sources),
     )
 
 

@@ -21,7 +21,13 @@ from plc_inspect.core.extraction.stray_points import lay_stray_grid, StrayGrid
 from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.whole import Whole
 from plc_inspect.errors import DataError
-from plc_inspect.grid.cells.cut import count_parts, cut_part, find_miscounted, name_part
+from plc_inspect.grid.cells.cut import (
+    ATTRIBUTES,
+    count_parts,
+    cut_part,
+    find_miscounted,
+    name_part,
+)
 from plc_inspect.grid.cells.layout import (
     BASE_BYTES,
     BYTES_PER_POINT,
@@ -198,7 +204,8 @@ def cut_sources(run: GridRun, sources: Sequence[Source]) -> CutGrid:
                 str(folder), source, part, grid, tuple(reference.tolist()), plane,
             )))
             keys[name] = make_key(__version__, source.state, source.units, part, asdict(grid),
-                                  reference.tolist(), low.tolist(), high.tolist())
+                                  reference.tolist(), low.tolist(), high.tolist(),
+                                  ATTRIBUTES.descr)
     answers = run.run('cut', tasks, keys)
     for name, error in find_miscounted(sources, answers).items():
         del answers[name]

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from plc_inspect.errors import DataError
-from plc_inspect.grid.cells.cut import FLAG_NAMES, read_part
+from plc_inspect.grid.cells.cut import FLAG_BITS, read_part
 from plc_inspect.grid.cells.pieces import Piece, read_points
 from plc_inspect.grid.cells.sources import read_sources
 from plc_inspect.grid.results import choose_format
@@ -20,7 +20,7 @@ from plc_inspect.grid.tiles.section_report import is_near
 from plc_inspect.grid.tiles.tile_points import _put_attributes
 from plc_inspect.offline.export.points_file import describe_original, ORIGINAL
 
-COLOURS = ('red', 'green', 'blue')
+COLOURS = ('red', 'green', 'blue', 'nir')
 PLAIN = ('intensity', 'user_data', 'point_source_id', 'gps_time')
 
 
@@ -46,16 +46,17 @@ def test_attributes_reach_the_points_of_a_tile(point_format, tmp_path):
     las = write_random(tmp_path / 'a.las', point_format)
     ((source,), _) = read_sources([tmp_path / 'a.las'])
     (_, attributes), = read_part(source, 0)
-    header = laspy.LasHeader(version='1.4', point_format=7)
+    assert source.point_format == {0: 6, 1: 6, 3: 7}.get(point_format, point_format)
+    header = laspy.LasHeader(version='1.4', point_format=8)
     header.add_extra_dims([describe_original()])
     record = laspy.ScaleAwarePointRecord.zeros(len(attributes), header=header)
-    _put_attributes(record, attributes, colours=True)
+    _put_attributes(record, attributes)
     held = set(las.point_format.dimension_names)
-    for name in (*PLAIN, *COLOURS, *FLAG_NAMES, 'return_number', 'number_of_returns'):
+    for name in (*PLAIN, *COLOURS, *FLAG_BITS, 'return_number', 'number_of_returns',
+                 'scanner_channel'):
         expected = np.asarray(las[name]) if name in held else 0
         np.testing.assert_array_equal(np.asarray(record[name]), expected, name)
     np.testing.assert_array_equal(record[ORIGINAL], las.classification)
-    assert not np.asarray(record['scanner_channel']).any()
     degrees = (
         las.scan_angle_rank if 'scan_angle_rank' in held else las.scan_angle * 0.006
     )
@@ -171,3 +172,23 @@ def test_the_format_of_tiles_is_that_of_the_first_of_the_finest_inputs(tmp_path)
     assert choose_format(with_text).offsets == (500_001.0, 5_700_001.0, 40.0)
     only_text = choose_format(with_text[:1])
     assert only_text.offsets == tuple(np.floor(points.min(axis=0)))
+
+
+@pytest.mark.parametrize('point_format', [6, 7, 8])
+def test_tiles_have_the_attributes_of_a_single_survey(point_format, tmp_path):
+    points = make_line(1)
+    las = laspy.convert(laspy.read(write_las(tmp_path / 'a.las', points)),
+                        point_format_id=point_format)
+    rng = np.random.default_rng(point_format)
+    las.scanner_channel = rng.integers(0, 4, len(points))
+    las.overlap = rng.integers(0, 2, len(points))
+    las.edge_of_flight_line = rng.integers(0, 2, len(points))
+    if point_format == 8:
+        las.nir = rng.integers(0, 65_536, len(points))
+    las.write(tmp_path / 'a.las')
+    inspect(tmp_path / 'out', [tmp_path / 'a.las'])
+    (path,) = tmp_path.glob('out/tiles/*/points.laz')
+    tile = laspy.read(path)
+    assert tile.point_format.id == point_format
+    for name in set(las.point_format.dimension_names) - {'classification'}:
+        np.testing.assert_array_equal(np.asarray(tile[name]), np.asarray(las[name]), name)

@@ -65,8 +65,8 @@ class Source:
     """Modification time [ns]."""
     is_indexed: bool = False
     """It is a COPC file, whose index finds its parts."""
-    has_colours: bool = False
-    """Its points have red, green and blue."""
+    point_format: int = 6
+    """That of LAS 1.4 which holds its attributes: 6, 7 with colours, 8 with near infrared."""
     note: str = ''
     """Assumptions about its coordinates, '' if none."""
 
@@ -249,7 +249,7 @@ def _read_source(
     given: tuple[str, tuple[float, float]] | None,
     known: dict[bytes, tuple[str, tuple[float, float]]],
 ) -> Source:
-    stat, is_indexed, has_colours = path.stat(), False, False
+    stat, is_indexed, point_format = path.stat(), False, 6
     if is_plain(path):
         num, low, high = _measure_plain(path)
         wkt, units = given or _find_plain_system(path)
@@ -269,13 +269,14 @@ def _read_source(
         scale = np.array([units[0], units[0], units[1]])
         low, high = _find_bounds(path, header, scale)
         is_indexed = is_copc(header)
-        has_colours = 'red' in header.point_format.dimension_names
+        names = set(header.point_format.dimension_names)
+        point_format = 8 if 'nir' in names else 7 if 'red' in names else 6
         scales, offsets = np.array(header.scales), np.array(header.offsets)
     return Source(
         path=str(path), number=number, num_points=num, low=_triple(low), high=_triple(high),
         crs=wkt, units=units, scales=_triple(scales), offsets=_triple(offsets),
         size=stat.st_size, changed=stat.st_mtime_ns, is_indexed=is_indexed,
-        has_colours=has_colours,
+        point_format=point_format,
     )
 
 

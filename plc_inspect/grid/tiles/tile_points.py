@@ -12,7 +12,6 @@ import laspy
 import numpy as np
 
 from plc_inspect.core.extraction.ground_surface import bounds
-from plc_inspect.grid.cells.cut import spread_flags
 from plc_inspect.grid.cells.pieces import read_attributes
 from plc_inspect.grid.tiles.plain_results import POINT_FIELDS
 from plc_inspect.grid.tiles.tile_job import CELLS, list_pieces, TileJob
@@ -40,7 +39,8 @@ class PointsFormat:
     """Resolution wanted, in units of the inputs; a tile that it cannot hold is coarser."""
     offsets: tuple[float, float, float]
     """Wanted; a tile too far from them has its own."""
-    colours: bool
+    point_format: int
+    """6, 7 with colours, or 8 with near infrared too."""
 
 
 def write_tile_points(
@@ -75,7 +75,7 @@ def write_tile_points(
     labels['line_id'], labels['span_id'] = renumber(
         labels['line_id'], labels['span_id'], numbers
     )
-    header = laspy.LasHeader(version='1.4', point_format=7 if form.colours else 6)
+    header = laspy.LasHeader(version='1.4', point_format=form.point_format)
     units = np.array([form.units[0], form.units[0], form.units[1]])
     low, high, _ = bounds(points)
     header.offsets, header.scales = lay_grid(
@@ -93,7 +93,7 @@ def write_tile_points(
                 record.array[name] = put_on_grid(
                     points[chunk, axis] / units[axis], header.scales[axis], header.offsets[axis]
                 )
-            _put_attributes(record, attributes[chunk], form.colours)
+            _put_attributes(record, attributes[chunk])
             record.array['classification'] = labels['classification'][chunk]
             for name, *_ in EXTRA_DIMENSIONS:
                 record.array[name] = labels[name][chunk]
@@ -133,14 +133,13 @@ def renumber(
     return lines[line_id, span_id], spans[span_id]
 
 
-def _put_attributes(
-    record: laspy.ScaleAwarePointRecord, attributes: np.ndarray, colours: bool
-) -> None:
-    for name in ('intensity', 'user_data', 'scan_angle', 'point_source_id', 'gps_time'):
-        record.array[name] = attributes[name]
-    record.array['bit_fields'] = attributes['returns']
-    record.array['classification_flags'] = spread_flags(attributes['flags'])
-    record.array[ORIGINAL] = attributes['classification']
-    if colours:
-        for name in ('red', 'green', 'blue'):
+def _put_attributes(record: laspy.ScaleAwarePointRecord, attributes: np.ndarray) -> None:
+    """Set all attributes that the point format has."""
+    names = set(record.array.dtype.names)
+    for name in ('intensity', 'user_data', 'scan_angle', 'point_source_id', 'gps_time',
+                 'red', 'green', 'blue', 'nir'):
+        if name in names:
             record.array[name] = attributes[name]
+    record.array['bit_fields'] = attributes['returns']
+    record.array['classification_flags'] = attributes['flags']
+    record.array[ORIGINAL] = attributes['classification']
