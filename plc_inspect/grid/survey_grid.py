@@ -35,7 +35,7 @@ from plc_inspect.grid.run import (
 )
 from plc_inspect.grid.tiles.tile_job import CELLS, TileJob
 from plc_inspect.offline.records.changes import check_systems, Survey
-from plc_inspect.printable import make_one_line
+from plc_inspect.printable import check_name, make_one_line
 
 LOG = 'progress.log'
 FILES = (
@@ -66,10 +66,11 @@ class GridInputs:
 
 def check_grid_folder(folder: Path, force: bool, files: Sequence[str] = FILES) -> None:
     """
-    Raise DataError unless a grid can be written to, or resumed in, a folder.
+    Raise DataError unless a grid can be written to, or resumed in, a folder with a name in UTF-8.
 
     With ``force`` an earlier grid there is removed.  Its folder holds ``files`` and nothing else.
     """
+    check_name(folder)
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
         raise DataError(f'{folder} exists and is not a folder')
     if not folder.exists():

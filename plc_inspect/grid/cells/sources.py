@@ -30,7 +30,7 @@ from plc_inspect.offline.readers.copc import count_indexed, is_copc
 from plc_inspect.offline.readers.laz import open_checked
 from plc_inspect.offline.readers.plain_clouds import is_plain, iterate_points
 from plc_inspect.offline.readers.plausibility import question_place
-from plc_inspect.printable import make_one_line
+from plc_inspect.printable import check_name, make_one_line
 from plc_inspect.results import Float64
 
 INDEX_SUFFIXES = ('.geojson', '.json', '.vpc', '.gpkg', '.shp')
@@ -101,7 +101,7 @@ def expand_inputs(items: Sequence[str]) -> list[Path]:
     Raises
     ------
     DataError
-        There is no such file, or a folder, pattern or index holds no cloud.
+        There is no such file, its name is not UTF-8, or a folder, pattern or index holds no cloud.
 
     """
     found: dict[Path, None] = {}
@@ -109,6 +109,8 @@ def expand_inputs(items: Sequence[str]) -> list[Path]:
         own = list(_expand(item))
         if not own:
             raise DataError(f'{item} holds no cloud: none ends in {", ".join(SUFFIXES)}')
+        for path in own:
+            check_name(path)
         found |= dict.fromkeys(own)
     return list(found)
 

@@ -133,7 +133,7 @@ def run_grid(
             from plc_inspect.offline.commands.compare import render_changes
 
             print('\n' + make_printable(render_changes(summary.changes, summary.units)))
-        print(f'\nreport: {arguments.output / "index.html"}')
+        print(make_printable(f'\nreport: {arguments.output / "index.html"}'))
     for stage, name, error in summary.failures:
         what = '' if stage in NAMED else f'{stage} {name}: '
         print(make_one_line(f'plc_survey: {what}{error}'), file=sys.stderr)

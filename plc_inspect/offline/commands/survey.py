@@ -28,7 +28,7 @@ from plc_inspect.offline.commands.grid import (
     run_grid,
 )
 from plc_inspect.offline.readers.plausibility import parse_unit
-from plc_inspect.printable import make_one_line, make_printable
+from plc_inspect.printable import decode_name, make_one_line, make_printable
 
 if TYPE_CHECKING:
     from plc_inspect.config import Settings
@@ -123,7 +123,7 @@ def survey(
         result=result,
         points=cloud.points,
         settings=settings,
-        source=path.name,
+        source=decode_name(path.name),
         command=NAME,
         crs=cloud.crs,
         units=Units(horizontal=horizontal, vertical=vertical),
@@ -232,7 +232,7 @@ def _run(argv: Sequence[str] | None) -> int:
         print(make_printable(render_summary(inspection)))
         for note in filter(None, (reading.result().note, describe_steps(inspection))):
             print('\n' + make_one_line(f'note: {note}'))
-        print(f'\nreport: {arguments.output / "report.html"}')
+        print(make_printable(f'\nreport: {arguments.output / "report.html"}'))
     return DONE
 
 

@@ -4,6 +4,7 @@
 """``plc_survey`` over a grid: what makes one, exit codes, messages."""
 
 import json
+import os
 import shutil
 import struct
 
@@ -232,6 +233,16 @@ def test_inputs_of_which_none_is_usable_leave_nothing(folder, tmp_path, capsys):
     capsys.readouterr()
     assert 'none of 1 inputs can be read' in refuse(capsys, tile, '-o', out, *OPTIONS)
     assert (out / 'ledger.sqlite').exists()  # of an earlier run
+
+
+def test_names_that_are_not_utf8_are_refused(folder, tmp_path, capsys):
+    tile = tmp_path / os.fsdecode(b'n\xff.laz')
+    tile.write_bytes((folder / 'a.laz').read_bytes())
+    text = r'n\udcff.laz: its name is not UTF-8, as names in the ledger are: rename it'
+    assert refuse(capsys, folder, tile, '-o', tmp_path / 'out', *OPTIONS).endswith(text)
+    line = refuse(capsys, folder, '-o', tmp_path / os.fsdecode(b'n\xff'), *OPTIONS)
+    assert r'n\udcff: its name is not UTF-8' in line
+    assert list(tmp_path.iterdir()) == [tile]
 
 
 def test_an_error_names_its_file_once(folder, tmp_path, capsys):
