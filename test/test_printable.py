@@ -3,6 +3,8 @@
 
 import csv
 import dataclasses
+import os
+from pathlib import Path
 
 from factories import make_inspection
 import pytest
@@ -10,7 +12,13 @@ import pytest
 from plc_inspect.errors import DataError
 from plc_inspect.offline.commands.command_line import run_command
 from plc_inspect.offline.export.results_folder import write_results
-from plc_inspect.printable import make_cell, make_one_line, make_printable
+from plc_inspect.printable import (
+    check_name,
+    decode_name,
+    make_cell,
+    make_one_line,
+    make_printable,
+)
 from plc_inspect.stream.frame import BodyReader, put_text
 
 
@@ -20,6 +28,16 @@ def test_control_characters_are_written_out():
         'odom\\x1b]0;title\\x07\\x9b31m \\u202eabc\ttab\nline \u00e9'
     )
     assert make_one_line(' a\n\tb\x1bc ') == 'a b\\x1bc'
+
+
+def test_bytes_of_names_that_are_not_utf8_are_written_out():
+    name = os.fsdecode(b'n\xff\xc3\xa4.las')
+    assert make_printable(name) == 'n\\udcff\u00e4.las'
+    assert decode_name(name) == 'n\ufffd\u00e4.las'
+    assert decode_name('\u00e4.las') == '\u00e4.las'
+    check_name(Path('\u00e4.las'))
+    with pytest.raises(DataError, match='its name is not UTF-8, as names in the ledger are: ren'):
+        check_name(Path(name) / 'a.las')
 
 
 def test_errors_reach_the_terminal_without_sequences(capsys):

@@ -17,6 +17,7 @@ from plc_inspect.grid.results import TILE_FOLDER
 from plc_inspect.grid.run import WORK
 from plc_inspect.grid.tiles.tile_job import CELLS
 from plc_inspect.offline.export.results_folder import LEDGER
+from plc_inspect.printable import check_name
 from plc_inspect.whole_files import find_target, sweep_partial
 
 LOG = 'progress.log'
@@ -33,10 +34,11 @@ NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 
 def check_grid_folder(folder: Path, files: Sequence[str] = FILES) -> None:
     """
-    Raise DataError unless a grid can be written to, or resumed in, a folder.
+    Raise DataError unless a grid can be written to, or resumed in, a folder with a name in UTF-8.
 
     Its folder holds ``files``, what a killed run left of them half-written, and nothing else.
     """
+    check_name(folder)
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
         raise DataError(f'{folder} exists and is not a folder')
     if not folder.exists():

@@ -19,6 +19,7 @@ from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.whole import Whole
 from plc_inspect.errors import DataError
 from plc_inspect.grid.cells.cut import (
+    ATTRIBUTES,
     count_parts,
     cut_part,
     describe_lost,
@@ -191,7 +192,8 @@ def cut_sources(run: GridRun, sources: Sequence[Source]) -> CutGrid:
                 str(folder), source, part, grid, tuple(reference.tolist()), plane,
             )))
             keys[name] = make_key(__version__, source.state, source.units, part, asdict(grid),
-                                  reference.tolist(), low.tolist(), high.tolist(), STATISTICS)
+                                  reference.tolist(), low.tolist(), high.tolist(), STATISTICS,
+                                  ATTRIBUTES.descr)
     answers = run.run('cut', tasks, keys)
     for name, error in find_unusable(sources, answers).items():
         del answers[name]

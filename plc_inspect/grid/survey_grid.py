@@ -146,10 +146,9 @@ def inspect_sources(
     run.tell(f'memory: {estimate_memory(jobs) / 1e9:.1f} GB for the largest of', 0, len(jobs), 0)
     answers = inspect_tiles(run, cut, jobs, know_whole(run, cut, jobs))
     notes = [
-        *(source.note for source in held if source.note), *cut.notes, *find_twins(held),
-        *(f'{source.path} holds no point' for source in sources if not source.num_points),
+        *(source.note for source in sources if source.note), *cut.notes, *find_twins(held),
     ]
-    return write_grid(run, held, refusals, cut, jobs, answers, notes), jobs
+    return write_grid(run, sources, refusals, cut, jobs, answers, notes), jobs
 
 
 def find_twins(sources: Sequence[Source]) -> list[str]:

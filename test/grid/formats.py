@@ -112,7 +112,10 @@ def write_ply(path, points, *, text=False, names='xyz', kind='f8'):
     import plyfile
 
     table = np.array(list(map(tuple, points.tolist())), dtype=[(name, kind) for name in names])
-    plyfile.PlyData([plyfile.PlyElement.describe(table, 'vertex')], text=text).write(str(path))
+    plyfile.PlyData(
+        [plyfile.PlyElement.describe(table, 'vertex')], text=text,
+        byte_order='>' if kind.startswith('>') else '<',
+    ).write(str(path))
     return path
 
 

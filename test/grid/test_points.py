@@ -5,21 +5,22 @@
 
 import struct
 
-from grid.formats import write_copc
-from grid.grids import make_line
+from grid.formats import write_copc, write_xyz
+from grid.grids import inspect, make_line, ORIGIN, write_las
 import laspy
 import numpy as np
 import pytest
 
 from plc_inspect.errors import DataError
-from plc_inspect.grid.cells.cut import FLAG_NAMES, read_part
+from plc_inspect.grid.cells.cut import FLAG_BITS, read_part
 from plc_inspect.grid.cells.pieces import Piece, read_points
 from plc_inspect.grid.cells.sources import read_sources
+from plc_inspect.grid.results import choose_format
 from plc_inspect.grid.tiles.section_report import is_near
 from plc_inspect.grid.tiles.tile_points import _put_attributes
 from plc_inspect.offline.export.points_file import describe_original, ORIGINAL
 
-COLOURS = ('red', 'green', 'blue')
+COLOURS = ('red', 'green', 'blue', 'nir')
 PLAIN = ('intensity', 'user_data', 'point_source_id', 'gps_time')
 
 
@@ -45,16 +46,17 @@ def test_attributes_reach_the_points_of_a_tile(point_format, tmp_path):
     las = write_random(tmp_path / 'a.las', point_format)
     ((source,), _) = read_sources([tmp_path / 'a.las'])
     (_, attributes), = read_part(source, 0)
-    header = laspy.LasHeader(version='1.4', point_format=7)
+    assert source.point_format == {0: 6, 1: 6, 3: 7}.get(point_format, point_format)
+    header = laspy.LasHeader(version='1.4', point_format=8)
     header.add_extra_dims([describe_original()])
     record = laspy.ScaleAwarePointRecord.zeros(len(attributes), header=header)
-    _put_attributes(record, attributes, colours=True)
+    _put_attributes(record, attributes)
     held = set(las.point_format.dimension_names)
-    for name in (*PLAIN, *COLOURS, *FLAG_NAMES, 'return_number', 'number_of_returns'):
+    for name in (*PLAIN, *COLOURS, *FLAG_BITS, 'return_number', 'number_of_returns',
+                 'scanner_channel'):
         expected = np.asarray(las[name]) if name in held else 0
         np.testing.assert_array_equal(np.asarray(record[name]), expected, name)
     np.testing.assert_array_equal(record[ORIGINAL], las.classification)
-    assert not np.asarray(record['scanner_channel']).any()
     degrees = (
         las.scan_angle_rank if 'scan_angle_rank' in held else las.scan_angle * 0.006
     )
@@ -101,3 +103,92 @@ def test_an_index_of_copc_must_lead_to_what_the_header_counts(tmp_path):
     path.write_bytes(data)
     _, (refusal,) = read_sources([path])
     assert 'a.copc.laz has no readable index of COPC: its index has 4294967296' in refusal.error
+
+
+def read_tiles(folder):
+    """Return the coordinates in the points files of all tiles, sorted."""
+    return sort(np.concatenate([laspy.read(path).xyz for path in folder.glob('tiles/*/*.laz')]))
+
+
+def sort(points):
+    """Return points in an order that the last bits do not change."""
+    return points[np.lexsort(np.round(points, 3).T)]
+
+
+def test_a_point_far_away_leaves_the_others_exact(tmp_path):
+    """It is farther from them than 32 bits hold millimetres."""
+    first, second = np.array_split(make_line(1), 2)
+    first = np.concatenate([first, [ORIGIN - [0.0, 2.2e6, 0.0]]])
+    paths = [write_xyz(tmp_path / 'a.xyz', first), write_xyz(tmp_path / 'b.xyz', second)]
+    inspect(tmp_path / 'out', paths)
+    np.testing.assert_allclose(
+        read_tiles(tmp_path / 'out'), sort(np.concatenate([first, second])), rtol=0, atol=1e-6
+    )
+
+
+def test_tiles_are_as_fine_as_the_finest_input_that_they_can_hold(tmp_path):
+    """Two tiles whose own grids use all of the 32 bits: no grid of that scale holds both."""
+    points = make_line(1)
+    middle = np.median(points[:, 0])
+    paths = []
+    for name, own in (('a', points[points[:, 0] < middle]), ('b', points[points[:, 0] >= middle])):
+        center = np.round((own.min(axis=0) + own.max(axis=0)) / 2)
+        scale = np.ptp(own[:, 0]) / 2**32 * 1.1
+        paths.append(write_las(tmp_path / f'{name}.laz', own, scales=np.full(3, scale),
+                               offsets=center))
+    inspect(tmp_path / 'out', paths)
+    np.testing.assert_allclose(read_tiles(tmp_path / 'out'), sort(points), rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize('order', [1, -1])
+def test_a_coarse_input_does_not_coarsen_the_others(order, tmp_path):
+    points = make_line(1)
+    coarse = np.round(points[:500] * 4) / 4
+    paths = [
+        write_las(tmp_path / 'a.las', coarse, scales=np.full(3, 0.25), offsets=np.zeros(3)),
+        write_las(tmp_path / 'b.las', points[500:]),
+    ][::order]
+    inspect(tmp_path / 'out', paths)
+    found = read_tiles(tmp_path / 'out')
+    np.testing.assert_allclose(
+        found, sort(np.concatenate([coarse, points[500:]])), rtol=0, atol=1e-6
+    )
+
+
+def test_the_format_of_tiles_is_that_of_the_first_of_the_finest_inputs(tmp_path):
+    points = make_line(1)[:10]
+    scales = [(0.01, 0.01, 0.001), (0.001, 0.01, 0.01)]
+    paths = [
+        write_las(tmp_path / f'{number}.las', points, scales=np.array(own),
+                  offsets=np.floor(ORIGIN) + number)
+        for number, own in enumerate(scales)
+    ]
+    sources, _ = read_sources(paths)
+    form = choose_format(sources)
+    assert form.scales == (0.001, 0.01, 0.001)
+    assert form.offsets == (500_001.0, 5_700_000.0, 40.0)
+    with_text, _ = read_sources([write_xyz(tmp_path / 'c.xyz', points), *paths[::-1]])
+    assert choose_format(with_text).scales == (0.001, 0.001, 0.001)
+    assert choose_format(with_text).offsets == (500_001.0, 5_700_001.0, 40.0)
+    only_text = choose_format(with_text[:1])
+    assert only_text.offsets == tuple(np.floor(points.min(axis=0)))
+
+
+@pytest.mark.parametrize('point_format', [6, 7, 8])
+def test_tiles_have_the_attributes_of_a_single_survey(point_format, tmp_path):
+    points = make_line(1)
+    las = laspy.convert(laspy.read(write_las(tmp_path / 'a.las', points)),
+                        point_format_id=point_format)
+    rng = np.random.default_rng(point_format)
+    las.scanner_channel = rng.integers(0, 4, len(points))
+    las.overlap = rng.integers(0, 2, len(points))
+    las.edge_of_flight_line = rng.integers(0, 2, len(points))
+    if point_format == 8:
+        las.nir = rng.integers(0, 65_536, len(points))
+    las.write(tmp_path / 'a.las')
+    inspect(tmp_path / 'out', [tmp_path / 'a.las'])
+    (path,) = tmp_path.glob('out/tiles/*/points.laz')
+    tile = laspy.read(path)
+    assert tile.point_format.id == point_format
+    for name in set(las.point_format.dimension_names) - {'classification'}:
+        np.testing.assert_array_equal(np.asarray(tile[name]), np.asarray(las[name]), name)

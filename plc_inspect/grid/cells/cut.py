@@ -31,7 +31,7 @@ from plc_inspect.offline.readers.copc import iterate_copc
 from plc_inspect.offline.readers.laz import open_las
 from plc_inspect.offline.readers.plain_clouds import is_plain, iterate_points
 from plc_inspect.printable import make_one_line
-from plc_inspect.results import Float64, UInt8
+from plc_inspect.results import Float64
 
 CHUNK = 1_000_000
 """Points read at a time."""
@@ -40,12 +40,10 @@ PART = 10_000_000
 ATTRIBUTES = np.dtype([
     ('intensity', '<u2'), ('returns', 'u1'), ('flags', 'u1'), ('classification', 'u1'),
     ('user_data', 'u1'), ('scan_angle', '<i2'), ('point_source_id', '<u2'), ('gps_time', '<f8'),
-    ('red', '<u2'), ('green', '<u2'), ('blue', '<u2'),
+    ('red', '<u2'), ('green', '<u2'), ('blue', '<u2'), ('nir', '<u2'),
 ])
-"""Attributes kept with each point: the fields of LAS point format 7."""
+"""Attributes kept with each point: the fields of LAS point format 8."""
 RETURN_BITS = 4
-_LOW_FLAGS, _CHANNEL_BITS = np.uint8(0b1111), np.uint8(2)
-"""First four flags of a byte of point formats 6 to 10; bits of the channel, which follow."""
 _SCAN_ANGLE_STEP = 0.006
 """Degrees in one unit of ``scan_angle`` (LAS 1.4 R15, table 15)."""
 
@@ -329,11 +327,11 @@ def _take_points(chunk: laspy.ScaleAwarePointRecord) -> Float64:
 
 
 def _take_attributes(chunk: laspy.ScaleAwarePointRecord) -> np.ndarray:
-    """Return the attributes of points of any format as those of point format 7."""
+    """Return the attributes of points of any format as those of point format 8."""
     result = np.zeros(len(chunk), dtype=ATTRIBUTES)
     names = set(chunk.point_format.dimension_names)
     for name in ('intensity', 'classification', 'user_data', 'point_source_id', 'gps_time',
-                 'red', 'green', 'blue'):
+                 'red', 'green', 'blue', 'nir'):
         if name in names:
             result[name] = chunk[name]
     if ORIGINAL in names and chunk.array.dtype[ORIGINAL] == np.uint8:  # of an earlier survey
@@ -341,7 +339,7 @@ def _take_attributes(chunk: laspy.ScaleAwarePointRecord) -> np.ndarray:
     if 'scan_angle' in names:  # formats 6 to 10, whose bytes hold returns and flags as here
         result['scan_angle'] = chunk['scan_angle']
         result['returns'] = chunk.array['bit_fields']
-        result['flags'] = _gather_flags(np.asarray(chunk.array['classification_flags']))
+        result['flags'] = chunk.array['classification_flags']
         return result
     degrees = np.asarray(chunk['scan_angle_rank'], np.float64)
     result['scan_angle'] = np.rint(degrees / _SCAN_ANGLE_STEP).astype(np.int16)
@@ -349,25 +347,15 @@ def _take_attributes(chunk: laspy.ScaleAwarePointRecord) -> np.ndarray:
         np.asarray(chunk['number_of_returns']) << RETURN_BITS
     )
     flags = np.zeros(len(chunk), dtype=np.uint8)
-    for bit, name in enumerate(FLAG_NAMES):
+    for name, bit in FLAG_BITS.items():
         if name in names:
             flags |= np.asarray(chunk[name]).astype(np.uint8) << bit
     result['flags'] = flags
     return result
 
 
-def _gather_flags(values: UInt8) -> UInt8:
-    """Return ``flags`` from the byte of point formats 6 to 10, without the channel."""
-    return values & _LOW_FLAGS | values >> _CHANNEL_BITS & ~_LOW_FLAGS
-
-
-def spread_flags(flags: UInt8) -> UInt8:
-    """Return the (N,) byte of point formats 6 to 10 from (N,) ``flags``; the channel is 0."""
-    return flags & _LOW_FLAGS | (flags & ~_LOW_FLAGS) << _CHANNEL_BITS
-
-
-FLAG_NAMES = (
-    'synthetic', 'key_point', 'withheld', 'overlap', 'scan_direction_flag',
-    'edge_of_flight_line',
-)
-"""Names of the bits of ``flags``."""
+FLAG_BITS = {
+    'synthetic': 0, 'key_point': 1, 'withheld': 2, 'overlap': 3, 'scan_direction_flag': 6,
+    'edge_of_flight_line': 7,
+}
+"""Bits of ``flags``, a byte of point formats 6 to 10 that holds the scanner channel as well."""

@@ -15,7 +15,7 @@ import warnings
 from plc_inspect.errors import DataError
 from plc_inspect.offline.export.results_folder import FILES, LEDGER, POINTS
 from plc_inspect.offline.readers.clouds import SUFFIXES
-from plc_inspect.printable import make_one_line
+from plc_inspect.printable import check_name, make_one_line
 from plc_inspect.whole_files import check_outside
 
 INDEX_SUFFIXES = ('.geojson', '.json', '.vpc', '.gpkg', '.shp')
@@ -50,8 +50,8 @@ def expand_inputs(items: Sequence[str], folder: Path | None = None) -> list[Path
     Raises
     ------
     DataError
-        There is no such file; a folder, pattern or index holds no cloud; or a file that is named
-        lies in ``folder``.
+        There is no such file, or its name is not UTF-8; a folder, pattern or index holds no
+        cloud; or a file that is named lies in ``folder``.
 
     """
     found: dict[Path, Path] = {}
@@ -64,6 +64,7 @@ def expand_inputs(items: Sequence[str], folder: Path | None = None) -> list[Path
         if not own:
             raise DataError(f'{item} holds no cloud: none ends in {", ".join(SUFFIXES)}')
         for path in own:
+            check_name(path)
             found.setdefault(path.resolve(), path.parent.resolve() / path.name)
     if folder is not None:
         check_outside(list(found.values()), folder)

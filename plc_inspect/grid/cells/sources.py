@@ -14,8 +14,6 @@ import numpy as np
 from plc_inspect.core.numerics.arrays import MOST_COORDINATE
 from plc_inspect.errors import DataError
 from plc_inspect.offline.readers.clouds import (
-    check_count,
-    check_las_header,
     choose_units,
     find_las_crs,
     find_plain_crs,
@@ -24,6 +22,7 @@ from plc_inspect.offline.readers.clouds import (
     render_wkt,
 )
 from plc_inspect.offline.readers.copc import count_indexed, is_copc
+from plc_inspect.offline.readers.laz import open_checked
 from plc_inspect.offline.readers.plain_clouds import is_plain, iterate_points
 from plc_inspect.offline.readers.plausibility import question_place
 from plc_inspect.printable import make_one_line
@@ -54,8 +53,8 @@ class Source:
     """Modification time [ns]."""
     is_indexed: bool = False
     """It is a COPC file, whose index finds its parts."""
-    has_colours: bool = False
-    """Its points have red, green and blue."""
+    point_format: int = 6
+    """That of LAS 1.4 which holds its attributes: 6, 7 with colours, 8 with near infrared."""
     note: str = ''
     """Assumptions about its coordinates, '' if none."""
 
@@ -124,30 +123,34 @@ def _read_source(
     given: tuple[str, tuple[float, float]] | None,
     known: dict[bytes, tuple[str, tuple[float, float]]],
 ) -> Source:
-    stat, is_indexed, has_colours = path.stat(), False, False
+    stat, is_indexed, point_format = path.stat(), False, 6
     if is_plain(path):
         num, low, high = _measure_plain(path)
         wkt, units = given or _find_plain_system(path)
         low, high = low * [units[0], units[0], units[1]], high * [units[0], units[0], units[1]]
         scales = offsets = np.zeros(3)
     else:
-        header = _read_header(path)
+        with open_checked(path) as reader:
+            header = reader.header
+        if is_copc(header):
+            _check_index(path, header)
         num = int(header.point_count)
-        _check_count(path, header)
-        key = b''.join(vlr.record_data_bytes() for vlr in header.vlrs if _is_crs(vlr))
+        records = [*header.vlrs, *(header.evlrs or [])]
+        key = b''.join(vlr.record_data_bytes() for vlr in records if _is_crs(vlr))
         if given is None and key not in known:
             known[key] = find_las_crs(header, path)
         wkt, units = given or known[key]
         scale = np.array([units[0], units[0], units[1]])
         low, high = _find_bounds(path, header, scale)
         is_indexed = is_copc(header)
-        has_colours = 'red' in header.point_format.dimension_names
+        names = set(header.point_format.dimension_names)
+        point_format = 8 if 'nir' in names else 7 if 'red' in names else 6
         scales, offsets = np.array(header.scales), np.array(header.offsets)
     return Source(
         path=str(path), number=number, num_points=num, low=_triple(low), high=_triple(high),
         crs=wkt, units=units, scales=_triple(scales), offsets=_triple(offsets),
         size=stat.st_size, changed=stat.st_mtime_ns, is_indexed=is_indexed,
-        has_colours=has_colours,
+        point_format=point_format,
     )
 
 
@@ -174,19 +177,22 @@ def _find_plain_system(path: Path) -> tuple[str, tuple[float, float]]:
 def _question(source: Source, unit: float | None) -> Source:
     """Return an input in the given unit; DataError if its coordinates are impossible in it."""
     units = choose_units(Path(source.path), source.crs, source.units, unit)
-    if source.crs or not source.num_points:
+    if not source.num_points:
+        return replace(source, note=f'{source.path} holds no point')
+    if source.crs:
         return source
-    scale = units[0] / source.units[0]
-    said = unit or (units[0] if units[0] != 1.0 else None)
+    horizontal, vertical = (new / old for new, old in zip(units, source.units, strict=True))
+    scales = (horizontal, horizontal, vertical)
+    is_said = unit is not None or units[0] != 1.0
     low, high = (
         [value / size for value, size in zip(ends, (*source.units[:1] * 2, source.units[1]),
                                              strict=True)]
         for ends in (source.low, source.high)
     )
     return replace(
-        source, units=units, low=_triple([value * scale for value in source.low]),
-        high=_triple([value * scale for value in source.high]),
-        note=question_place(source.path, low, high, said),
+        source, units=units, low=_triple(np.multiply(source.low, scales)),
+        high=_triple(np.multiply(source.high, scales)),
+        note=question_place(source.path, low, high, units, is_said),
     )
 
 
@@ -197,18 +203,6 @@ def _triple(values: Any) -> tuple[float, float, float]:
 
 def _is_crs(vlr: Any) -> bool:
     return str(vlr.user_id).startswith('LASF_Projection')
-
-
-def _read_header(path: Path) -> laspy.LasHeader:
-    try:
-        check_las_header(path)
-        with path.open('rb') as file:
-            return laspy.LasHeader.read_from(file)
-    except (DataError, OSError):
-        raise
-    except Exception as error:  # laspy lets errors of struct and numpy through
-        text = make_one_line(error) or type(error).__name__
-        raise DataError(f'{path} has no readable LAS header: {text}') from error
 
 
 def _find_bounds(path: Path, header: laspy.LasHeader, scale: Float64) -> tuple[Float64, Float64]:
@@ -228,17 +222,15 @@ def _render(values: Any) -> str:
     return '(' + ', '.join(f'{value:.6g}' for value in values) + ')'
 
 
-def _check_count(path: Path, header: laspy.LasHeader) -> None:
-    """Refuse a file with more or fewer points than its header counts, as far as that shows."""
-    if is_copc(header):
-        try:
-            indexed = count_indexed(path)
-        except Exception as error:  # laspy lets errors of struct and numpy through
-            text = make_one_line(error) or type(error).__name__
-            raise DataError(f'{path} has no readable index of COPC: {text}') from error
-        if indexed != header.point_count:
-            raise DataError(
-                f'{path} is damaged: its index leads to {indexed} points, its header counts'
-                f' {header.point_count}'
-            )
-    check_count(path, header)
+def _check_index(path: Path, header: laspy.LasHeader) -> None:
+    """Refuse a COPC file whose index leads to other points than its header counts."""
+    try:
+        indexed = count_indexed(path)
+    except Exception as error:  # laspy lets errors of struct and numpy through
+        text = make_one_line(error) or type(error).__name__
+        raise DataError(f'{path} has no readable index of COPC: {text}') from error
+    if indexed != header.point_count:
+        raise DataError(
+            f'{path} is damaged: its index leads to {indexed} points, its header counts'
+            f' {header.point_count}'
+        )

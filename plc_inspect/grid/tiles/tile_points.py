@@ -11,7 +11,7 @@ from typing import Any
 import laspy
 import numpy as np
 
-from plc_inspect.grid.cells.cut import spread_flags
+from plc_inspect.core.extraction.ground_surface import bounds
 from plc_inspect.grid.cells.pieces import read_attributes
 from plc_inspect.grid.tiles.plain_results import POINT_FIELDS
 from plc_inspect.grid.tiles.tile_job import CELLS, list_pieces, TileJob
@@ -20,22 +20,27 @@ from plc_inspect.offline.export.points_file import (
     describe_original,
     EXTRA_DIMENSIONS,
     finish_header,
+    lay_grid,
     open_points,
     ORIGINAL,
+    put_on_grid,
 )
 from plc_inspect.whole_files import replace_file
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PointsFormat:
-    """Format of the points files; the same for all tiles of a grid."""
+    """Format of the points files of all tiles."""
 
     crs: str
     units: tuple[float, float]
     """Metres in one horizontal and one vertical unit."""
     scales: tuple[float, float, float]
+    """Resolution wanted, in units of the inputs; a tile that it cannot hold is coarser."""
     offsets: tuple[float, float, float]
-    colours: bool
+    """Wanted; a tile too far from them has its own."""
+    point_format: int
+    """6, 7 with colours, or 8 with near infrared too."""
 
 
 def write_tile_points(
@@ -70,22 +75,25 @@ def write_tile_points(
     labels['line_id'], labels['span_id'] = renumber(
         labels['line_id'], labels['span_id'], numbers
     )
-    header = laspy.LasHeader(version='1.4', point_format=7 if form.colours else 6)
-    header.scales, header.offsets = np.array(form.scales), np.array(form.offsets)
+    header = laspy.LasHeader(version='1.4', point_format=form.point_format)
+    units = np.array([form.units[0], form.units[0], form.units[1]])
+    low, high, _ = bounds(points)
+    header.offsets, header.scales = lay_grid(
+        low / units, high / units, np.array(form.scales), np.array(form.offsets)
+    )
     header.creation_date = None  # the same points give the same bytes on any day
     header.add_extra_dims([describe_original()])
     finish_header(header, form.crs)
-    units = np.array([form.units[0], form.units[0], form.units[1]])
     Path(place).parent.mkdir(parents=True, exist_ok=True)
     with replace_file(Path(place)) as aside, open_points(aside, header) as writer:
         for begin in range(0, len(points), CHUNK_SIZE):
             chunk = slice(begin, begin + CHUNK_SIZE)
             record = laspy.ScaleAwarePointRecord.zeros(len(points[chunk]), header=header)
             for axis, name in enumerate('XYZ'):
-                grid = points[chunk, axis] / units[axis]
-                grid = (grid - header.offsets[axis]) / header.scales[axis]
-                record.array[name] = np.rint(grid).astype(np.int32)
-            _put_attributes(record, attributes[chunk], form.colours)
+                record.array[name] = put_on_grid(
+                    points[chunk, axis] / units[axis], header.scales[axis], header.offsets[axis]
+                )
+            _put_attributes(record, attributes[chunk])
             record.array['classification'] = labels['classification'][chunk]
             for name, *_ in EXTRA_DIMENSIONS:
                 record.array[name] = labels[name][chunk]
@@ -125,14 +133,13 @@ def renumber(
     return lines[line_id, span_id], spans[span_id]
 
 
-def _put_attributes(
-    record: laspy.ScaleAwarePointRecord, attributes: np.ndarray, colours: bool
-) -> None:
-    for name in ('intensity', 'user_data', 'scan_angle', 'point_source_id', 'gps_time'):
-        record.array[name] = attributes[name]
-    record.array['bit_fields'] = attributes['returns']
-    record.array['classification_flags'] = spread_flags(attributes['flags'])
-    record.array[ORIGINAL] = attributes['classification']
-    if colours:
-        for name in ('red', 'green', 'blue'):
+def _put_attributes(record: laspy.ScaleAwarePointRecord, attributes: np.ndarray) -> None:
+    """Set all attributes that the point format has."""
+    names = set(record.array.dtype.names)
+    for name in ('intensity', 'user_data', 'scan_angle', 'point_source_id', 'gps_time',
+                 'red', 'green', 'blue', 'nir'):
+        if name in names:
             record.array[name] = attributes[name]
+    record.array['bit_fields'] = attributes['returns']
+    record.array['classification_flags'] = attributes['flags']
+    record.array[ORIGINAL] = attributes['classification']

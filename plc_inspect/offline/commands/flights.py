@@ -16,7 +16,7 @@ from plc_inspect import __version__
 from plc_inspect.errors import ConfigError, DataError
 from plc_inspect.offline.commands.command_line import BAD_INPUT, DEFECT, DONE, show_progress
 from plc_inspect.offline.readers.bags import find_recordings
-from plc_inspect.printable import make_one_line
+from plc_inspect.printable import check_name, make_one_line, make_printable
 
 if TYPE_CHECKING:
     from plc_inspect.config import Settings
@@ -62,7 +62,7 @@ def expand_flights(items: Sequence[str], folder: Path | None = None) -> list[Pat
     Raises
     ------
     DataError
-        There is no such file, or a folder or pattern holds no recording.
+        There is no such file, its name is not UTF-8, or a folder or pattern holds no recording.
 
     """
     found: dict[Path, None] = {}
@@ -81,6 +81,8 @@ def expand_flights(items: Sequence[str], folder: Path | None = None) -> list[Pat
         own += [path] if path.is_file() else []
         if not own:
             raise DataError(f'{item} holds no recording: none ends in .mcap, .db3 or .bag')
+        for flight in own:
+            check_name(flight)
         found |= dict.fromkeys(flight.resolve() for flight in own)
     return list(found)
 
@@ -235,7 +237,7 @@ def run_flights(
         if missing:
             print(f'note: {missing}\n')
         print(', '.join(f'{value} {name}' for name, value in totals.items()))
-        print(f'\nreport: {folder / "index.html"}')
+        print(make_printable(f'\nreport: {folder / "index.html"}'))
     for name, error in failures:
         print(make_one_line(f'plc_replay: {name}: {error}'), file=sys.stderr)
     if failures:

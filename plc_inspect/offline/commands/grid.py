@@ -129,8 +129,9 @@ def run_grid(
         summary = survey_grid(inputs, settings, rules, options, engine, tell)
     if not arguments.quiet:
         if summary.notes:
-            more = f' (and {len(summary.notes) - 1} others)' if len(summary.notes) > 1 else ''
-            print(make_one_line(f'note: {summary.notes[0]}{more}') + '\n')
+            more = len(summary.notes) - 1
+            others = f' (and {more} more, see run.json)' if more else ''
+            print(make_one_line(f'note: {summary.notes[0]}{others}') + '\n')
         if summary.missing:
             print(f'note: {summary.missing}\n')
         print(make_printable(render_grid(summary)))
@@ -138,7 +139,7 @@ def run_grid(
             from plc_inspect.offline.commands.compare import render_changes
 
             print('\n' + make_printable(render_changes(summary.changes, summary.units)))
-        print(f'\nreport: {arguments.output / "index.html"}')
+        print(make_printable(f'\nreport: {arguments.output / "index.html"}'))
     for stage, name, error in summary.failures:
         what = '' if stage in NAMED else f'{stage} {name}: '
         print(make_one_line(f'plc_survey: {what}{error}'), file=sys.stderr)

@@ -129,7 +129,7 @@ def _run(argv: Sequence[str] | None) -> int:
     if not arguments.quiet:
         parts = [render_summary(recovered.inspection), *recovered.notes]
         print(make_printable('\n\n'.join(parts)))
-        print(f'\nreport: {arguments.output / "report.html"}')
+        print(make_printable(f'\nreport: {arguments.output / "report.html"}'))
     if recovered.inspection.counts['held_back']:
         raise DataError(f'{arguments.record}: {recovered.inspection.counts["held_back"]}')
     return DONE

@@ -20,7 +20,7 @@ from plc_inspect.offline.commands.command_line import (
     show_progress,
 )
 from plc_inspect.offline.commands.flights import are_many, check_flights, run_flights
-from plc_inspect.printable import make_printable
+from plc_inspect.printable import decode_name, make_printable
 
 if TYPE_CHECKING:
     from plc_inspect.config import Settings
@@ -118,7 +118,7 @@ def replay(
         result=result,
         points=points,
         settings=settings,
-        source=path.absolute().name,
+        source=decode_name(path.absolute().name),
         command=NAME,
         frame_id=accumulator.frame_id,
         rules=rules,
@@ -179,7 +179,7 @@ def _run(argv: Sequence[str] | None) -> int:
     if not arguments.quiet:
         parts = [render_summary(inspection), describe_losses(inspection)]
         print(make_printable('\n\n'.join(part for part in parts if part)))
-        print(f'\nreport: {arguments.output / "report.html"}')
+        print(make_printable(f'\nreport: {arguments.output / "report.html"}'))
     if inspection.counts['held_back']:
         raise DataError(f'{bag}: {inspection.counts["held_back"]}')
     return DONE

@@ -28,7 +28,7 @@ from plc_inspect.offline.commands.grid import (
     run_grid,
 )
 from plc_inspect.offline.readers.plausibility import parse_unit
-from plc_inspect.printable import make_one_line, make_printable
+from plc_inspect.printable import decode_name, make_one_line, make_printable
 
 if TYPE_CHECKING:
     from plc_inspect.config import Settings
@@ -123,7 +123,7 @@ def survey(
         result=result,
         points=cloud.points,
         settings=settings,
-        source=path.name,
+        source=decode_name(path.name),
         command=NAME,
         crs=cloud.crs,
         units=Units(horizontal=horizontal, vertical=vertical),
@@ -180,16 +180,13 @@ def check_memory(path: Path) -> None:
         return
     if path.stat().st_size < LARGEST_UNASKED:
         return
-    import laspy
-
     from plc_inspect.grid.engine import measure_available
-    from plc_inspect.offline.readers.clouds import check_las_header
+    from plc_inspect.offline.readers.laz import open_checked
 
     try:
-        check_las_header(path)
-        with path.open('rb') as file:
-            num_points = int(laspy.LasHeader.read_from(file).point_count)
-    except Exception:  # reported when the file is read
+        with open_checked(path) as reader:
+            num_points = int(reader.header.point_count)
+    except DataError:  # reported when the file is read
         return
     free, needed = measure_available(), BASE_BYTES + BYTES_PER_POINT * num_points
     if needed > free:
@@ -230,10 +227,12 @@ def _run(argv: Sequence[str] | None) -> int:
         )
         inspection = deliver(inspection, request, arguments, progress)
     if not arguments.quiet:
+        from plc_inspect.offline.export.points_file import describe_steps
+
         print(make_printable(render_summary(inspection)))
-        if reading.result().note:
-            print('\n' + make_one_line(f'note: {reading.result().note}'))
-        print(f'\nreport: {arguments.output / "report.html"}')
+        for note in filter(None, (reading.result().note, describe_steps(inspection))):
+            print('\n' + make_one_line(f'note: {note}'))
+        print(make_printable(f'\nreport: {arguments.output / "report.html"}'))
     return DONE
 
 

@@ -11,6 +11,7 @@ from lazrs import LazrsError
 import numpy as np
 from numpy.typing import NDArray
 
+from plc_inspect.core.extraction.ground_surface import bounds
 from plc_inspect.errors import DataError
 from plc_inspect.offline.records.inspection import Inspection
 from plc_inspect.results import InspectionResult
@@ -29,8 +30,22 @@ _MODERN_FORMAT = {0: 6, 1: 6, 2: 7, 3: 7, 4: 9, 5: 10}
 _SCAN_ANGLE_STEP = 0.006
 """Degrees in one unit of ``scan_angle`` (LAS 1.4 R15, table 15)."""
 _LARGEST = 2**31 - 1
+_FINE, _WIDE = 1e-4, 1e-3
+"""
+Steps of coordinates, and those of clouds wider than 214 km [units of the file].
+Source: judgement: a hundredth and a tenth of the noise of a lidar.
+"""
+_STRIDE = 1_000_000
+"""
+An offset moves by a multiple of so many steps.
+Source: derived: of a step of 1 mm they are 1 km, and a coarser step up to that divides it.
+"""
+_Grid = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""Offsets and scales (3,) of a LAS file."""
 _COPC = 'copc'
 """User of records that index the points of a COPC file; those that are written lie elsewhere."""
+_PROJECTION = 'LASF_Projection'
+"""User of records that hold a coordinate reference system."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,8 +80,7 @@ def write_points(path: Path, inspection: Inspection) -> int:
     Raises
     ------
     DataError
-        The result does not belong to the points, the coordinates span more than LAS can hold, or
-        the file cannot be written.
+        The result does not belong to the points, or the file cannot be written.
 
     """
     result = inspection.result
@@ -132,8 +146,9 @@ def _write_las(path: Path, las: laspy.LasData, inspection: Inspection) -> None:
                 record.array[ORIGINAL] = source['classification'][chunk]
             _put_result(record.array, inspection.result, chunk)
             writer.write_points(record)
+        dropped = (_COPC, _PROJECTION) if inspection.crs else (_COPC,)
         evlrs = laspy.vlrs.vlrlist.VLRList([
-            vlr for vlr in las.evlrs or () if vlr.user_id != _COPC
+            vlr for vlr in las.evlrs or () if vlr.user_id not in dropped
         ])
         if evlrs:
             writer.write_evlrs(evlrs)
@@ -143,16 +158,20 @@ def _write_coordinates(path: Path, inspection: Inspection) -> int:
     rows = np.flatnonzero(np.isfinite(inspection.points).all(axis=1))
     header = laspy.LasHeader(version='1.4', point_format=6)
     points = inspection.units.from_metres(inspection.points[rows])
-    header.offsets, header.scales = _choose_grid(points)
+    if len(points):
+        header.offsets, header.scales = _choose_grid(points.min(axis=0), points.max(axis=0))
+    else:
+        header.offsets, header.scales = np.zeros(3), np.full(3, _WIDE)
     header.creation_date = None  # equal points give equal bytes on any day
     finish_header(header, inspection.crs)
     with open_points(path, header) as writer:
         for begin in range(0, len(rows), CHUNK_SIZE):
             chunk = slice(begin, begin + CHUNK_SIZE)
             record = _make_record(header, len(rows[chunk]))
-            grid = np.rint((points[chunk] - header.offsets) / header.scales).astype(np.int32)
-            for name, column in zip('XYZ', grid.T, strict=True):
-                record.array[name] = column
+            for axis, name in enumerate('XYZ'):
+                record.array[name] = put_on_grid(
+                    points[chunk, axis], header.scales[axis], header.offsets[axis]
+                )
             record['return_number'][:] = 1
             record['number_of_returns'][:] = 1
             _put_result(record.array, inspection.result, rows[chunk])
@@ -160,16 +179,73 @@ def _write_coordinates(path: Path, inspection: Inspection) -> int:
     return len(rows)
 
 
-def _choose_grid(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return offsets and scales of a grid of 0.1 mm, or 1 mm for large extents."""
-    if not len(points):
-        return np.zeros(3), np.full(3, 1e-3)
-    low = np.floor(points.min(axis=0))
-    extent = float(np.max(points.max(axis=0) - low))
-    for scale in (1e-4, 1e-3):
-        if extent / scale < _LARGEST:
-            return low, np.full(3, scale)
-    raise DataError(f'coordinates span {extent:.6g}, LAS holds {_LARGEST * 1e-3:.6g} at 1 mm')
+def describe_steps(inspection: Inspection) -> str:
+    """Say how coarse the coordinates of ``points.laz`` are for a wide cloud, '' up to 1 mm."""
+    if inspection.las is not None:
+        return ''
+    low, high, num = bounds(inspection.points)
+    if not num:
+        return ''
+    low, high = inspection.units.from_metres(low), inspection.units.from_metres(high)
+    step = float(_choose_grid(low, high)[1].max())
+    return '' if step <= _WIDE else (
+        f'coordinates span {(high - low).max():.6g}, which LAS holds in steps of {step:g} in'
+        ' points.laz: is a point far from all others?'
+    )
+
+
+def _choose_grid(low: NDArray[np.float64], high: NDArray[np.float64]) -> _Grid:
+    """Return offsets and scales of a grid of 0.1 mm, or 1 mm and more for large extents."""
+    low = np.floor(low)
+    scale = _FINE if float(np.max(high - low)) / _FINE < _LARGEST else _WIDE
+    return lay_grid(low, high, np.full(3, scale), low)
+
+
+def lay_grid(
+    low: NDArray[np.float64], high: NDArray[np.float64], scales: NDArray[np.float64],
+    offsets: NDArray[np.float64],
+) -> _Grid:
+    """
+    Return a grid whose 32 bits hold all coordinates: the given one if it does.
+
+    Otherwise an axis first moves its offset by whole steps, which keeps coordinates exact, and
+    then takes steps ten times as long.
+
+    Parameters
+    ----------
+    low, high : (3,) float64
+        Least and greatest coordinates, in units of the file.
+    scales, offsets : (3,) float64
+        The grid wanted, in the same units.
+
+    Returns
+    -------
+    offsets, scales : (3,) float64
+
+    """
+    scales, offsets = scales.copy(), offsets.copy()
+    for axis, ends in enumerate(np.column_stack([low, high])):
+        while not _holds(ends, scales[axis], offsets[axis]):
+            stride = _STRIDE * scales[axis]
+            offsets[axis] += stride * np.rint((ends.mean() - offsets[axis]) / stride)
+            if not _holds(ends, scales[axis], offsets[axis]):
+                scales[axis] *= 10
+    return offsets, scales
+
+
+def _holds(values: NDArray[np.float64], scale: float = 1.0, offset: float = 0.0) -> bool:
+    return bool((np.abs(values - offset) <= _LARGEST * scale).all())
+
+
+def put_on_grid(values: NDArray[np.float64], scale: float, offset: float) -> NDArray[np.int32]:
+    """Return coordinates (N,) as steps from the offset; DataError if 32 bits do not hold them."""
+    steps = np.rint((values - offset) / scale)
+    if not _holds(steps):
+        raise DataError(
+            f'coordinates from {values.min():.9g} to {values.max():.9g} are too far from'
+            f' {offset:.9g} for LAS, which holds {_LARGEST} steps of {scale:g}'
+        )
+    return steps.astype(np.int32)
 
 
 def _modernise(las: laspy.LasData) -> laspy.LasData:

@@ -5,7 +5,6 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-import struct
 from typing import Any
 
 import laspy
@@ -18,7 +17,7 @@ from pyproj.exceptions import CRSError
 from plc_inspect.core.extraction.ground_surface import bounds
 from plc_inspect.core.numerics.arrays import MOST_COORDINATE
 from plc_inspect.errors import ConfigError, DataError
-from plc_inspect.offline.readers.laz import open_las
+from plc_inspect.offline.readers.laz import open_checked
 from plc_inspect.offline.readers.plain_clouds import (
     find_named_crs,
     is_plain,
@@ -43,7 +42,14 @@ Greatest number and share of points beyond MOST_COORDINATE that are strays.
 Source: judgement: as core.extraction.stray_points; more mean a wrong unit or CRS.
 """
 
-_HORIZONTAL_UNIT_KEY, _VERTICAL_SYSTEM_KEY, _VERTICAL_UNIT_KEY = 3076, 4096, 4099
+_PROJECTED_KEY, _HORIZONTAL_UNIT_KEY = 3072, 3076
+_VERTICAL_SYSTEM_KEY, _VERTICAL_UNIT_KEY = 4096, 4099
+
+_SAME_UNIT = 1e-5
+"""
+Relative difference up to which two units are the same.
+Source: derived: the two feet differ by 2e-6, which no length of a line shows.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -127,9 +133,9 @@ def read_cloud(
     if not wkt:
         low, high, num_finite = bounds(points)
         if num_finite:
-            said = unit or (units[0] if units[0] != 1.0 else None)
             scale = np.array([units[0], units[0], units[1]])
-            note = question_place(str(path), low / scale, high / scale, said)
+            is_said = unit is not None or units[0] != 1.0
+            note = question_place(str(path), low / scale, high / scale, units, is_said)
     return Cloud(
         path=path,
         points=points,
@@ -150,51 +156,6 @@ def choose_units(
     if wkt:
         raise ConfigError(f'--units is for clouds without a CRS: that of {path} is known')
     return unit, unit
-
-
-def _not_read(path: Path, error: OSError) -> DataError:
-    return DataError(f'{path} cannot be read: {error.strerror or error}')
-
-
-def check_las_header(path: Path) -> None:
-    """Refuse a LAS header with impossible counts of records, which laspy would believe."""
-    size = path.stat().st_size
-    with path.open('rb') as file:
-        head = file.read(375)
-    if head[:4] != b'LASF' or len(head) < 227:
-        raise DataError(f'{path} is not a LAS file')
-    header_size, first_point, num_vlrs = struct.unpack_from('<HII', head, 94)
-    records = [('variable length', num_vlrs, header_size, first_point, 54)]
-    if head[25] >= 4 and len(head) == 375:
-        first_evlr, num_evlrs = struct.unpack_from('<QI', head, 235)
-        records.append(('extended', num_evlrs, first_evlr, size, 60))
-    for name, count, start, end, smallest in records:
-        if count and start + count * smallest > end:
-            raise DataError(
-                f'{path} is damaged: no room for {count} {name} records between byte {start} '
-                f'and {end}'
-            )
-    if first_point > size:
-        raise DataError(f'{path} is truncated: points from byte {first_point}, size {size}')
-
-
-def check_count(path: Path, header: laspy.LasHeader) -> None:
-    """Refuse an uncompressed file whose size does not match the number of points in its header."""
-    if header.are_points_compressed:
-        return
-    size = path.stat().st_size
-    held = max(size - header.offset_to_point_data, 0) // header.point_format.size
-    if held < header.point_count:
-        raise DataError(
-            f'{path} is truncated: its header counts {header.point_count} points,'
-            f' {size} bytes hold {held}'
-        )
-    follows = getattr(header, 'number_of_evlrs', 0) or header.point_format.has_waveform_packet
-    if held > header.point_count and not follows:
-        raise DataError(
-            f'{path} holds {held} points and its header counts {header.point_count}:'
-            ' which is right? Write the file again'
-        )
 
 
 def load_las(path: Path) -> tuple[laspy.LasData, Float64]:
@@ -219,18 +180,8 @@ def load_las(path: Path) -> tuple[laspy.LasData, Float64]:
         The file cannot be read, is truncated or damaged.
 
     """
-    try:
-        check_las_header(path)
-        with open_las(path) as reader:
-            check_count(path, reader.header)  # before there is room made for what it counts
-            las = reader.read()
-    except DataError:
-        raise
-    except OSError as error:
-        raise _not_read(path, error) from error
-    except Exception as error:  # laspy passes errors of lazrs, struct and numpy on
-        text = make_one_line(error) or type(error).__name__
-        raise DataError(f'{path} cannot be read, is it truncated? {text}') from error
+    with open_checked(path) as reader:
+        las = reader.read()
     expected = las.header.point_count
     if len(las.points) != expected:
         raise DataError(
@@ -315,6 +266,8 @@ def find_las_crs(header: laspy.LasHeader, path: Path) -> tuple[str, tuple[float,
         text = make_one_line(error)[:120]
         raise DataError(f'{path} has an unreadable CRS (use --crs): {text}') from error
     keys = _read_unit_keys(header)
+    if system is not None and not _has_wkt(header):
+        _check_keys(system, header, path)
     if system is None:
         horizontal = keys.get(_HORIZONTAL_UNIT_KEY, 1.0)
         return '', (horizontal, keys.get(_VERTICAL_UNIT_KEY, horizontal))
@@ -323,6 +276,31 @@ def find_las_crs(header: laspy.LasHeader, path: Path) -> tuple[str, tuple[float,
     if len(system.axis_info) < 3:
         vertical = keys.get(_VERTICAL_UNIT_KEY, vertical)
     return render_wkt(system), (horizontal, vertical)
+
+
+def _check_keys(system: pyproj.CRS, header: laspy.LasHeader, path: Path) -> None:
+    """Refuse GeoTIFF keys that do not say where the points are."""
+    codes = [key.value_offset for key in _list_geo_keys(header) if key.id == _PROJECTED_KEY]
+    if system.is_geographic and codes:
+        raise DataError(
+            f'{path}: its CRS is user-defined (GeoTIFF key {_PROJECTED_KEY} is {codes[0]}), based'
+            f' on {system.name}: give --crs'
+        )
+    unit = _read_unit_keys(header).get(_HORIZONTAL_UNIT_KEY)
+    if unit is None or system.is_geographic or system.is_geocentric:
+        return
+    metres, _ = measure_units(system, path)
+    if abs(unit - metres) > _SAME_UNIT * metres:
+        raise DataError(
+            f'{path}: its GeoTIFF keys contradict: one unit of {system.name} is {metres:.6g} m, of'
+            f' key {_HORIZONTAL_UNIT_KEY} {unit:.6g} m: give --crs'
+        )
+
+
+def _has_wkt(header: laspy.LasHeader) -> bool:
+    """Tell whether the CRS is that of a WKT record, which goes before GeoTIFF keys."""
+    records = [*header.vlrs, *(header.evlrs or [])]
+    return any(isinstance(item, laspy.vlrs.known.WktCoordinateSystemVlr) for item in records)
 
 
 def _add_vertical(

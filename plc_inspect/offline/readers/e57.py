@@ -88,14 +88,13 @@ def _iterate_scan(path: Path, file: Any, number: int, most: int) -> Iterator[Flo
     size = max(min(most, head.point_count), 1)
     data, buffers = file.make_buffers(wanted, size)
     pose = head.rotation_matrix, head.translation
-    is_single = any(_is_single(head, name) for name in names)
+    kinds = [_find_kind(head, name) for name in names]
     reader, held = head.points.reader(buffers), 0
     try:
         while num := int(reader.read()):
             held += num
             own = np.column_stack([data[name][:num] for name in names])
-            if is_single:
-                check_precision(path, own)
+            check_precision(path, own, kinds)
             points = own if names is _CARTESIAN else _to_cartesian(own)
             if head.has_pose():
                 points = points @ pose[0].T + pose[1]
@@ -110,14 +109,15 @@ def _iterate_scan(path: Path, file: Any, number: int, most: int) -> Iterator[Flo
         )
 
 
-def _is_single(head: Any, name: str) -> bool:
-    """Tell whether a column of a scan is stored in single precision."""
+def _find_kind(head: Any, name: str) -> str:
+    """Return float32 for a column of a scan that is stored so, float64 for all others."""
     from pye57 import libe57
 
     kind = libe57.StructureNode(head.points.prototype())[name]
-    return isinstance(kind, libe57.FloatNode) and (
+    is_single = isinstance(kind, libe57.FloatNode) and (
         kind.precision() == libe57.FloatPrecision.E57_SINGLE
     )
+    return 'f4' if is_single else 'f8'
 
 
 def _to_cartesian(points: Float64) -> Float64:

@@ -14,6 +14,7 @@ import laspy
 import numpy as np
 
 from plc_inspect.errors import DataError
+from plc_inspect.printable import make_one_line
 from plc_inspect.results import UInt8
 
 BACKENDS = (laspy.LazBackend.LazrsParallel, laspy.LazBackend.Lazrs)
@@ -32,6 +33,8 @@ Source: judgement: LAZ packs points of real clouds to a tenth, and equal ones to
 """
 ITEMS = 34
 """Offset of the list of a point's items in the LASzip record [bytes]."""
+_PLACE = 8
+"""Length of the place of the table of chunks, before the first chunk [bytes]."""
 _ANY_SIZE = 2**32 - 1
 """Marks chunks of different sizes."""
 
@@ -41,9 +44,10 @@ def open_las(path: Path) -> Iterator[laspy.LasReader]:
     """
     Open a LAS or LAZ file for reading in parts.
 
-    Raises the errors of laspy, lazrs, struct, numpy and the system; ValueError if a damaged file
-    would make lazrs allocate more memory than there is, which ends the process; and RuntimeError
-    if lazrs panics, which no handler of errors would catch.
+    Raises the errors of laspy, lazrs, struct, numpy and the system; DataError if chunks hold more
+    points than the header counts; ValueError if a damaged file would make lazrs allocate more
+    memory than there is, which ends the process; and RuntimeError if lazrs panics, which no
+    handler of errors would catch.
     """
     with (
         panics_as_errors(), path.open('rb') as file,
@@ -52,6 +56,27 @@ def open_las(path: Path) -> Iterator[laspy.LasReader]:
         if reader.header.are_points_compressed:
             _check_chunks(file, reader.header)
         yield reader
+
+
+@contextmanager
+def open_checked(path: Path) -> Iterator[laspy.LasReader]:
+    """
+    Open a LAS or LAZ file whose header agrees with its size; DataError for all that fails.
+
+    Its extended records are read, which may hold the CRS.
+    """
+    try:
+        _check_records(path)
+        with open_las(path) as reader:
+            _check_count(path, reader.header)  # before there is room made for what it counts
+            yield reader
+    except DataError:
+        raise
+    except OSError as error:
+        raise DataError(f'{path} cannot be read: {error.strerror or error}') from error
+    except Exception as error:  # laspy passes errors of lazrs, struct and numpy on
+        text = make_one_line(error) or type(error).__name__
+        raise DataError(f'{path} cannot be read, is it truncated? {text}') from error
 
 
 @contextmanager
@@ -94,6 +119,48 @@ def read_classes(path: Path) -> UInt8:
         raise DataError(f'{path} is not a readable LAS file: {error}') from error
 
 
+def _check_records(path: Path) -> None:
+    """Refuse a LAS header with impossible counts of records, which laspy would believe."""
+    size = path.stat().st_size
+    with path.open('rb') as file:
+        head = file.read(375)
+    if head[:4] != b'LASF' or len(head) < 227:
+        raise DataError(f'{path} is not a LAS file')
+    header_size, first_point, num_vlrs = struct.unpack_from('<HII', head, 94)
+    records = [('variable length', num_vlrs, header_size, first_point, 54)]
+    if head[25] >= 4 and len(head) == 375:
+        first_evlr, num_evlrs = struct.unpack_from('<QI', head, 235)
+        records.append(('extended', num_evlrs, first_evlr, size, 60))
+    for name, count, start, end, smallest in records:
+        if count and start + count * smallest > end:
+            raise DataError(
+                f'{path} is damaged: no room for {count} {name} records between byte {start} '
+                f'and {end}'
+            )
+    if first_point > size:
+        raise DataError(f'{path} is truncated: points from byte {first_point}, size {size}')
+
+
+def _check_count(path: Path, header: laspy.LasHeader) -> None:
+    """Refuse an uncompressed file whose size does not match the number of points in its header."""
+    if header.are_points_compressed:
+        return
+    first, size = header.offset_to_point_data, path.stat().st_size
+    step, counted = header.point_format.size, header.point_count
+    held = max(size - first, 0) // step
+    if held < counted:
+        raise DataError(
+            f'{path} is truncated: its header counts {counted} points, {size} bytes hold {held}'
+        )
+    if getattr(header, 'number_of_evlrs', 0) and header.start_of_first_evlr >= first:
+        held = min(held, (header.start_of_first_evlr - first) // step)
+    if held > counted and not header.point_format.has_waveform_packet:
+        raise DataError(
+            f'{path} holds {held} points and its header counts {counted}:'
+            ' which is right? Write the file again'
+        )
+
+
 def _check_chunks(file: BinaryIO, header: laspy.LasHeader) -> None:
     """Refuse impossible sizes and numbers of chunks; leave all else to the decoder."""
     place, size = file.tell(), os.fstat(file.fileno()).st_size
@@ -117,9 +184,18 @@ def _check_chunks(file: BinaryIO, header: laspy.LasHeader) -> None:
     if 0 <= table <= size:
         file.seek(table + 4)
         num_chunks = _read(file, '<I')
-        too_few = num_chunks * in_chunk < header.point_count
-        if too_few or num_chunks > min(header.point_count, size):
+        if num_chunks * in_chunk < header.point_count or num_chunks > size:
             raise ValueError(f'{num_chunks} chunks for {header.point_count} points')
+        # all chunks but the last are full; each begins with a point as it is, and the only one of
+        # an empty file with less
+        full = 1 if in_chunk == _ANY_SIZE else in_chunk
+        packed = table - header.offset_to_point_data - _PLACE
+        if (num_chunks - 1) * full >= header.point_count and packed >= header.point_format.size:
+            raise DataError(
+                f'{file.name} holds more than the {header.point_count} points that its header'
+                f' counts: {num_chunks} chunks of {"any size" if full == 1 else f"{full} points"}:'
+                ' write it anew'
+            )
     file.seek(place)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plc_inspect.errors import DataError
+from plc_inspect.offline.readers.plausibility import check_precision
 from plc_inspect.results import Float64, UInt8
 
 _KINDS = {'F': 'f', 'I': 'i', 'U': 'u'}
@@ -53,7 +54,8 @@ def read_pcd(path: Path) -> Float64:
     Raises
     ------
     DataError
-        The file is not a PCD file with x, y and z, or is truncated or damaged.
+        The file is not a PCD file with x, y and z, is truncated or damaged, holds more than its
+        header counts, or its coordinates are too coarse.
     OSError
         The file cannot be opened.
 
@@ -63,13 +65,12 @@ def read_pcd(path: Path) -> Float64:
     missing = [name for name in 'xyz' if name not in header.names]
     if missing:
         raise DataError(f'{path} has no field {missing[0]!r}, only {", ".join(header.names)}')
-    if header.num_points == 0:
-        return np.empty((0, 3))
     if header.encoding == 'ascii':
         return _read_ascii(path, header, data)
-    if header.encoding == 'binary':
-        return _read_binary(path, header, data)
-    return _read_compressed(path, header, data)
+    read = _read_binary if header.encoding == 'binary' else _read_compressed
+    points = read(path, header, data)
+    check_precision(path, points, [header.formats[header.names.index(name)] for name in 'xyz'])
+    return points
 
 
 def _parse_header(path: Path, data: bytes) -> _Header:
@@ -108,9 +109,11 @@ def _parse_header(path: Path, data: bytes) -> _Header:
 def _read_ascii(path: Path, header: _Header, data: bytes) -> Float64:
     starts = np.concatenate(([0], np.cumsum(header.counts)[:-1]))
     columns = [int(starts[header.names.index(name)]) for name in 'xyz']
-    text = io.BytesIO(data[header.size:])
+    text = data[header.size :]
+    if not header.num_points and not text.strip():
+        return np.empty((0, 3))
     try:
-        points = np.loadtxt(text, dtype=np.float64, usecols=columns, ndmin=2)
+        points = np.loadtxt(io.BytesIO(text), dtype=np.float64, usecols=columns, ndmin=2)
     except ValueError as error:
         raise DataError(f'{path} is damaged: {error}') from error
     if points.shape != (header.num_points, 3):
@@ -122,6 +125,7 @@ def _read_binary(path: Path, header: _Header, data: bytes) -> Float64:
     step = sum(header.widths)
     needed = header.num_points * step
     _check_size(path, len(data) - header.size, needed)
+    _check_end(path, header, data[header.size + needed :])
     cells = np.frombuffer(data, np.uint8, needed, header.size).reshape(-1, step)
     offsets = np.concatenate(([0], np.cumsum(header.widths)[:-1]))
     points = np.empty((header.num_points, 3))
@@ -135,6 +139,8 @@ def _read_binary(path: Path, header: _Header, data: bytes) -> Float64:
 
 
 def _read_compressed(path: Path, header: _Header, data: bytes) -> Float64:
+    if header.num_points == 0:
+        return np.empty((0, 3))
     _check_size(path, len(data) - header.size, 8)
     packed_size, size = (int(n) for n in np.frombuffer(data, '<u4', 2, header.size))
     needed = header.num_points * sum(header.widths)
@@ -163,6 +169,15 @@ def _read_compressed(path: Path, header: _Header, data: bytes) -> Float64:
 def _check_size(path: Path, size: int, needed: int) -> None:
     if size < needed:
         raise DataError(f'{path} is truncated: {size} bytes of data, {needed} are needed')
+
+
+def _check_end(path: Path, header: _Header, rest: bytes) -> None:
+    """Refuse what follows the points, but for the zeros with which PCL filled the last page."""
+    if rest.strip(b'\0'):
+        raise DataError(
+            f'{path} holds {len(rest)} bytes behind the {header.num_points} points that its header'
+            f' counts, of {sum(header.widths)} bytes each: which is right? Write the file again'
+        )
 
 
 @njit(cache=True, nogil=True)

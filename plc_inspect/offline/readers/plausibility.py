@@ -6,6 +6,7 @@
 from collections.abc import Sequence
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -46,7 +47,8 @@ def parse_unit(name: str | None) -> float | None:
 
 
 def question_place(
-    name: str, low: Sequence[float], high: Sequence[float], unit: float | None
+    name: str, low: Sequence[float], high: Sequence[float], units: tuple[float, float],
+    is_said: bool,
 ) -> str:
     """
     Check whether coordinates without a CRS can be lengths east, north and up.
@@ -57,8 +59,10 @@ def question_place(
         Name of the input.
     low, high : sequence of float
         Least and greatest x, y and z, in units of the input.
-    unit : float or None
-        Metres in one unit, None if not given.
+    units : tuple of float
+        Metres in one unit of x and y, and in one of z.
+    is_said : bool
+        False if that of x and y is assumed.
 
     Returns
     -------
@@ -71,7 +75,7 @@ def question_place(
         They are degrees, geocentric, or z is no height on Earth.
 
     """
-    scale = unit or 1.0
+    horizontal, vertical = units
     wide = max(high[0] - low[0], high[1] - low[1])
     tall = high[2] - low[2]
     place = f'x {low[0]:.6g} to {high[0]:.6g}, y {low[1]:.6g} to {high[1]:.6g}'
@@ -84,9 +88,10 @@ def question_place(
             f'{name}: {place} are degrees, as z spans {tall:.4g}: project the cloud to lengths '
             'east and north first'
         )
-    middle = [(a + b) / 2 * scale for a, b in zip(low, high, strict=True)]
+    scales = (horizontal, horizontal, vertical)
+    middle = [(a + b) / 2 * scale for a, b, scale in zip(low, high, scales, strict=True)]
     radius = math.hypot(*middle)
-    if low[2] * scale > HIGHEST or high[2] * scale < LOWEST:
+    if low[2] * vertical > HIGHEST or high[2] * vertical < LOWEST:
         if EARTH_RADII[0] <= radius <= EARTH_RADII[1]:
             raise DataError(
                 f'{name}: {place}, z {low[2]:.6g} to {high[2]:.6g} lie {radius / 1000:.0f} km from'
@@ -94,11 +99,14 @@ def question_place(
             )
         raise DataError(
             f'{name}: z from {low[2]:.6g} to {high[2]:.6g} is not a height on Earth in '
-            f'{"metres" if scale == 1.0 else "that unit"}: give --units or --crs, or correct z'
+            f'{"metres" if vertical == 1.0 else "that unit"}: give --units or --crs, or correct z'
         )
     notes = []
-    if unit is None:
-        notes.append(f'{name} has no coordinate reference system: metres assumed')
+    if not is_said:
+        other = '' if vertical == horizontal else (
+            f' for x and y, z is in units of {vertical:.6g} m by its GeoTIFF key'
+        )
+        notes.append(f'{name} has no coordinate reference system: metres assumed{other}')
         if max(abs(low[0]), abs(high[0])) > UTM_EAST:
             notes.append(
                 f'x of {high[0]:.6g} may be feet: then give --units ft or us-ft, or --crs'
@@ -111,25 +119,33 @@ def question_place(
     return '; '.join(notes)
 
 
-def check_precision(path: Path, points: Float64) -> None:
+def check_precision(path: Path, points: Float64, kinds: Sequence[Any]) -> None:
     """
     Refuse coordinates that are too coarse in single precision.
+
+    Points beyond MOST_COORDINATE are left to others.
 
     Parameters
     ----------
     path : Path
         The file.
     points : (N, 3) float64
-        Its coordinates in single precision.
+        Its coordinates.
+    kinds : sequence of 3 dtypes
+        Type of x, y and z in the file, of either byte order.
 
     Raises
     ------
     DataError
-        They are so large that their steps exceed COARSEST.
+        Those in single precision are so large that their steps exceed COARSEST.
 
     """
-    largest = float(np.abs(points).max(initial=0.0, where=np.isfinite(points)))
-    step = float(np.spacing(np.float32(largest))) if largest < np.finfo(np.float32).max else 0.0
+    from plc_inspect.core.numerics.arrays import MOST_COORDINATE  # with numba, which --help lacks
+
+    single = [np.dtype(kind).kind == 'f' and np.dtype(kind).itemsize <= 4 for kind in kinds]
+    sizes = np.abs(points[:, single])
+    largest = float(sizes.max(initial=0.0, where=sizes < MOST_COORDINATE))
+    step = float(np.spacing(np.float32(largest)))
     if step > COARSEST:
         raise DataError(
             f'{path}: coordinates up to {largest:.7g} in single precision have steps of {step:g}'

@@ -55,12 +55,11 @@ def iterate_ply(path: Path, most: int) -> Iterator[Float64]:
     if any(table.dtype[name].kind == 'O' for name in 'xyz'):
         raise DataError(f'{path}: x, y and z of a vertex are lists, expected numbers')
     _check_end(path, data)
-    is_single = any(table.dtype[name] == np.float32 for name in 'xyz')
+    kinds = [table.dtype[name] for name in 'xyz']
     for begin in range(0, len(table), most):
         part = table[begin : begin + most]
         points = np.column_stack([np.asarray(part[name], dtype=np.float64) for name in 'xyz'])
-        if is_single:
-            check_precision(path, points)
+        check_precision(path, points, kinds)
         yield points
 
 

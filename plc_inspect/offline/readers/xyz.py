@@ -6,6 +6,7 @@
 from collections.abc import Iterator, Sequence
 from itertools import chain, islice
 from pathlib import Path
+import re
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from plc_inspect.printable import make_one_line
 from plc_inspect.results import Float64
 
 _COMMENTS = ('#', '//')
+_QUOTED = re.compile('"[^"]*"')
 _MOST_TEXT = 80
 """Greatest number of characters of a row that are quoted."""
 _MOST_LINES = 250_000
@@ -43,8 +45,9 @@ def iterate_xyz(path: Path, most: int) -> Iterator[Float64]:
     Raises
     ------
     DataError
-        A row has too few columns or a value that is no number, a column x, y or z is missing, or
-        the text ends in the middle of a row.
+        A row has too few columns or a value that is no number, a column x, y or z is missing, the
+        first row of points has more columns than are named, or the text ends in the middle of a
+        row.
     OSError
         The file cannot be opened.
 
@@ -59,9 +62,13 @@ def iterate_xyz(path: Path, most: int) -> Iterator[Float64]:
         if any(_is_number(name) for name in names[:3]):
             columns = [0, 1, 2]
             rows, before = chain([first], rows), before - 1
+            names = []
         else:
             columns = _find_columns(path, names)
         while lines := list(islice(rows, min(most, _MOST_LINES))):
+            if names:
+                _check_names(path, names, lines, mark, before)
+                names = []
             points = _parse(path, lines, mark, columns, before)
             before += len(lines)
             if not lines[-1].endswith('\n') and _is_cut_off(lines, mark):
@@ -105,6 +112,23 @@ def _find_columns(path: Path, names: Sequence[str]) -> list[int]:
             number = 'no column' if name not in names else f'{names.count(name)} columns'
             raise DataError(f'{path} has {number} {name!r} in its first row: {shown}')
     return [names.index(name) for name in 'xyz']
+
+
+def _check_names(
+    path: Path, names: Sequence[str], lines: Sequence[str], mark: str | None, before: int
+) -> None:
+    """Refuse rows of more columns than are named: which is which is not known."""
+    for number, line in enumerate(lines, start=before + 1):
+        text = _QUOTED.sub('text', _drop_comment(line)).rstrip(f'{mark or ""} \t')
+        if not text:
+            continue
+        num = len(text.split(mark))
+        if num > len(names):
+            raise DataError(
+                f'{path}, row {number}: {num} columns, {len(names)} are named; name each, and'
+                f' write decimals with points: {make_one_line(line.strip())[:_MOST_TEXT]}'
+            )
+        return
 
 
 def _parse(

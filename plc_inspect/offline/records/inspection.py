@@ -35,8 +35,8 @@ class Units:
     """
     Units of the input's coordinates.
 
-    Where the two differ, z coordinates are in the vertical unit and every length (a, b, c and
-    sag included) is in the horizontal one.
+    Where the two differ, z coordinates and heights of supports and objects are in the vertical
+    unit, and every other length (a, b, c and sag included) is in the horizontal one.
     """
 
     horizontal: float = 1.0
@@ -161,7 +161,7 @@ def describe_hazard(hazard: Hazard, units: Units) -> Record:
     Return one hazard as ``hazards.json`` holds it.
 
     ``kind`` and ``severity`` are the lower-case names of ``HazardKind`` and ``Severity``; ``text``
-    is a sentence with all of it.
+    is a sentence with all of it, in the horizontal unit.
     """
     scale = units.horizontal
     record: Record = {
@@ -191,7 +191,8 @@ def describe_hazard(hazard: Hazard, units: Units) -> Record:
         'note': hazard.note,
         'confidence': _number(hazard.confidence),
     }
-    return record | {'text': describe_place(record, units.name)}
+    flat = record | {'height': _number(hazard.height / scale)}  # a sentence has one unit
+    return record | {'text': describe_place(flat, units.name)}
 
 
 def measure_clearances(

@@ -4,10 +4,12 @@
 """``plc_replay`` over many recordings: each by itself, none twice, what fails is told."""
 
 import json
+import os
 
 from offline.commands.test_replay import pipeline, run, write_bag
 import pytest
 
+from plc_inspect.errors import DataError
 from plc_inspect.offline.commands.flights import expand_flights
 
 __all__ = ['pipeline']
@@ -43,6 +45,13 @@ def test_each_flight_has_its_folder_and_a_damaged_one_is_told(bags, pipeline, tm
     assert 'flight_3' in page
     assert (out / 'flights/flight/report.html').is_file()
     assert not (out / 'flights/flight_3').exists()
+
+
+def test_names_that_are_not_utf8_are_refused(tmp_path):
+    bag = tmp_path / os.fsdecode(b'n\xff.mcap')
+    bag.touch()
+    with pytest.raises(DataError, match='its name is not UTF-8, as names in the ledger are: rena'):
+        expand_flights([str(bag)])
 
 
 def test_a_flight_is_replayed_once(bags, pipeline, tmp_path, capfd):

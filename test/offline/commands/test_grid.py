@@ -27,6 +27,7 @@ from plc_inspect.grid import engine
 from plc_inspect.grid import run as grid_run
 from plc_inspect.grid.cells import cut, layout
 from plc_inspect.grid.cells.inputs import expand_inputs
+from plc_inspect.grid.cells.sources import read_sources
 from plc_inspect.grid.ledger import Ledger
 from plc_inspect.offline.commands import survey
 from plc_inspect.offline.commands.compare import main as compare
@@ -123,6 +124,26 @@ def test_an_empty_tile_is_no_place(tmp_path, capsys):
                  *OPTIONS[:-1]]) == 0
     run = json.loads((out / 'run.json').read_text())
     assert (run['num_points'], run['num_spans'], run['num_tiles']) == (len(points), 3, 1)
+    assert run['input']['num_sources'] == 1
+    assert run['notes'] == [
+        f'{first} has no coordinate reference system: metres assumed',
+        f'{second} holds no point', f'{tmp_path / "c.xyz"} holds no point',
+    ]
+    assert f'{run["notes"][0]} (and 2 more, see run.json)' in capsys.readouterr().out
+
+
+def test_chunks_that_the_header_does_not_count_are_told(tmp_path, capsys):
+    points = make_line(1)
+    path, out = tmp_path / 'a.laz', tmp_path / 'out'
+    data = bytearray(write_las(path, points).read_bytes())
+    data[247:255] = bytes(8)
+    path.write_bytes(data)
+    write_las(tmp_path / 'b.laz', points)
+    assert main([str(path), str(tmp_path / 'b.laz'), '-o', str(out), *OPTIONS]) == 2
+    assert (
+        f'{path} holds more than the 0 points that its header counts: 1 chunks of 50000 points:'
+        ' write it anew'
+    ) in capsys.readouterr().err
 
 
 def test_bounds_that_lie_are_told(tmp_path, capsys):
@@ -444,7 +465,7 @@ def test_inputs_of_which_none_is_usable_leave_nothing(folder, tmp_path, capsys):
     content = bytearray((folder / 'b.las').read_bytes())
     content[104] = 99  # the point format
     header.write_bytes(content)
-    assert 'a.las has no readable LAS header' in refuse(capsys, header, '-o', out, *OPTIONS)
+    assert 'a.las cannot be read, is it truncated? ' in refuse(capsys, header, '-o', out, *OPTIONS)
     tile = tmp_path / 'a.laz'
     content = (folder / 'a.laz').read_bytes()
     tile.write_bytes(content[:len(content) // 2])
@@ -506,6 +527,16 @@ def test_a_full_disk_is_told(folder, tmp_path, monkeypatch, capsys):
             line = refuse(capsys, folder / 'a.laz', '-o', out, *OPTIONS)
         assert line == f'plc_survey: {text} cannot be written: No space left on device'
     assert main([str(folder / 'a.laz'), '-o', str(out), *OPTIONS]) == 0
+
+
+def test_names_that_are_not_utf8_are_refused(folder, tmp_path, capsys):
+    tile = tmp_path / os.fsdecode(b'n\xff.laz')
+    tile.write_bytes((folder / 'a.laz').read_bytes())
+    text = r'n\udcff.laz: its name is not UTF-8, as names in the ledger are: rename it'
+    assert refuse(capsys, folder, tile, '-o', tmp_path / 'out', *OPTIONS).endswith(text)
+    line = refuse(capsys, folder, '-o', tmp_path / os.fsdecode(b'n\xff'), *OPTIONS)
+    assert r'n\udcff: its name is not UTF-8' in line
+    assert list(tmp_path.iterdir()) == [tile]
 
 
 def test_an_error_names_its_file_once(folder, tmp_path, capsys):
@@ -570,6 +601,23 @@ def test_a_grid_that_must_have_a_place_is_refused_without_one(tmp_path, capsys):
             ' a cloud, --origin for a flight)'
         )
     assert not (tmp_path / 'out').exists()
+
+
+@pytest.mark.parametrize('kind', ['las', 'laz'])
+def test_a_grid_takes_the_system_in_an_extended_record(kind, tmp_path):
+    las = laspy.read(write_las(
+        tmp_path / 'a.las', make_line(1) / 0.3048, offsets=np.floor(ORIGIN / 0.3048)
+    ))
+    wkt = pyproj.CRS('EPSG:2992').to_wkt('WKT1_GDAL').encode() + b'\0'
+    las.evlrs = laspy.vlrs.vlrlist.VLRList([laspy.VLR('LASF_Projection', 2112, '', wkt)])
+    las.header.global_encoding.wkt = True
+    path = tmp_path / f'b.{kind}'
+    las.write(path)
+    (with_system, without), _ = read_sources([path, tmp_path / 'a.las'])
+    assert pyproj.CRS(with_system.crs).to_epsg() == 2992
+    assert with_system.units == (0.3048, 0.3048)
+    assert with_system.low == pytest.approx(make_line(1).min(axis=0), abs=1e-3)
+    assert without.crs == ''
 
 
 def test_a_header_must_count_its_points(tmp_path, capsys):

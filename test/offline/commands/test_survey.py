@@ -97,6 +97,33 @@ def check_refusal(code, capfd, *words):
         assert str(word) in err
 
 
+def test_a_point_far_from_all_others_costs_decimals_only(tmp_path, pipeline, capfd):
+    points = np.concatenate([make_inspection(origin=UTM).points, np.zeros((1, 3))])
+    cloud = tmp_path / 'cloud.xyz'
+    np.savetxt(cloud, points, fmt='%.3f')
+    assert run(cloud, '-o', tmp_path / 'out') == 0
+    assert (
+        f'\nnote: coordinates span {points[:, 1].max():.6g}, which LAS holds in steps of 0.01 in'
+        ' points.laz: is a point far from all others?\n'
+    ) in capfd.readouterr().out
+    found = laspy.read(tmp_path / 'out' / 'points.laz').xyz
+    np.testing.assert_allclose(found, points, rtol=0, atol=0.0056)
+
+
+def test_a_name_that_is_not_utf8_is_written_as_far_as_it_can_be(tmp_path, pipeline, capfd):
+    inspection = make_inspection(num_ground=200)
+    pipeline.result = inspection.result
+    cloud = tmp_path / os.fsdecode(b'n\xff.las')
+    write_las(tmp_path / 'cloud.las', inspection.points).rename(cloud)
+    assert run(cloud, '-o', tmp_path / 'out') == 0
+    out, err = capfd.readouterr()
+    assert err == ''
+    assert out.startswith('n\ufffd.las: ')
+    assert f'note: {tmp_path}/n\\udcff.las has no coordinate reference system' in out
+    record = json.loads((tmp_path / 'out' / 'run.json').read_text(encoding='utf-8'))
+    assert 'n\ufffd.las' in json.dumps(record, ensure_ascii=False)
+
+
 def test_folder_table_and_report(tmp_path, pipeline, capfd):
     inspection = make_inspection(origin=UTM)
     pipeline.result = inspection.result

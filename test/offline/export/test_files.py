@@ -3,6 +3,8 @@
 
 """Files for other tools: they open, and what is in them is where it should be."""
 
+import csv
+import dataclasses
 import json
 import os
 import re
@@ -25,6 +27,7 @@ from plc_inspect.errors import ConfigError
 from plc_inspect.messages import rows as layouts
 from plc_inspect.messages.rows import read_rows
 from plc_inspect.offline.commands.request import locate_flight
+from plc_inspect.offline.export.files import write_records
 from plc_inspect.offline.export.results_folder import write_results
 from plc_inspect.offline.records.georeference import make_origin_crs
 from plc_inspect.offline.records.inspection import describe_span, Units
@@ -239,6 +242,26 @@ def test_supports_as_a_table(folder):
     assert len(rows) == 4
     spans = json.loads((folder / 'spans.json').read_text(encoding='utf-8'))['spans']
     assert spans[0]['vegetation_clearance'] > 0
+
+
+def test_heights_are_in_the_unit_that_is_named_beside_them(tmp_path):
+    """With x and y in feet and z in metres: metres in the columns, feet in the sentence."""
+    foot = 1200.0 / 3937.0
+    run = make_inspection(units=Units(horizontal=foot, vertical=1.0))
+    hazard = dataclasses.replace(run.result.hazards[0], height=13.9)
+    write_records(tmp_path, dataclasses.replace(
+        run, result=dataclasses.replace(run.result, hazards=(hazard,))
+    ))
+    (record,) = json.loads((tmp_path / 'hazards.json').read_text(encoding='utf-8'))['hazards']
+    assert record['height'] == 13.9
+    assert 'vegetation, 45.6 ftUS high, at ' in record['text']
+    tables = {
+        name: list(csv.DictReader((tmp_path / f'{name}.csv').open(encoding='utf-8')))
+        for name in ('hazards', 'supports')
+    }
+    assert tables['hazards'][0]['height [m]'] == '13.9'
+    assert float(tables['hazards'][0]['required [ftUS]']) == pytest.approx(2.0 / foot)
+    assert tables['supports'][0]['height [m]'] == '17.0'
 
 
 def test_hazards_have_the_colours_of_their_severities(folder):

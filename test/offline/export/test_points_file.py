@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from plc_inspect.errors import DataError
-from plc_inspect.offline.export.points_file import write_points
+from plc_inspect.offline.export.points_file import lay_grid, put_on_grid, write_points
 from plc_inspect.offline.records.inspection import Units
 
 UTM = (615_300.0, 5_712_000.0, 30.0)
@@ -144,6 +144,24 @@ def test_crs_replaces_that_of_the_input(tmp_path):
     assert out.header.global_encoding.wkt
 
 
+@pytest.mark.parametrize('crs', ['EPSG:2992', ''])
+def test_crs_replaces_that_in_an_extended_record(crs, tmp_path):
+    import pyproj
+
+    las = make_las(6)
+    old = pyproj.CRS.from_epsg(25832).to_wkt('WKT1_GDAL').encode() + b'\0'
+    las.evlrs = laspy.vlrs.vlrlist.VLRList([
+        laspy.VLR('LASF_Projection', 2112, '', old), laspy.VLR('someone', 7, '', b'kept'),
+    ])
+    wkt = pyproj.CRS(crs).to_wkt('WKT1_GDAL') if crs else ''
+    write_points(tmp_path / 'points.laz', inspect_las(las, crs=wkt))
+    out = laspy.read(tmp_path / 'points.laz')
+    assert out.header.parse_crs().to_epsg() == (2992 if crs else 25832)
+    assert [vlr.user_id for vlr in out.evlrs] == (
+        ['someone'] if crs else ['LASF_Projection', 'someone']
+    )
+
+
 def test_coordinates_are_in_units_of_the_input(tmp_path):
     foot = 1200.0 / 3937.0
     points = np.array([[100.0, 200.0, 30.0], [101.0, 202.0, 33.0]])
@@ -176,11 +194,42 @@ def test_result_of_other_points_is_refused(tmp_path, num_points):
         write_points(tmp_path / 'points.laz', inspection)
 
 
-def test_extent_beyond_las_is_refused(tmp_path):
-    points = np.array([[0.0, 0.0, 0.0], [3e6, 0.0, 0.0]])
-    inspection = make_inspection(result=make_empty_result(2), points=points)
-    with pytest.raises(DataError, match='3e\\+06'):
-        write_points(tmp_path / 'points.laz', inspection)
+def test_points_far_apart_are_in_coarser_steps(tmp_path):
+    """As where one point of a cloud at UTM is the origin."""
+    points = np.array([[0.0, 0.0, 0.0], [5e5, 5.4e6, 30.0], [5e5 + 0.25, 5.4e6 + 0.25, 30.123]])
+    inspection = make_inspection(result=make_empty_result(3), points=points)
+    assert write_points(tmp_path / 'points.laz', inspection) == 3
+    out = laspy.read(tmp_path / 'points.laz')
+    np.testing.assert_allclose(out.header.scales, [1e-3, 1e-2, 1e-3])
+    np.testing.assert_allclose(out.xyz, points, rtol=0, atol=0.0051)
+
+
+@pytest.mark.parametrize(('low', 'high', 'scale', 'offset', 'expected'), [
+    (-2e6, 2e6, 0.001, 0.0, (0.0, 0.001)),  # holds: as given
+    (0.0, (2**31 - 1) * 0.001, 0.001, 0.0, (0.0, 0.001)),
+    (5.4e6, 5.4e6 + 50.0, 0.001, 0.25, (5_400_000.25, 0.001)),  # too far: moved by whole steps
+    (0.0, 4.2e6, 0.001, 0.0, (2.1e6, 0.001)),
+    (0.0, 4.4e6, 0.001, 0.0, (2.2e6, 0.01)),  # too wide: coarser
+    (5e6, 5e6 + 1000.0, 1e-12, 0.0, (5_000_500.0, 1e-6)),
+    (5e6, 5e6, 1e-30, 0.0, (5e6, None)),
+])
+def test_a_grid_holds_all_coordinates(low, high, scale, offset, expected):
+    ends = np.array([[low] * 3, [high] * 3])
+    offsets, scales = lay_grid(*ends, np.full(3, scale), np.full(3, offset))
+    np.testing.assert_allclose(offsets, expected[0], rtol=0, atol=1e-8)
+    if expected[1] is not None:
+        np.testing.assert_allclose(scales, expected[1])
+    for end in ends:
+        steps = put_on_grid(end, scales[0], offsets[0])
+        np.testing.assert_allclose(
+            steps * scales[0] + offsets[0], end, rtol=1e-15, atol=scales[0] / 2
+        )
+
+
+@pytest.mark.parametrize('value', [2147484.0, np.nan])
+def test_coordinates_beyond_a_grid_are_never_wrapped(value):
+    with pytest.raises(DataError, match='are too far from 0 for LAS, which holds 2147483647 st'):
+        put_on_grid(np.array([0.0, value]), 0.001, 0.0)
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason='no ../shared/data/real beside the repository')

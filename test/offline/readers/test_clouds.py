@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 from pathlib import Path
+import re
 import struct
 
 import hypothesis
@@ -13,6 +14,7 @@ import pyproj
 import pytest
 
 from plc_inspect.errors import ConfigError, DataError
+from plc_inspect.grid.cells.sources import read_sources
 from plc_inspect.offline.readers.clouds import read_cloud
 
 REAL = Path(__file__).parents[4] / 'shared' / 'data' / 'real'
@@ -96,6 +98,60 @@ def test_units_of_geotiff_keys(keys, units, tmp_path):
     las.x, las.y, las.z = np.ones((3, 4))
     las.write(tmp_path / 'cloud.las')
     assert read_cloud(tmp_path / 'cloud.las').metres_per_unit == pytest.approx(units, rel=1e-12)
+
+
+def write_keys(path, *keys):
+    """Write points with GeoTIFF keys."""
+    header = laspy.LasHeader(point_format=1, version='1.2')
+    header.vlrs.append(make_geo_keys(*keys))
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = np.full((3, 4), 12_000.0)
+    las.write(path)
+    return path
+
+
+@pytest.mark.parametrize(('keys', 'message'), [
+    ([(3072, 26910), (3076, 9003)],
+     'its GeoTIFF keys contradict: one unit of NAD83 / UTM zone 10N is 1 m, of key 3076 0.304801 m'
+     ': give --crs'),
+    ([(3072, 2992), (3076, 9001)], 'is 0.3048 m, of key 3076 1 m: give --crs'),
+    ([(2048, 4269), (3072, 32767), (3076, 9003)],
+     'its CRS is user-defined (GeoTIFF key 3072 is 32767), based on NAD83: give --crs'),
+    ([(2048, 4269)], 'coordinates in NAD83 are not lengths east, north and up'),
+])
+def test_keys_that_do_not_say_where_points_are(keys, message, tmp_path):
+    path = write_keys(tmp_path / 'cloud.las', *keys)
+    with pytest.raises(DataError, match=re.escape(message)):
+        read_cloud(path)
+    assert read_cloud(path, 'EPSG:2992').metres_per_unit == (0.3048, 0.3048)
+
+
+def test_the_two_feet_do_not_contradict(tmp_path):
+    path = write_keys(tmp_path / 'cloud.las', (3072, 2992), (3076, 9003))
+    assert read_cloud(path).metres_per_unit == (0.3048, 0.3048)
+
+
+def test_wkt_goes_before_keys(tmp_path):
+    las = laspy.read(write_keys(tmp_path / 'cloud.las', (3072, 26910), (3076, 9003)))
+    wkt = pyproj.CRS('EPSG:2992').to_wkt('WKT1_GDAL')
+    las.header.vlrs.append(laspy.vlrs.known.WktCoordinateSystemVlr(wkt))
+    las.write(tmp_path / 'both.las')
+    assert read_cloud(tmp_path / 'both.las').metres_per_unit == (0.3048, 0.3048)
+
+
+def test_a_unit_of_z_alone_is_told(tmp_path):
+    path = write_keys(tmp_path / 'cloud.las', (4099, 9002))
+    cloud = read_cloud(path)
+    text = 'metres assumed for x and y, z is in units of 0.3048 m by its GeoTIFF key'
+    assert cloud.note.endswith(text)
+    assert cloud.metres_per_unit == (1.0, 0.3048)
+    ((source,), _) = read_sources([path])
+    assert source.note.endswith(text)
+    assert source.low == pytest.approx((12_000.0, 12_000.0, 3657.6))
+    cloud = read_cloud(path, unit=0.3048)
+    ((source,), _) = read_sources([path], unit=0.3048)
+    assert cloud.note == source.note == ''
+    assert source.low == tuple(cloud.points[0]) == pytest.approx((3657.6,) * 3)
 
 
 @pytest.mark.parametrize(('keys', 'heights', 'units'), [
@@ -236,6 +292,43 @@ def test_no_room_is_made_for_points_that_are_not_there(
     path.write_bytes(data)
     monkeypatch.setattr(laspy.LasReader, 'read', None)
     with pytest.raises(DataError, match=message):
+        read_cloud(path)
+
+
+@pytest.mark.parametrize('count', [0, 40_000, 50_000])
+def test_more_chunks_than_a_header_counts_are_told(count, tmp_path):
+    path = write_las(tmp_path / 'cloud.laz', make_points(60_000))
+    data = bytearray(path.read_bytes())
+    struct.pack_into('<Q', data, 247, count)
+    path.write_bytes(data)
+    with pytest.raises(DataError) as error:
+        read_cloud(path)
+    assert str(error.value) == (
+        f'{path} holds more than the {count} points that its header counts: 2 chunks of 50000'
+        ' points: write it anew'
+    )
+
+
+@pytest.mark.parametrize('backend', [laspy.LazBackend.Lazrs, laspy.LazBackend.LazrsParallel])
+@pytest.mark.parametrize('version', ['1.2', '1.4'])
+@pytest.mark.parametrize('num_points', [0, 50_000, 100_000])
+def test_chunks_may_be_full_or_none(backend, version, num_points, tmp_path):
+    """The one backend writes a chunk of no points into an empty file."""
+    las = laspy.read(write_las(tmp_path / 'cloud.las', make_points(num_points), version=version))
+    las.write(tmp_path / 'cloud.laz', laz_backend=backend)
+    assert len(read_cloud(tmp_path / 'cloud.laz').points) == num_points
+
+
+def test_points_up_to_the_extended_records_are_counted(tmp_path):
+    las = laspy.read(write_las(tmp_path / 'cloud.las', make_points(20)))
+    las.evlrs = laspy.vlrs.vlrlist.VLRList([laspy.VLR('someone', 7, '', b'x' * 1000)])
+    path = tmp_path / 'more.las'
+    las.write(path)
+    assert len(read_cloud(path).points) == 20
+    data = bytearray(path.read_bytes())
+    struct.pack_into('<Q', data, 247, 19)
+    path.write_bytes(data)
+    with pytest.raises(DataError, match='holds 20 points and its header counts 19: which is righ'):
         read_cloud(path)
 
 

@@ -127,6 +127,22 @@ def test_large_coordinates_in_double_precision(tmp_path):
     np.testing.assert_array_equal(read_pcd(write(tmp_path, header + points.tobytes())), points)
 
 
+@pytest.mark.parametrize('encoding', ['binary', 'binary_compressed'])
+def test_decimals_lost_in_single_precision_are_told(encoding, tmp_path):
+    records = np.zeros(2, [(name, '<f4') for name in 'xyz'])
+    records['y'] = 5_400_000.123
+    header = make_header(
+        encoding, 2, fields='x y z', sizes='4 4 4', types='F F F', counts='1 1 1'
+    )
+    path = write(tmp_path, header + (records.tobytes() if encoding == 'binary' else pack(records)))
+    with pytest.raises(DataError) as error:
+        read_pcd(path)
+    assert str(error.value) == (
+        f'{path}: coordinates up to 5400000 in single precision have steps of 0.5: write them in'
+        ' double precision, or relative to a nearby origin'
+    )
+
+
 @pytest.mark.parametrize('encoding', ['ascii', 'binary', 'binary_compressed'])
 def test_no_points(encoding, tmp_path):
     assert read_pcd(write(tmp_path, make_header(encoding, 0))).shape == (0, 3)
@@ -139,6 +155,25 @@ def test_truncated_anywhere(encoding, tmp_path):
         path = write(tmp_path, whole[:size])
         with pytest.raises(DataError, match=r'cloud\.pcd'):
             read_pcd(path)
+
+
+@pytest.mark.parametrize(('encoding', 'count', 'message'), [
+    ('ascii', 3, 'holds 4 points, its header says 3'),
+    ('ascii', 0, 'holds 4 points, its header says 0'),
+    ('binary', 3, 'holds 30 bytes behind the 3 points that its header counts, of 30 bytes each'),
+    ('binary', 0, 'holds 120 bytes behind the 0 points'),
+    ('binary_compressed', 3, 'unpacks to 120 bytes, its header says 90'),
+])
+def test_more_points_than_the_header_counts(encoding, count, message, tmp_path):
+    path = write(tmp_path, make_header(encoding, count) + make_data(encoding))
+    with pytest.raises(DataError, match=message):
+        read_pcd(path)
+
+
+def test_a_last_page_of_zeros_holds_no_points(tmp_path):
+    """PCL before 1.8 made files longer than their points, and mapped them."""
+    path = write(tmp_path, make_header('binary') + make_data('binary') + bytes(4000))
+    np.testing.assert_array_equal(read_pcd(path), POINTS)
 
 
 def test_damaged_compressed_data_never_read_or_write_outside(tmp_path):

@@ -51,6 +51,17 @@ def test_columns_are_found_by_their_names(tmp_path):
     np.testing.assert_array_equal(read_cloud(path).points, [[1, 2, 3], [4, 5, 6]])
 
 
+@pytest.mark.parametrize('rows', [
+    'x,y,z\n1,2,3,\n4,5,6\n', 'x;y;z;note\n1;2;3;"a; b"\n4;5;6;c\n',
+    'x y z n\n1 2 3 "a b"\n4 5 6 c\n',
+    'x,y,z,n\n1,2,3\n4,5,6\n', 'x\ty\tz\t\n1\t2\t3\t\n4\t5\t6\t\n', 'x y z\n1 2 3 # 4 5\n4 5 6\n',
+])
+def test_named_columns_may_be_quoted_empty_or_missing_at_the_end(rows, tmp_path):
+    path = tmp_path / 'a.csv'
+    path.write_text(rows)
+    np.testing.assert_array_equal(read_cloud(path).points, [[1, 2, 3], [4, 5, 6]])
+
+
 def test_some_points_at_a_time_are_all_points(tmp_path):
     for path in (write_ply(tmp_path / 'a.ply', POINTS), write_xyz(tmp_path / 'a.xyz', POINTS),
                  write_e57(tmp_path / 'a.e57', POINTS)):
@@ -94,6 +105,9 @@ def test_the_reference_system_of_e57_is_read(tmp_path):
     ('1,5 2,5 3,5 4\n', 'is not a number'),
     ('a,b,c\n1,2,3\n', "has no column 'x' in its first row: a, b, c"),
     ('x,y,x,z\n1,2,3,4\n', "has 2 columns 'x' in its first row"),
+    ('X,Y,Z\n# decimals\n\n980,957,1971,921,51,842\n', 'row 4: 6 columns, 3 are named; name each,'
+     ' and write decimals with points: 980,957,1971,921,51,842'),
+    ('"x" "y" "z"\n"1" 980.9 1971.9 51.8\n', 'row 2: 4 columns, 3 are named'),
     ('1.00 2.00 3.00\n4.00 5.00 6.0', 'row 2, the last, has fewer decimals than others'),
     ('1.00 2.00 3.00\n \n#\n4.00 5.00 6.0', 'row 4, the last, has fewer decimals than others'),
     ('\0\1\2\n', 'has no column'),
@@ -158,7 +172,8 @@ def test_a_damaged_e57_file_is_refused(tmp_path):
 
 def test_decimals_lost_in_single_precision_are_told(tmp_path):
     ply = write_ply(tmp_path / 'a.ply', FAR, kind='f4')
-    for path in (ply, write_e57(tmp_path / 'a.e57', FAR)):
+    big = write_ply(tmp_path / 'big.ply', FAR, kind='>f4')
+    for path in (ply, big, write_e57(tmp_path / 'a.e57', FAR)):
         assert 'in single precision have steps of 0.5:' in refuse(path)
     near = read_cloud(write_ply(tmp_path / 'b.ply', POINTS, kind='f4'))
     np.testing.assert_allclose(near.points, POINTS, atol=1e-4)
