@@ -175,7 +175,7 @@ def test_points_on_no_earth_are_told_and_too_many_are_refused(tmp_path, capsys):
     )
     head = json.loads((out / 'run.json').read_text())
     assert (head['num_not_on_earth'], head['notes'][1:]) == (100, [note])
-    assert '(and 1 others)' in capsys.readouterr().out
+    assert '(and 1 more, see run.json)' in capsys.readouterr().out
     num_far = len(points) // 2
     points[:num_far] = 1e12
     write_xyz(single, points)
