@@ -4,13 +4,13 @@
 """The command ``plc_survey``: the pipeline over one cloud, or over a grid of them."""
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 import importlib
 from pathlib import Path
 from threading import Thread
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from plc_inspect.errors import DataError
 from plc_inspect.offline.commands.allocator import keep_freed_memory
@@ -35,6 +35,8 @@ if TYPE_CHECKING:
     from plc_inspect.core.hazards.clearance_rules import RuleSet
     from plc_inspect.offline.readers.clouds import Cloud
     from plc_inspect.offline.records.inspection import Inspection
+
+T = TypeVar('T')
 
 NAME = 'plc_survey'
 LARGE = 10_000_000
@@ -101,6 +103,7 @@ def survey(
     started = time.perf_counter()
     tell('reading', 0.0)
     reading = reading or begin_reading(path, crs)
+    checksum = _begin(lambda: hash_input(path))
     is_large = path.is_file() and path.stat().st_size > LARGE
     if is_large:
         _load(settings)
@@ -129,7 +132,7 @@ def survey(
         units=Units(horizontal=horizontal, vertical=vertical),
         las=cloud.las,
         rules=rules,
-        checksum=hash_input(path),
+        checksum=checksum.result(),
         counts={'num_points': num_points, 'num_not_finite': cloud.num_not_finite},
         seconds=seconds,
     )
@@ -158,16 +161,21 @@ def begin_reading(
     """
     from plc_inspect.offline.readers.clouds import read_cloud
 
-    reading: Future[Cloud] = Future()
+    return _begin(lambda: read_cloud(path, crs, unit))
 
-    def read() -> None:
+
+def _begin(call: Callable[[], T]) -> 'Future[T]':
+    """Call in a thread of its own, a daemon: not waited for if the request is invalid."""
+    future: Future[T] = Future()
+
+    def run() -> None:
         try:
-            reading.set_result(read_cloud(path, crs, unit))
+            future.set_result(call())
         except BaseException as error:
-            reading.set_exception(error)
+            future.set_exception(error)
 
-    Thread(target=read, daemon=True).start()  # a daemon: not waited for if the request is invalid
-    return reading
+    Thread(target=run, daemon=True).start()
+    return future
 
 
 def check_memory(path: Path) -> None:
