@@ -113,13 +113,14 @@ def _empty(folder: Path, files: Sequence[str]) -> None:
 
 @contextmanager
 def _make_folder(folder: Path) -> Iterator[None]:
-    """Make the folder; remove it if an error leaves nothing in it that a run could resume."""
+    """Make the folder; remove it if an error leaves nothing in it that a run could go on with."""
     is_new = not folder.exists()
     folder.mkdir(parents=True, exist_ok=True)
     try:
         yield
     except (DataError, OSError) as error:
-        if is_new and not any((folder / WORK / CELLS).glob('s*')):
+        kept = *(folder / WORK / CELLS).glob('s*'), *folder.glob('*/*/run.json')
+        if is_new and not kept:
             shutil.rmtree(folder, ignore_errors=True)
         if isinstance(error, OSError) and error.errno in NO_ROOM:
             raise DataError(f'{folder} cannot be written: {error.strerror}') from error

@@ -303,7 +303,10 @@ def cut_and_plan(run: GridRun, sources: Sequence[Source]) -> tuple[CutGrid, list
     The cells are laid by the bounds of the inputs.  Where these tell less than they should of the
     density, as one stray point does, cells are laid anew by those that hold points.
     """
+    num_failures, num_defects = len(run.failures), run.num_defects
     while True:
+        del run.failures[num_failures:]  # all is cut again
+        run.num_defects = num_defects
         cut = cut_sources(run, sources)
         try:
             return cut, plan_tiles(run, cut)

@@ -23,8 +23,9 @@ Source: numerical: avoids a division by 0.
 class Breaches:
     """What each of K points breaks: the most severe limit, and that of which least is kept."""
 
+    limits: Sequence[Limit]
     limit: Int64
-    """(K,) which limit, -1 none."""
+    """(K,) which of the limits, -1 none."""
     severity: Int64
     """(K,) by that limit, 0 where none of its tiers is broken."""
     share: Float64
@@ -34,11 +35,11 @@ class Breaches:
     owner: Int64
     """(K,) index of the model that it is measured to."""
 
-    def take(self, chosen: Bool) -> 'Breaches':
+    def take(self, chosen: Bool | Int64) -> 'Breaches':
         """Return those of some points."""
         return Breaches(
-            limit=self.limit[chosen], severity=self.severity[chosen], share=self.share[chosen],
-            value=self.value[chosen], owner=self.owner[chosen],
+            limits=self.limits, limit=self.limit[chosen], severity=self.severity[chosen],
+            share=self.share[chosen], value=self.value[chosen], owner=self.owner[chosen],
         )
 
     def rank(self) -> Float64:
@@ -88,7 +89,7 @@ def find_breaches(
     limit, severity, share = choose_limits(values, under, limits)
     measure = np.array([*(item.measure for item in limits), ''])[limit]
     return Breaches(
-        limit=limit, severity=severity, share=share,
+        limits=limits, limit=limit, severity=severity, share=share,
         value=np.select([measure == name for name in values], list(values.values())),
         owner=np.where(measure == 'horizontal', beside, owner),
     )

@@ -44,13 +44,13 @@ Source: numerical: at a crossing the least distance is at most 0.02 m less at 1 
 """
 WIRE_NOTE = 'the other line was seen, but not modelled'
 NUM_STEPS = 4
-"""Steps of Newton's to the closest places.  Source: numerical: two reach rounding."""
+"""Steps to the foot of a point on a curve.  Source: numerical: on sags of a tenth, 0.1 mm."""
 SHORT = 0.01
-"""Length over which the direction of a curve is taken [m].  Source: numerical."""
-ARM = 12.0
+"""Length over which the slope of a curve is taken [m].  Source: numerical: rounding is 1e-10."""
+WIDEST = 25.0
 """
 Distance in plan between ends of conductors that hang on one support [m].
-Source: as falling_trees.ARM.
+Source: judgement; the widest towers of one level are 20 to 25 m wide.
 """
 
 Records = list[dict[str, Any]]
@@ -143,25 +143,25 @@ def _cross_wires(
                 math.radians(CROSSING_ANGLE_DEG)
             ):
                 continue
-            x, horizontal, vertical = model.part(at)
-            best = int(np.argmin(np.hypot(horizontal, vertical)))
-            along = wire.low + best * (wire.high - wire.low) / (len(at) - 1)
-            _, own_x, clearance = _settle(wire, model, along, float(x[best]))
+            feet, away = _find_feet(model, at)
+            apart = np.linalg.norm(away, axis=1)
+            best = int(np.argmin(apart))
+            x, clearance = float(feet[best]), float(apart[best])
             severity = limit.judge(clearance)
-            inside = model.low + AT_SUPPORT < own_x < model.high - AT_SUPPORT
+            inside = model.low + AT_SUPPORT < x < model.high - AT_SUPPORT
             if severity is None or not inside or best in (0, len(at) - 1):
                 continue
-            own = model.curve.position(np.array([own_x]))[0]
-            position = at[best] if vertical[best] > 0 else own
+            own = model.curve.position(np.array([x]))[0]
+            position = at[best] if away[best, 2] > 0 else own
             result.append(describe_hazard(
-                model, own_x, supports, rules, limit,
+                model, x, supports, rules, limit,
                 kind=HazardKind.CROSSING,
                 severity=severity,
                 position=position,
                 clearance=clearance,
-                horizontal=float(horizontal[best]),
-                vertical=float(vertical[best]),
-                sigma=math.hypot(model.sigma(own_x), wire.fit.rmse),
+                horizontal=math.hypot(*away[best, :2]),
+                vertical=float(away[best, 2]),
+                sigma=math.hypot(model.sigma(x), wire.fit.rmse),
                 num_points=0,
                 offending=position[None],
                 note=WIRE_NOTE,
@@ -201,7 +201,7 @@ def hang_together(
 
     same = np.maximum(apart(others, start), apart(other_ends, end))
     turned = np.maximum(apart(others, end), apart(other_ends, start))
-    result: Bool = np.minimum(same, turned) <= ARM
+    result: Bool = np.minimum(same, turned) <= WIDEST
     return result
 
 
@@ -228,39 +228,36 @@ def _approach(
     for _ in range(NUM_ROUNDS):
         x = np.linspace(low, high, NUM_PROBES)
         at = first.strand_positions(x)
-        other, horizontal, vertical = (
-            part.reshape(at.shape[:2]) for part in second.part(at.reshape(-1, 3))
-        )
-        strand, best = divmod(int(np.argmin(np.hypot(horizontal, vertical))), NUM_PROBES)
+        other, away = (part.reshape(len(at), -1, *part.shape[1:]) for part in _find_feet(
+            second, at.reshape(-1, 3)
+        ))
+        apart = np.linalg.norm(away, axis=2)
+        strand, best = divmod(int(np.argmin(apart)), NUM_PROBES)
         low, high = x[max(best - 1, 0)], x[min(best + 1, NUM_PROBES - 1)]
-    own, its, distance = _settle(first, second, float(x[best]), float(other[strand, best]))
-    pair = (first, second, own, its)
-    if vertical[strand, best] > 0:
-        pair = (second, first, its, own)
-    return *pair, distance
+    pair = (first, second, float(x[best]), float(other[strand, best]))
+    if away[strand, best, 2] > 0:
+        pair = (second, first, pair[3], pair[2])
+    return *pair, float(apart[strand, best])
 
 
-def _settle(
-    first: SpanModel | Curve, second: SpanModel, x: float, other: float
-) -> tuple[float, float, float]:
-    """Return x of the closest places of two curves near given ones, and their distance [m]."""
-    for _ in range(NUM_STEPS):
-        at, way = _place(first, x)
-        its, its_way = _place(second, other)
-        gaps = (at[:, None] - its[None]).reshape(-1, 3)
-        gap = gaps[int(np.argmin((gaps**2).sum(axis=1)))]
-        step, *_ = np.linalg.lstsq(np.stack((way, -its_way), axis=1), -gap, rcond=None)
-        x = float(np.clip(x + step[0], first.low, first.high))
-        other = float(np.clip(other + step[1], second.low, second.high))
-    gaps = _place(first, x)[0][:, None] - _place(second, other)[0][None]
-    return x, other, float(np.linalg.norm(gaps, axis=2).min())
+def _find_feet(model: SpanModel, points: Float64) -> tuple[Float64, Float64]:
+    """
+    Return the nearest places of a span to points (K, 3).
 
-
-def _place(model: SpanModel | Curve, x: float) -> tuple[Float64, Float64]:
-    """Return the (S, 3) places of the strands of a curve at x, and its (3,) direction there."""
-    near = np.array([x, x + SHORT])
-    if isinstance(model, SpanModel):
-        at = model.strand_positions(near)
-    else:
-        at = model.position(near)[None]
-    return at[:, 0], (at[0, 1] - at[0, 0]) / SHORT
+    They are (K,) x of its curve and (K, 3) the way there, of the nearest sub-conductor [m].
+    """
+    curve = model.curve
+    level = np.array([math.cos(curve.azimuth), math.sin(curve.azimuth)])
+    feet, ways = np.zeros(len(points)), np.full((len(points), 3), np.inf)
+    middle = np.array([0.5 * (model.low + model.high)])
+    for shift in model.strand_positions(middle)[:, 0] - curve.position(middle):
+        x = np.clip(curve.local(points - shift)[0], model.low, model.high)
+        for _ in range(NUM_STEPS):
+            away = curve.position(x) + shift - points
+            slope = (curve.fit.height(x + SHORT) - curve.fit.height(x - SHORT)) / (2.0 * SHORT)
+            along = away[:, :2] @ level + away[:, 2] * slope
+            x = np.clip(x - along / (1.0 + slope**2), model.low, model.high)
+        away = curve.position(x) + shift - points
+        nearer = (away**2).sum(axis=1) < (ways**2).sum(axis=1)
+        feet[nearer], ways[nearer] = x[nearer], away[nearer]
+    return feet, ways

@@ -170,6 +170,7 @@ def find_encroachments(
     tree = _find_trees(around, offends)
     bad = np.flatnonzero(offends)
     near = around.take(bad)
+    breaches = {kind: _find_breaches(near, models, asked) for kind, asked in limits.items()}
     cluster = group_points(near.points, settings.group_distance)
     lone = np.bincount(cluster)[cluster] < settings.min_points
     held = (np.bincount(cluster, weights=~_are_held(near, models, supports)) == 0)[cluster]
@@ -186,7 +187,7 @@ def find_encroachments(
         records = [
             record for kind in _list_kinds(near.surface[own], share)
             if (record := _describe(
-                near.take(own), models, supports, kind, limits[kind], rules, settings
+                near.take(own), breaches[kind].take(own), models, supports, kind, rules, settings
             )) is not None
         ]
         if records:
@@ -289,20 +290,19 @@ def _find_breaches(
 
 def _describe(
     near: Surroundings,
+    found: Breaches,
     models: Sequence[SpanModel],
     supports: Sequence[Support],
     kind: HazardKind,
-    limits: Sequence[Limit],
     rules: RuleSet,
     settings: HazardSettings,
 ) -> dict[str, Any] | None:
-    found = _find_breaches(near, models, limits)
     offends = found.limit >= 0
     if offends.sum() < settings.min_points:
         return None
     near, found = near.take(offends), found.take(offends)
     worst = choose_worst(found.rank(), near.distance, near.owner, models)
-    limit, value = limits[int(found.limit[worst])], float(found.value[worst])
+    limit, value = found.limits[int(found.limit[worst])], float(found.value[worst])
     model = models[int(found.owner[worst])]
     position = near.points[worst]
     x, horizontal, vertical = (float(part[0]) for part in model.part(position[None, :]))

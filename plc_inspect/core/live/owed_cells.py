@@ -5,8 +5,16 @@
 
 import numpy as np
 
-from plc_inspect.core.live.window import Window
 from plc_inspect.core.voxel_buffer.cell_index import CellIndex
+from plc_inspect.results import Int64
+
+MOST_FAILURES = 3
+"""Failed ticks after which a cell is given up.  Source: judgement: it may be what fails them."""
+MOST_RENEWED = 30
+"""
+Owed cells that are looked at again in one tick, at most.
+Source: derived: those within the range of a Puck Lite on one side of a line, 100 m by 30 m.
+"""
 
 
 class OwedCells:
@@ -19,18 +27,29 @@ class OwedCells:
 
     def __init__(self) -> None:
         self._looking: set[tuple[int, int]] = set()
-        self._owed: set[tuple[int, int]] = set()
+        self._owed: dict[tuple[int, int], int] = {}
+        """How many failed ticks looked at each."""
 
-    def begin(self, window: Window) -> None:
-        """Note the fresh cells of the window that a tick looks at now."""
-        self._looking = {(column, row) for column, row in window.fresh.tolist()}
+    def begin(self, places: Int64) -> None:
+        """Note the places (C, 2) on the grid of the cells that a tick looks at now."""
+        self._owe(failed=False)  # where the one before did not end
+        self._looking = {(column, row) for column, row in places.tolist()}
 
-    def end(self, cells: CellIndex, *, in_vain: bool) -> None:
-        """Note how the tick ended; the first that succeeds makes what is owed new again."""
-        if in_vain:
-            self._owed |= self._looking
-        else:
-            owed = sorted(self._owed - self._looking)
-            cells.renew(cells.find(np.array(owed, dtype=np.int64).reshape(-1, 2)))
-            self._owed.clear()
+    def end(self, cells: CellIndex, *, failed: bool = False, in_vain: bool = False) -> None:
+        """Note how the tick ended; one that succeeds makes some of what is owed new again."""
+        if failed or in_vain:
+            self._owe(failed)
+            return
+        for place in self._looking:
+            self._owed.pop(place, None)
+        self._looking.clear()
+        again = list(self._owed)[-MOST_RENEWED:]
+        if again:
+            cells.renew(cells.find(np.array(again, dtype=np.int64)))
+
+    def _owe(self, failed: bool) -> None:
+        for place in self._looking:
+            self._owed[place] = self._owed.pop(place, 0) + failed
+            if self._owed[place] >= MOST_FAILURES:
+                del self._owed[place]
         self._looking.clear()

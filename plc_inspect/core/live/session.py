@@ -276,11 +276,11 @@ class Session:
             result, points, known, final=True, complete=complete
         )
         self._follow_renamed(())
-        fresh = set(numbered.values())
+        seen = set(numbered.values()) if complete else set()
         holds = _hold_all if complete else _hold_none
         supports = self._supports.update(result.supports, numbered, holds, final=complete)
         news = HazardNews() if self._book.judge().poor else self._hazards.update(
-            carry_numbers(result.hazards, numbered, supports), numbered, fresh, holds,
+            carry_numbers(result.hazards, numbered, supports), numbered, seen, holds,
             final=True, complete=complete,
         )
         keys = {item.key for item in self._registry.spans}

@@ -302,6 +302,9 @@ def _follow_ground(
     for gap in gaps:
         least = own[np.argmin(gap[own])]
         sunk = first - float(gap[least]) if gap is not surveyed else 0.0
+        if math.isinf(sunk):  # no ground was seen where it swings to
+            result.append((math.inf, NOTHING))
+            continue
         result.append((told - sunk, Reach(
             clearance=told - sunk, along=float(share[least]) * span.length,
             severity=_judge(limits, told - sunk + strand) if is_judged else None,

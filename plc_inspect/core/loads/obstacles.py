@@ -40,6 +40,8 @@ BLOCK = 3.0
 """Edge of the blocks told as structure or vegetation [m].  Source: judgement; not measured."""
 MOST_GROUND = 200_000
 """Greatest number of ground points below a span, about.  Source: numerical: bounds the time."""
+MOST_BLOCKS = 1_000_000
+"""Blocks that are counted in a grid; more are sorted.  Source: numerical: 8 MB."""
 SLACK = 1e-6
 """
 Margin of the box of a hazard's points [m].
@@ -248,7 +250,11 @@ def _smooth(points: Float64, surface: Bool) -> Bool:
         return surface
     block = np.floor(points / BLOCK).astype(np.int64)
     block -= block.min(axis=0)
-    block = np.ravel_multi_index(tuple(block.T), tuple(block.max(axis=0) + 1))
+    shape = (block.max(axis=0) + 1).tolist()
+    if math.prod(shape) > MOST_BLOCKS:  # strays far away
+        _, block = np.unique(block, axis=0, return_inverse=True)
+    else:
+        block = np.ravel_multi_index(tuple(block.T), shape)
     share = np.bincount(block, weights=surface) / np.maximum(np.bincount(block), 1)
     result: Bool = share[block] > MOST_OF
     return result

@@ -39,7 +39,7 @@ class FlownWay:
 
         """
         x, y, z = position.tolist()
-        if not max(abs(x), abs(y), abs(z)) < MOST_COORDINATE:
+        if not all(abs(part) < MOST_COORDINATE for part in (x, y, z)):
             return
         if self._places and math.dist((x, y, z), self._places[-1][1:]) < self._step:
             return

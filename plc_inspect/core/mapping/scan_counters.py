@@ -32,7 +32,7 @@ class DropReason(enum.Enum):
     OTHER_MOUNT = 'before the mount of the map that goes on was known'
     OUT_OF_MAP = 'points too far away for the map'
     RESET = 'waiting when the buffers were reset'
-    BEGUN_ANEW = 'waiting when the odometry or the map began anew'
+    BEGUN_ANEW = 'waiting when the odometry, the map or the buffers began anew'
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

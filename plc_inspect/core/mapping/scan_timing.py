@@ -54,6 +54,7 @@ class ScanTiming:
         self._fit.clear()
         self._offset = self._rate = self._newest = 0.0
         self._since: int | None = None
+        self._last = 0
 
     @property
     def offset(self) -> float:
@@ -65,7 +66,8 @@ class ScanTiming:
         self._fit.clear()
 
     def forget_times(self) -> None:
-        """Forget how the clocks drift, as after time went back; keep the offset."""
+        """Forget how the clocks drift, as after time went back; keep the last offset."""
+        self._offset = self._find_offset(self._last)
         self._since, self._rate = None, 0.0
         self.forget_looks()
 
@@ -76,6 +78,7 @@ class ScanTiming:
     def resume(self, offset: float, rate: float, since: int | None) -> None:
         """Go on with what another process remembered."""
         self._offset, self._rate, self._since = offset, rate, since
+        self._last = since or 0
 
     @property
     def steady(self) -> Steady | None:
@@ -84,7 +87,7 @@ class ScanTiming:
 
     def shift(self, stamp_ns: int, stamps: Int64) -> Int64:
         """Return the point times of a scan by the clock of the odometry [ns]."""
-        offset = self._find_offset(stamp_ns)
+        offset, self._last = self._find_offset(stamp_ns), stamp_ns
         return stamps if offset == 0.0 else stamps + round(offset * 1e9)
 
     def _find_offset(self, stamp_ns: int) -> float:

@@ -251,7 +251,7 @@ class SpanRegistry:
         if stubborn or patient:
             shown = max((tick.views[i] for i in own), default=0)
             for item in items:
-                misses = item.misses + 1 if item in less and item.key in tick.expected else 0
+                misses = item.misses + (item.key in tick.expected) if item in less else 0
                 if own or item.key in tick.expected:
                     key = self.find_renamed(item.key)
                     self._spans[key] = replace(

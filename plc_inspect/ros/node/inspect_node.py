@@ -316,6 +316,8 @@ class InspectNode(Node):
             self._submit('rest', partial(prepare, self.settings, rare=True))
 
     def _copy_out(self, plan: WindowPlan, job: str) -> None:
+        if job == 'tick':
+            self._intake.owed.begin(self._intake.accumulator.map.cells.index[plan.fresh])
         self._copy = copy_window(self._intake.accumulator.map, plan), job
         self._advance_guard.trigger()
 
@@ -325,11 +327,8 @@ class InspectNode(Node):
             self._copy = copy, job
             self._advance_guard.trigger()
             return
-        run = run_save if job == 'save' else run_tick
-        if job == 'tick':
-            self._intake.owed.begin(window)
         snapshot = take_snapshot(self._intake, window, self._describe_flight())
-        self._submit(job, partial(run, self._session, snapshot))
+        self._submit(job, partial({'save': run_save}.get(job, run_tick), self._session, snapshot))
 
     def _describe_flight(self) -> Flight:
         return take_flight(self._intake, self.settings, self._live_parameters.rules)
@@ -344,8 +343,9 @@ class InspectNode(Node):
             if error is None:
                 self._log.info('ready')
         elif job == 'tick':
-            in_vain = done is None or done.state.sharpness.poor
-            self._intake.owed.end(self._intake.accumulator.map.cells, in_vain=in_vain)
+            in_vain = done is not None and done.state.sharpness.poor
+            cells = self._intake.accumulator.map.cells
+            self._intake.owed.end(cells, failed=done is None, in_vain=in_vain)
         if error is not None:
             self._health.num_failed += job == 'tick'
             self._fail(job, error)

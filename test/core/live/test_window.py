@@ -12,7 +12,7 @@ from spans import make_span, sample_points
 
 from plc_inspect.config import MapSettings, Settings
 from plc_inspect.core.live.corridor_points import map_numbers
-from plc_inspect.core.live.owed_cells import OwedCells
+from plc_inspect.core.live.owed_cells import MOST_FAILURES, MOST_RENEWED, OwedCells
 from plc_inspect.core.live.warm_up import make_sample
 from plc_inspect.core.live.window import (
     CLOSE,
@@ -102,22 +102,56 @@ def test_whatever_is_new_about_the_vehicle_is_looked_at():
     assert window.holds(wire).all()
 
 
-def test_cells_of_ticks_in_vain_are_looked_at_again():
+@pytest.mark.parametrize('how', ['failed', 'in_vain'])
+def test_cells_of_ticks_in_vain_are_looked_at_again(how):
     voxels = make_map(np.concatenate([make_block(20 * number, 0) for number in range(3)]))
     planner, owed = WindowPlanner(4.0), OwedCells()
-    owed.begin(copy(voxels, planner.plan(voxels, (), None)))
-    owed.end(voxels.cells, in_vain=True)
+    owed.begin(copy(voxels, planner.plan(voxels, (), None)).fresh)
+    owed.end(voxels.cells, **{how: True})
     assert planner.plan(voxels, (), None) is None  # nobody asks while all is in vain
     voxels.insert(make_block(40, 0, seed=1))
     window = copy(voxels, planner.plan(voxels, (), None))
     assert window.fresh.tolist() == [[4, 0]]
-    owed.begin(window)
-    owed.end(voxels.cells, in_vain=False)
+    owed.begin(window.fresh)
+    owed.end(voxels.cells)
     again = copy(voxels, planner.plan(voxels, (), None))
     assert sorted(again.fresh.tolist()) == [[0, 0], [2, 0]]
-    owed.begin(again)
-    owed.end(voxels.cells, in_vain=False)
+    owed.begin(again.fresh)
+    owed.end(voxels.cells)
     assert planner.plan(voxels, (), None) is None
+
+
+def test_a_cell_that_fails_every_tick_is_given_up():
+    voxels = make_map(np.concatenate([make_block(20 * number, 0) for number in range(12)]))
+    owed, bad = OwedCells(), np.array([[0, 0]])
+    others = voxels.cells.index[1:]
+    voxels.cells.settle(np.arange(len(voxels.cells)))
+    for number in range(MOST_FAILURES):
+        owed.begin(bad)
+        owed.end(voxels.cells, failed=True)
+        assert voxels.cells.num_new[0] == 0
+        owed.begin(others[number : number + 1])
+        owed.end(voxels.cells)
+        assert (voxels.cells.num_new[0] > 0) == (number + 1 < MOST_FAILURES)
+        voxels.cells.settle(np.arange(1))
+
+
+def test_only_some_of_what_is_owed_is_looked_at_in_one_tick():
+    num = MOST_RENEWED + 10
+    voxels = make_map(np.concatenate([make_block(10 * k, 0, num=20) for k in range(num)]))
+    voxels.cells.settle(np.arange(num))
+    owed = OwedCells()
+    owed.begin(voxels.cells.index)
+    owed.end(voxels.cells, in_vain=True)
+    looked = set()
+    for _ in range(3):
+        new = np.flatnonzero(voxels.cells.num_new)
+        assert len(new) <= MOST_RENEWED
+        looked |= set(new.tolist())
+        voxels.cells.settle(new)
+        owed.begin(voxels.cells.index[new])
+        owed.end(voxels.cells)
+    assert len(looked) == num
 
 
 def test_far_cells_wait_until_they_are_quiet():

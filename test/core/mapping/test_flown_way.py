@@ -12,6 +12,7 @@ def test_positions_near_the_last_one_and_those_at_no_place_are_left_out():
     way = FlownWay()
     for second, x in enumerate((0.0, 0.9 * STEP, 1e300, np.nan, -np.inf, 1.1 * STEP)):
         way.add(second * 10**9, np.array([x, 0.0, 20.0]))
+        way.add(second * 10**9, np.array([x, 0.0, np.nan]))
     np.testing.assert_allclose(way.places, [[0, 0, 0, 20], [5, 1.1 * STEP, 0, 20]])
     way.clear()
     assert way.places.shape == (0, 4)

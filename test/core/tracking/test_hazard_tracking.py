@@ -312,3 +312,14 @@ def test_the_end_of_a_flight_raises_what_is_new_though_voxels_were_evicted():
     assert book.hazards[0].severity is Severity.CRITICAL  # its nearest part may be gone
     tick(book, make_hazard((10, 0, 5), clearance=3.0), final=True)
     assert book.hazards[0].severity is Severity.WARNING
+
+
+@pytest.mark.parametrize('kind', [HazardKind.SAG, HazardKind.GROUND])
+def test_a_map_that_is_not_complete_takes_back_nothing(kind):
+    """The session expects no span of it."""
+    book = HazardBook()
+    raise_hazard(book, make_hazard((10, 0, 5), kind=kind, severity=Severity.CRITICAL))
+    for found in ((), (make_hazard((10, 0, 5), kind=kind, clearance=3.5),)):
+        news = tick(book, *found, holds=nowhere, expected=(), final=True, complete=False)
+        assert news.cleared == ()
+        assert book.hazards[0].severity is Severity.CRITICAL
