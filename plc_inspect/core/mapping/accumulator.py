@@ -21,13 +21,18 @@ from plc_inspect.core.alignment.follower import Follower
 from plc_inspect.core.alignment.frame_watch import FramedPose
 from plc_inspect.core.alignment.parts import Part, Seen
 from plc_inspect.core.mapping.map_entry import MapEntry
-from plc_inspect.core.mapping.placement import Placer, WaitingScan
+from plc_inspect.core.mapping.placement import is_placed, Placer, WaitingScan
 from plc_inspect.core.mapping.pose_buffer import PoseBuffer, PoseStatus
 from plc_inspect.core.mapping.pose_gate import break_odd, PoseGate
 from plc_inspect.core.mapping.scan_clock import ScanClock, WaitClock
 from plc_inspect.core.mapping.scan_counters import Counters, DropReason, gather_counters
 from plc_inspect.core.mapping.scan_gate import ScanGate
-from plc_inspect.core.mapping.scan_points import check_points, check_worst, select_points
+from plc_inspect.core.mapping.scan_points import (
+    check_points,
+    check_worst,
+    find_ends,
+    select_points,
+)
 from plc_inspect.core.mapping.scan_timing import ScanTiming
 from plc_inspect.core.setup.looks import SharpnessMeter
 from plc_inspect.core.setup.mount import Mount
@@ -84,7 +89,8 @@ class Accumulator:
         self._gate = ScanGate()
         self.timing = ScanTiming()
         self._leads: deque[float] = deque(maxlen=LEADS)
-        self._last_inserted: int | None = None
+        self.last_inserted: int | None = None
+        """Stamp of the scan inserted last [ns], None before the first."""
         self._before: Counters | None = None
 
     def resume(
@@ -93,7 +99,7 @@ class Accumulator:
     ) -> None:
         """Continue a flight with its frames, counts, last inserted stamp [ns] and mount."""
         self.pose_gate.frames, self._before = frames, before
-        self._last_inserted, self.mount = last_inserted, mount
+        self.last_inserted, self.mount = last_inserted, mount
 
     def configure(self, settings: Settings) -> None:
         """Use other settings from now on, other than structural ones."""
@@ -125,11 +131,6 @@ class Accumulator:
     def waits(self) -> bool:
         """Whether scans wait for poses."""
         return bool(self._queue)
-
-    @property
-    def last_inserted(self) -> int | None:
-        """Stamp of the scan inserted last [ns], None before the first."""
-        return self._last_inserted
 
     @property
     def frames(self) -> tuple[str, str] | None:
@@ -231,19 +232,21 @@ class Accumulator:
         """
         # keep finite points within range; those in the map frame are judged later
         points, times = check_points(xyz, time)
-        placed = bool(frame_id) and frame_id == self.frame_id
+        placed = is_placed(frame_id, self.frame_id)
         low, high = (0.0, math.inf) if placed else (self._min_range, self._max_range)
         kept, stamps, not_finite, near, far, worst = select_points(
             points, times, stamp_ns, low, high
         )
         check_worst(worst)
         self._counts['scans'] += 1
-        stamps = self.timing.shift(stamp_ns, stamps)
-        first, last = (int(stamps.min()), int(stamps.max())) if len(stamps) else (stamp_ns,) * 2
-        reason = self._gate.judge(frame_id, layout, stamp_ns, (first, last), self._clock.period)
+        reason = self._gate.judge(
+            frame_id, layout, stamp_ns, find_ends(stamps, stamp_ns), self._clock.period
+        )
         if reason is not None:
             self._dropped[reason] += 1
             return
+        stamps = self.timing.shift(stamp_ns, stamps)
+        first, last = find_ends(stamps, stamp_ns)
         # count, and queue the scan in place of the oldest where the queue is full
         if self.poses.last_stamp is not None:
             self._leads.append((last - self.poses.last_stamp) * 1e-9)
@@ -307,7 +310,7 @@ class Accumulator:
             self.follower.clear()
             self.entry.clear()
             self.pose_gate.clear()
-            self._last_inserted = self.mount = None
+            self.last_inserted = self.mount = None
             self._gate = ScanGate()
             self.timing.clear()
 
@@ -334,6 +337,9 @@ class Accumulator:
                 self._insert(scan)
 
     def _insert(self, scan: WaitingScan) -> None:
+        if is_placed(self._lidar_frame, self.frame_id) and not scan.placed:
+            self._dropped[DropReason.NO_POSE_BEFORE] += 1  # came before the map frame was known
+            return
         self._follow_mount()
         found = self.placer.place(scan, self.poses)
         if isinstance(found, DropReason):
@@ -368,7 +374,7 @@ class Accumulator:
             if insertion is None:
                 self._dropped[DropReason.OUT_OF_MAP] += 1
                 continue
-            self._last_inserted = item.stamp_ns
+            self.last_inserted = item.stamp_ns
             self._counts['scans inserted'] += 1
             self._counts['points inserted'] += insertion.num_points
             self._counts['map full'] += insertion.num_refused

@@ -12,7 +12,7 @@ from plc_inspect.core.mapping.deskew import deskew
 from plc_inspect.core.mapping.pose_buffer import Bracket, PoseBuffer
 from plc_inspect.core.mapping.scan_counters import DropReason
 from plc_inspect.core.setup.mount import choose_mount, Mount
-from plc_inspect.core.setup.transforms import FrameTree, StampedTransform
+from plc_inspect.core.setup.transforms import clean_frame, FrameTree, StampedTransform
 from plc_inspect.results import Float32, Float64, Int64
 
 _REASON_OF_BRACKET = {
@@ -94,7 +94,7 @@ class Placer:
     def set_frames(self, odometry: tuple[str, str] | None, lidar: str) -> None:
         """Set the frames of the odometry and the base, None if unknown, and of the scans."""
         frame, base = odometry or ('', '')
-        if lidar == frame:
+        if is_placed(lidar, frame):
             lidar = ''  # the scans are in the map frame already
         if (base, lidar) != (self._base, self._lidar):
             self._base, self._lidar = base, lidar
@@ -127,6 +127,11 @@ class Placer:
             scan.xyz[kept].astype(np.float64), scan.stamps[kept], apart[kept],
             int(near.sum()), int(far.sum()),
         )
+
+
+def is_placed(frame_id: str, map_frame: str) -> bool:
+    """Tell whether scans of a frame come in the map frame, with or without a leading slash."""
+    return bool(frame_id) and clean_frame(frame_id) == clean_frame(map_frame)
 
 
 def _measure(points: Float32 | Float64) -> Float64:

@@ -90,3 +90,8 @@ def check_points(xyz: Float32, time: NDArray[np.float64] | None) -> tuple[Float3
     if time is not None and times.shape != (len(points),):
         raise DataError(f'times of shape {times.shape} for {len(points)} points')
     return points, times
+
+
+def find_ends(stamps: Int64, stamp_ns: int) -> tuple[int, int]:
+    """Return the first and last time of the points of a scan [ns]; its stamp where it has none."""
+    return (int(stamps.min()), int(stamps.max())) if len(stamps) else (stamp_ns, stamp_ns)

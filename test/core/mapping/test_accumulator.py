@@ -446,3 +446,35 @@ def test_every_scan_is_accounted_for_whatever_the_odometry_does(seed):
             counters.num_scans_inserted + counters.num_scans_waiting
             + sum(counters.scans_dropped.values())
         )
+
+
+def test_a_placed_cloud_that_comes_before_the_first_pose_is_not_moved():
+    """Nobody knows then that it is in the map frame."""
+    accumulator = make_accumulator()
+    xyz = np.array([[130.02, 0, 0]], np.float32)
+    for ms in (3000, 3100):
+        accumulator.add_scan(START + ms * MS, xyz, np.zeros(1), frame_id='odom')
+        if ms == 3000:
+            add_poses(accumulator, 2900, 4000, frame_id='odom')
+    np.testing.assert_allclose(accumulator.map.centroids(), [[130.02, 0, 0]], atol=1e-4)
+    assert accumulator.counters().scans_dropped == {DropReason.NO_POSE_BEFORE.value: 1}
+
+
+def test_a_leading_slash_makes_no_other_frame():
+    accumulator = make_accumulator()
+    add_poses(accumulator, 0, 4000, frame_id='odom', child_frame_id='base')
+    xyz = np.array([[130.02, 0, 0]], np.float32)
+    accumulator.add_scan(START + 3000 * MS, xyz, np.zeros(1), frame_id='/odom')
+    np.testing.assert_allclose(accumulator.map.centroids(), [[130.02, 0, 0]], atol=1e-4)
+
+
+def test_a_correction_of_the_clock_makes_no_second_driver():
+    accumulator = make_accumulator()
+    add_poses(accumulator, 0, 4000)
+    for number in range(30):
+        if number == 10:
+            accumulator.timing.resume(-0.17, 0.0, None)
+        xyz = np.tile(np.array([[10, 0, 0]], np.float32), (3, 1))
+        stamp = START + 500 * MS + number * 100 * MS + (number % 3) * 4 * MS
+        accumulator.add_scan(stamp, xyz, np.array([-0.09, -0.04, 0.0]))
+    assert accumulator.counters().scans_dropped == {}
