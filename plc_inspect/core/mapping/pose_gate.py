@@ -13,6 +13,12 @@ from plc_inspect.core.alignment.repeated_positions import RepeatedPositions
 from plc_inspect.core.mapping.pose_buffer import Bracket, PoseBuffer
 from plc_inspect.core.numerics.arrays import MOST_COORDINATE
 
+Z_DOWN = ('ned', 'frd')
+"""
+Endings of the names of frames whose z points down.
+Source: REP-147 and MAVROS: north east down, front right down.
+"""
+
 
 class PoseGate:
     """
@@ -46,7 +52,7 @@ class PoseGate:
     @property
     def doubt(self) -> str:
         """Why no result may be reported, '' if one may."""
-        return self._coarse.doubt
+        return self._coarse.doubt or _doubt_axes(self.frames)
 
     def describe(self) -> str:
         """Describe what is odd about the poses, '' if nothing."""
@@ -72,6 +78,15 @@ class PoseGate:
     def release(self) -> list[FramedPose]:
         """Return the poses that are still held back."""
         return self._repeats.release()
+
+
+def _doubt_axes(frames: tuple[str, str] | None) -> str:
+    if frames is None or not frames[0].lower().endswith(Z_DOWN):
+        return ''
+    return (
+        f'the map frame {frames[0]} has z down by its name: results are held back; give poses in'
+        ' a frame with z up (REP-103), as odom of MAVROS in place of odom_ned'
+    )
 
 
 def break_odd(poses: PoseBuffer, follower: Follower) -> None:

@@ -157,3 +157,14 @@ def test_settings_of_the_gap_hold_at_once():
     gate.configure(dataclasses.replace(InputSettings(), max_pose_gap=0.05))
     _, taken = feed(fly(100), gate)
     assert np.abs(find_errors(taken)).max() > 0.4  # 0.1 s is too long now
+
+
+@pytest.mark.parametrize(('frame', 'doubted'), [
+    ('odom', False), ('ned_odom', False), ('odom_ned', True), ('map/NED', True),
+    ('local_frd', True),
+])
+def test_a_map_frame_that_points_down_by_its_name_is_doubted(frame, doubted):
+    gate = PoseGate(InputSettings())
+    assert not gate.doubt
+    gate.frames = (frame, 'base_link_frd')
+    assert ('z down' in gate.doubt) == doubted
