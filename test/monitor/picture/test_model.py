@@ -9,11 +9,15 @@ import numpy as np
 import pytest
 from stream_pieces import make_rows, NO_TABLES, Source, TEXTS
 
+from plc_inspect.core.live.proximity import Level, Thing
 from plc_inspect.monitor.picture.model import LATE, LOST, Monitor
 from plc_inspect.monitor.picture.node_clock import NodeClock
 from plc_inspect.monitor.picture.picture import Link
 from plc_inspect.monitor.picture.wishes import CLOUD_PATIENCE, OVERTAKEN, PATIENCE
 from plc_inspect.monitor.web.values import make_parts
+from plc_inspect.stream.nearness import Nearness
+from plc_inspect.stream.summary import TURNS
+from plc_inspect.stream.summary_writer import Share
 
 
 def tell(picture):
@@ -141,6 +145,52 @@ def test_what_is_sent_again_on_request_completes_it(monitor, source):
     picture = monitor.look(104.5)
     assert picture.complete
     assert len(picture.hazards) == 1
+
+
+def test_a_resend_changes_no_alarm(monitor, source):
+    def list_alarms():
+        return ([(item.number, item.state, item.times) for item in monitor.alarms.open],
+                [item.number for item in monitor.alarms.past], monitor.alarms.raises)
+
+    near = (Nearness(
+        thing=Thing.SUPPORT, level=Level.CRITICAL, distance=5.0, way=(5.0, 0.0, 0.0),
+        closest=5.0, closest_in=0.0, sigma=0.1, limit=8.0,
+    ),)
+    kept = []
+    for k in range(20):
+        last = source.summary(
+            6.0 + k, tables=make_rows(6, 4 if k >= 8 else 0), near=near if 2 <= k < 5 else (),
+            share=Share(turn=k % TURNS, turns=TURNS), levels=(0, 2 * (k == 3), 0),
+        )
+        kept.append(last)
+        if k != 17:
+            monitor.take_summary(last, 101.0 + k)
+        monitor.acknowledge([item.number for item in monitor.alarms.open], 'crew', 101.5 + k)
+    before, events = list_alarms(), len(monitor.look(121.0).events)
+    assert [state for _, state, _ in before[0]] == ['acknowledged'] * 2
+    assert monitor.take_wishes(121.0) == {'summary'}
+    for data in kept:
+        assert monitor.take_summary(data, 121.1)
+        assert list_alarms() == before
+    picture = monitor.look(121.2)
+    assert picture.complete
+    assert [item.hazard_id for item in picture.hazards] == [0, 3, 1, 2]
+    assert len(picture.events) == events
+    assert picture.ages.data == pytest.approx(1.2, abs=0.01)
+    monitor.take_summary(source.summary(26.0, tables=make_rows(6, 3)), 122.0)
+    assert [number for number, *_ in list_alarms()[0]] == [before[0][1][0]]
+
+
+def test_what_only_a_resend_holds_is_shown_with_the_newest_message(monitor, source):
+    lost = source.summary(6.0, tables=make_rows(6, 4))
+    newest = source.summary(7.0)
+    monitor.take_summary(newest, 102.0)
+    assert monitor.take_wishes(102.0 + OVERTAKEN) == {'summary'}
+    monitor.take_summary(lost, 102.5)
+    assert len(monitor.look(102.5).hazards) == 3
+    monitor.take_summary(newest, 102.5)
+    assert len(monitor.look(102.5).hazards) == 4
+    assert {item.key for item in monitor.alarms.open} == {'hazard 0', 'hazard 3'}
 
 
 def test_a_message_twice_or_late_changes_nothing(monitor, source):
