@@ -200,6 +200,10 @@ class Monitor:
             self._tell(now, 0, f'{who} acknowledged: {item.text}')
         return seen
 
+    def report(self, text: str, now: float) -> None:
+        """Add a fault of the ground station [s] to the events."""
+        self._tell(now, 2, text)
+
     def rejoin(self) -> None:
         """Expect the messages that the node keeps once more, as the graph was joined anew."""
         self._admission.reopen(SUMMARY)
