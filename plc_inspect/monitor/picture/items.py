@@ -18,7 +18,7 @@ from plc_inspect.monitor.picture.rows import RowBook
 Items = tuple[tuple[SpanItem, ...], tuple[SupportItem, ...], tuple[HazardItem, ...]]
 
 
-def list_items(rows: RowBook, known: Sequence[HazardItem] | None) -> Items:
+def list_items(rows: RowBook, before: Sequence[HazardItem], *, held: bool) -> Items:
     """
     Return spans, supports and hazards, each in the order of the tables.
 
@@ -26,18 +26,22 @@ def list_items(rows: RowBook, known: Sequence[HazardItem] | None) -> Items:
     ----------
     rows : RowBook
         As received.
-    known : sequence of HazardItem or None
-        Hazards used instead of the received ones; None: the received ones.
+    before : sequence of HazardItem
+        Hazards as they were; those whose rows did not come stay until the rows are settled.
+    held : bool
+        Hazards are held back: those of before stay as they were.
 
     Returns
     -------
     tuple of tuple
 
     """
-    if known is None:
-        known = list(map(make_hazard, rows['hazards'].values()))
+    told = {} if held else rows['hazards']
+    hazards = list(map(make_hazard, told.values()))
+    if held or not rows.settled:
+        hazards += [item for item in before if (item.hazard_id,) not in told]
     worst: dict[tuple[int, int], int] = {}
-    for item in known:
+    for item in hazards:
         key = item.line_id, item.span_id
         worst[key] = max(worst.get(key, 0), item.severity)
     spans = [
@@ -47,5 +51,5 @@ def list_items(rows: RowBook, known: Sequence[HazardItem] | None) -> Items:
     return (
         tuple(sorted(spans, key=lambda item: (-item.severity, item.key))),
         tuple(sorted(supports, key=lambda item: item.support_id)),
-        tuple(sorted(known, key=lambda item: (-item.severity, item.clearance, item.hazard_id))),
+        tuple(sorted(hazards, key=lambda item: (-item.severity, item.clearance, item.hazard_id))),
     )

@@ -127,7 +127,10 @@ class Monitor:
         self._last = now
         self._texts = message.texts or self._texts
         if judgement.resent:  # only its rows count: the rest is older than what is shown
-            self._outdated |= self._rows.take(message)
+            if not self._outdated:
+                self._rows.doubt()
+            self._outdated = True
+            self._rows.take(message)
         else:
             self._clock.hear(message.frame.uptime, now)
             self._apply(message, now)
@@ -285,7 +288,8 @@ class Monitor:
         before = self._items[2]
         if self._former and not math.isnan(message.status.tick_uptime):
             self._tell_kept(now)
-        changed = self._rows.take(message)
+        settled = self._rows.settled
+        changed = self._rows.take(message) or settled != self._rows.settled
         old, self._status = self._status, message.status
         if changed or self._outdated or old.held != self._status.held:
             self._rebuild()
@@ -336,8 +340,7 @@ class Monitor:
             self._tell(now, 1, why)
 
     def _rebuild(self) -> None:
-        # what the node holds back is not gone
-        self._items = list_items(self._rows, self._items[2] if self._status.held else None)
+        self._items = list_items(self._rows, self._items[2], held=self._status.held)
         self._outdated = False
 
     def _tell_health(self, old: Status, now: float) -> None:
