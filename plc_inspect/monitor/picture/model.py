@@ -120,6 +120,8 @@ class Monitor:
         missing = judgement.missing
         if missing:
             self._rows.miss()
+            if self._outdated:  # the resend was cut off: rows are as of then
+                self._rows.doubt()
             self._wishes.want_summary(now + OVERTAKEN)
             self._tally.add('lost_summary', missing)
             self._tell(now, 1, f'{missing} messages of the summary were lost')

@@ -181,6 +181,29 @@ def test_a_resend_changes_no_alarm(monitor, source):
     assert [number for number, *_ in list_alarms()[0]] == [before[0][1][0]]
 
 
+def test_a_resend_that_is_cut_off_clears_nothing(monitor, source):
+    kept = []
+    for k in range(22):
+        kept.append(source.summary(
+            6.0 + k, tables=make_rows(6, 4 if k >= 16 else 3),
+            share=Share(turn=k % TURNS, turns=TURNS),
+        ))
+        if k != 17:
+            monitor.take_summary(kept[-1], 101.0 + k)
+    assert monitor.take_wishes(123.0) == {'summary'}
+    for data in kept[:14]:  # all turns, of before number 3 was there
+        monitor.take_summary(data, 123.1)
+    for k in range(22, 22 + TURNS):
+        monitor.take_summary(source.summary(
+            6.0 + k, share=Share(turn=k % TURNS, turns=TURNS)
+        ), 101.0 + k)
+        assert {item.key: item.stands for item in monitor.alarms.open} == {
+            'hazard 0': True, 'hazard 3': True
+        }
+    assert len(monitor.look(135.0).hazards) == 4
+    assert monitor.alarms.raises == 2
+
+
 def test_what_only_a_resend_holds_is_shown_with_the_newest_message(monitor, source):
     lost = source.summary(6.0, tables=make_rows(6, 4))
     newest = source.summary(7.0)
