@@ -213,6 +213,16 @@ class McapFile:
             os.close(self._file)
             self._file = -1
 
+    def abandon(self) -> None:
+        """Close the file as of the last flush that was written, as no more can be."""
+        if self._file < 0:
+            return
+        try:
+            os.ftruncate(self._file, self._end + self._tail)
+        finally:
+            os.close(self._file)
+            self._file = -1
+
     def _put(self, records: bytes, tail: bytes = b'') -> None:
         """
         Write records over the old tail, followed by a new tail.

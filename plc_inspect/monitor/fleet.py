@@ -15,8 +15,11 @@ SEARCH_PERIOD = 2.0
 """Period of the search for more vehicles [s]."""
 MOST_VEHICLES = 12
 """Most vehicles followed, as each takes a participant on the graph and a share of the link."""
-SHARE = 0.02
-"""Time for which each of several vehicles is served before the next [s]."""
+ROUND = 0.06
+"""
+Time in which all of several vehicles are waited for once while nothing comes [s].
+Source: judgement: an alarm has a second to the page, and each wait costs a part of a millisecond.
+"""
 
 
 class Fleet:
@@ -63,7 +66,7 @@ class Fleet:
     def spin(self, seconds: float) -> bool:
         """Process messages for about ``seconds``; return False after shutdown of ROS."""
         stations = list(self.stations.values())
-        share = seconds if len(stations) == 1 else min(seconds, SHARE)
+        share = seconds if len(stations) == 1 else min(seconds, ROUND / len(stations))
         alive = [station.spin(share) for station in stations]
         if self._search and time.monotonic() - self._searched >= SEARCH_PERIOD:
             self._searched = time.monotonic()

@@ -3,8 +3,9 @@
 
 """A station: listener and model of one node, in one thread."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
+from operator import methodcaller
 import time
 from types import TracebackType
 from typing import TYPE_CHECKING
@@ -94,7 +95,8 @@ class Station:
         self._rejoin(now)
         if self._recorder is not None and now - self._recorded >= RECORD_PERIOD:
             self._recorded = now
-            self._recorder.show(self.monitor.look(now), self.monitor.cloud)
+            picture = self.monitor.look(now)
+            self._record(methodcaller('show', picture, self.monitor.cloud))
         return alive
 
     def find_nodes(self) -> list[str]:
@@ -114,9 +116,8 @@ class Station:
     def acknowledge(self, numbers: Iterable[int], who: str) -> None:
         """Acknowledge alarms, also in the record."""
         seen = self.monitor.acknowledge(numbers, who, time.monotonic())
-        if self._recorder is not None:
-            for item in seen:
-                self._recorder.note(item)
+        for alarm in seen:
+            self._record(methodcaller('note', alarm))
 
     def _rejoin(self, now: float) -> None:
         """Join the graph anew if nothing comes; abandon the old place, as closing may hang."""
@@ -134,7 +135,7 @@ class Station:
         self._patience = max(min(2.0 * self._patience, MOST_REJOIN), self._least)
 
     def _take_summary(self, data: bytes) -> None:
-        self._record('summary', data)
+        self._record(methodcaller('take', 'summary', data))
         self._heard = time.monotonic()
         self.monitor.take_summary(data, time.monotonic())
 
@@ -142,9 +143,19 @@ class Station:
         self.monitor.take_ahead(data, time.monotonic())
 
     def _take_cloud(self, data: bytes) -> None:
-        self._record('cloud', data)
+        self._record(methodcaller('take', 'cloud', data))
         self.monitor.take_cloud(data, time.monotonic())
 
-    def _record(self, topic: str, data: bytes) -> None:
-        if self._recorder is not None:
-            self._recorder.take(topic, data)
+    def _record(self, write: 'Callable[[Recorder], object]') -> None:
+        """Write to the record; one that cannot be written ends, and the monitor goes on."""
+        if self._recorder is None:
+            return
+        try:
+            write(self._recorder)
+        except OSError as error:
+            self._recorder.abandon()
+            self._recorder = None
+            self.monitor.report(
+                f'the record ended: {error.strerror or error}: free disk space, then start '
+                'plc_monitor anew with another --record', time.monotonic(),
+            )

@@ -30,6 +30,12 @@ UNKNOWN = 255
 """Clearance that is not known, or too large to tell."""
 COARSENESS = 8
 """A cell of the overview is this many cells wide."""
+LEAST_VOXEL = 0.01
+"""
+Smallest cells that are read [m]; those of the overview are COARSENESS times as wide.
+Source: derivation: a tenth of the smallest ``stream.voxel_size``; still smaller ones spread what
+lies about the vehicle over millions of blocks.
+"""
 _HEIGHT = 1 << 31
 _HEAD = struct.Struct('<BfI')
 _BLOCKS = np.dtype([('x', '<i4'), ('y', '<i4'), ('z', '<i4'), ('count', '<u2')])
@@ -261,13 +267,14 @@ def read_cloud(data: bytes) -> CloudMessage:
     Raises
     ------
     DataError
-        It is no such message, or damaged.
+        It is no such message, damaged, or its cells are too small.
 
     """
     frame = unpack_frame(data, CLOUD)
     reader = BodyReader(frame.body)
     overview, voxel, total = reader.take_struct(_HEAD)
-    if not 0.0 < voxel < 1e4:
+    voxel = round(float(voxel), 6)
+    if not LEAST_VOXEL * (COARSENESS if overview else 1) <= voxel < 1e4:
         raise DataError(f'cells of {voxel:g} m')
     heads = reader.take_rows(_BLOCKS)
     counts = heads['count'].astype(np.int64)
@@ -287,7 +294,7 @@ def read_cloud(data: bytes) -> CloudMessage:
         key = int(head['x']), int(head['y'])
         blocks[key] = join_codes(column, height, planes[3][part], planes[4][part])
     return CloudMessage(
-        frame=frame, overview=bool(overview), voxel=round(float(voxel), 6),
+        frame=frame, overview=bool(overview), voxel=voxel,
         total=int(total), blocks=blocks,
     )
 

@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Refuses spans of the summary that nobody could draw."""
+"""Refuses rows of the summary that nobody could draw."""
 
 from typing import Any
 
@@ -48,3 +48,26 @@ def check_curves(spans: NDArray[Any]) -> None:
             f'line {row["line_id"]} span {row["span_id"]} has a curve that cannot be: '
             f'a {row["a"]:g}, b {row["b"]:g}, c {row["c"]:g} m'
         )
+
+
+def check_places(rows: NDArray[Any], key: str) -> None:
+    """
+    Refuse rows whose position is not known.
+
+    Parameters
+    ----------
+    rows : (N,) SUPPORTS or HAZARDS
+        Rows of the summary.
+    key : str
+        Name of the column with their number, such as ``hazard_id``.
+
+    Raises
+    ------
+    DataError
+        A position is not known.
+
+    """
+    unknown = np.any([rows[axis] == NO_LENGTH for axis in 'xyz'], axis=0)
+    if unknown.any():
+        number = rows[key][np.flatnonzero(unknown)[0]]
+        raise DataError(f'{key.removesuffix("_id")} {number} has no position')

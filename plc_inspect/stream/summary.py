@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from plc_inspect.errors import DataError
 from plc_inspect.results import Float64, Hazard, Span, Support
-from plc_inspect.stream.curve_check import check_curves, NO_LENGTH
+from plc_inspect.stream.curve_check import check_curves, check_places, NO_LENGTH
 from plc_inspect.stream.frame import (
     BodyReader,
     Frame,
@@ -240,7 +240,7 @@ def read_summary(data: bytes) -> SummaryMessage:
     Raises
     ------
     DataError
-        It is no such message, damaged, or holds a curve that cannot be.
+        It is no such message, damaged, or holds a curve that cannot be or a row without position.
 
     """
     frame = unpack_frame(data, SUMMARY)
@@ -260,6 +260,8 @@ def read_summary(data: bytes) -> SummaryMessage:
     if texts is not None and len(texts) != 1 + len(STATUSES):
         raise DataError(f'summary with {len(texts)} texts, not {1 + len(STATUSES)}')
     check_curves(rows['spans'])
+    for name in ('supports', 'hazards'):
+        check_places(rows[name], *KEYS[name])
     return SummaryMessage(
         frame=frame, status=replace(status, near=near, held=bool(frame.flags & HELD)),
         turn=turn, turns=turns, tables=SummaryTables(**rows), gone=gone, texts=texts,

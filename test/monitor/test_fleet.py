@@ -6,6 +6,7 @@
 import array
 import contextlib
 import time
+from types import SimpleNamespace
 
 import pytest
 import rclpy
@@ -17,7 +18,8 @@ from stream_pieces import make_rows, Source
 from plc_inspect.errors import ConfigError
 from plc_inspect.monitor import command
 from plc_inspect.monitor import fleet as fleet_module
-from plc_inspect.monitor.fleet import Fleet
+from plc_inspect.monitor.fleet import Fleet, ROUND
+from plc_inspect.monitor.listener import Listener, MOST_AT_ONCE
 from plc_inspect.monitor.station import Station
 from plc_inspect.monitor.web.page import Page
 from plc_inspect.ros.graph.qos import SUMMARY
@@ -73,6 +75,39 @@ def test_all_that_come_up_are_followed_and_nothing_is_mixed(vehicles):
         rows = [page._fleet[name] for name in sorted(NAMES)]
         assert [row['critical'] for row in rows] == [1, 1, 1]
         assert page._site.first == sorted(NAMES)[0]  # of those that were heard
+
+
+def test_silent_vehicles_hold_up_no_other():
+    waits = []
+
+    def join(name):
+        return contextlib.nullcontext(SimpleNamespace(
+            spin=lambda seconds: waits.append(seconds) or True
+        ))
+
+    fleet = Fleet(join, [f'/uav{k}' for k in range(12)])
+    assert fleet.spin(0.2)
+    assert sum(waits) == pytest.approx(ROUND)
+    assert len(waits) == 12
+
+
+def test_messages_that_wait_are_taken_at_once_up_to_a_bound():
+    listener, asked = Listener.__new__(Listener), []
+    waiting = [5]
+
+    def spin_once(timeout_sec):
+        asked.append(timeout_sec)
+        listener._received += waiting[0] > 0
+        waiting[0] -= 1
+
+    listener._received = 0
+    listener._context = SimpleNamespace(ok=lambda: True)
+    listener._executor = SimpleNamespace(spin_once=spin_once)
+    assert listener.spin(0.1)
+    assert asked == [0.1, 0.0, 0.0, 0.0, 0.0, 0.0]
+    waiting[0] = 10 * MOST_AT_ONCE
+    assert listener.spin(0.1)
+    assert waiting[0] == 9 * MOST_AT_ONCE
 
 
 def test_a_name_is_given_once(vehicles):

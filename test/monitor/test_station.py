@@ -3,13 +3,19 @@
 
 """The station's place on the graph over hours in which nothing comes."""
 
+import errno
+import os
 from types import SimpleNamespace
 
 import pytest
+from rosbags.highlevel import AnyReader
+from stream_pieces import Source
 
 from plc_inspect.monitor import station as station_module
 from plc_inspect.monitor.picture.admission import Admission
 from plc_inspect.monitor.picture.condition import Condition, judge
+from plc_inspect.monitor.record import recorder as recorder_module
+from plc_inspect.monitor.record.recorder import Recorder
 from plc_inspect.monitor.station import MOST_LEFT, REJOIN_AFTER, SEARCH_PERIOD, Station
 
 HOUR = 3600
@@ -46,6 +52,32 @@ def test_nodes_that_are_there_are_named_while_this_one_is_not(silent):
     assert station.look().others  # they are not looked for each time
     wait(int(SEARCH_PERIOD) + 1)
     assert judge(station.look(), '/uav9').text == 'waiting for /uav9: nothing heard yet'
+
+
+def test_a_full_disk_ends_the_record_not_the_monitor(silent, tmp_path, monkeypatch):
+    def refuse(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    station, wait = silent
+    path, source = tmp_path / 'flight.mcap', Source()
+    monkeypatch.setattr(recorder_module, 'FLUSH_PERIOD', 0.0)
+    with Recorder(path, '/plc_inspect') as recorder:
+        station._recorder = recorder
+        station._take_summary(source.summary(1.0, keyframe=True))
+        with monkeypatch.context() as full:
+            full.setattr(os, 'pwrite', refuse)
+            station._take_summary(source.summary(2.0))
+        wait(2)
+        station._take_summary(source.summary(3.0))
+        station.acknowledge([1], 'crew')
+    picture = station.look()
+    assert picture.counts.messages == 3
+    assert [event.text for event in picture.events if 'record' in event.text] == [
+        'the record ended: No space left on device: free disk space, then start plc_monitor '
+        'anew with another --record'
+    ]
+    with AnyReader([path]) as reader:
+        assert len(list(reader.messages())) == 1
 
 
 def test_graph_is_joined_anew_soon_and_not_for_ever(silent):

@@ -162,7 +162,18 @@ def test_damaged_bodies_are_refused():
         overview=False, voxel=0.5, total=1,
     )
     no_voxel = pack_blocks({}, overview=False, voxel=0.0, total=1)
-    for bad in (body[:-1], body + b'x', b'', no_voxel, bad_column):
+    least = [
+        pack_blocks({}, overview=True, voxel=0.05, total=1),
+        pack_blocks({}, overview=False, voxel=0.009, total=1),
+    ]
+    for bad in (body[:-1], body + b'x', b'', no_voxel, bad_column, *least):
         with pytest.raises(DataError):
             read_cloud(pack_frame(Frame(kind=CLOUD, flags=0, session=1, sequence=0, uptime=0.0,
                                         body=bad)))
+
+
+@pytest.mark.parametrize(('overview', 'voxel'), [(False, 0.01), (True, 0.08), (False, 0.1)])
+def test_smallest_cells_are_read(overview, voxel):
+    body = pack_blocks({}, overview=overview, voxel=voxel, total=1)
+    frame = Frame(kind=CLOUD, flags=0, session=1, sequence=0, uptime=0.0, body=body)
+    assert read_cloud(pack_frame(frame)).voxel == voxel

@@ -15,6 +15,7 @@ from stream_pieces import make_hazards, make_rows, NO_TABLES, Source, TEXTS
 from plc_inspect.errors import DataError
 from plc_inspect.monitor.picture.rows import RowBook
 from plc_inspect.results import Support
+from plc_inspect.stream.curve_check import NO_LENGTH
 from plc_inspect.stream.frame import Frame, pack_frame, SUMMARY
 from plc_inspect.stream.summary import (
     find_turn,
@@ -215,3 +216,13 @@ def test_a_turn_that_cannot_be_is_refused():
         body = bytes([turn, turns]) + message.frame.body[2:]
         with pytest.raises(DataError, match=f'turn {turn} of {turns}'):
             read_summary(pack_frame(dataclasses.replace(message.frame, body=body)))
+
+
+@pytest.mark.parametrize('table', ['supports', 'hazards'])
+@pytest.mark.parametrize('axis', ['x', 'y', 'z'])
+def test_a_row_without_position_is_refused(table, axis):
+    tables = make_rows(6, 3)
+    getattr(tables, table)[axis][-1] = NO_LENGTH
+    number = getattr(tables, table)[f'{table[:-1]}_id'][-1]
+    with pytest.raises(DataError, match=f'{table[:-1]} {number} has no position'):
+        read_summary(Source().summary(1.0, keyframe=True, tables=tables))

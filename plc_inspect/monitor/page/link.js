@@ -3,7 +3,7 @@
 
 // The connections to the monitor, in a worker: what comes in is answered at once, however long the page
 // draws, so that the monitor tells a busy page from a full link. Asked for by {query}; {id, taken} says
-// that the page has a message of so many bytes.
+// that the page has a message of so many bytes, {id, pin} what to ask for when it opens again.
 
 const MOST_AHEAD = 1 << 20; // bytes that may wait for the page before answers wait too
 const LONGEST_WAIT = 5000;
@@ -45,6 +45,7 @@ class Link {
 
 onmessage = ({data}) => {
   if ('query' in data) return links.push(new Link(links.length, data.query));
+  if ('pin' in data) return links[data.id].query = data.pin;
   links[data.id].ahead -= data.taken;
   links[data.id].answer();
 };

@@ -55,8 +55,11 @@ const parts = {
     for (const item of document.querySelectorAll('.acknowledges')) item.hidden = !me.acknowledges;
     alarms.redraw();
     // TCP sends a lost packet again only after a second of a slow link; two are seldom lost at once.
-    if (!express) for (const _ of [1, 2]) connect(`vehicle=${encodeURIComponent(me.vehicle)}&alarms=1`, take);
+    if (express) return;
     express = true;
+    const query = `vehicle=${encodeURIComponent(me.vehicle)}`;
+    link.postMessage({id: 0, pin: query}); // another vehicle may be the first by then
+    for (const _ of [1, 2]) connect(`${query}&alarms=1`, take);
   },
   state(value) {
     state = value;

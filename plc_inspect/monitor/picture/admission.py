@@ -64,6 +64,8 @@ class Judgement:
     verdict: Verdict
     missing: int = 0
     """Messages between the one before and this one."""
+    resent: bool = False
+    """It was sent again on request, and later ones were used before."""
 
     @property
     def good(self) -> bool:
@@ -212,13 +214,14 @@ class _Counter:
     def __init__(self) -> None:
         self.newest = -1
         """Of the messages that were taken."""
-        self._floor = -1
+        self._floor = self._used = -1
         self.asked = True
         """Kept messages may arrive; before the first message none can be missing."""
         self._heard = -math.inf
         self._taken: deque[int] = deque(maxlen=REMEMBERED)
 
     def reopen(self) -> None:
+        self._used = max(self._used, self.newest)
         self._floor, self.asked = max(-1, self.newest - KEPT), True
 
     def judge(self, number: int, now: float, *, strict: bool) -> Judgement:
@@ -229,11 +232,11 @@ class _Counter:
                 repeated = number in self._taken
                 return Judgement(Verdict.REPLAYED if repeated else Verdict.REORDERED)
             # Without keys: what came before had a number that was not the node's.
-            self.asked = True
+            self.asked, self._used = True, -1
         elif begun and not strict and number - self.newest > LEAP + LEAP_RATE * quiet:
             return Judgement(Verdict.FORGED)
         missing = 0 if self.asked else number - self.newest - 1
         self.newest, self._floor, self.asked = number, number, False
         self._heard = now
         self._taken.append(number)
-        return Judgement(Verdict.TAKEN, missing)
+        return Judgement(Verdict.TAKEN, missing, resent=number < self._used)

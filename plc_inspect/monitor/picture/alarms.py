@@ -237,7 +237,8 @@ class AlarmBook:
     def _put(self, item: Alarm) -> None:
         """Store an alarm among the open or the closed ones."""
         self._open[item.number] = item
-        if not item.unsure:
+        newest = item.stands or self._numbers.get(item.key) == item.number
+        if newest and not item.unsure:  # an older one of its key may still wait to be seen
             self._numbers[item.key] = item.number
         if item.seen and not item.stands:
             self._close(item)

@@ -20,21 +20,17 @@ from plc_inspect.monitor.picture.alarms import Alarm, AlarmBook, Cause
 from plc_inspect.monitor.picture.causes import find_height, list_causes
 from plc_inspect.monitor.picture.cloud_store import CloudStore
 from plc_inspect.monitor.picture.hazard_news import list_news
+from plc_inspect.monitor.picture.items import Items, list_items
 from plc_inspect.monitor.picture.names import name_stretches
 from plc_inspect.monitor.picture.node_clock import NodeClock
 from plc_inspect.monitor.picture.picture import (
     Ages,
     Event,
     format_age,
-    HazardItem,
     Link,
     make_hazard,
-    make_span,
-    make_support,
     Picture,
     Place,
-    SpanItem,
-    SupportItem,
 )
 from plc_inspect.monitor.picture.rows import RowBook
 from plc_inspect.monitor.picture.tally import Tally
@@ -90,8 +86,9 @@ class Monitor:
         self._ahead = Ahead()
         self._moved, self._flown = math.nan, 0.0
         self._wishes = Wishes()
-        self._items: tuple[tuple[SpanItem, ...], tuple[SupportItem, ...],
-                           tuple[HazardItem, ...]] = ((), (), ())
+        self._items: Items = ((), (), ())
+        self._outdated = False
+        """Rows came again since the items were made of them."""
 
     def take_summary(self, data: bytes, now: float) -> bool:
         """
@@ -123,13 +120,22 @@ class Monitor:
         missing = judgement.missing
         if missing:
             self._rows.miss()
+            if self._outdated:  # the resend was cut off: rows are as of then
+                self._rows.doubt()
             self._wishes.want_summary(now + OVERTAKEN)
             self._tally.add('lost_summary', missing)
             self._tell(now, 1, f'{missing} messages of the summary were lost')
         self._end_silence(now)
         self._last = now
-        self._clock.hear(message.frame.uptime, now)
-        self._apply(message, now)
+        self._texts = message.texts or self._texts
+        if judgement.resent:  # only its rows count: the rest is older than what is shown
+            if not self._outdated:
+                self._rows.doubt()
+            self._outdated = True
+            self._rows.take(message)
+        else:
+            self._clock.hear(message.frame.uptime, now)
+            self._apply(message, now)
         if self._rows.complete:
             self._wishes.has_summary()
         self._compare_cloud(now)
@@ -198,6 +204,10 @@ class Monitor:
         for item in seen:
             self._tell(now, 0, f'{who} acknowledged: {item.text}')
         return seen
+
+    def report(self, text: str, now: float) -> None:
+        """Add a fault of the ground station [s] to the events."""
+        self._tell(now, 2, text)
 
     def rejoin(self) -> None:
         """Expect the messages that the node keeps once more, as the graph was joined anew."""
@@ -280,11 +290,10 @@ class Monitor:
         before = self._items[2]
         if self._former and not math.isnan(message.status.tick_uptime):
             self._tell_kept(now)
-        changed = self._rows.take(message)
+        settled = self._rows.settled
+        changed = self._rows.take(message) or settled != self._rows.settled
         old, self._status = self._status, message.status
-        if message.texts is not None:
-            self._texts = message.texts
-        if changed or old.held != self._status.held:
+        if changed or self._outdated or old.held != self._status.held:
             self._rebuild()
         spans, supports, hazards = self._items
         for level, text in list_news(
@@ -333,24 +342,8 @@ class Monitor:
             self._tell(now, 1, why)
 
     def _rebuild(self) -> None:
-        hazards = list(map(make_hazard, self._rows['hazards'].values()))
-        if self._status.held:  # what the node holds back is not gone
-            hazards = list(self._items[2])
-        worst: dict[tuple[int, int], int] = {}
-        for item in hazards:
-            key = item.line_id, item.span_id
-            worst[key] = max(worst.get(key, 0), item.severity)
-        spans = [
-            make_span(row, worst.get((key[0], key[1]), 0))
-            for key, row in self._rows['spans'].items()
-        ]
-        supports = [make_support(row) for row in self._rows['supports'].values()]
-        self._items = (
-            tuple(sorted(spans, key=lambda item: (-item.severity, item.key))),
-            tuple(sorted(supports, key=lambda item: item.support_id)),
-            tuple(sorted(hazards, key=lambda item: (-item.severity, item.clearance,
-                                                    item.hazard_id))),
-        )
+        self._items = list_items(self._rows, self._items[2], held=self._status.held)
+        self._outdated = False
 
     def _tell_health(self, old: Status, now: float) -> None:
         new = self._status

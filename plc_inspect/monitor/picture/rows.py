@@ -16,6 +16,9 @@ class RowBook:
         self._heard: set[tuple[int, int]] = set()
         self.complete = False
         """No row that the node told is missing."""
+        self._since: set[tuple[int, int]] = set()
+        self.settled = True
+        """All turns have come since hazards were held back, or since ``doubt``."""
 
     def __getitem__(self, table: str) -> dict[tuple[int, ...], Any]:
         """Return the rows of a table by their keys."""
@@ -26,11 +29,17 @@ class RowBook:
         for rows in self._rows.values():
             rows.clear()
         self.miss()
+        self.settled = True
 
     def miss(self) -> None:
         """Note that messages are missing: until all turns have come, rows may be too."""
         self.complete = False
         self._heard.clear()
+
+    def doubt(self) -> None:
+        """Note that rows may lack what was known: until all turns have come, nothing is gone."""
+        self.settled = False
+        self._since.clear()
 
     def take(self, message: SummaryMessage) -> bool:
         """Apply a message; return whether any row may have changed."""
@@ -48,10 +57,18 @@ class RowBook:
                 changed |= key not in rows or rows[key].tobytes() != row.tobytes()
                 rows[key] = row
             changed |= bool(gone)
+        if message.status.held:  # a table of hazards that are held back is empty
+            self.doubt()
+        elif message.turns:
+            self._since.add((message.turn, message.turns))
+            self.settled |= _has_all(self._since, message.turns)
         if message.turns:
             self._heard.add((message.turn, message.turns))
         # a stream begins with nothing, so with its first message nothing is missing
-        self.complete |= not message.frame.sequence or (message.turns > 0 and all(
-            (turn, message.turns) in self._heard for turn in range(message.turns)
-        ))
+        self.complete |= not message.frame.sequence or _has_all(self._heard, message.turns)
         return changed
+
+
+def _has_all(heard: set[tuple[int, int]], turns: int) -> bool:
+    """Return whether all turns of so many were heard; of 0 none can be."""
+    return turns > 0 and all((turn, turns) in heard for turn in range(turns))

@@ -8,6 +8,7 @@ The file holds the raw stream and, on the topics of the node, its content: table
 corridor about the vehicle and diagnostics.
 """
 
+from contextlib import suppress
 from datetime import datetime, UTC
 import json
 from pathlib import Path
@@ -115,6 +116,11 @@ class Recorder:
         if now - self._flushed >= FLUSH_PERIOD:
             self._flushed = now
             self._file.flush()
+
+    def abandon(self) -> None:
+        """End the file with what was written, as it cannot be written any more."""
+        with suppress(OSError):
+            self._file.abandon()
 
     def _write_picture(self, picture: Picture) -> None:
         maker = self._maker

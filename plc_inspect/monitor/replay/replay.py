@@ -6,9 +6,9 @@
 from dataclasses import dataclass
 
 from plc_inspect.monitor.picture.cloud_store import CloudStore
-from plc_inspect.monitor.picture.model import Monitor
+from plc_inspect.monitor.picture.model import LOST, Monitor
 from plc_inspect.monitor.picture.picture import Picture
-from plc_inspect.monitor.replay.tape import Entry, read_seen, Tape
+from plc_inspect.monitor.replay.tape import Entry, read_seen, Seen, Tape
 
 SPEEDS = (1.0, 4.0, 16.0)
 
@@ -91,6 +91,8 @@ class Replay:
         self._monitor = Monitor()
         self._monitor.cloud = self.cloud
         self._next, self._time = 0, 0.0
+        self._early: list[tuple[float, Seen]] = []
+        """Acknowledgements of alarms whose messages came ahead, and since when they wait [s]."""
 
     def _feed(self, time: float) -> None:
         entries = self.tape.entries
@@ -102,7 +104,25 @@ class Replay:
     def _take(self, entry: Entry) -> None:
         if entry.kind == 'summary':
             self._monitor.take_summary(entry.data, entry.time)
+            self._early = [
+                (since, seen) for since, seen in self._early
+                if entry.time - since <= LOST and not self._see(seen, entry.time)
+            ]
         elif entry.kind == 'cloud':
             self._monitor.take_cloud(entry.data, entry.time)
-        elif (seen := read_seen(entry.data)) is not None:
-            self._monitor.acknowledge([seen[0]], seen[1], entry.time)
+        elif (seen := read_seen(entry.data)) and not self._see(seen, entry.time):
+            self._early.append((entry.time, seen))
+
+    def _see(self, seen: Seen, time: float) -> bool:
+        """Acknowledge the alarm of a key, as its number may be another here; return whether."""
+        found = [
+            item for item in self._monitor.alarms.open if not item.seen
+            and (item.key == seen.key if seen.key else item.number == seen.number)
+        ]
+        if not found:
+            return False
+        alarm = max(found, key=lambda item: (
+            item.stands == seen.stood, item.number == seen.number, item.number
+        ))
+        self._monitor.acknowledge([alarm.number], seen.who, time)
+        return True

@@ -57,6 +57,19 @@ class Entry:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Seen:
+    """An acknowledgement."""
+
+    number: int
+    """Number of the alarm in the monitor that recorded; a replay may count otherwise."""
+    key: str
+    """Key of its cause, '' unknown."""
+    who: str
+    stood: bool
+    """Whether the alarm stood then."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Tape:
     """All messages of a flight."""
 
@@ -201,10 +214,11 @@ def _pack_points(points: Float64, kind: UInt8, clearance: Float32) -> Iterator[b
         ))
 
 
-def read_seen(data: bytes) -> tuple[int, str] | None:
-    """Return number of an alarm and who acknowledged it, None if the note is malformed."""
+def read_seen(data: bytes) -> Seen | None:
+    """Return an acknowledgement, None if the note is malformed."""
     try:
         note = json.loads(data)
-        return int(note['alarm']), str(note['who'])
-    except (ValueError, KeyError, TypeError):
+        return Seen(number=int(note['alarm']), key=str(note.get('what', '')),
+                    who=str(note['who']), stood=bool(note.get('stands', True)))
+    except (ValueError, KeyError, TypeError, AttributeError):
         return None

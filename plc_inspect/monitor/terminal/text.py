@@ -137,15 +137,23 @@ def _draw_alarm(picture: Picture) -> Text:
         )
     counts = picture.count_severities()
     standing = [item for item in picture.alarms if item.stands]
+    unsure = [item for item in picture.alarms if item.state == 'unsure']
+    cleared = [item for item in picture.alarms if item.state == 'cleared']
+    if unsure and all(item.seen for item in standing):
+        more = f' (and {len(cleared)} cleared)' if cleared else ''
+        return Text(f'{len(unsure)} {"alarm" if len(unsure) == 1 else "alarms"} may still be '
+                    f'there, as the node began anew: {unsure[0].text}{more}',
+                    no_wrap=True, overflow='ellipsis', style='bold ' + FILLS['critical'])
     if standing:
         first = standing[0]
         more = f' (and {len(standing) - 1} more)' if len(standing) > 1 else ''
         word = f'seen by {first.who}' if first.seen else 'ALARM'
         return Text(f'{word}: {first.text}{more}', no_wrap=True, overflow='ellipsis',
                     style='bold ' + FILLS['warning' if first.seen else 'critical'])
-    if picture.alarms:
-        return Text(f'{len(picture.alarms)} alarms cleared that nobody acknowledged (on the page '
-                    'of --web): the newest was ' + picture.alarms[0].text,
+    if cleared:
+        return Text(f'{len(cleared)} {"alarm" if len(cleared) == 1 else "alarms"} cleared that '
+                    'nobody acknowledged (on the page of --web): the newest was '
+                    + cleared[0].text,
                     no_wrap=True, overflow='ellipsis', style=FILLS['warning'])
     held = ' held back, as told last' if picture.held else ''
     return Text(f'{counts["critical"]} critical, {counts["warning"]} warnings, '

@@ -202,7 +202,11 @@ class Gate:
     def _is_meant_for_us(self, request: web.Request) -> bool:
         """Whether the request comes from this page, not from another site."""
         host = request.headers.get('Host', '')
-        if self._local and not is_loopback(urlsplit(f'//{host}').hostname or ''):
+        try:
+            name = urlsplit(f'//{host}').hostname or ''
+        except ValueError:
+            raise web.HTTPBadRequest(reason='malformed Host') from None
+        if self._local and not is_loopback(name):
             return False
         acts = request.method != 'GET' or 'Upgrade' in request.headers
         origin = request.headers.get('Origin')

@@ -131,15 +131,17 @@ class Site:
         try:
             given = await request.json()
             vehicle, numbers, who = given['vehicle'], given['numbers'], given['who']
-        except (ValueError, KeyError, TypeError):
+        except (ValueError, LookupError, TypeError):  # an unknown charset is a LookupError
             raise web.HTTPBadRequest(reason='needs vehicle, numbers and who') from None
-        good = isinstance(who, str) and isinstance(numbers, list) and all(
+        names = isinstance(who, str) and isinstance(vehicle, str)
+        good = names and isinstance(numbers, list) and all(
             isinstance(item, int) and 0 < item < math.inf for item in numbers
         )
         name = make_printable(who).strip() if good else ''
         if not good or not name or len(name) > LONGEST_NAME or len(numbers) > MOST_NUMBERS:
             raise web.HTTPBadRequest(
-                reason=f'who is a name of 1 to {LONGEST_NAME} characters, numbers are of alarms'
+                reason=f'vehicle and who are names, who of 1 to {LONGEST_NAME} characters, '
+                       'numbers are of alarms'
             )
         if vehicle not in self._hubs:
             raise web.HTTPNotFound
@@ -157,7 +159,7 @@ class Site:
             good = playing in (None, True, False) and all(
                 value is None or (math.isfinite(value) and value >= 0.0) for value in (time, speed)
             )
-        except (ValueError, AttributeError, TypeError):
+        except (ValueError, LookupError, AttributeError, TypeError):
             good = False
         if not good:
             raise web.HTTPBadRequest(reason='time and speed are numbers from 0 on')

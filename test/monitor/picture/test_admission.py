@@ -233,6 +233,24 @@ def test_without_keys_no_single_message_silences_the_node():
     assert len(monitor.look(104.2).spans) == 6
 
 
+def test_after_a_forged_number_the_nodes_are_no_resend():
+    admission, data = Admission(), b''
+
+    def judge(number, now):
+        frame = Frame(kind=SUMMARY, flags=0, session=7, sequence=number, uptime=1.0, body=data)
+        return admission.judge(frame, data, now, 0)
+
+    for number in range(5):
+        assert judge(number, float(number)).good
+    assert judge(60, 4.5).good  # forged
+    admission.reopen(SUMMARY)
+    assert not judge(5, 5.0).good
+    later = judge(8, 4.6 + SILENT)
+    assert (later.good, later.resent) == (True, False)
+    admission.reopen(SUMMARY)
+    assert [judge(number, 8.0).resent for number in (5, 6, 7, 8, 9)] == [True] * 3 + [False] * 2
+
+
 def test_a_reset_is_followed_at_once_where_the_corridor_came_first():
     before, after, monitor = Source(), Source(8, resets=1), Monitor()
     assert monitor.take_cloud(before.cloud(5.0), 100.0)

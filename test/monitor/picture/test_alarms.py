@@ -195,3 +195,44 @@ def test_what_has_cleared_tells_how_near_it_was():
     book.acknowledge([item.number], 'crew', 5.0)
     assert book.past[0].text == 'conductor 5.2 m'
     assert book.raises == 1
+
+
+def test_alarm_that_stands_clears_after_an_older_one_of_its_key_was_acknowledged():
+    book = AlarmBook()
+    first = Cause(text='a tower', distance=3.0, place=(0.0, 0.0, 0.0))
+    second = replace(first, place=(100.0, 0.0, 0.0))
+    book.update({'keep-out structure': first}, 1.0)
+    book.update({}, 2.0)
+    book.update({'keep-out structure': second}, 3.0)
+    book.acknowledge([1], 'crew', 4.0)
+    assert book.update({'keep-out structure': second}, 5.0) == ()
+    assert states(book) == [('keep-out structure', 'new', True)]
+    book.update({}, 6.0)
+    assert states(book) == [('keep-out structure', 'cleared', False)]
+
+
+CAUSES = strategies.dictionaries(
+    strategies.sampled_from(('keep-out structure', 'hazard 1', 'hazard 2')),
+    strategies.sampled_from((0.0, 100.0)),
+)
+
+
+@settings(max_examples=300, deadline=None)
+@given(strategies.lists(strategies.one_of(
+    CAUSES, strategies.sets(strategies.integers(1, 8), min_size=1), strategies.none(),
+), max_size=25))
+def test_alarms_that_stand_are_the_present_causes(steps):
+    book = AlarmBook()
+    for now, step in enumerate(steps):
+        if step is None:
+            book.begin_anew(float(now))
+        elif isinstance(step, set):
+            book.acknowledge(step, 'crew', float(now))
+        else:
+            book.update({
+                key: Cause(text=key, place=(x, 0.0, 0.0), distance=3.0,
+                           hazard_id=int(key[-1]) if key.startswith('hazard') else -1)
+                for key, x in step.items()
+            }, float(now))
+            stands = [item.key for item in book.open if item.stands]
+            assert sorted(stands) == sorted(step)

@@ -9,11 +9,15 @@ import numpy as np
 import pytest
 from stream_pieces import make_rows, NO_TABLES, Source, TEXTS
 
+from plc_inspect.core.live.proximity import Level, Thing
 from plc_inspect.monitor.picture.model import LATE, LOST, Monitor
 from plc_inspect.monitor.picture.node_clock import NodeClock
 from plc_inspect.monitor.picture.picture import Link
 from plc_inspect.monitor.picture.wishes import CLOUD_PATIENCE, OVERTAKEN, PATIENCE
 from plc_inspect.monitor.web.values import make_parts
+from plc_inspect.stream.nearness import Nearness
+from plc_inspect.stream.summary import TURNS
+from plc_inspect.stream.summary_writer import Share
 
 
 def tell(picture):
@@ -141,6 +145,75 @@ def test_what_is_sent_again_on_request_completes_it(monitor, source):
     picture = monitor.look(104.5)
     assert picture.complete
     assert len(picture.hazards) == 1
+
+
+def test_a_resend_changes_no_alarm(monitor, source):
+    def list_alarms():
+        return ([(item.number, item.state, item.times) for item in monitor.alarms.open],
+                [item.number for item in monitor.alarms.past], monitor.alarms.raises)
+
+    near = (Nearness(
+        thing=Thing.SUPPORT, level=Level.CRITICAL, distance=5.0, way=(5.0, 0.0, 0.0),
+        closest=5.0, closest_in=0.0, sigma=0.1, limit=8.0,
+    ),)
+    kept = []
+    for k in range(20):
+        last = source.summary(
+            6.0 + k, tables=make_rows(6, 4 if k >= 8 else 0), near=near if 2 <= k < 5 else (),
+            share=Share(turn=k % TURNS, turns=TURNS), levels=(0, 2 * (k == 3), 0),
+        )
+        kept.append(last)
+        if k != 17:
+            monitor.take_summary(last, 101.0 + k)
+        monitor.acknowledge([item.number for item in monitor.alarms.open], 'crew', 101.5 + k)
+    before, events = list_alarms(), len(monitor.look(121.0).events)
+    assert [state for _, state, _ in before[0]] == ['acknowledged'] * 2
+    assert monitor.take_wishes(121.0) == {'summary'}
+    for data in kept:
+        assert monitor.take_summary(data, 121.1)
+        assert list_alarms() == before
+    picture = monitor.look(121.2)
+    assert picture.complete
+    assert [item.hazard_id for item in picture.hazards] == [0, 3, 1, 2]
+    assert len(picture.events) == events
+    assert picture.ages.data == pytest.approx(1.2, abs=0.01)
+    monitor.take_summary(source.summary(26.0, tables=make_rows(6, 3)), 122.0)
+    assert [number for number, *_ in list_alarms()[0]] == [before[0][1][0]]
+
+
+def test_a_resend_that_is_cut_off_clears_nothing(monitor, source):
+    kept = []
+    for k in range(22):
+        kept.append(source.summary(
+            6.0 + k, tables=make_rows(6, 4 if k >= 16 else 3),
+            share=Share(turn=k % TURNS, turns=TURNS),
+        ))
+        if k != 17:
+            monitor.take_summary(kept[-1], 101.0 + k)
+    assert monitor.take_wishes(123.0) == {'summary'}
+    for data in kept[:14]:  # all turns, of before number 3 was there
+        monitor.take_summary(data, 123.1)
+    for k in range(22, 22 + TURNS):
+        monitor.take_summary(source.summary(
+            6.0 + k, share=Share(turn=k % TURNS, turns=TURNS)
+        ), 101.0 + k)
+        assert {item.key: item.stands for item in monitor.alarms.open} == {
+            'hazard 0': True, 'hazard 3': True
+        }
+    assert len(monitor.look(135.0).hazards) == 4
+    assert monitor.alarms.raises == 2
+
+
+def test_what_only_a_resend_holds_is_shown_with_the_newest_message(monitor, source):
+    lost = source.summary(6.0, tables=make_rows(6, 4))
+    newest = source.summary(7.0)
+    monitor.take_summary(newest, 102.0)
+    assert monitor.take_wishes(102.0 + OVERTAKEN) == {'summary'}
+    monitor.take_summary(lost, 102.5)
+    assert len(monitor.look(102.5).hazards) == 3
+    monitor.take_summary(newest, 102.5)
+    assert len(monitor.look(102.5).hazards) == 4
+    assert {item.key for item in monitor.alarms.open} == {'hazard 0', 'hazard 3'}
 
 
 def test_a_message_twice_or_late_changes_nothing(monitor, source):
@@ -322,12 +395,45 @@ def test_hazards_that_are_held_back_are_not_cleared(monitor, source):
     before = len(monitor.look(104.0).events)
     monitor.take_summary(source.summary(10.0, tables=make_rows(6, 2)), 105.0)
     picture = monitor.look(105.0)
-    assert tell(picture)[before:] == [
-        'hazards are told again', 'hazard 2 cleared', 'map: good again',
-    ]
+    assert tell(picture)[before:] == ['hazards are told again', 'map: good again']
+    assert picture.hazards == shown  # number 2 may be told in a turn to come
+    monitor.take_summary(source.summary(11.0, keyframe=True), 106.0)
+    picture = monitor.look(106.0)
+    assert tell(picture)[before + 2:] == ['hazard 2 cleared']
     assert picture.held_back == ''
     assert [item.hazard_id for item in picture.hazards] == [0, 1]
     assert 'held back' not in picture.alarms[0].cause.text
+
+
+@pytest.mark.parametrize('resent', [False, True])
+@pytest.mark.parametrize('lost', [(), range(29, 33), range(19, 33), range(19, 24)])
+def test_hazards_that_are_held_back_outlast_their_release(monitor, source, lost, resent):
+    rows = make_rows(6, 8)  # numbers 0, 3 and 6 are critical
+    gone = make_rows(6, 7)
+    numbers, kept = [], []
+    for k in range(50):
+        held, now = 20 <= k < 30, 101.0 + k
+        tables = make_rows(6, 0) if held else gone if k > 30 else rows
+        data = source.summary(6.0 + k, tables=tables, held=held, share=Share(
+            turn=k % TURNS, turns=TURNS, most=0 if k == 30 else 3500
+        ))
+        kept = [*kept[-23:], data]
+        if k not in lost:
+            monitor.take_summary(data, now)
+        if resent and monitor.take_wishes(now + OVERTAKEN):
+            assert all(monitor.take_summary(data, now + 0.4) for data in kept)
+        if k == 12:
+            numbers = [item.number for item in monitor.alarms.open]
+            monitor.acknowledge(numbers, 'crew', now)
+        if k >= 12:
+            assert sorted(item.number for item in monitor.alarms.open) == sorted(numbers)
+            assert all(item.stands for item in monitor.alarms.open)
+            assert len(monitor.look(now).hazards) >= 7
+    assert monitor.alarms.raises == 3
+    assert len(monitor.look(151.0).hazards) == 7
+    assert [text for text in tell(monitor.look(151.0)) if 'cleared' in text] == [
+        'hazard 7 cleared'
+    ]
 
 
 def test_who_comes_while_hazards_are_held_back_is_told():

@@ -95,6 +95,43 @@ def test_a_replay_never_looks_live(replay):
         assert state['text'].startswith('replay: ')
 
 
+@pytest.mark.parametrize('when', [2.2, 2.8])
+def test_acknowledgements_are_of_the_same_cause(when):
+    source, monitor, entries = Source(), Monitor(), []
+    first, both = make_rows(6, 1), make_rows(6, 4)  # number 3 is critical, as number 0 is
+    messages = [
+        source.summary(float(k), keyframe=not k, tables=tables)
+        for k, tables in enumerate((make_rows(6, 0), first, both, both))
+    ]
+
+    def take(k, now):
+        monitor.take_summary(messages[k], now)
+        entries.append(Entry(time=now, kind='summary', data=messages[k]))
+
+    def see(now):
+        (seen,) = monitor.acknowledge([1], 'crew', now)
+        entries.append(Entry(time=now, kind='seen', data=json.dumps({
+            'alarm': seen.number, 'what': seen.key, 'who': seen.who, 'stands': seen.stands,
+        }).encode()))
+
+    take(0, 0.0)
+    monitor.take_ahead(messages[2], 2.0)  # the one before is sent again
+    (alarm, *_) = [item for item in monitor.alarms.open if item.number == 1]
+    if when < 2.5:
+        see(when)
+    take(1, 2.5)
+    take(2, 2.5)
+    if when > 2.5:
+        see(when)
+    take(3, 3.0)
+    replay = Replay(Tape(name='/plc_inspect', start=1.0, entries=tuple(entries)))
+    replay.seek(3.0)
+    assert {item.key: item.who for item in replay.look().alarms} == {
+        item.key: 'crew' if item.key == alarm.key else '' for item in monitor.alarms.open
+    }
+    assert len(replay.look().alarms) == 2
+
+
 def test_a_record_is_read_back(tmp_path, monkeypatch):
     monkeypatch.setattr(recorder_module, 'FLUSH_PERIOD', 0.0)
     path, source, monitor = tmp_path / 'flight.mcap', Source(), Monitor()

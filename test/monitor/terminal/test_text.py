@@ -5,6 +5,7 @@
 
 import array
 import fcntl
+import io
 import os
 from pathlib import Path
 import pty
@@ -21,10 +22,13 @@ import pyte
 import pytest
 import rclpy
 from rclpy.context import Context
+from rich.console import Console
 from rig import isolate, take_domain
 from std_msgs.msg import UInt8MultiArray
 from stream_pieces import make_rows, NO_TABLES, Source
 
+from plc_inspect.monitor.picture.model import Monitor
+from plc_inspect.monitor.terminal.text import draw_once
 from plc_inspect.ros.graph.qos import SUMMARY
 
 ROOT = Path(__file__).parents[3]
@@ -186,10 +190,26 @@ def test_narrow_wide_lost_and_back(domain, radio):
         text = terminal.wait(lambda text: ' LIVE ' in text and 'spans: 0' in text)
         assert 'the node was started anew' in text
         assert 'ALARM:' not in text
-        assert 'alarms cleared that nobody acknowledged' in text
+        assert '10 alarms may still be there' in text
     finally:
         code = terminal.close()
     assert code == 130
+
+
+def test_alarms_of_the_run_before_may_still_be_there():
+    monitor, source = Monitor(), Source()
+    monitor.take_summary(source.summary(5.0, keyframe=True, tables=make_rows(6, 4)), 100.0)
+    monitor.take_summary(source.summary(6.0, tables=make_rows(6, 3)), 101.0)  # number 3 clears
+    other = Source(session=9)
+    monitor.take_summary(other.summary(1.0, keyframe=True, tables=NO_TABLES), 104.0)
+    console = Console(width=200, record=True, file=io.StringIO())
+    console.print(draw_once(monitor.look(104.0), '/plc_inspect'))
+    text = console.export_text()
+    assert '1 alarm may still be there, as the node began anew: ' in text
+    assert ' (and 1 cleared)' in text
+    monitor.acknowledge([1], 'crew', 105.0)
+    console.print(draw_once(monitor.look(105.0), '/plc_inspect'))
+    assert '1 alarm cleared that nobody acknowledged' in console.export_text()
 
 
 def run(domain, *arguments, timeout=60):

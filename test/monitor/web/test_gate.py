@@ -142,11 +142,19 @@ def test_who_may_view_may_not_acknowledge(gate, site):
     ('', 400), ('[]', 400), ('{"vehicle": "/plc_inspect"}', 400),
     (WHO.replace('crew', ' '), 400), (WHO.replace('crew', 'A' * 41), 400),
     (WHO.replace('[1, 2]', '["1"]'), 400), (WHO.replace('[1, 2]', '1'), 400),
-    (WHO.replace('"crew"', '7'), 400), (WHO.replace('/plc', '/other'), 404),
+    (WHO.replace('"crew"', '7'), 400), (WHO.replace('"/plc_inspect"', '["x"]'), 400),
+    (WHO.replace('"/plc_inspect"', '{}'), 400), (WHO.replace('/plc', '/other'), 404),
 ])
 def test_who_acknowledges_says_what_and_who(gate, site, body, status):
     _, cookie = log_in(gate, 'correct horse')
     assert ask(gate, '/acknowledge', 'POST', body, Cookie=cookie)[0] == status
+    assert not site.requests
+
+
+def test_a_body_in_an_unknown_charset_is_refused(gate, site):
+    _, cookie = log_in(gate, 'correct horse')
+    head = {'Cookie': cookie, 'Content_Type': 'application/json; charset=none'}
+    assert ask(gate, '/acknowledge', 'POST', WHO, **head)[0] == 400
     assert not site.requests
 
 
@@ -179,6 +187,9 @@ def test_foreign_hosts_and_origins_are_refused(open_gate, gate):
     for host in ('localhost:1', '127.0.0.1', '[::1]:8080'):
         assert ask(open_gate, '/', Host=host)[0] == 200
     assert ask(gate, '/', Host='evil.example')[0] == 403
+    for host in ('[::1', '[', '::1]', '[nobody]'):
+        assert ask(open_gate, '/', Host=host)[0] == 400
+        assert ask(gate, '/', Host=host)[0] == 400
 
 
 @pytest.mark.parametrize('path', [

@@ -283,6 +283,27 @@ def test_a_page_that_gets_nothing_says_so(station, browse):
     assert chrome.run("document.body.classList.contains('old')")
 
 
+def test_a_page_keeps_its_vehicle_when_it_connects_again(browse):
+    def show(page, vehicle, count):
+        monitor = Monitor()
+        monitor.take_summary(
+            Source().summary(1.0, keyframe=True, tables=make_rows(6, count)), time.monotonic()
+        )
+        page.show(vehicle, monitor.look(time.monotonic()), monitor.cloud)
+
+    with Page('127.0.0.1', 0) as page:
+        show(page, '/uav1', 4)
+        chrome = browse(page.address)
+        chrome.wait(f'{HAZARDS}.length == 4')
+        port = int(page.address.split(':')[-1].strip('/'))
+    with Page('127.0.0.1', port) as page:
+        show(page, '/uav1', 5)
+        show(page, '/uav0', 3)  # the first one now
+        show(page, '/uav1', 5)
+        chrome.wait(f'[3, 5].includes({HAZARDS}.length)')
+        assert chrome.run(f'{HAZARDS}.length') == 5
+
+
 def test_everybody_can_use_it(station, browse):
     station.status = {'near': (WIRE,), 'heading': 0.5}
     chrome = browse(station.page.address, 390, 844, token='token to be shown', light=True)
