@@ -4,7 +4,8 @@
 """
 Plans a flight that shows all gaps, at a safe distance and in order of flight.
 
-A run passes one stretch on one side.  Between runs the vehicle climbs above everything seen.
+A run passes one stretch on one side, below no conductor.  Between runs, and before the first, the
+vehicle climbs above everything seen.
 Unseen objects may stand higher, so the path is a proposal to a pilot, who must look out.
 """
 
@@ -18,7 +19,7 @@ import numpy as np
 
 from plc_inspect.core.coverage.coverage import Coverage, Gap, Part, STEP
 from plc_inspect.core.coverage.sections import find_heights, Section
-from plc_inspect.core.coverage.seen_ground import CELL, SeenGround
+from plc_inspect.core.coverage.seen_ground import SeenGround
 from plc_inspect.results import Bool, Float64, Int64, Span
 
 if TYPE_CHECKING:
@@ -49,10 +50,17 @@ MOST_STEP = 25.0
 Greatest distance between two waypoints of a run [m].
 Source: judgement: over hills the height changes.
 """
+NUM_TURNS, NUM_REACHES = 16, 6
+"""
+Directions in which a start below conductors is left level, and half safe distances tried.
+Source: numerical: 54 m reach beyond the conductors of any line.
+"""
 LIFT = 2.0
 """Step by which a path is lifted until it is safe [m].  Source: numerical."""
 MOST_LIFT = 200.0
 """Greatest lift of a path [m].  Source: judgement: higher than any line."""
+ROUNDING = 1e-6
+"""Distances equal to it count as kept [m].  Source: numerical."""
 SAMPLE = 2.0
 """Spacing of compared positions on conductors and paths [m].  Source: numerical: SAFE is nine."""
 
@@ -73,12 +81,49 @@ class _Around:
 
         return cKDTree(self.wires)
 
+    @cached_property
+    def plan_tree(self) -> 'cKDTree':
+        """Kd-tree of these positions in plan."""
+        from scipy.spatial import cKDTree
+
+        return cKDTree(self.wires[:, :2])
+
+    @property
+    def least(self) -> float:
+        """Distance between samples from which all between them keeps the safe one [m]."""
+        return float(np.hypot(self.safe, SAMPLE / np.sqrt(2.0)))
+
     def is_safe(self, places: Float64) -> Bool:
-        """Return which positions (N, 3) are far enough from conductors and above all else."""
-        good: Bool = places[:, 2] >= self.ground.find_top(places, CELL) + OBSTACLES - LIFT
-        if len(self.wires):
-            good &= self.tree.query(places)[0] >= self.safe - LIFT / 2
-        return good
+        """Return which positions (N, 3) are above all else and no conductor is near or above."""
+        return self.is_above(places) & self.is_apart(places) & ~self.is_below(places)
+
+    def is_above(self, places: Float64) -> Bool:
+        """Return which positions (N, 3) are above all objects near them."""
+        # as a waypoint may lie exactly that high, rounding is left to it
+        high: Bool = places[:, 2] >= self.ground.find_top(places, NEAR) + OBSTACLES - ROUNDING
+        return high
+
+    def is_apart(self, places: Float64) -> Bool:
+        """Return which positions (N, 3) are far enough from conductors."""
+        return self.measure(places) >= self.least - ROUNDING
+
+    def measure(self, places: Float64) -> Float64:
+        """Return the distance (N,) of positions (N, 3) from conductors, up to the least [m]."""
+        if not len(self.wires):
+            return np.full(len(places), self.least)
+        apart: Float64 = np.minimum(self.tree.query(places)[0], self.least)
+        return apart
+
+    def is_below(self, places: Float64) -> Bool:
+        """Return which positions (N, 3) cannot be left upwards: a conductor hangs above."""
+        below: Bool = np.zeros(len(places), dtype=np.bool_)
+        if not len(self.wires):
+            return below
+        (low,) = np.nonzero(places[:, 2] < self.wires[:, 2].max())
+        near = self.plan_tree.query_ball_point(places[low, :2], self.least)
+        for number, own in zip(low, near, strict=True):
+            below[number] = bool((self.wires[own, 2] > places[number, 2]).any())
+        return below
 
 
 class Kind(enum.IntEnum):
@@ -133,14 +178,15 @@ def plan_refly(
     ground : SeenGround
         Heights of everything seen.
     start : (3,) float64 or None
-        Start of the vehicle [m]; None: at the first gap.
+        Start of the vehicle [m]; None: at the first gap.  Where it cannot be left safely, as
+        below a conductor, the way to the first run is left to the pilot.
     safe : float
         Least distance from conductors [m].
 
     Returns
     -------
     Refly
-        Without waypoints if there are no gaps.
+        Without waypoints if there are no gaps; without runs that no lift makes safe.
 
     """
     wires = sample_wires([item.section for item in coverage.sections])
@@ -160,10 +206,11 @@ def plan_refly(
         for is_left, chosen in sides.items():
             gaps = [(place, item.gaps[place - numbers[0]]) for place in chosen]
             for low, high, held in _merge(gaps):
-                runs.append(Run(
-                    span_id=item.section.span_id, is_left=is_left, gaps=held,
-                    places=_lay_run(item.section, (low, high), is_left, around),
-                ))
+                places = _lay_run(item.section, (low, high), is_left, around)
+                if places is not None:
+                    runs.append(Run(
+                        span_id=item.section.span_id, is_left=is_left, gaps=held, places=places,
+                    ))
     return _order(runs, around, start)
 
 
@@ -198,29 +245,28 @@ def _merge(gaps: Sequence[tuple[int, Gap]]) -> list[tuple[float, float, tuple[in
 def _lay_run(
     section: Section, stretch: tuple[float, float], is_left: bool,
     around: _Around,
-) -> Float64:
+) -> Float64 | None:
     low, high = stretch[0] - LEAD, stretch[1] + LEAD
     x = np.linspace(low, high, 2 + int((high - low) / MOST_STEP))
-    y = section.left + around.safe if is_left else section.right - around.safe
+    aside = 2.0 * around.least - around.safe  # so that rounding does not lift it
+    y = section.left + aside if is_left else section.right - aside
     inside = np.clip(x, 0.0, section.high)
     heights = find_heights(section, inside)[:, 1] + ABOVE
     return _lift(np.column_stack([section.leave(x, y), heights]), around)
 
 
-def _lift(places: Float64, around: _Around) -> Float64:
-    """Return a path lifted so that each leg is safe."""
+def _lift(places: Float64, around: _Around) -> Float64 | None:
+    """Return a path lifted so that each leg is safe, None where none is."""
     places = places.copy()
     places[:, 2] = np.maximum(places[:, 2], around.ground.find_top(places, NEAR) + OBSTACLES)
-    lifted = 0.0
-    while lifted < MOST_LIFT:
+    for _ in range(1 + int(MOST_LIFT / LIFT)):
         at, owner = _sample(places)
         bad = ~around.is_safe(at)
         if not bad.any():
-            break
+            return places
         chosen = np.unique(np.concatenate([owner[bad], owner[bad] + 1]))
         places[np.minimum(chosen, len(places) - 1), 2] += LIFT
-        lifted += LIFT
-    return places
+    return None
 
 
 def _sample(places: Float64) -> tuple[Float64, Int64]:
@@ -253,8 +299,8 @@ def _order(
             turned = bool(end)
         run = left.pop(number)
         way = run.places[::-1] if turned else run.places
-        if ordered and at is not None:
-            between = _cross(at, way[0], around)
+        if at is not None:
+            between = _cross(at, way[0], around) if ordered else _leave(at, way[0], around)
             places.append(between)
             kinds += [Kind.TRANSIT] * len(between)
             owner += [len(ordered)] * len(between)
@@ -270,20 +316,42 @@ def _order(
     )
 
 
-def _cross(
-    first: Float64, last: Float64, around: _Around
-) -> Float64:
-    """Return waypoints (K, 3) from one place to another: none, or up, over and down."""
-    direct, _ = _sample(np.array([first, last]))
-    if around.is_safe(direct).all():
+def _cross(first: Float64, last: Float64, around: _Around) -> Float64:
+    """Return waypoints (K, 3) between two safe places: none, or up, over and down."""
+    if around.is_safe(_sample(np.array([first, last]))[0]).all():
         return np.empty((0, 3))
-    near = around.wires[_lies_along(around.wires, first, last, around.safe)]
+    # nothing hangs above a safe place, so that both ways up are safe
+    near = around.wires[_lies_along(around.wires, first, last, around.least)]
+    level, _ = _sample(np.array([[*first[:2], 0.0], [*last[:2], 0.0]]))
     top = max(
-        float(around.ground.find_top(direct, NEAR).max()) + OBSTACLES, float(first[2]),
+        float(around.ground.find_top(level, NEAR).max()) + OBSTACLES, float(first[2]),
         float(last[2]),
-        float(near[:, 2].max()) + around.safe if len(near) else -np.inf,
+        float(near[:, 2].max()) + around.least if len(near) else -np.inf,
     )
     return np.array([[*first[:2], top], [*last[:2], top]])
+
+
+def _leave(start: Float64, last: Float64, around: _Around) -> Float64:
+    """Return waypoints (K, 3) from where the vehicle is, none where no way is safe."""
+    turns = np.linspace(0.0, 2.0 * np.pi, NUM_TURNS, endpoint=False)
+    reaches = around.least * np.arange(1, NUM_REACHES + 1) / 2.0
+    aside = start + np.array([
+        (reach * np.cos(turn), reach * np.sin(turn), 0.0) for reach in reaches for turn in turns
+    ])
+    for way in [np.empty((0, 3)), *aside[around.is_safe(aside)][:, None]]:
+        own = np.vstack([start, way])
+        between = np.vstack([way, _cross(own[-1], last, around)])
+        if _comes_clear(np.vstack([start, between, last]), around):
+            return between
+    return np.empty((0, 3))
+
+
+def _comes_clear(places: Float64, around: _Around) -> bool:
+    """Tell whether a path from an unsafe place climbs or comes no nearer until it is safe."""
+    at, _ = _sample(places)
+    apart = around.measure(at)
+    above = around.is_above(at) | (np.hypot(*(at - at[0])[:, :2].T) <= ROUNDING)
+    return bool(above.all() and (np.diff(apart) >= -ROUNDING).all())
 
 
 def _lies_along(wires: Float64, first: Float64, last: Float64, reach: float) -> Bool:

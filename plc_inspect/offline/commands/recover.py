@@ -45,7 +45,8 @@ def recover(record: Path) -> Recovered:
     -------
     Recovered
         Ready to be written; where the node held back results of the whole map, those of the
-        last tick.  Where the map is not sharp, without hazards, as ``counts['held_back']`` says.
+        last tick.  Where the map is not sharp, or the odometry is in doubt, without hazards.
+        ``counts['held_back']`` says why, also where a full map holds back the rest.
 
     Raises
     ------
@@ -100,7 +101,7 @@ def _inspect(flight: 'Flight') -> 'Inspection':
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
         raise DataError(f'the record lacks something: {type(error).__name__}: {error}') from error
     if doubt or session.state.sharpness.hopeless:
-        return describe_last_tick(told, session.state)
+        return describe_last_tick(told, session.state, doubt)
     return conclude(session, snapshot)[1]
 
 

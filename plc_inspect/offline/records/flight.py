@@ -25,6 +25,9 @@ from plc_inspect.results import Float64, InspectionResult, UInt8
 if TYPE_CHECKING:
     from plc_inspect.offline.records.inspection import Inspection
 
+MAP_FULL = 'the map is full'
+"""Beginning of the doubt about a map without room, whose hazards stand as they were told."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Flight:
@@ -95,8 +98,29 @@ def describe_sharpness(state: LiveState) -> dict[str, Any]:
     return {'sharpness': state.sharpness.record(), 'held_back': held}
 
 
-def describe_last_tick(flight: Flight, state: LiveState) -> 'Inspection':
-    """Return the results of the last tick, without points."""
+def describe_last_tick(flight: Flight, state: LiveState, doubt: str = '') -> 'Inspection':
+    """
+    Return the results of the last tick, without points.
+
+    Parameters
+    ----------
+    flight : Flight
+        Facts about the flight.
+    state : LiveState
+        What the tick told.
+    doubt : str
+        Why results of the whole map are held back, '' if they are not.  Hazards are left out
+        unless it is a full map.
+
+    Returns
+    -------
+    Inspection
+        With the doubt in ``counts['held_back']``.
+
+    """
+    if doubt and not doubt.startswith(MAP_FULL):
+        state = replace(state, hazards=(), sharpness=replace(state.sharpness, doubt=doubt))
+    sharpness = describe_sharpness(state)
     empty = np.empty((0, 3))
     state = move_state(state, flight.move)
     result = replace(
@@ -105,7 +129,8 @@ def describe_last_tick(flight: Flight, state: LiveState) -> 'Inspection':
         supports=state.supports, hazards=state.hazards,
     )
     part = replace(flight, counts={
-        **flight.counts, **describe_sharpness(state), 'results_of': 'the last tick',
+        **flight.counts, **sharpness, 'held_back': sharpness['held_back'] or doubt,
+        'results_of': 'the last tick',
     })
     return describe_run(part, result, empty)
 

@@ -39,6 +39,7 @@ from plc_inspect.messages.poses import (
     transforms_from_message,
 )
 from plc_inspect.messages.scans import scan_from_message
+from plc_inspect.offline.records.flight import MAP_FULL
 from plc_inspect.results import Float64
 from plc_inspect.ros.node.complaints import Complaints
 from plc_inspect.ros.node.diagnostics import Health, LossReporter
@@ -281,7 +282,7 @@ class Intake:
         if refused <= MOST_REFUSED * all_points and self.evictor.nearest > NEAR:
             return ''
         return (
-            f'the map is full with {self.accumulator.map.max_voxels} voxels and has gaps about '
+            f'{MAP_FULL} with {self.accumulator.map.max_voxels} voxels and has gaps about '
             'the vehicle: results are held back; raise map.max_voxels'
         )
 

@@ -20,6 +20,7 @@ from plc_inspect.flight_record.plain_values import to_plain
 from plc_inspect.flight_record.recording import Recording
 from plc_inspect.offline.commands.recover import main
 from plc_inspect.offline.readers.catalogue import load_rules
+from plc_inspect.offline.records.flight import MAP_FULL
 from plc_inspect.ros.node.diagnostics import Health
 from plc_inspect.ros.node.intake import Intake
 from plc_inspect.setting_names import to_mapping, update
@@ -113,6 +114,34 @@ def test_hazards_are_held_back_as_they_were_in_flight(tmp_path, capsys, apart, t
     assert read(tmp_path / 'out', 'hazards')['hazards'] == []
     assert len(read(tmp_path / 'out', 'spans')['spans']) == len(state.confirmed)
     assert told in read(tmp_path / 'out', 'run')['held_back']
+
+
+@pytest.mark.parametrize(('doubt', 'keeps'), [
+    ('the heading turns by 1.2 degrees against the positions: results are held back', False),
+    (f'{MAP_FULL} with 9 voxels and has gaps: results are held back', True),
+])
+def test_what_was_in_doubt_in_flight_is_said_and_hazards_are_kept_of_a_full_map_only(
+    tmp_path, capsys, monkeypatch, doubt, keeps
+):
+    monkeypatch.setattr(Intake, 'doubt', doubt)
+    state, _ = make_record(tmp_path / 'it.record')
+    assert state.hazards
+    assert main([str(tmp_path / 'it.record'), '-o', str(tmp_path / 'out')]) == 2
+    said = capsys.readouterr().err
+    assert doubt in said
+    assert said.count('\n') == 1
+    assert read(tmp_path / 'out', 'run')['held_back'] == doubt
+    hazards = read(tmp_path / 'out', 'hazards')['hazards']
+    assert [row['hazard_id'] for row in hazards] == [
+        item.hazard_id for item in state.hazards if keeps
+    ]
+    assert len(read(tmp_path / 'out', 'spans')['spans']) == len(state.confirmed)
+
+
+def test_doubt_about_a_full_map_is_told_from_others():
+    intake = Intake(SETTINGS, Health(), print)
+    intake.evictor.resume(1, 0.0)
+    assert intake.doubt.startswith(MAP_FULL)
 
 
 def test_folder_that_is_there_needs_force(record, tmp_path, capsys):
