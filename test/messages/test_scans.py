@@ -311,3 +311,64 @@ def test_unit_of_times_is_recognised(kind, epoch, unit, duration):
     for stamp in () if epoch else (0, 1, 100, 3599, 5000):  # simulated time, or since the start
         message.header.stamp.sec = stamp
         np.testing.assert_allclose(scan_from_message(message).time, seconds, atol=2e-6)
+
+
+def read_times(kind, raw, without_return=(), stamp=1_700_000_000):
+    """Return the times of the finite points of a scan [s]."""
+    raw = np.asarray(raw)
+    columns = make_points(len(raw)) | {'time': raw}
+    columns['x'] = columns['x'].copy()
+    columns['x'][list(without_return)] = np.nan
+    message = make_cloud(columns, DRIVER | {'time': (18, kind)}, point_step=26)
+    message.header.stamp.sec = stamp
+    return scan_from_message(message).time
+
+
+@pytest.mark.parametrize(('kind', 'unit', 'garbage'), [
+    ('f4', 1.0, 1e8), ('f4', 1.0, 3e38), ('f8', 1e-3, -1e12), ('u4', 1e-6, 0xFFFFFFFF),
+    ('u4', 1e-9, 0xFFFFFFFF),
+])
+def test_times_of_points_without_return_do_not_decide_the_unit(kind, unit, garbage):
+    seconds = np.linspace(0.0, 0.1, 3000)
+    raw = seconds / unit
+    raw[5] = garbage
+    times = read_times(kind, raw, without_return=[5])
+    np.testing.assert_allclose(times, np.delete(seconds, 5), atol=2e-6)
+
+
+def test_few_returns_at_the_beginning_of_a_scan_keep_its_unit():
+    raw = np.linspace(0, 1e8, 3000)
+    times = read_times('u4', raw, without_return=range(12, 3000))
+    np.testing.assert_allclose(times, raw[:12] * 1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize('seed', range(300))
+def test_unit_is_that_in_which_scans_last_as_long_as_they_do(seed):
+    rng = np.random.default_rng(seed)
+    kind = ('f4', 'f8', 'u4', 'i4')[seed % 4]
+    unit = rng.choice((1.0, 1e-3, 1e-6, 1e-9) if kind[0] == 'f' else (1e-6, 1e-9))
+    duration = rng.uniform(0.04, 0.25)
+    first, last = np.sort(rng.uniform(0.0, 1.0, 2))
+    if seed % 3 == 0 or last * duration < 0.011 or last - first < 0.05:
+        first, last = 0.0, 1.0  # the whole turn
+    num_points = int(10 ** rng.uniform(2.0, 4.78))
+    seconds = np.linspace(first * duration, last * duration, num_points)
+    if kind != 'u4' and rng.random() < 0.5:
+        seconds = -seconds
+    times = read_times(kind, seconds / unit)
+    np.testing.assert_allclose(times, seconds, atol=2e-6)
+
+
+def test_a_sector_of_a_scan_keeps_the_unit():
+    for kind, low, high, unit in (
+        ('f4', 90, 100, 1e-3), ('f4', 90_000, 100_000, 1e-6), ('u4', 99_000, 99_999, 1e-6),
+        ('u4', 99_999, 99_999, 1e-6), ('u4', 90_000_000, 100_000_000, 1e-9), ('f4', 0.09, 0.1, 1),
+    ):
+        raw = np.linspace(low, high, 500)
+        np.testing.assert_allclose(read_times(kind, raw), raw * unit, atol=2e-6)
+
+
+@pytest.mark.parametrize('start', [90.0, 12_345.6])
+def test_seconds_of_another_clock_are_no_milliseconds(start):
+    times = read_times('f8', start + np.linspace(0.0, 0.1, 100))
+    assert times.min() > 89.0
