@@ -41,8 +41,18 @@ MOST_POINTS = 3e7
 """Greatest plausible point rate [1/s]; sensors on the market give up to 25 million."""
 LEAST_DATE_NS = 32_000_000_000_000_000
 """
-Stamps before this are times since a start, not dates; times of points are relative to them [ns].
+Stamps before this are times since a start, not dates [ns].
 Source: a year; no computer runs longer without a pause, and no date of use is of 1970.
+"""
+LEAST_START_NS = 2_000_000_000
+"""
+Least stamp near which times of points may be since its start [ns]; below, they are relative to it.
+Source: derived: longer than LONGEST_SCAN, so that no time relative to a stamp is so large.
+"""
+MOST_ROUNDING = 1e-3
+"""
+Greatest step of numbers that can be times of points [s].
+Source: derived: 1 cm at 10 m/s, a third of the noise of the sensor.
 """
 EPOCH_REACH = 3600.0
 """Greatest difference of epoch times to the stamp [s]; beyond, they are of another clock."""
@@ -258,20 +268,36 @@ def _read_time(
         return times
     low, high = float(known.min()), float(known.max())
     largest = max(abs(low), abs(high))
-    for unit in _UNITS if stamp_ns >= LEAST_DATE_NS else ():  # since the epoch of the stamp
+    usual = 1.0 if column.dtype.kind == 'f' else 1e-9
+    for unit in _UNITS:
+        if not _are_since_epoch(low, high, stamp_ns, unit, usual):
+            continue
+        rounding = np.spacing(column.dtype.type(largest)) if usual == 1.0 else 1.0
+        if rounding * unit > MOST_ROUNDING:
+            raise DataError(
+                f'field {name!r} is {column.dtype.name} and holds {largest:g}, too large for a '
+                'time'
+            )
         start = stamp_ns / (unit * 1e9)
-        if abs(largest - start) * unit <= EPOCH_REACH:
-            if column.dtype.itemsize == 4:
-                raise DataError(
-                    f'field {name!r} is {column.dtype.name} and holds {largest:g}, too large for '
-                    'a time'
-                )
-            return (times - np.floor(start)) * unit - (start - np.floor(start)) * unit
-    if column.dtype.kind != 'f':
+        return (times - np.floor(start)) * unit - (start - np.floor(start)) * unit
+    if usual != 1.0:
         every = float(np.abs(times).max())  # drivers tell the times of points without return too
         if LEAST_REACH <= every * 1e-9 <= LONGEST_SCAN:
             return times * 1e-9
-    return times * _choose_unit(known, high - low, column.dtype.kind == 'f')
+    return times * _choose_unit(known, high - low, usual == 1.0)
+
+
+def _are_since_epoch(
+    low: float, high: float, stamp_ns: int, unit: float, usual: float
+) -> bool:
+    """Tell whether times in a unit [s] are since the epoch of the stamp, not relative to it."""
+    apart = abs(max(abs(low), abs(high)) * unit - stamp_ns * 1e-9)
+    if stamp_ns >= LEAST_DATE_NS:
+        return apart <= EPOCH_REACH
+    if stamp_ns < LEAST_START_NS or apart > LONGEST_SCAN or low <= 0.5 * high:
+        return False
+    span = (high - low) * unit
+    return span <= LONGEST_SCAN and (high * usual > LONGEST_SCAN or span >= LEAST_REACH)
 
 
 def _choose_unit(times: Float64, span: float, floating: bool) -> float:

@@ -372,3 +372,28 @@ def test_a_sector_of_a_scan_keeps_the_unit():
 def test_seconds_of_another_clock_are_no_milliseconds(start):
     times = read_times('f8', start + np.linspace(0.0, 0.1, 100))
     assert times.min() > 89.0
+
+
+@pytest.mark.parametrize(('kind', 'stamp', 'unit'), [
+    *(('f8', stamp, unit) for stamp in (2, 12, 1000, 5_000_000)
+      for unit in (1.0, 1e-3, 1e-6, 1e-9)),
+    ('u4', 12, 1e-6), ('u4', 4000, 1e-6), ('u4', 12, 1e-3), ('f4', 12, 1.0), ('u4', 3, 1e-9),
+])
+def test_times_since_a_start_as_the_stamp_is(kind, stamp, unit):
+    for beginning in (-0.1, 0.0, 0.05):
+        seconds = np.linspace(beginning, beginning + 0.1, 3000)
+        times = read_times(kind, (stamp + 0.123456789 + seconds) / unit, stamp=stamp)
+        np.testing.assert_allclose(times, seconds, atol=max(unit if kind == 'u4' else 0.0, 2e-6))
+
+
+def test_relative_times_at_the_stamp_of_a_start_stay_relative():
+    for stamp in (2, 3, 12, 90, 99, 100, 101, 1000, 100_000):
+        for kind, unit in (('f4', 1.0), ('f4', 1e-3), ('u4', 1e-6), ('u4', 1e-9)):
+            seconds = np.linspace(0.0, 0.1, 3000)
+            times = read_times(kind, seconds / unit, stamp=stamp)
+            np.testing.assert_allclose(times, seconds, atol=2e-6)
+
+
+def test_times_since_a_start_in_coarse_numbers_are_refused():
+    with pytest.raises(DataError, match=r'float32 and holds 100000, too large for a time'):
+        read_times('f4', np.full(3, 1e5), stamp=100_000)
