@@ -65,6 +65,17 @@ def test_a_frame_fixed_to_itself_is_refused():
     assert tree.find('base_link', 'velodyne')[2, 3] == 1.0
 
 
+def test_frames_fixed_to_each_other_are_refused_and_the_first_holds():
+    tree = grow(edge('a', 'b', (1, 0, 0)), edge('b', 'c', (2, 0, 0)))
+    for _ in range(2):
+        for parent in ('b', 'c'):
+            with pytest.raises(DataError, match=f"'a' is fixed to '{parent}', which is fixed to"):
+                tree.add(edge(parent, 'a'))
+    tree.add(edge('a', 'c', (5, 0, 0)))
+    tree.add(edge('c', 'b', (1, 0, 0)))  # no circle any more
+    assert tree.find('a', 'b')[0, 3] == 6.0
+
+
 def test_ways_up_and_down_the_tree():
     tree = grow(
         edge('base', 'mast', (0, 0, 1)), edge('mast', 'lidar', (1, 0, 0), (0, 30, 0)),
