@@ -349,12 +349,13 @@ def find_recordings(path: Path) -> list[Path]:
     """
     Return the recordings in a folder at any depth, by name, or the folder if it is one itself.
 
-    Files are recordings by their suffix.  Raises DataError for split files without metadata.
+    Files are recordings by their suffix; folders within that hold results are passed over.
+    Raises DataError for split files without metadata.
     """
     if not path.is_dir():
         return [path] if path.suffix in _SUFFIXES else []
     files = sorted(file for file in path.iterdir() if file.suffix in _SUFFIXES and file.is_file())
-    if (path / 'metadata.yaml').exists() or len(files) == 1:
+    if (path / 'metadata.yaml').exists():
         return [path]
     parts = [re.fullmatch(r'(.*)_(\d+)', file.stem) for file in files]
     names = {part[1] for part in parts if part}
@@ -363,8 +364,12 @@ def find_recordings(path: Path) -> list[Path]:
             f'{path} has no metadata.yaml and {len(files)} files {names.pop()}_N: parts of one'
             ' recording? Then run ros2 bag reindex, otherwise name the files'
         )
-    inner = sorted(item for item in path.iterdir() if item.is_dir())
-    return files + [own for item in inner for own in find_recordings(item)]
+    folders = sorted(item for item in path.iterdir() if item.is_dir())
+    inner = [
+        own for item in folders if not (item / 'run.json').is_file()
+        for own in find_recordings(item)
+    ]
+    return [path] if len(files) == 1 and not inner else files + inner
 
 
 def _find_source(path: Path) -> Path:

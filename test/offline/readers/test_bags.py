@@ -16,7 +16,7 @@ from plc_inspect.errors import DataError
 from plc_inspect.messages.poses import StampedPose
 from plc_inspect.messages.scans import ScanArrays
 from plc_inspect.offline.readers.bag_map import accumulate
-from plc_inspect.offline.readers.bags import Recording
+from plc_inspect.offline.readers.bags import find_recordings, Recording
 
 REAL = Path(__file__).parents[4] / 'shared' / 'data' / 'real'
 START = 1_700_000_000_000_000_000
@@ -133,6 +133,19 @@ def test_lone_file_and_folder_without_metadata(kind, tmp_path):
     (folder / 'metadata.yaml').unlink()
     with open_recording(folder) as recording:
         assert len(list(recording)) == 54
+
+
+def test_a_lone_bag_does_not_hide_the_recordings_beside_it(tmp_path):
+    for name in ('flight_1/metadata.yaml', 'flight_2/a.mcap', 'out/a.mcap', 'out/run.json'):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    flights = [tmp_path / 'flight_1', tmp_path / 'flight_2']
+    assert find_recordings(tmp_path) == flights
+    (tmp_path / 'test.mcap').touch()
+    assert find_recordings(tmp_path) == [tmp_path / 'test.mcap', *flights]
+    for name in ('flight_1/metadata.yaml', 'flight_2/a.mcap'):
+        (tmp_path / name).unlink()
+    assert find_recordings(tmp_path) == [tmp_path]  # alone but for results
 
 
 def test_iterating_twice_gives_the_same(tmp_path):
