@@ -35,6 +35,7 @@ from plc_inspect.printable import make_one_line
 
 MessageKind = Literal['scan', 'odometry']
 _SUFFIXES = ('.mcap', '.db3', '.bag')
+_PART = re.compile(r'(.*?)(?:_?\d{4}(?:-\d\d){5})?_(\d+)')  # ROS 1 dates each part
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -357,12 +358,13 @@ def find_recordings(path: Path) -> list[Path]:
     files = sorted(file for file in path.iterdir() if file.suffix in _SUFFIXES and file.is_file())
     if (path / 'metadata.yaml').exists():
         return [path]
-    parts = [re.fullmatch(r'(.*)_(\d+)', file.stem) for file in files]
+    parts = [_PART.fullmatch(file.stem) for file in files]
     names = {part[1] for part in parts if part}
-    if files and all(parts) and len(names) == 1:
+    if all(parts) and len(names) == 1 and len({part[2] for part in parts if part}) > 1:
+        how = 'rosbags-convert --src *.bag' if files[0].suffix == '.bag' else 'ros2 bag reindex'
         raise DataError(
             f'{path} has no metadata.yaml and {len(files)} files {names.pop()}_N: parts of one'
-            ' recording? Then run ros2 bag reindex, otherwise name the files'
+            f' recording? Then run {how}, otherwise name the files'
         )
     folders = sorted(item for item in path.iterdir() if item.is_dir())
     inner = [

@@ -148,6 +148,24 @@ def test_a_lone_bag_does_not_hide_the_recordings_beside_it(tmp_path):
     assert find_recordings(tmp_path) == [tmp_path]  # alone but for results
 
 
+@pytest.mark.parametrize(('names', 'message'), [
+    (('flight_2026-05-01-10-00-00_0.bag', 'flight_2026-05-01-10-05-00_1.bag'),
+     r'2 files flight_N: parts of one recording\? Then run rosbags-convert --src \*\.bag'),
+    (('2026-05-01-10-00-00_0.bag', '2026-05-01-10-05-00_1.bag'), '2 files _N: parts of one'),
+    (('flight_0.mcap', 'flight_1.mcap'), 'Then run ros2 bag reindex'),
+    (('flight_2026-05-01-10-00-00_0.bag', 'flight_2026-05-02-10-05-00_0.bag'), ''),
+    (('flight_2026-05-01-10-00-00.bag', 'flight_2026-05-01-10-05-00.bag'), ''),
+])
+def test_parts_of_one_recording_are_no_flights(names, message, tmp_path):
+    for name in names:
+        (tmp_path / name).touch()
+    if message:
+        with pytest.raises(DataError, match=message):
+            find_recordings(tmp_path)
+    else:
+        assert find_recordings(tmp_path) == [tmp_path / name for name in names]
+
+
 def test_iterating_twice_gives_the_same(tmp_path):
     path = write_bag(tmp_path / 'flight', 'mcap', make_flight('mcap', bad_scan=1))
     with open_recording(path) as recording:
