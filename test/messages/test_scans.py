@@ -11,8 +11,11 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
+from plc_inspect.config import InputSettings
+from plc_inspect.core.setup.moving_frames import MovingFrames
+from plc_inspect.core.setup.transforms import FrameTree
 from plc_inspect.errors import DataError
-from plc_inspect.messages.poses import pose_from_message
+from plc_inspect.messages.poses import pose_from_message, poses_from_transforms
 from plc_inspect.messages.scans import scan_from_message
 
 REAL = Path(__file__).parents[3] / 'shared' / 'data' / 'real'
@@ -209,6 +212,32 @@ def test_pose():
     assert pose.child_frame_id == 'base_link'
     assert pose.position.tolist() == [1, 2, 3]
     assert pose.quaternion.tolist() == [0, 0.6, 0, 0.8]
+
+
+def make_transforms(*items):
+    """Return a TFMessage by parents, children and stamps [s]."""
+    return SimpleNamespace(transforms=[
+        SimpleNamespace(
+            header=SimpleNamespace(
+                stamp=SimpleNamespace(sec=sec, nanosec=0), frame_id=parent),
+            child_frame_id=child,
+            transform=SimpleNamespace(
+                translation=SimpleNamespace(x=float(sec), y=0.0, z=0.0),
+                rotation=SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0)),
+        ) for parent, child, sec in items
+    ])
+
+
+def test_a_transform_with_a_bad_stamp_costs_itself_alone():
+    source = InputSettings(map_frame='map', base_frame='base')
+    moving = MovingFrames(FrameTree(), 'map', 'base')
+    other = make_transforms(('base', 'gimbal', 0), ('map', 'base', 5), ('base', 'arm', 0))
+    assert [pose.stamp_ns for pose in poses_from_transforms(other, moving, source)] == [5 * 10**9]
+    found = []
+    message = make_transforms(('map', 'base', 6), ('map', 'base', 0), ('map', 'base', 7))
+    with pytest.raises(DataError, match='stamp of 0 s and 0 ns is not a valid time'):
+        found.extend(poses_from_transforms(message, moving, source))
+    assert [pose.position[0] for pose in found] == [6.0, 7.0]
 
 
 @pytest.mark.parametrize(

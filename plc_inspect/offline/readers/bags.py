@@ -295,7 +295,7 @@ class Recording:
         for connection, _, raw in messages:
             try:
                 message = reader.deserialize(raw, connection.msgtype)
-                items = transforms_from_message(message, fixed=True)
+                items = transforms_from_message(message)
             except Exception as error:  # as in _convert
                 self._not_fixed.append(error)
                 continue
@@ -317,15 +317,17 @@ class Recording:
         except Exception as error:  # damaged bytes raise struct, index, unicode and other errors
             self.skip(kind, f'{connection.topic}: not decodable', error)
             return []
+        found: list[ScanArrays | StampedPose] = []
         try:
             if kind == 'scan':
-                return [scan_from_message(message)]
-            if self._moving is not None:
-                return list(poses_from_transforms(message, self._moving, self._source))
-            return [pose_from_message(message)]
+                found.append(scan_from_message(message))
+            elif self._moving is None:
+                found.append(pose_from_message(message))
+            else:  # those before an error stay
+                found.extend(poses_from_transforms(message, self._moving, self._source))
         except DataError as error:
             self.skip(kind, f'{connection.topic}: malformed', error)
-            return []
+        return found
 
     def skip(self, kind: MessageKind, reason: str, error: BaseException) -> None:
         """Count a message that cannot be used; keep the first error of its reason and kind."""
