@@ -116,7 +116,10 @@ class Recording:
             reader = AnyReader([source], default_typestore=store)
             reader.open()
         except Exception as error:  # rosbags passes errors of struct, zstd, sqlite and others on
-            raise DataError(f'{self.path} cannot be read: {_in_one_line(error)}') from error
+            text = _in_one_line(error)
+            if isinstance(error, KeyError) and isinstance(error.args[0], str):
+                text = f'a channel has a schema in {text}, not of ROS; leave it out (mcap filter)'
+            raise DataError(f'{self.path} cannot be read: {text}') from error
         self._reader = reader
         try:
             self._connections = self._find_connections()
@@ -279,10 +282,8 @@ class Recording:
 
     def _read_fixed(self) -> list[StampedTransform]:
         reader = self._open_reader()
-        matching = [
-            c for c in reader.connections
-            if _absolute(c.topic) == STATIC_TOPIC and c.msgtype in TF_TYPES
-        ]
+        fixed = [c for c in reader.connections if _absolute(c.topic) == STATIC_TOPIC]
+        matching = [c for c in fixed if c.msgtype in TF_TYPES]
         found: list[StampedTransform] = []
         self._not_fixed = []
         tree = FrameTree()

@@ -166,6 +166,17 @@ def test_parts_of_one_recording_are_no_flights(names, message, tmp_path):
         assert find_recordings(tmp_path) == [tmp_path / name for name in names]
 
 
+def test_a_channel_that_is_not_of_ros_is_named(tmp_path):
+    folder = write_bag(tmp_path / 'flight', 'mcap', make_flight('mcap'))
+    (file,) = folder.glob('*.mcap')
+    file.write_bytes(file.read_bytes().replace(b'ros2msg', b'ros2box'))
+    with (
+        pytest.raises(DataError, match=r"schema in 'ros2box', not of ROS; leave it out"),
+        open_recording(file),
+    ):
+        pass
+
+
 def test_iterating_twice_gives_the_same(tmp_path):
     path = write_bag(tmp_path / 'flight', 'mcap', make_flight('mcap', bad_scan=1))
     with open_recording(path) as recording:
