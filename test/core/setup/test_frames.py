@@ -139,6 +139,32 @@ def test_pose_through_fixed_frames_on_both_sides():
     assert frames.explain() == ''
 
 
+@pytest.mark.parametrize('fixed', [
+    (edge('world', 'odom', (10, 0, 0)), edge('world', 'map', (4, 0, 0))),
+    (edge('odom', 'map', (-6, 0, 0)),),
+    (edge('earth', 'world'), edge('world', 'odom', (10, 0, 0)), edge('earth', 'region'),
+     edge('region', 'map', (4, 0, 0))),
+])
+def test_pose_where_the_map_is_fixed_beside_or_below_the_odometry(fixed):
+    frames = MovingFrames(grow(*fixed), 'map', 'base_link')
+    assert frames.add(edge('base_link', 'gimbal')) is None
+    assert not frames.complete
+    position, _ = frames.add(edge('odom', 'base_link', (1, 2, 3)))
+    np.testing.assert_allclose(position, (7, 2, 3), atol=1e-12)
+    assert frames.complete
+    assert frames.add(edge('base_link', 'gimbal')) is None
+    assert frames.add(edge('body', 'base_link')) is None
+    with pytest.raises(DataError, match='2 transforms move between map and base_link'):
+        frames.add(edge('odom', 'body'))
+
+
+def test_two_frames_that_move_beside_each_other_give_no_pose():
+    frames = MovingFrames(FrameTree(), 'map', 'base_link')
+    assert frames.add(edge('world', 'map')) is None
+    assert frames.add(edge('world', 'base_link')) is None
+    assert 'world -> base_link, world -> map' in frames.explain()
+
+
 def test_two_moving_transforms_are_refused():
     frames = MovingFrames(FrameTree(), 'map', 'base_link')
     assert frames.add(edge('odom', 'base_link')) is None
