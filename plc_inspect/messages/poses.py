@@ -16,6 +16,7 @@ import numpy as np
 from plc_inspect.config import InputSettings
 from plc_inspect.core.setup.moving_frames import MovingFrames
 from plc_inspect.core.setup.transforms import StampedTransform
+from plc_inspect.errors import DataError
 from plc_inspect.messages.scans import stamp_from_header
 from plc_inspect.results import Float64
 
@@ -76,44 +77,29 @@ def pose_from_message(message: Any) -> StampedPose:
     )
 
 
-def transforms_from_message(message: Any, *, fixed: bool = False) -> list[StampedTransform]:
+def transforms_from_message(message: Any) -> list[StampedTransform]:
     """
-    Read a tf2_msgs/TFMessage.
+    Read a tf2_msgs/TFMessage of /tf_static, where stamps have no meaning.
 
     Parameters
     ----------
     message : tf2_msgs/TFMessage
         Of rclpy or rosbags.
-    fixed : bool
-        The message is of /tf_static, where stamps have no meaning.
 
     Returns
     -------
     list[StampedTransform]
-
-    Raises
-    ------
-    DataError
-        A stamp is invalid.
+        With stamps of 0.
 
     """
-    return [
-        StampedTransform(
-            stamp_ns=0 if fixed else stamp_from_header(item.header),
-            parent=item.header.frame_id,
-            child=item.child_frame_id,
-            position=_read(item.transform.translation, 'xyz'),
-            quaternion=_read(item.transform.rotation, 'xyzw'),
-        )
-        for item in message.transforms
-    ]
+    return [_read_transform(item) for item in message.transforms]
 
 
 def poses_from_transforms(
     message: Any, moving: MovingFrames, source: InputSettings
 ) -> Iterator[StampedPose]:
     """
-    Yield the poses that a tf2_msgs/TFMessage gives.
+    Yield the poses that a tf2_msgs/TFMessage gives; a bad transform costs itself alone.
 
     Parameters
     ----------
@@ -127,16 +113,35 @@ def poses_from_transforms(
     Raises
     ------
     DataError
-        A transform is invalid, or more than one between map and base moves.
+        In the end: a transform that gives a pose is invalid, or more than one between map and
+        base moves.
 
     """
-    for item in transforms_from_message(message):
-        pose = moving.add(item)
+    first: DataError | None = None
+    for item in message.transforms:
+        try:
+            pose = moving.add(_read_transform(item))
+            stamp_ns = 0 if pose is None else stamp_from_header(item.header)
+        except DataError as error:
+            first = first or error
+            continue
         if pose is not None:
             yield StampedPose(
-                stamp_ns=item.stamp_ns, frame_id=source.map_frame,
+                stamp_ns=stamp_ns, frame_id=source.map_frame,
                 child_frame_id=source.base_frame, position=pose[0], quaternion=pose[1],
             )
+    if first is not None:
+        raise first
+
+
+def _read_transform(item: Any) -> StampedTransform:
+    return StampedTransform(
+        stamp_ns=0,
+        parent=item.header.frame_id,
+        child=item.child_frame_id,
+        position=_read(item.transform.translation, 'xyz'),
+        quaternion=_read(item.transform.rotation, 'xyzw'),
+    )
 
 
 def _read(item: Any, names: str) -> Float64:

@@ -8,7 +8,6 @@ Nothing of ROS is imported here.
 """
 
 from dataclasses import dataclass
-import math
 from typing import Any
 
 import numpy as np
@@ -33,12 +32,27 @@ _UNITS = (1.0, 1e-3, 1e-6, 1e-9)
 """Units in which drivers give times [s]."""
 LONGEST_SCAN = 1.5
 """Longest plausible scan [s]; the slowest sensors turn at 1 Hz."""
+LEAST_REACH, MOST_REACH = 0.01, 1.0
+"""
+Between these lies the largest time of a whole scan [s]; integers are in the unit that gives it.
+Source: spinning lidars turn at 4 to 25 Hz; most of a scan may be cropped.
+"""
 MOST_POINTS = 3e7
 """Greatest plausible point rate [1/s]; sensors on the market give up to 25 million."""
 LEAST_DATE_NS = 32_000_000_000_000_000
 """
-Stamps before this are times since a start, not dates; times of points are relative to them [ns].
+Stamps before this are times since a start, not dates [ns].
 Source: a year; no computer runs longer without a pause, and no date of use is of 1970.
+"""
+LEAST_START_NS = 2_000_000_000
+"""
+Least stamp near which times of points may be since its start [ns]; below, they are relative to it.
+Source: derived: longer than LONGEST_SCAN, so that no time relative to a stamp is so large.
+"""
+MOST_ROUNDING = 1e-3
+"""
+Greatest step of numbers that can be times of points [s].
+Source: derived: 1 cm at 10 m/s, a third of the noise of the sensor.
 """
 EPOCH_REACH = 3600.0
 """Greatest difference of epoch times to the stamp [s]; beyond, they are of another clock."""
@@ -93,8 +107,8 @@ def scan_from_message(message: Any) -> ScanArrays:
 
     The layout is taken from ``fields``, ``point_step``, ``row_step`` and ``is_bigendian``:
     organised or not, padded, either byte order.  x, y and z are float32 or float64.  A time field
-    is optional: relative to the stamp, in seconds (float) or nanoseconds (integer), or in milli-
-    or microseconds where only those can be; or since the epoch of the stamp, in any of these.
+    is optional: relative to the stamp, in seconds (float), nanoseconds (integer) or the unit in
+    which they last as long as a scan; or since the epoch of the stamp, in any of these.
 
     Parameters
     ----------
@@ -140,7 +154,7 @@ def scan_from_message(message: Any) -> ScanArrays:
     _check_reach(xyz)
     finite: Bool = np.logical_and.reduce(np.isfinite(xyz), axis=1)
     with np.errstate(over='ignore', invalid='ignore'):  # times need be no numbers either
-        time = _read_time(columns, stamp_ns)
+        time = _read_time(columns, stamp_ns, finite)
     ring = columns.get('ring')
     if ring is not None and ring.dtype.kind == 'f':
         ring = None
@@ -240,46 +254,68 @@ def _view_columns(message: Any, cells: NDArray[np.uint8]) -> dict[str, NDArray[A
     return columns
 
 
-def _read_time(columns: dict[str, NDArray[Any]], stamp_ns: int) -> Float64 | None:
-    """Return the times relative to the stamp [s], whatever the driver's convention and unit."""
+def _read_time(
+    columns: dict[str, NDArray[Any]], stamp_ns: int, finite: Bool
+) -> Float64 | None:
+    """Return the times relative to the stamp [s], judged by those of finite points."""
     name = next((name for name in _TIME_FIELDS if name in columns), None)
     if name is None:
         return None
     column = columns[name]
     times = column.astype(np.float64)
-    if not len(times):
+    known = times[finite & np.isfinite(times)]
+    if not len(known):
         return times
-    low, high = float(times.min()), float(times.max())
-    if not (math.isfinite(low) and math.isfinite(high)):
-        known = times[np.isfinite(times)]
-        if not len(known):
-            return times
-        low, high = float(known.min()), float(known.max())
+    low, high = float(known.min()), float(known.max())
     largest = max(abs(low), abs(high))
-    for unit in _UNITS if stamp_ns >= LEAST_DATE_NS else ():  # since the epoch of the stamp
-        start = stamp_ns / (unit * 1e9)
-        if abs(largest - start) * unit <= EPOCH_REACH:
-            if column.dtype.itemsize == 4:
-                raise DataError(
-                    f'field {name!r} is {column.dtype.name} and holds {largest:g}, too large for '
-                    'a time'
-                )
-            return (times - np.floor(start)) * unit - (start - np.floor(start)) * unit
-    return times * _choose_unit(column, high - low, largest)
-
-
-def _choose_unit(column: NDArray[Any], span: float, largest: float) -> float:
-    """
-    Return the unit of times relative to the stamp [s].
-
-    It is seconds for floats and nanoseconds for integers, unless a scan would then last longer
-    than any does, or hold more points a second than any sensor gives, and another unit fits.
-    """
     usual = 1.0 if column.dtype.kind == 'f' else 1e-9
+    for unit in _UNITS:
+        if not _are_since_epoch(low, high, stamp_ns, unit, usual):
+            continue
+        rounding = np.spacing(column.dtype.type(largest)) if usual == 1.0 else 1.0
+        if rounding * unit > MOST_ROUNDING:
+            raise DataError(
+                f'field {name!r} is {column.dtype.name} and holds {largest:g}, too large for a '
+                'time'
+            )
+        start = stamp_ns / (unit * 1e9)
+        return (times - np.floor(start)) * unit - (start - np.floor(start)) * unit
+    if usual != 1.0:
+        every = float(np.abs(times).max())  # drivers tell the times of points without return too
+        if LEAST_REACH <= every * 1e-9 <= LONGEST_SCAN:
+            return times * 1e-9
+    return times * _choose_unit(known, high - low, usual == 1.0)
+
+
+def _are_since_epoch(
+    low: float, high: float, stamp_ns: int, unit: float, usual: float
+) -> bool:
+    """Tell whether times in a unit [s] are since the epoch of the stamp, not relative to it."""
+    apart = abs(max(abs(low), abs(high)) * unit - stamp_ns * 1e-9)
+    if stamp_ns >= LEAST_DATE_NS:
+        return apart <= EPOCH_REACH
+    if stamp_ns < LEAST_START_NS or apart > LONGEST_SCAN or low <= 0.5 * high:
+        return False
+    span = (high - low) * unit
+    return span <= LONGEST_SCAN and (high * usual > LONGEST_SCAN or span >= LEAST_REACH)
+
+
+def _choose_unit(times: Float64, span: float, floating: bool) -> float:
+    """Return the unit of (N,) times of finite points relative to the stamp [s]."""
+    largest = float(np.abs(times).max())
 
     def fits(unit: float) -> bool:
-        return largest * unit <= LONGEST_SCAN and len(column) <= MOST_POINTS * span * unit
+        return largest * unit <= LONGEST_SCAN and len(times) <= MOST_POINTS * span * unit
 
-    if span < 0.5 * largest or fits(usual) or (usual == 1.0 and largest <= LONGEST_SCAN):
-        return usual
-    return next((unit for unit in _UNITS if fits(unit)), usual)
+    if floating:
+        unit = next((unit for unit in _UNITS if largest * unit <= LONGEST_SCAN), 1.0)
+        # a span that could be of a scan in the unit above is of times since another start
+        return unit if fits(unit) and span * unit > 1e-3 * LONGEST_SCAN else 1.0
+    if LEAST_REACH <= largest * 1e-9 <= LONGEST_SCAN:
+        return 1e-9
+    for unit in _UNITS:
+        if LEAST_REACH <= largest * unit <= MOST_REACH:
+            return unit
+    if span < 0.5 * largest or fits(1e-9):
+        return 1e-9
+    return next((unit for unit in _UNITS if fits(unit)), 1e-9)

@@ -11,8 +11,11 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
+from plc_inspect.config import InputSettings
+from plc_inspect.core.setup.moving_frames import MovingFrames
+from plc_inspect.core.setup.transforms import FrameTree
 from plc_inspect.errors import DataError
-from plc_inspect.messages.poses import pose_from_message
+from plc_inspect.messages.poses import pose_from_message, poses_from_transforms
 from plc_inspect.messages.scans import scan_from_message
 
 REAL = Path(__file__).parents[3] / 'shared' / 'data' / 'real'
@@ -211,6 +214,32 @@ def test_pose():
     assert pose.quaternion.tolist() == [0, 0.6, 0, 0.8]
 
 
+def make_transforms(*items):
+    """Return a TFMessage by parents, children and stamps [s]."""
+    return SimpleNamespace(transforms=[
+        SimpleNamespace(
+            header=SimpleNamespace(
+                stamp=SimpleNamespace(sec=sec, nanosec=0), frame_id=parent),
+            child_frame_id=child,
+            transform=SimpleNamespace(
+                translation=SimpleNamespace(x=float(sec), y=0.0, z=0.0),
+                rotation=SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0)),
+        ) for parent, child, sec in items
+    ])
+
+
+def test_a_transform_with_a_bad_stamp_costs_itself_alone():
+    source = InputSettings(map_frame='map', base_frame='base')
+    moving = MovingFrames(FrameTree(), 'map', 'base')
+    other = make_transforms(('base', 'gimbal', 0), ('map', 'base', 5), ('base', 'arm', 0))
+    assert [pose.stamp_ns for pose in poses_from_transforms(other, moving, source)] == [5 * 10**9]
+    found = []
+    message = make_transforms(('map', 'base', 6), ('map', 'base', 0), ('map', 'base', 7))
+    with pytest.raises(DataError, match='stamp of 0 s and 0 ns is not a valid time'):
+        found.extend(poses_from_transforms(message, moving, source))
+    assert [pose.position[0] for pose in found] == [6.0, 7.0]
+
+
 @pytest.mark.parametrize(
     ('name', 'num_not_finite'), [('vlp16_indoor', 0), ('vlp16_indoor_organized', 14_179)]
 )
@@ -311,3 +340,89 @@ def test_unit_of_times_is_recognised(kind, epoch, unit, duration):
     for stamp in () if epoch else (0, 1, 100, 3599, 5000):  # simulated time, or since the start
         message.header.stamp.sec = stamp
         np.testing.assert_allclose(scan_from_message(message).time, seconds, atol=2e-6)
+
+
+def read_times(kind, raw, without_return=(), stamp=1_700_000_000):
+    """Return the times of the finite points of a scan [s]."""
+    raw = np.asarray(raw)
+    columns = make_points(len(raw)) | {'time': raw}
+    columns['x'] = columns['x'].copy()
+    columns['x'][list(without_return)] = np.nan
+    message = make_cloud(columns, DRIVER | {'time': (18, kind)}, point_step=26)
+    message.header.stamp.sec = stamp
+    return scan_from_message(message).time
+
+
+@pytest.mark.parametrize(('kind', 'unit', 'garbage'), [
+    ('f4', 1.0, 1e8), ('f4', 1.0, 3e38), ('f8', 1e-3, -1e12), ('u4', 1e-6, 0xFFFFFFFF),
+    ('u4', 1e-9, 0xFFFFFFFF),
+])
+def test_times_of_points_without_return_do_not_decide_the_unit(kind, unit, garbage):
+    seconds = np.linspace(0.0, 0.1, 3000)
+    raw = seconds / unit
+    raw[5] = garbage
+    times = read_times(kind, raw, without_return=[5])
+    np.testing.assert_allclose(times, np.delete(seconds, 5), atol=2e-6)
+
+
+def test_few_returns_at_the_beginning_of_a_scan_keep_its_unit():
+    raw = np.linspace(0, 1e8, 3000)
+    times = read_times('u4', raw, without_return=range(12, 3000))
+    np.testing.assert_allclose(times, raw[:12] * 1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize('seed', range(300))
+def test_unit_is_that_in_which_scans_last_as_long_as_they_do(seed):
+    rng = np.random.default_rng(seed)
+    kind = ('f4', 'f8', 'u4', 'i4')[seed % 4]
+    unit = rng.choice((1.0, 1e-3, 1e-6, 1e-9) if kind[0] == 'f' else (1e-6, 1e-9))
+    duration = rng.uniform(0.04, 0.25)
+    first, last = np.sort(rng.uniform(0.0, 1.0, 2))
+    if seed % 3 == 0 or last * duration < 0.011 or last - first < 0.05:
+        first, last = 0.0, 1.0  # the whole turn
+    num_points = int(10 ** rng.uniform(2.0, 4.78))
+    seconds = np.linspace(first * duration, last * duration, num_points)
+    if kind != 'u4' and rng.random() < 0.5:
+        seconds = -seconds
+    times = read_times(kind, seconds / unit)
+    np.testing.assert_allclose(times, seconds, atol=2e-6)
+
+
+def test_a_sector_of_a_scan_keeps_the_unit():
+    for kind, low, high, unit in (
+        ('f4', 90, 100, 1e-3), ('f4', 90_000, 100_000, 1e-6), ('u4', 99_000, 99_999, 1e-6),
+        ('u4', 99_999, 99_999, 1e-6), ('u4', 90_000_000, 100_000_000, 1e-9), ('f4', 0.09, 0.1, 1),
+    ):
+        raw = np.linspace(low, high, 500)
+        np.testing.assert_allclose(read_times(kind, raw), raw * unit, atol=2e-6)
+
+
+@pytest.mark.parametrize('start', [90.0, 12_345.6])
+def test_seconds_of_another_clock_are_no_milliseconds(start):
+    times = read_times('f8', start + np.linspace(0.0, 0.1, 100))
+    assert times.min() > 89.0
+
+
+@pytest.mark.parametrize(('kind', 'stamp', 'unit'), [
+    *(('f8', stamp, unit) for stamp in (2, 12, 1000, 5_000_000)
+      for unit in (1.0, 1e-3, 1e-6, 1e-9)),
+    ('u4', 12, 1e-6), ('u4', 4000, 1e-6), ('u4', 12, 1e-3), ('f4', 12, 1.0), ('u4', 3, 1e-9),
+])
+def test_times_since_a_start_as_the_stamp_is(kind, stamp, unit):
+    for beginning in (-0.1, 0.0, 0.05):
+        seconds = np.linspace(beginning, beginning + 0.1, 3000)
+        times = read_times(kind, (stamp + 0.123456789 + seconds) / unit, stamp=stamp)
+        np.testing.assert_allclose(times, seconds, atol=max(unit if kind == 'u4' else 0.0, 2e-6))
+
+
+def test_relative_times_at_the_stamp_of_a_start_stay_relative():
+    for stamp in (2, 3, 12, 90, 99, 100, 101, 1000, 100_000):
+        for kind, unit in (('f4', 1.0), ('f4', 1e-3), ('u4', 1e-6), ('u4', 1e-9)):
+            seconds = np.linspace(0.0, 0.1, 3000)
+            times = read_times(kind, seconds / unit, stamp=stamp)
+            np.testing.assert_allclose(times, seconds, atol=2e-6)
+
+
+def test_times_since_a_start_in_coarse_numbers_are_refused():
+    with pytest.raises(DataError, match=r'float32 and holds 100000, too large for a time'):
+        read_times('f4', np.full(3, 1e5), stamp=100_000)

@@ -63,7 +63,8 @@ class RepeatedPositions:
     def judge(self, pose: FramedPose) -> list[FramedPose]:
         """Return the poses to use now, in order."""
         last = self._last
-        if last is not None and pose.stamp_ns <= last.stamp_ns:
+        newest = self._held[-1] if self._held else last
+        if newest is not None and pose.stamp_ns <= newest.stamp_ns:
             return [pose]  # out of order, or time went back: whoever takes it judges that
         if last is None:
             self._last = pose

@@ -44,17 +44,22 @@ class MovingFrames:
     @property
     def complete(self) -> bool:
         """Whether a way leads from the base to the map."""
-        return self._walk()[-1] == self._map
+        return self._walk() is not None
 
-    def _walk(self) -> list[str]:
-        """Return the frames from the base towards the map, as far as known."""
-        frames = [self._base]
-        while frames[-1] != self._map and len(frames) < MOST_STEPS:
-            parent = self._parents.get(frames[-1]) or self._fixed.parent_of(frames[-1])
+    def _walk(self) -> list[str] | None:
+        """Return the frames from the base whose parents lead to the map, None where none do."""
+        frames, frame = [self._base], self._base
+        while frame != self._map and len(frames) < MOST_STEPS:
+            parent = self._parents.get(frame) or self._fixed.parent_of(frame)
             if parent is None:
                 break
-            frames.append(parent)
-        return frames
+            frames.append(frame := parent)
+        if frame == self._map:
+            return frames[:-1]
+        for number, frame in enumerate(frames):  # the map is fixed beside or below one of them
+            if self._fixed.find(self._map, frame) is not None:
+                return frames[:number]
+        return None
 
     def explain(self) -> str:
         """Say how far the way from the base to the map leads, '' where it is whole."""
@@ -90,9 +95,9 @@ class MovingFrames:
         parent, child = clean_frame(item.parent), clean_frame(item.child)
         self._parents[child] = parent
         way = self._walk()
-        if way[-1] != self._map or child not in way[:-1]:
+        if way is None or child not in way:
             return None
-        moving = [frame for frame in way[:-1] if frame in self._parents]
+        moving = [frame for frame in way if frame in self._parents]
         if len(moving) > 1:
             raise DataError(
                 f'{len(moving)} transforms move between {self._map} and {self._base}: those of '

@@ -179,13 +179,21 @@ class FrameTree:
         Raises
         ------
         DataError
-            Its values are not those of a transform, or it fixes a frame to itself.
+            Its values are not those of a transform, or a frame would be fixed to itself.
 
         """
         transform = to_matrix(item)
         parent, child = clean_frame(item.parent), clean_frame(item.child)
         if parent == child:
             raise DataError(f'the frame {child!r} is fixed to itself')
+        above = self._parents.get(parent)
+        while above is not None:
+            if above == child:
+                raise DataError(
+                    f'the frame {child!r} is fixed to {parent!r}, which is fixed to {child!r}: '
+                    'one of both transforms is wrong, and the first holds'
+                )
+            above = self._parents.get(above)
         before = self._parents.get(child)
         if before is not None:
             del self._edges[before][child], self._edges[child][before]

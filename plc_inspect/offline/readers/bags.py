@@ -35,6 +35,7 @@ from plc_inspect.printable import make_one_line
 
 MessageKind = Literal['scan', 'odometry']
 _SUFFIXES = ('.mcap', '.db3', '.bag')
+_PART = re.compile(r'(.*?)(?:_?\d{4}(?:-\d\d){5})?_(\d+)')  # ROS 1 dates each part
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,7 +116,10 @@ class Recording:
             reader = AnyReader([source], default_typestore=store)
             reader.open()
         except Exception as error:  # rosbags passes errors of struct, zstd, sqlite and others on
-            raise DataError(f'{self.path} cannot be read: {_in_one_line(error)}') from error
+            text = _in_one_line(error)
+            if isinstance(error, KeyError) and isinstance(error.args[0], str):
+                text = f'a channel has a schema in {text}, not of ROS; leave it out (mcap filter)'
+            raise DataError(f'{self.path} cannot be read: {text}') from error
         self._reader = reader
         try:
             self._connections = self._find_connections()
@@ -278,10 +282,8 @@ class Recording:
 
     def _read_fixed(self) -> list[StampedTransform]:
         reader = self._open_reader()
-        matching = [
-            c for c in reader.connections
-            if _absolute(c.topic) == STATIC_TOPIC and c.msgtype in TF_TYPES
-        ]
+        fixed = [c for c in reader.connections if _absolute(c.topic) == STATIC_TOPIC]
+        matching = [c for c in fixed if c.msgtype in TF_TYPES]
         found: list[StampedTransform] = []
         self._not_fixed = []
         tree = FrameTree()
@@ -294,7 +296,7 @@ class Recording:
         for connection, _, raw in messages:
             try:
                 message = reader.deserialize(raw, connection.msgtype)
-                items = transforms_from_message(message, fixed=True)
+                items = transforms_from_message(message)
             except Exception as error:  # as in _convert
                 self._not_fixed.append(error)
                 continue
@@ -316,15 +318,17 @@ class Recording:
         except Exception as error:  # damaged bytes raise struct, index, unicode and other errors
             self.skip(kind, f'{connection.topic}: not decodable', error)
             return []
+        found: list[ScanArrays | StampedPose] = []
         try:
             if kind == 'scan':
-                return [scan_from_message(message)]
-            if self._moving is not None:
-                return list(poses_from_transforms(message, self._moving, self._source))
-            return [pose_from_message(message)]
+                found.append(scan_from_message(message))
+            elif self._moving is None:
+                found.append(pose_from_message(message))
+            else:  # those before an error stay
+                found.extend(poses_from_transforms(message, self._moving, self._source))
         except DataError as error:
             self.skip(kind, f'{connection.topic}: malformed', error)
-            return []
+        return found
 
     def skip(self, kind: MessageKind, reason: str, error: BaseException) -> None:
         """Count a message that cannot be used; keep the first error of its reason and kind."""
@@ -349,22 +353,28 @@ def find_recordings(path: Path) -> list[Path]:
     """
     Return the recordings in a folder at any depth, by name, or the folder if it is one itself.
 
-    Files are recordings by their suffix.  Raises DataError for split files without metadata.
+    Files are recordings by their suffix; folders within that hold results are passed over.
+    Raises DataError for split files without metadata.
     """
     if not path.is_dir():
         return [path] if path.suffix in _SUFFIXES else []
     files = sorted(file for file in path.iterdir() if file.suffix in _SUFFIXES and file.is_file())
-    if (path / 'metadata.yaml').exists() or len(files) == 1:
+    if (path / 'metadata.yaml').exists():
         return [path]
-    parts = [re.fullmatch(r'(.*)_(\d+)', file.stem) for file in files]
+    parts = [_PART.fullmatch(file.stem) for file in files]
     names = {part[1] for part in parts if part}
-    if files and all(parts) and len(names) == 1:
+    if all(parts) and len(names) == 1 and len({part[2] for part in parts if part}) > 1:
+        how = 'rosbags-convert --src *.bag' if files[0].suffix == '.bag' else 'ros2 bag reindex'
         raise DataError(
             f'{path} has no metadata.yaml and {len(files)} files {names.pop()}_N: parts of one'
-            ' recording? Then run ros2 bag reindex, otherwise name the files'
+            f' recording? Then run {how}, otherwise name the files'
         )
-    inner = sorted(item for item in path.iterdir() if item.is_dir())
-    return files + [own for item in inner for own in find_recordings(item)]
+    folders = sorted(item for item in path.iterdir() if item.is_dir())
+    inner = [
+        own for item in folders if not (item / 'run.json').is_file()
+        for own in find_recordings(item)
+    ]
+    return [path] if len(files) == 1 and not inner else files + inner
 
 
 def _find_source(path: Path) -> Path:

@@ -182,7 +182,7 @@ class Intake:
 
     def take_fixed(self, message: Any) -> None:
         """Take the frames of a tf2_msgs/TFMessage of /tf_static."""
-        for item in transforms_from_message(message, fixed=True):
+        for item in transforms_from_message(message):
             try:
                 self.accumulator.placer.add_frame(item)
             except DataError as error:

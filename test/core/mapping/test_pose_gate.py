@@ -57,6 +57,16 @@ def test_repeated_positions_are_interpolated(period):
     assert f'new {1000 / period:.0f} times a second, and told 50 times' in gate.describe()
 
 
+@pytest.mark.parametrize('back', [20, 30])
+def test_no_position_is_extrapolated_after_a_pose_out_of_order(back):
+    given = fly(100)
+    early = make_pose(1080 - back, SPEED * 1.1)  # the position that is new at 1,100 ms
+    _, taken = feed([*given[:55], early, *given[55:]])
+    kept = [pose for pose in taken if pose is not early]
+    assert len(taken) == len(kept) + 1 == len(given) + 1
+    assert np.abs(find_errors(kept[10:-5])).max() < 1e-9
+
+
 def test_poses_that_are_new_each_time_pass_at_once():
     gate = PoseGate(InputSettings())
     for pose in fly(20):

@@ -65,6 +65,17 @@ def test_a_frame_fixed_to_itself_is_refused():
     assert tree.find('base_link', 'velodyne')[2, 3] == 1.0
 
 
+def test_frames_fixed_to_each_other_are_refused_and_the_first_holds():
+    tree = grow(edge('a', 'b', (1, 0, 0)), edge('b', 'c', (2, 0, 0)))
+    for _ in range(2):
+        for parent in ('b', 'c'):
+            with pytest.raises(DataError, match=f"'a' is fixed to '{parent}', which is fixed to"):
+                tree.add(edge(parent, 'a'))
+    tree.add(edge('a', 'c', (5, 0, 0)))
+    tree.add(edge('c', 'b', (1, 0, 0)))  # no circle any more
+    assert tree.find('a', 'b')[0, 3] == 6.0
+
+
 def test_ways_up_and_down_the_tree():
     tree = grow(
         edge('base', 'mast', (0, 0, 1)), edge('mast', 'lidar', (1, 0, 0), (0, 30, 0)),
@@ -126,6 +137,32 @@ def test_pose_through_fixed_frames_on_both_sides():
     np.testing.assert_allclose(position, (11, 2, 2), atol=1e-12)
     np.testing.assert_allclose(abs(quaternion), (0, 0, 0.5**0.5, 0.5**0.5), atol=1e-12)
     assert frames.explain() == ''
+
+
+@pytest.mark.parametrize('fixed', [
+    (edge('world', 'odom', (10, 0, 0)), edge('world', 'map', (4, 0, 0))),
+    (edge('odom', 'map', (-6, 0, 0)),),
+    (edge('earth', 'world'), edge('world', 'odom', (10, 0, 0)), edge('earth', 'region'),
+     edge('region', 'map', (4, 0, 0))),
+])
+def test_pose_where_the_map_is_fixed_beside_or_below_the_odometry(fixed):
+    frames = MovingFrames(grow(*fixed), 'map', 'base_link')
+    assert frames.add(edge('base_link', 'gimbal')) is None
+    assert not frames.complete
+    position, _ = frames.add(edge('odom', 'base_link', (1, 2, 3)))
+    np.testing.assert_allclose(position, (7, 2, 3), atol=1e-12)
+    assert frames.complete
+    assert frames.add(edge('base_link', 'gimbal')) is None
+    assert frames.add(edge('body', 'base_link')) is None
+    with pytest.raises(DataError, match='2 transforms move between map and base_link'):
+        frames.add(edge('odom', 'body'))
+
+
+def test_two_frames_that_move_beside_each_other_give_no_pose():
+    frames = MovingFrames(FrameTree(), 'map', 'base_link')
+    assert frames.add(edge('world', 'map')) is None
+    assert frames.add(edge('world', 'base_link')) is None
+    assert 'world -> base_link, world -> map' in frames.explain()
 
 
 def test_two_moving_transforms_are_refused():

@@ -16,7 +16,7 @@ from plc_inspect.errors import DataError
 from plc_inspect.messages.poses import StampedPose
 from plc_inspect.messages.scans import ScanArrays
 from plc_inspect.offline.readers.bag_map import accumulate
-from plc_inspect.offline.readers.bags import Recording
+from plc_inspect.offline.readers.bags import find_recordings, Recording
 
 REAL = Path(__file__).parents[4] / 'shared' / 'data' / 'real'
 START = 1_700_000_000_000_000_000
@@ -133,6 +133,48 @@ def test_lone_file_and_folder_without_metadata(kind, tmp_path):
     (folder / 'metadata.yaml').unlink()
     with open_recording(folder) as recording:
         assert len(list(recording)) == 54
+
+
+def test_a_lone_bag_does_not_hide_the_recordings_beside_it(tmp_path):
+    for name in ('flight_1/metadata.yaml', 'flight_2/a.mcap', 'out/a.mcap', 'out/run.json'):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    flights = [tmp_path / 'flight_1', tmp_path / 'flight_2']
+    assert find_recordings(tmp_path) == flights
+    (tmp_path / 'test.mcap').touch()
+    assert find_recordings(tmp_path) == [tmp_path / 'test.mcap', *flights]
+    for name in ('flight_1/metadata.yaml', 'flight_2/a.mcap'):
+        (tmp_path / name).unlink()
+    assert find_recordings(tmp_path) == [tmp_path]  # alone but for results
+
+
+@pytest.mark.parametrize(('names', 'message'), [
+    (('flight_2026-05-01-10-00-00_0.bag', 'flight_2026-05-01-10-05-00_1.bag'),
+     r'2 files flight_N: parts of one recording\? Then run rosbags-convert --src \*\.bag'),
+    (('2026-05-01-10-00-00_0.bag', '2026-05-01-10-05-00_1.bag'), '2 files _N: parts of one'),
+    (('flight_0.mcap', 'flight_1.mcap'), 'Then run ros2 bag reindex'),
+    (('flight_2026-05-01-10-00-00_0.bag', 'flight_2026-05-02-10-05-00_0.bag'), ''),
+    (('flight_2026-05-01-10-00-00.bag', 'flight_2026-05-01-10-05-00.bag'), ''),
+])
+def test_parts_of_one_recording_are_no_flights(names, message, tmp_path):
+    for name in names:
+        (tmp_path / name).touch()
+    if message:
+        with pytest.raises(DataError, match=message):
+            find_recordings(tmp_path)
+    else:
+        assert find_recordings(tmp_path) == [tmp_path / name for name in names]
+
+
+def test_a_channel_that_is_not_of_ros_is_named(tmp_path):
+    folder = write_bag(tmp_path / 'flight', 'mcap', make_flight('mcap'))
+    (file,) = folder.glob('*.mcap')
+    file.write_bytes(file.read_bytes().replace(b'ros2msg', b'ros2box'))
+    with (
+        pytest.raises(DataError, match=r"schema in 'ros2box', not of ROS; leave it out"),
+        open_recording(file),
+    ):
+        pass
 
 
 def test_iterating_twice_gives_the_same(tmp_path):
