@@ -285,6 +285,7 @@ def _find_near(around: Surroundings, limits: Sequence[Limit], chosen: Bool) -> I
 def _find_breaches(
     near: Surroundings, models: Sequence[SpanModel], limits: Sequence[Limit]
 ) -> Breaches:
+    """Return what each of K points near conductors breaks of the limits of one kind."""
     return find_breaches(near.points, near.distance, near.owner, models, limits)
 
 

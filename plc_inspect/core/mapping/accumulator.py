@@ -271,7 +271,7 @@ class Accumulator:
         self._dropped[reason] += 1
 
     def expire(self, now: float | None) -> None:
-        """Drop the scans that have waited longer than ``max_wait`` [s]; none where it is None."""
+        """Drop scans that waited longer than ``max_wait`` by ``now`` [s]; none if that is None."""
         if now is None:
             return
         heard = self._waits.hear(now, self._max_wait)
