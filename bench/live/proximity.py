@@ -126,7 +126,8 @@ class Watcher:
             )
             entry = self.accumulator.entry
             fresh = entry.near.find(
-                position, self.settings.proximity.critical, entry.map.cells, self.known
+                position, self.settings.proximity.critical, entry.map.cells, self.known,
+                self.around.may_hold_ground(self.motion.velocity),
             )
             found = measure_proximity(
                 self.around, seen, position, self.motion.velocity, self.settings.proximity, fresh
@@ -137,7 +138,9 @@ class Watcher:
     def _tick(self, time: float, position: np.ndarray) -> None:
         voxels = self.accumulator.map
         spans = [item.span for item in self.session.state.spans]
-        plan = self._planner.plan(voxels, spans, position)
+        plan = self._planner.plan(
+            voxels, spans, position, ground=self.session.state.around.ground is True
+        )
         if plan is None:
             return
         window = next(item for item in copy_window(voxels, plan) if item is not None)

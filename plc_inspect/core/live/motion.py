@@ -19,6 +19,8 @@ GAP_NS = 1_000_000_000
 After so long without a pose the velocity begins anew [ns].
 Source: judgement: twice WINDOW_NS.
 """
+LEAST_SPEED = 0.1
+"""Slower than this the vehicle stands [m/s].  Source: judgement: the drift of an odometry."""
 
 
 class Motion:

@@ -16,6 +16,7 @@ from typing import Any
 from numba import njit
 import numpy as np
 
+from plc_inspect.core.live.motion import LEAST_SPEED
 from plc_inspect.core.live.surroundings import find_sigma, SPACING, Surroundings
 from plc_inspect.core.spans.span_model import POINT_SIGMA
 from plc_inspect.node_config import ProximitySettings
@@ -25,8 +26,6 @@ HORIZON = 20.0
 """Longest time that is looked ahead [s].  Source: judgement: 200 m at 10 m/s."""
 STEP = 0.25
 """Times at which the way to a curve is looked at [s].  Source: judgement: 2.5 m at 10 m/s."""
-LEAST_SPEED = 0.1
-"""Slower than this the vehicle stands [m/s].  Source: judgement: the drift of an odometry."""
 NEWTON_STEPS = 8
 """Steps to the nearest point of a catenary.  Source: numerical: to less than 1 mm."""
 SAME = 1.0

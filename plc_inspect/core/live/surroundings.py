@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from plc_inspect.core.live.motion import LEAST_SPEED
 from plc_inspect.core.live.window import Window
 from plc_inspect.core.numerics.arrays import MOST_COORDINATE
 from plc_inspect.core.spans.span_model import POINT_SIGMA
@@ -71,13 +72,32 @@ class Surroundings:
     """(K, 3) points of all else that stands off the ground, conductors apart [m]."""
     settled: frozenset[tuple[int, int]] = frozenset()
     """Places on the grid of plan cells that ticks saw whole SETTLED ticks ago or earlier."""
+    ground: bool | None = None
+    """Whether a tick saw ground within RANGE; None while none has looked."""
+
+    def may_hold_ground(self, velocity: Float64) -> bool:
+        """
+        Tell whether what lies lowest about the vehicle may be the ground.
+
+        It may where a tick saw ground, and, before the first tick, about a vehicle that stands
+        still.  Otherwise it is in the air with nothing but wires and the like in view.
+
+        Parameters
+        ----------
+        velocity : (3,) float64
+            Of the vehicle [m/s]; NaN unknown.
+
+        """
+        if self.ground is None:
+            return not np.linalg.norm(velocity) >= LEAST_SPEED
+        return self.ground
 
     def is_seen(self, cells: CellIndex, position: Float64, reach: float, beta: float) -> bool:
         """
         Tell whether all that is about a position was seen.
 
-        Every plan cell of the map within reach must hold something; and where something stands
-        high, ticks must have looked at it for SETTLED ticks.
+        Ground must have been seen, every plan cell of the map within reach must hold something,
+        and where something stands high, ticks must have looked at it for SETTLED ticks.
 
         Parameters
         ----------
@@ -91,7 +111,7 @@ class Surroundings:
             Something this far above the lowest place is high, and looked at by ticks [m].
 
         """
-        if not (np.abs(position) < MOST_COORDINATE).all():
+        if not self.ground or not (np.abs(position) < MOST_COORDINATE).all():
             return False
         low, high = cells.locate(np.array([position[:2] - reach, position[:2] + reach]))
         places = np.stack(
@@ -122,6 +142,8 @@ class SurroundingsBook:
         self._cells = np.empty((0, 3), dtype=np.int64)
         """Row, column and first tick of each cell in which something was seen."""
         self._num_ticks = 0
+        self._on_ground: Float64 | None = None
+        """Where the vehicle was when a tick saw ground last."""
 
     @property
     def known(self) -> Surroundings:
@@ -151,8 +173,9 @@ class SurroundingsBook:
 
         """
         points, decision = window.points, result.decision
-        stands = (result.ground_height >= OFF_GROUND) & (decision != Decision.WIRE)
-        stands &= _is_near(points, vehicle, RANGE)
+        near = _is_near(points, vehicle, RANGE)
+        # where no ground was seen, heights are NaN, and everything is in the air
+        stands = near & ~(result.ground_height < OFF_GROUND) & (decision != Decision.WIRE)
         rows = np.flatnonzero(stands)
         rows = rows[window.holds(points[rows])]
         rows = rows[thin_points(points[rows], SPACING)]
@@ -164,8 +187,17 @@ class SurroundingsBook:
             ),
             supports=_renew(kept.supports, points[rows[is_support]], window, vehicle),
             settled=frozenset(map(tuple, cells[first <= self._num_ticks - SETTLED].tolist())),
+            ground=self._sees_ground(result.ground_height[near], vehicle),
         )
 
+    def _sees_ground(self, heights: NDArray[Any], vehicle: Float64 | None) -> bool | None:
+        """Tell of heights near the vehicle, and of what was before, whether ground is near."""
+        if np.isfinite(heights).any():
+            self._on_ground = np.array([[*vehicle[:2]]]) if vehicle is not None else None
+            return True
+        if not len(heights) or vehicle is None:
+            return self._known.ground
+        return self._on_ground is not None and bool(_is_near(self._on_ground, vehicle, RANGE)[0])
 
     def _see(self, window: Window, vehicle: Float64 | None) -> tuple[Int64, Int64]:
         """Add the cells of a window; return all near the vehicle and the first tick of each."""

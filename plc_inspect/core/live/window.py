@@ -181,12 +181,8 @@ class WindowPlanner:
         self._beta, self._reach, self._close = beta, reach, close
 
     def plan(
-        self,
-        voxels: VoxelMap,
-        spans: Sequence[Span],
-        vehicle: Float64 | None,
-        *,
-        at_once: bool = False,
+        self, voxels: VoxelMap, spans: Sequence[Span], vehicle: Float64 | None, *,
+        at_once: bool = False, ground: bool = True,
     ) -> WindowPlan | None:
         """
         Choose the window and settle its fresh cells.
@@ -201,6 +197,8 @@ class WindowPlanner:
             (2+,) where the vehicle is [m]; None: everywhere near.
         at_once : bool
             Take every high cell with anything new in it.
+        ground : bool
+            Ground was seen about the vehicle; else the lowest may be wires: each cell is high.
 
         Returns
         -------
@@ -209,7 +207,7 @@ class WindowPlanner:
 
         """
         cells = voxels.cells
-        fresh = self._find_fresh(cells, voxels.sequence, vehicle, at_once)
+        fresh = self._find_fresh(cells, voxels.sequence, vehicle, at_once, ground)
         if not len(fresh):
             return None
         index = cells.index
@@ -233,20 +231,21 @@ class WindowPlanner:
         )
 
     def _find_fresh(
-        self, cells: CellIndex, sequence: int, vehicle: Float64 | None, at_once: bool
+        self, cells: CellIndex, sequence: int, vehicle: Float64 | None, at_once: bool,
+        ground: bool,
     ) -> Int64:
         new = np.flatnonzero(cells.num_new)
         if not len(new):
             return new
         around = cells.find(_list_around(cells.index[new], 1).reshape(-1, 2))
         low = np.where(around >= 0, cells.low[around], np.inf).reshape(len(new), -1)
-        high = cells.high[new] - low.min(axis=1) >= self._beta
+        high = cells.high[new] - low.min(axis=1) >= (self._beta if ground else 0.0)
         num_new = cells.num_new[new]
         due = num_new > GROWTH * (cells.count[new] - num_new)
         if vehicle is not None:
             apart = np.linalg.norm(cells.centers[new] - vehicle[:2], axis=1)
             close = apart <= self._close + cells.cell_size * math.sqrt(0.5)
-            due = close | (due & (apart <= NEAR))
+            high, due = high | close, close | (due & (apart <= NEAR))
         quiet = sequence - cells.touched[new] > QUIET
         cells.settle(new[quiet & ~high])
         return new[high & (quiet | due | at_once)]

@@ -88,7 +88,8 @@ class NearReturns:
             self._kept.append((scan.stamp_ns, sequence, scan.points[near]))
 
     def find(
-        self, place: Float64, reach: float, cells: CellIndex, sequence: int
+        self, place: Float64, reach: float, cells: CellIndex, sequence: int,
+        ground: bool = True,
     ) -> Float64:
         """
         Return what stands near a place and no tick has looked at.
@@ -103,6 +104,8 @@ class NearReturns:
             Of the map, for the lowest place.
         sequence : int
             Newest insertion that a tick has looked at.
+        ground : bool
+            What lies far below, or lowest, may be the ground; else nothing is.
 
         Returns
         -------
@@ -115,12 +118,13 @@ class NearReturns:
             return np.zeros((0, 3))
         points = np.concatenate([points for _, points in fresh])
         number = np.repeat([number for number, _ in fresh], [len(points) for _, points in fresh])
-        ahead = _are_ahead(points, place, reach)
+        ahead = _are_ahead(points, place, reach, BELOW if ground else 1.0)
         if not ahead.any():
             return np.zeros((0, 3))
         points, number = points[ahead], number[ahead]
-        high = points[:, 2] >= _find_lowest(cells, place) + STANDS
-        points, number = points[high], number[high]
+        if ground:
+            high = points[:, 2] >= _find_lowest(cells, place) + STANDS
+            points, number = points[high], number[high]
         if len(points) > MOST_KEPT:
             apart = ((points - place) ** 2).sum(axis=1)
             nearest = np.argpartition(apart, MOST_KEPT)[:MOST_KEPT]
@@ -140,13 +144,15 @@ def _find_lowest(cells: CellIndex, place: Float64) -> float:
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _are_ahead(points: Float64, place: Float64, reach: float) -> Bool:  # type: ignore[no-untyped-def]
-    """Tell which points are within reach and not far below."""
+def _are_ahead(  # type: ignore[no-untyped-def]
+    points: Float64, place: Float64, reach: float, below: float
+) -> Bool:
+    """Tell which points are within reach and, as a share of the distance, not deeper below."""
     result = np.zeros(len(points), dtype=np.bool_)
     for k in range(len(points)):
         x, y, z = points[k, 0] - place[0], points[k, 1] - place[1], points[k, 2] - place[2]
         apart = np.sqrt(x * x + y * y + z * z)
-        result[k] = apart <= reach and -z <= BELOW * apart
+        result[k] = apart <= reach and -z <= below * apart
     return result
 
 

@@ -27,7 +27,7 @@ from plc_inspect.core.live.map_labels import make_planner
 from plc_inspect.core.live.session import LiveState, Session
 from plc_inspect.core.live.told_state import move_state
 from plc_inspect.core.live.warm_up import warm_up_intake
-from plc_inspect.core.live.window import copy_window, plan_everything, Window, WindowPlan
+from plc_inspect.core.live.window import copy_window, Window, WindowPlan
 from plc_inspect.errors import DataError
 from plc_inspect.flight_record.recording import PERIOD
 from plc_inspect.offline.records.flight import Flight
@@ -50,6 +50,8 @@ from plc_inspect.ros.node.jobs import (
     Done,
     FinalSave,
     keep_state,
+    plan_save,
+    plan_tick,
     prepare,
     run_save,
     run_tick,
@@ -293,7 +295,6 @@ class InspectNode(Node):
     def _begin(self) -> None:
         """Start a save or a tick, if one is wanted, else what there is time for now."""
         voxels = self._intake.accumulator.map
-        spans = [item.span for item in self.state.spans] if self.state else []
         if doubt := self._intake.doubt:
             self._wants_tick = False
             refuse(doubt, self._segmenting, self._saving)
@@ -302,10 +303,9 @@ class InspectNode(Node):
         if self._saving and not len(voxels):
             self._saving.answer(False, 'nothing to save: the map is empty')
         elif self._saving:
-            self._copy_out(plan_everything(voxels, spans), 'save')
+            self._copy_out(plan_save(self._intake, self.state), 'save')
         elif self._wants_tick or self._segmenting:
-            asked = bool(self._segmenting)
-            plan = self._planner.plan(voxels, spans, self._intake.vehicle, at_once=asked)
+            plan = plan_tick(self._planner, self._intake, self.state, bool(self._segmenting))
             self._wants_tick = False
             if plan is None:
                 self._segmenting.answer(True, 'nothing is new since the last tick')

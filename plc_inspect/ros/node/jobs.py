@@ -14,7 +14,7 @@ from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.core.live.session import Kept, LiveState, Session
 from plc_inspect.core.live.told_state import move_state
 from plc_inspect.core.live.warm_up import warm_up_pipeline
-from plc_inspect.core.live.window import Window
+from plc_inspect.core.live.window import plan_everything, Window, WindowPlan, WindowPlanner
 from plc_inspect.core.tracking.hazard_tracking import HazardNews
 from plc_inspect.errors import DataError
 from plc_inspect.node_config import OutputSettings
@@ -61,6 +61,23 @@ def prepare(settings: Settings, *, rare: bool = False) -> None:
     if rare:
         numba.set_num_threads(TICK_THREADS)
     warm_up_pipeline(settings, rare=rare)
+
+
+def plan_tick(
+    planner: WindowPlanner, intake: Intake, state: LiveState | None, at_once: bool
+) -> WindowPlan | None:
+    """Choose the window of a tick, of what the last one found; None when nothing is new."""
+    spans = [item.span for item in state.spans] if state else []
+    return planner.plan(
+        intake.accumulator.map, spans, intake.vehicle, at_once=at_once,
+        ground=bool(state and state.around.ground),
+    )
+
+
+def plan_save(intake: Intake, state: LiveState | None) -> WindowPlan:
+    """Return the plan of a window that is the whole map."""
+    spans = [item.span for item in state.spans] if state else []
+    return plan_everything(intake.accumulator.map, spans)
 
 
 def run_tick(session: Session, snapshot: Snapshot) -> Done:

@@ -108,11 +108,13 @@ class KeepOut:
         seen = not blurred and around.is_seen(
             entry.map.cells, vehicle, limits.warning, settings.height.beta
         )
+        velocity = self._motion.velocity
         fresh = entry.near.find(
-            vehicle, limits.critical, entry.map.cells, 0 if state is None else state.sequence
+            vehicle, limits.critical, entry.map.cells, 0 if state is None else state.sequence,
+            (NOTHING if state is None else state.around).may_hold_ground(velocity),
         )
         found = self._levels.hold(
-            measure_proximity(around, seen, vehicle, self._motion.velocity, limits, fresh),
+            measure_proximity(around, seen, vehicle, velocity, limits, fresh),
             pose.stamp_ns, vehicle, limits,
         )
         if move is not None:

@@ -31,6 +31,7 @@ from plc_inspect.results import Decision
 SETTINGS = ProximitySettings()
 CELL = 8.0
 STANDING = np.zeros(3)
+GROUND = (0.0, 0.0, 0.0)
 LOW, HIGH = (-60.0, -60.0, 10.0), (60.0, 60.0, 130.0)
 
 
@@ -50,7 +51,7 @@ def update(book, spans, points, decision, cells, vehicle=None):
         slots=np.arange(len(points)), points=points, fresh=cells, cell_size=CELL,
         spans=frozenset(), sequence=1,
     )
-    result = SimpleNamespace(decision=decision, ground_height=points[:, 2])
+    result = SimpleNamespace(decision=decision, ground_height=points[:, 2])  # NaN: no ground
     book.update(spans, window, result, vehicle)
 
 
@@ -123,7 +124,9 @@ def test_seen_is_what_the_map_holds_all_about_and_ticks_have_looked_at():
     voxels = VoxelMap(MapSettings(max_voxels=100_000))
     ground = np.mgrid[-40.0:40.0:0.5, -40.0:40.0:0.5].reshape(2, -1).T
     voxels.insert(np.column_stack((ground, np.zeros(len(ground)))))
-    cells, beta, nothing = voxels.cells, 2.0, SurroundingsBook().known
+    cells, beta = voxels.cells, 2.0
+    assert not SurroundingsBook().known.is_seen(cells, np.array([0.0, 0.0, 20.0]), 15.0, beta)
+    nothing = make_around([], [GROUND], [Decision.GROUND], size=0)
     assert nothing.is_seen(cells, np.array([0.0, 0.0, 20.0]), 15.0, beta)  # an open field
     assert nothing.is_seen(cells, np.array([24.0, 0.0, 20.0]), 15.0, beta)
     assert not nothing.is_seen(cells, np.array([26.0, 0.0, 20.0]), 15.0, beta)
@@ -134,8 +137,30 @@ def test_seen_is_what_the_map_holds_all_about_and_ticks_have_looked_at():
     book, place = SurroundingsBook(), cells.locate(np.array([[3.0, 3.0]]))
     for number in range(1 + SETTLED):
         assert not book.known.is_seen(cells, np.array([0.0, 0.0, 20.0]), 15.0, beta), number
-        update(book, [], np.empty((0, 3)), [], place)
+        update(book, [], np.array([GROUND]), [Decision.GROUND], place)
     assert book.known.is_seen(cells, np.array([0.0, 0.0, 20.0]), 15.0, beta)
+
+
+def test_where_no_ground_was_seen_everything_is_in_the_air():
+    wire, moving = (0.0, 5.0, np.nan), np.array([5.0, 0.0, 0.0])
+    book, field = SurroundingsBook(), np.array([[0, 0], [0, -1], [-1, 0], [-1, -1]])
+    assert book.known.may_hold_ground(STANDING)
+    assert book.known.may_hold_ground(np.full(3, np.nan))
+    assert not book.known.may_hold_ground(moving)
+    at = np.zeros(3)
+    update(book, [], np.array([wire]), [Decision.NO_CATENARY], field, at)  # heights are NaN
+    assert len(book.known.obstacles) == 1
+    assert not book.known.may_hold_ground(STANDING)
+    update(book, [], np.array([GROUND]), [Decision.GROUND], field, at)
+    assert len(book.known.obstacles) == 0
+    assert book.known.may_hold_ground(moving)
+    update(book, [], np.array([wire]), [Decision.NO_CATENARY], field, at + 0.9 * RANGE)
+    assert book.known.may_hold_ground(moving)  # that of a moment ago is near
+    far = np.array([3.0 * RANGE, 0.0, 0.0])
+    update(book, [], np.empty((0, 3)), [], field, far)
+    assert book.known.may_hold_ground(moving)  # nothing is near: nobody knows better
+    update(book, [], np.array([wire]) + far, [Decision.NO_CATENARY], field, far)
+    assert not book.known.may_hold_ground(moving)
 
 
 def test_a_conductor_goes_on_beyond_an_open_end_only():

@@ -72,6 +72,16 @@ def test_height_counts_above_the_lowest_place_around():
     assert WindowPlanner(4.0).plan(lonely, (), None) is None
 
 
+def test_wires_alone_are_looked_at_where_no_ground_was_seen_and_about_the_vehicle():
+    wire = np.column_stack((np.arange(0, 9.9, 0.1), np.full(99, 5.0), np.full(99, 12.0)))
+    voxels, vehicle = make_map(wire), np.array([-40.0, 5.0, 14.0])
+    planner = WindowPlanner(4.0, close=8.0)
+    assert planner.plan(voxels, (), vehicle) is None
+    assert copy(voxels, planner.plan(voxels, (), vehicle, ground=False)).holds(wire).all()
+    voxels = make_map(wire)
+    assert copy(voxels, planner.plan(voxels, (), wire[0])).holds(wire).all()
+
+
 def test_a_little_more_of_the_same_is_not_fresh_until_it_is_quiet():
     voxels = make_map(make_block(0, 0, num=4000))
     planner = WindowPlanner(4.0)

@@ -29,8 +29,8 @@ def enter(entry, *clouds, place=PLACE):
         ))
 
 
-def find(entry, place=PLACE, reach=8.0, sequence=0):
-    return entry.near.find(np.array(place), reach, entry.map.cells, sequence)
+def find(entry, place=PLACE, reach=8.0, sequence=0, *, ground=True):
+    return entry.near.find(np.array(place), reach, entry.map.cells, sequence, ground)
 
 
 @pytest.fixture
@@ -77,6 +77,15 @@ def test_ground_below_a_vehicle_that_takes_off_is_none(entry):
 def test_what_lies_far_below_is_left_to_ticks(entry):
     enter(entry, WIRE - [0.0, 0.0, 4.0], WIRE - [0.0, 0.0, 4.0])
     assert len(find(entry)) == 0
+
+
+def test_where_no_ground_is_in_view_wires_below_are_told_of():
+    entry = MapEntry(MapSettings())
+    below = WIRE - (0.0, 4.0, 4.0)
+    enter(entry, below, below + 0.05)
+    assert len(find(entry)) == 0
+    assert len(find(entry, ground=False)) == 2 * len(below)
+    assert len(find(entry, reach=4.0, ground=False)) == 0
 
 
 def test_returns_are_kept_for_a_while_and_not_beyond_the_map(entry):
