@@ -10,6 +10,7 @@ import numpy as np
 from plc_inspect.config import Settings
 from plc_inspect.core.catenary.duplicates import find_along
 from plc_inspect.core.clustering.clustering import cluster, ClusteringResult
+from plc_inspect.core.evidence.beside import search_beside
 from plc_inspect.core.evidence.conductors import ConductorResult, model_conductors
 from plc_inspect.core.evidence.endings import cut_ends
 from plc_inspect.core.evidence.free_length import find_sight, Sight
@@ -184,7 +185,8 @@ def _find_once(
     conductors = log.run(
         None,
         lambda: model_conductors(
-            cloud.points, cloud.index, clustering, sight, settings.catenary, rng
+            cloud.points, cloud.index, clustering, sight, settings.catenary, rng,
+            lambda curves, others: search_beside(cloud, curves, others, settings),
         ),
         lambda result: report_catenary(result, clustering),
     )

@@ -3,7 +3,7 @@
 
 """Curves of conductors from tracks: split at supports, fitted, bridged over gaps."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 import math
 
@@ -39,6 +39,9 @@ from plc_inspect.core.numerics.plan_index import PlanIndex
 from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.errors import FitError
 from plc_inspect.results import Bool, Float64
+
+Search = Callable[[Sequence[Curve], Sequence[Curve]], ClusteringResult]
+"""Returns tracks beside conductors, without the points of those, and of other curves."""
 
 MAX_MISS = 0.8
 """
@@ -77,6 +80,7 @@ def model_conductors(
     sight: Sight,
     settings: CatenarySettings,
     rng: np.random.Generator,
+    search: Search | None = None,
 ) -> ConductorResult:
     """
     Model every conductor of the tracks by a catenary, span by span.
@@ -99,13 +103,15 @@ def model_conductors(
         Settings of this stage.
     rng : numpy.random.Generator
         For MSAC.
+    search : callable or None
+        Returns tracks beside conductors, without the points of those, and of other curves.
 
     Returns
     -------
     ConductorResult
 
     """
-    curves, judge = judge_curves(points, index, clustering, sight, settings, rng)
+    curves, judge = judge_curves(points, index, clustering, sight, settings, rng, search)
     kept: list[Curve] = []
     waiting: list[int] = []
     objections: dict[str, int] = {}
@@ -138,42 +144,46 @@ def judge_curves(
     sight: Sight,
     settings: CatenarySettings,
     rng: np.random.Generator,
+    search: Search | None = None,
 ) -> tuple[tuple[Curve, ...], Judge]:
     """
     Return all curves of the tracks, and what is believed of them.
 
     A thick curve that is no conductor may lie over several: then its parts are tried, and those
-    that are conductors take its place.  The arguments are those of `model_conductors`.
+    that are conductors take its place.  At last come conductors beside those that are known; they
+    change nothing of what is known.  The arguments are those of `model_conductors`.
     """
     curves, parts = find_curves(points, index, clustering, settings, rng)
     judge = Judge(points, index, sight, curves, settings)
     judge.decide()
     freed = _find_within(curves, judge.verdicts, parts, settings)
     if freed:
-        sure = [
-            (curve, verdict) for curve, verdict in zip(curves, judge.verdicts, strict=True)
-            if not verdict.objection
-        ]
-        believed = [curve for curve, _ in sure]
-        known = {id(curve) for curve in believed}
-        tried = [
-            curve for curve in drop_duplicates(points, freed, settings, believed)
-            if id(curve) not in known
-        ]
-        trial = Judge(
-            points, index, sight, [*believed, *tried], settings, [verdict for _, verdict in sure]
-        )
-        trial.decide()
-        won = [
-            curve for curve, verdict in zip(tried, trial.verdicts[len(sure):], strict=True)
-            if not verdict.objection
-        ]
+        believed = judge.believed
+        won = [curve for curve, _ in judge.try_more(_leave_out(points, freed, settings, believed))]
         if won:
+            known = {id(curve) for curve in believed}
             rest = [curve for curve in curves if id(curve) not in known]
             curves = drop_duplicates(points, rest, settings, [*believed, *won])
             judge = Judge(points, index, sight, curves, settings)
             judge.decide()
-    return curves, judge
+    believed = judge.believed
+    if search is not None and believed:
+        found, _ = find_curves(points, index, search(believed, judge.rejected), settings, rng)
+        fresh = _leave_out(points, found, settings, believed)
+        judge.add(judge.try_more(fresh, beside=False))  # that has led to them already
+    return tuple(judge.curves), judge
+
+
+def _leave_out(
+    points: Float64, curves: Sequence[Curve], settings: CatenarySettings,
+    believed: Sequence[Curve],
+) -> list[Curve]:
+    """Return those curves that are no duplicates of each other, or of what is believed."""
+    known = {id(curve) for curve in believed}
+    return [
+        curve for curve in drop_duplicates(points, curves, settings, believed)
+        if id(curve) not in known
+    ]
 
 
 def find_curves(

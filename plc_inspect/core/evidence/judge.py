@@ -3,7 +3,7 @@
 
 """Which curves are conductors, all of them judged together: wires hang side by side."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 import math
 
@@ -119,7 +119,7 @@ class Judge:
     ) -> None:
         """Take the curves; what is believed of the first ones already is not judged again."""
         self._points, self._index, self._sight = points, index, sight
-        self._curves, self._settings = curves, settings
+        self.curves, self._settings = list(curves), settings
         fresh = curves[len(believed):]
         profiles = call_each(
             lambda k: profile_curve(points, index, fresh[k], fresh[k].low, fresh[k].high),
@@ -136,13 +136,13 @@ class Judge:
         )]
         self._mark(np.arange(len(believed)))
 
-    def decide(self) -> None:
+    def decide(self, *, beside: bool = True) -> None:
         """
         Judge all curves.
 
         A thin curve with all evidence but that it is free clutters no other one; and each that is
         free, once those are left out, frees its neighbours.  What is a truss is taken back, and
-        at last short pieces beside a conductor are believed.
+        at last short pieces beside a conductor are believed, unless ``beside`` is False.
         """
         objections = np.array([verdict.objection for verdict in self.verdicts], dtype=object)
         proven = np.flatnonzero(objections == CROWDED)
@@ -152,11 +152,55 @@ class Judge:
         self._untie()
         self._unstay()
         self._unhold()
+        if not beside:
+            return
         near = self._find_beside()
         while self._sweep(near, beside=True):
             near = self._find_beside()
         self._untie()
         self._unhold()
+
+    @property
+    def believed(self) -> list[Curve]:
+        """Curves that are conductors."""
+        return [curve for curve, verdict in self._pairs() if not verdict.objection]
+
+    @property
+    def rejected(self) -> list[Curve]:
+        """Curves that are none."""
+        return [curve for curve, verdict in self._pairs() if verdict.objection]
+
+    def try_more(
+        self, curves: Sequence[Curve], *, beside: bool = True
+    ) -> list[tuple[Curve, Verdict]]:
+        """
+        Judge other curves with those that are believed; return those that are conductors.
+
+        With ``beside`` False, that they run beside one is no evidence.
+        """
+        believed = self.believed
+        trial = Judge(
+            self._points, self._index, self._sight, [*believed, *curves], self._settings,
+            [verdict for verdict in self.verdicts if not verdict.objection],
+        )
+        trial.decide(beside=beside)
+        return [
+            item for item in zip(curves, trial.verdicts[len(believed):], strict=True)
+            if not item[1].objection
+        ]
+
+    def add(self, more: Sequence[tuple[Curve, Verdict]]) -> None:
+        """Take more conductors with what is believed of them; longest curves stay first."""
+        if not more:
+            return
+        every = [*self._pairs(), *more]
+        every.sort(key=lambda item: (-item[0].length, *item[0].origin))
+        self.curves = [curve for curve, _ in every]
+        self.verdicts = [verdict for _, verdict in every]
+        self._mark(np.flatnonzero([not verdict.objection for verdict in self.verdicts]))
+
+    def _pairs(self) -> Iterator[tuple[Curve, Verdict]]:
+        return zip(self.curves, self.verdicts, strict=True)
 
     def _untie(self) -> None:
         """
@@ -170,7 +214,7 @@ class Judge:
         for number in known.tolist():
             own[self.verdicts[number].profile.chosen] = True
         tied = find_tied(
-            self._points, self._index, [self._curves[number] for number in known.tolist()], own
+            self._points, self._index, [self.curves[number] for number in known.tolist()], own
         )
         for number in known[tied].tolist():
             if not self.verdicts[number].objection:
@@ -178,12 +222,12 @@ class Judge:
 
     def _unstay(self) -> None:
         """Take back what is of a beam, fans out, or is steep and straight."""
-        proofs = [prove_sag(curve, self._settings) for curve in self._curves]
+        proofs = [prove_sag(curve, self._settings) for curve in self.curves]
         numbers = [
             number for number, verdict in enumerate(self.verdicts)
-            if verdict.objection != TIED and may_be_held(self._curves[number], self._settings)
+            if verdict.objection != TIED and may_be_held(self.curves[number], self._settings)
         ]
-        curves = [self._curves[number] for number in numbers]
+        curves = [self.curves[number] for number in numbers]
         straight = np.array([proofs[number] < 0.0 for number in numbers], dtype=bool)
         deep = np.array([proofs[number] == 1.0 for number in numbers], dtype=bool)
         steep = np.array([
@@ -191,10 +235,10 @@ class Judge:
             and is_straight(curve, STEEP_CONSTANT) for curve in curves
         ], dtype=bool)
         free = np.array([
-            self.verdicts[number].free.wide >= FREE_SHARE * self._curves[number].length
+            self.verdicts[number].free.wide >= FREE_SHARE * self.curves[number].length
             for number in numbers
         ], dtype=bool)
-        beams = [self._curves[number] for number in numbers if self._is_beam(number)]
+        beams = [self.curves[number] for number in numbers if self._is_beam(number)]
         stays = find_stays(curves, straight | deep, beams) | steep
         stays |= find_fans(curves, straight, free & ~deep)
         for number in np.array(numbers, dtype=np.int64)[stays].tolist():
@@ -216,9 +260,9 @@ class Judge:
         result = [''] * len(numbers)
         at = [
             k for k, number in enumerate(numbers.tolist())
-            if may_be_held(self._curves[number], self._settings)
+            if may_be_held(self.curves[number], self._settings)
         ]
-        curves = [self._curves[numbers[k]] for k in at]
+        curves = [self.curves[numbers[k]] for k in at]
         proofs = [prove_sag(curve, self._settings) for curve in curves]
         least = [CABLE_EVEN if proof == 1.0 else LEAST_EVEN for proof in proofs]
         held = find_held(self._points, self._index, curves, self.wire, LONGEST_BAY, least)
@@ -238,7 +282,7 @@ class Judge:
 
     def _is_beam(self, number: int) -> bool:
         """Whether a curve is straight and part of something solid."""
-        curve, verdict = self._curves[number], self.verdicts[number]
+        curve, verdict = self.curves[number], self.verdicts[number]
         wide = verdict.free.wide
         return (
             bool(verdict.objection) and curve.fit.c > STRAIGHTEST
@@ -266,7 +310,7 @@ class Judge:
         wanted = numbers.tolist()
         free = call_each(
             lambda k: measure_free_length(
-                self._points, self._index, self._curves[wanted[k]], self.wire, self._sight
+                self._points, self._index, self.curves[wanted[k]], self.wire, self._sight
             ),
             len(wanted),
         )
@@ -274,7 +318,7 @@ class Judge:
         for number, length in zip(wanted, free, strict=True):
             verdict = self.verdicts[number]
             objection = find_objection(
-                self._curves[number], verdict.profile, length, self._settings, beside=beside
+                self.curves[number], verdict.profile, length, self._settings, beside=beside
             )
             self.verdicts[number] = Verdict(
                 profile=verdict.profile, free=length, objection=objection, beside=beside
@@ -288,10 +332,10 @@ class Judge:
         known = [k for k, verdict in enumerate(self.verdicts) if not verdict.objection]
         rest = [
             number for number, verdict in enumerate(self.verdicts)
-            if verdict.objection not in ('', *BUILT) and not is_thick(self._curves[number])
+            if verdict.objection not in ('', *BUILT) and not is_thick(self.curves[number])
         ]
         along = find_along(
-            [self._curves[number] for number in rest], [self._curves[number] for number in known],
+            [self.curves[number] for number in rest], [self.curves[number] for number in known],
             SIDE,
         )
         return np.array(rest, dtype=np.int64)[along]

@@ -11,10 +11,12 @@ import numpy as np
 from plc_inspect.checks import Check
 from plc_inspect.config import Settings
 from plc_inspect.core.catenary.curve import Curve
+from plc_inspect.core.evidence.beside import search_beside
 from plc_inspect.core.evidence.conductors import judge_curves
 from plc_inspect.core.evidence.validation import list_evidence
 from plc_inspect.core.explain.proposals import chain, Finding, Proposal, propose, SLACK
 from plc_inspect.core.trace import Trace
+from plc_inspect.core.whole import make_draws
 from plc_inspect.results import Decision, Float64
 
 NEAR = 2.0
@@ -72,7 +74,8 @@ class Curves:
         cloud, limits = trace.lines.cloud, settings.catenary
         found, judge = judge_curves(
             cloud.points, cloud.index, trace.lines.clustering, trace.lines.sight, limits,
-            np.random.default_rng(0),
+            make_draws(settings),
+            lambda curves, others: search_beside(cloud, curves, others, settings),
         )
         believed = {_key(curve) for curve in trace.lines.conductors.curves}
         views = []
