@@ -34,7 +34,7 @@ from plc_inspect.core.extraction.linearity import find_lowest, LinearityResult
 from plc_inspect.core.extraction.occupancy import drop_bulk
 from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.core.numerics.plan_index import build_plan_index, gather_strip
-from plc_inspect.core.numerics.voxels import build_voxels, find_voxels
+from plc_inspect.core.numerics.voxels import build_voxels
 
 REACH = 8.0
 """
@@ -51,8 +51,6 @@ PLACE = 1.0
 Edge of the cubes whose points are one candidate [m].
 Source: judgement: as the cells of a point's decision; scan lines are up to 1.5 m apart.
 """
-OWN = -2
-"""Owner of the points on a conductor.  Source: numerical: none has this number."""
 
 
 def search_beside(
@@ -80,24 +78,26 @@ def search_beside(
     ClusteringResult
 
     """
-    index = cloud.index_high()
-    owner = _find_owners(cloud.points, *index.grid, pack_curves([*curves, *others]), len(curves))
-    chosen = np.flatnonzero(owner >= 0)
+    index, rows = cloud.index_high(), pack_curves([*curves, *others])
+    owner, is_own = _find_nearest(cloud.points, *index.grid, rows, len(curves))
+    chosen = np.flatnonzero((owner >= 0) & ~is_own)
     low = find_lowest(cloud.points, chosen) if len(chosen) else np.zeros(3)
     corner = np.floor(low / PLACE) * PLACE
     chosen = drop_bulk(cloud.points, chosen, corner, settings.linearity.max_occupied)
     voxels = build_voxels(cloud.points, chosen, corner, PLACE)
-    number = np.zeros(len(voxels), dtype=np.int64)
-    number[find_voxels(cloud.points, chosen, voxels)] = owner[chosen]
     position = voxels.centroids()
+    places = build_plan_index(position, np.arange(len(position)), index.cell_size)
+    number, _ = _find_nearest(position, *places.grid, rows[: len(curves)], len(curves))
+    near = number >= 0
+    position, count = position[near], voxels.moments[near, 0].astype(np.int64)
     candidates = LinearityResult(
         position=position,
-        direction=_find_directions(position, number, pack_curves(curves)),
-        size=np.full(len(voxels), PLACE),
-        linear=np.ones(len(voxels)),
-        count=voxels.moments[:, 0].astype(np.int64),
+        direction=_find_directions(position, number[near], rows),
+        size=np.full(len(position), PLACE),
+        linear=np.ones(len(position)),
+        count=count,
         sizes=(PLACE,),
-        num_voxels=(len(voxels),),
+        num_voxels=(len(position),),
     )
     return cluster(
         cloud.points, build_plan_index(cloud.points, chosen, index.cell_size, index.origin),
@@ -106,19 +106,22 @@ def search_beside(
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _find_owners(  # type: ignore[no-untyped-def]
+def _find_nearest(  # type: ignore[no-untyped-def]
     points, start, order, origin, cell, rows, columns, curves, num_known
 ):
     """
-    Return the nearest known curve about each point, -1 where there is none.
+    Return the nearest known curve about each point, -1 where there is none, and if it lies on any.
 
-    The first curves are known; points on any have the owner OWN.
+    The first curves are known.
     """
     owner = np.full(len(points), -1, dtype=np.int32)
+    is_own = np.zeros(len(points), dtype=np.bool_)
     best = np.full(len(points), np.inf)
     for k in range(len(curves)):
         row = curves[k]
-        reach, beyond = (REACH, BEYOND) if k < num_known else (row[TOLERANCE], 0.0)
+        # the outermost points of a curve lie at its ends exactly: no border may be there
+        slack = row[TOLERANCE]
+        reach, beyond = (REACH, BEYOND) if k < num_known else (slack, slack)
         low, high = row[LOW] - beyond, row[HIGH] + beyond
         near = gather_strip(
             start, order, origin, cell, rows, columns,
@@ -127,15 +130,14 @@ def _find_owners(  # type: ignore[no-untyped-def]
         )
         for item in near:
             x, y = to_local(row, points[item, 0], points[item, 1])
-            if owner[item] == OWN or abs(y) > reach or x < low or x > high:
+            if abs(y) > reach or x < low or x > high:
                 continue
             above = points[item, 2] - height_of(row, x)
             away = math.hypot(y, above)
-            if away <= row[TOLERANCE] and row[LOW] <= x <= row[HIGH]:
-                owner[item] = OWN
-            elif abs(above) <= reach and away < best[item] and k < num_known:
+            is_own[item] |= away <= slack and row[LOW] - slack <= x <= row[HIGH] + slack
+            if abs(above) <= reach and away < best[item] and k < num_known:
                 owner[item], best[item] = k, away
-    return owner
+    return owner, is_own
 
 
 @njit(cache=True, nogil=True, error_model='numpy')

@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 
 from plc_inspect.config import Settings
+from plc_inspect.core.catenary.curve import fit_curve, pack_curves
+from plc_inspect.core.evidence.beside import _find_nearest
+from plc_inspect.core.numerics.plan_index import build_plan_index
 from plc_inspect.core.pipeline import Pipeline
 
 LENGTH, HIGH, CONSTANT, GROUND = 70.0, 14.0, 600.0, 20_000
@@ -60,3 +63,14 @@ def test_a_row_of_crowns_beside_a_conductor_is_none(seed):
         make_cloud(rng, rng.uniform(0.0, np.pi), known, middle + away)
     )
     assert len(result.spans) == 1
+
+
+@pytest.mark.parametrize('shift', [-1e-9, 0.0, 1e-9])
+def test_the_outermost_points_of_a_curve_are_its_own_however_they_are_rounded(shift):
+    points = hang(np.linspace(0.0, LENGTH, 700), 0.0)
+    curve = fit_curve(points, np.arange(700), tolerance=0.1)
+    index = build_plan_index(points, np.arange(700), 2.0)
+    moved = points.copy()
+    moved[:, 0] += shift
+    _, is_own = _find_nearest(moved, *index.grid, pack_curves([curve]), 1)
+    assert is_own.all()
