@@ -15,6 +15,7 @@ from plc_inspect.core.evidence.conductors import judge_curves
 from plc_inspect.core.evidence.validation import list_evidence
 from plc_inspect.core.explain.proposals import chain, Finding, Proposal, propose, SLACK
 from plc_inspect.core.trace import Trace
+from plc_inspect.core.whole import make_draws
 from plc_inspect.results import Decision, Float64
 
 NEAR = 2.0
@@ -72,7 +73,7 @@ class Curves:
         cloud, limits = trace.lines.cloud, settings.catenary
         found, judge = judge_curves(
             cloud.points, cloud.index, trace.lines.clustering, trace.lines.sight, limits,
-            np.random.default_rng(0),
+            make_draws(settings),
         )
         believed = {_key(curve) for curve in trace.lines.conductors.curves}
         views = []

@@ -10,7 +10,7 @@ import pytest
 from toys import make_line_cloud, make_tree, make_wire
 
 from plc_inspect.config import LinearitySettings, SegmentSettings, Settings
-from plc_inspect.core.explain.catenary_view import CurveView
+from plc_inspect.core.explain.catenary_view import Curves, CurveView
 from plc_inspect.core.explain.clustering_view import Windows
 from plc_inspect.core.explain.extraction_view import Place
 from plc_inspect.core.explain.point import confirm, explain_point, find_nearest
@@ -197,6 +197,17 @@ def test_windows_are_seen_as_the_stage_saw_them(cloud, trace):
             assert segments == len(windows.segments)
             num_compared += 1
     assert num_compared > 3
+
+
+def test_curves_are_those_of_the_run():
+    # so close and noisy, the draws of MSAC decide which points each curve has
+    points, _ = make_line_cloud(
+        (45.0, 50.0, 40.0), (-0.3, 0.0, 0.3), per_metre=4.0, noise=0.06, seed=1
+    )
+    trace = Pipeline().trace(enter_frame(points)[0])
+    believed = {view.curve.fit.c for view in Curves(trace, SETTINGS).views if view.believed}
+    assert len(believed) == 9
+    assert believed == {curve.fit.c for curve in trace.lines.conductors.curves}
 
 
 def test_ground_and_what_is_not_finite_have_no_setting(cloud):
