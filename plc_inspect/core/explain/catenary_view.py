@@ -54,6 +54,8 @@ class CurveView:
     """Objection when all curves are judged together, '' for a conductor."""
     believed: bool
     """It is a conductor of the result."""
+    adopted: bool = False
+    """It is one only as it continues another at a support."""
 
     @property
     def fate(self) -> str:
@@ -61,7 +63,8 @@ class CurveView:
         against = [item.objection for item in self.evidence if not item.kept]
         if self.believed:
             return 'conductor'
-        return ', '.join(against) or self.objection or 'dropped beside others'
+        fate = ', '.join(against) or self.objection or 'dropped beside others'
+        return f'conductor, as it continues one at a support; {fate}' if self.adopted else fate
 
 
 class Curves:
@@ -76,6 +79,7 @@ class Curves:
             make_draws(settings),
         )
         believed = {_key(curve) for curve in trace.lines.conductors.curves}
+        hung = {_key(curve) for curve in trace.lines.layout.curves}
         views = []
         for curve, verdict in zip(found, judge.verdicts, strict=True):
             evidence = list_evidence(
@@ -83,7 +87,7 @@ class Curves:
             )
             views.append(CurveView(
                 curve=curve, evidence=tuple(evidence), objection=verdict.objection,
-                believed=_key(curve) in believed,
+                believed=_key(curve) in believed, adopted=_key(curve) in hung - believed,
             ))
         self.views = tuple(views)
 

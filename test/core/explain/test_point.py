@@ -210,6 +210,15 @@ def test_curves_are_those_of_the_run():
     assert believed == {curve.fit.c for curve in trace.lines.conductors.curves}
 
 
+def test_a_curve_that_was_adopted_says_so():
+    points, _ = make_line_cloud((100.0, 10.0), (0.0,), c=1000.0, per_metre=6.0)
+    trace = Pipeline().trace(enter_frame(points)[0])
+    assert len(trace.models) == 2
+    fates = [view.fate for view in Curves(trace, SETTINGS).views]
+    assert 'conductor' in fates
+    assert 'conductor, as it continues one at a support; curvature not proven' in fates
+
+
 def test_ground_and_what_is_not_finite_have_no_setting(cloud):
     points = cloud[0].copy()
     points[7] = np.nan
