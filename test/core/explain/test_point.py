@@ -219,6 +219,14 @@ def test_a_curve_that_was_adopted_says_so():
     assert 'conductor, as it continues one at a support; curvature not proven' in fates
 
 
+def test_a_point_far_away_is_told_as_isolated(cloud):
+    points, _, num_strays = enter_frame(np.vstack([cloud[0], [[9000.0, 0.0, 10.0]]]))
+    assert num_strays == 1
+    told = explain_point(Pipeline().trace(points), points, SETTINGS, len(points) - 1)
+    assert told.decision == Decision.NOT_FINITE
+    assert told.findings[0].notes == ('not finite, or isolated far away',)
+
+
 def test_ground_and_what_is_not_finite_have_no_setting(cloud):
     points = cloud[0].copy()
     points[7] = np.nan
