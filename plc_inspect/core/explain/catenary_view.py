@@ -12,7 +12,7 @@ from plc_inspect.checks import Check
 from plc_inspect.config import Settings
 from plc_inspect.core.catenary.curve import Curve
 from plc_inspect.core.evidence.conductors import judge_curves
-from plc_inspect.core.evidence.validation import list_evidence
+from plc_inspect.core.evidence.validation import HELD, list_evidence
 from plc_inspect.core.explain.proposals import chain, Finding, Proposal, propose, SLACK
 from plc_inspect.core.trace import Trace
 from plc_inspect.core.whole import make_draws
@@ -78,7 +78,8 @@ class Curves:
             cloud.points, cloud.index, trace.lines.clustering, trace.lines.sight, limits,
             make_draws(settings),
         )
-        believed = {_key(curve) for curve in trace.lines.conductors.curves}
+        borne = {_key(curve) for curve in trace.lines.borne}
+        believed = {_key(curve) for curve in trace.lines.conductors.curves} - borne
         hung = {_key(curve) for curve in trace.lines.layout.curves}
         views = []
         for curve, verdict in zip(found, judge.verdicts, strict=True):
@@ -86,7 +87,8 @@ class Curves:
                 curve, verdict.profile, verdict.free, limits, beside=verdict.beside
             )
             views.append(CurveView(
-                curve=curve, evidence=tuple(evidence), objection=verdict.objection,
+                curve=curve, evidence=tuple(evidence),
+                objection=HELD if _key(curve) in borne else verdict.objection,
                 believed=_key(curve) in believed, adopted=_key(curve) in hung - believed,
             ))
         self.views = tuple(views)

@@ -7,9 +7,10 @@ import dataclasses
 
 import numpy as np
 import pytest
-from toys import make_line_cloud, make_tree, make_wire
+from toys import make_ground, make_line_cloud, make_tree, make_wire
 
 from plc_inspect.config import LinearitySettings, SegmentSettings, Settings
+from plc_inspect.core.evidence.validation import HELD
 from plc_inspect.core.explain.catenary_view import Curves, CurveView
 from plc_inspect.core.explain.clustering_view import Windows
 from plc_inspect.core.explain.extraction_view import Place
@@ -217,6 +218,20 @@ def test_a_curve_that_was_adopted_says_so():
     fates = [view.fate for view in Curves(trace, SETTINGS).views]
     assert 'conductor' in fates
     assert 'conductor, as it continues one at a support; curvature not proven' in fates
+
+
+def test_what_poles_bear_says_so():
+    rng = np.random.default_rng(0)
+    posts = [  # beside it, so that they touch nothing from below
+        rng.uniform((x - 0.07, 0.78, 0.0), (x + 0.07, 0.92, 9.1), (400, 3))
+        for x in range(3, 48, 7)
+    ]
+    pipe = make_wire((0, 0, 9), (48, 0, 9), c=1e5, per_metre=12)
+    points = np.vstack([pipe, *posts, make_ground((-20, -20), (70, 20))])
+    trace = Pipeline().trace(enter_frame(points)[0])
+    assert not trace.models
+    assert [view.fate for view in Curves(trace, SETTINGS).views] == [HELD]
+    assert {stage.name: stage.dropped for stage in trace.result.stages}['supports'] == {HELD: 1}
 
 
 def test_a_point_far_away_is_told_as_isolated(cloud):
