@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from plc_inspect.config import Settings
+from plc_inspect.core.catenary.curve import Curve
 from plc_inspect.core.catenary.duplicates import find_along
 from plc_inspect.core.clustering.clustering import cluster, ClusteringResult
 from plc_inspect.core.evidence.beside import search_beside
@@ -26,7 +27,7 @@ from plc_inspect.core.extraction.linearity import (
 )
 from plc_inspect.core.extraction.off_ground import gather_off_ground, OffGround
 from plc_inspect.core.extraction.outliers import OutlierResult, remove_outliers
-from plc_inspect.core.spans.adoption import adopt, drop_borne
+from plc_inspect.core.spans.adoption import adopt, find_borne
 from plc_inspect.core.spans.ground_revision import raise_ground, renumber_points, revise_ground
 from plc_inspect.core.spans.layout import find_layout, Layout
 from plc_inspect.core.spans.point_claims import settle_strays
@@ -71,6 +72,8 @@ class FoundLines:
     sight: Sight
     """Ground that was seen when conductors were judged."""
     conductors: ConductorResult
+    borne: tuple[Curve, ...]
+    """Those of the conductors' curves that poles bear as they bear pipes: none after all."""
     layout: Layout
     spans: SpanResult
     """With labels of all N points."""
@@ -83,6 +86,7 @@ class _Hung:
     """Conductors cut into spans, and the ground below them."""
 
     height: HeightResult
+    borne: tuple[Curve, ...]
     layout: Layout
     spans: SpanResult
 
@@ -198,7 +202,7 @@ def _find_once(
             *_revise(points, height, cloud, conductors, settings, whole), inliers, settings, rng,
             east,
         ),
-        lambda result: report_supports(result.layout, result.spans),
+        lambda result: report_supports(result.layout, result.spans, len(result.borne)),
     )
     return FoundLines(
         height=hung.height,
@@ -210,6 +214,7 @@ def _find_once(
         clustering=clustering,
         sight=sight,
         conductors=conductors,
+        borne=hung.borne,
         layout=hung.layout,
         spans=hung.spans,
         risen=None if hung.height is height else raise_ground(
@@ -280,9 +285,10 @@ def _hang(
 ) -> _Hung:
     """Find spans and supports."""
     poles = find_poles(cloud, conductors.curves, conductors.wire)
-    conductors = drop_borne(conductors, poles, settings.catenary)
+    borne = find_borne(conductors.curves, poles, settings.catenary)
     conductors = replace(conductors, curves=cut_ends(
-        cloud.points, cloud.index, conductors.curves, conductors.wire,
+        cloud.points, cloud.index,
+        [curve for curve in conductors.curves if curve not in borne], conductors.wire,
         np.array([pole.position for pole in poles]).reshape(-1, 2),
     ))
     layout = find_layout(
@@ -294,4 +300,4 @@ def _hang(
     spans = settle_strays(cloud, spans)
     spans = tell_evidence(cloud, spans, find_sight(height), settings.catenary)
     spans = spread_spans(spans, cloud)
-    return _Hung(height=height, layout=layout, spans=spans)
+    return _Hung(height=height, borne=borne, layout=layout, spans=spans)

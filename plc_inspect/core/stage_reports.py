@@ -11,6 +11,7 @@ from plc_inspect.config import Settings
 from plc_inspect.core.clustering.clustering import ClusteringResult
 from plc_inspect.core.corridor import CorridorResult
 from plc_inspect.core.evidence.conductors import ConductorResult
+from plc_inspect.core.evidence.validation import HELD
 from plc_inspect.core.extraction.alignment import AlignmentResult
 from plc_inspect.core.extraction.height import HeightResult
 from plc_inspect.core.extraction.linearity import LinearityResult
@@ -119,11 +120,12 @@ def report_catenary(conductors: ConductorResult, clustering: ClusteringResult) -
     )
 
 
-def report_supports(layout: Layout, spans: SpanResult) -> Outcome:
-    """Count joints and supports."""
+def report_supports(layout: Layout, spans: SpanResult, num_borne: int) -> Outcome:
+    """Count joints and supports, and curves that poles bear as they bear pipes."""
     return Outcome(
         num_in=len(layout.joints),
         num_kept=len(spans.supports),
+        dropped={HELD: num_borne},
         values={
             'spans': len(spans.models), 'kinds': [support.kind for support in spans.supports],
         },

@@ -13,7 +13,7 @@ from plc_inspect.config import Settings
 from plc_inspect.core.catenary.curve import Curve
 from plc_inspect.core.evidence.beside import search_beside
 from plc_inspect.core.evidence.conductors import judge_curves
-from plc_inspect.core.evidence.validation import list_evidence
+from plc_inspect.core.evidence.validation import HELD, list_evidence
 from plc_inspect.core.explain.proposals import chain, Finding, Proposal, propose, SLACK
 from plc_inspect.core.trace import Trace
 from plc_inspect.core.whole import make_draws
@@ -55,6 +55,8 @@ class CurveView:
     """Objection when all curves are judged together, '' for a conductor."""
     believed: bool
     """It is a conductor of the result."""
+    adopted: bool = False
+    """It is one only as it continues another at a support."""
 
     @property
     def fate(self) -> str:
@@ -62,7 +64,8 @@ class CurveView:
         against = [item.objection for item in self.evidence if not item.kept]
         if self.believed:
             return 'conductor'
-        return ', '.join(against) or self.objection or 'dropped beside others'
+        fate = ', '.join(against) or self.objection or 'dropped beside others'
+        return f'conductor, as it continues one at a support; {fate}' if self.adopted else fate
 
 
 class Curves:
@@ -77,15 +80,18 @@ class Curves:
             make_draws(settings),
             lambda curves, others: search_beside(cloud, curves, others, settings),
         )
-        believed = {_key(curve) for curve in trace.lines.conductors.curves}
+        borne = {_key(curve) for curve in trace.lines.borne}
+        believed = {_key(curve) for curve in trace.lines.conductors.curves} - borne
+        hung = {_key(curve) for curve in trace.lines.layout.curves}
         views = []
         for curve, verdict in zip(found, judge.verdicts, strict=True):
             evidence = list_evidence(
                 curve, verdict.profile, verdict.free, limits, beside=verdict.beside
             )
             views.append(CurveView(
-                curve=curve, evidence=tuple(evidence), objection=verdict.objection,
-                believed=_key(curve) in believed,
+                curve=curve, evidence=tuple(evidence),
+                objection=HELD if _key(curve) in borne else verdict.objection,
+                believed=_key(curve) in believed, adopted=_key(curve) in hung - believed,
             ))
         self.views = tuple(views)
 

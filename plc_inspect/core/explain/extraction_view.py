@@ -99,7 +99,8 @@ class Place:
         height = float(self.trace.result.ground_height[self.index])
         threshold = self.trace.lines.height.threshold
         if self.decision == Decision.NOT_FINITE:
-            return Finding(stage='height', outcome='dropped', notes=('not finite',))
+            note = 'not finite, or isolated far away'
+            return Finding(stage='height', outcome='dropped', notes=(note,))
         checks, notes = [], ['no ground is known below, so it counts as high']
         if not math.isnan(height):
             checks = [Check(

@@ -4,7 +4,6 @@
 """Second looks: curves that supports prove to be conductors, or to be none."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -16,7 +15,6 @@ from plc_inspect.core.catenary.profile import Profile, profile_curve
 from plc_inspect.core.evidence.conductors import ConductorResult
 from plc_inspect.core.evidence.judge import LONGEST_BAY, may_be_held
 from plc_inspect.core.evidence.stays import is_regular
-from plc_inspect.core.evidence.validation import HELD
 from plc_inspect.core.extraction.off_ground import OffGround
 from plc_inspect.core.numerics.threads import call_each
 from plc_inspect.core.spans.joints import find_joints, find_meeting
@@ -36,21 +34,17 @@ Source: derived: one more that agrees with one; lines have no three poles so clo
 """
 
 
-def drop_borne(
-    conductors: ConductorResult, poles: Sequence[StandingPole], settings: CatenarySettings
-) -> ConductorResult:
-    """Drop the curves that poles bear at even short intervals, as they bear pipes and rails."""
-    kept: list[Curve] = []
-    for curve in conductors.curves:
+def find_borne(
+    curves: Sequence[Curve], poles: Sequence[StandingPole], settings: CatenarySettings
+) -> tuple[Curve, ...]:
+    """Return the curves that poles bear at even short intervals, as they bear pipes and rails."""
+    borne = []
+    for curve in curves:
         x = sorted(curve.local_place(pole.position)[0] for pole in poles if pole.holds(curve))
         bays = np.diff([at for at in x if curve.low - ARM <= at <= curve.high + ARM])
-        if not (may_be_held(curve, settings) and is_regular(bays, LONGEST_BAY, LEAST_BAYS)):
-            kept.append(curve)
-    num = len(conductors.curves) - len(kept)
-    objections = dict(conductors.objections)
-    if num:
-        objections[HELD] = objections.get(HELD, 0) + num
-    return replace(conductors, curves=tuple(kept), objections=objections)
+        if may_be_held(curve, settings) and is_regular(bays, LONGEST_BAY, LEAST_BAYS):
+            borne.append(curve)
+    return tuple(borne)
 
 
 def adopt(

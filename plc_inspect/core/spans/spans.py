@@ -106,9 +106,21 @@ def build_spans(
         line_id[chosen] = route.line_id[number]
         span_id[chosen] = route.span_id[number]
         residual[chosen] = distance[nearer]
+    own = [
+        chosen[(line_id[chosen] == line) & (span_id[chosen] == span)]
+        for chosen, line, span in zip(collected, route.line_id, route.span_id, strict=True)
+    ]
+    kept = []
+    for number, cut in enumerate(finals):
+        # its ends may have been drawn past each other
+        if len(own[number]) >= LEAST_POINTS and cut.high > cut.low:
+            kept.append(number)
+        else:
+            gone = own[number]
+            line_id[gone], span_id[gone], residual[gone] = -1, -1, np.nan
     wire = line_id >= 0
     supports, support_mask, closed = place_supports(
-        cloud, wire, layout, route, finals, end_sigma
+        cloud, wire, layout, route, finals, end_sigma, kept
     )
     for (number, side), (beyond, deviation) in closed.items():
         cut = finals[number]
@@ -119,18 +131,10 @@ def build_spans(
         end_sigma[number, (side + 1) // 2] = deviation
     coverage = measure_coverage(points, index, finals)
     found = []
-    for number, cut in enumerate(finals):
-        own = collected[number]
-        own = own[
-            (line_id[own] == route.line_id[number]) & (span_id[own] == route.span_id[number])
-        ]
-        # its ends may have been drawn past each other
-        if len(own) < LEAST_POINTS or cut.high <= cut.low:
-            line_id[own], span_id[own], residual[own] = -1, -1, np.nan
-            continue
+    for number in kept:
         found.append(FittedSpan(
-            cut=cut,
-            points=own,
+            cut=finals[number],
+            points=own[number],
             reverse=route.reverse[number],
             is_open=(
                 layout.start_station[number] < 0 and (number, -1) not in closed,

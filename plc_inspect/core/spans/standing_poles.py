@@ -141,7 +141,7 @@ def find_poles(
     columns = _list_columns(cloud, pack_curves(curves), wire)
     for curve, along in zip(curves, columns, strict=True):
         for x, place in zip(along.tolist(), curve.position(along), strict=True):
-            cell = tuple((place / LOOK).astype(int).tolist())
+            cell = tuple(np.floor(place / LOOK).tolist())
             if cell not in looked_at:  # conductors side by side pass the same column
                 looked_at.add(cell)
                 places.append((curve, x))

@@ -124,6 +124,7 @@ def place_supports(
     route: Route,
     finals: Sequence[CutCurve],
     end_sigma: Float64,
+    kept: Sequence[int],
 ) -> tuple[tuple[Support, ...], Bool, dict[tuple[int, int], tuple[float, float]]]:
     """
     Place the supports of all stations and of the open ends at which a structure stands.
@@ -134,13 +135,13 @@ def place_supports(
         N points off the ground.
     wire : (N,) bool
         Points of conductors.
-    layout, route : Layout, Route
-        C curves, and what they belong to.
-    finals : sequence of CutCurve
-        For each curve of the layout the final one.
+    layout, route, finals : Layout, Route, sequence of CutCurve
+        C curves, what they belong to, and for each the final one.
     end_sigma : (C, 2) float64
         Standard deviation of the place of the low and the high end along the curve [m], 0 where
         it is not at a station.
+    kept : sequence of int
+        Curves that are spans; the others hang on nothing.
 
     Returns
     -------
@@ -156,10 +157,10 @@ def place_supports(
     closed: dict[tuple[int, int], tuple[float, float]] = {}
     ends = [
         SpanEnd(
-            number=number, side=side, azimuth=cut.curve.azimuth,
-            place=cut.curve.position(cut.high if side > 0 else cut.low)[0],
+            number=number, side=side, azimuth=finals[number].curve.azimuth,
+            place=finals[number].curve.position(x)[0],
         )
-        for number, cut in enumerate(finals) for side in (-1, 1)
+        for number in kept for side, x in ((-1, finals[number].low), (1, finals[number].high))
     ]
 
     # Ends at one station hang together; open ends do where they lie side by side.

@@ -18,7 +18,7 @@ from plc_inspect.results import Decision, Float64
 from plc_inspect.setting_names import to_mapping
 
 MEANINGS = {
-    Decision.NOT_FINITE: 'is not finite',
+    Decision.NOT_FINITE: 'is not finite, or isolated far away',
     Decision.GROUND: 'is ground',
     Decision.TOO_LOW: 'is too low',
     Decision.NOT_LINEAR: 'does not lie on something linear',
@@ -34,7 +34,7 @@ _NAMES = dict(zip(STAGES, (
     'candidates in line with others', 'points in line segments', 'wire points',
 ), strict=True))
 NO_SETTING = {
-    Decision.NOT_FINITE: 'nothing: it has no place',
+    Decision.NOT_FINITE: 'nothing: it has no place, or is left out before the first stage',
     Decision.GROUND: 'no setting: what is within half a metre of the ground surface is ground',
     Decision.SUPPORT: 'no setting that is known',
 }

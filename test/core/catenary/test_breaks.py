@@ -45,6 +45,14 @@ def test_all_supports_of_a_track_are_found(spans, seed):
     np.testing.assert_allclose([item.x for item in found], np.cumsum(spans)[:-1], atol=1.5)
 
 
+@pytest.mark.parametrize(('num', 'length', 'c'), [(150, 80.0, 700.0), (200, 60.0, 1000.0)])
+def test_all_supports_of_a_track_of_12_km_are_found(num, length, c):
+    found = find_breaks(*make_track((length,) * num, c=c, per_metre=12.0))
+    np.testing.assert_allclose(
+        [item.x for item in found], length * np.arange(1, num), atol=1.5
+    )
+
+
 def test_two_parabolas_by_hand():
     x = np.linspace(0.0, 40.0, 161)
     z = np.where(x < 20.0, 0.01 * (x - 10.0) ** 2, 0.01 * (x - 30.0) ** 2)

@@ -7,10 +7,11 @@ import dataclasses
 
 import numpy as np
 import pytest
-from toys import make_line_cloud, make_tree, make_wire
+from toys import make_ground, make_line_cloud, make_tree, make_wire
 
 from plc_inspect.config import LinearitySettings, SegmentSettings, Settings
-from plc_inspect.core.explain.catenary_view import CurveView
+from plc_inspect.core.evidence.validation import HELD
+from plc_inspect.core.explain.catenary_view import Curves, CurveView
 from plc_inspect.core.explain.clustering_view import Windows
 from plc_inspect.core.explain.extraction_view import Place
 from plc_inspect.core.explain.point import confirm, explain_point, find_nearest
@@ -197,6 +198,48 @@ def test_windows_are_seen_as_the_stage_saw_them(cloud, trace):
             assert segments == len(windows.segments)
             num_compared += 1
     assert num_compared > 3
+
+
+def test_curves_are_those_of_the_run():
+    # so close and noisy, the draws of MSAC decide which points each curve has
+    points, _ = make_line_cloud(
+        (45.0, 50.0, 40.0), (-0.3, 0.0, 0.3), per_metre=4.0, noise=0.06, seed=1
+    )
+    trace = Pipeline().trace(enter_frame(points)[0])
+    believed = {view.curve.fit.c for view in Curves(trace, SETTINGS).views if view.believed}
+    assert len(believed) == 9
+    assert believed == {curve.fit.c for curve in trace.lines.conductors.curves}
+
+
+def test_a_curve_that_was_adopted_says_so():
+    points, _ = make_line_cloud((100.0, 10.0), (0.0,), c=1000.0, per_metre=6.0)
+    trace = Pipeline().trace(enter_frame(points)[0])
+    assert len(trace.models) == 2
+    fates = [view.fate for view in Curves(trace, SETTINGS).views]
+    assert 'conductor' in fates
+    assert 'conductor, as it continues one at a support; curvature not proven' in fates
+
+
+def test_what_poles_bear_says_so():
+    rng = np.random.default_rng(0)
+    posts = [  # beside it, so that they touch nothing from below
+        rng.uniform((x - 0.07, 0.78, 0.0), (x + 0.07, 0.92, 9.1), (400, 3))
+        for x in range(3, 48, 7)
+    ]
+    pipe = make_wire((0, 0, 9), (48, 0, 9), c=1e5, per_metre=12)
+    points = np.vstack([pipe, *posts, make_ground((-20, -20), (70, 20))])
+    trace = Pipeline().trace(enter_frame(points)[0])
+    assert not trace.models
+    assert [view.fate for view in Curves(trace, SETTINGS).views] == [HELD]
+    assert {stage.name: stage.dropped for stage in trace.result.stages}['supports'] == {HELD: 1}
+
+
+def test_a_point_far_away_is_told_as_isolated(cloud):
+    points, _, num_strays = enter_frame(np.vstack([cloud[0], [[9000.0, 0.0, 10.0]]]))
+    assert num_strays == 1
+    told = explain_point(Pipeline().trace(points), points, SETTINGS, len(points) - 1)
+    assert told.decision == Decision.NOT_FINITE
+    assert told.findings[0].notes == ('not finite, or isolated far away',)
 
 
 def test_ground_and_what_is_not_finite_have_no_setting(cloud):

@@ -9,10 +9,9 @@ from toys import make_curve, make_route, make_tree, make_wire
 
 from plc_inspect.config import Settings
 from plc_inspect.core.evidence.conductors import ConductorResult
-from plc_inspect.core.evidence.validation import HELD
 from plc_inspect.core.extraction.height import extract_high
 from plc_inspect.core.extraction.off_ground import gather_off_ground
-from plc_inspect.core.spans.adoption import adopt, drop_borne
+from plc_inspect.core.spans.adoption import adopt, find_borne
 from plc_inspect.core.spans.standing_poles import StandingPole
 
 SETTINGS = Settings()
@@ -115,11 +114,4 @@ def test_what_poles_bear_at_short_intervals_is_no_conductor(places, c, kept):
         StandingPole(position=np.array([x, 0.0]), base=0.0, top=high if c > 1e5 else low + 3.0)
         for x in places
     ]
-    conductors = ConductorResult(
-        curves=(curve,), doubtful=(), crowded=(), objections={HELD: 2},
-        wire=np.ones(len(wire), dtype=bool),
-    )
-    result = drop_borne(conductors, poles, SETTINGS.catenary)
-    assert len(result.curves) == kept
-    assert result.objections == {HELD: 2 if kept else 3}
-    assert conductors.objections == {HELD: 2}
+    assert find_borne((curve,), poles, SETTINGS.catenary) == (() if kept else (curve,))

@@ -53,6 +53,20 @@ def test_a_conductor_that_passes_unbroken_is_cut_where_its_neighbours_end():
         assert {layout.start_station[number], layout.end_station[number]} == {-1, 0}
 
 
+def test_a_conductor_that_passes_is_cut_also_where_too_little_is_seen_beyond():
+    points, curves = make_route([(0, 0), (60, 0), (120, 0)], offsets=(-3.0, 3.0), c=600.0)
+    earth = make_wire((0.0, 0.0, 17.0), (60.0, 0.0, 17.0), c=6000.0, seed=9)
+    beyond = make_wire((60.0, 0.0, 17.0), (100.0, 0.0, 17.0), c=6000.0, per_metre=0.5, seed=8)
+    points = np.vstack([points, earth, beyond])
+    passing = make_curve(points, np.arange(len(points) - len(earth) - len(beyond), len(points)))
+    layout = find_layout(points, [*curves, passing], (), SETTINGS)
+    (own,) = [number for number, curve in enumerate(layout.curves)
+              if curve.position(curve.mean_x)[0, 2] > 16.0]
+    assert {layout.start_station[own], layout.end_station[own]} == {-1, 0}
+    at = layout.curves[own].position([layout.start_x[own], layout.end_x[own]])
+    assert at[:, 0].max() == pytest.approx(60.0, abs=0.5)
+
+
 def test_a_line_beside_one_with_other_supports_is_not_cut_at_them():
     points, curves = make_route([(0, 0), (90, 0), (170, 0)])
     more, beside = make_route([(0, 18), (40, 18), (125, 18)])

@@ -282,4 +282,5 @@ def test_a_piece_whose_ends_are_drawn_past_each_other_is_no_span():
         np.random.default_rng(0),
     )
     assert not spans.models
+    assert not spans.supports
     assert (spans.line_id < 0).all()

@@ -22,9 +22,11 @@ SETTINGS = Settings()
 HIGH_PART = make_pole(60.0, 0.0, 8.2)[:, 2] > 6.2
 
 
-def look(*things, height=8.0, offsets=(-0.9, 0.0, 0.9)):
+def look(*things, height=8.0, offsets=(-0.9, 0.0, 0.9), shift=(0.0, 0.0, 0.0)):
     """
     Look for poles at conductors that hang over 120 m as if nothing held them between.
+
+    All is moved by ``shift``.
 
     Returns
     -------
@@ -36,7 +38,7 @@ def look(*things, height=8.0, offsets=(-0.9, 0.0, 0.9)):
         for number, y in enumerate(offsets)
     ]
     ground = make_ground((-10.0, -15.0), (130.0, 15.0))
-    points = np.vstack([*wires, ground, *things])
+    points = np.vstack([*wires, ground, *things]) + np.array(shift)
     cloud = gather_off_ground(points, extract_high(points, SETTINGS.height), 2.0)
     number = np.full(len(points), -1)
     number[cloud.place] = np.arange(len(cloud.place))
@@ -57,6 +59,14 @@ def test_a_pole_below_a_smooth_catenary_is_found():
     assert pole.top == pytest.approx(8.2, abs=0.1)
     assert pole.base == pytest.approx(0.0, abs=0.1)
     assert all(pole.holds(curve) for curve in curves)
+
+
+@pytest.mark.parametrize('shift', [(-60.0, 0.0, 0.0), (0.0, 0.0, 0.0), (40.3, 200.2, 5.0)])
+def test_a_pole_is_found_wherever_it_stands(shift):
+    # only one of both conductors is near enough to it
+    _, _, poles = look(make_pole(60.0, 0.7, 8.2), offsets=(-0.6, 0.6), shift=shift)
+    (pole,) = poles
+    np.testing.assert_allclose(pole.position, np.add([60.0, 0.7], shift[:2]), atol=0.1)
 
 
 @pytest.mark.parametrize('thing', [

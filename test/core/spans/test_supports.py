@@ -37,7 +37,7 @@ def place(points, label, num_wires=6):
     cloud = gather_off_ground(points, extract_high(points, SETTINGS.height), -np.inf)
     supports, mask, closed = place_supports(
         cloud, (label == 14)[cloud.place], layout, trace_routes(layout), finals,
-        np.zeros((len(finals), 2)),
+        np.zeros((len(finals), 2)), range(len(finals)),
     )
     return supports, closed, cloud.scatter(mask, False)
 
