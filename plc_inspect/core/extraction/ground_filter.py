@@ -284,7 +284,7 @@ def _limit_sweeps(surface, cell, max_slope):  # type: ignore[no-untyped-def]
                 low[row], high[row] = min(low[row], z), max(high[row], z)
     first, last = np.zeros(rows, dtype=np.int64), np.full(rows, columns)
     steps = (high.max() - low.min()) / (max_slope * cell)
-    if not steps < max(rows, columns):  # also NaN, where no cell is known
+    if not 0.0 <= steps < max(rows, columns):  # -inf where no cell is known
         return first, last
     reach = int(steps / 2) + STEPS_MORE
     for row in prange(rows):

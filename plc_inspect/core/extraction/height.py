@@ -19,6 +19,11 @@ MAX_PEAK = 1.0
 Greatest distance of the histogram's peak from the ground; shrubs are higher [m].
 Source: judgement; not measured.
 """
+MOST_BIN = 0.5
+"""
+Widest bin of the histogram, which leaves out the highest points where it needs wider ones [m].
+Source: derived: half of MAX_PEAK; the peak is the middle of a bin.
+"""
 PEAK_SHARE = 0.5
 """The same distance as a share of beta.  Source: judgement; not measured."""
 
@@ -35,7 +40,7 @@ class HeightResult:
     threshold: float
     """Least height of a high point [m]."""
     histogram: Int64
-    """(num_bins,) points per bin of height."""
+    """(num_bins,) points per bin of height; not those beyond the edges."""
     edges: Float64
     """(num_bins + 1,) bin edges [m]."""
     ground: Float32
@@ -113,9 +118,10 @@ def extract_high(
 
 def lay_edges(extremes: Float32 | Float64, settings: HeightSettings) -> Float64:
     """Return the (num_bins + 1,) edges of the histogram from least and greatest height [m]."""
+    widest = MOST_BIN * settings.num_bins
     top = max(float(extremes[1]), settings.beta)
-    bottom = max(float(extremes[0]), -top)
-    return np.linspace(bottom, top, settings.num_bins + 1)
+    bottom = max(float(extremes[0]), -top, -widest / 2.0)
+    return np.linspace(bottom, min(top, bottom + widest), settings.num_bins + 1)
 
 
 def count_heights(height: Float32, edges: Float64) -> Int64:

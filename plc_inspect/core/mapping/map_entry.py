@@ -60,7 +60,7 @@ class MapEntry:
             return None
         self._beyond_since = None
         self.meter.add(scan.points, scan.stamps, scan.apart)
-        self.near.add(scan, found.sequence)
+        self.near.add(scan, found.sequence, self.map.cells)
         return found
 
     def is_away(self, scan: Seen) -> bool:

@@ -67,9 +67,9 @@ class NearReturns:
         """Forget all returns."""
         self._kept.clear()
 
-    def add(self, scan: Seen, sequence: int) -> None:
+    def add(self, scan: Seen, sequence: int, cells: CellIndex) -> None:
         """
-        Take the returns of a scan.
+        Take the returns of a scan; where they are too many, those of the ground give way.
 
         Parameters
         ----------
@@ -77,9 +77,14 @@ class NearReturns:
             In the map frame.
         sequence : int
             Its insertion into the map.
+        cells : CellIndex
+            Of the map, for the lowest place.
 
         """
         near = np.flatnonzero(scan.apart <= REACH)
+        if len(near) > MOST_KEPT:
+            lowest = _find_lowest(cells, scan.points[np.argmin(scan.apart)])
+            near = near[scan.points[near, 2] >= lowest + STANDS]
         if len(near) > MOST_KEPT:
             near = near[np.argpartition(scan.apart[near], MOST_KEPT)[:MOST_KEPT]]
         while self._kept and not 0 <= scan.stamp_ns - self._kept[0][0] <= KEPT_NS:

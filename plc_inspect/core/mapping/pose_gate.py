@@ -15,7 +15,7 @@ from plc_inspect.core.numerics.arrays import MOST_COORDINATE
 
 Z_DOWN = ('ned', 'frd')
 """
-Endings of the names of frames whose z points down.
+Last words of the names of frames whose z points down.
 Source: REP-147 and MAVROS: north east down, front right down.
 """
 
@@ -81,7 +81,10 @@ class PoseGate:
 
 
 def _doubt_axes(frames: tuple[str, str] | None) -> str:
-    if frames is None or not frames[0].lower().endswith(Z_DOWN):
+    if frames is None:
+        return ''
+    words = ''.join(mark if mark.isalpha() else ' ' for mark in frames[0].lower()).split()
+    if not words or words[-1] not in Z_DOWN:
         return ''
     return (
         f'the map frame {frames[0]} has z down by its name: results are held back; give poses in'

@@ -27,6 +27,7 @@ from plc_inspect.core.voxel_buffer.voxel_hash import accumulate_points, fill_tab
 from plc_inspect.core.voxel_buffer.voxel_keys import (
     find_centroids,
     KEY_HALF_RANGE,
+    lie_within,
     locate_voxels,
     order_by_tile,
 )
@@ -305,8 +306,8 @@ class VoxelMap:
         """
         if self._origin is None or not len(slots):
             return
-        keys, _, _ = locate_voxels(centroids, self._origin, self._voxel_size)
-        same = (self._voxels.keys[slots] == keys) & (self._voxels.counts[slots] > 0)
+        same = lie_within(centroids, slots, self._voxels.keys, self._origin, self._voxel_size)
+        same &= self._voxels.counts[slots] > 0
         same &= self._voxels.labels[slots] != labels
         self._voxels.labels[slots[same]] = labels[same]
         self._voxels.changed[slots[same]] |= LABELLED

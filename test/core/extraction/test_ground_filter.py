@@ -17,6 +17,13 @@ from plc_inspect.core.extraction.ground_filter import (
 SHAPES = [(1, 1), (1, 5), (6, 1), (7, 8), (15, 16), (16, 33), (40, 31)]
 
 
+@pytest.mark.parametrize('shape', [*SHAPES, (50, 60)])
+def test_without_any_point_no_ground_is_known(shape):
+    ground, seen = estimate_ground(np.full(shape, np.nan, dtype=np.float32), 1.0, 1.0)
+    assert np.isnan(ground).all()
+    assert not seen.any()
+
+
 @pytest.mark.parametrize('shape', SHAPES)
 @pytest.mark.parametrize('share', [0.0, 0.15, 0.25, 1.0])
 def test_ground_has_ground_about_it(shape, share):

@@ -41,6 +41,16 @@ def test_histogram_is_that_of_the_heights():
     assert (result.high == (result.height >= result.threshold)).all()
 
 
+@pytest.mark.parametrize('z', [[60.0], [150.0], [185.0], [300.0], [60.0, -55.0]])
+def test_a_few_points_far_above_or_below_leave_the_threshold(z):
+    ground = make_ground((0, 0), (40, 40))
+    far = np.column_stack([np.full((len(z), 2), 20.0), z])
+    wire = make_wire((5.0, 10.0, 4.6), (35.0, 10.0, 4.6), noise=0.0)
+    result = extract_high(np.vstack([ground, wire, far]), SETTINGS)
+    assert 3.7 < result.threshold < 4.3
+    assert result.high[len(ground) : -len(z)].all()
+
+
 def test_points_high_above_a_slope_are_found_and_the_slope_is_not():
     def slope(x, y):
         return 0.5 * x

@@ -117,6 +117,24 @@ def test_grass_is_left_out():
     assert abs(np.median(found[:, 1] - true[:, 1])) < 0.03
 
 
+@pytest.mark.parametrize('slope', [(0.0, 0.0), (0.2, -0.4)])
+def test_the_ground_below_dense_shrub_is_found(slope):
+    model = make_model((0.0, 0.0, 70.0), (100.0, 0.0, 70.0), c=CONSTANT)
+    points, height, below = make_ground(slope, density=10.0, noise=0.02)
+    rng = np.random.default_rng(1)
+    shrub = rng.uniform((-5.0, -6.0, 0.2), (105.0, 6.0, 0.5), (25_000, 3))
+    rise = shrub[:, 2].copy()
+    shrub[:, 2] += slope[0] * shrub[:, 0] + slope[1] * shrub[:, 1]
+    true = measure(model, lambda along: slope[0] * along)[:, :2]
+    (found,) = measure_ground(
+        np.concatenate([points, shrub]), np.concatenate([height, rise]).astype(np.float32),
+        [model], [true + np.array([0.0, below])], 200.0)
+    assert len(found) == 101
+    error = found[:, 1] - true[:, 1]
+    assert abs(np.median(error)) < 0.01
+    assert (np.abs(error) < 0.05).mean() > 0.95
+
+
 def test_without_heights_the_lowest_count_and_are_rough():
     model = make_model(*ENDS, c=CONSTANT)
     raw = measure(model, lambda along: 0.0 * along)[:, :2]

@@ -202,7 +202,7 @@ def test_known_spans_come_wholly_and_neighbours_as_stubs():
         x = np.sort(wire[near, 0])
         assert x[0] < 1.0
         assert x[-1] > 199.0
-        assert np.diff(x).max() < 0.6
+        assert np.diff(x).max() < 1.5  # every other voxel, as drawn
     stub = wire[(wire[:, 0] > 205) & (np.abs(wire[:, 1] - 5) < 0.2), 0]
     assert 240.0 < stub.max() < 285.0
     assert wire[:, 1].max() < 30.0

@@ -64,6 +64,14 @@ def test_few_returns_and_those_of_one_scan_are_dust(entry):
     assert len(find(entry)) == 2 * len(few)
 
 
+def test_a_wire_beyond_many_returns_of_the_ground_is_told_of(entry):
+    rng = np.random.default_rng(0)
+    for _ in range(2):
+        below = rng.uniform((-5.0, -5.0, -0.1), (5.0, 5.0, 0.1), (4 * MOST_KEPT, 3))
+        enter(entry, np.concatenate((below, WIRE)), place=(0.0, 0.0, 5.0))
+    assert len(find(entry, place=(0.0, 0.0, 5.0))) == 2 * len(WIRE)
+
+
 def test_ground_below_a_vehicle_that_takes_off_is_none(entry):
     near = GROUND * [0.1, 0.1, 1.0]
     enter(entry, near, near)
@@ -92,7 +100,8 @@ def test_returns_are_kept_for_a_while_and_not_beyond_the_map(entry):
     enter(entry, WIRE, WIRE)
     assert len(find(entry)) == 2 * len(WIRE)
     later = (entry.map.sequence + 1) * SCAN_NS + KEPT_NS
-    entry.near.add(Seen(WIRE, np.full(41, later), np.full(41, 6.0), later), 9)
+    seen = Seen(WIRE, np.full(41, later), np.full(41, 6.0), later)
+    entry.near.add(seen, 9, entry.map.cells)
     assert len(find(entry)) == 0
     enter(entry, WIRE, WIRE)
     entry.clear()

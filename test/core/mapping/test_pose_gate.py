@@ -171,7 +171,8 @@ def test_settings_of_the_gap_hold_at_once():
 
 @pytest.mark.parametrize(('frame', 'doubted'), [
     ('odom', False), ('ned_odom', False), ('odom_ned', True), ('map/NED', True),
-    ('local_frd', True),
+    ('local_frd', True), ('odom_combined', False), ('map_aligned', False), ('NED', True),
+    ('', False),
 ])
 def test_a_map_frame_that_points_down_by_its_name_is_doubted(frame, doubted):
     gate = PoseGate(InputSettings())

@@ -1,6 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
+import numpy as np
 import pytest
 
 from plc_inspect.core.mapping.scan_counters import DropReason
@@ -53,6 +54,24 @@ def test_repeated_scans_are_refused(duration):
     gate = ScanGate()
     judged = [judge(gate, 100 * (number // 2), duration) for number in range(20)]
     assert judged == [None, DropReason.OVERLAP] * 10
+
+
+@pytest.mark.parametrize(('late', 'lost'), [(15, 0), (21, 1), (50, 1), (90, 1)])
+def test_one_late_stamp_costs_one_scan(late, lost):
+    gate = ScanGate()
+    judged = [judge(gate, 100 * number + late * (number == 20)) for number in range(100)]
+    assert judged.count(DropReason.OVERLAP) == lost
+
+
+@pytest.mark.parametrize('times', [1, 2])
+def test_scans_that_jitter_pass(times):
+    gate = ScanGate()
+    jitter = np.random.default_rng(0).normal(0.0, 4.0, 200)
+    taken = [
+        judge(gate, 100 * number + jitter[number]) is None
+        for number in range(200) for _ in range(times)
+    ]
+    assert sum(taken) >= 199
 
 
 @pytest.mark.parametrize('duration', [0, 50])

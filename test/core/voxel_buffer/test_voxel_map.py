@@ -257,6 +257,17 @@ def test_labels_choose_what_is_collected():
     assert len(voxels.collect(np.arange(len(voxels.cells)), wanted)) == 0
 
 
+@pytest.mark.parametrize('origin', [0.0, 5e6])
+def test_points_on_the_border_of_a_voxel_are_labelled(origin):
+    grid = np.stack(np.meshgrid(*3 * [np.arange(-20, 20)]), axis=-1).reshape(-1, 3)
+    voxels = make_map(origin + 0.1 * grid)
+    everything = np.ones(256, np.uint8)
+    slots, centroids = voxels.copy_voxels(voxels.collect(np.arange(len(voxels.cells)), everything))
+    voxels.label(slots, centroids, np.full(len(slots), 7, np.uint8))
+    everything[7] = 0
+    assert not len(voxels.collect(np.arange(len(voxels.cells)), everything))
+
+
 def test_voxels_with_few_points_are_not_used():
     voxels = make_map([[0.05, 0, 0], [0.06, 0, 0], [1.05, 0, 0]], min_points=2)
     slots, _ = voxels.copy_voxels(voxels.collect(np.array([0]), ALL))
