@@ -277,3 +277,21 @@ def test_hazards_have_the_colours_of_their_severities(folder):
                          rf'</name>.*?<styleUrl>#{hazard["severity"]}</styleUrl>', text, re.DOTALL)
         kml = f'ff{color[5:7]}{color[3:5]}{color[1:3]}'  # alpha, blue, green, red
         assert f'<Style id="{hazard["severity"]}"><IconStyle><color>{kml}' in text
+
+
+def test_what_the_rule_measures_is_in_all_files(tmp_path):
+    """Not the distance in space, which may be far above the limit that is broken."""
+    run = make_inspection(UTM, crs=pyproj.CRS('EPSG:25832').to_wkt())
+    hazard = dataclasses.replace(
+        run.result.hazards[0], clearance=77.5, horizontal=1.25, note='measured horizontally'
+    )
+    write_results(tmp_path / 'out', dataclasses.replace(
+        run, result=dataclasses.replace(run.result, hazards=(hazard,))
+    ))
+    kml = (tmp_path / 'out/results.kml').read_text(encoding='utf-8')
+    assert '1.25 m measured horizontally, 2.00 m required by' in kml
+    texts = ezdxf.readfile(tmp_path / 'out/catenaries.dxf').modelspace().query('TEXT')
+    assert [item.dxf.text for item in texts] == ['0 vegetation 1.25']
+    page = (tmp_path / 'out/report.html').read_text(encoding='utf-8')
+    assert '<b>1.25</b>' in page
+    assert '77.5' not in page

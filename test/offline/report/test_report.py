@@ -160,6 +160,16 @@ def test_feet_are_shown_as_feet():
     assert '[ftUS]' in page
 
 
+def test_places_are_those_of_the_files():
+    """With x and y in feet and z in metres, as in hazards.json."""
+    run = make_inspection(num_ground=10, units=Units(horizontal=0.3048, vertical=1.0))
+    text = ' '.join(outline(render_report(run)).text)
+    for foot in (item.position for item in run.result.supports):
+        place = f'{foot[0] / 0.3048:.2f}, {foot[1] / 0.3048:.2f}, {foot[2]:.2f}'
+        assert place.replace('-', '\u2212') in text
+    assert 'lengths in ft, z of positions in m' in ' '.join(text.split())
+
+
 def test_many_points_are_thinned_out(monkeypatch):
     monkeypatch.setattr('plc_inspect.offline.report.point_scene.MOST_POINTS', 3000)
     inspection = make_inspection(num_ground=50_000)
