@@ -4,6 +4,7 @@
 """GeoJSON, KML and GeoPackage of a run whose coordinate reference system is known."""
 
 from collections.abc import Sequence
+import math
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree  # nosec B405
@@ -143,9 +144,29 @@ def to_world(
         return np.column_stack([x, y, xyz[:, 2] * height + inspection.altitude])
 
     return {
-        name: list(shapely.transform(shapes, move, include_z=True)) if shapes else []
+        name: [_cut(shape) for shape in shapely.transform(shapes, move, include_z=True)]
+        if shapes else []
         for name, (shapes, _) in layers.items()
     }
+
+
+def _cut(shape: Any) -> Any:
+    """Cut a line at the antimeridian, where GDAL would write latitudes as heights."""
+    places = shapely.get_coordinates(shape, include_z=True)
+    at = 1 + np.flatnonzero(np.abs(np.diff(places[:, 0])) > 180.0)
+    parts = np.split(places, at)
+    for number in range(len(at)):
+        before, after = parts[number : number + 2]
+        edge = math.copysign(180.0, before[-1, 0])
+        near = np.array([before[-1], after[0]])
+        near[1, 0] += 2 * edge
+        share = (edge - near[0, 0]) / (near[1, 0] - near[0, 0])
+        middle = near[0] + share * (near[1] - near[0])
+        middle[0] = edge
+        parts[number] = np.vstack([before, middle])
+        middle[0] = -edge
+        parts[number + 1] = np.vstack([middle, after])
+    return shapely.MultiLineString(parts) if len(at) else shape
 
 
 def write_layer(

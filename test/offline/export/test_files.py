@@ -295,3 +295,21 @@ def test_what_the_rule_measures_is_in_all_files(tmp_path):
     page = (tmp_path / 'out/report.html').read_text(encoding='utf-8')
     assert '<b>1.25</b>' in page
     assert '77.5' not in page
+
+
+def test_a_line_across_the_antimeridian_is_cut_there_at_its_height(tmp_path):
+    origin = (819_000.0, 8_095_800.0, 400.0)
+    run = make_inspection(origin, crs=pyproj.CRS('EPSG:32760').to_wkt())
+    write_results(tmp_path / 'out', run)
+    for name, num in (('spans.geojson', 3), ('results.kml', 3), ('coverage.geojson', 1)):
+        _, shapes, _ = read(tmp_path / 'out' / name)
+        cut = [shape for shape in shapes if shape.geom_type == 'MultiLineString']
+        assert len(cut) == num
+        for shape in cut:
+            before, after = (
+                shapely.get_coordinates(part, include_z=True) for part in shape.geoms
+            )
+            assert (before[:, 0] > 0).all()
+            assert (after[:, 0] < 0).all()
+            assert before[-1] == pytest.approx(after[0] + [360.0, 0.0, 0.0], abs=1e-8)
+            assert before[-1, 2] == pytest.approx(before[-2, 2], abs=2.0)
