@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from plc_inspect.errors import explain_missing, PlcInspectError
-from plc_inspect.offline.commands.command_line import positive
+from plc_inspect.offline.commands.command_line import DONE, Parser, positive, run_command
+from plc_inspect.printable import make_one_line
 from plc_inspect.sim.random_scenes.scenes import KINDS
 from plc_inspect.sim.random_scenes.truth import make_random
 from plc_inspect.sim.scenes.catalogue import make_scene, SCENES
@@ -28,6 +28,7 @@ from plc_inspect.sim.surveys.puck import Puck
 from plc_inspect.sim.surveys.trajectory import FlightPlan, OdometryErrors
 from plc_inspect.sim.surveys.truth import collect_sightings, make_truth
 
+NAME = 'plc_simulate'
 RANDOM = 'random'
 """Name of the scene that is drawn from the seed."""
 _OF_RANDOM = {'scene', 'kind', 'output', 'seed', 'force'}
@@ -37,8 +38,8 @@ _MAP_NOISE = 0.03
 
 def build_parser() -> argparse.ArgumentParser:
     """Return the parser of ``plc_simulate``."""
-    parser = argparse.ArgumentParser(
-        prog='plc_simulate',
+    parser = Parser(
+        prog=NAME,
         description='Simulate a survey of a power line: a flight with a Puck Lite, or an '
                     'airborne map; truth.json describes the scene.',
         epilog=f'Scenes: {", ".join((*SCENES, RANDOM))}',
@@ -122,7 +123,11 @@ def natural(text: str) -> int:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run ``plc_simulate``; return 0 done, 2 bad usage or output that cannot be written."""
+    """Run the command and return its exit code."""
+    return run_command(NAME, lambda: _run(argv))
+
+
+def _run(argv: Sequence[str] | None) -> int:
     parser = build_parser()
     arguments = parser.parse_args(argv)
     refused = set(vars(arguments)) - _OF_RANDOM if arguments.scene == RANDOM else {'kind'}
@@ -132,22 +137,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     if given:
         options = ', '.join(f'--{name.replace("_", "-")}' for name in given)
         parser.error(f'the scene {arguments.scene} takes no {options}')
-    try:
-        with open_folder(arguments.output, arguments.force) as folder:
-            if arguments.scene == RANDOM:
-                text = _write_random(folder, arguments)
-            else:
-                scene = make_scene(arguments.scene, arguments.seed)
-                write = _write_map if arguments.map else _write_flight
-                text = write(folder, scene, arguments)
-    except (PlcInspectError, OSError) as error:
-        print(f'plc_simulate: {error}', file=sys.stderr)
-        return 2
-    except ModuleNotFoundError as error:
-        print(f'plc_simulate: {explain_missing(error)}', file=sys.stderr)
-        return 2
-    print(f'{arguments.output}: {text}')
-    return 0
+    with open_folder(arguments.output, arguments.force) as folder:
+        if arguments.scene == RANDOM:
+            text = _write_random(folder, arguments)
+        else:
+            scene = make_scene(arguments.scene, arguments.seed)
+            write = _write_map if arguments.map else _write_flight
+            text = write(folder, scene, arguments)
+    print(make_one_line(f'{arguments.output}: {text}'))
+    return DONE
 
 
 def _write_map(folder: Path, scene: Scene, arguments: argparse.Namespace) -> str:
