@@ -191,7 +191,7 @@ def _write_flight(folder: Path, scene: Scene, arguments: argparse.Namespace) -> 
     from tqdm import tqdm
 
     with open_bag(folder, 'flight') as writer, tqdm(
-        unit='scan', disable=not sys.stderr.isatty(), leave=False,
+        unit='scan', disable=sys.stderr is None or not sys.stderr.isatty(), leave=False,
     ) as bar:
         def show(done: int, total: int) -> None:
             bar.total = total
