@@ -33,6 +33,8 @@ RANDOM = 'random'
 """Name of the scene that is drawn from the seed."""
 _OF_RANDOM = {'scene', 'kind', 'output', 'seed', 'force'}
 """Options of random scenes, which draw their own sensor and size."""
+_OF_MAPS = {'density', 'num_points', 'origin'}
+_OF_ALL = {'scene', 'output', 'seed', 'force', 'map'}
 _MAP_NOISE = 0.03
 
 
@@ -130,13 +132,17 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(argv: Sequence[str] | None) -> int:
     parser = build_parser()
     arguments = parser.parse_args(argv)
-    refused = set(vars(arguments)) - _OF_RANDOM if arguments.scene == RANDOM else {'kind'}
+    refused, what = {'kind', *_OF_MAPS}, 'a flight'
+    if arguments.scene == RANDOM:
+        refused, what = set(vars(arguments)) - _OF_RANDOM, f'the scene {RANDOM}'
+    elif arguments.map:
+        refused, what = set(vars(arguments)) - _OF_ALL - _OF_MAPS, 'a map'
     given = sorted(
         name for name in refused if getattr(arguments, name) != parser.get_default(name)
     )
     if given:
         options = ', '.join(f'--{name.replace("_", "-")}' for name in given)
-        parser.error(f'the scene {arguments.scene} takes no {options}')
+        parser.error(f'{what} takes no {options}')
     with open_folder(arguments.output, arguments.force) as folder:
         if arguments.scene == RANDOM:
             text = _write_random(folder, arguments)

@@ -174,7 +174,9 @@ def test_random_scenes_are_written_with_their_truth(tmp_path):
 @pytest.mark.parametrize(('arguments', 'refused'), [
     (('random', '--map', '--origin', '0', '0', '1'), 'the scene random takes no --map, --origin'),
     (('random', '--dual', '--speed', '3'), 'takes no --dual, --speed'),
-    (('demo', '--kind', 'clean'), 'the scene demo takes no --kind'),
+    (('demo', '--kind', 'clean'), 'a flight takes no --kind'),
+    (('demo', '--density', '5', '--origin', '0', '0', '1'), 'a flight takes no --density, --orig'),
+    (('rack', '--map', '--dual', '--kind', 'clean'), 'a map takes no --dual, --kind'),
 ])
 def test_options_that_a_scene_does_not_take_are_refused(tmp_path, capsys, arguments, refused):
     with pytest.raises(SystemExit, match='2'):
