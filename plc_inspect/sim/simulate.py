@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from plc_inspect.core.numerics.arrays import MOST_COORDINATE
 from plc_inspect.offline.commands.command_line import DONE, Parser, positive, run_command
 from plc_inspect.printable import make_one_line
 from plc_inspect.sim.random_scenes.scenes import KINDS
@@ -66,7 +67,7 @@ def build_parser() -> argparse.ArgumentParser:
         '--num-points', type=natural, metavar='N', help='exactly this number of points',
     )
     survey.add_argument(
-        '--origin', type=float, nargs=3, default=(0.0, 0.0, 0.0), metavar=('X', 'Y', 'Z'),
+        '--origin', type=number, nargs=3, default=(0.0, 0.0, 0.0), metavar=('X', 'Y', 'Z'),
         help='added to all coordinates [m], for UTM-sized ones',
     )
     return parser
@@ -81,12 +82,15 @@ def _add_flight_options(group: argparse._ArgumentGroup) -> None:
         '--shuttle', action='store_true', help='fly back and forth until the duration is over',
     )
     group.add_argument('--speed', type=positive, metavar='M/S')
-    group.add_argument('--lateral', type=float, metavar='M', help='offset to the left of the line')
     group.add_argument(
-        '--height', type=float, metavar='M', help='above the phases, or the ground without a line',
+        '--lateral', type=number, metavar='M', help='offset to the left of the line',
     )
     group.add_argument(
-        '--drift', type=float, default=OdometryErrors().drift, metavar='SHARE',
+        '--height', type=number, metavar='M',
+        help='above the phases, or the ground without a line',
+    )
+    group.add_argument(
+        '--drift', type=number, default=OdometryErrors().drift, metavar='SHARE',
         help='slip of the odometry per distance (default: %(default)s)',
     )
     group.add_argument(
@@ -103,17 +107,25 @@ def _add_flight_options(group: argparse._ArgumentGroup) -> None:
     )
     group.add_argument('--max-range', type=positive, default=100.0, metavar='M')
     group.add_argument(
-        '--view', type=float, nargs=2, default=(0.0, 360.0), metavar=('DIRECTION', 'WIDTH'),
+        '--view', type=number, nargs=2, default=(0.0, 360.0), metavar=('DIRECTION', 'WIDTH'),
         help='sector that the driver passes on [deg], counter-clockwise from ahead',
     )
     group.add_argument(
-        '--lidar-xyz', type=float, nargs=3, default=(0.0, 0.0, 0.0), metavar=('X', 'Y', 'Z'),
+        '--lidar-xyz', type=number, nargs=3, default=(0.0, 0.0, 0.0), metavar=('X', 'Y', 'Z'),
         help='position of the lidar in the base frame [m]',
     )
     group.add_argument(
-        '--lidar-rpy-deg', type=float, nargs=3, default=(0.0, 0.0, 0.0),
+        '--lidar-rpy-deg', type=number, nargs=3, default=(0.0, 0.0, 0.0),
         metavar=('ROLL', 'PITCH', 'YAW'), help='its attitude in the base frame [deg]',
     )
+
+
+def number(text: str) -> float:
+    """Read a number that a coordinate can have, as the type of an argument."""
+    value = float(text)
+    if not abs(value) <= MOST_COORDINATE:
+        raise argparse.ArgumentTypeError(f'{text} is not within {MOST_COORDINATE:g}')
+    return value
 
 
 def natural(text: str) -> int:

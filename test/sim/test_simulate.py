@@ -129,6 +129,9 @@ def test_map_with_large_coordinates(tmp_path):
 @pytest.mark.parametrize('arguments', [
     ['moon', '-o', 'x'], ['rack'], ['rack', '-o', 'x', '--density', '-3'],
     ['rack', '-o', 'x', '--seed', 'one'], ['rack', '-o', 'x', '--seed', '-1'],
+    ['rack', '-o', 'x', '--map', '--origin', 'nan', '0', '0'],
+    ['rack', '-o', 'x', '--map', '--origin', '1e300', '0', '0'],
+    ['rack', '-o', 'x', '--height', 'inf'], ['rack', '-o', 'x', '--drift', 'nan'],
 ])
 def test_bad_usage_exits_2(arguments, capsys, tmp_path, monkeypatch):
     """Bad usage: status 2, something on stderr, nothing written."""
