@@ -8,7 +8,7 @@ They are written beside their target and renamed, so they are never seen half-wr
 is removed only when the new one is complete.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 import fcntl
 import glob
@@ -54,7 +54,9 @@ def check_file(path: Path, force: bool) -> None:
 
 
 @contextmanager
-def replace_folder(folder: Path) -> Iterator[Path]:
+def replace_folder(
+    folder: Path, check: Callable[[], None] = lambda: None
+) -> Iterator[Path]:
     """
     Write a folder; missing parents are made.
 
@@ -62,6 +64,9 @@ def replace_folder(folder: Path) -> Iterator[Path]:
     ----------
     folder : Path
         The place.
+    check : callable
+        Raises DataError if what is there must stay; called when the new folder is complete, as
+        another process may have put it there meanwhile.
 
     Yields
     ------
@@ -81,6 +86,7 @@ def replace_folder(folder: Path) -> Iterator[Path]:
             aside, old = room / 'new', room / 'old'
             aside.mkdir()
             yield aside
+            check()
             try:
                 if place.exists():
                     place.rename(old)
@@ -92,7 +98,7 @@ def replace_folder(folder: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def replace_file(path: Path) -> Iterator[Path]:
+def replace_file(path: Path, check: Callable[[], None] = lambda: None) -> Iterator[Path]:
     """
     Write a file into an existing folder.
 
@@ -100,6 +106,8 @@ def replace_file(path: Path) -> Iterator[Path]:
     ----------
     path : Path
         The place.
+    check : callable
+        As for `replace_folder`.
 
     Yields
     ------
@@ -117,6 +125,7 @@ def replace_file(path: Path) -> Iterator[Path]:
     with _name_errors(path), _make_room(place) as room:
         aside = room / place.name
         yield aside
+        check()
         aside.replace(place)
 
 

@@ -101,6 +101,23 @@ def test_an_old_folder_comes_back_where_the_new_one_cannot_be_put(tmp_path, monk
 
 
 @pytest.mark.parametrize('kind', REPLACE)
+def test_what_came_meanwhile_stays(tmp_path, kind):
+    place = tmp_path / 'it'
+    check = {'folder': check_folder, 'file': check_file}[kind]
+
+    def put_meanwhile(aside):
+        put(aside, 'new')
+        with REPLACE[kind](place) as other:
+            put(other, 'of another')
+
+    with pytest.raises(DataError, match='--force replaces it'), \
+            REPLACE[kind](place, lambda: check(place, False)) as aside:
+        put_meanwhile(aside)
+    assert get(place) == 'of another'
+    assert names(tmp_path) == ['it']
+
+
+@pytest.mark.parametrize('kind', REPLACE)
 def test_who_may_read_it_is_for_the_user_to_say(tmp_path, kind):
     before = os.umask(0o027)
     try:

@@ -18,6 +18,8 @@ from plc_inspect.grid.tiles.section_report import REPORT
 from plc_inspect.grid.tiles.tile_job import TileJob
 from plc_inspect.offline.records.changes import describe_changes
 from plc_inspect.offline.records.inspection import Record
+from plc_inspect.offline.records.sentences import find_measured
+from plc_inspect.offline.report.figures import rank
 from plc_inspect.results import Severity
 from plc_inspect.templates import open_templates
 
@@ -69,10 +71,6 @@ def render_index(
     """
     joined, unit = summary.joined, summary.units.name
     names = {job.tile.number: job.tile.name for job in jobs}
-    order = sorted(range(len(hazards)), key=lambda k: (
-        -Severity[hazards[k]['severity'].upper()],
-        (hazards[k]['clearance'] or 0.0) - (hazards[k]['required'] or 0.0),
-    ))
     kinds = Counter((item['severity'], item['kind']) for item in hazards)
     number = Counter(item['severity'] for item in hazards)
     per_tile: dict[int, Counter[Severity]] = {}
@@ -96,20 +94,9 @@ def render_index(
     ]
     return open_templates('grid/templates').get_template('index.html.j2').render(
         title=title, version=__version__, inputs=len(sources), points=summary.num_points,
-        looks=LOOKS, crs=_name_crs(sources[0]), style=read_style(), unit=unit, totals=totals,
+        looks=LOOKS, crs=_name_crs(sources[0], unit), style=read_style(), unit=unit, totals=totals,
         failures=summary.failures, changes=_describe_changes(summary),
-        hazards=[
-            {
-                'severity': item['severity'], 'kind': item['kind'],
-                'line_id': item['line_id'], 'span_id': item['span_id'],
-                'measured': _number(item['clearance']), 'required': _number(item['required']),
-                'place': ', '.join(_number(value) for value in item['position']),
-                'tile': names[joined.hazard_tiles[k]], 'text': item['text'],
-                'page': _choose_page(names[joined.hazard_tiles[k]], reports),
-                'hazard_id': item['hazard_id'],
-            }
-            for k, item in ((k, hazards[k]) for k in order[:MOST_HAZARDS])
-        ],
+        hazards=list_worst(hazards, [names[tile] for tile in joined.hazard_tiles], reports),
         num_more=max(len(hazards) - MOST_HAZARDS, 0),
         tiles=[
             {
@@ -127,6 +114,24 @@ def render_index(
     )
 
 
+def list_worst(
+    hazards: Sequence[Record], tiles: Sequence[str], reports: dict[str, dict[str, Any]]
+) -> list[Record]:
+    """Return the rows of the worst hazards, in the order of the reports; each has a tile."""
+    pairs = sorted(zip(hazards, tiles, strict=True), key=lambda pair: rank(pair[0]))
+    return [
+        {
+            'severity': item['severity'], 'kind': item['kind'],
+            'line_id': item['line_id'], 'span_id': item['span_id'],
+            'measured': _number(find_measured(item)[0]), 'required': _number(item['required']),
+            'place': ', '.join(_number(value) for value in item['position']),
+            'tile': tile, 'text': item['text'], 'page': _choose_page(tile, reports),
+            'hazard_id': item['hazard_id'],
+        }
+        for item, tile in pairs[:MOST_HAZARDS]
+    ]
+
+
 def _describe_changes(summary: 'GridSummary') -> Record | None:
     """Return the counts of changes since an earlier survey, and the rows of the greatest ones."""
     if summary.changes is None:
@@ -141,9 +146,9 @@ def _describe_changes(summary: 'GridSummary') -> Record | None:
     }
 
 
-def _name_crs(source: Source) -> str:
+def _name_crs(source: Source, unit: str) -> str:
     if not source.crs:
-        return 'no coordinate reference system given, metres assumed'
+        return f'no coordinate reference system, lengths in {unit}'
     return source.crs.partition('"')[2].partition('"')[0]
 
 

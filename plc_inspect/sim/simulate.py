@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from plc_inspect.errors import explain_missing, PlcInspectError
-from plc_inspect.offline.commands.command_line import positive
+from plc_inspect.core.numerics.arrays import MOST_COORDINATE
+from plc_inspect.offline.commands.command_line import DONE, Parser, positive, run_command
+from plc_inspect.printable import make_one_line
 from plc_inspect.sim.random_scenes.scenes import KINDS
 from plc_inspect.sim.random_scenes.truth import make_random
 from plc_inspect.sim.scenes.catalogue import make_scene, SCENES
@@ -28,17 +29,20 @@ from plc_inspect.sim.surveys.puck import Puck
 from plc_inspect.sim.surveys.trajectory import FlightPlan, OdometryErrors
 from plc_inspect.sim.surveys.truth import collect_sightings, make_truth
 
+NAME = 'plc_simulate'
 RANDOM = 'random'
 """Name of the scene that is drawn from the seed."""
 _OF_RANDOM = {'scene', 'kind', 'output', 'seed', 'force'}
 """Options of random scenes, which draw their own sensor and size."""
+_OF_MAPS = {'density', 'num_points', 'origin'}
+_OF_ALL = {'scene', 'output', 'seed', 'force', 'map'}
 _MAP_NOISE = 0.03
 
 
 def build_parser() -> argparse.ArgumentParser:
     """Return the parser of ``plc_simulate``."""
-    parser = argparse.ArgumentParser(
-        prog='plc_simulate',
+    parser = Parser(
+        prog=NAME,
         description='Simulate a survey of a power line: a flight with a Puck Lite, or an '
                     'airborne map; truth.json describes the scene.',
         epilog=f'Scenes: {", ".join((*SCENES, RANDOM))}',
@@ -63,7 +67,7 @@ def build_parser() -> argparse.ArgumentParser:
         '--num-points', type=natural, metavar='N', help='exactly this number of points',
     )
     survey.add_argument(
-        '--origin', type=float, nargs=3, default=(0.0, 0.0, 0.0), metavar=('X', 'Y', 'Z'),
+        '--origin', type=number, nargs=3, default=(0.0, 0.0, 0.0), metavar=('X', 'Y', 'Z'),
         help='added to all coordinates [m], for UTM-sized ones',
     )
     return parser
@@ -78,12 +82,15 @@ def _add_flight_options(group: argparse._ArgumentGroup) -> None:
         '--shuttle', action='store_true', help='fly back and forth until the duration is over',
     )
     group.add_argument('--speed', type=positive, metavar='M/S')
-    group.add_argument('--lateral', type=float, metavar='M', help='offset to the left of the line')
     group.add_argument(
-        '--height', type=float, metavar='M', help='above the phases, or the ground without a line',
+        '--lateral', type=number, metavar='M', help='offset to the left of the line',
     )
     group.add_argument(
-        '--drift', type=float, default=OdometryErrors().drift, metavar='SHARE',
+        '--height', type=number, metavar='M',
+        help='above the phases, or the ground without a line',
+    )
+    group.add_argument(
+        '--drift', type=number, default=OdometryErrors().drift, metavar='SHARE',
         help='slip of the odometry per distance (default: %(default)s)',
     )
     group.add_argument(
@@ -100,17 +107,25 @@ def _add_flight_options(group: argparse._ArgumentGroup) -> None:
     )
     group.add_argument('--max-range', type=positive, default=100.0, metavar='M')
     group.add_argument(
-        '--view', type=float, nargs=2, default=(0.0, 360.0), metavar=('DIRECTION', 'WIDTH'),
+        '--view', type=number, nargs=2, default=(0.0, 360.0), metavar=('DIRECTION', 'WIDTH'),
         help='sector that the driver passes on [deg], counter-clockwise from ahead',
     )
     group.add_argument(
-        '--lidar-xyz', type=float, nargs=3, default=(0.0, 0.0, 0.0), metavar=('X', 'Y', 'Z'),
+        '--lidar-xyz', type=number, nargs=3, default=(0.0, 0.0, 0.0), metavar=('X', 'Y', 'Z'),
         help='position of the lidar in the base frame [m]',
     )
     group.add_argument(
-        '--lidar-rpy-deg', type=float, nargs=3, default=(0.0, 0.0, 0.0),
+        '--lidar-rpy-deg', type=number, nargs=3, default=(0.0, 0.0, 0.0),
         metavar=('ROLL', 'PITCH', 'YAW'), help='its attitude in the base frame [deg]',
     )
+
+
+def number(text: str) -> float:
+    """Read a number that a coordinate can have, as the type of an argument."""
+    value = float(text)
+    if not abs(value) <= MOST_COORDINATE:
+        raise argparse.ArgumentTypeError(f'{text} is not within {MOST_COORDINATE:g}')
+    return value
 
 
 def natural(text: str) -> int:
@@ -122,32 +137,33 @@ def natural(text: str) -> int:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run ``plc_simulate``; return 0 done, 2 bad usage or output that cannot be written."""
+    """Run the command and return its exit code."""
+    return run_command(NAME, lambda: _run(argv))
+
+
+def _run(argv: Sequence[str] | None) -> int:
     parser = build_parser()
     arguments = parser.parse_args(argv)
-    refused = set(vars(arguments)) - _OF_RANDOM if arguments.scene == RANDOM else {'kind'}
+    refused, what = {'kind', *_OF_MAPS}, 'a flight'
+    if arguments.scene == RANDOM:
+        refused, what = set(vars(arguments)) - _OF_RANDOM, f'the scene {RANDOM}'
+    elif arguments.map:
+        refused, what = set(vars(arguments)) - _OF_ALL - _OF_MAPS, 'a map'
     given = sorted(
         name for name in refused if getattr(arguments, name) != parser.get_default(name)
     )
     if given:
         options = ', '.join(f'--{name.replace("_", "-")}' for name in given)
-        parser.error(f'the scene {arguments.scene} takes no {options}')
-    try:
-        with open_folder(arguments.output, arguments.force) as folder:
-            if arguments.scene == RANDOM:
-                text = _write_random(folder, arguments)
-            else:
-                scene = make_scene(arguments.scene, arguments.seed)
-                write = _write_map if arguments.map else _write_flight
-                text = write(folder, scene, arguments)
-    except (PlcInspectError, OSError) as error:
-        print(f'plc_simulate: {error}', file=sys.stderr)
-        return 2
-    except ModuleNotFoundError as error:
-        print(f'plc_simulate: {explain_missing(error)}', file=sys.stderr)
-        return 2
-    print(f'{arguments.output}: {text}')
-    return 0
+        parser.error(f'{what} takes no {options}')
+    with open_folder(arguments.output, arguments.force) as folder:
+        if arguments.scene == RANDOM:
+            text = _write_random(folder, arguments)
+        else:
+            scene = make_scene(arguments.scene, arguments.seed)
+            write = _write_map if arguments.map else _write_flight
+            text = write(folder, scene, arguments)
+    print(make_one_line(f'{arguments.output}: {text}'))
+    return DONE
 
 
 def _write_map(folder: Path, scene: Scene, arguments: argparse.Namespace) -> str:
@@ -193,7 +209,7 @@ def _write_flight(folder: Path, scene: Scene, arguments: argparse.Namespace) -> 
     from tqdm import tqdm
 
     with open_bag(folder, 'flight') as writer, tqdm(
-        unit='scan', disable=not sys.stderr.isatty(), leave=False,
+        unit='scan', disable=sys.stderr is None or not sys.stderr.isatty(), leave=False,
     ) as bar:
         def show(done: int, total: int) -> None:
             bar.total = total

@@ -129,6 +129,9 @@ def test_map_with_large_coordinates(tmp_path):
 @pytest.mark.parametrize('arguments', [
     ['moon', '-o', 'x'], ['rack'], ['rack', '-o', 'x', '--density', '-3'],
     ['rack', '-o', 'x', '--seed', 'one'], ['rack', '-o', 'x', '--seed', '-1'],
+    ['rack', '-o', 'x', '--map', '--origin', 'nan', '0', '0'],
+    ['rack', '-o', 'x', '--map', '--origin', '1e300', '0', '0'],
+    ['rack', '-o', 'x', '--height', 'inf'], ['rack', '-o', 'x', '--drift', 'nan'],
 ])
 def test_bad_usage_exits_2(arguments, capsys, tmp_path, monkeypatch):
     """Bad usage: status 2, something on stderr, nothing written."""
@@ -174,7 +177,9 @@ def test_random_scenes_are_written_with_their_truth(tmp_path):
 @pytest.mark.parametrize(('arguments', 'refused'), [
     (('random', '--map', '--origin', '0', '0', '1'), 'the scene random takes no --map, --origin'),
     (('random', '--dual', '--speed', '3'), 'takes no --dual, --speed'),
-    (('demo', '--kind', 'clean'), 'the scene demo takes no --kind'),
+    (('demo', '--kind', 'clean'), 'a flight takes no --kind'),
+    (('demo', '--density', '5', '--origin', '0', '0', '1'), 'a flight takes no --density, --orig'),
+    (('rack', '--map', '--dual', '--kind', 'clean'), 'a map takes no --dual, --kind'),
 ])
 def test_options_that_a_scene_does_not_take_are_refused(tmp_path, capsys, arguments, refused):
     with pytest.raises(SystemExit, match='2'):

@@ -107,9 +107,9 @@ class Comparison:
     """Hazards in both surveys, as before and after."""
     new: tuple[Hazard, ...]
     cleared: tuple[Hazard, ...]
-    """Hazards that are gone, on spans that the second survey found."""
+    """Hazards that are gone where the second survey found the conductor."""
     unseen: tuple[Hazard, ...]
-    """Hazards of the first survey on spans that the second did not find."""
+    """Hazards of the first survey where the second did not find the conductor."""
 
 
 def compare_surveys(
@@ -147,15 +147,15 @@ def compare_surveys(
     spans = tuple(_compare(before[i], after[j], sag_deviation) for i, j in pairs)
     firsts, seconds = {i for i, _ in pairs}, {j for _, j in pairs}
     kept, gone, new = _match_hazards(hazards_before, hazards_after)
-    seen = {(before[i].line_id, before[i].span_id) for i in firsts}
+    seen = _find_seen(gone, before, after)
     return Comparison(
         spans=spans,
         lost=tuple(span for i, span in enumerate(before) if i not in firsts),
         added=tuple(span for j, span in enumerate(after) if j not in seconds),
         kept=kept,
         new=new,
-        cleared=tuple(item for item in gone if (item.line_id, item.span_id) in seen),
-        unseen=tuple(item for item in gone if (item.line_id, item.span_id) not in seen),
+        cleared=tuple(item for i, item in enumerate(gone) if i in seen),
+        unseen=tuple(item for i, item in enumerate(gone) if i not in seen),
     )
 
 
@@ -318,3 +318,30 @@ def _match_hazards(
         [item for i, item in enumerate(before) if i not in firsts],
         tuple(item for j, item in enumerate(after) if j not in seconds),
     )
+
+
+def _find_seen(
+    gone: Sequence[Hazard], before: Sequence[Span], after: Sequence[Span]
+) -> set[int]:
+    """Return which hazards of the first survey are where the second found the conductor."""
+    own = {(span.line_id, span.span_id): span for span in before}
+    rows = [i for i, item in enumerate(gone) if (item.line_id, item.span_id) in own
+            and math.isfinite(item.along_span)]
+    places = [
+        own[gone[i].line_id, gone[i].span_id].positions(np.array([gone[i].along_span]))
+        for i in rows
+    ]
+    seen = set()
+    marks = [_mark(span.start[:2], span.end[:2]) for span in after]
+    for k, j in _find_near([place[:, :2] for place in places], marks, SAME_PLACE):
+        span = after[j]
+        unit = (span.end - span.start)[:2] / span.length
+        moved = places[k][0, :2] - span.start[:2]
+        x, lateral = float(moved @ unit), float(moved @ np.array([-unit[1], unit[0]]))
+        lift = float(span.heights(np.array([x]))[0] - places[k][0, 2])
+        if (
+            -SAME_PLACE <= x <= span.length + SAME_PLACE
+            and abs(lateral) <= MAX_LATERAL and abs(lift) <= MAX_VERTICAL
+        ):
+            seen.add(rows[k])
+    return seen

@@ -129,7 +129,7 @@ def run_command(name: str, body: Callable[[], int]) -> int:
     try:
         with interruptible(), _end_on_sigterm(), _collect_seldom():
             code = body()
-            sys.stdout.flush()
+            print(end='', flush=True)  # does nothing where stdout is closed
             return code
     except PlcInspectError as error:
         return _complain(name, str(error))
@@ -155,7 +155,7 @@ def show_progress(quiet: bool, time_left: bool = False) -> Iterator[Progress]:
 
     The time that is left is shown on demand, where shares grow evenly.
     """
-    if quiet or not sys.stderr.isatty():
+    if quiet or sys.stderr is None or not sys.stderr.isatty():
         yield lambda step, share: None
         return
     from tqdm import tqdm

@@ -155,6 +155,8 @@ def run_grid(
 def render_grid(summary: 'GridSummary') -> str:
     """Return totals and the worst hazards of a grid as text; lengths in units of the input."""
     from plc_inspect.offline.commands.result_table import format_number, format_table
+    from plc_inspect.offline.records.inspection import describe_hazard
+    from plc_inspect.offline.report.figures import rank
 
     joined, scale, unit = summary.joined, summary.units.horizontal, summary.units.name
     lines = len({span.line_id for span in joined.spans})
@@ -166,7 +168,7 @@ def render_grid(summary: 'GridSummary') -> str:
     if not joined.spans:
         return parts[0] + '\nno power line was found'
     worst = sorted(
-        joined.hazards, key=lambda item: (-item.severity, item.measured - item.required)
+        joined.hazards, key=lambda item: rank(describe_hazard(item, summary.units))
     )[:MOST_LISTED]
     if worst:
         parts.append(format_table(

@@ -63,7 +63,9 @@ def _run(argv: Sequence[str] | None) -> int:
                       f' with any of {tuned.num_evaluations} others; nothing is written')
                 return INTERRUPTED if tuned.interrupted else DONE
             text = render_file(tuned, source, hash_input(arguments.input))
-            with replace_file(arguments.output) as aside:
+            with replace_file(
+                arguments.output, lambda: check_file(arguments.output, arguments.force)
+            ) as aside:
                 aside.write_text(text, encoding='utf-8')
             parts += [render_tuned(tuned, source), f'written: {arguments.output}']
             settings, interrupted = tuned.settings, tuned.interrupted

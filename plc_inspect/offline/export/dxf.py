@@ -12,6 +12,7 @@ import numpy as np
 from plc_inspect.colors import parse_color, severity_color
 from plc_inspect.offline.export.geo import STEP
 from plc_inspect.offline.records.inspection import Inspection, Record
+from plc_inspect.offline.records.sentences import find_measured
 from plc_inspect.offline.records.span_curve import trace_span
 
 FILE = 'catenaries.dxf'
@@ -65,7 +66,7 @@ def write_dxf(path: Path, inspection: Inspection, records: dict[str, list[Record
     for row in records['hazards']:
         style = {'layer': 'HAZARDS', 'true_color': _true_color(row['severity'])}
         space.add_point(row['position'], dxfattribs=style)
-        text = f'{row["hazard_id"]} {row["kind"]} {row["clearance"]:.2f}'
+        text = f'{row["hazard_id"]} {row["kind"]} {find_measured(row)[0]:.2f}'
         space.add_text(text, height=0.5 / units.horizontal, dxfattribs=style) \
             .set_placement(row['position'])
     # ezdxf adds these from a set, whose order varies between processes

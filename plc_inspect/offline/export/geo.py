@@ -4,6 +4,7 @@
 """GeoJSON, KML and GeoPackage of a run whose coordinate reference system is known."""
 
 from collections.abc import Sequence
+import math
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree  # nosec B405
@@ -18,7 +19,8 @@ import shapely
 from plc_inspect.colors import LOOKS
 from plc_inspect.errors import DataError
 from plc_inspect.offline.records.georeference import find_horizontal, find_whole
-from plc_inspect.offline.records.inspection import flatten, Inspection, Record
+from plc_inspect.offline.records.inspection import flatten, Inspection, Record, Units
+from plc_inspect.offline.records.sentences import find_measured
 from plc_inspect.offline.records.span_curve import trace_span
 
 STEP = 2.0
@@ -69,7 +71,7 @@ def write_geo(folder: Path, inspection: Inspection, records: dict[str, list[Reco
     plain = find_whole(inspection) or system.to_wkt()
     for name, (shapes, rows) in layers.items():
         write_layer(folder / 'results.gpkg', 'GPKG', name, shapes, rows, plain)
-    _write_kml(folder / 'results.kml', world, layers)
+    _write_kml(folder / 'results.kml', world, layers, inspection.units)
     return True
 
 
@@ -142,9 +144,29 @@ def to_world(
         return np.column_stack([x, y, xyz[:, 2] * height + inspection.altitude])
 
     return {
-        name: list(shapely.transform(shapes, move, include_z=True)) if shapes else []
+        name: [_cut(shape) for shape in shapely.transform(shapes, move, include_z=True)]
+        if shapes else []
         for name, (shapes, _) in layers.items()
     }
+
+
+def _cut(shape: Any) -> Any:
+    """Cut a line at the antimeridian, where GDAL would write latitudes as heights."""
+    places = shapely.get_coordinates(shape, include_z=True)
+    at = 1 + np.flatnonzero(np.abs(np.diff(places[:, 0])) > 180.0)
+    parts = np.split(places, at)
+    for number in range(len(at)):
+        before, after = parts[number : number + 2]
+        edge = math.copysign(180.0, before[-1, 0])
+        near = np.array([before[-1], after[0]])
+        near[1, 0] += 2 * edge
+        share = (edge - near[0, 0]) / (near[1, 0] - near[0, 0])
+        middle = near[0] + share * (near[1] - near[0])
+        middle[0] = edge
+        parts[number] = np.vstack([before, middle])
+        middle[0] = -edge
+        parts[number + 1] = np.vstack([middle, after])
+    return shapely.MultiLineString(parts) if len(at) else shape
 
 
 def write_layer(
@@ -185,13 +207,15 @@ def _columns(rows: Sequence[Record]) -> dict[str, NDArray[Any]]:
     return columns
 
 
-def _write_kml(path: Path, world: dict[str, list[Any]], layers: Layers) -> None:
+def _write_kml(
+    path: Path, world: dict[str, list[Any]], layers: Layers, units: Units
+) -> None:
     """Write all layers into one, as KML has no attributes other than name and description."""
     shapes, names, texts = [], [], []
     for layer, (_, rows) in layers.items():
         for shape, row in zip(world[layer], rows, strict=True):
             shapes.append(shapely.to_wkb(shape, output_dimension=3))
-            name, text = _describe(layer, row)
+            name, text = _describe(layer, row, units)
             names.append(name)
             texts.append(text)
     pyogrio.raw.write(
@@ -225,13 +249,16 @@ def _color_kml(path: Path, severities: Sequence[str]) -> None:
     tree.write(path, encoding='utf-8', xml_declaration=True)
 
 
-def _describe(layer: str, row: Record) -> tuple[str, str]:
-    """Return name and description of one thing."""
+def _describe(layer: str, row: Record, units: Units) -> tuple[str, str]:
+    """Return name and description of one thing, in units of the input."""
+    unit = units.name
     if layer == 'spans':
         return (f'line {row["line_id"]}, span {row["span_id"]}',
-                f'length {row["length"]:.1f}, sag {row["sag"]:.2f}')
+                f'length {row["length"]:.1f} {unit}, sag {row["sag"]:.2f} {unit}')
     if layer == 'supports':
-        return f'support {row["support_id"]}', f'{row["kind"]}, height {row["height"] or 0:.1f}'
+        return (f'support {row["support_id"]}',
+                f'{row["kind"]}, height {row["height"] or 0:.1f} {units.vertical_name}')
+    measured, way = find_measured(row)
     return (f'{row["severity"]} {row["kind"]} {row["hazard_id"]}',
-            f'line {row["line_id"]}, span {row["span_id"]}: {row["clearance"]:.2f} measured,'
-            f' {row["required"]:.2f} required by {row["rule"]} ({row["edition"]})')
+            f'line {row["line_id"]}, span {row["span_id"]}: {measured:.2f} {unit} measured{way},'
+            f' {row["required"]:.2f} {unit} required by {row["rule"]} ({row["edition"]})')

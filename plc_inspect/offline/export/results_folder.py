@@ -105,7 +105,7 @@ def write_results(
     from plc_inspect.offline.report.report import render_report
 
     check_results(folder, force)
-    with replace_folder(folder) as aside:
+    with replace_folder(folder, lambda: check_results(folder, force)) as aside:
         if tables_only:
             write_tables(aside, inspection)
             return

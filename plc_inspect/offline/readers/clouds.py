@@ -338,13 +338,17 @@ def _read_unit_keys(header: laspy.LasHeader) -> dict[int, float]:
 
 
 def measure_units(system: pyproj.CRS, path: Path) -> tuple[float, float]:
-    """Return the metres in one horizontal and one vertical unit of a CRS."""
+    """Return the metres in one horizontal and one vertical unit of a CRS, whose z is up."""
     if system.is_geographic or system.is_geocentric:
         raise DataError(
             f'{path}: coordinates in {system.name} are not lengths east, north and up; '
             'project the cloud first'
         )
-    flat = [axis for axis in system.axis_info if axis.direction not in ('up', 'down')]
+    if any(axis.direction == 'down' for axis in system.axis_info):
+        raise DataError(
+            f'{path}: z of {system.name} points down: turn its sign, and give --crs with heights'
+        )
+    flat = [axis for axis in system.axis_info if axis.direction != 'up']
     up = [axis for axis in system.axis_info if axis.direction == 'up']
     horizontal = float(flat[0].unit_conversion_factor) if flat else 1.0
     vertical = float(up[0].unit_conversion_factor) if up else horizontal

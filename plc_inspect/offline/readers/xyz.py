@@ -46,7 +46,7 @@ def iterate_xyz(path: Path, most: int) -> Iterator[Float64]:
     ------
     DataError
         A row has too few columns or a value that is no number, a column x, y or z is missing, the
-        first row of points has more columns than are named, or the text ends in the middle of a
+        first row of points has other columns than are named, or the text ends in the middle of a
         row.
     OSError
         The file cannot be opened.
@@ -90,10 +90,10 @@ def _find_first(file: Iterator[str]) -> tuple[int, str]:
 
 
 def _strip(line: str) -> str:
-    """Return a row without a leading comment mark, which CloudCompare puts before names."""
+    """Return a row without what stands before names in a comment: its mark, and a label."""
     text = line.strip()
-    for mark in _COMMENTS:
-        text = text.removeprefix(mark)
+    if text.startswith(_COMMENTS):
+        text = text.lstrip(''.join(_COMMENTS)).rpartition(':')[2]
     return text.strip()
 
 
@@ -117,13 +117,14 @@ def _find_columns(path: Path, names: Sequence[str]) -> list[int]:
 def _check_names(
     path: Path, names: Sequence[str], lines: Sequence[str], mark: str | None, before: int
 ) -> None:
-    """Refuse rows of more columns than are named: which is which is not known."""
+    """Refuse rows of other columns than are named, as which is which is not known."""
     for number, line in enumerate(lines, start=before + 1):
         text = _QUOTED.sub('text', _drop_comment(line)).rstrip(f'{mark or ""} \t')
         if not text:
             continue
         num = len(text.split(mark))
-        if num > len(names):
+        may_lack = mark is not None or names[:3] == ['x', 'y', 'z']
+        if num > len(names) or (num < len(names) and not may_lack):
             raise DataError(
                 f'{path}, row {number}: {num} columns, {len(names)} are named; name each, and'
                 f' write decimals with points: {make_one_line(line.strip())[:_MOST_TEXT]}'

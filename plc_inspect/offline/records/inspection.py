@@ -199,7 +199,7 @@ def measure_clearances(
     result: InspectionResult, min_points: int
 ) -> dict[tuple[int, int], float | None]:
     """
-    Return the distance of each span to the nearest vegetation [m].
+    Return the distance of each span to the vegetation to which it is the nearest [m].
 
     Keys are (line_id, span_id).  The distance is that of the ``min_points``-th nearest point,
     because fewer points make no hazard; None if the span has fewer points in its corridor.

@@ -51,8 +51,12 @@ def list_worst(scene: Scene, inspection: Inspection) -> list[Record]:
 
 
 def list_what_if(inspection: Inspection) -> Record | None:
-    """Return the table of the what-if: a row for each span and kind, a column for each case."""
-    if inspection.what_if is None:
+    """
+    Return the table of the what-if: a row for each span and kind, a column for each case.
+
+    None without a what-if, or without a span.
+    """
+    if inspection.what_if is None or not inspection.what_if.spans:
         return None
     horizontal = inspection.units.horizontal
     units = Units(horizontal=horizontal, vertical=horizontal)

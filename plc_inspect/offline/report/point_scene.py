@@ -50,6 +50,8 @@ class Scene:
     metre: float
     """One metre in units of the input."""
     unit: str
+    ratio: float
+    """Vertical units of the input in a horizontal one."""
 
 
 def make_scene(inspection: Inspection) -> Scene:
@@ -74,6 +76,7 @@ def make_scene(inspection: Inspection) -> Scene:
         hazards=[_move(describe_hazard(hazard, units), origin) for hazard in result.hazards],
         metre=1.0 / units.horizontal,
         unit=units.name,
+        ratio=inspection.units.horizontal / inspection.units.vertical,
     )
 
 

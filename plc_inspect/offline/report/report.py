@@ -20,6 +20,7 @@ from plc_inspect.core.tracking.wire_points import WirePoints
 from plc_inspect.offline.records.coverage_record import describe_coverage, review_coverage, Sight
 from plc_inspect.offline.records.georeference import find_horizontal
 from plc_inspect.offline.records.inspection import Inspection, measure_clearances, Record
+from plc_inspect.offline.records.sentences import find_measured
 from plc_inspect.offline.report.drawing import draw_bars
 from plc_inspect.offline.report.figures import draw_map, draw_profile, draw_section
 from plc_inspect.offline.report.findings import list_changes, list_what_if, list_worst
@@ -111,7 +112,6 @@ def render_report(
         hazards=scene.hazards,
         coverage=coverage,
         is_located=find_horizontal(inspection) is not None,
-        origin=scene.origin.tolist(),
         stages=[_describe_stage(stage) for stage in result.stages],
         slowest=max((stage.seconds for stage in result.stages), default=0.0) or 1.0,
         decisions=_tally(result.decision, Decision),
@@ -141,10 +141,11 @@ def _format_percent(share: float | None) -> str:
     return '\u2013' if share is None else f'{100.0 * share:.0f} %'
 
 
-def _place(position: list[float], origin: list[float]) -> str:
+def _place(position: list[float], scene: Scene) -> str:
     """Return the coordinates of a place in the frame of the input."""
     x, y, z = position
-    return f'{x + origin[0]:.2f}, {y + origin[1]:.2f}, {z:.2f}'.replace('-', '\u2212')
+    x, y, z = x + scene.origin[0], y + scene.origin[1], z * scene.ratio
+    return f'{x:.2f}, {y:.2f}, {z:.2f}'.replace('-', '\u2212')
 
 
 def _summarise(inspection: Inspection, scene: Scene) -> list[tuple[str, str, str]]:
@@ -304,7 +305,7 @@ def _load_page() -> jinja2.Template:
     environment = open_templates('offline/report/templates')
     environment.filters.update(
         number=format_number, count=_format_count, percent=_format_percent, coordinate=_place,
-        css_text=quote_css,
+        css_text=quote_css, measured=lambda item: find_measured(item)[0],
     )
     return environment.get_template('report.html.j2')
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from plc_inspect.colors import line_color, SEVERITY_COLORS
 from plc_inspect.offline.records.inspection import Record
+from plc_inspect.offline.records.sentences import find_measured
 from plc_inspect.offline.records.span_curve import trace_span
 from plc_inspect.offline.report.point_scene import PALETTE, Scene
 from plc_inspect.results import Float64
@@ -68,7 +69,8 @@ def encode_view(scene: Scene) -> str:
         'hazards': [
             {'id': item['hazard_id'], 'xyz': _list(np.array(item['position']) - middle),
              'color': SEVERITY_COLORS[item['severity']],
-             'title': f'{item["severity"]} {item["kind"]}, {item["clearance"]:.2f} {scene.unit}'}
+             'title': f'{item["severity"]} {item["kind"]}, {find_measured(item)[0]:.2f}'
+                      f' {scene.unit}'}
             for item in scene.hazards
         ],
     }

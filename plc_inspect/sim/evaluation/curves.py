@@ -66,7 +66,7 @@ class Curve:
 
 def parse_curve(row: Mapping[str, Any]) -> Curve:
     """
-    Return the curve of one span of ``spans.json`` or ``truth.json``.
+    Return the curve of one span of ``truth.json``.
 
     Raises
     ------
@@ -81,8 +81,13 @@ def parse_curve(row: Mapping[str, Any]) -> Curve:
             end=np.array(row['end'], dtype=np.float64).reshape(3),
             a=float(row['a']), b=float(row['b']), c=float(row['c']),
         )
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise DataError(f'a span cannot be read: {error!r}') from error
+    return check_curve(curve)
+
+
+def check_curve(curve: Curve) -> Curve:
+    """Return a curve; DataError if a value is not finite, or it has no length."""
     values = np.array([*curve.start, *curve.end, curve.a, curve.b, curve.c])
     if not np.isfinite(values).all() or curve.length <= 0 or curve.c <= 0:
         raise DataError(

@@ -3,19 +3,23 @@
 
 """Results of the pipeline as the evaluation takes them, from a folder or from memory."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plc_inspect.errors import DataError
-from plc_inspect.offline.records.results_reader import read_points, read_table
-from plc_inspect.results import InspectionResult
-from plc_inspect.sim.evaluation.curves import Curve, from_span, parse_curve
+from plc_inspect.offline.records.results_reader import (
+    parse_hazard,
+    parse_span,
+    parse_units,
+    read_points,
+    read_table,
+    understanding,
+)
+from plc_inspect.results import Hazard, InspectionResult, Span
+from plc_inspect.sim.evaluation.curves import check_curve, Curve, from_span
 
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
@@ -82,19 +86,9 @@ def from_result(result: InspectionResult, points: Float64) -> Survey:
     if len(points) != result.num_points:
         raise DataError(f'a result of {result.num_points} points for a cloud of {len(points)}')
     return Survey(
-        spans=tuple(
-            FoundSpan(curve=from_span(item), sag=item.sag,
-                      open_ended=item.open_start or item.open_end)
-            for item in result.spans
-        ),
+        spans=tuple(_describe_span(item) for item in result.spans),
         supports=np.array([item.position for item in result.supports]).reshape(-1, 3),
-        hazards=tuple(
-            FoundHazard(
-                kind=item.kind.name.lower(), line_id=item.line_id, span_id=item.span_id,
-                position=item.position, clearance=item.clearance,
-            )
-            for item in result.hazards
-        ),
+        hazards=tuple(_describe_hazard(item) for item in result.hazards),
         points=points, classification=result.classification,
         clearance=result.clearance.astype(np.float64),
     )
@@ -102,7 +96,7 @@ def from_result(result: InspectionResult, points: Float64) -> Survey:
 
 def read_survey(folder: Path) -> Survey:
     """
-    Read a results folder, in its units.
+    Read a results folder, in metres.
 
     Raises
     ------
@@ -112,39 +106,34 @@ def read_survey(folder: Path) -> Survey:
     """
     folder = Path(folder)
     spans, supports, hazards = (
-        read_table(folder, name)[name] for name in ('spans', 'supports', 'hazards')
+        read_table(folder, name) for name in ('spans', 'supports', 'hazards')
     )
     las, points = read_points(folder, 'clearance')
+    with understanding(folder / 'spans.json'):
+        units = parse_units(spans['metres_per_unit'])
+        found = [parse_span(row, units) for row in spans['spans']]
+    with understanding(folder / 'supports.json'):
+        feet = [np.array(row['position'], dtype=np.float64) for row in supports['supports']]
+        places = units.to_metres(np.array(feet).reshape(-1, 3))
+    with understanding(folder / 'hazards.json'):
+        raised = [parse_hazard(row, units) for row in hazards['hazards']]
     return Survey(
-        spans=tuple(
-            FoundSpan(
-                curve=parse_curve(row), sag=_get_number(row, 'sag'),
-                open_ended=bool(row.get('open_start')) or bool(row.get('open_end')),
-            )
-            for row in spans
-        ),
-        supports=np.array([_get_place(row) for row in supports]).reshape(-1, 3),
-        hazards=tuple(
-            FoundHazard(
-                kind=str(row.get('kind')), line_id=int(row.get('line_id', -1)),
-                span_id=int(row.get('span_id', -1)), position=_get_place(row),
-                clearance=_get_number(row, 'clearance'),
-            )
-            for row in hazards
-        ),
-        points=points, classification=np.array(las.classification, dtype=np.uint8),
+        spans=tuple(_describe_span(item) for item in found), supports=places,
+        hazards=tuple(_describe_hazard(item) for item in raised), points=units.to_metres(points),
+        classification=np.array(las.classification, dtype=np.uint8),
         clearance=np.array(las['clearance'], dtype=np.float64),
     )
 
 
-def _get_number(row: Mapping[str, Any], key: str) -> float:
-    value = row.get(key)
-    return float(value) if isinstance(value, int | float) else math.nan
+def _describe_span(span: Span) -> FoundSpan:
+    return FoundSpan(
+        curve=check_curve(from_span(span)), sag=span.sag,
+        open_ended=span.open_start or span.open_end,
+    )
 
 
-def _get_place(row: Mapping[str, Any]) -> Float64:
-    try:
-        place = np.array(row['position'], dtype=np.float64).reshape(3)
-    except (KeyError, TypeError, ValueError) as error:
-        raise DataError(f'a position cannot be read: {error!r}') from error
-    return place
+def _describe_hazard(hazard: Hazard) -> FoundHazard:
+    return FoundHazard(
+        kind=hazard.kind.name.lower(), line_id=hazard.line_id, span_id=hazard.span_id,
+        position=hazard.position, clearance=hazard.clearance,
+    )

@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from plc_inspect.core.numerics.boxes import measure_box_gap
-from plc_inspect.errors import DataError, PlcInspectError
+from plc_inspect.errors import DataError
+from plc_inspect.offline.commands.command_line import DONE, Parser, run_command
 from plc_inspect.offline.readers.wire_truth import (
     count_samples,
     DOUBT_DISTANCE,
     label_points,
 )
-from plc_inspect.printable import make_one_line
+from plc_inspect.printable import make_printable
 from plc_inspect.results import PointClass
 from plc_inspect.sim.evaluation.curves import Curve
 from plc_inspect.sim.evaluation.estimate import FoundHazard, read_survey, Survey
@@ -44,6 +45,7 @@ from plc_inspect.sim.evaluation.scores import (
 Float64 = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 
+NAME = 'plc_evaluate'
 MIN_SEEN = 0.6
 """Share of its length over which a conductor-span must be seen to be required."""
 BOX_MARGIN = 0.3
@@ -220,11 +222,11 @@ def _score_hazards(
     for report in survey.hazards:
         conductor = names.get((report.line_id, report.span_id))
         near = [
-            (_measure_gap(report, item), i) for i, item in enumerate(truth.hazards)
+            (*_measure_gap(report, item), i) for i, item in enumerate(truth.hazards)
             if conductor is None or not item.conductors or _is_of(item, conductor)
         ]
-        near = sorted((gap, i) for gap, i in near if gap <= HAZARD_DISTANCE)
-        same = [i for _, i in near if truth.hazards[i].kind == report.kind]
+        near = sorted(row for row in near if row[0] <= HAZARD_DISTANCE)
+        same = [i for *_, i in near if truth.hazards[i].kind == report.kind]
         if same:
             known = reports.setdefault(same[0], [])
             repeated += any(
@@ -259,16 +261,15 @@ def _is_of(item: TrueHazard, conductor: tuple[int, int]) -> bool:
     return any(span_id == conductor[1] for _, span_id in item.conductors)
 
 
-def _measure_gap(report: FoundHazard, item: TrueHazard) -> float:
-    """Return the distance of a report from the box of a true hazard [m]."""
-    return measure_box_gap(np.stack((report.position, report.position)), item.extent)
+def _measure_gap(report: FoundHazard, item: TrueHazard) -> tuple[float, float]:
+    """Return the distances of a report from the box of a true hazard and from its position [m]."""
+    gap = measure_box_gap(np.stack((report.position, report.position)), item.extent)
+    return gap, float(np.linalg.norm(report.position - item.position))
 
 
 def build_parser() -> argparse.ArgumentParser:
     """Return the parser of ``plc_evaluate``."""
-    parser = argparse.ArgumentParser(
-        prog='plc_evaluate', description='Score a results folder against the truth.',
-    )
+    parser = Parser(prog=NAME, description='Score a results folder against the truth.')
     parser.add_argument('results', metavar='OUT', type=Path, help='results folder')
     parser.add_argument(
         'truth', metavar='TRUTH', type=Path,
@@ -279,18 +280,18 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run ``plc_evaluate``; return 0 done, 2 bad usage or unreadable input."""
+    """Run the command and return its exit code."""
+    return run_command(NAME, lambda: _run(argv))
+
+
+def _run(argv: Sequence[str] | None) -> int:
     arguments = build_parser().parse_args(argv)
-    try:
-        scores = evaluate(read_survey(arguments.results), read_truth(arguments.truth))
-    except (PlcInspectError, OSError) as error:
-        print(f'plc_evaluate: {make_one_line(error)}', file=sys.stderr)
-        return 2
+    scores = evaluate(read_survey(arguments.results), read_truth(arguments.truth))
     if arguments.json:
         print(json.dumps(to_mapping(scores), indent=1))
     else:
-        print(format_table(scores))
-    return 0
+        print(make_printable(format_table(scores)))
+    return DONE
 
 
 if __name__ == '__main__':

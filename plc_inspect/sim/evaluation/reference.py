@@ -5,6 +5,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+import math
 from pathlib import Path
 from typing import Any
 
@@ -127,35 +128,56 @@ def parse_truth(content: Mapping[str, Any], labels: UInt8 | None = None) -> Trut
         return Truth(
             name=str(content.get('scene', '')),
             spans=tuple(_parse_span(row) for row in content['spans']),
-            supports=np.array(
-                [row['position'] for row in supports], dtype=np.float64,
-            ).reshape(-1, 3),
+            supports=_places([row['position'] for row in supports], (-1, 3)),
             support_seen=np.array([bool(row.get('seen', True)) for row in supports], dtype=bool),
             hazards=tuple(_parse_hazard(row) for row in content['hazards']),
             labels=labels,
         )
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
         raise DataError(f'the truth cannot be read: {error!r}') from error
 
 
 def _parse_span(row: Mapping[str, Any]) -> TrueSpan:
     curve = parse_curve(row)
-    stretch = (float(row.get('seen_from', 0.0)), float(row.get('seen_to', curve.length)))
+    stretch = (
+        max(_number(row.get('seen_from', 0.0)), 0.0),
+        min(_number(row.get('seen_to', curve.length)), curve.length),
+    )
     if stretch[1] - stretch[0] < LEAST_STRETCH:
         stretch = (0.0, curve.length)
     return TrueSpan(
-        curve=curve, sag=float(row['sag']), bundle_id=int(row.get('bundle_id', -1)),
-        seen=float(row.get('seen', 1.0)), stretch=stretch,
-        min_vegetation_distance=row.get('min_vegetation_distance'),
-        min_structure_distance=row.get('min_structure_distance'),
+        curve=curve, sag=_number(row['sag']), bundle_id=int(row.get('bundle_id', -1)),
+        seen=_number(row.get('seen', 1.0)), stretch=stretch,
+        min_vegetation_distance=_number_or_none(row.get('min_vegetation_distance')),
+        min_structure_distance=_number_or_none(row.get('min_structure_distance')),
     )
+
+
+def _number(value: Any) -> float:
+    """Return a finite number; TypeError or ValueError for all else."""
+    number = float(value)
+    if not math.isfinite(number):
+        raise ValueError(f'{value} is no number')
+    return number
+
+
+def _number_or_none(value: Any) -> float | None:
+    return None if value is None else _number(value)
+
+
+def _places(value: Any, shape: tuple[int, ...]) -> Float64:
+    """Return finite coordinates; TypeError or ValueError for all else."""
+    places = np.array(value, dtype=np.float64).reshape(shape)
+    if not np.isfinite(places).all():
+        raise ValueError(f'{value} is no place')
+    return places
 
 
 def _parse_hazard(row: Mapping[str, Any]) -> TrueHazard:
     return TrueHazard(
-        kind=str(row['kind']), position=np.array(row['position'], dtype=np.float64).reshape(3),
-        extent=np.array(row['extent'], dtype=np.float64).reshape(2, 3),
-        clearance=float(row['clearance']), required=bool(row.get('required', True)),
+        kind=str(row['kind']), position=_places(row['position'], (3,)),
+        extent=_places(row['extent'], (2, 3)), clearance=_number(row['clearance']),
+        required=bool(row.get('required', True)),
         conductors={
             (int(item['line_id']), int(item['span_id'])): float(item['clearance'])
             for item in row.get('conductors', ())

@@ -32,10 +32,14 @@ def open_folder(path: Path, force: bool) -> Iterator[Path]:
 
     """
     path = Path(path)
+    _check(path, force)
+    with replace_folder(path, lambda: _check(path, force)) as aside:
+        yield aside
+
+
+def _check(path: Path, force: bool) -> None:
     check_folder(path, force)
     if path.exists():
         foreign = sorted({file.name for file in path.iterdir() if file.suffix not in _SUFFIXES})
         if foreign:
             raise DataError(f'{path} is not replaced: it holds {foreign[0]}, which is no survey')
-    with replace_folder(path) as aside:
-        yield aside

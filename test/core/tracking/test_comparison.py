@@ -96,6 +96,27 @@ def test_hazards_stay_come_and_go():
     assert compare(spans, spans[1:], [hazard], []).unseen == (hazard,)
 
 
+@pytest.mark.parametrize('is_turned', [False, True])
+def test_a_hazard_is_cleared_only_where_the_second_survey_saw_the_conductor(is_turned):
+    """The second survey ends in the middle of the span, or has a pole more there."""
+    inspection = make_inspection()
+    spans, (hazard,) = inspection.result.spans, inspection.result.hazards
+    first = spans[0]
+    middle = first.positions(np.array([first.length / 2]))[0]
+    parts = [make_span(0, 0, first.start, middle, first.c, open_end=True),
+             make_span(0, 5, middle, first.end, first.c)]
+    if is_turned:
+        parts[0] = make_span(0, 0, middle, first.start, first.c, open_start=True)
+    near, far = (
+        dataclasses.replace(hazard, hazard_id=number, along_span=share * first.length)
+        for number, share in enumerate((0.4, 0.6))
+    )
+    done = compare(spans, [parts[0], *spans[1:]], [near, far], [])
+    assert (done.cleared, done.unseen) == ((near,), (far,))
+    done = compare(spans, [*parts, *spans[1:]], [near, far], [])
+    assert (done.cleared, done.unseen) == ((near, far), ())
+
+
 def test_surveys_that_do_not_overlap():
     with pytest.raises(DataError, match='do not overlap: none of 8 spans before is one of 8'):
         compare(make_rack(), make_rack(shift=30.0))

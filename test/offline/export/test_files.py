@@ -277,3 +277,39 @@ def test_hazards_have_the_colours_of_their_severities(folder):
                          rf'</name>.*?<styleUrl>#{hazard["severity"]}</styleUrl>', text, re.DOTALL)
         kml = f'ff{color[5:7]}{color[3:5]}{color[1:3]}'  # alpha, blue, green, red
         assert f'<Style id="{hazard["severity"]}"><IconStyle><color>{kml}' in text
+
+
+def test_what_the_rule_measures_is_in_all_files(tmp_path):
+    """Not the distance in space, which may be far above the limit that is broken."""
+    run = make_inspection(UTM, crs=pyproj.CRS('EPSG:25832').to_wkt())
+    hazard = dataclasses.replace(
+        run.result.hazards[0], clearance=77.5, horizontal=1.25, note='measured horizontally'
+    )
+    write_results(tmp_path / 'out', dataclasses.replace(
+        run, result=dataclasses.replace(run.result, hazards=(hazard,))
+    ))
+    kml = (tmp_path / 'out/results.kml').read_text(encoding='utf-8')
+    assert '1.25 m measured horizontally, 2.00 m required by' in kml
+    texts = ezdxf.readfile(tmp_path / 'out/catenaries.dxf').modelspace().query('TEXT')
+    assert [item.dxf.text for item in texts] == ['0 vegetation 1.25']
+    page = (tmp_path / 'out/report.html').read_text(encoding='utf-8')
+    assert '<b>1.25</b>' in page
+    assert '77.5' not in page
+
+
+def test_a_line_across_the_antimeridian_is_cut_there_at_its_height(tmp_path):
+    origin = (819_000.0, 8_095_800.0, 400.0)
+    run = make_inspection(origin, crs=pyproj.CRS('EPSG:32760').to_wkt())
+    write_results(tmp_path / 'out', run)
+    for name, num in (('spans.geojson', 3), ('results.kml', 3), ('coverage.geojson', 1)):
+        _, shapes, _ = read(tmp_path / 'out' / name)
+        cut = [shape for shape in shapes if shape.geom_type == 'MultiLineString']
+        assert len(cut) == num
+        for shape in cut:
+            before, after = (
+                shapely.get_coordinates(part, include_z=True) for part in shape.geoms
+            )
+            assert (before[:, 0] > 0).all()
+            assert (after[:, 0] < 0).all()
+            assert before[-1] == pytest.approx(after[0] + [360.0, 0.0, 0.0], abs=1e-8)
+            assert before[-1, 2] == pytest.approx(before[-2, 2], abs=2.0)

@@ -186,6 +186,24 @@ def test_force_never_removes_what_is_not_ours(tmp_path, inspection):
     assert names(tmp_path / 'out') == ['thesis.tex']
 
 
+@pytest.mark.parametrize(('force', 'name', 'message'), [
+    (False, 'spans.json', '--force replaces it'), (True, 'thesis.tex', r'such as thesis\.tex'),
+])
+def test_what_came_while_results_were_written_stays(
+    tmp_path, inspection, monkeypatch, force, name, message
+):
+    def write(folder, run):
+        (folder / 'spans.json').write_text('new', encoding='utf-8')
+        (tmp_path / 'out').mkdir()
+        (tmp_path / 'out' / name).write_text('of another', encoding='utf-8')
+
+    monkeypatch.setattr('plc_inspect.offline.export.files.write_tables', write)
+    with pytest.raises(DataError, match=message):
+        write_results(tmp_path / 'out', inspection, force, tables_only=True)
+    assert (tmp_path / 'out' / name).read_text(encoding='utf-8') == 'of another'
+    assert names(tmp_path) == ['out']
+
+
 def test_a_file_is_no_folder(tmp_path, inspection):
     (tmp_path / 'out').write_text('mine', encoding='utf-8')
     with pytest.raises(DataError, match='not a folder'):

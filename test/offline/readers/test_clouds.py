@@ -177,6 +177,12 @@ def test_degrees_are_refused(tmp_path):
     assert read_cloud(path, 'EPSG:32633').metres_per_unit == (1.0, 1.0)
 
 
+def test_depths_are_refused(tmp_path):
+    path = write_las(tmp_path / 'cloud.las', make_points())
+    with pytest.raises(DataError, match='NAVD88 depth points down: turn its sign'):
+        read_cloud(path, 'EPSG:32633+6357')
+
+
 def test_unknown_crs_is_a_config_error(tmp_path):
     path = write_las(tmp_path / 'cloud.las', make_points())
     with pytest.raises(ConfigError, match="'EPSG:999999'"):

@@ -54,6 +54,7 @@ def test_columns_are_found_by_their_names(tmp_path):
 @pytest.mark.parametrize('rows', [
     'x,y,z\n1,2,3,\n4,5,6\n', 'x;y;z;note\n1;2;3;"a; b"\n4;5;6;c\n',
     'x y z n\n1 2 3 "a b"\n4 5 6 c\n',
+    '# Fields: x y z n\n1 2 3 9\n4 5 6 9\n', '//X Y Z R\n1 2 3 9\n4 5 6 9\n',
     'x,y,z,n\n1,2,3\n4,5,6\n', 'x\ty\tz\t\n1\t2\t3\t\n4\t5\t6\t\n', 'x y z\n1 2 3 # 4 5\n4 5 6\n',
 ])
 def test_named_columns_may_be_quoted_empty_or_missing_at_the_end(rows, tmp_path):
@@ -108,6 +109,7 @@ def test_the_reference_system_of_e57_is_read(tmp_path):
     ('X,Y,Z\n# decimals\n\n980,957,1971,921,51,842\n', 'row 4: 6 columns, 3 are named; name each,'
      ' and write decimals with points: 980,957,1971,921,51,842'),
     ('"x" "y" "z"\n"1" 980.9 1971.9 51.8\n', 'row 2: 4 columns, 3 are named'),
+    ('# columns x y z n\n980.9 1971.9 51.8 9\n', 'row 2: 4 columns, 5 are named'),
     ('1.00 2.00 3.00\n4.00 5.00 6.0', 'row 2, the last, has fewer decimals than others'),
     ('1.00 2.00 3.00\n \n#\n4.00 5.00 6.0', 'row 4, the last, has fewer decimals than others'),
     ('\0\1\2\n', 'has no column'),

@@ -19,10 +19,12 @@ import pyproj
 import pytest
 
 from plc_inspect.config import Settings
+from plc_inspect.core.hazards.clearance_rules import plain_rules
+from plc_inspect.core.loads.load_cases import evaluate_cases
 from plc_inspect.offline.commands.result_table import render_summary
 from plc_inspect.offline.export.coverage_files import write_coverage_views
 from plc_inspect.offline.export.files import describe_run
-from plc_inspect.offline.readers.catalogue import load_rules
+from plc_inspect.offline.readers.catalogue import load_conductor, load_rules, parse_case
 from plc_inspect.offline.records.coverage_record import review_coverage
 from plc_inspect.offline.records.inspection import measure_clearances, Units
 from plc_inspect.offline.records.sentences import describe_place
@@ -35,6 +37,7 @@ from plc_inspect.offline.report.drawing import (
     Plot,
 )
 from plc_inspect.offline.report.figures import rank
+from plc_inspect.offline.report.paper import Paper
 from plc_inspect.offline.report.point_scene import make_scene
 from plc_inspect.offline.report.report import format_number, render_report
 from plc_inspect.offline.report.view import encode_view
@@ -138,6 +141,19 @@ def test_no_line_is_said(num_points):
     assert 'No clearance rule is broken' in page
 
 
+@pytest.mark.parametrize('paper', [None, Paper(size='A4')])
+def test_load_cases_without_a_line_are_left_out(paper):
+    run = make_inspection(result=make_empty_result(20), points=np.zeros((20, 3)))
+    conductor, cases = load_conductor('ACSR Drake'), (parse_case('temperature=80'),)
+    what_if = evaluate_cases(
+        run.points, run.result, conductor, 20.0, cases, plain_rules(run.settings.hazards), 3
+    )
+    page = render_report(dataclasses.replace(run, what_if=what_if), paper=paper)
+    assert 'No power line was found' in page
+    assert 'id="what-if"' not in page
+    assert 'href="#what-if"' not in page
+
+
 def test_points_that_are_not_finite_do_no_harm():
     inspection = make_inspection(num_ground=100)
     inspection.points[-5:] = np.nan
@@ -158,6 +174,16 @@ def test_feet_are_shown_as_feet():
     )
     assert f'{120.0 / foot:.2f}' in page
     assert '[ftUS]' in page
+
+
+def test_places_are_those_of_the_files():
+    """With x and y in feet and z in metres, as in hazards.json."""
+    run = make_inspection(num_ground=10, units=Units(horizontal=0.3048, vertical=1.0))
+    text = ' '.join(outline(render_report(run)).text)
+    for foot in (item.position for item in run.result.supports):
+        place = f'{foot[0] / 0.3048:.2f}, {foot[1] / 0.3048:.2f}, {foot[2]:.2f}'
+        assert place.replace('-', '\u2212') in text
+    assert 'lengths in ft, z of positions in m' in ' '.join(text.split())
 
 
 def test_many_points_are_thinned_out(monkeypatch):

@@ -4,7 +4,11 @@
 """The evaluation: scores of results whose faults are known."""
 
 from dataclasses import replace
+import importlib
 import json
+import math
+import subprocess
+import sys
 
 from factories import make_inspection
 import laspy
@@ -13,6 +17,7 @@ import pytest
 
 from plc_inspect.errors import DataError
 from plc_inspect.offline.export.results_folder import write_results
+from plc_inspect.offline.records.inspection import Units
 from plc_inspect.results import PointClass
 from plc_inspect.sim.evaluation.curves import compare, Curve
 from plc_inspect.sim.evaluation.estimate import (
@@ -391,3 +396,68 @@ def test_read_survey_keeps_everything(folder):
     assert (len(survey.spans), len(survey.supports), len(survey.hazards)) == (6, 3, 1)
     assert len(survey.points) == len(survey.classification) == len(survey.clearance)
     assert to_mapping(evaluate(survey, read_truth(folder)))['num_lines'] == 3
+
+
+@pytest.mark.parametrize('units', [(0.3048, 0.3048), (1200.0 / 3937.0, 1.0)])
+def test_results_in_feet_score_as_in_metres(folder, tmp_path, units):
+    """The truth is in metres, and so are all limits."""
+    horizontal, vertical = units
+    write_results(tmp_path / 'out', make_inspection(
+        num_ground=2000, units=Units(horizontal=horizontal, vertical=vertical)
+    ))
+    truth = read_truth(folder)
+    feet, metres = (
+        evaluate(read_survey(base / 'out'), truth) for base in (tmp_path, folder)
+    )
+    assert (feet.spans, feet.supports) == (metres.spans, metres.supports)
+    assert (feet.hazards, feet.wire) == (metres.hazards, metres.wire)
+    assert feet.sag.values == pytest.approx(metres.sag.values)
+
+
+@pytest.mark.parametrize(('part', 'key', 'value'), [
+    ('spans', 'line_id', math.inf), ('spans', 'min_vegetation_distance', 'near'),
+    ('spans', 'sag', math.nan), ('spans', 'seen', math.nan),
+    ('supports', 'position', [0.0, math.nan, 0.0]),
+    ('hazards', 'extent', [[0.0] * 3, [math.inf] * 3]),
+])
+def test_a_truth_with_what_is_no_number_is_refused(folder, part, key, value):
+    """It would be missed, or not required, without a word."""
+    content = json.loads((folder / 'truth.json').read_text())
+    content[part][0][key] = value
+    with pytest.raises(DataError, match='cannot be read'):
+        parse_truth(content)
+
+
+def test_reports_in_boxes_that_overlap_belong_to_the_nearest_place():
+    """Two trees whose boxes overlap, each reported: none is missed, none is repeated."""
+    conductors = make_conductors((0.0,))
+    truth = [{**HAZARD, 'position': [x, 1.0, 11.0], 'extent': [[20, 0, 5], [40, 3, 12]]}
+             for x in (22.0, 38.0)]
+    reports = [_report(position=np.array(item['position'])) for item in truth]
+    survey = make_survey([make_found(item) for item in conductors], hazards=reports)
+    scores = evaluate(survey, parse_truth(make_content(conductors, hazards=truth)))
+    assert (scores.hazards.required, scores.hazards.required_found) == (2, 2)
+    assert scores.hazards_repeated == 0
+
+
+@pytest.mark.parametrize('command', [
+    'plc_inspect.sim.evaluation.evaluate', 'plc_inspect.sim.simulate',
+])
+def test_bad_usage_is_one_line(command, capsys):
+    """As of all commands."""
+    with pytest.raises(SystemExit) as end:
+        importlib.import_module(command).main(['--nothing'])
+    assert end.value.code == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_a_reader_of_the_scores_may_leave(folder):
+    """As ``head`` does."""
+    call = 'import sys; from plc_inspect.sim.evaluation.evaluate import main; sys.exit(main())'
+    with subprocess.Popen(
+        [sys.executable, '-c', call, str(folder / 'out'), str(folder)],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    ) as process:
+        process.stdout.close()
+        assert process.stderr.read() == b''
+    assert process.returncode == 0
