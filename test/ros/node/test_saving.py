@@ -16,8 +16,10 @@ from std_srvs.srv import Trigger
 from plc_inspect.core.tracking.hazard_tracking import HazardNews
 from plc_inspect.errors import ConfigError
 from plc_inspect.offline.export import files
+from plc_inspect.offline.records.flight import MAP_FULL
 from plc_inspect.ros.node import doubt, jobs
 from plc_inspect.ros.node.inspect_node import InspectNode
+from plc_inspect.ros.node.intake import Intake
 from plc_inspect.ros.node.saving import Saved
 
 
@@ -199,3 +201,20 @@ def test_a_doubt_about_the_odometry_holds_hazards_back_and_is_told(
     assert not rig.node.close()
     run = json.loads((tmp_path / 'out' / 'run.json').read_text())
     assert run['input']['counts']['held_back'] == accumulator.doubt
+
+
+@pytest.mark.parametrize('at', ['end', 'reset'])
+def test_results_of_a_full_map_say_why_the_rest_is_held_back(
+    rig, home, tmp_path, monkeypatch, at
+):
+    why = f'{MAP_FULL} with 9 voxels and has gaps: results are held back'
+    monkeypatch.setattr(Intake, 'doubt', why)
+    if at == 'end':
+        assert not rig.node.close()
+        folder = tmp_path / 'out'
+    else:
+        assert rig.call('reset').success
+        (folder,) = home.iterdir()
+    run = json.loads((folder / 'run.json').read_text())
+    assert run['num_spans'] >= 3
+    assert run['held_back'] == why
