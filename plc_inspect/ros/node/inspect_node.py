@@ -146,8 +146,7 @@ class InspectNode(Node):
             settings, self._live_parameters.rules, self._intake, self._log, self._forget
         )
         if self._keeper.resume(self._session):
-            known = self._session.state
-            self._known.add(0, known)
+            self._known.add(0, known := self._session.state)
             self._publish(known, self._intake.accumulator.frame_id)
             self._teller.tell(known)
         self.create_timer(PERIOD, self._guard('record', self._keeper.step), clock=self._steady)
@@ -190,6 +189,8 @@ class InspectNode(Node):
     def _fail(self, where: str, error: Exception) -> None:
         self._health.last_error = f'{where}: {type(error).__name__}: {error}'
         self._complaints.complain(where, f'failed in {self._health.last_error}')
+        if where == 'step':  # no job begins that would answer
+            refuse(self._health.last_error, self._segmenting, self._saving)
 
     def _on_message_lost(self, event: Any) -> None:
         self._health.messages_lost += event.total_count_change
@@ -270,9 +271,8 @@ class InspectNode(Node):
         self._publish(self._session.state, '')
 
     def _publish(self, state: LiveState, frame_id: str) -> None:
-        now = self.get_clock().now().nanoseconds
-        told = move_state(state, self._intake.move.inverse())
-        bundle = make_bundle(told, frame_id, now, self.settings.stream)
+        told, now = move_state(state, self._intake.move.inverse()), self.get_clock().now()
+        bundle = make_bundle(told, frame_id, now.nanoseconds, self.settings.stream)
         self._results.publish(bundle, kept=not self._health.num_ticks)
 
     def _submit(self, job: str, work: Callable[[], Any]) -> None:
@@ -300,11 +300,10 @@ class InspectNode(Node):
             if held := self._known.hold_back(self._intake.accumulator):
                 self._publish(held, self._intake.accumulator.frame_id)
         if self._saving and not len(voxels):
-            self._saving.answer(False, 'nothing to save: the map is empty')
-        elif self._saving:
+            refuse('nothing to save: the map is empty', self._saving)
+        elif self._saving.take():
             self._copy_out(plan_everything(voxels, spans), 'save')
-        elif self._wants_tick or self._segmenting:
-            asked = bool(self._segmenting)
+        elif (asked := self._segmenting.take()) or self._wants_tick:
             plan = self._planner.plan(voxels, spans, self._intake.vehicle, at_once=asked)
             self._wants_tick = False
             if plan is None:
@@ -349,8 +348,7 @@ class InspectNode(Node):
         if error is not None:
             self._health.num_failed += job == 'tick'
             self._fail(job, error)
-            if job in ('tick', 'save'):
-                (self._saving if job == 'save' else self._segmenting).answer(False, str(error))
+            (self._saving if job == 'save' else self._segmenting).answer(False, str(error))
         if done is None:
             return
         self._intake.accumulator.map.label(done.slots, done.points, done.labels)
