@@ -208,8 +208,10 @@ class InspectNode(Node):
         self._intake.accumulator.configure(settings)
         self._planner = make_planner(settings, self._live_parameters.rules)
         self._keeper.configure(settings, self._live_parameters.rules)
-        self._timer.timer_period_ns = round(settings.segment.period * 1e9)
-        self._timer.reset()
+        period_ns = round(settings.segment.period * 1e9)
+        if self._timer.timer_period_ns != period_ns:  # it begins anew, which puts a tick off
+            self._timer.timer_period_ns = period_ns
+            self._timer.reset()
 
     def _on_timer(self) -> None:
         self._health.num_postponed += self._wants_tick

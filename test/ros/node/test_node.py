@@ -5,7 +5,9 @@
 
 from array import array
 from functools import partial
+import itertools
 import json
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -234,6 +236,25 @@ def test_timer_makes_ticks(rig):
         wait_for(lambda: rig.node.health.num_ticks > ticks, 'tick of the timer')
     finally:
         rig.node.set_parameters([Parameter('segment.period', value=3600.0)])
+
+
+def test_changes_of_other_settings_put_no_tick_off(rig):
+    rig.feed()
+    ticks, number = rig.node.health.num_ticks, itertools.count(1)
+    rig.node.set_parameters([Parameter('segment.period', value=0.5)])
+
+    def change():
+        limit = Parameter('proximity.warning', value=15.0 + 0.01 * next(number))
+        rig.node.set_parameters([limit])
+        time.sleep(0.1)
+        return rig.node.health.num_ticks > ticks
+
+    try:
+        wait_for(change, 'tick of the timer')
+    finally:
+        rig.node.set_parameters([
+            Parameter('segment.period', value=3600.0), Parameter('proximity.warning', value=15.0),
+        ])
 
 
 def test_every_setting_is_a_described_parameter(shared):
