@@ -35,6 +35,8 @@ SWITCH_INTERVAL = 0.0005
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the node until it is interrupted; return the exit code."""
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # nothing has begun that must be ended
     try:
         prepare_transport()
         keys = find_keys()
@@ -56,6 +58,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     for number in ALSO_TERM:
         if signal.getsignal(number) is not signal.SIG_IGN:  # nohup
             signal.signal(number, _pass_on)
+    if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:
+        signal.signal(signal.SIGINT, _leave_to_ros)
     try:
         with _hold_tongue():
             rclpy.init(args=arguments)
@@ -118,6 +122,10 @@ def _save(node: 'InspectNode') -> int:
 def _pass_on(number: int, frame: FrameType | None) -> None:
     """End as on SIGTERM, which rclpy listens to."""
     os.kill(os.getpid(), signal.SIGTERM)
+
+
+def _leave_to_ros(number: int, frame: FrameType | None) -> None:
+    """Raise no KeyboardInterrupt: rclpy ends as on SIGTERM, between callbacks, not within one."""
 
 
 def _leave_at_once(code: int) -> NoReturn:
