@@ -36,6 +36,7 @@ from plc_inspect.results import PointClass
 from plc_inspect.ros.graph.qos import RESULTS
 from plc_inspect.ros.node.inspect_node import InspectNode
 from plc_inspect.setting_names import describe
+from plc_inspect.shared_files import find_shared
 
 
 @pytest.fixture(scope='module')
@@ -291,6 +292,31 @@ def test_bad_parameters_are_refused(shared, name, value, problem):
     assert not result.successful
     assert problem in result.reason
     assert shared.node.settings == before
+
+
+def test_rules_of_a_file_are_read_at_the_start_only(shared, tmp_path):
+    path = tmp_path / 'own.yaml'
+    path.write_bytes(find_shared('rules/sweden.yaml').read_bytes())
+    node = InspectNode(
+        context=shared.contexts[1], namespace='/other', parameter_overrides=[
+            Parameter('hazards.rules', value=str(path)), Parameter('hazards.voltage', value=20.0),
+            Parameter('map.max_voxels', value=20_000),
+        ],
+    )
+    try:
+        rules = node._live_parameters.rules
+        path.write_text('name: another')
+        for name, value, good in (
+            ('hazards.critical_distance', 2.5, True), ('hazards.rules', 'nonsense', False),
+            ('hazards.voltage', 70.0, True),
+        ):
+            answer = node.set_parameters([Parameter(name, value=value)])[0]
+            assert answer.successful == good, answer.reason
+        assert node._live_parameters.rules.name == rules.name == 'sweden'
+        assert node._live_parameters.rules != rules
+    finally:
+        node.close(save=False)
+        node.destroy_node()
 
 
 def test_changes_of_parameters_are_logged_with_their_old_value(shared, monkeypatch):
