@@ -230,7 +230,7 @@ class InspectNode(Node):
             ),
             describe_map(
                 self._intake.accumulator.map, self._intake.evictor.num_evicted,
-                counters.points_dropped.get('map full', 0), self._intake.doubt, self.state,
+                self._intake.count_refused(counters), self._intake.doubt, self.state,
             ),
             describe_segmentation(self.state, self._health, self._worker.busy),
             self._door.describe(),
