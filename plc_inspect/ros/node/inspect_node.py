@@ -198,10 +198,10 @@ class InspectNode(Node):
     def _on_clock_jump(self, jump: TimeJump) -> None:
         self._health.num_clock_jumps += 1
         self._intake.accumulator.reset(keep_map=True)
-        self._log.warning(
+        self._complaints.complain('clock', (
             f'time jumped by {jump.delta.nanoseconds * 1e-9:.3f} s: poses and waiting scans were '
             'reset, the map was kept; call ~/reset to forget it too'
-        )
+        ))
 
     def _configure(self, settings: Settings) -> None:
         """Put changed settings to work, all at once."""
