@@ -255,7 +255,7 @@ class Accumulator:
         self._counts['not finite'] += not_finite + num_not_finite
         self._counts['too near'] += near
         self._counts['too far'] += far
-        self._counts['scans without time'] += not timed
+        self._counts['scans without time'] += not (timed or placed)
         self._clock.add(stamp_ns)
         if len(self._queue) == QUEUE_SIZE:
             self._queue.popleft()

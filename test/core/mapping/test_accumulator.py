@@ -97,6 +97,15 @@ def test_times_that_are_all_the_stamp_are_counted_as_none(times, without):
     assert accumulator.counters().num_scans_without_time == without
 
 
+def test_scans_that_are_placed_need_no_times():
+    accumulator = make_accumulator(min_range=0.0)
+    add_poses(accumulator, 0, 100, frame_id='odom', child_frame_id='base')
+    points = np.full((2, 3), 5, np.float32)
+    accumulator.add_scan(START + 50 * MS, points, frame_id='odom')
+    counters = accumulator.counters()
+    assert (counters.num_scans_inserted, counters.num_scans_without_time) == (1, 0)
+
+
 def test_scan_waits_until_the_odometry_brackets_its_last_point():
     accumulator = make_accumulator()
     add_poses(accumulator, 0, 140)
