@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 NAME = 'plc_node'
 DONE, DEFECT, BAD_INPUT = 0, 1, 2
 
-ALSO_TERM = (signal.SIGHUP, signal.SIGQUIT)
-"""The terminal or the ssh session closes; somebody presses the wrong keys."""
+ALSO_TERM = (signal.SIGINT, signal.SIGHUP, signal.SIGQUIT)
+"""Ctrl-C; the terminal or the ssh session closes; somebody presses the wrong keys."""
 
 SWITCH_INTERVAL = 0.0005
 """How long the worker may hold Python's lock while a callback waits for it [s]."""
@@ -58,8 +58,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     for number in ALSO_TERM:
         if signal.getsignal(number) is not signal.SIG_IGN:  # nohup
             signal.signal(number, _pass_on)
-    if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:
-        signal.signal(signal.SIGINT, _leave_to_ros)
     try:
         with _hold_tongue():
             rclpy.init(args=arguments)
@@ -110,7 +108,7 @@ def _spin(executor: 'Executor') -> int:
 def _save(node: 'InspectNode') -> int:
     """Save the results; return the exit code."""
     # A second signal must not cut this off.
-    for number in (signal.SIGINT, signal.SIGTERM, *ALSO_TERM):
+    for number in (signal.SIGTERM, *ALSO_TERM):
         signal.signal(number, signal.SIG_IGN)
     try:
         return DONE if node.close() else DEFECT
@@ -120,12 +118,8 @@ def _save(node: 'InspectNode') -> int:
 
 
 def _pass_on(number: int, frame: FrameType | None) -> None:
-    """End as on SIGTERM, which rclpy listens to."""
+    """End as on SIGTERM, which rclpy listens to: between callbacks, not within one."""
     os.kill(os.getpid(), signal.SIGTERM)
-
-
-def _leave_to_ros(number: int, frame: FrameType | None) -> None:
-    """Raise no KeyboardInterrupt: rclpy ends as on SIGTERM, between callbacks, not within one."""
 
 
 def _leave_at_once(code: int) -> NoReturn:
