@@ -106,7 +106,7 @@ def list_segments(folder: Path) -> list[Path]:
     """List the segments of a record in their order; one segment alone is a record too."""
     if folder.is_file():
         return [folder]
-    return sorted(item for item in folder.glob('[0-9]*.mcap') if item.is_file())
+    return sorted(item for item in folder.glob(f'{"[0-9]" * 6}.mcap') if item.is_file())
 
 
 def name_segment(folder: Path, number: int) -> Path:

@@ -81,6 +81,8 @@ def _run(arguments: argparse.Namespace) -> int:
         try:
             player.wait_for_subscribers(arguments.wait)
             count = player.play(arguments.rate, arguments.start)
+            if not count and rclpy.utilities.ok():  # other topics go on for longer
+                raise DataError(f'no scan or pose lies beyond --start {arguments.start:g} s')
             while arguments.loop and rclpy.utilities.ok():
                 count += player.play(arguments.rate, arguments.start)
             if not arguments.quiet:

@@ -413,6 +413,20 @@ def test_record_goes_on_after_the_segments_there_are(tmp_path, knows):
     assert len(list_segments(folder)) == 2
 
 
+def test_copies_in_the_folder_are_no_segments(tmp_path, knows):
+    first = Source(tmp_path / 'it.record')
+    first.grow(knows)
+    first.recording.close()
+    segments = list_segments(tmp_path / 'it.record')
+    for name in ('000001_copy.mcap', '1.mcap', '000001.old.mcap'):
+        (tmp_path / 'it.record' / name).write_bytes(segments[0].read_bytes())
+    assert list_segments(tmp_path / 'it.record') == segments
+    again = Recording(first.voxels, lambda: {'number': 2}, first.said.append)
+    again.begin(tmp_path / 'it.record', {'settings': {}}, fresh=False)
+    again.close()
+    assert not first.said
+
+
 def test_flight_that_was_saved_is_over_whatever_the_power_cut_took(tmp_path, knows):
     folder = tmp_path / 'it.record'
     source = Source(folder)

@@ -105,6 +105,17 @@ def test_everything_arrives_as_recorded(graph):
     assert messages[-1][0] - clock[-1] < 0.5e9
 
 
+def test_a_loop_over_nothing_is_refused(graph, monkeypatch, capsys):
+    # the topics that are not played may go on for longer
+    monkeypatch.setattr(Recording, 'duration', 1000.0)
+    ended = threading.Timer(20.0, rclpy.try_shutdown)
+    ended.start()
+    code = main([str(DEMO), '--loop', '--start', '500', '--wait', '0', '--quiet'])
+    ended.cancel()
+    assert code == 2
+    assert capsys.readouterr().err == 'plc_play: no scan or pose lies beyond --start 500 s\n'
+
+
 def test_timing_follows_the_rate(graph):
     began = time.monotonic()
     assert main([str(DEMO), '--rate', '4', '--start', '38', '--wait', '20', '--quiet']) == 0

@@ -217,6 +217,43 @@ def test_end_of_ros_in_the_middle_of_a_wait_is_no_defect(tmp_path, first, code, 
     assert 'nothing to save' in done.stdout
 
 
+INTERRUPT = """
+import os
+import signal
+import sys
+import time
+from plc_inspect.ros.node import inspect_node, onboard
+
+def interrupt(real):
+    def run(*arguments):
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.3)
+        return real(*arguments)
+    return run
+
+if {at!r} == 'start':
+    inspect_node.warm_up_intake = interrupt(inspect_node.warm_up_intake)
+else:
+    real = inspect_node.InspectNode._on_second
+    inspect_node.InspectNode._on_second = interrupt(real)
+    onboard._save = interrupt(onboard._save)
+sys.exit(onboard.main(['--ros-args', '-p', 'map.max_voxels:=20000']))
+"""
+
+
+@pytest.mark.parametrize('at', ['start', 'callback and before the save'])
+def test_ctrl_c_ends_the_node_between_callbacks(tmp_path, at):
+    isolate()
+    done = subprocess.run(
+        [sys.executable, '-c', INTERRUPT.format(at=at)], cwd=ROOT, text=True, timeout=120.0,
+        env=os.environ | {'ROS_DOMAIN_ID': str(take_domain()), 'ROS_HOME': str(tmp_path)},
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False,
+    )
+    assert done.returncode == 0, done.stdout
+    assert 'Traceback' not in done.stdout
+    assert ('nothing to save' in done.stdout) == (at != 'start')
+
+
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_demo_ends_its_processes_on_a_signal(start, tmp_path, number):
     demo = start('plc_inspect.ros.demo', DEMO, tmp_path / 'out')

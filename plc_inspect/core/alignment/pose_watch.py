@@ -200,7 +200,8 @@ class PoseWatch:
         """Measure the velocity over the window, if it is long enough."""
         first, last = self._window[0], self._window[-1]
         seconds = (last.stamp - first.stamp) * 1e-9
-        if len(self._window) < 3 or seconds <= 0.0:
+        # over less, the noise of positions looks like a change of velocity
+        if len(self._window) < 3 or seconds < LEAST_STEP / MOST_CHANGE:
             return
         self._velocity = (
             (last.x - first.x) / seconds, (last.y - first.y) / seconds,

@@ -94,7 +94,7 @@ def measure_proximity(
     around : Surroundings
         What is known.
     seen : bool
-        Whether all within the distance of a warning was seen.
+        Whether all within the greater of the limits was seen.
     position : (3,) float64
         Of the vehicle, map frame [m].
     velocity : (3,) float64

@@ -29,8 +29,8 @@ from plc_inspect.core.mapping.scan_counters import Counters, DropReason, gather_
 from plc_inspect.core.mapping.scan_gate import ScanGate
 from plc_inspect.core.mapping.scan_points import (
     check_points,
-    check_worst,
     find_ends,
+    judge_times,
     select_points,
 )
 from plc_inspect.core.mapping.scan_timing import ScanTiming
@@ -237,7 +237,7 @@ class Accumulator:
         kept, stamps, not_finite, near, far, worst = select_points(
             points, times, stamp_ns, low, high
         )
-        check_worst(worst)
+        timed = judge_times(time, len(kept), worst)
         self._counts['scans'] += 1
         reason = self._gate.judge(
             frame_id, layout, stamp_ns, find_ends(stamps, stamp_ns), self._clock.period
@@ -255,7 +255,7 @@ class Accumulator:
         self._counts['not finite'] += not_finite + num_not_finite
         self._counts['too near'] += near
         self._counts['too far'] += far
-        self._counts['scans without time'] += time is None
+        self._counts['scans without time'] += not (timed or placed)
         self._clock.add(stamp_ns)
         if len(self._queue) == QUEUE_SIZE:
             self._queue.popleft()

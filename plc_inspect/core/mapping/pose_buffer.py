@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from plc_inspect.config import InputSettings
+from plc_inspect.core.alignment.pose_watch import LEAST_STEP, LEAST_TURN
 from plc_inspect.errors import DataError
 from plc_inspect.results import Float64, Int64, UInt8
 
@@ -259,9 +260,10 @@ class PoseBuffer:
             return Bracket.GAP
         cosine = min(1.0, abs(float(last[3:] @ pose[3:])))
         angle = 2.0 * math.acos(cosine)
+        # noise and jitter are no motion, however close the stamps
         if (
-            math.dist(last[:3], pose[:3]) > self._max_speed * seconds
-            or angle > MAX_TURN_RATE * seconds
+            math.dist(last[:3], pose[:3]) > LEAST_STEP + self._max_speed * seconds
+            or angle > LEAST_TURN + MAX_TURN_RATE * seconds
         ):
             return Bracket.JUMP
         return Bracket.OK

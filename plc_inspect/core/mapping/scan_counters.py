@@ -49,7 +49,7 @@ class Counters:
     num_interruptions: int
     """Pauses between scans that are too long to be lost scans."""
     num_scans_without_time: int
-    """Scans without point times: all their points are placed at the stamp."""
+    """Scans that need point times and have none: all their points are placed at the stamp."""
     scan_period: float | None
     """Median time between scans [s], None while unknown."""
     num_points: int

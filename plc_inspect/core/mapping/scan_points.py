@@ -16,14 +16,29 @@ Greatest plausible time of a point relative to its scan's stamp [s].
 Source: judgement; not measured.
 """
 
+AT_STAMP = 1e-6
+"""
+Greatest time of the points of a scan that have no times of their own [s].
+Source: derived: times since 1970 are rounded to 0.24 us in float64; sensors fire every 50 us.
+"""
 
-def check_worst(worst: float) -> None:
-    """Raise DataError if a point is farther from its scan's stamp than MAX_TIME_OFFSET [s]."""
+
+def judge_times(time: NDArray[np.float64] | None, num_kept: int, worst: float) -> bool:
+    """
+    Return whether points have times of their own, as far as those kept tell.
+
+    Raises
+    ------
+    DataError
+        A point is farther from its scan's stamp than MAX_TIME_OFFSET.
+
+    """
     if worst > MAX_TIME_OFFSET:
         raise DataError(
             f'a point is {worst:g} s away from the stamp of its scan, '
             f'at most {MAX_TIME_OFFSET:g} s is believed'
         )
+    return time is not None and (worst >= AT_STAMP or not num_kept)
 
 
 @njit(cache=True, nogil=True)

@@ -74,10 +74,9 @@ def explain_standstill(
     if not dropped:
         if now.num_scans_waiting:
             return _compare_clocks(now) or f'{now.num_scans_waiting} scans wait for odometry'
-        return (
-            f'no point of the scans lies between {settings.min_range:g} and '
-            f'{settings.max_range:g} m (input.min_range, input.max_range)'
-        )
+        return _explain_points(_grown(
+            now.points_dropped, before.points_dropped if before else {}
+        ), settings)
     reason = max(dropped, key=lambda name: dropped[name])
     if reason in _NO_POSE and (text := _compare_clocks(now)):
         return text
@@ -88,6 +87,20 @@ def explain_standstill(
             '(input.max_pose_gap) nothing is interpolated'
         )
     return f'scans dropped: {reason}'
+
+
+def _explain_points(dropped: Mapping[str, int], settings: InputSettings) -> str:
+    """Explain why no point of the scans that were taken is in the map."""
+    if 'map full' in dropped:
+        return 'the map is full, and refuses all points (map.max_voxels)'
+    if 'too near' in dropped or 'too far' in dropped:
+        return (
+            f'no point of the scans lies between {settings.min_range:g} and '
+            f'{settings.max_range:g} m (input.min_range, input.max_range)'
+        )
+    if 'not finite' in dropped:
+        return 'no point of the scans has finite coordinates and a finite time'
+    return 'the scans hold no points'
 
 
 def _compare_clocks(counters: Counters) -> str:

@@ -91,17 +91,16 @@ def _inspect(flight: 'Flight') -> 'Inspection':
         told = Told(
             settings=settings, rules=rules, frame_id=str(frames[0]),
             first_stamp_ns=state['first_stamp_ns'] or 0, counts=state['counts'], command=NAME,
-            move=RigidMove.from_record(state.get('move')).inverse(),
+            move=RigidMove.from_record(state.get('move')).inverse(), doubt=state['doubt'],
         )
         snapshot = Snapshot(
             window=copy_everything(voxels), flight=told, stamp_ns=state['stamp_ns'] or 0,
             vehicle=None, complete=state['counts']['num_voxels_evicted'] == 0,
         )
-        doubt = state['doubt']
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
         raise DataError(f'the record lacks something: {type(error).__name__}: {error}') from error
-    if doubt or session.state.sharpness.hopeless:
-        return describe_last_tick(told, session.state, doubt)
+    if told.doubt or session.state.sharpness.hopeless:
+        return describe_last_tick(told, session.state)
     return conclude(session, snapshot)[1]
 
 

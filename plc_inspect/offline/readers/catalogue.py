@@ -32,8 +32,7 @@ def load_rules(settings: HazardSettings) -> RuleSet:
     Parameters
     ----------
     settings : HazardSettings
-        ``rules`` is 'plain', the name of a file in ``config/rules`` without its suffix, or a path
-        that ends in .yaml.
+        As for ``make_rules``; ``rules`` as for ``read_rules``.
 
     Returns
     -------
@@ -45,9 +44,27 @@ def load_rules(settings: HazardSettings) -> RuleSet:
         There is no such rule set, it cannot be read, or it contradicts itself or the settings.
 
     """
-    name = settings.rules
+    return make_rules(read_rules(settings.rules), settings)
+
+
+def read_rules(name: str) -> Any:
+    """
+    Return what the file of a rule set holds, None for the plain rules, which have none.
+
+    Parameters
+    ----------
+    name : str
+        'plain', the name of a file in ``config/rules`` without its suffix, or a path that ends in
+        .yaml.
+
+    Raises
+    ------
+    ConfigError
+        There is no such rule set, or it cannot be read.
+
+    """
     if name == PLAIN:
-        return plain_rules(settings)
+        return None
     if name.endswith(('.yaml', '.yml')):
         path = Path(name)
     else:
@@ -56,7 +73,12 @@ def load_rules(settings: HazardSettings) -> RuleSet:
             known = ', '.join([PLAIN, *list_rules()])
             raise ConfigError(f'unknown rule set {name!r}; there are {known}, or a .yaml file')
         path = shared
-    return parse_rules(read_yaml(path), settings)
+    return read_yaml(path)
+
+
+def make_rules(content: Any, settings: HazardSettings) -> RuleSet:
+    """Return the rule set of what ``read_rules`` returned; ConfigError as ``parse_rules``."""
+    return plain_rules(settings) if settings.rules == PLAIN else parse_rules(content, settings)
 
 
 def load_conductor(name: str, path: Path | None = None) -> Conductor:

@@ -46,6 +46,8 @@ class Flight:
     """(K, 4) time [s] and position in the map [m] of the vehicle, None unknown."""
     command: str = 'plc_node'
     """Name of the executable."""
+    doubt: str = ''
+    """Why results of the whole map are held back, '' if they are not."""
 
     @property
     def places(self) -> Float64 | None:
@@ -98,19 +100,16 @@ def describe_sharpness(state: LiveState) -> dict[str, Any]:
     return {'sharpness': state.sharpness.record(), 'held_back': held}
 
 
-def describe_last_tick(flight: Flight, state: LiveState, doubt: str = '') -> 'Inspection':
+def describe_last_tick(flight: Flight, state: LiveState) -> 'Inspection':
     """
     Return the results of the last tick, without points.
 
     Parameters
     ----------
     flight : Flight
-        Facts about the flight.
+        Facts about the flight.  If it is in doubt, hazards are left out unless by a full map.
     state : LiveState
         What the tick told.
-    doubt : str
-        Why results of the whole map are held back, '' if they are not.  Hazards are left out
-        unless it is a full map.
 
     Returns
     -------
@@ -118,6 +117,7 @@ def describe_last_tick(flight: Flight, state: LiveState, doubt: str = '') -> 'In
         With the doubt in ``counts['held_back']``.
 
     """
+    doubt = flight.doubt
     if doubt and not doubt.startswith(MAP_FULL):
         state = replace(state, hazards=(), sharpness=replace(state.sharpness, doubt=doubt))
     sharpness = describe_sharpness(state)

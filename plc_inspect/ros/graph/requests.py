@@ -1,7 +1,7 @@
 # Copyright 2026 plc_inspect contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Calls of ~/segment and ~/save that wait: one job answers all of them."""
+"""Calls of ~/segment and ~/save that wait: one job answers all that came before it began."""
 
 from collections import deque
 from collections.abc import Callable
@@ -42,6 +42,7 @@ class Requests:
         self._wake = wake
         self._node = node
         self._waiting: list[Future] = []
+        self._served: list[Future] = []
         self._answers: deque[tuple[Future, tuple[bool, str]]] = deque()
         # A service that waits would keep all callbacks of its group from running.
         node.create_service(
@@ -53,7 +54,7 @@ class Requests:
         )
 
     def __bool__(self) -> bool:
-        """Tell whether anyone waits for a job."""
+        """Tell whether anyone waits for a job that has not begun."""
         return bool(self._waiting)
 
     async def _take(
@@ -65,12 +66,19 @@ class Requests:
         response.success, response.message = await future
         return response
 
-    def answer(self, success: bool, text: str) -> None:
-        """Answer everyone who waits, and forget them."""
-        if not self._waiting:
-            return
-        self._answers.extend((future, (success, text)) for future in self._waiting)
+    def take(self) -> bool:
+        """Let the job that begins now answer everyone who waits; return whether anyone does."""
+        waits = bool(self._waiting)
+        self._served += self._waiting
         self._waiting.clear()
+        return waits
+
+    def answer(self, success: bool, text: str) -> None:
+        """Answer everyone whom the job that ended was to answer, and forget them."""
+        if not self._served:
+            return
+        self._answers.extend((future, (success, text)) for future in self._served)
+        self._served.clear()
         if self._timer.is_canceled():
             self._timer.reset()
             self._send()
@@ -87,4 +95,5 @@ class Requests:
 def refuse(reason: str, *services: Requests) -> None:
     """Tell everyone who waits for a job of any of the services why it cannot be done."""
     for item in services:
+        item.take()
         item.answer(False, reason)

@@ -148,8 +148,7 @@ class InspectNode(Node):
             settings, self._live_parameters.rules, self._intake, self._log, self._forget
         )
         if self._keeper.resume(self._session):
-            known = self._session.state
-            self._known.add(0, known)
+            self._known.add(0, known := self._session.state)
             self._publish(known, self._intake.accumulator.frame_id)
             self._teller.tell(known)
         self.create_timer(PERIOD, self._guard('record', self._keeper.step), clock=self._steady)
@@ -192,6 +191,8 @@ class InspectNode(Node):
     def _fail(self, where: str, error: Exception) -> None:
         self._health.last_error = f'{where}: {type(error).__name__}: {error}'
         self._complaints.complain(where, f'failed in {self._health.last_error}')
+        if where == 'step':  # no job begins that would answer
+            refuse(self._health.last_error, self._segmenting, self._saving)
 
     def _on_message_lost(self, event: Any) -> None:
         self._health.messages_lost += event.total_count_change
@@ -199,18 +200,20 @@ class InspectNode(Node):
     def _on_clock_jump(self, jump: TimeJump) -> None:
         self._health.num_clock_jumps += 1
         self._intake.accumulator.reset(keep_map=True)
-        self._log.warning(
+        self._complaints.complain('clock', (
             f'time jumped by {jump.delta.nanoseconds * 1e-9:.3f} s: poses and waiting scans were '
             'reset, the map was kept; call ~/reset to forget it too'
-        )
+        ))
 
     def _configure(self, settings: Settings) -> None:
         """Put changed settings to work, all at once."""
         self._intake.accumulator.configure(settings)
         self._planner = make_planner(settings, self._live_parameters.rules)
         self._keeper.configure(settings, self._live_parameters.rules)
-        self._timer.timer_period_ns = round(settings.segment.period * 1e9)
-        self._timer.reset()
+        period_ns = round(settings.segment.period * 1e9)
+        if self._timer.timer_period_ns != period_ns:  # it begins anew, which puts a tick off
+            self._timer.timer_period_ns = period_ns
+            self._timer.reset()
 
     def _on_timer(self) -> None:
         self._health.num_postponed += self._wants_tick
@@ -229,7 +232,7 @@ class InspectNode(Node):
             ),
             describe_map(
                 self._intake.accumulator.map, self._intake.evictor.num_evicted,
-                counters.points_dropped.get('map full', 0), self._intake.doubt, self.state,
+                self._intake.count_refused(counters), self._intake.doubt, self.state,
             ),
             describe_segmentation(self.state, self._health, self._worker.busy),
             self._door.describe(),
@@ -272,9 +275,8 @@ class InspectNode(Node):
         self._publish(self._session.state, '')
 
     def _publish(self, state: LiveState, frame_id: str) -> None:
-        now = self.get_clock().now().nanoseconds
-        told = move_state(state, self._intake.move.inverse())
-        bundle = make_bundle(told, frame_id, now, self.settings.stream)
+        told, now = move_state(state, self._intake.move.inverse()), self.get_clock().now()
+        bundle = make_bundle(told, frame_id, now.nanoseconds, self.settings.stream)
         self._results.publish(bundle, kept=not self._health.num_ticks)
 
     def _submit(self, job: str, work: Callable[[], Any]) -> None:
@@ -294,18 +296,17 @@ class InspectNode(Node):
 
     def _begin(self) -> None:
         """Start a save or a tick, if one is wanted, else what there is time for now."""
-        voxels = self._intake.accumulator.map
         if doubt := self._intake.doubt:
             self._wants_tick = False
             refuse(doubt, self._segmenting, self._saving)
             if held := self._known.hold_back(self._intake.accumulator):
                 self._publish(held, self._intake.accumulator.frame_id)
-        if self._saving and not len(voxels):
-            self._saving.answer(False, 'nothing to save: the map is empty')
-        elif self._saving:
+        if self._saving and not len(self._intake.accumulator.map):
+            refuse('nothing to save: the map is empty', self._saving)
+        elif self._saving.take():
             self._copy_out(plan_save(self._intake, self.state), 'save')
-        elif self._wants_tick or self._segmenting:
-            plan = plan_tick(self._planner, self._intake, self.state, bool(self._segmenting))
+        elif (asked := self._segmenting.take()) or self._wants_tick:
+            plan = plan_tick(self._planner, self._intake, self.state, asked)
             self._wants_tick = False
             if plan is None:
                 self._segmenting.answer(True, 'nothing is new since the last tick')
@@ -349,8 +350,7 @@ class InspectNode(Node):
         if error is not None:
             self._health.num_failed += job == 'tick'
             self._fail(job, error)
-            if job in ('tick', 'save'):
-                (self._saving if job == 'save' else self._segmenting).answer(False, str(error))
+            (self._saving if job == 'save' else self._segmenting).answer(False, str(error))
         if done is None:
             return
         self._intake.accumulator.map.label(done.slots, done.points, done.labels)

@@ -147,12 +147,7 @@ class Intake:
                 num_not_finite=scan.num_not_finite, layout=scan.layout, now=now,
             )
         except DataError as error:
-            self._health.malformed['scan'] += 1
-            self._health.problems['scan'] = str(error)
-            count = self._health.malformed['scan']
-            self._complaints.complain(
-                'scan', f'scan dropped, malformed: {error} ({count} so far)'
-            )
+            self._complain_of('scan', f'scan dropped, malformed: {error}', error)
             return
         if self.first_stamp is None:
             self.first_stamp = scan.stamp_ns
@@ -186,12 +181,7 @@ class Intake:
             try:
                 self.accumulator.placer.add_frame(item)
             except DataError as error:
-                self._health.malformed['tf_static'] += 1
-                self._health.problems['tf_static'] = str(error)
-                count = self._health.malformed['tf_static']
-                self._complaints.complain(
-                    '/tf_static', f'transform of /tf_static dropped: {error} ({count} so far)'
-                )
+                self._complain_of('tf_static', f'transform of /tf_static dropped: {error}', error)
 
     def find_mount(self, frame: str) -> Mount:
         """Return how the lidar of a frame is mounted, as far as is known now."""
@@ -247,12 +237,13 @@ class Intake:
 
     def _complain_of_pose(self, error: DataError) -> None:
         self._health.last_pose = time.monotonic()
-        self._health.malformed['odometry'] += 1
-        self._health.problems['odometry'] = str(error)
-        self._complaints.complain(
-            'odometry',
-            f'pose rejected, malformed: {error} ({self._health.malformed["odometry"]} so far)',
-        )
+        self._complain_of('odometry', f'pose rejected, malformed: {error}', error)
+
+    def _complain_of(self, kind: str, text: str, error: DataError) -> None:
+        """Count a message that cannot be used, and say so."""
+        self._health.malformed[kind] += 1
+        self._health.problems[kind] = str(error)
+        self._complaints.complain(kind, f'{text} ({self._health.malformed[kind]} so far)')
 
     def _follow_restart(self) -> None:
         if self.accumulator.entry.num_restarts > self._num_restarts:
@@ -277,7 +268,7 @@ class Intake:
         if doubt := self.accumulator.doubt:
             return doubt
         counters = self.accumulator.counters()
-        refused = counters.points_dropped.get('map full', 0) - self._refused_before
+        refused = self.count_refused(counters)
         all_points = refused + counters.num_points_inserted - self._inserted_before
         if refused <= MOST_REFUSED * all_points and self.evictor.nearest > NEAR:
             return ''
@@ -285,6 +276,10 @@ class Intake:
             f'{MAP_FULL} with {self.accumulator.map.max_voxels} voxels and has gaps about '
             'the vehicle: results are held back; raise map.max_voxels'
         )
+
+    def count_refused(self, counters: Counters) -> int:
+        """Return the number of points for which the map had no room, since it began."""
+        return counters.points_dropped.get('map full', 0) - self._refused_before
 
     def report_losses(self) -> bool:
         """Log what was lost since the last call; return whether anything was."""

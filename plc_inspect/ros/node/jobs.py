@@ -111,6 +111,7 @@ def take_flight(intake: Intake, settings: Settings, rules: RuleSet) -> Flight:
         counts=intake.describe(),
         way=intake.way.places,
         move=intake.move.inverse(),
+        doubt=intake.doubt,
     )
 
 
@@ -198,7 +199,7 @@ class FinalSave:
 
         """
         blurred = state.sharpness.describe() if state and state.sharpness.hopeless else ''
-        if reason := late or intake.doubt or blurred:
+        if reason := late or flight.doubt or blurred:
             self._complain(rescue(flight, state, reason))
             return False
         window = copy_everything(intake.accumulator.map)

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 NAME = 'plc_node'
 DONE, DEFECT, BAD_INPUT = 0, 1, 2
 
-ALSO_TERM = (signal.SIGHUP, signal.SIGQUIT)
-"""The terminal or the ssh session closes; somebody presses the wrong keys."""
+ALSO_TERM = (signal.SIGINT, signal.SIGHUP, signal.SIGQUIT)
+"""Ctrl-C; the terminal or the ssh session closes; somebody presses the wrong keys."""
 
 SWITCH_INTERVAL = 0.0005
 """How long the worker may hold Python's lock while a callback waits for it [s]."""
@@ -35,6 +35,8 @@ SWITCH_INTERVAL = 0.0005
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the node until it is interrupted; return the exit code."""
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # nothing has begun that must be ended
     try:
         prepare_transport()
         keys = find_keys()
@@ -106,7 +108,7 @@ def _spin(executor: 'Executor') -> int:
 def _save(node: 'InspectNode') -> int:
     """Save the results; return the exit code."""
     # A second signal must not cut this off.
-    for number in (signal.SIGINT, signal.SIGTERM, *ALSO_TERM):
+    for number in (signal.SIGTERM, *ALSO_TERM):
         signal.signal(number, signal.SIG_IGN)
     try:
         return DONE if node.close() else DEFECT
@@ -116,7 +118,7 @@ def _save(node: 'InspectNode') -> int:
 
 
 def _pass_on(number: int, frame: FrameType | None) -> None:
-    """End as on SIGTERM, which rclpy listens to."""
+    """End as on SIGTERM, which rclpy listens to: between callbacks, not within one."""
     os.kill(os.getpid(), signal.SIGTERM)
 
 

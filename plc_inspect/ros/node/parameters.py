@@ -21,7 +21,7 @@ from rclpy.parameter import Parameter
 from plc_inspect.config import HazardSettings, Settings
 from plc_inspect.core.hazards.clearance_rules import RuleSet
 from plc_inspect.errors import ConfigError
-from plc_inspect.offline.readers.catalogue import load_rules
+from plc_inspect.offline.readers.catalogue import make_rules, read_rules
 from plc_inspect.ros.node.saving import check_output
 from plc_inspect.setting_names import describe, update
 
@@ -94,9 +94,11 @@ class Parameters:
         self.settings = update(Settings(), values)
         self._refuse_unknown()
         check_output(self.settings.output)
-        self.rules = load_rules(self.settings.hazards)
+        hazards = self.settings.hazards
+        self._content = read_rules(hazards.rules)
+        self.rules = make_rules(self._content, hazards)
         """Clearance rules that the settings name."""
-        self._read = self.settings.hazards, self.rules
+        self._read = hazards, self.rules, self._content
         node.add_pre_set_parameters_callback(self._widen)
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._swap)
@@ -169,7 +171,9 @@ class Parameters:
     def _read_rules(self, settings: HazardSettings) -> RuleSet:
         """Return the rules that some settings name; a file is read once, when it is set."""
         if settings != self._read[0]:
-            self._read = settings, load_rules(settings)
+            same = settings.rules == self.settings.hazards.rules
+            content = self._content if same else read_rules(settings.rules)
+            self._read = settings, make_rules(content, settings), content
         return self._read[1]
 
     def _log_changes(self, settings: Settings) -> None:
@@ -193,7 +197,7 @@ class Parameters:
         settings = self._updated(parameters)
         if settings != self.settings:
             self._log_changes(settings)
-            self.rules = self._read_rules(settings.hazards)
+            self.rules, self._content = self._read_rules(settings.hazards), self._read[2]
             self.settings = settings
             self._changed(settings)
 

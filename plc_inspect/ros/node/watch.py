@@ -133,7 +133,8 @@ class InputWatch:
         self, counters: Counters, health: Health, settings: InputSettings, now: float
     ) -> str:
         before = self._before
-        if counters.num_points_inserted > (before.num_points_inserted if before else 0):
+        # fewer where the record proved to be of another flight
+        if counters.num_points_inserted != (before.num_points_inserted if before else 0):
             self._before, self._since = counters, now
             self._malformed = Counter(health.malformed)
         if now - self._since <= SILENCE:

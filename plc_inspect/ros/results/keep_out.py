@@ -106,7 +106,7 @@ class KeepOut:
         around = NOTHING if state is None or blurred or move is None else state.around
         limits = settings.proximity
         seen = not blurred and around.is_seen(
-            entry.map.cells, vehicle, limits.warning, settings.height.beta
+            entry.map.cells, vehicle, max(limits.warning, limits.critical), settings.height.beta
         )
         velocity = self._motion.velocity
         fresh = entry.near.find(

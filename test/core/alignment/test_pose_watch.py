@@ -44,6 +44,16 @@ def test_noise_of_the_odometry_is_nothing():
     assert len(feed(poses)[1]) <= 1
 
 
+@pytest.mark.parametrize('number', [2, 4, 6])
+def test_poses_stamped_in_bursts_are_no_steps(number):
+    rng = np.random.default_rng(4)
+    watch = PoseWatch()
+    for count in range(2400):  # 400 Hz, stamped as a handful of them is read
+        stamp = (count // number * number) * 2_500_000 + (count % number) * 5_000
+        place = np.array([3.0 * count / 400, 0.0, 20.0]) + rng.normal(0, 0.002, 3)
+        assert watch.see(stamp, place, turn(0.0)) is None
+
+
 @pytest.mark.parametrize('size', [0.15, 2.0, 1e4])
 def test_a_step_is_measured(size):
     poses = fly() + [(ms, x, size, 0.0) for ms, x, *_ in fly(2000)[50:]]

@@ -85,6 +85,27 @@ def test_without_times_the_stamp_serves_and_is_counted():
     assert accumulator.counters().num_scans_without_time == 1
 
 
+@pytest.mark.parametrize(('times', 'without'), [
+    ([0.0, 0.0], True), ([2.4e-7, 2.4e-7], True), ([0.0, -0.05], False), ([0.0, 5e-5], False),
+    ([np.nan, 0.0], True), ([], False),
+])
+def test_times_that_are_all_the_stamp_are_counted_as_none(times, without):
+    accumulator = make_accumulator()
+    add_poses(accumulator, 0, 300)
+    points = np.full((len(times), 3), 5, np.float32)
+    accumulator.add_scan(START + 100 * MS, points, np.array(times))
+    assert accumulator.counters().num_scans_without_time == without
+
+
+def test_scans_that_are_placed_need_no_times():
+    accumulator = make_accumulator(min_range=0.0)
+    add_poses(accumulator, 0, 100, frame_id='odom', child_frame_id='base')
+    points = np.full((2, 3), 5, np.float32)
+    accumulator.add_scan(START + 50 * MS, points, frame_id='odom')
+    counters = accumulator.counters()
+    assert (counters.num_scans_inserted, counters.num_scans_without_time) == (1, 0)
+
+
 def test_scan_waits_until_the_odometry_brackets_its_last_point():
     accumulator = make_accumulator()
     add_poses(accumulator, 0, 140)

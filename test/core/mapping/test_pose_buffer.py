@@ -81,6 +81,14 @@ def test_jump_is_not_bridged():
     assert make_buffer([0, 100 * MS], [(0, 0, 0), (5.9, 0, 0)]).num_jumps == 0
 
 
+@pytest.mark.parametrize('gap_ns', [1, 5_000, MS])
+def test_noise_between_close_stamps_is_no_jump(gap_ns):
+    turned = Rotation.from_rotvec([0.0, 0.0, 0.005]).as_quat()
+    positions = [(0, 0, 0), (0, 0.05, 0), (5, 0, 0)]
+    buffer = make_buffer([0, gap_ns, 2 * gap_ns], positions, [UPRIGHT, turned, turned])
+    assert buffer.arrays().intervals.tolist() == [0, 0, Bracket.JUMP]
+
+
 def test_flipped_orientation_is_a_jump():
     buffer = make_buffer([0, 10 * MS], quaternions=[UPRIGHT, (1.0, 0.0, 0.0, 0.0)])
     assert bracket(buffer, [5 * MS])[1].tolist() == [Bracket.JUMP]

@@ -3,6 +3,8 @@
 
 """Why nothing goes into the map, told of an accumulator that was fed so."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -17,7 +19,7 @@ POINTS = np.full((5, 3), 5, np.float32)
 
 def fly(
     *, lead=0.0, pose_step=20, distance=1.0, scans=True, poses=True, quaternion=(0, 0, 0, 1.0),
-    layouts=('xyz',), seconds=2,
+    layouts=('xyz',), seconds=2, points=POINTS, times=(-0.04, 0),
 ):
     """Return what an accumulator counted of scans at 10 Hz."""
     accumulator = Accumulator(Settings())
@@ -28,7 +30,8 @@ def fly(
         if scans and ms % 100 == 50:
             layout = layouts[min(ms // 100, len(layouts) - 1)]
             accumulator.add_scan(
-                START + ms * MS + round(lead * 1e9), POINTS * distance, np.linspace(-0.04, 0, 5),
+                START + ms * MS + round(lead * 1e9), points * distance,
+                np.linspace(*times, len(points)),
                 layout=layout, now=now,
             )
     return accumulator.counters()
@@ -40,6 +43,9 @@ def fly(
     ({'lead': -1.6e9}, {}, 'stamps of scans count from a start, such as power-on'),
     ({'pose_step': 340}, {}, 'odometry comes every 0.34 s; over more than 0.25 s'),
     ({'distance': 1e-9}, {}, 'no point of the scans lies between 1.5 and 100 m'),
+    ({'points': POINTS[:0]}, {}, 'the scans hold no points'),
+    ({'points': POINTS * np.nan}, {}, 'no point of the scans has finite coordinates and a finite'),
+    ({'times': (np.nan, np.nan)}, {}, 'no point of the scans has finite coordinates and a finite'),
     ({'poses': False}, {}, 'no odometry came in'),
     ({'poses': False}, {'odometry': 'stamp of 0 s'}, 'all poses are malformed: stamp of 0 s'),
     ({'quaternion': (0, 0, 0, 0)}, {}, 'all poses are rejected: quaternion not of unit length'),
@@ -50,6 +56,11 @@ def test_cause_is_named(options, malformed, text):
     counters = fly(**options)
     assert counters.num_points_inserted == 0
     assert text in explain_standstill(counters, None, malformed, InputSettings())
+
+
+def test_a_full_map_is_the_cause():
+    full = replace(fly(), num_points_inserted=0, points_dropped={'map full': 9, 'too far': 3})
+    assert explain_standstill(full, None, {}, InputSettings()).startswith('the map is full')
 
 
 def test_only_what_came_since_counts():

@@ -70,6 +70,16 @@ def test_a_map_after_a_flight_that_was_another_is_judged_by_itself(make_intake):
     assert now.accumulator.counters().num_points_inserted > 50_000
 
 
+def test_a_map_that_begins_anew_has_refused_nothing(make_intake):
+    intake = make_intake()
+    fly(intake, 5)
+    intake.accumulator._counts['map full'] = 7
+    assert intake.count_refused(intake.accumulator.counters()) == 7
+    intake.reset()
+    assert intake.count_refused(intake.accumulator.counters()) == 0
+    assert intake.accumulator.counters().points_dropped['map full'] == 7
+
+
 def test_a_doubt_and_the_offset_of_the_clock_go_on(make_intake):
     before, now = make_intake(), make_intake()
     fly(before, 20)

@@ -145,6 +145,23 @@ def test_another_mount_is_another_flight(flown, tmp_path):
     second.crash()
 
 
+def test_input_is_judged_by_itself_after_another_flight(flown, tmp_path):
+    second = Onboard(tmp_path, max_wait=0.0)
+    watch = InputWatch(None, (), 0.0)
+
+    def look(now):
+        return watch.look(second.counters, second.intake._health, second.settings.input, now)[0]
+
+    assert look(1.0) == ''
+    second.mount(0.7)
+    for now in (10.0, 20.0):
+        second.fly(now, 0.4)
+        assert 0 < second.counters.num_points_inserted < flown.counters.num_points_inserted
+        assert look(now) == ''
+    assert look(23.0).startswith('nothing went into the map for 3 s')
+    second.crash()
+
+
 def test_bad_fixed_transforms_cost_themselves_alone(tmp_path):
     onboard = Onboard(tmp_path)
     message, bad = make_fixed('base_link', 'velodyne', 0.5), make_fixed('camera', 'camera', 0.1)

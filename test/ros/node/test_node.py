@@ -5,7 +5,9 @@
 
 from array import array
 from functools import partial
+import itertools
 import json
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -34,6 +36,7 @@ from plc_inspect.results import PointClass
 from plc_inspect.ros.graph.qos import RESULTS
 from plc_inspect.ros.node.inspect_node import InspectNode
 from plc_inspect.setting_names import describe
+from plc_inspect.shared_files import find_shared
 
 
 @pytest.fixture(scope='module')
@@ -236,6 +239,25 @@ def test_timer_makes_ticks(rig):
         rig.node.set_parameters([Parameter('segment.period', value=3600.0)])
 
 
+def test_changes_of_other_settings_put_no_tick_off(rig):
+    rig.feed()
+    ticks, number = rig.node.health.num_ticks, itertools.count(1)
+    rig.node.set_parameters([Parameter('segment.period', value=0.5)])
+
+    def change():
+        limit = Parameter('proximity.warning', value=15.0 + 0.01 * next(number))
+        rig.node.set_parameters([limit])
+        time.sleep(0.1)
+        return rig.node.health.num_ticks > ticks
+
+    try:
+        wait_for(change, 'tick of the timer')
+    finally:
+        rig.node.set_parameters([
+            Parameter('segment.period', value=3600.0), Parameter('proximity.warning', value=15.0),
+        ])
+
+
 def test_every_setting_is_a_described_parameter(shared):
     for name, default, meta in describe():
         described = shared.node.describe_parameter(name)
@@ -270,6 +292,31 @@ def test_bad_parameters_are_refused(shared, name, value, problem):
     assert not result.successful
     assert problem in result.reason
     assert shared.node.settings == before
+
+
+def test_rules_of_a_file_are_read_at_the_start_only(shared, tmp_path):
+    path = tmp_path / 'own.yaml'
+    path.write_bytes(find_shared('rules/sweden.yaml').read_bytes())
+    node = InspectNode(
+        context=shared.contexts[1], namespace='/other', parameter_overrides=[
+            Parameter('hazards.rules', value=str(path)), Parameter('hazards.voltage', value=20.0),
+            Parameter('map.max_voxels', value=20_000),
+        ],
+    )
+    try:
+        rules = node._live_parameters.rules
+        path.write_text('name: another')
+        for name, value, good in (
+            ('hazards.critical_distance', 2.5, True), ('hazards.rules', 'nonsense', False),
+            ('hazards.voltage', 70.0, True),
+        ):
+            answer = node.set_parameters([Parameter(name, value=value)])[0]
+            assert answer.successful == good, answer.reason
+        assert node._live_parameters.rules.name == rules.name == 'sweden'
+        assert node._live_parameters.rules != rules
+    finally:
+        node.close(save=False)
+        node.destroy_node()
 
 
 def test_changes_of_parameters_are_logged_with_their_old_value(shared, monkeypatch):

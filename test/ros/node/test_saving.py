@@ -5,6 +5,7 @@
 
 import json
 import threading
+from threading import Event
 from types import SimpleNamespace
 
 import pytest
@@ -16,8 +17,10 @@ from std_srvs.srv import Trigger
 from plc_inspect.core.tracking.hazard_tracking import HazardNews
 from plc_inspect.errors import ConfigError
 from plc_inspect.offline.export import files
-from plc_inspect.ros.node import doubt, jobs
+from plc_inspect.offline.records.flight import MAP_FULL
+from plc_inspect.ros.node import doubt, inspect_node, jobs
 from plc_inspect.ros.node.inspect_node import InspectNode
+from plc_inspect.ros.node.intake import Intake
 from plc_inspect.ros.node.saving import Saved
 
 
@@ -123,6 +126,47 @@ def test_two_hundred_calls_are_answered(rig, service):
     rig.in_turn(lambda: rig.client.destroy_client(client))
 
 
+@pytest.mark.parametrize('service', ['segment', 'save'])
+def test_a_call_is_answered_by_a_job_that_begins_after_it(rig, monkeypatch, service):
+    name = {'segment': 'run_tick', 'save': 'run_save'}[service]
+    run, began, released, sequences = getattr(inspect_node, name), Event(), Event(), []
+
+    def wait(session, snapshot):
+        began.set()
+        assert released.wait(60.0)
+        sequences.append(snapshot.window.sequence)
+        return run(session, snapshot)
+
+    monkeypatch.setattr(inspect_node, name, wait)
+    rig.feed(2)
+    client = rig.client.create_client(Trigger, f'/plc_inspect/{service}')
+    assert client.wait_for_service(10.0)
+    try:
+        futures = [client.call_async(Trigger.Request())]
+        assert began.wait(10.0)
+        rig.feed(2)
+        futures.append(client.call_async(Trigger.Request()))
+        queue = rig.node._saving if service == 'save' else rig.node._segmenting
+        wait_for(lambda: queue, 'second call')
+    finally:
+        released.set()
+    wait_for(lambda: all(future.done() for future in futures), 'answers')
+    assert all(future.result().success for future in futures)
+    assert sequences == [sequences[0], rig.node.intake.accumulator.map.sequence]
+    assert sequences[1] >= sequences[0] + 2
+    rig.in_turn(lambda: rig.client.destroy_client(client))
+
+
+def test_calls_are_answered_where_no_job_can_begin(rig, monkeypatch):
+    def fail(*arguments, **options):
+        raise ValueError('made to fail')
+
+    monkeypatch.setattr(rig.node._planner, 'plan', fail)
+    answer = rig.call('segment')
+    assert not answer.success
+    assert answer.message == 'step: ValueError: made to fail'
+
+
 def test_end_is_bounded_where_the_map_takes_for_ever(rig, tmp_path, monkeypatch, capfd):
     released = threading.Event()
     monkeypatch.setattr(jobs, 'RESCUE_AFTER', 0.2)
@@ -199,3 +243,20 @@ def test_a_doubt_about_the_odometry_holds_hazards_back_and_is_told(
     assert not rig.node.close()
     run = json.loads((tmp_path / 'out' / 'run.json').read_text())
     assert run['input']['counts']['held_back'] == accumulator.doubt
+
+
+@pytest.mark.parametrize('at', ['end', 'reset'])
+def test_results_of_a_full_map_say_why_the_rest_is_held_back(
+    rig, home, tmp_path, monkeypatch, at
+):
+    why = f'{MAP_FULL} with 9 voxels and has gaps: results are held back'
+    monkeypatch.setattr(Intake, 'doubt', why)
+    if at == 'end':
+        assert not rig.node.close()
+        folder = tmp_path / 'out'
+    else:
+        assert rig.call('reset').success
+        (folder,) = home.iterdir()
+    run = json.loads((folder / 'run.json').read_text())
+    assert run['num_spans'] >= 3
+    assert run['held_back'] == why

@@ -9,7 +9,7 @@ from unittest.mock import MagicMock
 import numpy as np
 import pytest
 
-from plc_inspect.config import Settings
+from plc_inspect.config import ProximitySettings, Settings
 from plc_inspect.core.alignment.follower import Follower
 from plc_inspect.core.alignment.parts import Seen
 from plc_inspect.core.live.held_levels import HOLD_NS
@@ -38,7 +38,8 @@ class Flight:
         self.state = SimpleNamespace(
             sharpness=SimpleNamespace(poor=False), around=surround([], TREE[None]), sequence=0,
         )
-        self.keep_out = KeepOut(node, lambda: (self.state, Settings()), lambda near, yaw: None)
+        self.settings = Settings()
+        self.keep_out = KeepOut(node, lambda: (self.state, self.settings), lambda near, yaw: None)
 
     def _publish(self, kind, topic, *rest, **options):
         publisher = MagicMock()
@@ -93,6 +94,21 @@ def test_a_map_that_begins_anew_holds_no_level_of_another_frame():
     assert flight.fly(*along(0.0, 55.0))['level'] == Level.CRITICAL
     flight.state = None
     assert flight.fly((55.0, 0.0, 10.0))['level'] == Level.UNKNOWN
+
+
+@pytest.mark.parametrize(('limits', 'level'), [
+    ({}, Level.CLEAR), ({'critical': 40.0}, Level.UNKNOWN), ({'warning': 40.0}, Level.UNKNOWN),
+])
+def test_all_within_both_limits_must_be_seen(limits, level):
+    flight = Flight()
+    flight.state.around = surround([], np.zeros((0, 3)))
+    flight.settings = Settings(proximity=ProximitySettings(**limits))
+    ground = np.mgrid[-29.5:30:1, -29.5:30:1].reshape(2, -1).T
+    points = np.column_stack((ground, np.zeros(len(ground))))
+    flight.entry.enter(Seen(
+        points, np.full(len(points), START), np.linalg.norm(points, axis=1), START
+    ))
+    assert flight.fly((0.0, 0.0, 10.0))['level'] == level
 
 
 def test_a_wire_is_an_obstacle_before_a_tick_has_looked_at_it():
