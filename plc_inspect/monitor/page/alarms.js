@@ -15,6 +15,8 @@ export class Alarms {
     this.open = [];
     this.counts = {critical: 0, warning: 0};
     this.elsewhere = 0;
+    this.rings = false; // another vehicle has an alarm that stands and nobody has seen
+    this.ringing = false;
     this.silent = false; // a replay rings no bell
     this.audio = null;
     this.bar = document.getElementById('alarms');
@@ -43,6 +45,7 @@ export class Alarms {
 
   show(open) {
     this.open = open;
+    this.ring();
     this.redraw();
   }
 
@@ -183,8 +186,15 @@ export class Alarms {
     button.textContent = this.muted ? 'Sound off' : this.audio ? 'Sound on' : 'Sound: press once';
   }
 
+  // The first tone comes with the alarm: browsers slow the timers of hidden pages down, to one call a minute.
+  ring() {
+    const before = this.ringing;
+    this.ringing = this.rings || this.open.some(item => item.state === 'new');
+    if (this.ringing && !before) this.beep();
+  }
+
   beep() {
-    if (this.muted || this.silent || !this.audio || !this.elsewhere && !this.open.some(item => item.state === 'new')) return;
+    if (this.muted || this.silent || !this.audio || !this.ringing) return;
     const now = this.audio.currentTime;
     [880, 660].forEach((pitch, k) => {
       const tone = this.audio.createOscillator(), gain = this.audio.createGain();

@@ -140,7 +140,10 @@ function showInstruments({near, height, heading, old}) {
 // One button for each vehicle, where there are several; the alarms of others are heard here too.
 function showFleet(rows) {
   $('fleet').hidden = rows.length < 2 && rows[0]?.name === me.vehicle;
-  alarms.elsewhere = rows.filter(row => row.name !== me.vehicle).reduce((sum, row) => sum + row.unseen, 0);
+  const others = rows.filter(row => row.name !== me.vehicle);
+  alarms.elsewhere = others.reduce((sum, row) => sum + row.unseen, 0);
+  alarms.rings = others.some(row => row.new); // as here, one that cleared unseen stays in sight, without a sound
+  alarms.ring();
   const text = JSON.stringify([rows, me.vehicle]);
   if (text === showFleet.drawn) return;
   showFleet.drawn = text;

@@ -110,6 +110,7 @@ def make_fleet_row(name: str, picture: Picture) -> dict[str, Any]:
         'tone': condition.tone, 'text': condition.text.partition(':')[0],
         'critical': picture.count_severities()['critical'],
         'unseen': sum(not item.seen for item in picture.alarms),
+        'new': sum(item.state == 'new' for item in picture.alarms),
     }
 
 
