@@ -128,7 +128,7 @@ export class Alarms {
 
   acknowledge(numbers) {
     if (!numbers.length || !this.getMe().acknowledges) return;
-    this.wanted = numbers;
+    this.wanted = {numbers, life: this.getMe().life}; // of another run of the monitor they are of other things
     const name = localStorage.getItem('name');
     if (name) return this.send(name);
     this.dialog.returnValue = '';
@@ -157,11 +157,11 @@ export class Alarms {
     try {
       const answer = await fetch('/acknowledge', {
         method: 'POST', headers: {'Content-Type': 'application/json'},
-        body: JSON.stringify({vehicle: this.getMe().vehicle, numbers: this.wanted, who}),
+        body: JSON.stringify({vehicle: this.getMe().vehicle, ...this.wanted, who}),
       });
       if (answer.ok) return;
       problem = await answer.text();
-      this.keepName('');
+      if (answer.status === 400) this.keepName('');
     } catch {
       problem = 'the monitor does not answer';
     }

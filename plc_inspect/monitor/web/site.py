@@ -143,8 +143,11 @@ class Site:
                 reason=f'vehicle and who are names, who of 1 to {LONGEST_NAME} characters, '
                        'numbers are of alarms'
             )
-        if vehicle not in self._hubs:
+        hub = self._hubs.get(vehicle)
+        if hub is None:
             raise web.HTTPNotFound
+        if given.get('life', hub.life) != hub.life:  # a page from before: other alarms now
+            return web.Response(status=409, text='the monitor was started anew meanwhile')
         if len(self.requests) >= MOST_REQUESTS:
             raise web.HTTPServiceUnavailable
         self.requests.append(Acknowledgement(vehicle=vehicle, numbers=tuple(numbers), who=name))
