@@ -52,6 +52,7 @@ class Listener:
         from rclpy.executors import SingleThreadedExecutor
 
         self._rclpy = rclpy
+        self._over_tcp = find_keys() is not None
         self._context = rclpy.context.Context()
         try:
             rclpy.init(
@@ -134,7 +135,7 @@ class Listener:
 
     def close(self) -> None:
         """Leave the graph; over TCP, where that may hang, it is left to the end of the process."""
-        if find_keys() is not None:
+        if self._over_tcp:
             return
         self._executor.shutdown()
         self._node.destroy_node()
