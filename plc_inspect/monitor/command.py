@@ -173,6 +173,8 @@ def _replay(arguments: argparse.Namespace) -> int:
     if arguments.once or arguments.json or arguments.record is not None or arguments.nodes:
         raise ConfigError('--open replays on the page: not with --once, --json, --record, --node')
     replay = Replay(read_tape(arguments.open))
+    if replay.tape.note:
+        print(f'{NAME}: {arguments.open}: {replay.tape.note}', file=sys.stderr, flush=True)
     tokens, tls = _choose_tokens(arguments), _choose_certificate()
     with Page(arguments.host, arguments.port, tokens, tls, replays=True) as page:
         page.show(replay.tape.name, replay.look(), replay.cloud, replay)

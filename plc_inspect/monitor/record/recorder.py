@@ -68,6 +68,8 @@ class Recorder:
         self._name = node_name.rstrip('/')
         self._maker = MessageMaker()
         self._flushed = time.monotonic()
+        # a clock of the ground that is set back meanwhile must not mix up the order of messages
+        self._origin = time.time_ns() - time.monotonic_ns()
         self._corridor_at = -CORRIDOR_PERIOD
         self._seen: tuple[object, ...] = ()
         self._cells = -1
@@ -142,7 +144,8 @@ class Recorder:
         kind = _KINDS[topic]
         name = topic if topic.startswith('/') else f'{self._name}/{topic}'
         channel = self._file.add_channel(name, kind, self._maker.define(kind))
-        self._file.write(channel, time.time_ns(), self._maker.serialize(message, kind))
+        now = self._origin + time.monotonic_ns()
+        self._file.write(channel, now, self._maker.serialize(message, kind))
 
     def _make_corridor(self, picture: Picture, cloud: CloudStore) -> Any:
         points, kind, clearance, _ = cloud.assemble_all()

@@ -7,10 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 import json
 from pathlib import Path
-import struct
 from typing import Any
 
-from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader
 import numpy as np
 from rosbags.typesys import get_typestore, Stores
@@ -116,11 +114,14 @@ def read_tape(path: Path) -> Tape:
 
 def _read_record(path: Path) -> Tape:
     found: list[tuple[int, str, str, bytes]] = []
+    note = ''
     store = get_typestore(Stores.ROS2_JAZZY)
     kinds = {SUMMARY_TAIL: 'summary', CLOUD_TAIL: 'cloud', SEEN_TAIL: 'seen'}
     try:
         with path.open('rb') as stream:
-            for schema, channel, message in NonSeekingReader(stream).iter_messages():
+            for schema, channel, message in NonSeekingReader(stream).iter_messages(
+                log_time_order=False  # what comes before damage is read
+            ):
                 tail = '/' + channel.topic.rpartition('/')[2]
                 if tail not in kinds or schema is None:
                     continue
@@ -128,14 +129,16 @@ def _read_record(path: Path) -> Tape:
                 value = message_found.data
                 data = value.encode() if isinstance(value, str) else value.tobytes()
                 found.append((message.log_time, kinds[tail], channel.topic, data))
-    except (OSError, McapError, KeyError, ValueError, struct.error) as error:
-        raise DataError(f'{path} cannot be read: {make_one_line(error)}') from error
+    except Exception as error:  # mcap and rosbags pass errors of struct, zstd and others on
+        if not any(kind == 'summary' for _, kind, _, _ in found):
+            raise DataError(f'{path} cannot be read: {make_one_line(error)}') from error
+        note = 'the file is damaged: what comes behind is missing'
     names = [topic.removesuffix(SUMMARY_TAIL) for _, kind, topic, _ in found if kind == 'summary']
     if not names:
         raise DataError(f'{path} holds no {SUMMARY_TAIL[1:]}: it is not a record of plc_monitor')
     found.sort(key=lambda item: item[0])
     first = found[0][0]
-    return Tape(name=names[0], start=first * 1e-9, entries=tuple(
+    return Tape(name=names[0], start=first * 1e-9, note=note, entries=tuple(
         Entry(time=(stamp - first) * 1e-9, kind=kind, data=data) for stamp, kind, _, data in found
     ))
 

@@ -129,6 +129,8 @@ def make_replay(state: Mapping[str, Any], replay: Replay) -> dict[str, Any]:
         }
     tone = 'notice' if state['tone'] == 'ok' else state['tone']
     text = f'replay: {state["text"].removeprefix("live: ")}'
+    if tape.note and replay.time >= tape.length:
+        text = f'replay: {tape.note}'
     return {
         'state': {**state, 'time': now, 'tone': tone, 'text': text},
         'clock': {
