@@ -55,7 +55,7 @@ def list_causes(
     causes = {
         f'hazard {item.hazard_id}': Cause(
             text=describe_hazard(item, stretches) + held, place=item.position,
-            hazard_id=item.hazard_id,
+            hazard_id=item.hazard_id, kind=item.kind,
         )
         for item in hazards if item.severity >= Severity.CRITICAL
     }
