@@ -10,6 +10,7 @@ tunnel: both ends must present a certificate of the fleet that is valid and not 
 """
 
 import asyncio
+from collections import Counter
 from collections.abc import Callable
 import contextlib
 from dataclasses import dataclass, field
@@ -24,7 +25,13 @@ from plc_inspect.security.graph_profile import LOOPBACK, Place
 HANDSHAKE = 10.0
 """Longest handshake [s]; slower peers are disconnected."""
 MOST_CONNECTIONS = 128
-"""Most simultaneous connections, handshakes included; others wait in the system's backlog."""
+"""Most simultaneous connections of members; more are refused."""
+MOST_HANDSHAKES = 64
+"""
+Most simultaneous handshakes; beyond, the oldest one of the address with the most of them gives way,
+so that silent strangers keep nobody out.
+Source: judgement: a fleet has a dozen members, and each takes a second over a slow link.
+"""
 PIECE = 65_536
 MOST_REASONS = 50
 """Most reasons of refusals counted separately."""
@@ -106,6 +113,8 @@ class Tunnel:
         self.counts = Counts()
         self._contexts: dict[bool, tuple[tuple[float, ...], ssl.SSLContext]] = {}
         self._tasks: set[asyncio.Task[None]] = set()
+        self._handshakes: dict[asyncio.Task[Any], str] = {}
+        """Addresses of those who have not shown yet who they are, the oldest first."""
 
     async def listen(self) -> None:
         """
@@ -133,7 +142,6 @@ class Tunnel:
                 f'cannot listen on {place.address}:{place.port}: {error.strerror or error}'
             ) from error
         listener.setblocking(False)
-        slots = asyncio.Semaphore(MOST_CONNECTIONS)
 
         async def run(link: socket.socket) -> None:
             try:
@@ -142,25 +150,37 @@ class Tunnel:
                 self._note(error)
             finally:
                 link.close()
-                slots.release()
 
         try:
             while True:
-                await slots.acquire()
-                link, _ = await asyncio.get_running_loop().sock_accept(listener)
+                link, address = await asyncio.get_running_loop().sock_accept(listener)
                 task = asyncio.create_task(run(link))
                 self._tasks.add(task)
-                task.add_done_callback(self._tasks.discard)
+                self._handshakes[task] = address[0]
+                task.add_done_callback(self._forget)
+                if len(self._handshakes) > MOST_HANDSHAKES:
+                    self._give_way()
         finally:
             listener.close()
             for task in self._tasks:
                 task.cancel()
 
+    def _forget(self, task: asyncio.Task[None]) -> None:
+        self._tasks.discard(task)
+        self._handshakes.pop(task, None)
+
+    def _give_way(self) -> None:
+        """End the oldest handshake of the address that has the most."""
+        ((busiest, _),) = Counter(self._handshakes.values()).most_common(1)
+        oldest = next(task for task, address in self._handshakes.items() if address == busiest)
+        del self._handshakes[oldest]
+        self._note(TimeoutError('too many handshakes at once'))
+        oldest.cancel()
+
     async def _let_in(self, link: socket.socket) -> None:
         outer = await _take(link, self._context(server=True))
         try:
-            self._check_peer(outer[1])
-            self.counts.accepted += 1
+            self._accept(outer[1])
             await _join(outer, await asyncio.open_connection(LOOPBACK, self._port))
         finally:
             outer[1].close()
@@ -173,13 +193,22 @@ class Tunnel:
                 ssl_handshake_timeout=HANDSHAKE, server_hostname='plc_inspect',
             ), HANDSHAKE + 1.0)
             try:
-                self._check_peer(outer[1])
-                self.counts.accepted += 1
+                self._accept(outer[1])
                 await _join(inner, outer)
             finally:
                 outer[1].close()
         finally:
             inner[1].close()
+
+    def _accept(self, writer: asyncio.StreamWriter) -> None:
+        """Check who is at the other end of this task's connection, and count it."""
+        self._check_peer(writer)
+        task = asyncio.current_task()
+        if task is not None:
+            self._handshakes.pop(task, None)
+        if len(self._tasks) - len(self._handshakes) > MOST_CONNECTIONS:
+            raise ConnectionRefusedError(f'{MOST_CONNECTIONS} connections are in use')
+        self.counts.accepted += 1
 
     def _check_peer(self, writer: asyncio.StreamWriter) -> None:
         certificate = writer.get_extra_info('peercert') or {}
