@@ -28,8 +28,8 @@ MOST_CONNECTIONS = 128
 """Most simultaneous connections of members; more are refused."""
 MOST_HANDSHAKES = 64
 """
-Most simultaneous handshakes; beyond, the oldest one of the address with the most of them gives way,
-so that silent strangers keep nobody out.
+Most simultaneous handshakes; beyond, the oldest one of the address with the most gives way, so
+that silent strangers keep nobody out.
 Source: judgement: a fleet has a dozen members, and each takes a second over a slow link.
 """
 PIECE = 65_536
