@@ -5,6 +5,7 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+import math
 from operator import methodcaller
 import time
 from types import TracebackType
@@ -113,6 +114,18 @@ class Station:
             self._searched, self._others = now, tuple(self.find_nodes())
         return replace(picture, others=self._others)
 
+    def measure_silence(self) -> float | None:
+        """Return how long the node has been gone [s], None if it is not or left alarms unseen."""
+        picture = self.monitor.look(time.monotonic())
+        if picture.link is Link.WAITING:
+            return math.inf
+        gone = picture.link is Link.LOST and all(item.seen for item in picture.alarms)
+        return picture.ages.link if gone else None
+
+    def report(self, text: str) -> None:
+        """Add a fault of the ground station to the events."""
+        self.monitor.report(text, time.monotonic())
+
     def acknowledge(self, numbers: Iterable[int], who: str) -> None:
         """Acknowledge alarms, also in the record."""
         seen = self.monitor.acknowledge(numbers, who, time.monotonic())
@@ -153,7 +166,7 @@ class Station:
         try:
             write(self._recorder)
         except OSError as error:
-            self._recorder.abandon()
+            self._recorder.abandon(error)
             self._recorder = None
             self.monitor.report(
                 f'the record ended: {error.strerror or error}: free disk space, then start '

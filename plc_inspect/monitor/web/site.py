@@ -75,6 +75,10 @@ class Site:
         """Return the hub of a vehicle; it is made on the first call."""
         return self._hubs.setdefault(vehicle, Hub())
 
+    def forget(self, vehicle: str) -> None:
+        """Show a vehicle no more; browsers that follow it get nothing new."""
+        self._hubs.pop(vehicle, None)
+
     def add_routes(self, router: web.UrlDispatcher) -> None:
         """Register the routes."""
         router.add_get('/', self._show_page)
