@@ -10,10 +10,10 @@ tunnel: both ends must present a certificate of the fleet that is valid and not 
 """
 
 import asyncio
-from collections import Counter
 from collections.abc import Callable
 import contextlib
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 import socket
 import ssl
@@ -21,17 +21,12 @@ from typing import Any
 
 from plc_inspect.errors import ConfigError
 from plc_inspect.security.graph_profile import LOOPBACK, Place
+from plc_inspect.security.strangers import Strangers
 
 HANDSHAKE = 10.0
 """Longest handshake [s]; slower peers are disconnected."""
 MOST_CONNECTIONS = 128
 """Most simultaneous connections of members; more are refused."""
-MOST_HANDSHAKES = 64
-"""
-Most simultaneous handshakes; beyond, the oldest one of the address with the most gives way, so
-that silent strangers keep nobody out.
-Source: judgement: a fleet has a dozen members, and each takes a second over a slow link.
-"""
 PIECE = 65_536
 MOST_REASONS = 50
 """Most reasons of refusals counted separately."""
@@ -113,8 +108,8 @@ class Tunnel:
         self.counts = Counts()
         self._contexts: dict[bool, tuple[tuple[float, ...], ssl.SSLContext]] = {}
         self._tasks: set[asyncio.Task[None]] = set()
-        self._handshakes: dict[asyncio.Task[Any], str] = {}
-        """Addresses of those who have not shown yet who they are, the oldest first."""
+        self._strangers = Strangers[asyncio.Task[Any]]()
+        """Tasks of connections whose other end is not known yet."""
 
     async def listen(self) -> None:
         """
@@ -148,34 +143,26 @@ class Tunnel:
                 await handle(link)
             except (OSError, TimeoutError, ConfigError) as error:  # of ssl too
                 self._note(error)
-            finally:
-                link.close()
 
         try:
             while True:
                 link, address = await asyncio.get_running_loop().sock_accept(listener)
                 task = asyncio.create_task(run(link))
                 self._tasks.add(task)
-                self._handshakes[task] = address[0]
-                task.add_done_callback(self._forget)
-                if len(self._handshakes) > MOST_HANDSHAKES:
-                    self._give_way()
+                task.add_done_callback(partial(self._forget, link))
+                leaving = self._strangers.add(task, address[0])
+                if leaving is not None:
+                    self._note(TimeoutError('too many handshakes at once'))
+                    leaving.cancel()
         finally:
             listener.close()
             for task in self._tasks:
                 task.cancel()
 
-    def _forget(self, task: asyncio.Task[None]) -> None:
+    def _forget(self, link: socket.socket, task: asyncio.Task[None]) -> None:
+        link.close()  # here, as a task may be cancelled before it began
         self._tasks.discard(task)
-        self._handshakes.pop(task, None)
-
-    def _give_way(self) -> None:
-        """End the oldest handshake of the address that has the most."""
-        ((busiest, _),) = Counter(self._handshakes.values()).most_common(1)
-        oldest = next(task for task, address in self._handshakes.items() if address == busiest)
-        del self._handshakes[oldest]
-        self._note(TimeoutError('too many handshakes at once'))
-        oldest.cancel()
+        self._strangers.discard(task)
 
     async def _let_in(self, link: socket.socket) -> None:
         outer = await _take(link, self._context(server=True))
@@ -205,8 +192,8 @@ class Tunnel:
         self._check_peer(writer)
         task = asyncio.current_task()
         if task is not None:
-            self._handshakes.pop(task, None)
-        if len(self._tasks) - len(self._handshakes) > MOST_CONNECTIONS:
+            self._strangers.discard(task)
+        if len(self._tasks) - len(self._strangers) > MOST_CONNECTIONS:
             raise ConnectionRefusedError(f'{MOST_CONNECTIONS} connections are in use')
         self.counts.accepted += 1
 
