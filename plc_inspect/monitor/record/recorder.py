@@ -160,9 +160,13 @@ class Recorder:
         self._file.write(channel, now, self._maker.serialize(message, kind))
 
     def _make_corridor(self, picture: Picture, cloud: CloudStore) -> Any:
-        points, kind, clearance, _ = cloud.assemble_all()
-        if picture.vehicle is not None:
-            near = np.hypot(*(points[:, :2] - np.array(picture.vehicle[:2])).T) <= REACH
+        if picture.vehicle is None:
+            points, kind, clearance, _ = cloud.assemble_all()
+        else:
+            x, y, _ = picture.vehicle
+            points, kind, clearance, _ = cloud.assemble_near((x - REACH, y - REACH),
+                                                             (x + REACH, y + REACH))
+            near = np.hypot(points[:, 0] - x, points[:, 1] - y) <= REACH
             points, kind, clearance = points[near], kind[near], clearance[near]
         rows = make_corridor(
             points, classification=kind, clearance=clearance, line_id=-1, span_id=-1
