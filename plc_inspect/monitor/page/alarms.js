@@ -33,8 +33,8 @@ export class Alarms {
     document.getElementById('as-other').onclick = () => this.keepName('');
     this.keepName(localStorage.getItem('name'));
     this.dialog.addEventListener('close', () => this.dialog.returnValue === 'ok' && this.named());
-    // Browsers play nothing before the first press of anything.
-    for (const kind of ['pointerdown', 'keydown']) addEventListener(kind, () => this.wake(), {once: true});
+    // Browsers play nothing before the first press of anything, and may stop later, as after a call or a sleep.
+    for (const kind of ['pointerdown', 'keydown']) addEventListener(kind, () => this.plays() || this.wake());
     setInterval(() => this.beep(), BEEP_PERIOD);
     this.showSound();
   }
@@ -176,14 +176,21 @@ export class Alarms {
   }
 
   wake() {
-    this.audio ??= new AudioContext();
+    if (!this.audio) {
+      this.audio = new AudioContext();
+      this.audio.onstatechange = () => this.showSound();
+    }
     this.audio.resume().then(() => this.showSound());
+  }
+
+  plays() {
+    return this.audio?.state === 'running';
   }
 
   showSound() {
     const button = document.getElementById('sound');
     button.setAttribute('aria-pressed', String(!this.muted));
-    button.textContent = this.muted ? 'Sound off' : this.audio ? 'Sound on' : 'Sound: press once';
+    button.textContent = this.muted ? 'Sound off' : this.plays() ? 'Sound on' : 'Sound: press once';
   }
 
   // The first tone comes with the alarm: browsers slow the timers of hidden pages down, to one call a minute.
@@ -195,6 +202,7 @@ export class Alarms {
 
   beep() {
     if (this.muted || this.silent || !this.audio || !this.ringing) return;
+    if (!this.plays()) return this.wake();
     const now = this.audio.currentTime;
     [880, 660].forEach((pitch, k) => {
       const tone = this.audio.createOscillator(), gain = this.audio.createGain();

@@ -21,7 +21,7 @@ const scene = {now: null}; // the picture, once it is there
 const draw = (name, ...given) => scene.now?.[name](...given);
 const tables = new Tables(place => draw('goTo', place), () => me);
 const alarms = new Alarms(item => tables.chooseHazard(item.hazard) || draw('goTo', item.place), () => me);
-const blocks = []; // points that came before the picture
+let blocks = []; // points that came before the picture; null where none can be drawn
 const rows = {
   hazards: new Rows(items => { draw('showHazards', items); tables.showHazards(items); }),
   spans: new Rows(items => {
@@ -111,6 +111,7 @@ async function startPicture() {
     const {Scene} = await import('./scene.js');
     scene.now = new Scene($('canvas'), id => tables.chooseHazard(id, false));
   } catch (error) {
+    blocks = null;
     $('no-picture').hidden = false;
     $('no-picture').textContent = `No 3D picture on this device (${error.message}). State, alarms and tables are not affected.`;
     return;
@@ -176,7 +177,7 @@ function takeAll(data) {
   heard = performance.now();
   if (typeof data === 'string') take(data);
   else if (scene.now) scene.now.takeBlock(data);
-  else blocks.push(data);
+  else blocks?.push(data);
 }
 
 // Open a connection; the worker opens it again whenever it ends.
@@ -236,6 +237,6 @@ addEventListener('keydown', event => {
   act();
 });
 
-globalThis.station = {get scene() { return scene.now; }, tables, alarms};
+globalThis.station = {get scene() { return scene.now; }, get waiting() { return blocks?.length; }, tables, alarms};
 connect(asked ? `vehicle=${encodeURIComponent(asked)}` : '', takeAll);
 startPicture();

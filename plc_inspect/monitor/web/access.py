@@ -62,12 +62,18 @@ class Tokens:
         """Return the role of a token; compares all tokens in constant time."""
         found = None
         for role, token in self.by_role.items():
-            if hmac.compare_digest(shown.encode(), token.encode()):
+            if compare(shown, token):
                 found = role
         return found
 
 
 NO_TOKENS = Tokens({})
+
+
+def compare(shown: str, secret: str) -> bool:
+    """Return in constant time whether a text, which may stand for any bytes, is a secret."""
+    one, other = (text.encode('utf-8', 'surrogateescape') for text in (shown, secret))
+    return hmac.compare_digest(one, other)
 
 
 def make_tokens() -> Tokens:

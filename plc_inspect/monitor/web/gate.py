@@ -12,7 +12,6 @@ import asyncio
 from collections.abc import Awaitable, Callable
 import concurrent.futures
 import contextlib
-import hmac
 import ipaddress
 import secrets
 import ssl
@@ -23,6 +22,7 @@ from aiohttp import web
 
 from plc_inspect.errors import ConfigError
 from plc_inspect.monitor.web.access import (
+    compare,
     NO_TOKENS,
     Penalties,
     Role,
@@ -257,9 +257,9 @@ class Gate:
         """Return the role of a browser from its cookie or header, None without access."""
         if not self._tokens.by_role:
             return Role.ACKNOWLEDGE
-        own = request.cookies.get(COOKIE, '').encode()
+        own = request.cookies.get(COOKIE, '')
         for role, secret in self._secrets.items():
-            if hmac.compare_digest(own, secret.encode()):
+            if compare(own, secret):
                 return role
         word, _, shown = request.headers.get('Authorization', '').partition(' ')
         return self._try_token(request, shown) if word == 'Bearer' and shown else None

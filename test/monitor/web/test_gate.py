@@ -317,6 +317,19 @@ def test_what_is_malformed_is_refused(open_gate, data):
     assert ask(open_gate)[0] == 200
 
 
+@pytest.mark.parametrize('header', [
+    b'Authorization: Bearer \xff\xfe', b'Cookie: plc_monitor=\xff',
+])
+def test_headers_of_other_bytes_are_no_token(gate, header):
+    with socket.create_connection(('127.0.0.1', gate.port), timeout=10) as link:
+        link.sendall(b'GET / HTTP/1.1\r\nHost: localhost\r\n' + header + b'\r\n\r\n')
+        answer = link.recv(4096)
+    assert answer.split()[1] == b'401'
+    assert b'Content-Security-Policy' in answer
+    wrong = header.startswith(b'Authorization')
+    assert ask(gate, Authorization='Bearer correct horse')[0] == (429 if wrong else 200)
+
+
 def test_who_says_nothing_is_cut_off(site, monkeypatch):
     monkeypatch.setattr(gate_module, 'TIMEOUT', 0.5)
     monkeypatch.setattr(gate_module, 'MOST_CONNECTIONS', 30)

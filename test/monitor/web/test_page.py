@@ -47,7 +47,7 @@ span => [span.curve[0], span.curve.at(-1)]).map(
 place => station.scene.local(place).project(station.scene.camera)).flatMap(
 at => [Math.abs(at.x), Math.abs(at.y)]))"""
 SILENT_BELL = """globalThis.rung = 0; station.alarms.audio = {
-  currentTime: 0, resume: () => Promise.resolve(),
+  currentTime: 0, state: 'running', resume: () => Promise.resolve(),
   createOscillator: () => ({frequency: {value: 0}, connect: () => ({connect() {}}),
     start() { globalThis.rung++; }, stop() {}}),
   createGain: () => ({gain: {setValueAtTime() {}, exponentialRampToValueAtTime() {}}}),
@@ -280,6 +280,29 @@ def test_ways_and_curves_are_drawn_with_few_pieces(station, browse):
     near = desk.run(pieces)
     desk.run('station.scene.camera.position.z += 3000; station.scene.drawSpans()')
     assert desk.run(pieces) == 6 < near  # straight, each of its six spans
+
+
+def test_a_page_without_a_picture_keeps_no_points_for_it(station, browse):
+    chrome = browse(station.page.address, 800, 600, token='only looking')
+    chrome.page.add_init_script('HTMLCanvasElement.prototype.getContext = () => null')
+    chrome.page.reload()
+    chrome.wait("!document.querySelector('#no-picture').hidden")
+    station.monitor.take_cloud(station.source.cloud(1.0), time.monotonic())
+    station.tables = make_rows(6, 4)
+    chrome.wait(f'{HAZARDS}.length == 4')
+    chrome.page.wait_for_timeout(500)
+    assert not chrome.run('station.waiting')
+
+
+def test_sound_is_said_to_be_on_only_where_it_plays(station, browse):
+    chrome = browse(station.page.address, 800, 600, token='only looking')
+    button = "document.querySelector('#sound').textContent"
+    chrome.page.keyboard.press('1')
+    chrome.wait(f"{button} == 'Sound on'")
+    chrome.run('station.alarms.audio.suspend()')  # as browsers do after a call or a sleep
+    chrome.wait(f"{button} == 'Sound: press once'")
+    chrome.page.keyboard.press('1')
+    chrome.wait(f"{button} == 'Sound on'")
 
 
 def test_a_page_that_gets_nothing_says_so(station, browse):
