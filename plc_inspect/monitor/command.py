@@ -21,6 +21,7 @@ from plc_inspect.offline.commands.command_line import (
     positive,
     run_command,
 )
+from plc_inspect.printable import make_printable
 from plc_inspect.security.member_keys import VARIABLE as KEYS
 
 if TYPE_CHECKING:
@@ -178,7 +179,8 @@ def _replay(arguments: argparse.Namespace) -> int:
         raise ConfigError('--open replays one vehicle: give --node once')
     replay = Replay(read_tape(arguments.open, names[0]))
     if replay.tape.note:
-        print(f'{NAME}: {arguments.open}: {replay.tape.note}', file=sys.stderr, flush=True)
+        text = make_printable(f'{NAME}: {arguments.open}: {replay.tape.note}')
+        print(text, file=sys.stderr, flush=True)
     tokens, tls = _choose_tokens(arguments), _choose_certificate()
     with Page(arguments.host, arguments.port, tokens, tls, replays=True) as page:
         page.show(replay.tape.name, replay.look(), replay.cloud, replay)
