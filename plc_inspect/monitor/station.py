@@ -11,6 +11,7 @@ import time
 from types import TracebackType
 from typing import TYPE_CHECKING
 
+from plc_inspect.errors import ConfigError
 from plc_inspect.monitor.listener import Listener
 from plc_inspect.monitor.picture.model import Monitor
 from plc_inspect.monitor.picture.picture import Link, Picture
@@ -69,7 +70,7 @@ class Station:
         take = {'summary': self._take_summary, 'ahead': self._take_ahead}
         if cloud:
             take['cloud'] = self._take_cloud
-        self._join = lambda: Listener(node_name, take, arguments)
+        self._join = lambda: Listener(node_name, take, arguments, over_tcp=self._seen.keys)
         self._listener = self._join()
         self._left: list[Listener] = []
         self._patience = self._least = REJOIN_AFTER
@@ -139,8 +140,14 @@ class Station:
         if now - self._heard < REJOIN_AFTER:
             self._joined, self._patience = now, self._least
             return
+        try:
+            listener = self._join()
+        except ConfigError as error:  # as while files are replaced: it is tried again
+            self._joined = now
+            self.monitor.report(f'the graph cannot be joined anew: {error}', now)
+            return
         self._left.append(self._listener)
-        self._listener = self._join()
+        self._listener = listener
         self.monitor.rejoin()
         slower = 2.0 ** max(0, len(self._left) - MOST_LEFT)
         self._least = REJOIN_AFTER * slower
