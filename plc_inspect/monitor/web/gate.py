@@ -115,6 +115,7 @@ class Gate:
         self._strangers = Strangers[asyncio.Transport]()
         self._arrivals: dict[object, asyncio.Event] = {}
         """Connections of browsers that have not yet shown that they may come in."""
+        self._receiving: set[asyncio.Task[None]] = set()
         self._open: set[web.RequestHandler] = set()
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._run, name='plc_gate', daemon=True)
@@ -131,6 +132,9 @@ class Gate:
         """Stop listening, and cut all connections."""
         async def end() -> None:
             self._server.close()
+            for task in self._receiving:
+                task.cancel()
+            await asyncio.gather(*self._receiving, return_exceptions=True)
             await self._runner.cleanup()
 
         with contextlib.suppress(concurrent.futures.TimeoutError):
@@ -167,6 +171,8 @@ class Gate:
         """Take a connection; where too many strangers wait, one of them has to leave."""
         link.pause_reading()
         task = self._loop.create_task(self._receive(link, tls))
+        self._receiving.add(task)
+        task.add_done_callback(self._receiving.discard)
         task.add_done_callback(lambda _: self._strangers.discard(link))
         leaving = self._strangers.add(link, (link.get_extra_info('peername') or ('',))[0])
         if leaving is not None:

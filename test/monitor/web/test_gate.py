@@ -379,6 +379,18 @@ def test_strangers_keep_nobody_out(site, tmp_path, secure, data):
             assert num_open <= MOST_STRANGERS + 10
 
 
+def test_strangers_do_not_outlive_the_page(site):
+    gate = Gate('127.0.0.1', 0, site, TOKENS)
+    with socket.create_connection(('127.0.0.1', gate.port), 10) as link:
+        end = time.monotonic() + 10.0
+        while not gate._strangers:
+            assert time.monotonic() < end
+            time.sleep(0.01)
+        gate.close()
+        assert link.recv(1) == b''
+    assert asyncio.all_tasks(gate._loop) == set()
+
+
 def test_others_want_a_token(site):
     for host in ('0.0.0.0', '192.0.2.7', '::', 'some.name'):
         with pytest.raises(ConfigError, match=f'others can reach {host}: give tokens'):
