@@ -15,6 +15,7 @@ const $ = id => document.getElementById(id);
 const asked = new URLSearchParams(location.search).get('vehicle');
 let me = {vehicle: asked ?? '', acknowledges: false};
 let state = null, heard = 0;
+let ahead = 0; // of the monitor's clock, by which all times are told, over that of this device [s]
 const newest = {}; // versions of the parts
 
 const scene = {now: null}; // the picture, once it is there
@@ -63,6 +64,7 @@ const parts = {
   },
   state(value) {
     state = value;
+    ahead = value.wall - Date.now() / 1000;
     alarms.count(value.counts);
     showState(value.tone, value.text, alarms);
     $('refused').textContent = value.refused && `(${value.refused})`;
@@ -188,7 +190,7 @@ function connect(query, receive) {
 
 // Where nothing replaces what is shown, it says so by itself.
 setInterval(() => {
-  $('now').textContent = clock(Date.now() / 1000);
+  $('now').textContent = clock(Date.now() / 1000 + ahead);
   const silence = performance.now() - heard;
   if (heard && silence < FROZEN) return;
   document.body.classList.add('old');

@@ -69,7 +69,7 @@ def make_parts(picture: Picture, name: str, wall: float) -> dict[str, Any]:
     """
     condition = judge(picture, name)
     return {
-        'state': _make_state(picture, condition, name),
+        'state': _make_state(picture, condition, name) | {'wall': round(wall + picture.time, 1)},
         'alarms': [_make_alarm(item, wall) for item in picture.alarms],
         'past': [_make_alarm(item, wall) for item in picture.past_alarms[:MOST_PAST]],
         'health': _make_health(picture),

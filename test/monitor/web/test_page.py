@@ -294,6 +294,27 @@ def test_a_page_without_a_picture_keeps_no_points_for_it(station, browse):
     assert not chrome.run('station.waiting')
 
 
+def test_all_times_are_of_the_clock_of_the_monitor(station, browse):
+    chrome = browse(station.page.address, 800, 600, token='only looking')
+    chrome.page.add_init_script('{ const now = Date.now; Date.now = () => now() - 3 * 3600000; }')
+    chrome.page.reload()
+    chrome.wait("document.querySelector('#now').textContent")
+
+    def lies_near():
+        text = chrome.run("document.querySelector('#now').textContent")
+        told = chrome.run(f'new Date({1000.0 * time.time()}).toLocaleTimeString("en-GB")')
+        hours, minutes, seconds = (
+            int(one) - int(other)
+            for one, other in zip(text.split(':'), told.split(':'), strict=True)
+        )
+        return abs(3600 * hours + 60 * minutes + seconds) < 30
+
+    end = time.monotonic() + 10.0
+    while not lies_near():
+        assert time.monotonic() < end
+        chrome.page.wait_for_timeout(200)
+
+
 def test_sound_is_said_to_be_on_only_where_it_plays(station, browse):
     chrome = browse(station.page.address, 800, 600, token='only looking')
     button = "document.querySelector('#sound').textContent"
