@@ -21,6 +21,7 @@ from plc_inspect.offline.commands.command_line import (
     positive,
     run_command,
 )
+from plc_inspect.printable import make_printable
 from plc_inspect.security.member_keys import VARIABLE as KEYS
 
 if TYPE_CHECKING:
@@ -67,13 +68,13 @@ def _run(arguments: argparse.Namespace) -> int:
             from plc_inspect.monitor.record.recorder import Recorder
 
             recorder = stack.enter_context(
-                Recorder(arguments.record, arguments.node, force=arguments.force)
+                Recorder(arguments.record, arguments.node, force=arguments.force)  # all vehicles
             )
 
         def join(name: str) -> Station:
             return Station(
                 name, arguments.ros, cloud=arguments.corridor,
-                recorder=recorder if name == arguments.node else None,
+                recorder=None if recorder is None else recorder.beside(name),
             )
 
         if arguments.web:
@@ -136,8 +137,9 @@ def _show_page(fleet: Any, arguments: argparse.Namespace) -> int:
     tokens, tls = _choose_tokens(arguments), _choose_certificate()
     def show(_: object = None) -> None:
         for request in page.take_requests():
-            if isinstance(request, Acknowledgement):
+            if isinstance(request, Acknowledgement) and request.vehicle in fleet.stations:
                 fleet.stations[request.vehicle].acknowledge(request.numbers, request.who)
+        page.keep(fleet.stations)
         for name, station in fleet.stations.items():
             page.show(name, station.look(), station.monitor.cloud)
 
@@ -170,9 +172,15 @@ def _replay(arguments: argparse.Namespace) -> int:
     from plc_inspect.monitor.web.page import Page
     from plc_inspect.monitor.web.site import Steering
 
-    if arguments.once or arguments.json or arguments.record is not None or arguments.nodes:
-        raise ConfigError('--open replays on the page: not with --once, --json, --record, --node')
-    replay = Replay(read_tape(arguments.open))
+    if arguments.once or arguments.json or arguments.record is not None:
+        raise ConfigError('--open replays on the page: not with --once, --json, --record')
+    names = arguments.nodes or ['']
+    if len(names) > 1:
+        raise ConfigError('--open replays one vehicle: give --node once')
+    replay = Replay(read_tape(arguments.open, names[0]))
+    if replay.tape.note:
+        text = make_printable(f'{NAME}: {arguments.open}: {replay.tape.note}')
+        print(text, file=sys.stderr, flush=True)
     tokens, tls = _choose_tokens(arguments), _choose_certificate()
     with Page(arguments.host, arguments.port, tokens, tls, replays=True) as page:
         page.show(replay.tape.name, replay.look(), replay.cloud, replay)
@@ -274,7 +282,8 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
                         help='longest wait of --once for the node (default: %(default)s)')
     parser.add_argument('--node', dest='nodes', action='append', metavar='NAME',
                         help=f'node with its namespace (default: {NODE}); with --web it may be '
-                        'given several times, and without it the page follows all that it finds')
+                        'given several times, and without it the page follows all that it finds; '
+                        'with --open the vehicle of a record')
     parser.add_argument('--record', type=Path, metavar='FILE.mcap', help='write what is seen')
     parser.add_argument('--force', action='store_true', help='replace the file of --record')
     parser.add_argument('--no-corridor', dest='corridor', action='store_false',

@@ -10,7 +10,6 @@ from typing import Any
 from plc_inspect.errors import ConfigError
 from plc_inspect.ros.graph.ending import was_cut_short
 from plc_inspect.ros.graph.transport import explain_start
-from plc_inspect.security.member_keys import find_keys
 
 KIND = 'std_msgs/msg/UInt8MultiArray'
 TOPICS = {'summary': 'summary', 'ahead': 'summary', 'cloud': 'thin_corridor'}
@@ -37,6 +36,8 @@ class Listener:
         Receives the bytes of each message; keys are of TOPICS.
     arguments : list[str]
         ROS arguments, such as remappings, without ``--ros-args``.
+    over_tcp : bool
+        The graph is reached over TCP, where leaving it may hang.
 
     Raises
     ------
@@ -46,12 +47,14 @@ class Listener:
     """
 
     def __init__(
-        self, node_name: str, take: Mapping[str, Callable[[bytes], object]], arguments: list[str]
+        self, node_name: str, take: Mapping[str, Callable[[bytes], object]],
+        arguments: list[str], *, over_tcp: bool = False,
     ) -> None:
         import rclpy
         from rclpy.executors import SingleThreadedExecutor
 
         self._rclpy = rclpy
+        self._over_tcp = over_tcp
         self._context = rclpy.context.Context()
         try:
             rclpy.init(
@@ -133,8 +136,8 @@ class Listener:
         return bool(self._context.ok())
 
     def close(self) -> None:
-        """Leave the graph; over TCP, where that may hang, it is left to the end of the process."""
-        if find_keys() is not None:
+        """Leave the graph; over TCP it is left to the end of the process."""
+        if self._over_tcp:
             return
         self._executor.shutdown()
         self._node.destroy_node()

@@ -5,11 +5,13 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+import math
 from operator import methodcaller
 import time
 from types import TracebackType
 from typing import TYPE_CHECKING
 
+from plc_inspect.errors import ConfigError
 from plc_inspect.monitor.listener import Listener
 from plc_inspect.monitor.picture.model import Monitor
 from plc_inspect.monitor.picture.picture import Link, Picture
@@ -68,7 +70,7 @@ class Station:
         take = {'summary': self._take_summary, 'ahead': self._take_ahead}
         if cloud:
             take['cloud'] = self._take_cloud
-        self._join = lambda: Listener(node_name, take, arguments)
+        self._join = lambda: Listener(node_name, take, arguments, over_tcp=self._seen.keys)
         self._listener = self._join()
         self._left: list[Listener] = []
         self._patience = self._least = REJOIN_AFTER
@@ -113,6 +115,18 @@ class Station:
             self._searched, self._others = now, tuple(self.find_nodes())
         return replace(picture, others=self._others)
 
+    def measure_silence(self) -> float | None:
+        """Return how long the node has been gone [s], None if it is not or left alarms unseen."""
+        picture = self.monitor.look(time.monotonic())
+        if picture.link is Link.WAITING:
+            return math.inf
+        gone = picture.link is Link.LOST and all(item.seen for item in picture.alarms)
+        return picture.ages.link if gone else None
+
+    def report(self, text: str) -> None:
+        """Add a fault of the ground station to the events."""
+        self.monitor.report(text, time.monotonic())
+
     def acknowledge(self, numbers: Iterable[int], who: str) -> None:
         """Acknowledge alarms, also in the record."""
         seen = self.monitor.acknowledge(numbers, who, time.monotonic())
@@ -126,8 +140,14 @@ class Station:
         if now - self._heard < REJOIN_AFTER:
             self._joined, self._patience = now, self._least
             return
+        try:
+            listener = self._join()
+        except ConfigError as error:  # as while files are replaced: it is tried again
+            self._joined = now
+            self.monitor.report(f'the graph cannot be joined anew: {error}', now)
+            return
         self._left.append(self._listener)
-        self._listener = self._join()
+        self._listener = listener
         self.monitor.rejoin()
         slower = 2.0 ** max(0, len(self._left) - MOST_LEFT)
         self._least = REJOIN_AFTER * slower
@@ -153,7 +173,7 @@ class Station:
         try:
             write(self._recorder)
         except OSError as error:
-            self._recorder.abandon()
+            self._recorder.abandon(error)
             self._recorder = None
             self.monitor.report(
                 f'the record ended: {error.strerror or error}: free disk space, then start '

@@ -28,6 +28,7 @@ from plc_inspect.errors import ConfigError
 SLACK = timedelta(minutes=10)
 """Certificates are valid from this long before they are made, as the clocks of a fleet differ."""
 MOST_DAYS = 3650
+MOST_AUTHORITY_DAYS = 2 * MOST_DAYS
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +51,10 @@ class Credential:
         return self.certificate.public_bytes(Encoding.PEM)
 
 
-def make_authority(name: str, days: int, now: datetime | None = None) -> Credential:
+def make_authority(
+    name: str, days: int, now: datetime | None = None,
+    key: ec.EllipticCurvePrivateKey | None = None,
+) -> Credential:
     """
     Make a self-signed authority.
 
@@ -62,6 +66,8 @@ def make_authority(name: str, days: int, now: datetime | None = None) -> Credent
         Validity [d].
     now : datetime or None
         With its time zone; None for the present.
+    key : EllipticCurvePrivateKey or None
+        Of an authority of this name that it continues: each verifies what the other signed.
 
     Returns
     -------
@@ -70,12 +76,12 @@ def make_authority(name: str, days: int, now: datetime | None = None) -> Credent
     Raises
     ------
     ConfigError
-        ``days`` is outside 1 to 3650.
+        ``days`` is outside 1 to 7300.
 
     """
-    key = ec.generate_private_key(ec.SECP256R1())
+    key = ec.generate_private_key(ec.SECP256R1()) if key is None else key
     subject = _name(name)
-    builder = _begin(subject, subject, key.public_key(), days, now)
+    builder = _begin(subject, subject, key.public_key(), days, now, MOST_AUTHORITY_DAYS)
     usage = _usage(key_cert_sign=True, crl_sign=True, digital_signature=True)
     builder = builder.add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
     builder = builder.add_extension(usage, critical=True)
@@ -101,7 +107,7 @@ def issue(
     hosts : sequence of str
         Names and addresses of a server, empty for a certificate that browsers never see.
     days, now
-        As for ``make_authority``, with the same error.
+        As for ``make_authority``, with the same error, but of 3650 days at most.
 
     Returns
     -------
@@ -186,16 +192,21 @@ def load_credential(key_pem: bytes, pem: bytes) -> Credential:
         They are not PEM, the key is of another kind, or they do not belong together.
 
     """
+    return load_credentials(key_pem, pem)[0]
+
+
+def load_credentials(key_pem: bytes, pem: bytes) -> list[Credential]:
+    """Read certificates of one key, in their order; errors as for ``load_credential``."""
     try:
         key = load_pem_private_key(key_pem, None)
-        certificate = x509.load_pem_x509_certificate(pem)
+        certificates = x509.load_pem_x509_certificates(pem)
     except (ValueError, TypeError) as error:
         raise ConfigError(f'key or certificate cannot be read: {error}') from error
     if not isinstance(key, ec.EllipticCurvePrivateKey):
         raise ConfigError(f'a key of kind {type(key).__name__}, expected an elliptic curve')
-    if key.public_key() != certificate.public_key():
+    if any(key.public_key() != item.public_key() for item in certificates):
         raise ConfigError('key and certificate do not belong together')
-    return Credential(key, certificate)
+    return [Credential(key, item) for item in certificates]
 
 
 def read_end(pem: bytes) -> datetime:
@@ -212,6 +223,11 @@ def read_end(pem: bytes) -> datetime:
         certificate = x509.load_pem_x509_certificate(pem)
     except ValueError as error:
         raise ConfigError(f'certificate cannot be read: {error}') from error
+    return find_end(certificate)
+
+
+def find_end(certificate: x509.Certificate) -> datetime:
+    """Return the end of validity of a certificate, in UTC."""
     end = getattr(certificate, 'not_valid_after_utc', None)
     if end is None:  # cryptography before 42
         end = certificate.not_valid_after.replace(tzinfo=UTC)
@@ -220,10 +236,10 @@ def read_end(pem: bytes) -> datetime:
 
 def _begin(
     subject: x509.Name, issuer: x509.Name, key: ec.EllipticCurvePublicKey, days: int,
-    now: datetime | None,
+    now: datetime | None, most: int = MOST_DAYS,
 ) -> x509.CertificateBuilder:
-    if not 1 <= days <= MOST_DAYS:
-        raise ConfigError(f'certificates hold for 1 to {MOST_DAYS} days, not {days}')
+    if not 1 <= days <= most:
+        raise ConfigError(f'certificates hold for 1 to {most} days, not {days}')
     time = _whole_second(now)
     builder = x509.CertificateBuilder(
         subject_name=subject, issuer_name=issuer, public_key=key,

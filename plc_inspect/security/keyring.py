@@ -6,38 +6,36 @@ The keyring of a fleet: an authority, a register, and a folder of keys for each 
 
 The certificate of a member serves for the tunnel, as identity under SROS2 and, on the ground, for
 the page.  Revoked ones are on the revocation list, which tunnel and SROS2 read.
+
+A renewal takes days until all members have their new folders.  Meanwhile old and new ones go
+together: the certificates of the root have one key and name, so that each verifies all that any of
+them signed; SROS2 asks for the very certificate that signed a document, so that is the oldest
+that holds as long; keys of streams overlap too (stream_keys.py).
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime, timedelta, UTC
 import json
-import os
 from pathlib import Path
 import re
 import shutil
 
-from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-from cryptography.hazmat.primitives.serialization import (
-    Encoding,
-    load_pem_private_key,
-    NoEncryption,
-    PrivateFormat,
-    PublicFormat,
-)
-
 from plc_inspect.errors import ConfigError
 from plc_inspect.security.authority import (
     Credential,
+    find_end,
     issue,
-    load_credential,
+    load_credentials,
     make_authority,
     make_revocation_list,
     MOST_DAYS,
     sign_document,
     SLACK,
 )
+from plc_inspect.security.key_files import put_public, put_secret
 from plc_inspect.security.policy import make_governance, make_permissions, Rights
+from plc_inspect.security.stream_keys import read_announced, renew_stream_keys
 
 ROLES = ('vehicle', 'ground', 'operator', 'driver', 'navigation', 'logger')
 ENCLAVES = '/plc_inspect'
@@ -45,7 +43,19 @@ ENCLAVES = '/plc_inspect'
 LOCAL_HOSTS = ('localhost', '127.0.0.1')
 REGISTER = 'register.json'
 NAME = re.compile('[a-z][a-z0-9_]{0,30}')
-SECRET, PUBLIC = 0o600, 0o644
+ROOT = 'plc_inspect root'
+AUTHORITY_TERMS = 2
+"""
+Validity of a certificate of the root, and of the revocation list, in that of members.
+Source: derivation: with one per term of members, each is known to all a term before it signs.
+"""
+LEAST_TERMS = 1.5
+"""
+The newest certificate of the root holds at least so long, in terms of members, or another one is
+made.
+Source: derivation: of members renewed once a term it is then made at each renewal, of others not
+at each.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,10 +119,14 @@ class Keyring:
             raise ConfigError(f'{self.folder} is not empty: name a new folder for the keys')
         if not 0 <= domain <= 232:
             raise ConfigError(f'a ROS_DOMAIN_ID is 0 to 232, not {domain}')
+        if not 1 <= days <= MOST_DAYS:
+            raise ConfigError(f'certificates hold for 1 to {MOST_DAYS} days, not {days}')
         self.folder.mkdir(parents=True, exist_ok=True)
         self.folder.chmod(0o700)
-        root = make_authority('plc_inspect root', _longest(days), now)
-        self._put_authority('root', root)
+        self._authority.mkdir(mode=0o700, exist_ok=True)
+        root = make_authority(ROOT, AUTHORITY_TERMS * days, now)
+        put_secret(self._authority / 'root.key', root.key_pem)
+        put_public(self._authority / 'root.crt', root.pem)
         register = Register(domain=domain, days=days, hosts=tuple(hosts), members={})
         for role in ROLES:
             register = self._issue(register, role, role, now)
@@ -141,7 +155,7 @@ class Keyring:
         return self._finish(self._issue(register, name, role, now), now)
 
     def renew(self, now: datetime | None = None) -> Register:
-        """Reissue the certificates of all members by the present authority."""
+        """Reissue the certificates of all members, and that of the root before it ends."""
         register = self.load()
         for member in register.members.values():
             if not member.revoked:
@@ -163,7 +177,8 @@ class Keyring:
         if member is None or member.revoked:
             known = ', '.join(key for key, item in register.members.items() if not item.revoked)
             raise ConfigError(f'{name!r} is not a member with keys; those are {known}')
-        shutil.rmtree(self.folder / name, ignore_errors=True)
+        for folder in (self.folder / name, self._find_streams(name)):
+            shutil.rmtree(folder, ignore_errors=True)
         members = {**register.members, name: replace(member, revoked=True)}
         return self._finish(replace(register, members=members), now)
 
@@ -198,116 +213,113 @@ class Keyring:
     def _authority(self) -> Path:
         return self.folder / 'authority'
 
-    def _put_authority(self, name: str, credential: Credential) -> None:
-        self._authority.mkdir(mode=0o700, exist_ok=True)
-        _put(self._authority / f'{name}.key', credential.key_pem, SECRET)
-        _put(self._authority / f'{name}.crt', credential.pem, PUBLIC)
+    def _find_streams(self, name: str) -> Path:
+        """Return the folder with the authority's part of the keys of a vehicle's stream."""
+        return self._authority / 'streams' / name
 
-    def _take_authority(self, name: str) -> Credential:
+    def _load_roots(self) -> list[Credential]:
+        """Return the root with each of its certificates, the newest first."""
         try:
-            return load_credential(
-                (self._authority / f'{name}.key').read_bytes(),
-                (self._authority / f'{name}.crt').read_bytes(),
+            return load_credentials(
+                (self._authority / 'root.key').read_bytes(),
+                (self._authority / 'root.crt').read_bytes(),
             )
         except OSError as error:
             raise ConfigError(f'{error.filename} cannot be read: {error.strerror}') from error
+
+    def _renew_roots(self, days: int, now: datetime) -> list[Credential]:
+        """Return the root, with another certificate if the newest ends soon."""
+        roots = [item for item in self._load_roots() if find_end(item.certificate) > now]
+        if not roots or find_end(roots[0].certificate) < now + LEAST_TERMS * timedelta(days=days):
+            key = self._load_roots()[0].key
+            roots.insert(0, make_authority(ROOT, AUTHORITY_TERMS * days, now, key))
+            put_public(self._authority / 'root.crt', _join(roots))
+        return roots
 
     def _issue(
         self, register: Register, name: str, role: str, now: datetime | None
     ) -> Register:
         """Write the folder of a member; return the register with it."""
-        root = self._take_authority('root')
-        days, enclave = register.days, f'{ENCLAVES}/{name}'
-        hosts = (*LOCAL_HOSTS, *register.hosts) if role in ('ground', 'operator') else ()
-        own = issue(root, enclave, days, hosts, now)
-        begin = (datetime.now(UTC) if now is None else now) - SLACK
-        end = begin + SLACK + timedelta(days=days)
-        folder = self.folder / name
-        folder.mkdir(mode=0o700, exist_ok=True)
-        _put(folder / 'member.key', own.key_pem, SECRET)
-        _put(folder / 'member.crt', own.pem, PUBLIC)
-        _put(folder / 'root_ca.crt', root.pem, PUBLIC)
-        if role == 'vehicle':  # it signs its stream with a key of its own
-            stream = Ed25519PrivateKey.generate()
-            _put(folder / 'stream.key', stream.private_bytes(
-                Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()
-            ), SECRET)
         rights = self._policy.get(f'{ENCLAVES}/{role}')
         if rights is None:
             raise ConfigError(f'the policy has no enclave {ENCLAVES}/{role}')
+        now = datetime.now(UTC) if now is None else now
+        days, enclave = register.days, f'{ENCLAVES}/{name}'
+        hosts = (*LOCAL_HOSTS, *register.hosts) if role in ('ground', 'operator') else ()
+        roots = self._renew_roots(days, now)
+        own = issue(roots[0], enclave, days, hosts, now)
+        begin, end = now - SLACK, now + timedelta(days=days)
         documents = {
             'permissions': make_permissions(enclave, rights, register.domain, begin, end),
             'governance': make_governance(register.domain),
         }
-        _put_enclave(folder / 'sros2', enclave, root, own, documents)
         until = end.replace(microsecond=0).isoformat()
         before = register.members.get(name)
         member = Member(
             name=name, role=role, serial=own.certificate.serial_number, until=until,
             older=() if before is None or before.revoked else _list(before),
         )
-        return replace(register, members={**register.members, name: member})
+        register = replace(register, members={**register.members, name: member})
+        self._save(register)  # before the keys are anywhere, or nobody could revoke them
+        folder = self.folder / name
+        folder.mkdir(mode=0o700, exist_ok=True)
+        put_secret(folder / 'member.key', own.key_pem)
+        put_public(folder / 'member.crt', own.pem)
+        if role == 'vehicle':  # it signs its stream with a key of its own
+            renew_stream_keys(self._find_streams(name), folder)
+        signer = next(item for item in reversed(roots) if find_end(item.certificate) >= (
+            find_end(own.certificate)
+        ))
+        _put_enclave(folder / 'sros2', enclave, signer, own, documents)
+        return register
 
     def _finish(self, register: Register, now: datetime | None) -> Register:
-        """Write revocation list and public keys of vehicles to all members, and the register."""
+        """Write what all members must know to each of them, and the register."""
+        roots = self._load_roots()
         serials = [
             serial for item in register.members.values() if item.revoked
             for serial in _list(item)
         ]
         revoked = make_revocation_list(
-            self._take_authority('root'), [*serials, *register.old_serials],
-            _longest(register.days), now,
+            roots[0], [*serials, *register.old_serials], AUTHORITY_TERMS * register.days, now
         )
-        _put(self._authority / 'crl.pem', revoked, PUBLIC)
+        put_public(self._authority / 'crl.pem', revoked)
         live = [item for item in register.members.values() if not item.revoked]
-        signers = [
-            load_pem_private_key((self.folder / item.name / 'stream.key').read_bytes(), None)
-            for item in live if item.role == 'vehicle'
-        ]
         public = b''.join(
-            key.public_key().public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo)
-            for key in signers
+            read_announced(self._find_streams(item.name), self.folder / item.name)
+            for item in live if item.role == 'vehicle'
         )
         for member in live:
             folder = self.folder / member.name
             enclave = folder / 'sros2' / 'enclaves' / ENCLAVES[1:] / member.name
-            _put(enclave / 'crl.pem', revoked, PUBLIC)
-            _put(folder / 'crl.pem', revoked, PUBLIC)
-            _put(folder / 'stream.pub', public, PUBLIC)
+            for place in (enclave, folder):
+                put_public(place / 'crl.pem', revoked)
+            for place in (enclave, folder / 'sros2' / 'public'):
+                for name in ('identity_ca', 'permissions_ca'):
+                    put_public(place / f'{name}.cert.pem', _join(roots))
+            put_public(folder / 'root_ca.crt', _join(roots))
+            put_public(folder / 'stream.pub', public)
+        self._save(register)
+        return register
+
+    def _save(self, register: Register) -> None:
         values = asdict(register)
         values['members'] = list(values['members'].values())
         text = json.dumps(values, indent=1) + '\n'
-        _put(self.folder / REGISTER, text.encode(), SECRET)
-        return register
+        put_secret(self.folder / REGISTER, text.encode())
 
 
 def _put_enclave(
-    keystore: Path, enclave: str, root: Credential, own: Credential, documents: Mapping[str, str]
+    keystore: Path, enclave: str, signer: Credential, own: Credential, documents: Mapping[str, str]
 ) -> None:
     """Write a keystore of one enclave, in the layout of ``ros2 security``, without links."""
-    public, folder = keystore / 'public', keystore / 'enclaves' / enclave[1:]
-    public.mkdir(parents=True, exist_ok=True)
-    folder.mkdir(parents=True, exist_ok=True)
-    for place in (public, folder):
-        for name in ('identity_ca', 'permissions_ca'):
-            _put(place / f'{name}.cert.pem', root.pem, PUBLIC)
-    _put(folder / 'key.pem', own.key_pem, SECRET)
-    _put(folder / 'cert.pem', own.pem, PUBLIC)
+    folder = keystore / 'enclaves' / enclave[1:]
+    put_secret(folder / 'key.pem', own.key_pem)
+    put_public(folder / 'cert.pem', own.pem)
     for name, text in documents.items():
         place = folder if name == 'permissions' else keystore / 'enclaves'
-        _put(place / f'{name}.xml', text.encode(), PUBLIC)
-        signed = sign_document(root, text)
-        _put(folder / f'{name}.p7s', signed, PUBLIC)
-
-
-def _put(path: Path, data: bytes, mode: int) -> None:
-    """Write a file with its mode set from the start, replacing an old one atomically."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    aside = path.with_name(f'.{path.name}.new')
-    aside.unlink(missing_ok=True)
-    with os.fdopen(os.open(aside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), 'wb') as file:
-        file.write(data)
-    aside.replace(path)
+        put_public(place / f'{name}.xml', text.encode())
+        put_public(folder / f'{name}.p7s', sign_document(signer, text))
 
 
 def _list(member: Member) -> tuple[int, ...]:
@@ -315,6 +327,6 @@ def _list(member: Member) -> tuple[int, ...]:
     return (*member.older, member.serial)
 
 
-def _longest(days: int) -> int:
-    """Return the validity of an authority whose members are valid for ``days`` [d]."""
-    return min(MOST_DAYS, 2 * days)
+def _join(roots: Sequence[Credential]) -> bytes:
+    """Return the certificates of the root as one file."""
+    return b''.join(item.pem for item in roots)

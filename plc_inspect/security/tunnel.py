@@ -13,6 +13,7 @@ import asyncio
 from collections.abc import Callable
 import contextlib
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 import socket
 import ssl
@@ -20,11 +21,12 @@ from typing import Any
 
 from plc_inspect.errors import ConfigError
 from plc_inspect.security.graph_profile import LOOPBACK, Place
+from plc_inspect.security.strangers import Strangers
 
 HANDSHAKE = 10.0
 """Longest handshake [s]; slower peers are disconnected."""
 MOST_CONNECTIONS = 128
-"""Most simultaneous connections, handshakes included; others wait in the system's backlog."""
+"""Most simultaneous connections of members; more are refused."""
 PIECE = 65_536
 MOST_REASONS = 50
 """Most reasons of refusals counted separately."""
@@ -106,6 +108,8 @@ class Tunnel:
         self.counts = Counts()
         self._contexts: dict[bool, tuple[tuple[float, ...], ssl.SSLContext]] = {}
         self._tasks: set[asyncio.Task[None]] = set()
+        self._strangers = Strangers[asyncio.Task[Any]]()
+        """Tasks of connections whose other end is not known yet."""
 
     async def listen(self) -> None:
         """
@@ -133,34 +137,37 @@ class Tunnel:
                 f'cannot listen on {place.address}:{place.port}: {error.strerror or error}'
             ) from error
         listener.setblocking(False)
-        slots = asyncio.Semaphore(MOST_CONNECTIONS)
 
         async def run(link: socket.socket) -> None:
             try:
                 await handle(link)
             except (OSError, TimeoutError, ConfigError) as error:  # of ssl too
                 self._note(error)
-            finally:
-                link.close()
-                slots.release()
 
         try:
             while True:
-                await slots.acquire()
-                link, _ = await asyncio.get_running_loop().sock_accept(listener)
+                link, address = await asyncio.get_running_loop().sock_accept(listener)
                 task = asyncio.create_task(run(link))
                 self._tasks.add(task)
-                task.add_done_callback(self._tasks.discard)
+                task.add_done_callback(partial(self._forget, link))
+                leaving = self._strangers.add(task, address[0])
+                if leaving is not None:
+                    self._note(TimeoutError('too many handshakes at once'))
+                    leaving.cancel()
         finally:
             listener.close()
             for task in self._tasks:
                 task.cancel()
 
+    def _forget(self, link: socket.socket, task: asyncio.Task[None]) -> None:
+        link.close()  # here, as a task may be cancelled before it began
+        self._tasks.discard(task)
+        self._strangers.discard(task)
+
     async def _let_in(self, link: socket.socket) -> None:
         outer = await _take(link, self._context(server=True))
         try:
-            self._check_peer(outer[1])
-            self.counts.accepted += 1
+            self._accept(outer[1])
             await _join(outer, await asyncio.open_connection(LOOPBACK, self._port))
         finally:
             outer[1].close()
@@ -173,13 +180,22 @@ class Tunnel:
                 ssl_handshake_timeout=HANDSHAKE, server_hostname='plc_inspect',
             ), HANDSHAKE + 1.0)
             try:
-                self._check_peer(outer[1])
-                self.counts.accepted += 1
+                self._accept(outer[1])
                 await _join(inner, outer)
             finally:
                 outer[1].close()
         finally:
             inner[1].close()
+
+    def _accept(self, writer: asyncio.StreamWriter) -> None:
+        """Check who is at the other end of this task's connection, and count it."""
+        self._check_peer(writer)
+        task = asyncio.current_task()
+        if task is not None:
+            self._strangers.discard(task)
+        if len(self._tasks) - len(self._strangers) > MOST_CONNECTIONS:
+            raise ConnectionRefusedError(f'{MOST_CONNECTIONS} connections are in use')
+        self.counts.accepted += 1
 
     def _check_peer(self, writer: asyncio.StreamWriter) -> None:
         certificate = writer.get_extra_info('peercert') or {}

@@ -48,6 +48,14 @@ class Signature:
     """Number of the node's run; greater than of all its runs before."""
 
 
+def split_keys(pem: bytes) -> list[bytes]:
+    """Return the public keys of a file, each as PEM, in their order."""
+    starts = [0]
+    while (at := pem.find(_END, starts[-1])) >= 0:
+        starts.append(at + len(_END))
+    return [pem[low:high].strip() + b'\n' for low, high in pairwise(starts)]
+
+
 class Signer:
     """
     Signs the messages of one run.
@@ -99,11 +107,8 @@ class Verifier:
     """
 
     def __init__(self, pem: bytes) -> None:
-        starts = [0]
-        while (at := pem.find(_END, starts[-1])) >= 0:
-            starts.append(at + len(_END))
         try:
-            keys = [load_pem_public_key(pem[low:high]) for low, high in pairwise(starts)]
+            keys = [load_pem_public_key(item) for item in split_keys(pem)]
         except ValueError as error:
             raise ConfigError(f'keys of the stream cannot be read: {error}') from error
         self._keys = {

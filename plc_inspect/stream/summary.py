@@ -39,6 +39,8 @@ topic keeps, have them all; one turn of 300 spans is a kilobyte, 30 ms of 256 kb
 """
 MOST_LINES = 16
 """Lines of a support that are named; the number of all of them is told too."""
+LAST_LINE = (1 << 15) - 1
+"""Lines of greater numbers are not named at supports, as there are 16 bits for each."""
 _XYZ = [('x', '<i4'), ('y', '<i4'), ('z', '<i4')]
 SPANS = np.dtype([
     ('line_id', '<i4'), ('span_id', '<i4'),
@@ -206,7 +208,8 @@ def make_tables(
         row['kind'] = SUPPORT_KINDS.index(support.kind) if support.kind in SUPPORT_KINDS else 0
         row['num_lines'] = min(len(support.line_ids), 0xFF)
         row['lines'] = -1
-        row['lines'][:len(support.line_ids)] = support.line_ids[:MOST_LINES]
+        named = [line for line in support.line_ids if line <= LAST_LINE][:MOST_LINES]
+        row['lines'][:len(named)] = named
     for row, hazard in zip(tables.hazards, hazards, strict=True):
         for name in ('hazard_id', 'line_id', 'span_id', 'kind', 'severity', 'support_id',
                      'num_points'):

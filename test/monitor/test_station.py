@@ -11,6 +11,7 @@ import pytest
 from rosbags.highlevel import AnyReader
 from stream_pieces import Source
 
+from plc_inspect.errors import ConfigError
 from plc_inspect.monitor import station as station_module
 from plc_inspect.monitor.picture.admission import Admission
 from plc_inspect.monitor.picture.condition import Condition, judge
@@ -26,7 +27,7 @@ def silent(monkeypatch):
     """Return a station with keys, and a function that lets seconds pass; nothing comes in."""
     clock = [1000.0]
     monkeypatch.setattr(station_module, 'time', SimpleNamespace(monotonic=lambda: clock[0]))
-    monkeypatch.setattr(station_module, 'Listener', lambda *_: SimpleNamespace(
+    monkeypatch.setattr(station_module, 'Listener', lambda *_, over_tcp: SimpleNamespace(
         spin=lambda seconds: True, subscribe=lambda topic: None, close=lambda: None,
     ))
     monkeypatch.setattr(station_module, 'SeenRuns', lambda: SimpleNamespace(
@@ -86,6 +87,22 @@ def test_graph_is_joined_anew_soon_and_not_for_ever(silent):
     assert len(station._left) >= 9
     wait(23 * HOUR)
     assert len(station._left) <= MOST_LEFT + 14
+
+
+def test_graph_that_cannot_be_joined_anew_is_tried_again(silent, monkeypatch):
+    def refuse():
+        raise ConfigError('keys cannot be read')
+
+    station, wait = silent
+    join = station._join
+    monkeypatch.setattr(station, '_join', refuse)
+    wait(60)
+    assert station._left == []
+    texts = {event.text for event in station.monitor.look(0.0).events}
+    assert texts == {'the graph cannot be joined anew: keys cannot be read'}
+    monkeypatch.setattr(station, '_join', join)
+    wait(60)
+    assert station._left
 
 
 def test_link_that_comes_and_goes_leaves_few_places(silent):

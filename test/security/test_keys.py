@@ -16,14 +16,22 @@ from cryptography import x509
 import pytest
 
 from plc_inspect.errors import ConfigError
-from plc_inspect.security.authority import issue, load_credential, make_authority, read_end
+from plc_inspect.security.authority import (
+    find_end,
+    issue,
+    load_credential,
+    make_authority,
+    read_end,
+)
 from plc_inspect.security.command import main
 from plc_inspect.security.graph_profile import make_profile, Place, read_place, read_port
 from plc_inspect.security.keyring import Keyring, ROLES
 from plc_inspect.security.policy import DISCOVERY, read_policy
+from plc_inspect.stream.signature import Signer, split_keys, Verifier
 
 ROOT = Path(__file__).parents[2]
 POLICY = ROOT / 'config/security/policy.xml'
+BEGIN = datetime(2026, 1, 1, 12, tzinfo=UTC)
 NAMESPACE = '{http://www.eprosima.com}'
 BARE = {
     'velodyne_points', 'odometry', 'tf', 'tf_static', 'clock', 'diagnostics', 'rosout',
@@ -175,7 +183,8 @@ def test_private_keys_are_private_and_stay_at_home(keys):
     streams = sorted(keys.rglob('stream.key'))
     assert [path.parent.name for path in streams] == ['second', 'vehicle']
     assert streams[0].read_bytes() != streams[1].read_bytes()
-    assert (keys / 'ground/stream.pub').read_bytes().count(b'BEGIN PUBLIC KEY') == 2
+    announced = split_keys((keys / 'ground/stream.pub').read_bytes())
+    assert len(announced) == 4  # of each the one that signs, and the one that comes next
 
 
 def test_the_page_has_its_names(keys):
@@ -244,6 +253,121 @@ def test_all_certificates_of_a_revoked_member_are_on_the_list(tmp_path, openssl)
             )
             assert not good
             assert 'revoked' in text
+
+
+DAYS = 30
+RENEWALS = (28, 55, 84, 112, 141)
+"""Days of renewals, each before the certificates of the one before end."""
+
+
+@pytest.fixture(scope='module')
+def generations(tmp_path_factory):
+    """Return the days of all renewals with all members' folders as of then."""
+    folder, found = tmp_path_factory.mktemp('renewed'), []
+    keyring = Keyring(folder / 'keys', read_policy(POLICY))
+    for number, day in enumerate((0, *RENEWALS)):
+        now = BEGIN + timedelta(days=day)
+        if number:
+            keyring.renew(now)
+        else:
+            keyring.create(domain=0, days=DAYS, hosts=(), now=now)
+        shutil.copytree(keyring.folder, folder / str(number))
+        found.append((now, folder / str(number)))
+    return found
+
+
+@pytest.mark.parametrize('number', range(len(RENEWALS)))
+def test_members_understand_each_other_while_a_renewal_is_under_way(
+    generations, openssl, number
+):
+    (_, before), (now, after) = generations[number:number + 2]
+    for own, other in ((before, after), (after, before), (after, after)):
+        end = read_end((other / 'vehicle/member.crt').read_bytes())
+        for when in (now + timedelta(minutes=1), end - timedelta(minutes=1)):
+            good, text = openssl(
+                'verify', '-x509_strict', '-attime', int(when.timestamp()), '-crl_check',
+                '-CRLfile', own / 'ground/crl.pem', '-CAfile', own / 'ground/root_ca.crt',
+                other / 'vehicle/member.crt',
+            )
+            assert good, text
+        for name in ('permissions', 'governance'):  # as Fast DDS verifies them
+            good, text = openssl(
+                'smime', '-verify', '-text', '-nointern', '-noverify', '-certfile',
+                enclave_of(own, 'ground') / 'permissions_ca.cert.pem', '-in',
+                enclave_of(other, 'vehicle') / f'{name}.p7s',
+            )
+            assert good, text
+        verifier = Verifier((own / 'ground/stream.pub').read_bytes())
+        signer = Signer((other / 'vehicle/stream.key').read_bytes(), 1)
+        assert verifier.check(signer.sign(bytes(30))) is not None
+
+
+def test_nothing_outlives_the_root_and_keys_are_taken_back(generations):
+    for now, folder in generations:
+        roots = x509.load_pem_x509_certificates((folder / 'ground/root_ca.crt').read_bytes())
+        ends = [find_end(item) for item in roots]
+        assert len(roots) <= 3
+        assert ends == sorted(ends, reverse=True)
+        assert min(ends) > now
+        assert ends[0] > read_end((folder / 'ground/member.crt').read_bytes())
+        for path in folder.rglob('*_ca.cert.pem'):
+            assert path.read_bytes() == (folder / 'ground/root_ca.crt').read_bytes()
+    keys = [(folder / 'vehicle/stream.key').read_bytes() for _, folder in generations]
+    assert len(set(keys)) == len(keys)
+    for number, (_, folder) in enumerate(generations):
+        verifier = Verifier((folder / 'ground/stream.pub').read_bytes())
+        known = [verifier.check(Signer(key, 1).sign(bytes(30))) is not None for key in keys]
+        assert known == [abs(number - other) <= 1 for other in range(len(keys))]
+
+
+def test_a_member_that_is_added_late_does_not_outlive_the_root(tmp_path, openssl):
+    keyring = Keyring(tmp_path / 'keys', read_policy(POLICY))
+    keyring.create(domain=0, days=DAYS, hosts=(), now=BEGIN)
+    late = BEGIN + timedelta(days=29)
+    keyring.add('second', 'vehicle', late)
+    good, text = openssl(
+        'verify', '-attime', int(late.timestamp()) + 86_400 * (DAYS - 1), '-CAfile',
+        keyring.folder / 'ground/root_ca.crt', keyring.folder / 'second/member.crt',
+    )
+    assert good, text
+
+
+def test_a_keyring_that_announced_no_keys_goes_on_with_those_it_has(tmp_path):
+    keyring = Keyring(tmp_path / 'keys', read_policy(POLICY))
+    keyring.create(domain=0, days=DAYS, hosts=())
+    shutil.rmtree(keyring.folder / 'authority/streams')
+    old = (keyring.folder / 'vehicle/stream.key').read_bytes()
+    keyring.revoke('logger')
+    public = (keyring.folder / 'ground/stream.pub').read_bytes()
+    assert len(split_keys(public)) == 1
+    keyring.renew()
+    assert (keyring.folder / 'vehicle/stream.key').read_bytes() == old
+    assert len(split_keys((keyring.folder / 'ground/stream.pub').read_bytes())) == 2
+
+
+def test_folders_that_were_moved_away_are_in_nobodys_way(tmp_path):
+    keyring = Keyring(tmp_path / 'keys', read_policy(POLICY))
+    keyring.create(domain=0, days=DAYS, hosts=())
+    keyring.add('second', 'vehicle')
+    shutil.rmtree(keyring.folder / 'vehicle')  # on a stick
+    keyring.revoke('second')
+    assert len(split_keys((keyring.folder / 'ground/stream.pub').read_bytes())) == 2
+    keyring.renew()
+    assert len(split_keys((keyring.folder / 'ground/stream.pub').read_bytes())) == 3
+    assert (keyring.folder / 'vehicle/stream.key').is_file()
+
+
+def test_a_renewal_that_fails_leaves_no_key_that_nobody_can_revoke(tmp_path):
+    policy = read_policy(POLICY)
+    folder = tmp_path / 'keys'
+    Keyring(folder, policy).create(domain=0, days=DAYS, hosts=())
+    last = {name: rights for name, rights in policy.items() if not name.endswith('/logger')}
+    with pytest.raises(ConfigError, match='no enclave /plc_inspect/logger'):
+        Keyring(folder, last).renew()
+    register = Keyring(folder, policy).load()
+    for name, member in register.members.items():
+        certificate = x509.load_pem_x509_certificate((folder / name / 'member.crt').read_bytes())
+        assert certificate.serial_number in (member.serial, *member.older)
 
 
 @pytest.mark.parametrize(('arguments', 'message'), [

@@ -23,6 +23,7 @@ from plc_inspect.security.authority import issue, load_credential
 from plc_inspect.security.graph_profile import Place
 from plc_inspect.security.keyring import Keyring
 from plc_inspect.security.policy import read_policy
+from plc_inspect.security.strangers import MOST_STRANGERS
 from plc_inspect.security.tunnel import _take, make_context, MOST_REASONS, Tunnel
 
 ROOT = Path(__file__).parents[2]
@@ -197,6 +198,40 @@ def test_garbage_and_slow_talkers_are_cut_off(fleet, monkeypatch):
                 writer.close()
             assert rig.heard == b'hello'
             assert rig.tunnel.counts.refused >= 100
+
+    run(body())
+
+
+@pytest.mark.parametrize('address', ['127.0.0.1', '127.0.0.2'])
+def test_silent_strangers_keep_no_member_out(fleet, address):
+    async def body():
+        async with Rig(fleet / 'keys/vehicle') as rig:
+            silent = [await asyncio.open_connection(
+                '127.0.0.1', rig.place.port, local_addr=(address, 0)
+            ) for _ in range(3 * MOST_STRANGERS)]
+            began = time.monotonic()
+            assert await rig.ask(fleet / 'keys/ground') == b'hellohello'
+            assert time.monotonic() - began < 5.0
+            assert rig.tunnel.counts.accepted == 1
+            assert len(rig.tunnel._strangers) <= MOST_STRANGERS
+            for _, writer in silent:
+                writer.close()
+
+    run(body())
+
+
+def test_who_floods_ends_only_strangers_of_its_own(fleet):
+    async def body():
+        async with Rig(fleet / 'keys/vehicle') as rig:
+            reader, writer = await asyncio.open_connection('127.0.0.1', rig.place.port)
+            await asyncio.sleep(0.1)
+            others = [await asyncio.open_connection(
+                '127.0.0.1', rig.place.port, local_addr=('127.0.0.2', 0)
+            ) for _ in range(3 * MOST_STRANGERS)]
+            with pytest.raises(TimeoutError):  # it is still waited for
+                await asyncio.wait_for(reader.read(1), 0.5)
+            for link in (writer, *(other for _, other in others)):
+                link.close()
 
     run(body())
 

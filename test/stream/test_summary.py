@@ -226,3 +226,13 @@ def test_a_row_without_position_is_refused(table, axis):
     number = getattr(tables, table)[f'{table[:-1]}_id'][-1]
     with pytest.raises(DataError, match=f'{table[:-1]} {number} has no position'):
         read_summary(Source().summary(1.0, keyframe=True, tables=tables))
+
+
+def test_lines_of_large_numbers_are_not_named_at_supports():
+    support = Support(
+        support_id=1, kind='tower', line_ids=(7, 32_767, 32_768, 100_000),
+        position=np.zeros(3), height=20.0,
+    )
+    (row,) = make_tables([], [support], []).supports
+    assert row['lines'].tolist()[:3] == [7, 32_767, -1]
+    assert row['num_lines'] == 4

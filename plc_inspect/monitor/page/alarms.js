@@ -15,6 +15,8 @@ export class Alarms {
     this.open = [];
     this.counts = {critical: 0, warning: 0};
     this.elsewhere = 0;
+    this.rings = false; // another vehicle has an alarm that stands and nobody has seen
+    this.ringing = false;
     this.silent = false; // a replay rings no bell
     this.audio = null;
     this.bar = document.getElementById('alarms');
@@ -31,8 +33,8 @@ export class Alarms {
     document.getElementById('as-other').onclick = () => this.keepName('');
     this.keepName(localStorage.getItem('name'));
     this.dialog.addEventListener('close', () => this.dialog.returnValue === 'ok' && this.named());
-    // Browsers play nothing before the first press of anything.
-    for (const kind of ['pointerdown', 'keydown']) addEventListener(kind, () => this.wake(), {once: true});
+    // Browsers play nothing before the first press of anything, and may stop later, as after a call or a sleep.
+    for (const kind of ['pointerdown', 'keydown']) addEventListener(kind, () => this.plays() || this.wake());
     setInterval(() => this.beep(), BEEP_PERIOD);
     this.showSound();
   }
@@ -43,6 +45,7 @@ export class Alarms {
 
   show(open) {
     this.open = open;
+    this.ring();
     this.redraw();
   }
 
@@ -125,7 +128,7 @@ export class Alarms {
 
   acknowledge(numbers) {
     if (!numbers.length || !this.getMe().acknowledges) return;
-    this.wanted = numbers;
+    this.wanted = {numbers, life: this.getMe().life}; // of another run of the monitor they are of other things
     const name = localStorage.getItem('name');
     if (name) return this.send(name);
     this.dialog.returnValue = '';
@@ -154,11 +157,11 @@ export class Alarms {
     try {
       const answer = await fetch('/acknowledge', {
         method: 'POST', headers: {'Content-Type': 'application/json'},
-        body: JSON.stringify({vehicle: this.getMe().vehicle, numbers: this.wanted, who}),
+        body: JSON.stringify({vehicle: this.getMe().vehicle, ...this.wanted, who}),
       });
       if (answer.ok) return;
       problem = await answer.text();
-      this.keepName('');
+      if (answer.status === 400) this.keepName('');
     } catch {
       problem = 'the monitor does not answer';
     }
@@ -173,18 +176,33 @@ export class Alarms {
   }
 
   wake() {
-    this.audio ??= new AudioContext();
+    if (!this.audio) {
+      this.audio = new AudioContext();
+      this.audio.onstatechange = () => this.showSound();
+    }
     this.audio.resume().then(() => this.showSound());
+  }
+
+  plays() {
+    return this.audio?.state === 'running';
   }
 
   showSound() {
     const button = document.getElementById('sound');
     button.setAttribute('aria-pressed', String(!this.muted));
-    button.textContent = this.muted ? 'Sound off' : this.audio ? 'Sound on' : 'Sound: press once';
+    button.textContent = this.muted ? 'Sound off' : this.plays() ? 'Sound on' : 'Sound: press once';
+  }
+
+  // The first tone comes with the alarm: browsers slow the timers of hidden pages down, to one call a minute.
+  ring() {
+    const before = this.ringing;
+    this.ringing = this.rings || this.open.some(item => item.state === 'new');
+    if (this.ringing && !before) this.beep();
   }
 
   beep() {
-    if (this.muted || this.silent || !this.audio || !this.elsewhere && !this.open.some(item => item.state === 'new')) return;
+    if (this.muted || this.silent || !this.audio || !this.ringing) return;
+    if (!this.plays()) return this.wake();
     const now = this.audio.currentTime;
     [880, 660].forEach((pitch, k) => {
       const tone = this.audio.createOscillator(), gain = this.audio.createGain();

@@ -15,13 +15,14 @@ const $ = id => document.getElementById(id);
 const asked = new URLSearchParams(location.search).get('vehicle');
 let me = {vehicle: asked ?? '', acknowledges: false};
 let state = null, heard = 0;
+let ahead = 0; // of the monitor's clock, by which all times are told, over that of this device [s]
 const newest = {}; // versions of the parts
 
 const scene = {now: null}; // the picture, once it is there
 const draw = (name, ...given) => scene.now?.[name](...given);
 const tables = new Tables(place => draw('goTo', place), () => me);
 const alarms = new Alarms(item => tables.chooseHazard(item.hazard) || draw('goTo', item.place), () => me);
-const blocks = []; // points that came before the picture
+let blocks = []; // points that came before the picture; null where none can be drawn
 const rows = {
   hazards: new Rows(items => { draw('showHazards', items); tables.showHazards(items); }),
   spans: new Rows(items => {
@@ -63,6 +64,7 @@ const parts = {
   },
   state(value) {
     state = value;
+    ahead = value.wall - Date.now() / 1000;
     alarms.count(value.counts);
     showState(value.tone, value.text, alarms);
     $('refused').textContent = value.refused && `(${value.refused})`;
@@ -111,6 +113,7 @@ async function startPicture() {
     const {Scene} = await import('./scene.js');
     scene.now = new Scene($('canvas'), id => tables.chooseHazard(id, false));
   } catch (error) {
+    blocks = null;
     $('no-picture').hidden = false;
     $('no-picture').textContent = `No 3D picture on this device (${error.message}). State, alarms and tables are not affected.`;
     return;
@@ -140,7 +143,10 @@ function showInstruments({near, height, heading, old}) {
 // One button for each vehicle, where there are several; the alarms of others are heard here too.
 function showFleet(rows) {
   $('fleet').hidden = rows.length < 2 && rows[0]?.name === me.vehicle;
-  alarms.elsewhere = rows.filter(row => row.name !== me.vehicle).reduce((sum, row) => sum + row.unseen, 0);
+  const others = rows.filter(row => row.name !== me.vehicle);
+  alarms.elsewhere = others.reduce((sum, row) => sum + row.unseen, 0);
+  alarms.rings = others.some(row => row.new); // as here, one that cleared unseen stays in sight, without a sound
+  alarms.ring();
   const text = JSON.stringify([rows, me.vehicle]);
   if (text === showFleet.drawn) return;
   showFleet.drawn = text;
@@ -173,7 +179,7 @@ function takeAll(data) {
   heard = performance.now();
   if (typeof data === 'string') take(data);
   else if (scene.now) scene.now.takeBlock(data);
-  else blocks.push(data);
+  else blocks?.push(data);
 }
 
 // Open a connection; the worker opens it again whenever it ends.
@@ -184,7 +190,7 @@ function connect(query, receive) {
 
 // Where nothing replaces what is shown, it says so by itself.
 setInterval(() => {
-  $('now').textContent = clock(Date.now() / 1000);
+  $('now').textContent = clock(Date.now() / 1000 + ahead);
   const silence = performance.now() - heard;
   if (heard && silence < FROZEN) return;
   document.body.classList.add('old');
@@ -233,6 +239,6 @@ addEventListener('keydown', event => {
   act();
 });
 
-globalThis.station = {get scene() { return scene.now; }, tables, alarms};
+globalThis.station = {get scene() { return scene.now; }, get waiting() { return blocks?.length; }, tables, alarms};
 connect(asked ? `vehicle=${encodeURIComponent(asked)}` : '', takeAll);
 startPicture();

@@ -31,6 +31,11 @@ A hazard of the same number this near to where it was is the same after a restar
 so is what stands that near to where the vehicle was too near before [m].
 Source: judgement: the place of a hazard moves within a tree as more of it is seen.
 """
+MOST_PLACES = 20
+"""
+Most places at which an acknowledged alarm is known to go on [count].
+Source: judgement: more things than stand within a keep-out distance of some metres.
+"""
 BEGAN_ANEW = 'the node began anew: it may still be there'
 
 
@@ -44,6 +49,8 @@ class Cause:
     """Position [m]."""
     hazard_id: int = -1
     """-1 for the keep-out."""
+    kind: str = ''
+    """Kind of the hazard, '' for the keep-out."""
     distance: float = math.nan
     """Distance [m]."""
     fixed: bool = True
@@ -72,6 +79,8 @@ class Alarm:
     who: str = ''
     worst: Cause | None = None
     """The cause when it was nearest."""
+    places: tuple[Place, ...] = ()
+    """Where other things stand that were too near since, and that somebody has acknowledged."""
 
     @property
     def text(self) -> str:
@@ -162,16 +171,24 @@ class AlarmBook:
         raised = []
         for key, cause in causes.items():
             old = self._open.get(self._numbers.get(key, 0)) or self._find_again(key, cause)
+            places: tuple[Place, ...] = ()
+            if old is not None and old.stands and old.seen:
+                places = _list_others(old, cause)
+                if len(places) > len(old.places):  # nobody has seen this one
+                    self._put(replace(old, cleared=now, reason='another one is nearer'))
+                    old = None
             if old is not None and not (old.stands or old.unsure or _is_one(old.cause, cause)):
                 old = None
             if old is None:
                 self._count += 1
                 self._put(Alarm(
-                    number=self._count, key=key, cause=cause, raised=now, worst=cause
+                    number=self._count, key=key, cause=cause, raised=now, worst=cause,
+                    places=places[-MOST_PLACES:],
                 ))
             elif old.stands or old.unsure:
                 self._put(replace(
-                    old, cause=cause, cleared=math.nan, reason='', worst=_find_worse(old, cause)
+                    old, cause=cause, cleared=math.nan, reason='', worst=_find_worse(old, cause),
+                    places=places or old.places,
                 ))
             else:  # nobody had seen the one before: they are one
                 self._put(replace(
@@ -222,7 +239,7 @@ class AlarmBook:
     def _find_again(self, key: str, cause: Cause) -> Alarm | None:
         """Return the alarm of the run before that a cause goes on with, and take it up again."""
         before = self._before.get(key)
-        if before is None or not _is_near(before.cause, cause):
+        if before is None or before.cause.kind != cause.kind or not _is_near(before.cause, cause):
             return None
         del self._before[key]
         for item in self._open.values():
@@ -253,6 +270,23 @@ class AlarmBook:
 def _is_one(before: Cause, now: Cause) -> bool:
     """Return whether a cause that comes back in the same run is the one that had cleared."""
     return now.hazard_id >= 0 or not now.fixed or _is_near(before, now)
+
+
+def _list_others(alarm: Alarm, cause: Cause) -> tuple[Place, ...]:
+    """
+    Return the acknowledged places of an alarm that stands but that of its cause now.
+
+    They are one more than before where that is another thing than all of them.
+    """
+    here, there = alarm.cause.place, cause.place
+    if _is_one(alarm.cause, cause) or here is None or there is None:
+        return alarm.places
+    places = (*alarm.places, here)
+    apart = [math.dist(place, there) for place in places]
+    nearest = apart.index(min(apart))
+    if apart[nearest] > SAME_PLACE:
+        return places
+    return (*places[:nearest], *places[nearest + 1:])
 
 
 def _is_near(before: Cause, now: Cause) -> bool:

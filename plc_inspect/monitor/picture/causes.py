@@ -11,7 +11,7 @@ from types import MappingProxyType
 from plc_inspect.core.live.proximity import Level, Thing
 from plc_inspect.monitor.picture.alarms import Cause
 from plc_inspect.monitor.picture.cloud_store import CloudStore
-from plc_inspect.monitor.picture.names import find_foot, name_conductor, name_stretches
+from plc_inspect.monitor.picture.names import name_conductor
 from plc_inspect.monitor.picture.picture import HazardItem, Place, SpanItem, SupportItem
 from plc_inspect.results import Severity
 from plc_inspect.stream.nearness import Nearness
@@ -46,16 +46,14 @@ Source: judgement: one that is wrong changes little.
 
 
 def list_causes(
-    hazards: Sequence[HazardItem], spans: Sequence[SpanItem], supports: Sequence[SupportItem],
-    status: Status,
+    hazards: Sequence[HazardItem], stretches: Mapping[tuple[int, int], str], status: Status
 ) -> dict[str, Cause]:
-    """Return the present causes of alarms, by key."""
-    stretches = name_stretches(spans, supports)
+    """Return the present causes of alarms, by key; with names of spans by line and span."""
     held = '; held back, as told last' if status.held else ''
     causes = {
         f'hazard {item.hazard_id}': Cause(
             text=describe_hazard(item, stretches) + held, place=item.position,
-            hazard_id=item.hazard_id,
+            hazard_id=item.hazard_id, kind=item.kind,
         )
         for item in hazards if item.severity >= Severity.CRITICAL
     }
@@ -130,9 +128,11 @@ def name_thing(thing: Thing) -> str:
     return {Thing.SUPPORT: 'structure'}.get(thing, thing.name.lower())
 
 
-def list_ground(span: SpanItem, supports: Sequence[SupportItem]) -> list[Place]:
-    """Return known points of the ground below a span [m]: at its structures, and below it."""
-    places = [find_foot(end, supports) for end in (span.start, span.end)]
+def list_ground(
+    span: SpanItem, structures: Sequence[SupportItem | None] = (None, None)
+) -> list[Place]:
+    """Return known points of the ground below a span [m]: at its two structures, and below it."""
+    places = [None if item is None else item.position for item in structures]
     x, y, z = span.lowest
     below = [] if math.isnan(span.ground_clearance) else [(x, y, z - span.ground_clearance)]
     first, last = ([place] if place else [] for place in places)
@@ -156,7 +156,7 @@ def find_height(
     if not math.isnan(ground):
         return z - ground
     known = [item.position for item in supports if item.kind != 'unseen']
-    known += [place for span in spans for place in list_ground(span, ())]
+    known += [place for span in spans for place in list_ground(span)]
     near = sorted((apart, place[2]) for place in known
                   if (apart := math.dist(place[:2], (x, y))) <= FEET_REACH)[:MOST_FEET]
     if len(near) < LEAST_FEET:

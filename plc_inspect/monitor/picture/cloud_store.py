@@ -3,6 +3,7 @@
 
 """The thinned corridor as far as the monitor has received it."""
 
+from collections.abc import Sequence
 import math
 
 import numpy as np
@@ -95,6 +96,14 @@ class CloudStore:
         """Return all cells."""
         return _join([self.assemble(home) for home in self.list_homes()])
 
+    def assemble_near(self, low: Sequence[float], high: Sequence[float]) -> CellArrays:
+        """Return all cells of the blocks that lie in part between two corners in plan [m]."""
+        size = SIDE * COARSENESS * self._fine
+        return _join([
+            self.assemble(home) for home in self.list_homes()
+            if all(home[k] * size <= high[k] and (home[k] + 1) * size >= low[k] for k in (0, 1))
+        ])
+
     def cut_out(self, start: Float64, end: Float64, width: float) -> CellArrays:
         """
         Return the cells beside a segment.
@@ -111,14 +120,10 @@ class CloudStore:
         CellArrays
 
         """
-        size = SIDE * COARSENESS * self._fine
-        low = np.minimum(start[:2], end[:2]) - width
-        high = np.maximum(start[:2], end[:2]) + width
-        near = [
-            home for home in self.list_homes()
-            if all(home[k] * size <= high[k] and (home[k] + 1) * size >= low[k] for k in (0, 1))
-        ]
-        points, kind, clearance, edge = _join([self.assemble(home) for home in near])
+        points, kind, clearance, edge = self.assemble_near(
+            (np.minimum(start[:2], end[:2]) - width).tolist(),
+            (np.maximum(start[:2], end[:2]) + width).tolist(),
+        )
         unit = (end - start)[:2] / max(float(np.linalg.norm((end - start)[:2])), 1e-9)
         apart = points[:, :2] - start[:2]
         along, across = apart @ unit, apart[:, 1] * unit[0] - apart[:, 0] * unit[1]

@@ -87,6 +87,7 @@ class Monitor:
         self._moved, self._flown = math.nan, 0.0
         self._wishes = Wishes()
         self._items: Items = ((), (), ())
+        self._stretches: dict[tuple[int, int], str] = {}
         self._outdated = False
         """Rows came again since the items were made of them."""
 
@@ -148,9 +149,8 @@ class Monitor:
         with suppress(DataError):
             message = read_summary(data)
             if self._admission.is_ahead(message.frame, data):
-                spans, supports, _ = self._items
                 hazards = list(map(make_hazard, message.tables.hazards))
-                causes = list_causes(hazards, spans, supports, message.status)
+                causes = list_causes(hazards, self._stretches, message.status)
                 self._ahead.take(message.frame.sequence, causes)
                 self._raise_alarms(now)
 
@@ -278,7 +278,7 @@ class Monitor:
             self._cloud_session, self._last_cloud, self._behind = None, math.nan, None
         self._session = session
         self._status = Status()
-        self._items = ((), (), ())
+        self._items, self._stretches = ((), (), ()), {}
         self._track.clear()
         self._moved, self._flown = now, 0.0
         self._causes = {}
@@ -295,13 +295,13 @@ class Monitor:
         old, self._status = self._status, message.status
         if changed or self._outdated or old.held != self._status.held:
             self._rebuild()
-        spans, supports, hazards = self._items
+        hazards = self._items[2]
         for level, text in list_news(
-            before, hazards, name_stretches(spans, supports), was_held=old.held,
+            before, hazards, self._stretches, was_held=old.held,
             held=self._status.held, kept=math.isnan(message.status.tick_uptime),
         ):
             self._tell(now, level, text)
-        self._causes = list_causes(hazards, spans, supports, self._status)
+        self._causes = list_causes(hazards, self._stretches, self._status)
         self._ahead.reach(message.frame.sequence)
         self._raise_alarms(now)
         self._tell_health(old, now)
@@ -343,6 +343,7 @@ class Monitor:
 
     def _rebuild(self) -> None:
         self._items = list_items(self._rows, self._items[2], held=self._status.held)
+        self._stretches = name_stretches(*self._items[:2])
         self._outdated = False
 
     def _tell_health(self, old: Status, now: float) -> None:

@@ -4,9 +4,11 @@
 """Names as a field crew uses them: structures, the spans between them, and conductors."""
 
 from collections.abc import Sequence
-import math
+
+import numpy as np
 
 from plc_inspect.monitor.picture.picture import Place, SpanItem, SupportItem
+from plc_inspect.results import Float64
 
 REACH = 12.0
 """
@@ -38,35 +40,42 @@ def name_stretch(span: SpanItem, supports: Sequence[SupportItem]) -> str:
         not seen yet, and if both ends are unknown, the number of the span is used.
 
     """
-    ends = [
-        '?' if unseen else _find_structure(place, supports)
-        for place, unseen in ((span.start, span.open_start), (span.end, span.open_end))
-    ]
-    if ends == ['?', '?']:
-        return f'span {span.span_id}'
-    return f'structure {ends[0]} to {ends[1]}'
+    return name_stretches([span], supports)[span.key]
 
 
 def name_stretches(
     spans: Sequence[SpanItem], supports: Sequence[SupportItem]
 ) -> dict[tuple[int, int], str]:
     """Return the names of spans by line and span."""
-    return {item.key: name_stretch(item, supports) for item in spans}
+    names = {}
+    for span, found in zip(spans, find_structures(spans, supports), strict=True):
+        ends = [
+            '?' if unseen or item is None else str(item.support_id)
+            for item, unseen in zip(found, (span.open_start, span.open_end), strict=True)
+        ]
+        names[span.key] = f'span {span.span_id}' if ends == ['?', '?'] else (
+            f'structure {ends[0]} to {ends[1]}'
+        )
+    return names
 
 
-def find_foot(place: Place, supports: Sequence[SupportItem]) -> Place | None:
-    """Return the foot of the structure at a point of a conductor, None unknown."""
-    found = _find(place, supports)
-    return None if found is None else found.position
+def find_structures(
+    spans: Sequence[SpanItem], supports: Sequence[SupportItem]
+) -> list[tuple[SupportItem | None, SupportItem | None]]:
+    """Return the structures at start and end of each span, None unknown."""
+    if not supports:
+        return [(None, None) for _ in spans]
+    feet = np.array([item.position[:2] for item in supports])
+    result = []
+    for span in spans:
+        first, last = (_find(place, feet) for place in (span.start, span.end))
+        result.append((
+            None if first is None else supports[first], None if last is None else supports[last]
+        ))
+    return result
 
 
-def _find_structure(place: Place, supports: Sequence[SupportItem]) -> str:
-    found = _find(place, supports)
-    return '?' if found is None else str(found.support_id)
-
-
-def _find(place: Place, supports: Sequence[SupportItem]) -> SupportItem | None:
-    nearest = min(supports, key=lambda item: math.dist(item.position[:2], place[:2]), default=None)
-    if nearest is None or math.dist(nearest.position[:2], place[:2]) > REACH:
-        return None
-    return nearest
+def _find(place: Place, feet: Float64) -> int | None:
+    apart = np.hypot(feet[:, 0] - place[0], feet[:, 1] - place[1])
+    nearest = int(apart.argmin())
+    return nearest if apart[nearest] <= REACH else None

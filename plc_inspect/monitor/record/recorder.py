@@ -9,6 +9,7 @@ corridor about the vehicle and diagnostics.
 """
 
 from contextlib import suppress
+import copy
 from datetime import datetime, UTC
 import json
 from pathlib import Path
@@ -45,7 +46,7 @@ _KINDS = {
 
 class Recorder:
     """
-    Records a monitor.
+    Records the monitor of one vehicle; several may share a file.
 
     Parameters
     ----------
@@ -68,9 +69,19 @@ class Recorder:
         self._name = node_name.rstrip('/')
         self._maker = MessageMaker()
         self._flushed = time.monotonic()
+        # a clock of the ground that is set back meanwhile must not mix up the order of messages
+        self._origin = time.time_ns() - time.monotonic_ns()
         self._corridor_at = -CORRIDOR_PERIOD
         self._seen: tuple[object, ...] = ()
         self._cells = -1
+        self._faults: list[OSError] = []
+        """Why the file ended before its time; shared by all that write to it."""
+
+    def beside(self, node_name: str) -> 'Recorder':
+        """Return a recorder of another node for the same file."""
+        other = copy.copy(self)
+        other._name, other._seen, other._cells = node_name.rstrip('/'), (), -1
+        return other
 
     def __enter__(self) -> 'Recorder':
         """Return the recorder."""
@@ -117,8 +128,9 @@ class Recorder:
             self._flushed = now
             self._file.flush()
 
-    def abandon(self) -> None:
+    def abandon(self, error: OSError) -> None:
         """End the file with what was written, as it cannot be written any more."""
+        self._faults.append(error)
         with suppress(OSError):
             self._file.abandon()
 
@@ -139,15 +151,22 @@ class Recorder:
             self._write('/diagnostics', self._make_diagnostics(header, picture))
 
     def _write(self, topic: str, message: Any) -> None:
+        if self._faults:
+            raise self._faults[0]
         kind = _KINDS[topic]
         name = topic if topic.startswith('/') else f'{self._name}/{topic}'
         channel = self._file.add_channel(name, kind, self._maker.define(kind))
-        self._file.write(channel, time.time_ns(), self._maker.serialize(message, kind))
+        now = self._origin + time.monotonic_ns()
+        self._file.write(channel, now, self._maker.serialize(message, kind))
 
     def _make_corridor(self, picture: Picture, cloud: CloudStore) -> Any:
-        points, kind, clearance, _ = cloud.assemble_all()
-        if picture.vehicle is not None:
-            near = np.hypot(*(points[:, :2] - np.array(picture.vehicle[:2])).T) <= REACH
+        if picture.vehicle is None:
+            points, kind, clearance, _ = cloud.assemble_all()
+        else:
+            x, y, _ = picture.vehicle
+            points, kind, clearance, _ = cloud.assemble_near((x - REACH, y - REACH),
+                                                             (x + REACH, y + REACH))
+            near = np.hypot(points[:, 0] - x, points[:, 1] - y) <= REACH
             points, kind, clearance = points[near], kind[near], clearance[near]
         rows = make_corridor(
             points, classification=kind, clearance=clearance, line_id=-1, span_id=-1

@@ -7,10 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 import json
 from pathlib import Path
-import struct
 from typing import Any
 
-from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader
 import numpy as np
 from rosbags.typesys import get_typestore, Stores
@@ -87,7 +85,7 @@ class Tape:
         return self.entries[-1].time
 
 
-def read_tape(path: Path) -> Tape:
+def read_tape(path: Path, node: str = '') -> Tape:
     """
     Read a record of ``plc_monitor --record``, or a results folder.
 
@@ -95,6 +93,8 @@ def read_tape(path: Path) -> Tape:
     ----------
     path : Path
         MCAP file, or folder.
+    node : str
+        Vehicle of a record, by the name of its node; '' for the only one.
 
     Returns
     -------
@@ -103,7 +103,7 @@ def read_tape(path: Path) -> Tape:
     Raises
     ------
     DataError
-        It is neither, or damaged before its first summary.
+        It is neither, or damaged before its first summary, or holds not that vehicle, or several.
 
     """
     if path.is_dir() and path.suffix == SUFFIX:
@@ -111,16 +111,21 @@ def read_tape(path: Path) -> Tape:
             f'{path} is the flight record of a node: "plc_recover {path} -o OUT" makes a results '
             'folder of it, which can be opened'
         )
-    return _read_folder(path) if path.is_dir() else _read_record(path)
+    if path.is_dir() and node:
+        raise DataError(f'{path} is a results folder: --node is for records of plc_monitor')
+    return _read_folder(path) if path.is_dir() else _read_record(path, node.rstrip('/'))
 
 
-def _read_record(path: Path) -> Tape:
+def _read_record(path: Path, node: str) -> Tape:
     found: list[tuple[int, str, str, bytes]] = []
+    note = ''
     store = get_typestore(Stores.ROS2_JAZZY)
     kinds = {SUMMARY_TAIL: 'summary', CLOUD_TAIL: 'cloud', SEEN_TAIL: 'seen'}
     try:
         with path.open('rb') as stream:
-            for schema, channel, message in NonSeekingReader(stream).iter_messages():
+            for schema, channel, message in NonSeekingReader(stream).iter_messages(
+                log_time_order=False  # what comes before damage is read
+            ):
                 tail = '/' + channel.topic.rpartition('/')[2]
                 if tail not in kinds or schema is None:
                     continue
@@ -128,14 +133,20 @@ def _read_record(path: Path) -> Tape:
                 value = message_found.data
                 data = value.encode() if isinstance(value, str) else value.tobytes()
                 found.append((message.log_time, kinds[tail], channel.topic, data))
-    except (OSError, McapError, KeyError, ValueError, struct.error) as error:
-        raise DataError(f'{path} cannot be read: {make_one_line(error)}') from error
-    names = [topic.removesuffix(SUMMARY_TAIL) for _, kind, topic, _ in found if kind == 'summary']
+    except Exception as error:  # mcap and rosbags pass errors of struct, zstd and others on
+        if not any(kind == 'summary' for _, kind, _, _ in found):
+            raise DataError(f'{path} cannot be read: {make_one_line(error)}') from error
+        note = 'the file is damaged: what comes behind is missing'
+    names = sorted({topic.rpartition('/')[0] for _, kind, topic, _ in found if kind == 'summary'})
     if not names:
         raise DataError(f'{path} holds no {SUMMARY_TAIL[1:]}: it is not a record of plc_monitor')
+    if node not in names and (node or len(names) > 1):
+        raise DataError(f'{path} is to be opened with --node {" or --node ".join(names)}')
+    node = node or names[0]
+    found = [item for item in found if item[2].rpartition('/')[0] == node]
     found.sort(key=lambda item: item[0])
     first = found[0][0]
-    return Tape(name=names[0], start=first * 1e-9, entries=tuple(
+    return Tape(name=node, start=first * 1e-9, note=note, entries=tuple(
         Entry(time=(stamp - first) * 1e-9, kind=kind, data=data) for stamp, kind, _, data in found
     ))
 

@@ -9,7 +9,6 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 import enum
 import hmac
-import ipaddress
 import os
 from pathlib import Path
 import secrets
@@ -17,6 +16,7 @@ import stat
 import time
 
 from plc_inspect.errors import ConfigError
+from plc_inspect.security.strangers import name_network
 
 SHORTEST_TOKEN = 8
 MOST_TOKEN_FILE = 4096
@@ -28,8 +28,6 @@ random letters and digits (36**8 / 2 tries of 5 s) take one address two hundred 
 """
 MOST_PEERS = 1000
 """Most addresses with wrong tokens that are remembered."""
-NETWORK = 64
-"""Prefix bits of an IPv6 address, which its host cannot choose (RFC 4291, 2.5.4)."""
 
 
 class Role(enum.Enum):
@@ -64,12 +62,18 @@ class Tokens:
         """Return the role of a token; compares all tokens in constant time."""
         found = None
         for role, token in self.by_role.items():
-            if hmac.compare_digest(shown.encode(), token.encode()):
+            if compare(shown, token):
                 found = role
         return found
 
 
 NO_TOKENS = Tokens({})
+
+
+def compare(shown: str, secret: str) -> bool:
+    """Return in constant time whether a text, which may stand for any bytes, is a secret."""
+    one, other = (text.encode('utf-8', 'surrogateescape') for text in (shown, secret))
+    return hmac.compare_digest(one, other)
 
 
 def make_tokens() -> Tokens:
@@ -148,11 +152,11 @@ class Penalties:
 
     def wait_of(self, peer: str) -> float:
         """Return the remaining wait of an address [s]."""
-        return max(0.0, self._peers.get(_name_peer(peer), (0, 0.0))[1] - time.monotonic())
+        return max(0.0, self._peers.get(name_network(peer), (0, 0.0))[1] - time.monotonic())
 
     def note_wrong(self, peer: str) -> None:
         """Note a wrong token of an address."""
-        peer = _name_peer(peer)
+        peer = name_network(peer)
         count = self._peers.pop(peer, (0, 0.0))[0]
         wait = min(PENALTY * 2.0 ** min(count, 10), MOST_PENALTY)
         self._peers[peer] = count + 1, time.monotonic() + wait
@@ -161,17 +165,4 @@ class Penalties:
 
     def note_right(self, peer: str) -> None:
         """Reset the penalty of an address."""
-        self._peers.pop(_name_peer(peer), None)
-
-
-def _name_peer(peer: str) -> str:
-    """Return the network of an IPv6 address, and anything else as it is."""
-    try:
-        address = ipaddress.ip_address(peer.partition('%')[0])
-    except ValueError:
-        return peer
-    if isinstance(address, ipaddress.IPv4Address):
-        return peer
-    if address.ipv4_mapped is not None:
-        return str(address.ipv4_mapped)
-    return str(ipaddress.ip_network((address, NETWORK), strict=False))
+        self._peers.pop(name_network(peer), None)

@@ -12,7 +12,6 @@ import asyncio
 from collections.abc import Awaitable, Callable
 import concurrent.futures
 import contextlib
-import hmac
 import ipaddress
 import secrets
 import ssl
@@ -23,6 +22,7 @@ from aiohttp import web
 
 from plc_inspect.errors import ConfigError
 from plc_inspect.monitor.web.access import (
+    compare,
     NO_TOKENS,
     Penalties,
     Role,
@@ -32,6 +32,7 @@ from plc_inspect.monitor.web.access import (
 )
 from plc_inspect.monitor.web.site import Site
 from plc_inspect.monitor.web.template import render
+from plc_inspect.security.strangers import Strangers
 
 COOKIE = 'plc_monitor'
 MOST_BODY = 4096
@@ -51,6 +52,17 @@ POLICY = (
     "img-src 'self' data:; style-src 'self' 'nonce-{nonce}'; form-action 'self'; "
     "base-uri 'none'; frame-ancestors 'none'"
 )
+
+class _Doorbell(asyncio.Protocol):
+    """The first protocol of a connection, before anything is read from it."""
+
+    def __init__(self, ring: Callable[[asyncio.Transport], None]) -> None:
+        self._ring = ring
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        if isinstance(transport, asyncio.Transport):
+            self._ring(transport)
+
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
@@ -100,7 +112,11 @@ class Gate:
         self._site, self._tokens = site, tokens
         self._secrets = {role: secrets.token_urlsafe(32) for role in tokens.by_role}
         self._penalties = Penalties()
-        self._open: dict[object, bool] = {}
+        self._strangers = Strangers[asyncio.Transport]()
+        self._arrivals: dict[object, asyncio.Event] = {}
+        """Connections of browsers that have not yet shown that they may come in."""
+        self._receiving: set[asyncio.Task[None]] = set()
+        self._open: set[web.RequestHandler] = set()
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._run, name='plc_gate', daemon=True)
         self._thread.start()
@@ -116,6 +132,9 @@ class Gate:
         """Stop listening, and cut all connections."""
         async def end() -> None:
             self._server.close()
+            for task in self._receiving:
+                task.cancel()
+            await asyncio.gather(*self._receiving, return_exceptions=True)
             await self._runner.cleanup()
 
         with contextlib.suppress(concurrent.futures.TimeoutError):
@@ -140,8 +159,7 @@ class Gate:
         await self._runner.setup()
         try:
             self._server = await self._loop.create_server(
-                self._make_protocol, host, port, ssl=tls,
-                ssl_handshake_timeout=None if tls is None else TIMEOUT,
+                lambda: _Doorbell(lambda link: self._answer(link, tls)), host, port
             )
         except OSError:
             await self._runner.cleanup()
@@ -149,29 +167,54 @@ class Gate:
         number: int = self._server.sockets[0].getsockname()[1]
         return number
 
-    def _make_protocol(self) -> web.RequestHandler:
-        """Return the protocol of a connection, which is cut off if no request comes in time."""
+    def _answer(self, link: asyncio.Transport, tls: ssl.SSLContext | None) -> None:
+        """Take a connection; where too many strangers wait, one of them has to leave."""
+        link.pause_reading()
+        task = self._loop.create_task(self._receive(link, tls))
+        self._receiving.add(task)
+        task.add_done_callback(self._receiving.discard)
+        task.add_done_callback(lambda _: self._strangers.discard(link))
+        leaving = self._strangers.add(link, (link.get_extra_info('peername') or ('',))[0])
+        if leaving is not None:
+            leaving.abort()
+
+    async def _receive(self, link: asyncio.Transport, tls: ssl.SSLContext | None) -> None:
+        """Serve a connection, which is cut off if it may not come in within TIMEOUT."""
         server = self._runner.server
-        if server is None:
-            raise OSError('the page is closed')
-        protocol = server()
-        self._open = {
-            item: served for item, served in self._open.items()
-            if getattr(item, 'transport', None) is not None
-        }
+        if server is None or link.is_closing():  # the page is closed, or others came meanwhile
+            return link.abort()
+        protocol, known = server(), asyncio.Event()
+        self._arrivals[protocol] = known
+        transport: asyncio.Transport | None = link
+        try:
+            if tls is None:
+                link.set_protocol(protocol)
+            else:
+                transport = await self._loop.start_tls(
+                    link, protocol, tls, server_side=True, ssl_handshake_timeout=TIMEOUT
+                )
+            if transport is not None:
+                protocol.connection_made(transport)
+                link.resume_reading()
+                await asyncio.wait_for(known.wait(), TIMEOUT)
+        except (OSError, TimeoutError, asyncio.CancelledError):
+            link.abort()
+        finally:
+            del self._arrivals[protocol]
+        return None
 
-        def check() -> None:
-            if not self._open.get(protocol) and protocol.transport is not None:
-                protocol.transport.close()
-
-        self._loop.call_later(0.0 if len(self._open) >= MOST_CONNECTIONS else TIMEOUT, check)
-        self._open[protocol] = False
-        return protocol
+    def _let_stay(self, protocol: web.RequestHandler) -> None:
+        """Keep the connection of a browser that may come in."""
+        self._open = {item for item in self._open if item.transport is not None} | {protocol}
+        if len(self._open) > MOST_CONNECTIONS:
+            self._open.discard(protocol)
+            raise web.HTTPServiceUnavailable(reason=f'{MOST_CONNECTIONS} connections are open')
+        if protocol in self._arrivals:
+            self._arrivals[protocol].set()
 
     @web.middleware
     async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         """Middleware: refuse what may not pass, and add security headers to each answer."""
-        self._open[request.protocol] = True
         visit = Visit(nonce=secrets.token_urlsafe(16))
         VISIT.set(visit)
         try:
@@ -197,6 +240,8 @@ class Gate:
             wait = self._penalties.wait_of(request.remote or '')
             message = 'Token?' if not wait else 'Wait a little.'
             return _ask_for_token(message)
+        if role is not None:
+            self._let_stay(request.protocol)
         return await handler(request)
 
     def _is_meant_for_us(self, request: web.Request) -> bool:
@@ -218,9 +263,9 @@ class Gate:
         """Return the role of a browser from its cookie or header, None without access."""
         if not self._tokens.by_role:
             return Role.ACKNOWLEDGE
-        own = request.cookies.get(COOKIE, '').encode()
+        own = request.cookies.get(COOKIE, '')
         for role, secret in self._secrets.items():
-            if hmac.compare_digest(own, secret.encode()):
+            if compare(own, secret):
                 return role
         word, _, shown = request.headers.get('Authorization', '').partition(' ')
         return self._try_token(request, shown) if word == 'Bearer' and shown else None

@@ -63,7 +63,8 @@ class Hub:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._life = secrets.randbits(32)
+        self.life = secrets.randbits(32)
+        """Random number of this run of the monitor, in which numbers of alarms hold."""
         self._version = 0
         self._parts: dict[str, tuple[int, str]] = {}
         self._rows: dict[str, dict[str, tuple[int, str]]] = {}
@@ -125,7 +126,7 @@ class Hub:
             self._waiting.add(own)
         reader = asyncio.create_task(_read(socket, event, visitor.pace))
         try:
-            await socket.send_str(_pack(GREETING, _dump({**greeting, 'life': self._life}), 0))
+            await socket.send_str(_pack(GREETING, _dump({**greeting, 'life': self.life}), 0))
             while not socket.closed:
                 event.clear()
                 if alarms:

@@ -3,7 +3,7 @@
 
 """The page: the pictures of all vehicles, live in browsers."""
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 import dataclasses
 import ssl
 import threading
@@ -126,6 +126,17 @@ class Page:
         self._site.find_hub(vehicle).put(
             parts, self._find_rows(vehicle, picture), blocks, picture.vehicle
         )
+
+    def keep(self, vehicles: Container[str]) -> None:
+        """Show no vehicles but these any more."""
+        with self._lock:
+            gone = [name for name in self._shown if name not in vehicles]
+            for name in gone:
+                del self._shown[name]
+        for name in gone:
+            for known in (self._fleet, self._rows, self._tracks):
+                known.pop(name, None)
+            self._site.forget(name)
 
     def take_requests(self) -> list[Acknowledgement | Steering]:
         """Return the requests of browsers since the last call."""

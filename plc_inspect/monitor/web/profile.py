@@ -61,8 +61,8 @@ class Mark:
     x: float
     y: float
     severity: str
-    clearance: float
-    """[m]."""
+    clearance: float | None
+    """[m], None unknown."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,9 +139,7 @@ def lay_out_profile(span: SpanItem, hazards: Sequence[HazardItem], cells: CellAr
 
 
 def _lay_out_cells(span: SpanItem, points: Any, kind: Any, scale: _Scale) -> list[Layer]:
-    start = np.array(span.start)
-    unit = (np.array(span.end) - start)[:2] / max(span.length, 1e-9)
-    at = (points[:, :2] - start[:2]) @ unit
+    at = _measure_along(span, points)
     layers = []
     for name, color in CLASS_COLORS.items():
         chosen = np.flatnonzero(kind == name)
@@ -152,11 +150,21 @@ def _lay_out_cells(span: SpanItem, points: Any, kind: Any, scale: _Scale) -> lis
     return layers
 
 
+def _measure_along(span: SpanItem, points: Any) -> Any:
+    """Return how far along a span points (..., 3) lie [m]."""
+    start = np.array(span.start)
+    unit = (np.array(span.end) - start)[:2] / max(span.length, 1e-9)
+    return (np.asarray(points)[..., :2] - start[:2]) @ unit
+
+
 def _mark(item: HazardItem, span: SpanItem, scale: _Scale) -> Mark:
-    along = min(max(item.along_span, 0.0), span.length)
+    known = math.isfinite(item.along_span)
+    along = min(max(item.along_span if known else _measure_along(span, item.position), 0.0),
+                span.length)
     return Mark(
         x=float(scale.place_x(along)), y=float(scale.place_y(item.position[2])),
-        severity=item.severity_name, clearance=item.clearance,
+        severity=item.severity_name,
+        clearance=item.clearance if math.isfinite(item.clearance) else None,
     )
 
 

@@ -75,6 +75,10 @@ class Site:
         """Return the hub of a vehicle; it is made on the first call."""
         return self._hubs.setdefault(vehicle, Hub())
 
+    def forget(self, vehicle: str) -> None:
+        """Show a vehicle no more; browsers that follow it get nothing new."""
+        self._hubs.pop(vehicle, None)
+
     def add_routes(self, router: web.UrlDispatcher) -> None:
         """Register the routes."""
         router.add_get('/', self._show_page)
@@ -143,8 +147,11 @@ class Site:
                 reason=f'vehicle and who are names, who of 1 to {LONGEST_NAME} characters, '
                        'numbers are of alarms'
             )
-        if vehicle not in self._hubs:
+        hub = self._hubs.get(vehicle)
+        if hub is None:
             raise web.HTTPNotFound
+        if given.get('life', hub.life) != hub.life:  # a page from before: other alarms now
+            return web.Response(status=409, text='the monitor was started anew meanwhile')
         if len(self.requests) >= MOST_REQUESTS:
             raise web.HTTPServiceUnavailable
         self.requests.append(Acknowledgement(vehicle=vehicle, numbers=tuple(numbers), who=name))

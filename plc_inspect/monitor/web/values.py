@@ -3,7 +3,7 @@
 
 """The picture as the parts of the page: plain values under the names that the page uses."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 import math
 import time
 from typing import Any
@@ -12,7 +12,7 @@ from plc_inspect.core.live.proximity import Level, Thing
 from plc_inspect.monitor.picture.alarms import Alarm
 from plc_inspect.monitor.picture.causes import describe_nearness, list_ground, locate, name_thing
 from plc_inspect.monitor.picture.condition import Condition, judge
-from plc_inspect.monitor.picture.names import name_conductor, name_stretches
+from plc_inspect.monitor.picture.names import find_structures, name_conductor, name_stretches
 from plc_inspect.monitor.picture.picture import (
     format_age,
     HazardItem,
@@ -69,7 +69,7 @@ def make_parts(picture: Picture, name: str, wall: float) -> dict[str, Any]:
     """
     condition = judge(picture, name)
     return {
-        'state': _make_state(picture, condition, name),
+        'state': _make_state(picture, condition, name) | {'wall': round(wall + picture.time, 1)},
         'alarms': [_make_alarm(item, wall) for item in picture.alarms],
         'past': [_make_alarm(item, wall) for item in picture.past_alarms[:MOST_PAST]],
         'health': _make_health(picture),
@@ -83,9 +83,10 @@ def make_parts(picture: Picture, name: str, wall: float) -> dict[str, Any]:
 def make_rows(picture: Picture) -> Rows:
     """Return hazards, structures and spans, in the order in which they are sent."""
     stretches = name_stretches(picture.spans, picture.supports)
+    known = {item.support_id for item in picture.supports}
     return {
         'hazards': [
-            (str(item.hazard_id), _make_hazard(item, stretches, picture.supports))
+            (str(item.hazard_id), _make_hazard(item, stretches, known))
             for item in picture.hazards
         ],
         'supports': [
@@ -96,8 +97,10 @@ def make_rows(picture: Picture) -> Rows:
             for item in picture.supports
         ],
         'spans': [
-            (f'{item.line_id}/{item.span_id}', _make_span(item, stretches, picture.supports))
-            for item in picture.spans
+            (f'{item.line_id}/{item.span_id}', _make_span(item, stretches, structures))
+            for item, structures in zip(
+                picture.spans, find_structures(picture.spans, picture.supports), strict=True
+            )
         ],
     }
 
@@ -110,6 +113,7 @@ def make_fleet_row(name: str, picture: Picture) -> dict[str, Any]:
         'tone': condition.tone, 'text': condition.text.partition(':')[0],
         'critical': picture.count_severities()['critical'],
         'unseen': sum(not item.seen for item in picture.alarms),
+        'new': sum(item.state == 'new' for item in picture.alarms),
     }
 
 
@@ -128,6 +132,8 @@ def make_replay(state: Mapping[str, Any], replay: Replay) -> dict[str, Any]:
         }
     tone = 'notice' if state['tone'] == 'ok' else state['tone']
     text = f'replay: {state["text"].removeprefix("live: ")}'
+    if tape.note and replay.time >= tape.length:
+        text = f'replay: {tape.note}'
     return {
         'state': {**state, 'time': now, 'tone': tone, 'text': text},
         'clock': {
@@ -195,10 +201,10 @@ def _make_alarm(item: Alarm, wall: float) -> dict[str, Any]:
 
 
 def _make_hazard(
-    item: HazardItem, stretches: dict[tuple[int, int], str], supports: Sequence[SupportItem]
+    item: HazardItem, stretches: dict[tuple[int, int], str], supports: Container[int]
 ) -> dict[str, Any]:
     key = item.line_id, item.span_id
-    known = item.support_id in {support.support_id for support in supports}
+    known = item.support_id in supports
     return {
         'id': item.hazard_id, 'kind': item.kind, 'severity': item.severity_name,
         'clearance': _round(item.clearance), 'required': _round(item.required),
@@ -224,9 +230,10 @@ def _make_hazard(
 
 
 def _make_span(
-    item: SpanItem, stretches: dict[tuple[int, int], str], supports: Sequence[SupportItem]
+    item: SpanItem, stretches: dict[tuple[int, int], str],
+    structures: Sequence[SupportItem | None],
 ) -> dict[str, Any]:
-    ground = list_ground(item, supports)
+    ground = list_ground(item, structures)
     return {
         'key': f'{item.line_id}/{item.span_id}', 'stretch': stretches[item.key],
         'conductor': name_conductor(item.line_id), 'severity': name_severity(item.severity),

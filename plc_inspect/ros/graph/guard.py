@@ -5,6 +5,7 @@
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
+from plc_inspect.errors import ConfigError
 from plc_inspect.node_config import SecuritySettings
 from plc_inspect.security.exposure import Exposure, look_at_exposure, WARN_DAYS
 from plc_inspect.security.member_keys import find_keys
@@ -33,11 +34,17 @@ class Guard:
 
     def describe(self) -> DiagnosticStatus:
         """Return who may come in, and for how long the certificates hold."""
-        days = None if self._keys is None else self._keys.days_left()
-        return describe_security(self._exposure, days)
+        days, fault = None, ''
+        try:
+            days = None if self._keys is None else self._keys.days_left()
+        except ConfigError as error:  # they may be replaced just now: the flight goes on
+            fault = str(error)
+        return describe_security(self._exposure, days, fault)
 
 
-def describe_security(exposure: Exposure, days_left: int | None) -> DiagnosticStatus:
+def describe_security(
+    exposure: Exposure, days_left: int | None, fault: str = ''
+) -> DiagnosticStatus:
     """
     Describe who may come in.
 
@@ -47,6 +54,8 @@ def describe_security(exposure: Exposure, days_left: int | None) -> DiagnosticSt
         What was open when the node started.
     days_left : int or None
         For how long the certificates hold [d], None where there are none.
+    fault : str
+        Why the certificates cannot be read, '' if they can.
 
     Returns
     -------
@@ -56,6 +65,8 @@ def describe_security(exposure: Exposure, days_left: int | None) -> DiagnosticSt
     level, text = DiagnosticStatus.OK, exposure.describe()
     if exposure.open_doors and not exposure.sros2:
         level = DiagnosticStatus.WARN
+    if fault:
+        level, text = DiagnosticStatus.WARN, f'{fault}; {text}'
     if days_left is not None and days_left < WARN_DAYS:
         level = DiagnosticStatus.WARN
         ends = f'end in {days_left} days' if days_left >= 0 else 'have ended'
@@ -64,7 +75,9 @@ def describe_security(exposure: Exposure, days_left: int | None) -> DiagnosticSt
         'open': ', '.join(exposure.open_doors) or 'none',
         'TLS': ', '.join(f'{host}:{port}' for host, port in exposure.closed) or 'none',
         'DDS Security': exposure.sros2,
-        'certificates end in [d]': 'none' if days_left is None else days_left,
+        'certificates end in [d]': (
+            'unknown' if fault else 'none' if days_left is None else days_left
+        ),
     }
     return DiagnosticStatus(
         level=level, name='security', message=text,

@@ -23,7 +23,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from std_msgs.msg import UInt8MultiArray
 
-from plc_inspect.core.live.proximity import Level
+from plc_inspect.core.live.proximity import Level, Thing
 from plc_inspect.core.live.session import CORRIDOR_REACH, LiveState
 from plc_inspect.node_config import StreamSettings
 from plc_inspect.results import Float64, Severity
@@ -169,10 +169,8 @@ class Stream:
         self._tables = SummaryTables()
         self._vehicle: Float64 | None = None
         self._told = -math.inf
-        self._levels: list[Level] = []
+        self._levels: dict[Thing, Level] = {}
         self._listened = self._blank = False
-        self._alarms: frozenset[int] = frozenset()
-        self._again: frozenset[int] = frozenset()
         self._echoes: list[float] = []
         self._arrived: float | None = None
         self._begin()
@@ -192,6 +190,8 @@ class Stream:
     def _begin(self) -> None:
         """Begin a session, in which nothing was told yet."""
         settings = self._settings()
+        self._alarms: frozenset[int] = frozenset()
+        self._again: frozenset[int] = frozenset()
         self._writer = SummaryWriter(self._session)
         self._turn, self._turned = 0, False
         self._map = ThinMap(settings.voxel_size, CORRIDOR_REACH)
@@ -263,10 +263,11 @@ class Stream:
         now = self._now()
         self._status = replace(self._status, near=near, near_uptime=now, heading=heading)
         silence = now - self._told
-        levels = [item.level for item in near]
+        levels = {item.thing: item.level for item in near}
         changed = self._levels != levels and silence >= LEAST_SILENCE
         close = any(item.level >= Level.WARNING for item in near) and silence >= NEAR_PERIOD
-        if levels.count(Level.CRITICAL) > self._levels.count(Level.CRITICAL):
+        if any(level == Level.CRITICAL and self._levels.get(thing) != level
+               for thing, level in levels.items()):
             self._alarm(now)
         elif changed or close:
             self._tell(now)
@@ -293,7 +294,7 @@ class Stream:
         ))
         self._turn = (self._turn + self._turned) % TURNS
         self._told = now
-        self._levels = [item.level for item in self._status.near]
+        self._levels = {item.thing: item.level for item in self._status.near}
         self._publish(self._summary, data)
 
     def _on_match(self, info: QoSPublisherMatchedInfo) -> None:

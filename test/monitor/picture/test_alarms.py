@@ -140,6 +140,47 @@ def test_another_thing_that_is_too_near_is_another_alarm(fixed, away, numbers):
     assert max(item.times for item in book.open) == 3 - len(numbers)
 
 
+def test_an_acknowledged_keep_out_rings_anew_at_another_thing():
+    book = AlarmBook()
+
+    def come_near(x, now):
+        return [item.number for item in book.update({'keep-out obstacle': Cause(
+            text=f'a tree at {x}', distance=6.0, place=(x, 0.0, 0.0)
+        )}, now)]
+
+    assert come_near(0.0, 1.0) == [1]
+    assert come_near(20.0, 2.0) == []  # nobody has seen either: one bell rings for both
+    book.acknowledge([1], 'crew', 3.0)
+    for k in range(10):  # along a hedge
+        assert come_near(20.0 + 4.0 * k, 4.0) == []
+    assert come_near(80.0, 5.0) == [2]
+    assert [(item.number, item.state) for item in book.open] == [(2, 'new')]
+    (past,) = book.past
+    assert (past.number, past.who, past.reason) == (1, 'crew', 'another one is nearer')
+    book.acknowledge([2], 'crew', 6.0)
+    for k in range(10):  # between both, whichever is nearer now
+        assert come_near((80.0, 56.0)[k % 2], 7.0) == []
+    assert come_near(110.0, 8.0) == [3]
+    assert come_near(80.0, 9.0) == []  # it rings
+    book.update({}, 10.0)
+    assert come_near(80.0, 11.0) == [3]  # nobody had seen it: the same again
+    book.acknowledge([3], 'crew', 12.0)
+    book.update({}, 13.0)
+    assert come_near(80.0, 14.0) == [4]
+    book.acknowledge([4], 'crew', 15.0)
+    assert come_near(56.0, 16.0) == [5]  # what was acknowledged holds until it clears
+
+
+def test_another_kind_of_hazard_takes_no_acknowledgement_with_the_number():
+    book = AlarmBook()
+    book.update({'hazard 7': replace(TREE, kind='vegetation')}, 1.0)
+    book.acknowledge([1], 'crew', 1.5)
+    book.begin_anew(2.0)
+    (raised,) = book.update({'hazard 7': replace(TREE, kind='sag')}, 3.0)
+    assert (raised.number, raised.state) == (2, 'new')
+    assert {item.number: item.state for item in book.open} == {1: 'unsure', 2: 'new'}
+
+
 def test_new_ones_stand_before_those_that_were_seen():
     book = AlarmBook()
     book.update({'tree': TREE}, 1.0)

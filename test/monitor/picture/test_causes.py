@@ -4,6 +4,7 @@
 """The keep-out becomes an alarm, and things have the names of a field crew."""
 
 import dataclasses
+import itertools
 import math
 
 import numpy as np
@@ -14,7 +15,7 @@ from plc_inspect.core.live.proximity import Level, Thing
 from plc_inspect.monitor.picture.causes import describe_nearness, find_height
 from plc_inspect.monitor.picture.cloud_store import CloudStore
 from plc_inspect.monitor.picture.model import Monitor
-from plc_inspect.monitor.picture.names import name_stretch
+from plc_inspect.monitor.picture.names import find_structures, name_stretch, REACH
 from plc_inspect.results import PointClass
 from plc_inspect.stream.blocks import pack_blocks, read_cloud, thin_points
 from plc_inspect.stream.frame import CLOUD, Frame, pack_frame
@@ -124,3 +125,25 @@ def test_an_obstacle_is_somewhere(way, words):
     tree = Nearness(thing=Thing.OBSTACLE, level=Level.WARNING, distance=5.0, way=way, closest=5.0,
                     closest_in=0.0, sigma=0.1)
     assert describe_nearness(tree) == f'obstacle 5.0 m from the vehicle{words}'
+
+
+def test_structures_at_the_ends_of_spans_are_the_nearest_within_reach():
+    picture = feed(Monitor(), Source(), 1.0)
+    rng = np.random.default_rng(0)
+    places = [(*rng.uniform(0.0, 60.0, 2).tolist(), 0.0) for _ in range(200)]
+    supports = [
+        dataclasses.replace(picture.supports[0], support_id=k, position=place)
+        for k, place in enumerate(places[:12])
+    ]
+    spans = [
+        dataclasses.replace(picture.spans[0], start=start, end=end)
+        for start, end in itertools.pairwise(places)
+    ]
+
+    def find(place):
+        nearest = min(supports, key=lambda item: math.dist(item.position[:2], place[:2]))
+        return nearest if math.dist(nearest.position[:2], place[:2]) <= REACH else None
+
+    assert find_structures(spans, supports) == [(find(item.start), find(item.end))
+                                                for item in spans]
+    assert find_structures(spans, ()) == [(None, None)] * len(spans)

@@ -10,7 +10,9 @@ import pytest
 from stream_pieces import make_rows, NO_TABLES, Source, TEXTS
 
 from plc_inspect.core.live.proximity import Level, Thing
+from plc_inspect.monitor.picture import model as model_module
 from plc_inspect.monitor.picture.model import LATE, LOST, Monitor
+from plc_inspect.monitor.picture.names import name_stretches
 from plc_inspect.monitor.picture.node_clock import NodeClock
 from plc_inspect.monitor.picture.picture import Link
 from plc_inspect.monitor.picture.wishes import CLOUD_PATIENCE, OVERTAKEN, PATIENCE
@@ -521,6 +523,22 @@ def test_everything_is_bounded(monitor, source):
     assert len(picture.events) == 200
     assert len(picture.track) == 401
     assert picture.counts.kbps < 20.0
+
+
+def test_names_are_found_anew_only_where_rows_changed(monitor, source, monkeypatch):
+    found = []
+
+    def find(*known):
+        found.append(known)
+        return name_stretches(*known)
+
+    monkeypatch.setattr(model_module, 'name_stretches', find)
+    for k in range(10):
+        assert monitor.take_summary(source.summary(6.0 + k), 101.0 + k)
+        monitor.take_ahead(source.summary(6.5 + k), 101.5 + k)
+    before = len(found)
+    monitor.take_summary(source.summary(20.0, tables=make_rows(5, 3)), 120.0)
+    assert (before, len(found)) == (0, 1)
 
 
 def test_the_nodes_clock_is_that_of_the_quickest_message():

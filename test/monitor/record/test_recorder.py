@@ -21,6 +21,7 @@ from stream_pieces import make_rows, Source
 from plc_inspect.errors import ConfigError
 from plc_inspect.mcap_file import McapFile
 from plc_inspect.messages.rows import read_rows
+from plc_inspect.monitor.picture.cloud_store import CloudStore
 from plc_inspect.monitor.picture.model import Monitor
 from plc_inspect.monitor.record import recorder as recorder_module
 from plc_inspect.monitor.record.recorder import Recorder
@@ -95,6 +96,29 @@ def test_it_holds_the_stream_and_what_it_says(tmp_path, monkeypatch):
     markers = messages['/plc_inspect/markers'][-1].markers
     assert Counter(marker.ns for marker in markers)['catenaries'] == 6
     assert messages['/diagnostics'][0].status[0].message == 'scans and odometry come in'
+
+
+def test_the_corridor_is_laid_out_only_about_the_vehicle(tmp_path, monkeypatch):
+    monitor, source, laid_out = Monitor(), Source(), []
+    monitor.take_summary(source.summary(5.0, keyframe=True, vehicle=(5000.0, 2.0, 30.0)), 100.0)
+    for k in range(100):
+        monitor.take_cloud(source.cloud(5.0, [[100.0 * k, 2.0, 30.0]]), 100.0)
+    assemble = CloudStore.assemble
+
+    def note(cloud, home):
+        laid_out.append(home)
+        return assemble(cloud, home)
+
+    monkeypatch.setattr(CloudStore, 'assemble', note)
+    with Recorder(tmp_path / 'flight.mcap', '/plc_inspect') as recorder:
+        recorder.show(monitor.look(100.0), monitor.cloud)
+    with AnyReader([tmp_path / 'flight.mcap']) as reader:
+        ((connection, _, data),) = reader.messages(
+            [item for item in reader.connections if item.topic == '/plc_inspect/corridor']
+        )
+        rows = read_rows(reader.deserialize(data, connection.msgtype))
+    assert rows['x'].tolist() == [4900.25, 5000.25, 5100.25]
+    assert 3 <= len(laid_out) <= 8
 
 
 def test_the_end_adds_what_readers_jump_with(tmp_path, monkeypatch):

@@ -25,6 +25,7 @@ from plc_inspect.monitor.web.gate import Gate, is_loopback
 from plc_inspect.monitor.web.site import Site
 from plc_inspect.monitor.web.template import FOLDER, list_files
 from plc_inspect.security.authority import issue, make_authority
+from plc_inspect.security.strangers import MOST_STRANGERS
 
 TOKENS = Tokens({Role.VIEW: 'only looking', Role.ACKNOWLEDGE: 'correct horse'})
 
@@ -316,6 +317,19 @@ def test_what_is_malformed_is_refused(open_gate, data):
     assert ask(open_gate)[0] == 200
 
 
+@pytest.mark.parametrize('header', [
+    b'Authorization: Bearer \xff\xfe', b'Cookie: plc_monitor=\xff',
+])
+def test_headers_of_other_bytes_are_no_token(gate, header):
+    with socket.create_connection(('127.0.0.1', gate.port), timeout=10) as link:
+        link.sendall(b'GET / HTTP/1.1\r\nHost: localhost\r\n' + header + b'\r\n\r\n')
+        answer = link.recv(4096)
+    assert answer.split()[1] == b'401'
+    assert b'Content-Security-Policy' in answer
+    wrong = header.startswith(b'Authorization')
+    assert ask(gate, Authorization='Bearer correct horse')[0] == (429 if wrong else 200)
+
+
 def test_who_says_nothing_is_cut_off(site, monkeypatch):
     monkeypatch.setattr(gate_module, 'TIMEOUT', 0.5)
     monkeypatch.setattr(gate_module, 'MOST_CONNECTIONS', 30)
@@ -333,6 +347,48 @@ def test_who_says_nothing_is_cut_off(site, monkeypatch):
         assert time.monotonic() - started < 3.0
     finally:
         gate.close()
+
+
+@pytest.mark.parametrize('secure', [False, True])
+@pytest.mark.parametrize('data', [b'', b'GET / HTTP/1.1\r\nHost: localhost\r\n\r\n'])
+def test_strangers_keep_nobody_out(site, tmp_path, secure, data):
+    own = issue(make_authority('a', 10), 'b', 5, ('127.0.0.1',))
+    (tmp_path / 'crt').write_bytes(own.pem)
+    (tmp_path / 'key').write_bytes(own.key_pem)
+    tls = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    tls.load_cert_chain(tmp_path / 'crt', tmp_path / 'key')
+    gate = Gate('127.0.0.1', 0, site, TOKENS, tls=tls if secure else None)
+    num_before, links = len(os.listdir('/proc/self/fd')), []
+    with contextlib.closing(gate), contextlib.ExitStack() as stack:
+        for _ in range(250):
+            links.append(stack.enter_context(socket.create_connection(
+                ('127.0.0.1', gate.port), source_address=('127.0.0.2', 0)
+            )))
+            with contextlib.suppress(ConnectionError):
+                links[-1].sendall(data)
+        with socket.create_connection(('127.0.0.1', gate.port), 10) as link:
+            time.sleep(1.0)  # over a slow link
+            if secure:
+                lax = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+                lax.check_hostname, lax.verify_mode = False, ssl.CERT_NONE
+                link = stack.enter_context(lax.wrap_socket(link))
+            link.sendall(b'GET / HTTP/1.1\r\nHost: localhost\r\n'
+                         b'Authorization: Bearer only looking\r\n\r\n')
+            assert link.recv(100).startswith(b'HTTP/1.1 200')
+            num_open = len(os.listdir('/proc/self/fd')) - num_before - len(links)
+            assert num_open <= MOST_STRANGERS + 10
+
+
+def test_strangers_do_not_outlive_the_page(site):
+    gate = Gate('127.0.0.1', 0, site, TOKENS)
+    with socket.create_connection(('127.0.0.1', gate.port), 10) as link:
+        end = time.monotonic() + 10.0
+        while not gate._strangers:
+            assert time.monotonic() < end
+            time.sleep(0.01)
+        gate.close()
+        assert link.recv(1) == b''
+    assert asyncio.all_tasks(gate._loop) == set()
 
 
 def test_others_want_a_token(site):

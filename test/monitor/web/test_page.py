@@ -3,10 +3,12 @@
 
 """The page in a real browser, of a stream made by hand."""
 
+import contextlib
 import io
 import itertools
 import json
 from pathlib import Path
+import socket
 import threading
 import time
 
@@ -44,6 +46,13 @@ FARTHEST = """Math.max(...station.scene.spans.flatMap(
 span => [span.curve[0], span.curve.at(-1)]).map(
 place => station.scene.local(place).project(station.scene.camera)).flatMap(
 at => [Math.abs(at.x), Math.abs(at.y)]))"""
+SILENT_BELL = """globalThis.rung = 0; station.alarms.audio = {
+  currentTime: 0, state: 'running', resume: () => Promise.resolve(),
+  createOscillator: () => ({frequency: {value: 0}, connect: () => ({connect() {}}),
+    start() { globalThis.rung++; }, stop() {}}),
+  createGain: () => ({gain: {setValueAtTime() {}, exponentialRampToValueAtTime() {}}}),
+}; for (let k = 1; k < 9999; k++) clearInterval(k)"""
+"""Counts tones, which come by the page's news alone."""
 WITHIN = 1.0
 """An alarm is on the screen so soon after the node's message [s]."""
 
@@ -273,6 +282,50 @@ def test_ways_and_curves_are_drawn_with_few_pieces(station, browse):
     assert desk.run(pieces) == 6 < near  # straight, each of its six spans
 
 
+def test_a_page_without_a_picture_keeps_no_points_for_it(station, browse):
+    chrome = browse(station.page.address, 800, 600, token='only looking')
+    chrome.page.add_init_script('HTMLCanvasElement.prototype.getContext = () => null')
+    chrome.page.reload()
+    chrome.wait("!document.querySelector('#no-picture').hidden")
+    station.monitor.take_cloud(station.source.cloud(1.0), time.monotonic())
+    station.tables = make_rows(6, 4)
+    chrome.wait(f'{HAZARDS}.length == 4')
+    chrome.page.wait_for_timeout(500)
+    assert not chrome.run('station.waiting')
+
+
+def test_all_times_are_of_the_clock_of_the_monitor(station, browse):
+    chrome = browse(station.page.address, 800, 600, token='only looking')
+    chrome.page.add_init_script('{ const now = Date.now; Date.now = () => now() - 3 * 3600000; }')
+    chrome.page.reload()
+    chrome.wait("document.querySelector('#now').textContent")
+
+    def lies_near():
+        text = chrome.run("document.querySelector('#now').textContent")
+        told = chrome.run(f'new Date({1000.0 * time.time()}).toLocaleTimeString("en-GB")')
+        hours, minutes, seconds = (
+            int(one) - int(other)
+            for one, other in zip(text.split(':'), told.split(':'), strict=True)
+        )
+        return abs(3600 * hours + 60 * minutes + seconds) < 30
+
+    end = time.monotonic() + 10.0
+    while not lies_near():
+        assert time.monotonic() < end
+        chrome.page.wait_for_timeout(200)
+
+
+def test_sound_is_said_to_be_on_only_where_it_plays(station, browse):
+    chrome = browse(station.page.address, 800, 600, token='only looking')
+    button = "document.querySelector('#sound').textContent"
+    chrome.page.keyboard.press('1')
+    chrome.wait(f"{button} == 'Sound on'")
+    chrome.run('station.alarms.audio.suspend()')  # as browsers do after a call or a sleep
+    chrome.wait(f"{button} == 'Sound: press once'")
+    chrome.page.keyboard.press('1')
+    chrome.wait(f"{button} == 'Sound on'")
+
+
 def test_a_page_that_gets_nothing_says_so(station, browse):
     chrome = browse(station.page.address, 800, 600, token='only looking')
     station.silent = True
@@ -302,6 +355,122 @@ def test_a_page_keeps_its_vehicle_when_it_connects_again(browse):
         show(page, '/uav1', 5)
         chrome.wait(f'[3, 5].includes({HAZARDS}.length)')
         assert chrome.run(f'{HAZARDS}.length') == 5
+
+
+def test_an_alarm_of_a_monitor_from_before_is_not_acknowledged_on_another(browse):
+    def show(page, first):
+        monitor, tables = Monitor(), make_rows(6, 1)
+        tables.hazards['hazard_id'] = first
+        monitor.take_summary(
+            Source().summary(1.0, keyframe=True, tables=tables), time.monotonic()
+        )
+        page.show('/plc_inspect', monitor.look(time.monotonic()), monitor.cloud)
+
+    with Page('127.0.0.1', 0) as page:
+        show(page, 7)
+        chrome = browse(page.address)
+        chrome.wait(f"{ALARMS}[0]?.[1].includes('hazard 7')")
+        port = int(page.address.split(':')[-1].strip('/'))
+        chrome.page.click('#alarm-list .seen')  # it asks for a name
+    with Page('127.0.0.1', port) as page:
+        show(page, 8)  # also the first alarm
+        chrome.wait(f"{ALARMS}[0]?.[1].includes('hazard 8')")
+        chrome.page.fill('#name', 'crew')
+        chrome.page.click('#who button[type=submit]')
+        told = "document.querySelector('#alarm-sum').textContent"
+        chrome.wait(f"{told} == 'NOT acknowledged: the monitor was started anew meanwhile'")
+        assert page.take_requests() == []
+        chrome.page.click('#alarm-list .seen')
+        end = time.monotonic() + 10.0
+        while not (requests := page.take_requests()):
+            assert time.monotonic() < end
+            chrome.page.wait_for_timeout(50)
+        assert [(item.numbers, item.who) for item in requests] == [((1,), 'crew')]
+
+
+class DeadEnd:
+    """A way to a port, on which connections can die without a word to the browser."""
+
+    def __init__(self, port):
+        self.port, self.pairs, self.alive = port, [], True
+        self.listener = socket.create_server(('127.0.0.1', 0))
+        self.address = f'http://127.0.0.1:{self.listener.getsockname()[1]}/'
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def _accept(self):
+        with contextlib.suppress(OSError):
+            while True:
+                near, _ = self.listener.accept()
+                far = socket.create_connection(('127.0.0.1', self.port))
+                pair = [near, far, True]
+                self.pairs.append(pair)
+                for one, other in ((near, far), (far, near)):
+                    threading.Thread(target=self._pump, args=(one, other, pair),
+                                     daemon=True).start()
+
+    @staticmethod
+    def _pump(one, other, pair):
+        with contextlib.suppress(OSError):
+            while (data := one.recv(65536)) and pair[2]:
+                other.sendall(data)
+            if pair[2]:
+                other.shutdown(socket.SHUT_WR)
+
+    def kill(self):
+        """Let all connections of now die; new ones live."""
+        for pair in self.pairs:
+            pair[2] = False
+            pair[1].close()
+
+    def close(self):
+        self.listener.close()
+        self.kill()
+        for near, *_ in self.pairs:
+            near.close()
+
+
+def test_a_page_whose_connections_died_without_a_word_comes_back(station, browse):
+    way = DeadEnd(int(station.page.address.split(':')[-1].strip('/')))
+    with contextlib.closing(way):
+        chrome = browse(way.address, 800, 600, token='only looking')
+        chrome.wait(f"{STATE}.startsWith('live')")
+        way.kill()
+        chrome.wait(f"{STATE}.startsWith('FROZEN')")
+        station.tables = make_rows(6, 4)
+        chrome.wait(f"{STATE}.startsWith('live')")
+        chrome.wait(f'{ALARMS}.length == 2')
+
+
+def test_alarms_of_others_ring_at_once_while_they_stand(browse):
+    others, monitors = {'/uav1': make_rows(6, 0), '/uav2': make_rows(6, 0)}, {}
+
+    def show(page):
+        for name, tables in others.items():
+            source, monitor = monitors.setdefault(name, (Source(), Monitor()))
+            now = time.monotonic()
+            monitor.take_summary(source.summary(now, keyframe=True, tables=tables), now)
+            page.show(name, monitor.look(now), monitor.cloud)
+
+    with Page('127.0.0.1', 0) as page:
+        show(page)
+        show(page)
+        chrome = browse(page.address + '?vehicle=/uav1')
+        chrome.wait("document.querySelectorAll('#fleet button').length == 2")
+        chrome.run(SILENT_BELL)
+        chrome.run('station.alarms.beep()')
+        assert chrome.run('rung') == 0
+        others['/uav2'] = make_rows(6, 1)
+        show(page)
+        show(page)
+        chrome.wait('rung')  # before any timer
+        others['/uav2'] = make_rows(6, 0)
+        show(page)
+        show(page)
+        text = "document.querySelector('#fleet').textContent"
+        chrome.wait(f"{text}.includes('1 not acknowledged') && !{text}.includes('1 critical')")
+        chrome.run('rung = 0; station.alarms.beep()')
+        assert chrome.run('rung') == 0
+        assert '(+1 elsewhere)' in chrome.page.title()
 
 
 def test_everybody_can_use_it(station, browse):

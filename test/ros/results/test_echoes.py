@@ -49,8 +49,8 @@ class Told:
                                  stamp_ns=1, held=False))
 
 
-def near(level, distance):
-    return (Nearness(thing=Thing.CONDUCTOR, level=level, distance=distance, way=(1.0, 0.0, 0.0),
+def near(level, distance, thing=Thing.CONDUCTOR):
+    return (Nearness(thing=thing, level=level, distance=distance, way=(1.0, 0.0, 0.0),
                      closest=distance, closest_in=0.0, sigma=0.1),)
 
 
@@ -66,6 +66,28 @@ def test_a_critical_hazard_is_told_and_told_again(told):
     assert told.pass_time(2.0) == pytest.approx(ECHOES, abs=1.1 * PERIOD)
     told.publish(3)  # more of them, none critical
     assert told.pass_time(2.0) == ()
+
+
+def test_one_that_gets_too_near_as_another_no_longer_is_is_told_again(told):
+    def tell(conductor, obstacle):
+        told.stream.tell_nearness(
+            (*near(conductor, 5.0), *near(obstacle, 5.0, Thing.OBSTACLE)), 0.0
+        )
+
+    tell(Level.CRITICAL, Level.WARNING)
+    told.pass_time(2.0)
+    tell(Level.WARNING, Level.CRITICAL)
+    assert told.pass_time(2.0) == pytest.approx(ECHOES, abs=1.1 * PERIOD)
+    tell(Level.WARNING, Level.CRITICAL)
+    assert told.pass_time(2.0) == ()
+
+
+def test_alarms_of_before_a_reset_do_not_hide_those_after_it(told):
+    told.publish(1)
+    told.pass_time(2.0)
+    told.stream.forget()
+    told.publish(1)  # the numbers begin anew
+    assert told.pass_time(2.0) == pytest.approx(ECHOES, abs=1.1 * PERIOD)
 
 
 def test_an_echo_holds_what_a_lost_message_did(told):
