@@ -56,11 +56,6 @@ LEAST_COMPANY = 4
 Least number of cells nearly as low that show a low point to be no stray.
 Source: judgement; not measured.
 """
-LEAST_OTHERS = 20
-"""
-Least number of cells with points nearby for a low point to be called a stray.
-Source: judgement; not measured.
-"""
 NUM_SWEEPS = 2
 """
 Passes over the grid, forth and back, that compute the envelope.
@@ -215,7 +210,11 @@ def _choose(value, z00, z01, z10, z11, left, right, up):  # type: ignore[no-unty
 
 @njit(cache=True, parallel=True, nogil=True)
 def _drop_stray_lows(lowest, cell, max_slope):  # type: ignore[no-untyped-def]
-    """Clear cells far below nearly all within STRAY_REACH: multipath returns and noise."""
+    """
+    Clear cells without company as low within STRAY_REACH: multipath returns and noise.
+
+    One beside the cloud, with nothing about it, would hide the ground as far away as it is deep.
+    """
     reach = max(LEAST_STRAY_REACH, int(np.ceil(STRAY_REACH / cell)))
     rows, columns = lowest.shape
     result = lowest.copy()
@@ -224,9 +223,8 @@ def _drop_stray_lows(lowest, cell, max_slope):  # type: ignore[no-untyped-def]
             z = lowest[row, column]
             if np.isnan(z):
                 continue
-            # count cells with points, and those that are about as low
+            # count the cells that are about as low
             supported = 0
-            others = 0
             for dr in range(-reach, reach + 1):
                 r = row + dr
                 if r < 0 or r >= rows:
@@ -238,7 +236,6 @@ def _drop_stray_lows(lowest, cell, max_slope):  # type: ignore[no-untyped-def]
                     other = lowest[r, c]
                     if np.isnan(other):
                         continue
-                    others += 1
                     away = np.sqrt(dr * dr + dc * dc)
                     if other < z + STRAY_DEPTH + max_slope * cell * away * STRAY_SLOPE:
                         supported += 1
@@ -246,7 +243,7 @@ def _drop_stray_lows(lowest, cell, max_slope):  # type: ignore[no-untyped-def]
                             break
                 if supported >= LEAST_COMPANY:
                     break
-            if supported < LEAST_COMPANY and others >= LEAST_OTHERS:
+            if supported < LEAST_COMPANY:
                 result[row, column] = np.nan
     return result
 

@@ -15,7 +15,7 @@ from plc_inspect.core.hazards.clearance_rules import Limit, RuleSet
 from plc_inspect.core.hazards.confidence import IN_DOUBT
 from plc_inspect.core.hazards.encroachments import describe_hazard
 from plc_inspect.core.spans.span_model import SpanModel
-from plc_inspect.results import Float32, Float64, HazardKind, Severity, Support
+from plc_inspect.results import Bool, Float32, Float64, HazardKind, Severity, Support
 
 LEAST_GROUND = 0.5
 """
@@ -235,27 +235,40 @@ def measure_ground(
     result = [
         np.column_stack([own, np.full(len(own), ROUGH_SIGMA)]) for own in ground_below
     ]
+    if height is None:
+        return tuple(result)
     wanted = [
         own[:, 1] <= max(float(own[:, 1].min()) + DEEPER, reach) if len(own)
-        else np.zeros(0, dtype=bool) for own in ground_below
+        else np.zeros(0, dtype=bool) for own in result
     ]
-    if height is None or not any(own.any() for own in wanted):
-        return tuple(result)
+    while any(own.any() for own in wanted):
+        _find_ground(points, height, models, result, wanted)
+        wanted = [
+            # where the lowest place is lost, the surface above the next ones may be no better
+            (own[:, 2] == ROUGH_SIGMA) if (chosen & ~np.isfinite(own[:, 1])).any()
+            else np.zeros(len(own), dtype=bool) for own, chosen in zip(result, wanted, strict=True)
+        ]
+    return tuple(own[np.isfinite(own[:, 1])] for own in result)
+
+
+def _find_ground(
+    points: Float64, height: Float32, models: Sequence[SpanModel], stations: Sequence[Float64],
+    wanted: Sequence[Bool],
+) -> None:
+    """Measure the wanted ones of the (S, 3) places of each model, NaN where it is not sure."""
     places = np.vstack([
         model.curve.position(model.at(own[chosen, 0])) - np.column_stack(
             [np.zeros((int(chosen.sum()), 2)), own[chosen, 1]])
-        for model, own, chosen in zip(models, ground_below, wanted, strict=True)
+        for model, own, chosen in zip(models, stations, wanted, strict=True)
     ])
     ground, error = find_planes(points, height, places)
     sigma = np.hypot(error, GROUND_SIGMA)
     ground[~(error <= MOST_ERROR)] = np.nan
     at = 0
-    for k, chosen in enumerate(wanted):
-        own = slice(at, at := at + int(chosen.sum()))
-        result[k][chosen, 1] += places[own, 2] - ground[own]
-        result[k][chosen, 2] = sigma[own]
-        result[k] = result[k][np.isfinite(result[k][:, 1])]
-    return tuple(result)
+    for own, chosen in zip(stations, wanted, strict=True):
+        part = slice(at, at := at + int(chosen.sum()))
+        own[chosen, 1] += places[part, 2] - ground[part]
+        own[chosen, 2] = sigma[part]
 
 
 def keep_seen(model: SpanModel, stations: Float64) -> Float64:

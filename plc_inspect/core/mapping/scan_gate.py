@@ -51,8 +51,7 @@ class ScanGate:
     """
 
     def __init__(self) -> None:
-        self._frame_id: str | None = None
-        self._layout = ''
+        self._frame_id = self._layout = ''
         self.forget_times()
 
     def forget_times(self) -> None:
@@ -71,7 +70,7 @@ class ScanGate:
         Parameters
         ----------
         frame_id, layout : str
-            Must be those of the first scan; '' is the layout of a scan without fields.
+            Must be those of the first scan that has them.
         stamp_ns : int
             Header stamp [ns].
         times : tuple of int
@@ -84,8 +83,7 @@ class ScanGate:
         DropReason or None
 
         """
-        if self._frame_id is None:
-            self._frame_id = frame_id
+        self._frame_id = self._frame_id or frame_id
         self._layout = self._layout or layout
         if frame_id != self._frame_id:
             return DropReason.WRONG_FRAME

@@ -126,3 +126,15 @@ def test_a_plateau_is_ground_however_high():
     ground, found = estimate_ground(lowest, 1.0, 1.0)
     assert found[30:46, 10:50].all()
     assert np.abs(ground[38, 10:50] - 8.0).max() < 0.1
+
+
+@pytest.mark.parametrize('depth', [5.0, 50.0, 180.0])
+def test_a_lone_low_return_beside_the_cloud_hides_no_ground(depth):
+    lowest = np.full((60, 90), np.nan, dtype=np.float32)
+    lowest[:, :60] = 0.0
+    known, known_seen = estimate_ground(lowest, 0.5, 1.0)
+    lowest[30, 85] = -depth
+    ground, seen = estimate_ground(lowest, 0.5, 1.0)
+    assert (seen[:, :60] == known_seen[:, :60]).all()
+    assert not seen[30, 85]
+    assert np.abs(ground - known)[:, :60].max() < 1e-6

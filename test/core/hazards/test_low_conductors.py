@@ -4,10 +4,12 @@
 """Ground below conductors: what was not seen raises nothing, hills and banks do."""
 
 import dataclasses
+import math
 
 from factories import make_model
 import numpy as np
 import pytest
+from toys import make_line_cloud
 
 from plc_inspect.config import HazardSettings
 from plc_inspect.core.hazards.clearance_rules import plain_rules
@@ -20,6 +22,8 @@ from plc_inspect.core.hazards.low_conductors import (
     measure_ground,
     ROUGH_SIGMA,
 )
+from plc_inspect.core.pipeline import Pipeline
+from plc_inspect.results import HazardKind
 
 RULES = plain_rules(HazardSettings())
 ENDS = ((0.0, 0.0, 12.0), (100.0, 0.0, 12.0))
@@ -232,3 +236,15 @@ def test_the_wire_hangs_below_the_nearest_conductor_above_it():
     (wire,) = find_low_wires([points], [high, model])
     assert wire.model == 1
     assert wire.below == pytest.approx(1.5, abs=0.02)
+
+
+def test_where_no_ground_was_seen_below_a_line_no_clearance_is_told():
+    """Beside the line the ground is seen; below it the surface is filled in, and may be wrong."""
+    points, _ = make_line_cloud(spans=(100.0, 110.0), height=6.0, half_width=25.0)
+    known = Pipeline().run(points)
+    assert all(span.ground_clearance < 6.0 for span in known.spans)
+    below = (np.abs(points[:, 1]) < 6.0) & (points[:, 2] < 2.0)
+    hidden = Pipeline().run(points[~below])
+    assert len(hidden.spans) == len(known.spans)
+    assert all(math.isnan(span.ground_clearance) for span in hidden.spans)
+    assert not [item for item in hidden.hazards if item.kind == HazardKind.GROUND]

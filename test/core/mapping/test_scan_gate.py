@@ -31,6 +31,14 @@ def test_an_empty_scan_of_no_fields_tells_no_layout():
     assert judge(gate, 400) == DropReason.OTHER_LAYOUT
 
 
+def test_a_scan_without_a_frame_tells_no_frame():
+    gate = ScanGate()
+    assert judge(gate, 0, frame='', layout='') is None
+    assert judge(gate, 100) is None
+    assert judge(gate, 200, frame='') is DropReason.WRONG_FRAME
+    assert judge(gate, 300) is None
+
+
 def test_scans_out_of_order_pass():
     gate = ScanGate()
     assert [judge(gate, stamp) for stamp in (100, 300, 200, 500, 400)] == [None] * 5

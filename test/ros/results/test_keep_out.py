@@ -3,6 +3,7 @@
 
 """Nothing is told of a place where the vehicle is not."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
@@ -101,7 +102,7 @@ def test_a_map_that_begins_anew_holds_no_level_of_another_frame():
 ])
 def test_all_within_both_limits_must_be_seen(limits, level):
     flight = Flight()
-    flight.state.around = surround([], np.zeros((0, 3)))
+    flight.state.around = replace(surround([], np.zeros((0, 3))), ground=True)
     flight.settings = Settings(proximity=ProximitySettings(**limits))
     ground = np.mgrid[-29.5:30:1, -29.5:30:1].reshape(2, -1).T
     points = np.column_stack((ground, np.zeros(len(ground))))
