@@ -26,7 +26,6 @@ from plc_inspect.core.catenary.curve_row import (
     open_row,
     ORIGIN_X,
     ORIGIN_Y,
-    ROUNDING,
     see_above,
     see_beside,
     SIN,
@@ -172,7 +171,7 @@ def collect_points(
     ends = pack_ends(finals) + np.array([-slack, slack])
     rows = pack_curves([cut.curve for cut in finals])
     grid = index.grid
-    return call_each(lambda k: _list_between(points, grid, rows[k], ends[k]), len(finals))
+    return call_each(lambda k: _collect(points, grid, rows[k], ends[k]), len(finals))
 
 
 def measure_coverage(points: Float64, index: PlanIndex, finals: Sequence[CutCurve]) -> Float64:
@@ -188,18 +187,11 @@ def measure_coverage(points: Float64, index: PlanIndex, finals: Sequence[CutCurv
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
-def _list_between(points, grid, row, ends):  # type: ignore[no-untyped-def]
-    """List the points on a row's curve between two x, and their distances to it [m]."""
+def _collect(points, grid, row, ends):  # type: ignore[no-untyped-def]
     _, _, own, distance = profile_row(
         points, grid, row, ends[0], ends[1], STEP, np.zeros(0, dtype=np.bool_)
     )
-    num = 0
-    for k in range(len(own)):  # the last metre goes on beyond the end
-        x, _ = to_local(row, points[own[k], 0], points[own[k], 1])
-        if x <= ends[1] + ROUNDING:
-            own[num], distance[num] = own[k], distance[k]
-            num += 1
-    return own[:num].copy(), distance[:num].copy()
+    return own, distance
 
 
 @njit(cache=True, nogil=True, error_model='numpy')
@@ -207,10 +199,11 @@ def _fit(points, grid, row, ends, is_open, own, draws):  # type: ignore[no-untyp
     """Fit a row and its ends in place; returned are its points and stride, 0 if not fitted."""
     stride = 0
     vertical = np.inf
+    nothing = np.zeros(0, dtype=np.bool_)
     # plan positions of the ends
     px, py = row[ORIGIN_X] + row[COS] * ends, row[ORIGIN_Y] + row[SIN] * ends
     for turn in range(2):  # what lies about the first fit are inliers of the second
-        chosen, _ = _list_between(points, grid, row, ends)
+        _, _, chosen, _ = profile_row(points, grid, row, ends[0], ends[1], STEP, nothing)
         fresh, kept, step, _ = fit_row(
             points, chosen, MAX_POINTS, row[TOLERANCE], min(row[TOLERANCE], vertical),
             row[AZIMUTH], draws if turn == 0 else draws[:0],

