@@ -236,8 +236,11 @@ def _settle(before, bounds):  # type: ignore[no-untyped-def]
     least = math.ceil(MIN_SIDE / CELL)
     for k in range(1, len(bounds) - 1):
         first, last = bounds[k - 1], bounds[k + 1]
-        best, place = np.inf, bounds[k]
+        best, place, tried = np.inf, bounds[k], -1.0
         for cut in range(first + least, last - least + 1):
+            if before[cut, 0] == tried:
+                continue  # an empty cell before it parts the points alike, up to rounding
+            tried = before[cut, 0]
             if (
                 before[cut, 0] - before[first, 0] < MIN_SIDE_POINTS
                 or before[last, 0] - before[cut, 0] < MIN_SIDE_POINTS

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from toys import hang
 
-from plc_inspect.core.catenary.breaks import find_breaks
+from plc_inspect.core.catenary.breaks import _add_up, _settle, find_breaks
 
 
 def make_track(spans=(80.0,), heights=None, c=700.0, per_metre=4.0, noise=0.02, seed=0, turns=()):
@@ -128,3 +128,16 @@ def test_many_points_at_one_place_before_a_gap_are_no_side():
         y, z = np.random.default_rng(seed).normal(0.0, 0.02, (2, len(x)))
         for found in find_breaks(x, y, z - 0.1 * (x > 0.0)):
             assert np.isfinite([found.x, found.kink, found.turn]).all()
+
+
+def test_of_cuts_that_part_the_points_alike_the_first_is_taken():
+    """Those before and after empty cells differ by rounding alone."""
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        x = np.repeat(np.arange(0.0, 160.0, rng.uniform(2.0, 4.0)), 6)
+        x += rng.uniform(0.0, 0.1, len(x))
+        z = np.abs(x - 80.0) * -0.06 + x * x / 1200.0 + rng.normal(0.0, 0.02, len(x))
+        before = _add_up(x, rng.normal(0.0, 0.02, len(x)), z)
+        bounds = np.array([0, (len(before) - 1) // 2, len(before) - 1])
+        _settle(before, bounds)
+        assert before[bounds[1], 0] > before[bounds[1] - 1, 0]
