@@ -159,7 +159,7 @@ def judge_curves(
     freed = _find_within(curves, judge.verdicts, parts, settings)
     if freed:
         believed = judge.believed
-        won = [curve for curve, _ in judge.try_more(_leave_out(points, freed, settings, believed))]
+        won = [curve for curve, _ in judge.try_more(_keep_new(points, freed, settings, believed))]
         if won:
             known = {id(curve) for curve in believed}
             rest = [curve for curve in curves if id(curve) not in known]
@@ -169,12 +169,12 @@ def judge_curves(
     believed = judge.believed
     if search is not None and believed:
         found, _ = find_curves(points, index, search(believed, judge.rejected), settings, rng)
-        fresh = _leave_out(points, found, settings, believed)
+        fresh = _keep_new(points, found, settings, believed)
         judge.add(judge.try_more(fresh, beside=False))  # that has led to them already
     return tuple(judge.curves), judge
 
 
-def _leave_out(
+def _keep_new(
     points: Float64, curves: Sequence[Curve], settings: CatenarySettings,
     believed: Sequence[Curve],
 ) -> list[Curve]:

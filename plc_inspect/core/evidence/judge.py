@@ -119,7 +119,9 @@ class Judge:
     ) -> None:
         """Take the curves; what is believed of the first ones already is not judged again."""
         self._points, self._index, self._sight = points, index, sight
-        self.curves, self._settings = list(curves), settings
+        self._settings = settings
+        self.curves = list(curves)
+        """All that are judged; verdicts are in their order."""
         fresh = curves[len(believed):]
         profiles = call_each(
             lambda k: profile_curve(points, index, fresh[k], fresh[k].low, fresh[k].high),

@@ -143,7 +143,7 @@ class SurroundingsBook:
         """Row, column and first tick of each cell in which something was seen."""
         self._num_ticks = 0
         self._on_ground: Float64 | None = None
-        """Where the vehicle was when a tick saw ground last."""
+        """(1, 2) where the vehicle was when a tick saw ground last [m]."""
 
     @property
     def known(self) -> Surroundings:

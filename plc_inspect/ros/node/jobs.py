@@ -25,7 +25,7 @@ from plc_inspect.offline.records.flight import (
     Flight,
     Snapshot,
 )
-from plc_inspect.results import Float64, Int64, UInt8
+from plc_inspect.results import Float64, Int64, Span, UInt8
 from plc_inspect.ros.node.intake import Intake
 from plc_inspect.ros.node.saving import save_results, Saved
 from plc_inspect.ros.results.publishing import Bundle, make_bundle
@@ -67,17 +67,19 @@ def plan_tick(
     planner: WindowPlanner, intake: Intake, state: LiveState | None, at_once: bool
 ) -> WindowPlan | None:
     """Choose the window of a tick, of what the last one found; None when nothing is new."""
-    spans = [item.span for item in state.spans] if state else []
     return planner.plan(
-        intake.accumulator.map, spans, intake.vehicle, at_once=at_once,
+        intake.accumulator.map, _list_spans(state), intake.vehicle, at_once=at_once,
         ground=bool(state and state.around.ground),
     )
 
 
 def plan_save(intake: Intake, state: LiveState | None) -> WindowPlan:
     """Return the plan of a window that is the whole map."""
-    spans = [item.span for item in state.spans] if state else []
-    return plan_everything(intake.accumulator.map, spans)
+    return plan_everything(intake.accumulator.map, _list_spans(state))
+
+
+def _list_spans(state: LiveState | None) -> list[Span]:
+    return [item.span for item in state.spans] if state else []
 
 
 def run_tick(session: Session, snapshot: Snapshot) -> Done:
