@@ -14,6 +14,7 @@ from numba import njit
 import numpy as np
 
 from plc_inspect.core.extraction.ground_surface import bounds
+from plc_inspect.core.numerics.grouping import group_cells
 from plc_inspect.results import Bool, Float64, Int64
 
 STRAY_GAP = 500.0
@@ -102,13 +103,12 @@ def lay_stray_grid(low: Float64, high: Float64) -> StrayGrid | None:
 
 def _find_groups(counts: Int64) -> Bool:
     """Tell the cells that belong to a group of strays."""
-    from scipy.ndimage import label  # imported here: few clouds are large enough to need it
-
-    groups, _ = label(counts > 0, structure=np.ones((3, 3, 3)))
-    size = np.bincount(groups.ravel(), weights=counts.ravel())
-    small = (size <= MOST_STRAYS) & (size <= STRAY_SHARE * size[1:].max())
-    small[0] = False
-    stray: Bool = small[groups]
+    occupied = counts > 0
+    group = group_cells(np.argwhere(occupied).astype(np.float64), np.ones(3))
+    size = np.bincount(group, weights=counts[occupied])
+    small = (size <= MOST_STRAYS) & (size <= STRAY_SHARE * size.max())
+    stray: Bool = np.zeros(counts.shape, dtype=np.bool_)
+    stray[occupied] = small[group]
     return stray
 
 
