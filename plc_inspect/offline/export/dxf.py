@@ -10,10 +10,9 @@ import ezdxf
 import numpy as np
 
 from plc_inspect.colors import parse_color, severity_color
-from plc_inspect.offline.export.geo import STEP
 from plc_inspect.offline.records.inspection import Inspection, Record
 from plc_inspect.offline.records.sentences import find_measured
-from plc_inspect.offline.records.span_curve import trace_span
+from plc_inspect.offline.records.span_curve import TOLERANCE, trace_span
 
 FILE = 'catenaries.dxf'
 _UNITS = {'m': 6, 'ft': 2, 'ftUS': 21}
@@ -52,7 +51,7 @@ def write_dxf(path: Path, inspection: Inspection, records: dict[str, list[Record
         layer = f'LINE_{row["line_id"]}'
         if layer not in document.layers:
             document.layers.add(layer, color=1 + row['line_id'] % 6)
-        curve = trace_span(row, STEP / units.horizontal, units.horizontal / units.vertical)
+        curve = trace_span(row, TOLERANCE / units.horizontal, units.horizontal / units.vertical)
         line = space.add_polyline3d(curve.tolist(), dxfattribs={'layer': layer})
         line.set_xdata('PLC_INSPECT', [
             (1000, f'span {row["span_id"]}'), (1040, row['a']), (1040, row['b']),

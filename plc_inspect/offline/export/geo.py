@@ -21,10 +21,8 @@ from plc_inspect.errors import DataError
 from plc_inspect.offline.records.georeference import find_horizontal, find_whole
 from plc_inspect.offline.records.inspection import flatten, Inspection, Record, Units
 from plc_inspect.offline.records.sentences import find_measured
-from plc_inspect.offline.records.span_curve import trace_span
+from plc_inspect.offline.records.span_curve import TOLERANCE, trace_span
 
-STEP = 2.0
-"""Catenaries are drawn with points this far apart [m]."""
 FILE_DATE = '2000-01-01T00:00:00.000Z'
 """Fixed file time, so that the same results give the same bytes."""
 
@@ -116,14 +114,16 @@ def write_geojson(
 def make_layers(inspection: Inspection, records: dict[str, list[Record]]) -> Layers:
     """Return spans, supports and hazards as geometries with attributes."""
     units = inspection.units
-    step, ratio = STEP / units.horizontal, units.horizontal / units.vertical
+    tolerance, ratio = TOLERANCE / units.horizontal, units.horizontal / units.vertical
     points = {
         name: [shapely.Point(row['position']) for row in records[name]]
         for name in ('supports', 'hazards')
     }
     return {
-        'spans': ([shapely.LineString(trace_span(row, step, ratio)) for row in records['spans']],
-                  [flatten(row) for row in records['spans']]),
+        'spans': (
+            [shapely.LineString(trace_span(row, tolerance, ratio)) for row in records['spans']],
+            [flatten(row) for row in records['spans']],
+        ),
         'supports': (points['supports'], [
             flatten(row) | {'lines': ' '.join(map(str, row['lines']))}
             for row in records['supports']

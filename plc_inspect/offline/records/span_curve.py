@@ -8,17 +8,20 @@ from numpy.typing import NDArray
 
 from plc_inspect.offline.records.inspection import Record
 
+TOLERANCE = 0.005
+"""Greatest distance of a drawn polyline from its catenary [m]."""
 
-def trace_span(row: Record, step: float, ratio: float = 1.0) -> NDArray[np.float64]:
+
+def trace_span(row: Record, tolerance: float, ratio: float = 1.0) -> NDArray[np.float64]:
     """
-    Return the curve of a span's record as points.
+    Return the curve of a span's record as points, equally spaced.
 
     Parameters
     ----------
     row : dict
         As ``spans.json`` holds it.
-    step : float
-        Greatest distance between points [horizontal unit].
+    tolerance : float
+        Greatest distance of the curve from the lines between points [horizontal unit].
     ratio : float
         Vertical units in a horizontal one.
 
@@ -29,6 +32,9 @@ def trace_span(row: Record, step: float, ratio: float = 1.0) -> NDArray[np.float
 
     """
     start, end = np.array(row['start'], float), np.array(row['end'], float)
+    # a chord over a step lies step^2 / 8 times the second derivative above the curve
+    steepest = max(abs(row['b']), abs(row['length'] - row['b'])) / row['c']
+    step = np.sqrt(8.0 * tolerance * row['c'] / np.cosh(steepest))
     x = np.linspace(0.0, row['length'], max(2, int(np.ceil(row['length'] / step)) + 1))
     line = start + (x / max(row['length'], 1e-9))[:, None] * (end - start)
     lift = np.cosh((x - row['b']) / row['c'])

@@ -12,7 +12,7 @@ import numpy as np
 from plc_inspect.colors import line_color, SEVERITY_COLORS
 from plc_inspect.offline.records.inspection import Record
 from plc_inspect.offline.records.sentences import find_measured
-from plc_inspect.offline.records.span_curve import trace_span
+from plc_inspect.offline.records.span_curve import TOLERANCE, trace_span
 from plc_inspect.offline.report.point_scene import PALETTE, Scene
 from plc_inspect.results import Float64
 
@@ -60,7 +60,7 @@ def encode_view(scene: Scene) -> str:
         'metre': scene.metre,
         'lines': [
             {'color': line_color(span['line_id']),
-             'xyz': _list((trace_span(span, 4.0 * scene.metre) - middle).ravel())}
+             'xyz': _list((trace_span(span, TOLERANCE * scene.metre) - middle).ravel())}
             for span in scene.spans
         ] + [
             {'color': '#1d2733', 'xyz': _list(_stand(item) - np.tile(middle, 2))}

@@ -164,8 +164,24 @@ def test_dxf_passes_its_audit_and_holds_the_curves(folder):
 def test_curve_of_a_record_with_feet_for_z():
     span = make_inspection().result.spans[0]
     record = describe_span(span, Units(horizontal=1.0, vertical=0.3048))
-    curve = trace_span(record, 0.5, 1.0 / 0.3048)
+    curve = trace_span(record, 0.001, 1.0 / 0.3048)
     assert curve[:, 2].min() * 0.3048 == pytest.approx(span.lowest[2], abs=0.001)
+
+
+@pytest.mark.parametrize(('c', 'rise'), [(60.0, 0.0), (900.0, 80.0), (5000.0, -30.0)])
+def test_lines_between_points_of_a_curve_keep_its_tolerance(c, rise):
+    length = 200.0
+    b = length / 2 - c * np.arcsinh(rise / (2 * c * np.sinh(length / 2 / c)))
+    ends = c * np.cosh((np.array([0.0, length]) - b) / c)
+    record = {
+        'start': [0.0, 0.0, ends[0]], 'end': [length, 0.0, ends[1]], 'length': length, 'b': b,
+        'c': c,
+    }
+    curve = trace_span(record, 0.005)
+    x = np.linspace(0.0, length, 20001)
+    off = np.interp(x, curve[:, 0], curve[:, 2]) - c * np.cosh((x - b) / c)
+    assert 0.0025 < off.max() < 0.005001  # no more points than needed
+    assert off.min() > -1e-9
 
 
 def test_playback_holds_the_topics_in_a_local_frame(folder):
