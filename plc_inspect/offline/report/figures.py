@@ -93,8 +93,9 @@ def draw_profile(scene: Scene, span_id: int, required: float = 0.0) -> str:
     spans, origin, along, across = frame.spans, frame.origin, frame.along, frame.across
     stations, offsets, margin = frame.stations, frame.offsets, frame.margin
     reach = 6.0 * scene.metre
-    rows, s, t = frame.locate(scene, margin + reach)
-    near = (s > stations.min() - margin) & (s < stations.max() + margin)
+    low, high = stations.min() - margin, stations.max() + margin
+    rows, s, t = frame.locate(scene, low, high, reach)
+    near = (s > low) & (s < high)
     near &= (t > offsets.min() - reach) & (t < offsets.max() + reach)
     rows, s = rows[near], s[near]
     z, color = scene.points[rows, 2], scene.color[rows]
@@ -106,8 +107,7 @@ def draw_profile(scene: Scene, span_id: int, required: float = 0.0) -> str:
         heights = np.concatenate((heights, np.percentile(z, (0.2, 99.8))))
     room = max(0.06 * (heights.max() - heights.min()), 1.0 * scene.metre)
     plot = Plot(
-        (stations.min() - margin, stations.max() + margin),
-        (heights.min() - room, heights.max() + 2 * room), PROFILE_SIZE,
+        (low, high), (heights.min() - room, heights.max() + 2 * room), PROFILE_SIZE,
         f'Profile of span {span_id}',
     )
     order = np.argsort(color, kind='stable')
@@ -176,7 +176,7 @@ def draw_section(scene: Scene, span_id: int, distances: dict[str, float]) -> tup
     half = 2.5 * scene.metre
     reach = max([8.0 * scene.metre, *distances.values()])
     low, high = offsets.min() - reach, offsets.max() + reach
-    rows, s, t = frame.locate(scene, 2 * reach)
+    rows, s, t = frame.locate(scene, station - half, station + half, 2 * reach)
     near = (np.abs(s - station) < half) & (t > low - reach) & (t < high + reach)
     rows, t = rows[near], t[near]
     z, color = scene.points[rows, 2], scene.color[rows]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from plc_inspect.colors import LINE_COLORS
+from plc_inspect.core.numerics.plan_index import build_plan_index, PlanIndex
 from plc_inspect.offline.records.inspection import (
     describe_hazard,
     describe_span,
@@ -21,6 +22,8 @@ from plc_inspect.results import Float32, Float64, Int32, Int64, PointClass, UInt
 
 MOST_POINTS = 1_000_000
 """Most points in the figures; more are thinned, those of the corridor last."""
+CELL = 5.0
+"""Edge of the cells in which the points of a span are found [m]."""
 _SHADES = 24
 _GROUND, FIRST_TREE, _OTHER, FIRST_STRUCTURE = 1, 1 + _SHADES, 1 + 2 * _SHADES, 2 + 2 * _SHADES
 _WIRE = 3 + 2 * _SHADES
@@ -42,6 +45,8 @@ class Scene:
     """(M, 3) thinned points, the lowest first, x and y relative to ``origin``."""
     color: UInt8
     """(M,) index into PALETTE."""
+    index: PlanIndex
+    """Of the points, in their unit."""
     origin: Float64
     """(2,) subtracted from x and y."""
     spans: list[Record]
@@ -70,6 +75,7 @@ def make_scene(inspection: Inspection) -> Scene:
     return Scene(
         points=points,
         color=_choose_colors(points[:, 2], height, kind, result.line_id[rows]),
+        index=build_plan_index(points, np.arange(len(points)), CELL / units.horizontal),
         origin=origin,
         spans=[_move(describe_span(span, units), origin) for span in result.spans],
         supports=[_move(describe_support(item, units), origin) for item in result.supports],

@@ -44,7 +44,7 @@ def draw_plan(scene: Scene, span_id: int, required: float) -> str:
     ))
     middle = (offsets.min() + offsets.max()) / 2
     reach = height * (high - low) / inner / 2
-    rows, s, t = frame.locate(scene, margin + reach)
+    rows, s, t = frame.locate(scene, low, high, max(middle + reach, reach - middle))
     near = (s > low) & (s < high) & (np.abs(t - middle) < reach)
     rows, s, t = rows[near], s[near], t[near]
     plot = Plot(

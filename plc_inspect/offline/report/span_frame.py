@@ -46,28 +46,33 @@ class SpanFrame:
         result: Float64 = (self.ends - self.origin) @ self.across
         return result
 
-    def locate(self, scene: Scene, reach: float) -> tuple[Int64, Float64, Float64]:
+    def locate(
+        self, scene: Scene, low: float, high: float, reach: float
+    ) -> tuple[Int64, Float64, Float64]:
         """
-        Find the points of a scene in the box around the span.
+        Find the points of a scene beside a part of the span.
 
         Parameters
         ----------
         scene : Scene
             What is shown.
+        low, high : float
+            Where the part begins and ends along the span.
         reach : float
-            Margin of the box beyond the ends.
+            Distance from the outer lines.
 
         Returns
         -------
         rows : (N,) int64
-            Rows of the points.
+            Rows of the points, ascending: those of the part within reach and some beyond.
         along, across : (N,) float64
             Their places in this frame.
 
         """
-        low, high = self.ends.min(axis=0) - reach, self.ends.max(axis=0) + reach
-        x, y = scene.points[:, 0], scene.points[:, 1]
-        rows = np.flatnonzero((x > low[0]) & (x < high[0]) & (y > low[1]) & (y < high[1]))
+        rows = np.sort(scene.index.strip(
+            self.origin + low * self.along, self.origin + high * self.along,
+            reach + float(np.abs(self.offsets).max()),
+        )).astype(np.int64)
         apart = scene.points[rows, :2] - self.origin
         return rows, apart @ self.along, apart @ self.across
 

@@ -40,6 +40,7 @@ from plc_inspect.offline.report.figures import rank
 from plc_inspect.offline.report.paper import Paper
 from plc_inspect.offline.report.point_scene import make_scene
 from plc_inspect.offline.report.report import format_number, render_report
+from plc_inspect.offline.report.span_frame import find_frame
 from plc_inspect.offline.report.view import encode_view
 from plc_inspect.results import PointClass
 from plc_inspect.setting_names import describe, update
@@ -369,3 +370,18 @@ def test_the_flight_again_names_only_files_that_are_written(tmp_path, crs):
     page = render_report(inspection)
     assert 'coverage.json' in page
     assert ('refly.geojson' in page) == (tmp_path / 'refly.geojson').exists() == bool(crs)
+
+
+def test_points_beside_a_part_of_a_span_are_all_found():
+    scene = make_scene(make_inspection(UTM, units=Units(horizontal=0.3048, vertical=0.3048)))
+    frame = find_frame(scene, scene.spans[0]['span_id'])
+    s, t = ((scene.points[:, :2] - frame.origin) @ axis for axis in (frame.along, frame.across))
+    first, last = frame.stations.min(), frame.stations.max()
+    left, right = frame.offsets.max(), frame.offsets.min()
+    for low, high in ((first - 30.0, last + 30.0), (first + 40.0, first + 48.0)):
+        rows, along, across = frame.locate(scene, low, high, 20.0)
+        assert (np.diff(rows) > 0).all()
+        np.testing.assert_array_equal((along, across), (s[rows], t[rows]))
+        near = np.flatnonzero((s > low) & (s < high) & (t > right - 20.0) & (t < left + 20.0))
+        assert len(near) > 50
+        assert set(near) <= set(rows)
