@@ -104,12 +104,12 @@ def survey(
     tell('reading', 0.0)
     reading = reading or begin_reading(path, crs)
     checksum = _begin(lambda: hash_input(path))
-    is_large = path.is_file() and path.stat().st_size > LARGE
-    if is_large:
-        _load(settings)
-    cloud = reading.result()
-    if is_large:  # import while the pipeline releases the GIL
+    if path.is_file() and path.stat().st_size > LARGE:
+        _load(settings)  # of the formats, while the pipeline releases the GIL
         Thread(target=importlib.import_module, args=(FILES,), daemon=True).start()
+    else:
+        importlib.import_module(FILES)
+    cloud = reading.result()
     num_points = len(cloud.points)
     num_finite = num_points - cloud.num_not_finite
     if num_finite < settings.segment.min_points:

@@ -3,7 +3,7 @@
 
 """The files of a results folder."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 import csv
 import dataclasses
@@ -13,7 +13,7 @@ from pathlib import Path
 import resource
 import sys
 import time
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from plc_inspect.offline.export.dxf import write_dxf
 from plc_inspect.offline.export.geo import write_geo
 from plc_inspect.offline.export.playback import write_playback
 from plc_inspect.offline.export.points_file import write_points
+from plc_inspect.offline.export.results_folder import POINTS
 from plc_inspect.offline.records.changes import describe_changes
 from plc_inspect.offline.records.coverage_record import describe_coverage, review_coverage, Sight
 from plc_inspect.offline.records.inspection import (
@@ -40,6 +41,8 @@ from plc_inspect.offline.report.report import render_report
 from plc_inspect.printable import make_cell
 from plc_inspect.results import Decision, PointClass, SpanKey
 from plc_inspect.setting_names import to_mapping
+
+T = TypeVar('T')
 
 SPAN_COLUMNS = (
     'line_id', 'span_id', 'start_x', 'start_y', 'start_z', 'end_x', 'end_y', 'end_z',
@@ -72,16 +75,22 @@ OTHER_UNITS = {'azimuth': 'rad', 'a2': '1/{unit}', 'years': 'a'}
 
 def write_files(folder: Path, inspection: Inspection) -> None:
     """Write all files of one run into an empty folder; OSError if one cannot be written."""
-    tables, sight = write_records(folder, inspection), review_coverage(inspection)
-    _write_coverage(folder, inspection, sight)
-    with ThreadPoolExecutor(1) as beside:  # compression releases the GIL
-        report = beside.submit(_write_views, folder, inspection, tables, sight)
-        started = time.perf_counter()
-        num_written = write_points(folder / 'points.laz', inspection)
-        seconds = dict(inspection.seconds) | {'points_file': time.perf_counter() - started}
-        seconds['report'] = report.result()
+    sight = review_coverage(inspection)
+    with ThreadPoolExecutor(2) as beside:  # compression and drawing release the GIL
+        report = beside.submit(_time, lambda: _write_report(folder, inspection, sight))
+        views = beside.submit(_write_views, folder, inspection, sight)
+        num_written, of_points = _time(lambda: write_points(folder / POINTS, inspection))
+        views.result()
+        _, of_report = report.result()
+    seconds = dict(inspection.seconds) | {'points_file': of_points, 'report': of_report}
     run = dataclasses.replace(inspection, seconds=seconds)
     write_json(folder / 'run.json', describe_run(run, num_written))
+
+
+def _time(call: Callable[[], T]) -> tuple[T, float]:
+    """Call, and return the result and how long it took [s]."""
+    started = time.perf_counter()
+    return call(), time.perf_counter() - started
 
 
 def write_tables(folder: Path, inspection: Inspection) -> None:
@@ -139,19 +148,20 @@ def _write_coverage(folder: Path, inspection: Inspection, sight: Sight) -> None:
     write_json(folder / 'coverage.json', describe_frame(inspection) | record)
 
 
-def _write_views(
-    folder: Path, inspection: Inspection, tables: dict[str, list[Record]], sight: Sight
-) -> float:
-    """Write the files for other programs and the report, and return what the report took [s]."""
+def _write_views(folder: Path, inspection: Inspection, sight: Sight) -> None:
+    """Write the records and the files for other programs."""
+    tables = write_records(folder, inspection)
+    _write_coverage(folder, inspection, sight)
     write_geo(folder, inspection, tables)
     write_coverage_views(folder, inspection, sight)
     if (plan := make_plan(inspection, sight)) is not None:
         write_json(folder / 'refly.plan', plan)
     write_dxf(folder / 'catenaries.dxf', inspection, tables)
     write_playback(folder / 'results.mcap', inspection)
-    started = time.perf_counter()
+
+
+def _write_report(folder: Path, inspection: Inspection, sight: Sight) -> None:
     (folder / 'report.html').write_text(render_report(inspection, sight), encoding='utf-8')
-    return time.perf_counter() - started
 
 
 def describe_run(inspection: Inspection, num_written: int) -> Record:
